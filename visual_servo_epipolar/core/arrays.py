@@ -1,0 +1,42 @@
+"""Array types and the checks made once, at the public door."""
+
+from typing import Any, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray: TypeAlias = NDArray[np.float64]
+IntArray: TypeAlias = NDArray[np.int64]
+BoolArray: TypeAlias = NDArray[np.bool_]
+Image: TypeAlias = NDArray[np.uint8]
+
+
+def as_points(points: Any, name: str) -> FloatArray:
+    """Return ``points`` as finite float64 of shape (N, 2), or raise ValueError naming it."""
+    array = np.asarray(points, dtype=np.float64)
+    if array.ndim != 2 or array.shape[1] != 2:
+        raise ValueError(
+            f'{name} must have shape (N, 2), got {array.shape}; pass one (u, v) row a point'
+        )
+    if not np.isfinite(array).all():
+        bad = int((~np.isfinite(array).all(axis=1)).sum())
+        raise ValueError(f'{name} must be finite, got {bad} rows with NaN or inf; drop them')
+    return array
+
+
+def frozen(array: NDArray[Any]) -> NDArray[Any]:
+    """Return a read-only copy of ``array``."""
+    copy = array.copy()
+    copy.flags.writeable = False
+    return copy
+
+
+def as_gray(image: Any, name: str = 'image') -> Image:
+    """Return ``image`` as contiguous uint8 of shape (H, W), or raise ValueError naming it."""
+    array = np.asarray(image)
+    if array.dtype != np.uint8 or array.ndim != 2 or 0 in array.shape:
+        raise ValueError(
+            f'{name} must be a non-empty uint8 array of shape (H, W), got {array.dtype} of shape '
+            f'{array.shape}; convert it to one grey channel of 8 bits'
+        )
+    return np.ascontiguousarray(array)

@@ -1,0 +1,100 @@
+"""The pinhole camera of eq. (1)-(2) with the distortion models of CameraInfo."""
+
+from dataclasses import dataclass
+import math
+
+import cv2
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import as_points, FloatArray
+
+DISTORTION_MODELS = {'': (0,), 'plumb_bob': (0, 4, 5), 'rational_polynomial': (0, 8)}
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """
+    Intrinsics of a camera: image size [px], focal lengths and principal point [px], distortion.
+
+    Pixel coordinates (u, v) are OpenCV's: u right, v down, integers at pixel centres. Camera axes:
+    x right, y down, z forward. Rays are (x/z, y/z), that is pixels at unit focal length.
+    """
+
+    width: int
+    height: int
+    fx: float
+    fy: float
+    cx: float
+    cy: float
+    distortion: tuple[float, ...] = ()
+    distortion_model: str = 'plumb_bob'
+
+    def __post_init__(self) -> None:
+        if self.width < 1 or self.height < 1:
+            raise ValueError(
+                f'image size must be positive, got {self.width}x{self.height}; '
+                'check width and height of the CameraInfo'
+            )
+        intrinsics = (self.fx, self.fy, self.cx, self.cy, *self.distortion)
+        if not all(math.isfinite(value) for value in intrinsics):
+            raise ValueError(f'intrinsics must be finite, got {intrinsics}; calibrate the camera')
+        if self.fx <= 0.0 or self.fy <= 0.0:
+            raise ValueError(
+                f'focal lengths must be positive, got fx {self.fx} and fy {self.fy} px: '
+                'K[0] = 0 means an uncalibrated camera; calibrate it and set its CameraInfo'
+            )
+        allowed = DISTORTION_MODELS.get(self.distortion_model)
+        if allowed is None or len(self.distortion) not in allowed:
+            raise ValueError(
+                f'distortion must be plumb_bob (4 or 5 numbers) or rational_polynomial (8), got '
+                f'{self.distortion_model!r} with {len(self.distortion)}; rectify the images first'
+            )
+
+    @property
+    def matrix(self) -> FloatArray:
+        """Intrinsic matrix K, shape (3, 3) (eq. 2)."""
+        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    @property
+    def distorts(self) -> bool:
+        """Whether any distortion coefficient differs from zero."""
+        return any(self.distortion)
+
+    def rays(self, pixels: FloatArray) -> FloatArray:
+        """
+        Back-project ``pixels``, shape (N, 2), to undistorted rays (x/z, y/z), shape (N, 2).
+
+        Raises
+        ------
+        ValueError
+            If ``pixels`` has another shape or holds NaN.
+
+        """
+        points = as_points(pixels, 'pixels')
+        if self.distorts and len(points):
+            # Iterate to 1e-12: OpenCV's default of five iterations leaves 0.1 px at the corners.
+            criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-12)
+            undistorted = cv2.undistortPoints(
+                points.reshape(-1, 1, 2), self.matrix, np.array(self.distortion), criteria=criteria
+            )
+            return np.asarray(undistorted, dtype=np.float64).reshape(-1, 2)
+        return np.stack(
+            [(points[:, 0] - self.cx) / self.fx, (points[:, 1] - self.cy) / self.fy], axis=1
+        )
+
+    def pixels(self, rays: FloatArray) -> FloatArray:
+        """Project ``rays`` (x/z, y/z), shape (N, 2), to pixels, shape (N, 2), with distortion."""
+        points = as_points(rays, 'rays')
+        if self.distorts and len(points):
+            solid = np.column_stack([points, np.ones(len(points))]).reshape(-1, 1, 3)
+            projected, _ = cv2.projectPoints(
+                solid, np.zeros(3), np.zeros(3), self.matrix, np.array(self.distortion)
+            )
+            return np.asarray(projected, dtype=np.float64).reshape(-1, 2)
+        return points * [self.fx, self.fy] + [self.cx, self.cy]
+
+    def contains(self, pixels: FloatArray, *, margin: float = 0.0) -> np.ndarray:
+        """Return which ``pixels``, shape (N, 2), lie in the image, ``margin`` [px] inside."""
+        u, v = pixels[:, 0], pixels[:, 1]
+        inside_u = (u >= margin) & (u <= self.width - 1 - margin)
+        return inside_u & (v >= margin) & (v <= self.height - 1 - margin)

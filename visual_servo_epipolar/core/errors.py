@@ -1,0 +1,17 @@
+"""The few errors this package raises; bad input is a ValueError as everywhere in Python."""
+
+
+class VisualServoError(Exception):
+    """Base of every error that is neither a programming mistake nor a bad value."""
+
+
+class DegenerateGeometryError(VisualServoError):
+    """Two views cannot answer: the baseline is too short, or the scene lies on one plane."""
+
+
+class TrackingError(VisualServoError):
+    """The desired view cannot be found in the current image."""
+
+
+class InputError(VisualServoError):
+    """A file or an argument given by the user cannot be used; ends a command with exit code 2."""

@@ -1,0 +1,1 @@
+"""Estimators of the two bearings from matches: one file each, one Protocol, chosen by name."""

@@ -1,0 +1,125 @@
+"""What an observation means: the thresholds between sight and state machine."""
+
+from collections.abc import Callable
+import math
+
+from visual_servo_epipolar.core.epipolar import Bearings
+from visual_servo_epipolar.core.perception import Sight
+from visual_servo_epipolar.core.phases import DRIVING, ENDED, Event, Phase
+from visual_servo_epipolar.core.servo_settings import ServoSettings
+from visual_servo_epipolar.core.servo_state import seconds_between, ServoState
+
+
+def bearing_current(bearings: Bearings) -> float:
+    """Return atan(e_au / f), the direction of the current epipole, in [-pi/2, pi/2]."""
+    return math.atan(bearings.epipole_current)
+
+
+def bearing_desired(bearings: Bearings) -> float:
+    """Return atan(e_du / f), the direction of the desired epipole, in [-pi/2, pi/2]."""
+    return math.atan(bearings.epipole_desired)
+
+
+def classify(state: ServoState, settings: ServoSettings) -> Event:
+    """Return what ``state.sight`` means in ``state.phase``."""
+    sight, phase = state.sight, state.phase
+    if sight is None or phase in ENDED:
+        return Event.NOTHING
+    elapsed = seconds_between(state.phase_start_ns, sight.stamp_ns)
+    if phase is Phase.HOLDING and elapsed > settings.holding_timeout:
+        return Event.TIMED_OUT
+    if phase in DRIVING and elapsed > settings.phase_timeout:
+        return Event.TIMED_OUT
+    if sight.features < settings.min_features:
+        return Event.LOST if phase in DRIVING else Event.NOTHING
+    return _CLASSIFIERS[phase](state, sight, settings)
+
+
+def is_settled(state: ServoState, settings: ServoSettings) -> bool:
+    """Return whether this frame fulfils the aim of the phase."""
+    sight = state.sight
+    if sight is None or sight.features < settings.min_features:
+        return False
+    if state.phase is Phase.ORIENTING:
+        return abs(sight.heading_error) <= settings.align_tolerance
+    if state.phase is Phase.MATCHING_FEATURES:
+        return abs(sight.difference) <= settings.arrival_difference
+    if state.phase is Phase.ZEROING_EPIPOLES and state.latched and sight.bearings is not None:
+        return abs(bearing_current(sight.bearings)) <= settings.align_tolerance
+    return False
+
+
+def _survey(state: ServoState, sight: Sight, settings: ServoSettings) -> Event:
+    """Decide how to begin, or to begin again after the tracks came back."""
+    if sight.feature_error * sight.focal <= settings.goal_error:
+        return Event.MATCHED
+    if sight.parallax_px < settings.min_parallax:
+        return Event.NO_BASELINE
+    if sight.bearings is None:
+        return Event.LOST
+    aligned = abs(bearing_desired(sight.bearings)) <= settings.latch_engage
+    if aligned and abs(bearing_current(sight.bearings)) <= settings.align_tolerance:
+        return Event.ALIGNED
+    return Event.APART
+
+
+def _orienting(state: ServoState, sight: Sight, settings: ServoSettings) -> Event:
+    if state.settled < settings.align_frames:
+        return Event.NOTHING
+    if sight.parallax_px >= settings.min_parallax and sight.bearings is not None:
+        return Event.APART
+    # Turned to the goal's heading and still no baseline: what is left is removed by step 2.
+    return Event.ALIGNED
+
+
+def _retreating(state: ServoState, sight: Sight, settings: ServoSettings) -> Event:
+    far = sight.difference <= -settings.retreat_difference
+    return Event.APART if far and sight.bearings is not None else Event.NOTHING
+
+
+def _displacing(state: ServoState, sight: Sight, settings: ServoSettings) -> Event:
+    if sight.bearings is None:
+        return Event.LOST
+    bearing = bearing_current(sight.bearings)
+    if abs(bearing_desired(sight.bearings)) <= settings.latch_engage:
+        return Event.DISPLACED  # e_du is zero already: no need for e_au to be anywhere
+    if settings.law != 'full':
+        return Event.DISPLACED if abs(bearing) > settings.singular_epipole else Event.NOTHING
+    near = abs(bearing - math.atan(state.target)) <= settings.displacement_tolerance
+    return Event.DISPLACED if near else Event.NOTHING
+
+
+def _zeroing(state: ServoState, sight: Sight, settings: ServoSettings) -> Event:
+    if sight.bearings is None:
+        return Event.NO_BASELINE if sight.parallax_px < settings.min_parallax else Event.LOST
+    bearing = bearing_desired(sight.bearings)
+    if abs(bearing) >= settings.divergence:
+        return Event.DIVERGED
+    if state.latched and abs(bearing) > settings.latch_release:
+        return Event.ESCAPED
+    return Event.ALIGNED if state.settled >= settings.align_frames else Event.NOTHING
+
+
+def _matching(state: ServoState, sight: Sight, settings: ServoSettings) -> Event:
+    if state.settled < settings.arrival_frames:
+        return Event.NOTHING
+    if sight.feature_error * sight.focal <= settings.arrival_error:
+        return Event.MATCHED
+    return Event.MISSED if state.attempts < settings.max_attempts else Event.EXHAUSTED
+
+
+def _nothing(state: ServoState, sight: Sight, settings: ServoSettings) -> Event:
+    return Event.NOTHING
+
+
+_CLASSIFIERS: dict[Phase, Callable[[ServoState, Sight, ServoSettings], Event]] = {
+    Phase.WAITING: _survey,
+    Phase.HOLDING: _survey,
+    Phase.ORIENTING: _orienting,
+    Phase.RETREATING: _retreating,
+    Phase.DISPLACING: _displacing,
+    Phase.ZEROING_EPIPOLES: _zeroing,
+    Phase.MATCHING_FEATURES: _matching,
+    Phase.ARRIVED: _nothing,
+    Phase.FAILED: _nothing,
+}

@@ -1,0 +1,121 @@
+"""From matched features to what the servo acts on: bearings, parallax, rotation, D."""
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray, frozen
+from visual_servo_epipolar.core.camera import Camera
+from visual_servo_epipolar.core.epipolar import Bearings
+from visual_servo_epipolar.core.errors import DegenerateGeometryError
+from visual_servo_epipolar.core.estimators.base import Estimator
+from visual_servo_epipolar.core.estimators.lmeds_8pt import lmeds_8pt
+from visual_servo_epipolar.core.features import Features
+from visual_servo_epipolar.core.homography import fit_rotation
+from visual_servo_epipolar.core.servo_settings import ServoSettings
+
+ESTIMATORS: dict[str, Estimator] = {'lmeds_8pt': lmeds_8pt}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observation:
+    """
+    One set of matches as rays, shape (N, 2) each, taken at ``stamp_ns``.
+
+    ``focal`` [px] only turns pixel thresholds into angles and back.
+    """
+
+    stamp_ns: int
+    current: FloatArray
+    desired: FloatArray
+    focal: float
+
+
+def observe(features: Features, camera: Camera, stamp_ns: int) -> Observation:
+    """Back-project tracked features to rays, with the distortion of the camera removed."""
+    return Observation(
+        stamp_ns,
+        frozen(camera.rays(features.current)),
+        frozen(camera.rays(features.desired)),
+        math.sqrt(camera.fx * camera.fy),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Sight:
+    """
+    What one observation tells about the goal, at unit focal length.
+
+    ``bearings`` is None where they cannot be trusted, and ``reason`` says why. ``difference`` is D
+    of eq. (23), averaged over the features; ``feature_error`` the median distance of current from
+    desired features; ``parallax`` what the best rotation leaves unexplained.
+    """
+
+    stamp_ns: int
+    features: int
+    focal: float
+    bearings: Bearings | None = None
+    confidence: float = 0.0
+    inliers: int = 0
+    parallax: float = math.nan
+    heading_error: float = math.nan
+    difference: float = math.nan
+    feature_error: float = math.nan
+    reason: str = ''
+
+    @property
+    def parallax_px(self) -> float:
+        """Parallax in pixels."""
+        return self.parallax * self.focal
+
+
+def perceive(observation: Observation, settings: ServoSettings, frame: int) -> Sight:
+    """
+    Measure what the servo needs; never raises on degenerate views, says so in the Sight.
+
+    ``frame`` numbers the observations of a run: with the seed it fixes every random choice.
+    """
+    current, desired = observation.current, observation.desired
+    count, focal = len(current), observation.focal
+    blank = Sight(observation.stamp_ns, count, focal)
+    if count < settings.min_features:
+        return _but(blank, reason=f'{count} features, {settings.min_features} needed')
+    rotation = fit_rotation(current, desired)
+    seen = _but(
+        blank,
+        parallax=rotation.parallax,
+        heading_error=rotation.heading_error,
+        difference=feature_difference(current, desired),
+        feature_error=float(np.median(np.hypot(*(current - desired).T))),
+    )
+    if seen.parallax_px < settings.min_parallax:
+        return _but(seen, reason=f'parallax {seen.parallax_px:.2f} px is too small for epipoles')
+    return _with_bearings(seen, observation, settings, frame)
+
+
+def feature_difference(current: FloatArray, desired: FloatArray) -> float:
+    """Return D = mean(|p_a|^2 - |p_d|^2) over the features (eq. 23)."""
+    return float(((current**2).sum(axis=1) - (desired**2).sum(axis=1)).mean())
+
+
+def _with_bearings(
+    seen: Sight, observation: Observation, settings: ServoSettings, frame: int
+) -> Sight:
+    rng = np.random.default_rng((settings.seed, frame))
+    noise = settings.pixel_noise / observation.focal
+    try:
+        estimate = ESTIMATORS[settings.estimator](
+            observation.current, observation.desired, noise=noise, rng=rng
+        )
+    except DegenerateGeometryError as error:
+        return _but(seen, reason=str(error))
+    found = _but(seen, confidence=estimate.confidence, inliers=int(estimate.inliers.sum()))
+    if estimate.confidence < settings.min_confidence:
+        return _but(found, reason=f'cheirality vote undecided ({estimate.confidence:.3f})')
+    return _but(found, bearings=estimate.bearings)
+
+
+def _but(sight: Sight, **changes: object) -> Sight:
+    values = {name: getattr(sight, name) for name in Sight.__slots__}
+    return Sight(**(values | changes))  # type: ignore[arg-type]

@@ -1,0 +1,89 @@
+"""The step-switching state machine: phases, events, and the table that joins them."""
+
+from collections.abc import Mapping
+from enum import Enum
+from types import MappingProxyType
+
+
+class Phase(str, Enum):
+    """What the servo is doing; the words appear in messages, files and plots."""
+
+    WAITING = 'waiting'
+    ORIENTING = 'orienting'
+    RETREATING = 'retreating'
+    DISPLACING = 'displacing'
+    ZEROING_EPIPOLES = 'zeroing_epipoles'
+    MATCHING_FEATURES = 'matching_features'
+    ARRIVED = 'arrived'
+    HOLDING = 'holding'
+    FAILED = 'failed'
+
+
+class Event(str, Enum):
+    """What one observation means to the state machine."""
+
+    NOTHING = 'nothing'
+    NO_BASELINE = 'no baseline'  # pure rotation, or too close for the epipoles
+    SIDEWAYS = 'sideways'  # the goal is beside or behind: turn and back off first
+    APART = 'apart'  # a baseline, and epipoles that can be trusted
+    ALIGNED = 'aligned'  # both epipoles at the principal point
+    DISPLACED = 'displaced'  # the current epipole stands where step 1 wants it
+    ESCAPED = 'escaped'  # the desired epipole left zero again
+    MATCHED = 'matched'  # the features are where the photograph has them
+    MISSED = 'missed'  # at the end of step 2, but not at the goal
+    LOST = 'lost'  # too few features, or a geometry that cannot be trusted
+    EXHAUSTED = 'exhausted'  # missed, and no attempt is left
+    DIVERGED = 'diverged'  # an epipole ran away
+    TIMED_OUT = 'timed out'
+    STOPPED = 'stopped'
+
+
+DRIVING = (
+    Phase.ORIENTING,
+    Phase.RETREATING,
+    Phase.DISPLACING,
+    Phase.ZEROING_EPIPOLES,
+    Phase.MATCHING_FEATURES,
+)
+ENDED = (Phase.ARRIVED, Phase.FAILED)
+
+# Where a survey of the situation sends the robot: at the start, and after tracks came back.
+_SURVEY = {
+    Event.NO_BASELINE: Phase.ORIENTING,
+    Event.SIDEWAYS: Phase.RETREATING,
+    Event.APART: Phase.DISPLACING,
+    Event.ALIGNED: Phase.MATCHING_FEATURES,
+    Event.MATCHED: Phase.ARRIVED,
+}
+
+TRANSITIONS: Mapping[tuple[Phase, Event], Phase] = MappingProxyType(
+    {
+        **{(Phase.WAITING, event): phase for event, phase in _SURVEY.items()},
+        **{(Phase.HOLDING, event): phase for event, phase in _SURVEY.items()},
+        (Phase.WAITING, Event.LOST): Phase.HOLDING,
+        (Phase.ORIENTING, Event.APART): Phase.DISPLACING,
+        (Phase.ORIENTING, Event.SIDEWAYS): Phase.RETREATING,
+        (Phase.ORIENTING, Event.ALIGNED): Phase.MATCHING_FEATURES,
+        (Phase.ORIENTING, Event.MATCHED): Phase.ARRIVED,
+        (Phase.RETREATING, Event.APART): Phase.DISPLACING,
+        (Phase.RETREATING, Event.ALIGNED): Phase.MATCHING_FEATURES,
+        (Phase.DISPLACING, Event.DISPLACED): Phase.ZEROING_EPIPOLES,
+        (Phase.ZEROING_EPIPOLES, Event.ALIGNED): Phase.MATCHING_FEATURES,
+        (Phase.ZEROING_EPIPOLES, Event.ESCAPED): Phase.DISPLACING,
+        (Phase.ZEROING_EPIPOLES, Event.NO_BASELINE): Phase.MATCHING_FEATURES,
+        (Phase.MATCHING_FEATURES, Event.MATCHED): Phase.ARRIVED,
+        (Phase.MATCHING_FEATURES, Event.MISSED): Phase.RETREATING,
+        **{(phase, Event.LOST): Phase.HOLDING for phase in DRIVING},
+        **{
+            (phase, event): Phase.FAILED
+            for phase in (*DRIVING, Phase.HOLDING)
+            for event in (Event.TIMED_OUT, Event.DIVERGED, Event.EXHAUSTED)
+        },
+        **{(phase, Event.STOPPED): Phase.WAITING for phase in Phase},
+    }
+)
+
+
+def next_phase(phase: Phase, event: Event) -> Phase:
+    """Follow the table; a pair it does not list keeps the phase."""
+    return TRANSITIONS.get((phase, event), phase)

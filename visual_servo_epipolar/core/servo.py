@@ -1,0 +1,184 @@
+"""
+One control step: ``step(state, observation, settings)``.
+
+The live node, the replay of a bag and the simulation in memory all call it. What was seen becomes
+an event (``events.classify``), the event a phase (``phases.next_phase``), the phase a law.
+"""
+
+from dataclasses import replace
+import math
+
+from visual_servo_epipolar.core import laws
+from visual_servo_epipolar.core.events import bearing_desired, classify, is_settled
+from visual_servo_epipolar.core.motion import saturate, STANDSTILL, Twist
+from visual_servo_epipolar.core.perception import Observation, perceive, Sight
+from visual_servo_epipolar.core.phases import Event, next_phase, Phase
+from visual_servo_epipolar.core.servo_settings import ServoSettings
+from visual_servo_epipolar.core.servo_state import seconds_between, ServoState
+
+MAX_STEP_S = 1.0  # a longer gap between two images is not integrated over
+
+
+def step(state: ServoState, observation: Observation, settings: ServoSettings) -> ServoState:
+    """Return the state after ``observation``; its ``twist`` is what the robot shall do."""
+    return advance(state, perceive(observation, settings, state.frame), settings)
+
+
+def advance(state: ServoState, sight: Sight, settings: ServoSettings) -> ServoState:
+    """Return the state after ``sight``: the part of the step that needs no features."""
+    state = _remember(state, sight, settings)
+    event = classify(state, settings)
+    state = _switch(state, event, settings)
+    twist = saturate(
+        command(state, settings),
+        max_linear=settings.max_linear,
+        max_angular=settings.max_angular,
+    )
+    return replace(state, twist=twist, frame=state.frame + 1)
+
+
+def stop(state: ServoState) -> ServoState:
+    """Return the state of a servo that was told to stop: waiting, at a standstill."""
+    return ServoState(phase=next_phase(state.phase, Event.STOPPED), frame=state.frame)
+
+
+def command(state: ServoState, settings: ServoSettings) -> Twist:
+    """Return the law of the phase, before saturation."""
+    sight = state.sight
+    if sight is None:
+        return STANDSTILL
+    if state.phase is Phase.ORIENTING:
+        return laws.turn_to_heading(sight.heading_error, gain=settings.turn_gain)
+    if state.phase is Phase.RETREATING:
+        turn = laws.turn_to_heading(sight.heading_error, gain=settings.turn_gain)
+        return replace(turn, linear=-settings.retreat_speed)
+    if state.phase is Phase.MATCHING_FEATURES:
+        return laws.match_features(sight.difference, k_t=settings.k_t)
+    if sight.bearings is None:
+        return STANDSTILL
+    if state.phase is Phase.DISPLACING:
+        return laws.turn_epipole(
+            sight.bearings.epipole_current, state.target, k1=settings.turn_gain
+        )
+    if state.phase is Phase.ZEROING_EPIPOLES:
+        return _first_step(state, settings)
+    return STANDSTILL
+
+
+def _first_step(state: ServoState, settings: ServoSettings) -> Twist:
+    """Return eqs. (16)-(17); ``full`` holds e_au at the target until e_du is latched."""
+    assert state.sight is not None and state.sight.bearings is not None
+    bearings = state.sight.bearings
+    e_current, e_desired = bearings.epipole_current, bearings.epipole_desired
+    full = settings.law == 'full'
+    gains = {
+        'k1': settings.turn_gain if full else settings.k1,
+        'k2': settings.k2,
+        'exponent': settings.exponent,
+    }
+    if settings.finite_time:
+        nu = laws.finite_time_controls(e_current, e_desired, **gains)
+    else:
+        target = state.target if full and not state.latched else 0.0
+        nu = laws.auxiliary_controls(e_current, e_desired, e_target=target, **gains)
+    return laws.linearizing_control(
+        e_current,
+        e_desired,
+        sigma=_sigma(state, settings),
+        distance=state.distance,
+        nu=(nu[0], 0.0) if state.latched else nu,
+    )
+
+
+def _sigma(state: ServoState, settings: ServoSettings) -> float:
+    assert state.sight is not None and state.sight.bearings is not None
+    bearings = state.sight.bearings
+    if settings.law == 'paper':
+        return laws.printed_sigma(bearings.epipole_current, bearings.epipole_desired)
+    return bearings.sigma
+
+
+def _remember(state: ServoState, sight: Sight, settings: ServoSettings) -> ServoState:
+    """Take in what was seen: d_hat by the applied speed (18), the latch, the settled frames."""
+    state = replace(state, distance=_distance(state, sight, settings), sight=sight)
+    state = replace(state, latched=_latch(state, settings))
+    return replace(state, settled=state.settled + 1 if is_settled(state, settings) else 0)
+
+
+def _distance(state: ServoState, sight: Sight, settings: ServoSettings) -> float:
+    if math.isnan(state.distance):
+        return settings.initial_distance
+    before = state.sight
+    if before is None or before.bearings is None:
+        return state.distance
+    dt = min(max(seconds_between(before.stamp_ns, sight.stamp_ns), 0.0), MAX_STEP_S)
+    # sigma of the geometry itself, also under the printed law: this is kinematics, eq. (18).
+    rate = laws.distance_rate(
+        state.twist.linear, before.bearings.epipole_current, sigma=before.bearings.sigma
+    )
+    return max(state.distance + rate * dt, settings.min_distance)
+
+
+def _latch(state: ServoState, settings: ServoSettings) -> bool:
+    """Call e_du zero once it is small or has crossed; only a new phase lets go of it (escaped)."""
+    assert state.sight is not None
+    if state.phase is not Phase.ZEROING_EPIPOLES or state.sight.bearings is None:
+        return state.latched
+    bearing = bearing_desired(state.sight.bearings)
+    return state.latched or abs(bearing) <= settings.latch_engage or bearing * state.side < 0.0
+
+
+def _switch(state: ServoState, event: Event, settings: ServoSettings) -> ServoState:
+    """Follow the transition table, and prepare what the new phase needs."""
+    assert state.sight is not None
+    phase = next_phase(state.phase, event)
+    if phase is state.phase:
+        return state
+    state = replace(
+        state,
+        phase=phase,
+        phase_start_ns=state.sight.stamp_ns,
+        settled=0,
+        reason=_reason(state, event, settings),
+        attempts=state.attempts + (event is Event.MISSED),
+    )
+    if phase in (Phase.DISPLACING, Phase.ZEROING_EPIPOLES) and state.sight.bearings is not None:
+        bearing = bearing_desired(state.sight.bearings)
+        state = replace(state, side=math.copysign(1.0, bearing), latched=False)
+    if phase is Phase.DISPLACING:
+        state = replace(state, target=_target(state, settings))
+    return state
+
+
+def _target(state: ServoState, settings: ServoSettings) -> float:
+    """Return where DISPLACING puts the current epipole (section IV-B, remarks; or discordant)."""
+    assert state.sight is not None
+    bearings = state.sight.bearings
+    if bearings is None:
+        return 0.0
+    if settings.law == 'full':
+        return laws.displaced_epipole(
+            bearings.epipole_desired,
+            room=settings.room,
+            low=settings.min_displacement,
+            high=settings.max_displacement,
+        )
+    return math.copysign(math.tan(2.0 * settings.singular_epipole), bearings.epipole_current)
+
+
+def _reason(state: ServoState, event: Event, settings: ServoSettings) -> str:
+    """Say why a phase was left, for the log and for the verdict on the run."""
+    assert state.sight is not None
+    sight, name = state.sight, state.phase.value
+    if event is Event.TIMED_OUT and state.phase is Phase.HOLDING:
+        return f'tracks lost or untrusted for {settings.holding_timeout:g} s: {state.reason}'
+    if event is Event.TIMED_OUT:
+        return f'{name} took longer than {settings.phase_timeout:g} s'
+    if event is Event.DIVERGED:
+        return f'the desired epipole ran away to infinity in {name}'
+    if event in (Event.MISSED, Event.EXHAUSTED):
+        error = sight.feature_error * sight.focal
+        return f'features are {error:.1f} px off at the end of attempt {state.attempts}'
+    if event is Event.LOST:
+        return sight.reason or f'bearings not trusted in {name}'
+    return event.value

@@ -1,0 +1,115 @@
+"""Settings of the servo: gains, limits and thresholds, each with unit and range."""
+
+from dataclasses import dataclass
+
+from visual_servo_epipolar.core.settings import setting, Settings
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServoSettings(Settings):
+    """
+    What the servo may be told. Angles in rad, lengths in m, times in s.
+
+    Epipoles are in units of the focal length, so that gains do not depend on the image size; a
+    gain k2 given for pixels is k2 f^(beta/gamma - 1) here, and k_t for px^2 is k_t f^2.
+    """
+
+    law: str = setting(
+        'full',
+        'Control law: paper (sign as printed), corrected (true sigma), full (discordant turn too)',
+        choices=('paper', 'corrected', 'full'),
+    )
+    estimator: str = setting(
+        'lmeds_8pt', 'Estimator of the epipoles', choices=('lmeds_8pt',), read_only=True
+    )
+    seed: int = setting(0, 'Seed of the random subsets', low=0, high=2**31 - 1, read_only=True)
+    autostart: bool = setting(True, 'Start by itself once there are tracks')
+
+    k1: float = setting(0.08, 'Gain k1 of eq. (12) on the current epipole [1/s]', low=0.0, high=5.0)
+    k2: float = setting(0.23, 'Gain k2 of eq. (12) on the desired epipole', low=0.0, high=5.0)
+    exponent: float = setting(7.0 / 9.0, 'beta/gamma of eq. (12)', low=0.05, high=1.0)
+    finite_time: bool = setting(False, 'Use eq. (20): zero both epipoles in finite time')
+    initial_distance: float = setting(
+        8.0, 'Upper bound d_hat_0 of the distance to the goal [m]', low=0.1, high=100.0
+    )
+    min_distance: float = setting(0.3, 'Floor of the estimate d_hat [m]', low=0.01, high=10.0)
+    k_t: float = setting(16.0, 'Gain k_t of eq. (21), D at unit focal length [m/s]', low=0, high=200)
+    turn_gain: float = setting(0.8, 'Gain of turns in place and of holding e_au [1/s]', low=0, high=5)
+
+    room: float = setting(
+        0.4, 'Part of the distance that the spiral of step 1 leaves for step 2', low=0.05, high=0.95
+    )
+    min_displacement: float = setting(
+        0.14, 'Least bearing of the displaced current epipole [rad]', low=0.01, high=0.6
+    )
+    max_displacement: float = setting(
+        0.35, 'Largest bearing of the displaced current epipole [rad]', low=0.05, high=1.0
+    )
+    displacement_tolerance: float = setting(
+        0.03, 'Bearing error at which the displacement is done [rad]', low=1e-4, high=0.3
+    )
+    singular_epipole: float = setting(
+        0.02, 'Bearing of e_au below which the paper displaces it first [rad]', low=0, high=0.5
+    )
+
+    latch_engage: float = setting(
+        0.002, 'Bearing of e_du at which step 1 calls it zero [rad]', low=0.0, high=0.2
+    )
+    latch_release: float = setting(
+        0.007, 'Bearing of e_du at which it has escaped again [rad]', low=0.0, high=0.5
+    )
+    align_tolerance: float = setting(
+        0.0015, 'Bearing of e_au at which step 1 ends [rad]', low=1e-5, high=0.1
+    )
+    align_frames: int = setting(3, 'Frames in a row that must be aligned', low=1, high=100)
+    arrival_difference: float = setting(
+        1e-4, '|D| at unit focal length below which the features match', low=1e-8, high=0.1
+    )
+    arrival_error: float = setting(
+        8.0, 'Median feature error above which an end of step 2 is a miss [px]', low=0.1, high=200.0
+    )
+    arrival_frames: int = setting(5, 'Frames in a row that must match', low=1, high=100)
+
+    goal_error: float = setting(
+        0.5, 'Median feature error at which the robot is at the goal already [px]', low=0, high=50
+    )
+    retreat_difference: float = setting(
+        0.04, 'D at unit focal length to back off to before a new attempt', low=0.001, high=1.0
+    )
+    retreat_speed: float = setting(0.2, 'Speed of backing off [m/s]', low=0.01, high=2.0)
+    divergence: float = setting(
+        1.5, 'Bearing of e_du at which step 1 has failed [rad]', low=0.5, high=1.57
+    )
+
+    min_parallax: float = setting(
+        2.5, 'Parallax below which there is no baseline [px]', low=0.0, high=100.0
+    )
+    min_features: int = setting(12, 'Features below which the servo holds', low=8, high=1000)
+    min_confidence: float = setting(
+        0.02, 'Confidence of the cheirality vote to be trusted, 0 to 1', low=0.0, high=1.0
+    )
+    pixel_noise: float = setting(
+        0.3, 'Standard deviation of a tracked coordinate [px]', low=0.01, high=10.0
+    )
+
+    max_linear: float = setting(0.4, 'Largest linear speed [m/s]', low=0.01, high=5.0)
+    max_angular: float = setting(0.5, 'Largest angular speed [rad/s]', low=0.01, high=10.0)
+    phase_timeout: float = setting(120.0, 'Longest stay in one phase [s]', low=1.0, high=3600.0)
+    holding_timeout: float = setting(5.0, 'Longest wait for lost tracks [s]', low=0.1, high=600.0)
+    stale_timeout: float = setting(
+        0.5, 'Age of the last tracks at which the robot is stopped [s]', low=0.05, high=60.0
+    )
+    max_attempts: int = setting(3, 'Attempts before a miss is a failure', low=1, high=20)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.latch_engage > self.latch_release:
+            raise ValueError(
+                f'latch_engage must not exceed latch_release, got {self.latch_engage:g} and '
+                f'{self.latch_release:g} rad; without hysteresis noise would switch the law'
+            )
+        if self.min_displacement > self.max_displacement:
+            raise ValueError(
+                f'min_displacement must not exceed max_displacement, got '
+                f'{self.min_displacement:g} and {self.max_displacement:g} rad'
+            )

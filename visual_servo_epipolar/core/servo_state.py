@@ -1,0 +1,44 @@
+"""What the servo remembers between two images."""
+
+from dataclasses import dataclass
+import math
+
+from visual_servo_epipolar.core.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.perception import Sight
+from visual_servo_epipolar.core.phases import ENDED, Phase
+
+NANOSECONDS = 1_000_000_000
+
+
+def seconds_between(earlier_ns: int, later_ns: int) -> float:
+    """Return the time between two stamps [s]."""
+    return (later_ns - earlier_ns) / NANOSECONDS
+
+
+@dataclass(frozen=True, slots=True)
+class ServoState:
+    """
+    The whole memory of the servo; a new run starts from ``ServoState()``.
+
+    ``distance`` is d_hat [m], nan before the first image; ``target`` the abscissa at which e_au is
+    held while e_du is zeroed, ``side`` the sign of e_du when that began, ``latched`` whether e_du
+    counts as zero since; ``settled`` counts frames in a row that fulfil the aim of the phase.
+    """
+
+    phase: Phase = Phase.WAITING
+    phase_start_ns: int = 0
+    twist: Twist = STANDSTILL
+    sight: Sight | None = None
+    distance: float = math.nan
+    target: float = 0.0
+    side: float = 1.0
+    latched: bool = False
+    settled: int = 0
+    attempts: int = 1
+    frame: int = 0
+    reason: str = ''
+
+    @property
+    def ended(self) -> bool:
+        """Whether the run is over, arrived or failed."""
+        return self.phase in ENDED

@@ -1,0 +1,112 @@
+"""How settings are described: one frozen value a component, each field with range and text."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, Field, field, fields, replace
+import math
+from typing import Any, TypeVar
+
+SettingsT = TypeVar('SettingsT', bound='Settings')
+
+
+@dataclass(frozen=True, slots=True)
+class Range:
+    """What a setting may be: closed range, or a choice of words; and whether it may change."""
+
+    text: str
+    low: float | None = None
+    high: float | None = None
+    choices: tuple[str, ...] = ()
+    read_only: bool = False
+
+
+def setting(
+    default: Any,
+    text: str,
+    *,
+    low: float | None = None,
+    high: float | None = None,
+    choices: tuple[str, ...] = (),
+    read_only: bool = False,
+) -> Any:
+    """Declare a settings field: default, one line of text with the unit, closed range."""
+    return field(default=default, metadata={'range': Range(text, low, high, choices, read_only)})
+
+
+def range_of(item: 'Field[Any]') -> Range:
+    """Return the range of a settings field."""
+    found = item.metadata['range']
+    assert isinstance(found, Range)
+    return found
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """Base of every settings value: a value that exists is within its ranges."""
+
+    def __post_init__(self) -> None:
+        for item in fields(self):
+            value = getattr(self, item.name)
+            object.__setattr__(self, item.name, _checked(item.name, value, item))
+
+
+def from_mapping(kind: type[SettingsT], values: Mapping[str, Any], where: str) -> SettingsT:
+    """
+    Build settings of ``kind`` from a mapping as read from YAML.
+
+    Raises
+    ------
+    ValueError
+        If a name is unknown, a type is wrong, or a value is out of range; says in ``where``.
+
+    """
+    return updated(kind(), values, where)
+
+
+def updated(settings: SettingsT, values: Mapping[str, Any], where: str) -> SettingsT:
+    """Return ``settings`` with ``values`` in place; raises as from_mapping does."""
+    if not isinstance(values, Mapping):
+        raise ValueError(f'{where} must map names to values, got {values!r}; write "name: value"')
+    known = [item.name for item in fields(settings)]
+    unknown = sorted(set(map(str, values)) - set(known))
+    if unknown:
+        raise ValueError(
+            f'{where} has no setting {", ".join(unknown)}; it knows {", ".join(known)}'
+        )
+    try:
+        return replace(settings, **values)
+    except ValueError as error:
+        raise ValueError(f'{where}: {error}') from None
+
+
+def _checked(name: str, value: Any, item: 'Field[Any]') -> Any:
+    limits, default = range_of(item), item.default
+    if isinstance(default, float) and isinstance(value, int) and not isinstance(value, bool):
+        value = float(value)
+    if isinstance(default, tuple) and isinstance(value, list):
+        value = tuple(value)
+    if isinstance(default, tuple) and isinstance(value, tuple):
+        try:
+            value = tuple(float(number) for number in value)
+        except (TypeError, ValueError):
+            raise ValueError(f'{name} must be a list of numbers, got {value!r}') from None
+    if type(value) is not type(default):
+        raise ValueError(
+            f'{name} must be {type(default).__name__}, got {value!r} '
+            f'({type(value).__name__}); {limits.text}'
+        )
+    if limits.choices and value not in limits.choices:
+        raise ValueError(f'{name} must be one of {", ".join(limits.choices)}, got {value!r}')
+    numbers = value if isinstance(value, tuple) else (value,)
+    for number in numbers:
+        if isinstance(number, (int, float)) and not isinstance(number, bool):
+            _check_number(name, float(number), limits)
+    return value
+
+
+def _check_number(name: str, value: float, limits: Range) -> None:
+    low = -math.inf if limits.low is None else limits.low
+    high = math.inf if limits.high is None else limits.high
+    if not (math.isfinite(value) and low <= value <= high):
+        raise ValueError(
+            f'{name} must lie in [{low:g}, {high:g}], got {value:g}; it is: {limits.text}'
+        )

@@ -1,0 +1,144 @@
+"""A simulated Pioneer 3-DX: limits of speed and acceleration, wheels, drifting odometry."""
+
+from collections import deque
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from visual_servo_epipolar.core.motion import integrate, Pose, saturate, STANDSTILL, Twist
+from visual_servo_epipolar.core.settings import setting, Settings
+
+NANOSECONDS = 1_000_000_000
+SUBSTEP_S = 0.01  # accelerations are held constant this long
+
+
+@dataclass(frozen=True, kw_only=True)
+class BaseSettings(Settings):
+    """The base and what is wrong with it; the defaults are a healthy Pioneer 3-DX."""
+
+    max_linear: float = setting(1.0, 'Largest linear speed [m/s]', low=0.01, high=5.0)
+    max_angular: float = setting(1.74, 'Largest angular speed [rad/s]', low=0.01, high=10.0)
+    acceleration: float = setting(0.3, 'Linear acceleration [m/s^2]', low=0.01, high=20.0)
+    deceleration: float = setting(0.6, 'Linear deceleration [m/s^2]', low=0.01, high=20.0)
+    angular_acceleration: float = setting(
+        1.74, 'Angular acceleration [rad/s^2]', low=0.01, high=50.0
+    )
+    wheel_radius: float = setting(0.0975, 'Nominal radius of a wheel [m]', low=0.01, high=1.0)
+    track: float = setting(0.33, 'Distance between the wheels [m]', low=0.05, high=2.0)
+    command_timeout: float = setting(
+        0.5, 'Age of the last command at which the base stops; 0 = never [s]', low=0.0, high=60.0
+    )
+    odometry_noise: float = setting(
+        0.0075, 'Deviation of wheel odometry, a metre and a radian', low=0.0, high=1.0
+    )
+    wheel_ratio: float = setting(
+        1.0, 'True radius of the right wheel over the left', low=0.8, high=1.25
+    )
+    slip: float = setting(0.0, 'Part of the wheels\' motion lost in slip', low=0.0, high=0.9)
+    dead_zone_linear: float = setting(
+        0.0, 'Linear speed below which the motors stand [m/s]', low=0.0, high=1.0
+    )
+    dead_zone_angular: float = setting(
+        0.0, 'Angular speed below which the motors stand [rad/s]', low=0.0, high=2.0
+    )
+    command_delay: float = setting(
+        0.0, 'Delay from command to motors [s]', low=0.0, high=2.0
+    )
+
+
+class Pioneer:
+    """
+    The base, advanced in simulated time [ns] by ``advance``; commands come in by ``command``.
+
+    ``pose`` is ground truth, ``twist`` the true velocity, ``odometry`` what the wheels report: it
+    starts at (0, 0, 0) and drifts.
+    """
+
+    def __init__(self, settings: BaseSettings, pose: Pose, *, seed: int, now_ns: int = 0) -> None:
+        self.settings = settings
+        self.pose = pose
+        self.twist = STANDSTILL
+        self.odometry = Pose(0.0, 0.0, 0.0)
+        self.now_ns = now_ns
+        self.wanted = STANDSTILL
+        self._wheels = STANDSTILL  # what the motors turn, as seen by nominal wheels
+        self._pending: deque[tuple[int, Twist]] = deque()
+        self._command_ns: int | None = None
+        self._rng = np.random.default_rng((seed, 1))
+
+    def command(self, twist: Twist) -> None:
+        """Take a command now; it reaches the motors ``command_delay`` later."""
+        self._command_ns = self.now_ns
+        delay_ns = round(self.settings.command_delay * NANOSECONDS)
+        self._pending.append((self.now_ns + delay_ns, twist))
+
+    def halt(self) -> None:
+        """Forget every command and brake, as on a refused command."""
+        self._pending.clear()
+        self.wanted = STANDSTILL
+
+    @property
+    def timed_out(self) -> bool:
+        """Whether the last command is older than ``command_timeout``."""
+        timeout = self.settings.command_timeout
+        if timeout == 0.0 or self._command_ns is None:
+            return False
+        return self.now_ns - self._command_ns > timeout * NANOSECONDS
+
+    def advance(self, now_ns: int) -> None:
+        """Move until ``now_ns``; a time that is not later moves nothing."""
+        duration = (now_ns - self.now_ns) / NANOSECONDS
+        if duration <= 0.0:
+            return
+        steps = math.ceil(duration / SUBSTEP_S)
+        start_ns = self.now_ns
+        for number in range(1, steps + 1):
+            self._substep(duration / steps)
+            self.now_ns = start_ns + (now_ns - start_ns) * number // steps
+
+    def _substep(self, dt: float) -> None:
+        while self._pending and self._pending[0][0] <= self.now_ns:
+            self.wanted = self._pending.popleft()[1]
+        if self.timed_out:
+            self.halt()
+        self._wheels = self._accelerate(self._limited(self.wanted), dt)
+        self.twist = self._true_twist(self._wheels)
+        self.pose = integrate(self.pose, self.twist, dt)
+        self.odometry = integrate(self.odometry, self._measured_twist(dt), dt)
+
+    def _limited(self, twist: Twist) -> Twist:
+        limits = self.settings
+        twist = saturate(twist, max_linear=limits.max_linear, max_angular=limits.max_angular)
+        return Twist(
+            0.0 if abs(twist.linear) < limits.dead_zone_linear else twist.linear,
+            0.0 if abs(twist.angular) < limits.dead_zone_angular else twist.angular,
+        )
+
+    def _accelerate(self, wanted: Twist, dt: float) -> Twist:
+        limits, now = self.settings, self._wheels
+        slower = abs(wanted.linear) < abs(now.linear) or wanted.linear * now.linear < 0.0
+        linear = (limits.deceleration if slower else limits.acceleration) * dt
+        angular = limits.angular_acceleration * dt
+        return Twist(
+            now.linear + min(max(wanted.linear - now.linear, -linear), linear),
+            now.angular + min(max(wanted.angular - now.angular, -angular), angular),
+        )
+
+    def _true_twist(self, wheels: Twist) -> Twist:
+        half = 0.5 * self.settings.track
+        left, right = wheels.linear - half * wheels.angular, wheels.linear + half * wheels.angular
+        ratio = math.sqrt(self.settings.wheel_ratio)
+        left, right = left / ratio, right * ratio
+        grip = 1.0 - self.settings.slip
+        return Twist(grip * 0.5 * (left + right), grip * (right - left) / self.settings.track)
+
+    def _measured_twist(self, dt: float) -> Twist:
+        # A random walk: the variance grows with the way, so that the step does not matter.
+        noise = self.settings.odometry_noise
+        linear, angular = self._rng.standard_normal(2)
+        way, turn = abs(self._wheels.linear) * dt, abs(self._wheels.angular) * dt
+        return Twist(
+            self._wheels.linear + noise * math.sqrt(way) * linear / dt,
+            self._wheels.angular + noise * math.sqrt(way + turn) * angular / dt,
+        )
