@@ -26,8 +26,12 @@ def step(state: ServoState, observation: Observation, settings: ServoSettings) -
 
 def advance(state: ServoState, sight: Sight, settings: ServoSettings) -> ServoState:
     """Return the state after ``sight``: the part of the step that needs no features."""
+    before = state.sight
     state = _remember(state, sight, settings)
     event = classify(state, settings)
+    if before is not None and sight.stamp_ns < before.stamp_ns:
+        sight = replace(sight, reason='time ran backwards')
+        state, event = replace(state, sight=sight, phase_start_ns=sight.stamp_ns), Event.LOST
     state = _switch(state, event, settings)
     twist = saturate(
         command(state, settings),

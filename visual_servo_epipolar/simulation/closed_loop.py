@@ -2,18 +2,18 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-import math
 from typing import Protocol
 
 from visual_servo_epipolar.core.camera import Camera
 from visual_servo_epipolar.core.features import Features
 from visual_servo_epipolar.core.motion import Pose, quaternion_from_yaw, yaw_from_quaternion
 from visual_servo_epipolar.core.perception import observe
-from visual_servo_epipolar.core.phases import Phase
+from visual_servo_epipolar.core.phases import ENDED, Phase
 from visual_servo_epipolar.core.run_log import RunLog, Sample
 from visual_servo_epipolar.core.servo import step
 from visual_servo_epipolar.core.servo_settings import ServoSettings
 from visual_servo_epipolar.core.servo_state import ServoState
+from visual_servo_epipolar.core.telemetry import sample, telemetry
 from visual_servo_epipolar.simulation.pioneer import BaseSettings, Pioneer
 
 NANOSECONDS = 1_000_000_000
@@ -30,7 +30,7 @@ class View(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class LoopSettings:
-    """One run: where it starts, how it is seeded, how long it may take."""
+    """One run: where it starts, how it is seeded, how long it may take [s]."""
 
     start: tuple[float, float, float]
     seed: int = 0
@@ -50,6 +50,51 @@ def published(pose: Pose) -> Pose:
     return Pose(pose.x, pose.y, yaw_from_quaternion(*quaternion_from_yaw(pose.theta)))
 
 
+class Referee:
+    """Keeps the record of a run, and says when it is over; in memory and beside the nodes."""
+
+    def __init__(self, settings: LoopSettings) -> None:
+        self.settings = settings
+        self.samples: list[Sample] = []
+        self._reason, self._attempts, self._braking = '', 1, 0
+
+    @property
+    def done(self) -> bool:
+        """Whether the servo ended and the base had time to brake, or time is up."""
+        if not self.samples:
+            return False
+        next_ns = self.samples[-1].stamp_ns + period_ns(self.settings.frame_rate)
+        return self._braking >= SETTLE_FRAMES or next_ns >= self._limit_ns
+
+    @property
+    def _limit_ns(self) -> float:
+        return self.settings.max_duration * NANOSECONDS
+
+    def add(self, sample: Sample, *, reason: str, attempts: int) -> None:
+        """Take in one step; what comes after the end is ignored."""
+        if self.done:
+            return
+        self.samples.append(sample)
+        self._reason, self._attempts = reason, attempts
+        self._braking = self._braking + 1 if sample.phase in ENDED else 0
+
+    def log(self) -> RunLog:
+        """Return the record; a run cut off by time has failed."""
+        phase, reason = self.samples[-1].phase, self._reason
+        if phase not in ENDED:
+            cut = f'not arrived within {self.settings.max_duration:g} s, still {phase.value}'
+            reason = f'{cut}: {reason}' if reason else cut
+        return RunLog(
+            self.settings.start,
+            self.settings.seed,
+            tuple(self.samples),
+            'arrived' if phase is Phase.ARRIVED else 'failed',
+            reason,
+            self._attempts,
+            self.settings.servo.law,
+        )
+
+
 def run(
     settings: LoopSettings,
     view: View,
@@ -64,58 +109,15 @@ def run(
     ground truth, image, tracks, command, and only then does the base move for one period.
     """
     base = Pioneer(settings.base, Pose.from_start(*settings.start), seed=settings.seed)
-    state = ServoState()
-    samples: list[Sample] = []
-    step_ns, braking = period_ns(settings.frame_rate), 0
-    while braking < SETTLE_FRAMES and base.now_ns < settings.max_duration * NANOSECONDS:
+    state, referee = ServoState(), Referee(settings)
+    while not referee.done:
         pose = published(base.pose)
-        features = view.observe(pose, len(samples))
+        features = view.observe(pose, len(referee.samples))
         state = step(state, observe(features, camera, base.now_ns), settings.servo)
-        samples.append(sample(pose, state, camera))
+        step_sample = sample(base.now_ns, pose, state.phase, telemetry(state))
+        referee.add(step_sample, reason=state.reason, attempts=state.attempts)
         if watch is not None:
-            watch(samples[-1])
-        braking = braking + 1 if state.ended else 0
+            watch(step_sample)
         base.command(state.twist)
-        base.advance(base.now_ns + step_ns)
-    return record(settings, samples, state)
-
-
-def sample(pose: Pose, state: ServoState, camera: Camera) -> Sample:
-    """Return the record of one step."""
-    sight = state.sight
-    if sight is None:
-        raise ValueError('a sample needs a servo that has seen something; step it first')
-    bearings = sight.bearings
-    return Sample(
-        stamp_ns=sight.stamp_ns,
-        pose=pose,
-        twist=state.twist,
-        phase=state.phase,
-        features=sight.features,
-        epipole_current=camera.fx * bearings.epipole_current if bearings else math.nan,
-        epipole_desired=camera.fx * bearings.epipole_desired if bearings else math.nan,
-        bearing_current=bearings.current if bearings else math.nan,
-        bearing_desired=bearings.desired if bearings else math.nan,
-        feature_difference=sight.difference * sight.focal**2,
-        feature_error=sight.feature_error * sight.focal,
-        distance_estimate=state.distance,
-    )
-
-
-def record(settings: LoopSettings, samples: list[Sample], state: ServoState) -> RunLog:
-    """Return the run as ended by ``state``; a run cut off by its duration has failed."""
-    if state.ended:
-        outcome = 'arrived' if state.phase is Phase.ARRIVED else 'failed'
-        reason = state.reason
-    else:
-        outcome, limit = 'failed', settings.max_duration
-        reason = f'not arrived within {limit:g} s, still {state.phase.value}: {state.reason}'
-    return RunLog(
-        settings.start,
-        settings.seed,
-        tuple(samples),
-        outcome,
-        reason.rstrip(': '),
-        state.attempts,
-        settings.servo.law,
-    )
+        base.advance(base.now_ns + period_ns(settings.frame_rate))
+    return referee.log()

@@ -86,6 +86,11 @@ class Pioneer:
             return False
         return self.now_ns - self._command_ns > timeout * NANOSECONDS
 
+    @property
+    def moving(self) -> bool:
+        """Whether the robot moves."""
+        return self.twist != STANDSTILL
+
     def advance(self, now_ns: int) -> None:
         """Move until ``now_ns``; a time that is not later moves nothing."""
         duration = (now_ns - self.now_ns) / NANOSECONDS

@@ -1,0 +1,73 @@
+"""Installation by colcon (ament_python) and by pip; the tools are set up in pyproject.toml."""
+
+from glob import glob
+from pathlib import Path
+import re
+
+from setuptools import find_packages, setup
+
+NAME = 'visual_servo_epipolar'
+NODES = ('unicycle_node', 'camera_node', 'tracker_node', 'servo_node')
+SHARE = f'share/{NAME}'
+
+
+def version() -> str:
+    """Read the version where it is defined, without importing the package."""
+    text = Path(NAME, '__init__.py').read_text(encoding='utf-8')
+    found = re.search(r"^__version__ = '([^']+)'$", text, re.MULTILINE)
+    if found is None:
+        raise RuntimeError(f"{NAME}/__init__.py must define __version__ = 'x.y.z'; restore it")
+    return found.group(1)
+
+
+setup(
+    name=NAME,
+    version=version(),
+    description='Drive a unicycle robot to the pose of a photograph, by epipolar geometry.',
+    long_description='Epipolar visual servoing of mobile robots: ROS 2 nodes, simulator, tools.',
+    author='visual_servo_epipolar developers',
+    author_email='ros-maintainers@visual-servo-epipolar.org',
+    maintainer='visual_servo_epipolar developers',
+    maintainer_email='ros-maintainers@visual-servo-epipolar.org',
+    license='Apache-2.0',
+    python_requires='>=3.10',
+    zip_safe=False,
+    packages=find_packages(include=[NAME, f'{NAME}.*']),
+    package_data={'': ['*.html', '*.xml']},
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
+        (SHARE, ['package.xml']),
+        (f'{SHARE}/config', sorted(glob('config/*.yaml'))),
+        (f'{SHARE}/config/scenarios', sorted(glob('config/scenarios/*.yaml'))),
+    ],
+    # For pip alone. On a native ROS these come from rosdep (package.xml), and apt's cv2 has no
+    # metadata for pip to see. That does no harm: colcon installs with --no-deps, and executables
+    # made by setuptools >= 47.2 start through importlib.metadata, which does not check requirements.
+    # rclpy and the messages are no pip packages on a native ROS: never list them here.
+    install_requires=[
+        'matplotlib>=3.6',
+        'numpy>=1.23',
+        'opencv-python-headless>=4.8',
+        'PyYAML>=6.0',
+        'rosbags>=0.11.1',
+    ],
+    extras_require={
+        # ROS 2 Jazzy as wheels, for a machine without ROS. Exact, and always the three together:
+        # unpinned, pip mixes in wheels of a later ROS that do not load beside these.
+        'ros': [
+            'ros-jazzy-common-interfaces==5.3.6',
+            'ros-jazzy-rclpy==7.1.6',
+            'ros-jazzy-rmw-fastrtps-cpp==8.4.3',
+        ],
+        # `colcon test` runs pytest only if this extra has this name and lists pytest.
+        'test': ['hypothesis', 'pytest>=7.4', 'scipy'],
+        'lint': ['import-linter', 'mypy', 'ruff', 'types-PyYAML'],
+        'colcon': ['colcon-common-extensions', 'setuptools<80'],
+    },
+    entry_points={
+        'console_scripts': [
+            f'visual_servo = {NAME}.commands.main:main',
+            *(f'{node} = {NAME}.nodes.{node}:main' for node in NODES),
+        ],
+    },
+)

@@ -1,0 +1,206 @@
+"""Build the package with colcon, as a ROS workspace does, and run what that installed."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+from typing import TypeAlias
+import xml.etree.ElementTree as ElementTree
+
+import pytest
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+
+ROOT = Path(__file__).parents[2]
+NAME = 'visual_servo_epipolar'
+NODES = ('unicycle_node', 'camera_node', 'tracker_node', 'servo_node')
+DOMAIN = 1 + os.getpid() % 100  # away from other runs on this machine
+START_SEC, STOP_SEC = 60.0, 30.0  # more than ten times what they take
+
+Running: TypeAlias = subprocess.Popen[bytes]
+
+pytestmark = pytest.mark.colcon
+
+
+@dataclass(frozen=True)
+class Workspace:
+    """A built workspace, and the environment of a shell that has sourced it."""
+
+    path: Path
+    environment: dict[str, str]
+
+    @property
+    def executables(self) -> Path:
+        return self.path / 'install' / NAME / 'lib' / NAME
+
+    @property
+    def share(self) -> Path:
+        return self.path / 'install' / NAME / 'share'
+
+
+@pytest.fixture(scope='module', params=['copied', 'symlinked'])
+def workspace(
+    request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory
+) -> Workspace:
+    path = tmp_path_factory.mktemp(request.param)
+    colcon(path, 'build', *(['--symlink-install'] if request.param == 'symlinked' else []))
+    return Workspace(path, sourced(path))
+
+
+def colcon(path: Path, verb: str, *arguments: str) -> None:
+    """Run colcon on this package alone; whatever it makes goes into the workspace ``path``."""
+    places = ['--build-base', str(path / 'build'), '--install-base', str(path / 'install')]
+    ran = subprocess.run(
+        [sys.executable, '-m', 'colcon', '--log-base', str(path / 'log'), verb]
+        + ['--paths', str(ROOT), *places, *arguments],
+        cwd=path,
+        env=ros_environment(),
+        capture_output=True,
+        text=True,
+    )
+    assert ran.returncode == 0, f'colcon {verb} failed:\n{ran.stdout}\n{ran.stderr}'
+
+
+def ros_environment() -> dict[str, str]:
+    """Return the environment of a shell that has sourced ROS, in a domain of its own."""
+    return {
+        'AMENT_PREFIX_PATH': sys.prefix,  # of the wheels; a native ROS has set its own
+        **os.environ,
+        'ROS_DOMAIN_ID': str(DOMAIN),
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+    }
+
+
+def sourced(path: Path) -> dict[str, str]:
+    """Return the environment of a shell after `. install/setup.bash`."""
+    ran = subprocess.run(
+        ['bash', '-c', '. install/setup.bash && env -0'],
+        cwd=path,
+        env=ros_environment(),
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return dict(entry.split('=', 1) for entry in ran.stdout.split('\0') if entry)
+
+
+@pytest.fixture
+def neighbour(monkeypatch: pytest.MonkeyPatch) -> Iterator[Node]:
+    """Yield a node in the domain of the installed ones."""
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    context = Context()
+    rclpy.init(context=context, domain_id=DOMAIN)
+    node = rclpy.create_node('neighbour', context=context)
+    yield node
+    node.destroy_node()
+    rclpy.try_shutdown(context=context)
+
+
+@contextmanager
+def running(command: list[str], environment: dict[str, str], log: Path) -> Iterator[Running]:
+    """Run ``command``, its output going to ``log``, and leave nothing of it behind."""
+    # In a session of its own, for it must not inherit an ignored SIGINT.
+    with (
+        log.open('w') as output,
+        subprocess.Popen(
+            command,
+            cwd=log.parent,
+            env=environment,
+            start_new_session=True,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+        ) as process,
+    ):
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def wait_for_another_node(node: Node, process: Running, log: Path) -> None:
+    """Spin ``node`` until it sees one beside itself; fail if ``process`` ends before that."""
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+    deadline = time.monotonic() + START_SEC
+    while set(node.get_node_names()) <= {node.get_name()}:
+        executor.spin_once(timeout_sec=0.05)
+        ended = process.poll()
+        assert ended is None, f'it ended with {ended} at the start:\n{log.read_text()}'
+        assert time.monotonic() < deadline, f'no node in {START_SEC} s:\n{log.read_text()}'
+    executor.shutdown()
+
+
+def files(folder: Path) -> set[Path]:
+    """Return all files below ``folder``, as paths from there, but for Python's own caches."""
+    found = (path.relative_to(folder) for path in folder.rglob('*') if path.is_file())
+    return {path for path in found if '__pycache__' not in path.parts}
+
+
+def test_executables_lie_where_ros2_run_looks(workspace: Workspace) -> None:
+    found = {path.name for path in workspace.executables.iterdir()}
+    assert found == {'visual_servo', *NODES}
+
+
+def test_the_ament_index_knows_the_package(workspace: Workspace) -> None:
+    assert (workspace.share / 'ament_index/resource_index/packages' / NAME).is_file()
+    assert (workspace.share / NAME / 'package.xml').is_file()
+
+
+def test_all_of_config_is_shared(workspace: Workspace) -> None:
+    assert files(workspace.share / NAME / 'config') == files(ROOT / 'config')
+
+
+def test_the_whole_package_is_imported_from_the_workspace(
+    workspace: Workspace, tmp_path: Path
+) -> None:
+    found = subprocess.run(
+        [sys.executable, '-c', f'import {NAME}; print({NAME}.__path__[0])'],
+        cwd=tmp_path,
+        env=workspace.environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    imported = Path(found.stdout.strip())
+    assert imported.is_relative_to(workspace.path)
+    assert files(imported) == files(ROOT / NAME)
+
+
+def test_the_installed_command_lists_its_subcommands(workspace: Workspace, tmp_path: Path) -> None:
+    ran = subprocess.run(
+        [workspace.executables / 'visual_servo', '--help'],
+        cwd=tmp_path,
+        env=workspace.environment,
+        capture_output=True,
+        text=True,
+    )
+    assert ran.returncode == 0, ran.stderr
+    assert 'demo' in ran.stdout
+
+
+@pytest.mark.parametrize('name', NODES)
+def test_a_node_starts_with_its_shared_settings_and_ends_on_sigint(
+    name: str, workspace: Workspace, neighbour: Node, tmp_path: Path
+) -> None:
+    settings = workspace.share / NAME / 'config' / f'{name}.yaml'
+    command = [str(workspace.executables / name), '--ros-args', '--params-file', str(settings)]
+    log = tmp_path / 'output.txt'
+    with running(command, workspace.environment, log) as process:
+        wait_for_another_node(neighbour, process, log)
+        process.send_signal(signal.SIGINT)
+        status = process.wait(STOP_SEC)
+    assert status == 0, log.read_text()
+    assert 'Traceback' not in log.read_text()
+
+
+def test_colcon_test_finds_the_tests(workspace: Workspace) -> None:
+    colcon(workspace.path, 'test', '--pytest-args', 'test/packaging/test_metadata.py')
+    results = ElementTree.parse(workspace.path / 'build' / NAME / 'pytest.xml').getroot()
+    assert sum(int(suite.get('tests', 0)) for suite in results.iter('testsuite')) > 0

@@ -1,0 +1,39 @@
+from pathlib import Path
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree as ElementTree
+
+import visual_servo_epipolar
+
+ROOT = Path(__file__).parents[2]
+VERSION = visual_servo_epipolar.__version__
+
+
+def setup_says(option: str) -> str:
+    ran = subprocess.run(
+        [sys.executable, 'setup.py', '--quiet', option],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    return ran.stdout.strip()
+
+
+def test_package_xml_and_setup_py_carry_the_version_and_the_name_of_the_package() -> None:
+    package = ElementTree.parse(ROOT / 'package.xml').getroot()
+    assert package.findtext('version') == VERSION == setup_says('--version')
+    assert package.findtext('name') == 'visual_servo_epipolar' == setup_says('--name')
+
+
+def test_package_xml_and_setup_py_agree_on_the_licence() -> None:
+    package = ElementTree.parse(ROOT / 'package.xml').getroot()
+    assert package.findtext('license') == 'Apache-2.0' == setup_says('--license')
+
+
+def test_the_change_log_is_open_or_knows_the_version() -> None:
+    headings = re.findall(
+        r'^(Forthcoming|\d+\.\d+\.\d+) ?.*\n-+$', (ROOT / 'CHANGELOG.rst').read_text(), re.M
+    )
+    assert {'Forthcoming', VERSION} & set(headings)

@@ -1,0 +1,169 @@
+"""What a reader needs is in the figures: the data, its units, the phases."""
+
+from collections.abc import Callable
+from dataclasses import replace
+import math
+from pathlib import Path
+
+import cv2
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+import numpy as np
+import pytest
+
+from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.phases import Phase
+from visual_servo_epipolar.core.run_log import RunLog
+from visual_servo_epipolar.report.figures import save, signals, trajectory
+from visual_servo_epipolar.report.panels import robust_limit
+from visual_servo_epipolar.report.style import PHASE_COLOURS
+
+Draw = Callable[[RunLog], Figure]
+
+
+def labelled_lines(axes: Axes) -> dict[str, Line2D]:
+    return {str(line.get_label()): line for line in axes.get_lines()}
+
+
+def drawn_points(line: Line2D) -> FloatArray:
+    return np.asarray(line.get_xydata(), dtype=np.float64)
+
+
+def panel(figure: Figure, label: str) -> Axes:
+    return next(axes for axes in figure.axes if axes.get_ylabel().replace('\n', ' ') == label)
+
+
+def words(figure: Figure) -> set[str]:
+    legends = [*figure.legends, *(axes.get_legend() for axes in figure.axes)]
+    return {text.get_text() for legend in legends if legend for text in legend.get_texts()}
+
+
+def test_path_has_every_pose_and_one_line_a_phase(log: RunLog) -> None:
+    lines = trajectory(log).axes[0].get_lines()
+    stretches = [drawn_points(line) for line in lines if line.get_label() in PHASE_COLOURS]
+    # A stretch ends on the first pose of the next one, so that the path has no gaps.
+    joined = np.concatenate([s[:-1] for s in stretches[:-1]] + [stretches[-1]])
+    np.testing.assert_array_equal(joined, [(s.pose.x, s.pose.y) for s in log.samples])
+    assert len(stretches) == len({sample.phase for sample in log.samples})
+
+
+def test_close_up_is_in_millimetres(log: RunLog) -> None:
+    close = trajectory(log).axes[-1]
+    ends = [drawn_points(line)[-1] for line in close.get_lines()]
+    final = log.samples[-1].pose
+    assert any(np.allclose(end, (1000.0 * final.x, 1000.0 * final.y)) for end in ends)
+    assert (close.get_xlabel(), close.get_ylabel()) == ('x [mm]', 'y [mm]')
+    assert close.get_xlim() == (-100.0, 100.0)
+
+
+def test_title_tells_start_and_errors(log: RunLog) -> None:
+    title = trajectory(log).get_suptitle()
+    final = log.samples[-1].pose
+    assert f'{1000.0 * final.distance:.1f} mm' in title
+    assert f'{math.degrees(final.heading_error):+.2f} deg' in title
+    assert 'x -0.6 m, y -3 m, heading +8 deg' in title
+
+
+def test_reason_of_a_failure_is_in_the_title(log: RunLog) -> None:
+    assert (
+        'too dark' in trajectory(replace(log, outcome='failed', reason='too dark')).get_suptitle()
+    )
+
+
+@pytest.mark.parametrize('draw', [trajectory, signals])
+def test_legend_names_the_phases_in_their_order(draw: Draw, log: RunLog) -> None:
+    names = {sample.phase.value.replace('_', ' ') for sample in log.samples}
+    assert names <= words(draw(log))
+
+
+@pytest.mark.parametrize('draw', [trajectory, signals])
+def test_axes_have_units(draw: Draw, log: RunLog) -> None:
+    for axes in draw(log).axes:
+        if axes.axison and axes.get_ylabel() != 'visible\nfeatures':
+            assert '[' in axes.get_ylabel()
+
+
+@pytest.mark.parametrize(
+    ('label', 'line', 'field'),
+    [
+        ('epipoles [px]', 'current $e_{au}$', 'epipole_current'),
+        ('epipoles [px]', 'desired $e_{du}$', 'epipole_desired'),
+        ('D [px$^2$]', '_child0', 'feature_difference'),
+        ('visible features', '_child0', 'features'),
+        ('median feature error [px]', '_child0', 'feature_error'),
+        ('distance [m]', r'estimate $\hat{d}$', 'distance_estimate'),
+    ],
+)
+def test_panels_show_the_log(log: RunLog, label: str, line: str, field: str) -> None:
+    drawn = labelled_lines(panel(signals(log), label))[line]
+    np.testing.assert_array_equal(drawn.get_ydata(), [getattr(s, field) for s in log.samples])
+
+
+@pytest.mark.parametrize(
+    ('label', 'field'),
+    [('linear velocity [m/s]', 'linear'), ('angular velocity [rad/s]', 'angular')],
+)
+def test_velocities_show_the_log(log: RunLog, label: str, field: str) -> None:
+    drawn = panel(signals(log), label).get_lines()[0]
+    np.testing.assert_array_equal(
+        drawn.get_ydata(), [getattr(s.twist, field) for s in log.samples]
+    )
+
+
+def test_epipole_beyond_the_panel_is_a_gap_and_a_mark(log: RunLog) -> None:
+    wild = [
+        replace(s, epipole_current=math.inf) if k == 40 else s for k, s in enumerate(log.samples)
+    ]
+    axes = panel(signals(replace(log, samples=wild)), 'epipoles [px]')
+    lines = axes.get_lines()
+    assert math.isnan(drawn_points(lines[0])[40, 1])
+    assert 0.0 < drawn_points(lines[1])[0, 1] < axes.get_ylim()[1]
+
+
+def test_robust_limit_ignores_what_runs_off_and_what_is_not_there() -> None:
+    steady = np.full(100, 200.0)
+    steady[:2] = math.inf, 1e9
+    assert robust_limit(steady, np.full(3, math.nan)) == pytest.approx(250.0)
+    assert robust_limit(np.full(3, math.nan)) == 10.0
+
+
+@pytest.mark.parametrize('draw', [trajectory, signals])
+def test_figure_is_written_as_png_and_leaves_nothing_else(
+    draw: Draw, log: RunLog, tmp_path: Path
+) -> None:
+    figure = draw(log)
+    path = save(figure, tmp_path / 'figure.png')
+    assert list(tmp_path.iterdir()) == [path]
+    width, height = figure.get_size_inches()
+    image = cv2.imread(str(path))
+    assert image is not None
+    assert image.shape == (round(150 * height), round(150 * width), 3)
+
+
+def test_failed_writing_leaves_nothing(log: RunLog, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match='not supported'):
+        save(trajectory(log), tmp_path / 'figure.docx')
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_single_sample_without_measurements_can_be_drawn(log: RunLog, tmp_path: Path) -> None:
+    nothing = replace(
+        log.samples[0],
+        phase=Phase.WAITING,
+        epipole_current=math.nan,
+        epipole_desired=math.nan,
+        feature_difference=math.nan,
+        feature_error=math.nan,
+    )
+    short = replace(log, samples=[nothing], outcome='failed', reason='no image')
+    save(trajectory(short), tmp_path / 't.png')
+    figure = signals(short)
+    save(figure, tmp_path / 's.png')
+    assert panel(figure, 'D [px$^2$]').texts[0].get_text() == 'not measured'
+
+
+@pytest.mark.parametrize('draw', [trajectory, signals])
+def test_run_without_samples_is_refused(draw: Draw, log: RunLog) -> None:
+    with pytest.raises(ValueError, match='must have samples'):
+        draw(replace(log, samples=[]))

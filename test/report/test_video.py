@@ -1,0 +1,130 @@
+"""A video holds every step and appears only when it is whole."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.motion import DESIRED_POSE, Pose
+from visual_servo_epipolar.core.run_log import RunLog, Sample
+from visual_servo_epipolar.report.map_view import Bounds, HEADER, MapView, WIDTH
+from visual_servo_epipolar.report.style import phase_colour, rgb
+from visual_servo_epipolar.report.video import HEIGHT, VideoWriter
+
+SIZE = 321, 200  # odd, and small: encoding is what takes time
+RED: Image = np.full((200, 321, 3), (40, 40, 220), dtype=np.uint8)
+
+
+def write(path: Path, samples: Sequence[Sample], stride: int = 1) -> VideoWriter:
+    bounds = Bounds.around(samples[0].pose)
+    with VideoWriter(path, 11.0, image_size=SIZE, bounds=bounds, stride=stride) as video:
+        for sample in samples:
+            video.add(RED, sample)
+    return video
+
+
+def frames(path: Path) -> list[Image]:
+    capture = cv2.VideoCapture(str(path))
+    found: list[Image] = []
+    while True:
+        there, frame = capture.read()
+        if not there:
+            return found
+        found.append(np.asarray(frame, dtype=np.uint8))
+
+
+@pytest.mark.parametrize('suffix', ['.mp4', '.webm', '.avi'])
+def test_video_can_be_read_again(log: RunLog, tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f'run{suffix}'
+    video = write(path, log.samples[:12])
+    read = frames(path)
+    assert len(read) == video.frames == 12
+    assert read[0].shape == (HEIGHT, video.size[0], 3)
+    assert video.size[0] % 2 == 0
+    # Camera left, map right; codecs keep flat colours to some grey levels.
+    assert np.abs(read[-1][400, 300].astype(int) - RED[0, 0]).max() < 25
+    assert read[-1][HEADER + 4, -60:].min() > 200
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_stride_keeps_one_frame_of_so_many(log: RunLog, tmp_path: Path) -> None:
+    write(tmp_path / 'run.mp4', log.samples[:10], stride=3)
+    assert len(frames(tmp_path / 'run.mp4')) == 4
+
+
+def test_aborted_run_leaves_no_file(log: RunLog, tmp_path: Path) -> None:
+    bounds = Bounds.around(log.samples[0].pose)
+    with (
+        pytest.raises(KeyboardInterrupt),
+        VideoWriter(tmp_path / 'run.mp4', 11.0, image_size=SIZE, bounds=bounds) as video,
+    ):
+        video.add(RED, log.samples[0])
+        raise KeyboardInterrupt
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_video_without_frames_is_no_file(tmp_path: Path) -> None:
+    bounds = Bounds.around(DESIRED_POSE)
+    VideoWriter(tmp_path / 'run.mp4', 11.0, image_size=SIZE, bounds=bounds).close()
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(('name', 'told'), [('run.gif', 'must end in'), ('no/run.mp4', 'folder')])
+def test_file_that_cannot_be_written_is_refused(tmp_path: Path, name: str, told: str) -> None:
+    with pytest.raises(InputError, match=told):
+        VideoWriter(tmp_path / name, 11.0, image_size=SIZE, bounds=Bounds.around(DESIRED_POSE))
+
+
+def test_missing_encoder_is_told_in_one_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr('visual_servo_epipolar.report.video.CODECS', {'.mp4': ('zzzz',)})
+    with pytest.raises(InputError, match='needs one of the encoders zzzz'):
+        VideoWriter(
+            tmp_path / 'run.mp4', 11.0, image_size=SIZE, bounds=Bounds.around(DESIRED_POSE)
+        )
+    assert capfd.readouterr().err == ''
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_picture_of_another_size_is_refused(log: RunLog, tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match='overlay must be'):
+        bounds = Bounds.around(DESIRED_POSE)
+        with VideoWriter(tmp_path / 'run.mp4', 11.0, image_size=SIZE, bounds=bounds) as video:
+            video.add(RED[:-1], log.samples[0])
+
+
+def test_map_shows_the_path_in_the_colour_of_the_phase(log: RunLog) -> None:
+    view = MapView(Bounds.around(log.samples[0].pose), HEIGHT)
+    for sample in log.samples:
+        view.add(sample)
+    passed = log.samples[70]
+    (u, v), *_ = view.pixels(np.array([(passed.pose.x, passed.pose.y)])).round().astype(int)
+    drawn = view.picture()[v, u].astype(int)
+    assert np.abs(drawn[::-1] - rgb(phase_colour(passed.phase.value))).max() < 30
+
+
+def test_map_grows_to_hold_a_robot_that_leaves_it(log: RunLog) -> None:
+    view = MapView(Bounds.around(log.samples[0].pose), HEIGHT)
+    view.add(log.samples[0])
+    away = Sample(stamp_ns=10**9, pose=Pose(4.0, -9.0, 0.0))
+    view.add(away)
+    corners = view.pixels(np.array([(4.0, -9.0), (0.0, 0.0), (-0.6, -3.0)]))
+    assert (corners > (0, HEADER)).all()
+    assert (corners < (WIDTH, HEIGHT)).all()
+
+
+def test_map_is_true_to_scale_with_y_up() -> None:
+    view = MapView(Bounds(-1.0, 1.0, -3.0, 0.0), HEIGHT)
+    origin, right, up = view.pixels(np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)]))
+    assert right[0] - origin[0] == pytest.approx(origin[1] - up[1])
+    assert origin[1] > up[1]
+
+
+def test_bounds_out_of_order_are_refused() -> None:
+    with pytest.raises(ValueError, match='finite and ordered'):
+        Bounds(1.0, -1.0, 0.0, 1.0)

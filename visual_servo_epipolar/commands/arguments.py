@@ -1,0 +1,99 @@
+"""Arguments and outputs that several subcommands share."""
+
+import argparse
+from collections.abc import Mapping
+import json
+import math
+from pathlib import Path
+import sys
+from typing import Any
+
+from visual_servo_epipolar.commands.resources import scenario_path
+from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.simulation.scenario import load, Scenario
+
+MAX_SEED = 2**31 - 1
+
+
+def finite(text: str) -> float:
+    """Parse a finite number."""
+    try:
+        value = float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f'{text!r} is not a number') from None
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f'{text!r} is not finite')
+    return value
+
+
+def seed(text: str) -> int:
+    """Parse a seed."""
+    if not text.isdecimal() or int(text) > MAX_SEED:
+        raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 0 to {MAX_SEED}')
+    return int(text)
+
+
+def add_start(parser: argparse.ArgumentParser, default: tuple[float, float, float] | None) -> None:
+    """Add --start."""
+    shown = '' if default is None else f' (default {" ".join(f"{v:g}" for v in default)})'
+    parser.add_argument(
+        '--start',
+        nargs=3,
+        type=finite,
+        metavar=('X', 'Y', 'DEG'),
+        required=default is None,
+        default=default,
+        help='start in the plane of the paper: x right and y ahead of the goal [m], so that '
+        f'y is negative behind it; heading error [deg], left positive{shown}',
+    )
+
+
+def add_run_options(parser: argparse.ArgumentParser) -> None:
+    """Add what every closed loop takes: --law, --estimator, --scenario, --seed, --json."""
+    parser.add_argument('--law', choices=('paper', 'corrected', 'full'), help='control law')
+    parser.add_argument('--estimator', metavar='NAME', help='estimator of the epipoles')
+    parser.add_argument(
+        '--scenario', metavar='FILE', help='scenario file, or the name of one that is installed'
+    )
+    parser.add_argument('--seed', type=seed, default=0, metavar='N', help='seed (default 0)')
+    parser.add_argument(
+        '--json', metavar='FILE', help='write the result as JSON to FILE, - for standard output'
+    )
+
+
+def scenario_of(options: argparse.Namespace) -> Scenario:
+    """Return the scenario that the options ask for."""
+    scenario = Scenario() if options.scenario is None else load(scenario_path(options.scenario))
+    changes = {
+        name: getattr(options, name)
+        for name in ('law', 'estimator')
+        if getattr(options, name) is not None
+    }
+    return scenario.seeded(options.seed).with_servo(changes)
+
+
+def write_json(document: Mapping[str, Any], target: str | None) -> None:
+    """Write ``document`` to a file, by rename, or to standard output; nan becomes null."""
+    if target is None:
+        return
+    text = json.dumps(_plain(document), indent=2, allow_nan=False) + '\n'
+    if target == '-':
+        sys.stdout.write(text)
+        return
+    path = Path(target)
+    partial = path.with_name(path.name + '.partial')
+    try:
+        partial.write_text(text, encoding='utf-8')
+        partial.replace(path)
+    except OSError as error:
+        raise InputError(f'{path}: result cannot be written: {error.strerror}') from None
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value

@@ -1,0 +1,82 @@
+"""What a person sees: progress while a run lasts, and a summary of it."""
+
+from collections.abc import Mapping
+import sys
+import time
+from typing import Any, TextIO
+
+from visual_servo_epipolar.core.run_log import NANOSECONDS, Sample
+
+REFRESH_S = 0.1
+
+WORDS = {
+    'waiting': 'wait for tracks',
+    'orienting': 'turn to the heading of the photograph',
+    'retreating': 'back off for a new attempt',
+    'displacing': 'turn the epipole to the discordant side',
+    'zeroing_epipoles': 'first step: bring both epipoles to the principal point',
+    'matching_features': 'second step: drive until the features match',
+    'arrived': 'at the goal, at a standstill',
+    'holding': 'stand, tracks lost or not trusted',
+    'failed': 'stand, given up',
+}
+
+
+class Progress:
+    """One line that is rewritten on a terminal; nothing anywhere else."""
+
+    def __init__(self, stream: TextIO = sys.stderr) -> None:
+        self._stream, self._shown = stream, -REFRESH_S
+        self._live = stream.isatty()
+
+    def __call__(self, sample: Sample) -> None:
+        """Show one step."""
+        now = time.monotonic()
+        if not self._live or now - self._shown < REFRESH_S:
+            return
+        self._shown = now
+        self._stream.write(
+            f'\r{sample.stamp_ns / NANOSECONDS:6.1f} s  {sample.phase.value:<18}'
+            f'{sample.features:4d} features  {sample.twist.linear:+.2f} m/s  '
+            f'{sample.twist.angular:+.2f} rad/s\x1b[K'
+        )
+        self._stream.flush()
+
+    def say(self, text: str) -> None:
+        """Show a line of its own for something that takes long."""
+        if self._live:
+            self._stream.write(f'\r{text}\x1b[K')
+            self._stream.flush()
+
+    def close(self) -> None:
+        """Clear the line."""
+        self.say('')
+
+
+def summary(result: Mapping[str, Any]) -> str:
+    """Return a run's result in words, phase by phase."""
+    x, y, heading = result['start']
+    head = f'{result["outcome"]} after {result["duration_s"]:.1f} s'
+    if result['outcome'] != 'arrived':
+        head += f': {result["reason"]}'
+    lines = [f'start x {x:g} m, y {y:g} m, heading {heading:+g} deg, law {result["law"]}', head]
+    lines += [
+        f'  {phase["start_s"]:6.1f} - {phase["end_s"]:6.1f} s  {phase["name"]:<18} '
+        f'{WORDS[phase["name"]]}'
+        for phase in result['phases']
+    ]
+    lines += [
+        f'error against ground truth: {1e3 * result["position_error_m"]:.2f} mm '
+        f'(lateral {1e3 * result["lateral_error_m"]:+.2f}, '
+        f'longitudinal {1e3 * result["longitudinal_error_m"]:+.2f}), '
+        f'heading {result["heading_error_deg"]:+.3f} deg',
+        f'path {result["path_length_m"]:.2f} m, at most {_ratio(result)} of the start distance '
+        f'away, {result["min_visible_features"]} features or more, '
+        f'{result["max_linear_speed"]:.2f} m/s, {result["max_angular_speed"]:.2f} rad/s',
+    ]
+    return '\n'.join(lines)
+
+
+def _ratio(result: Mapping[str, Any]) -> str:
+    ratio = result['max_distance_ratio']
+    return 'all' if ratio is None else f'{100.0 * ratio:.0f} %'

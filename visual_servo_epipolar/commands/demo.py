@@ -1,0 +1,154 @@
+"""``visual_servo demo``: the four real nodes in lockstep; leaves result, figures and a video."""
+
+import argparse
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any, TYPE_CHECKING
+
+import numpy as np
+
+from visual_servo_epipolar.commands.arguments import (
+    add_run_options,
+    add_start,
+    scenario_of,
+    write_json,
+)
+from visual_servo_epipolar.commands.console import Progress, summary
+from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.camera import Camera
+from visual_servo_epipolar.core.epipolar import Bearings, fundamental_from_bearings, in_pixels
+from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.features import Features
+from visual_servo_epipolar.core.motion import HALF_PI, Pose, wrap_angle
+from visual_servo_epipolar.core.run_log import RunLog, Sample, summarise
+from visual_servo_epipolar.simulation.closed_loop import LoopSettings, Referee
+from visual_servo_epipolar.simulation.scenario import Scenario
+
+if TYPE_CHECKING:
+    from visual_servo_epipolar.report.video import VideoWriter
+
+DEFAULT_START = (1.0, -3.5, 8.0)
+DEFAULT_FOLDER = 'demo_out'
+NO_ROS = (
+    'ROS 2 cannot be imported ({}); source your ROS 2 Jazzy, or run "make setup" and use .venv'
+)
+
+
+def add_to(kinds: Any) -> None:
+    """Add the subcommand."""
+    parser = kinds.add_parser(
+        'demo', help='the four real nodes in lockstep, with pictures', description=__doc__
+    )
+    add_start(parser, DEFAULT_START)
+    parser.add_argument(
+        '--out',
+        metavar='DIR',
+        default=DEFAULT_FOLDER,
+        help=f'folder for result.json, figures and video (default {DEFAULT_FOLDER})',
+    )
+    parser.add_argument('--no-video', action='store_true', help='leave out the video')
+    parser.add_argument(
+        '--visible',
+        action='store_true',
+        help='let other processes on this machine see the topics; any base driver that listens '
+        'to cmd_vel will then drive',
+    )
+    add_run_options(parser)
+    parser.set_defaults(run=demo)
+
+
+def demo(options: argparse.Namespace) -> int:
+    """Run, print, write; return 0 if the robot arrived."""
+    scenario = scenario_of(options)
+    settings = scenario.loop(tuple(options.start), options.seed)
+    folder = _folder(options.out)
+    log = _drive(scenario, settings, folder, options)
+    result = summarise(log)
+    write_json(result, str(folder / 'result.json'))
+    write_json(result, options.json)
+    _draw(log, folder)
+    if options.json != '-':
+        print(summary(result))
+        print(f'written to {folder}: {", ".join(sorted(path.name for path in folder.iterdir()))}')
+    return 0 if log.outcome == 'arrived' else 1
+
+
+def _folder(name: str) -> Path:
+    folder = Path(name)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f'{folder}: folder cannot be made: {error.strerror}') from None
+    return folder
+
+
+def _drive(
+    scenario: Scenario, settings: LoopSettings, folder: Path, options: argparse.Namespace
+) -> RunLog:
+    try:
+        from visual_servo_epipolar.nodes.lockstep import Lockstep
+        from visual_servo_epipolar.nodes.observer_node import ObserverNode
+    except ImportError as error:
+        raise InputError(NO_ROS.format(error)) from None
+    progress, referee = Progress(), Referee(settings)
+    with ExitStack() as stack:
+        film = None if options.no_video else stack.enter_context(_film(scenario, settings, folder))
+
+        def watch(sample: Sample, image: Image | None, features: Features | None) -> None:
+            progress(sample)
+            if film is not None and image is not None and features is not None:
+                film.add(_picture(image, features, sample, scenario.camera.camera), sample)
+
+        progress.say('starting four nodes ...')
+        open_to = 'LOCALHOST' if options.visible else 'OFF'
+        lockstep = stack.enter_context(Lockstep(scenario, settings, open_to=open_to))
+        with_images = film is not None
+        lockstep.add(
+            ObserverNode(referee, watch, with_images=with_images, context=lockstep.context)
+        )
+        lockstep.run(lambda: referee.done)
+        progress.say('finishing the video ...')
+    progress.close()
+    return referee.log()
+
+
+def _film(scenario: Scenario, settings: LoopSettings, folder: Path) -> 'VideoWriter':
+    from visual_servo_epipolar.report.map_view import Bounds
+    from visual_servo_epipolar.report.video import VideoWriter
+
+    camera = scenario.camera
+    return VideoWriter(
+        folder / 'video.mp4',
+        camera.frame_rate,
+        image_size=(camera.width, camera.height),
+        bounds=Bounds.around(Pose.from_start(*settings.start)),
+    )
+
+
+def _picture(image: Image, features: Features, sample: Sample, camera: Camera) -> Image:
+    """Draw features, epipole and epipolar lines as the servo saw them."""
+    from visual_servo_epipolar.report.overlay import draw_overlay
+
+    seen = bool(np.isfinite(sample.bearing_current))
+    return draw_overlay(
+        image,
+        features.current,
+        features.desired,
+        phase=sample.phase.value,
+        epipole_current=camera.cx + sample.epipole_current if seen else None,
+        horizon=camera.cy,
+        fundamental=_fundamental(sample, camera) if seen else None,
+    )
+
+
+def _fundamental(sample: Sample, camera: Camera) -> np.ndarray:
+    psi = HALF_PI - sample.bearing_desired
+    phi = wrap_angle(np.pi - sample.bearing_current)
+    return in_pixels(fundamental_from_bearings(Bearings(psi, phi)), camera.matrix, camera.matrix)
+
+
+def _draw(log: RunLog, folder: Path) -> None:
+    from visual_servo_epipolar.report import figures
+
+    figures.save(figures.trajectory(log), folder / 'trajectory.png')
+    figures.save(figures.signals(log), folder / 'signals.png')

@@ -1,0 +1,211 @@
+"""
+Alignment of feature patches with the desired image, so that tracking does not drift.
+
+Inverse-compositional affine alignment (Baker and Matthews 2004) of all features at once, blind to
+gain and bias of the light. The template is the desired image blurred and sampled at the scale at
+which the feature is seen now, so that both patches show the same detail.
+"""
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, Image, IntArray
+
+RADIUS = 10  # patches have 2 RADIUS + 1 pixels a side, at the scale of the current image
+LEVELS_PER_OCTAVE = 2
+LEVELS = 8  # down to 1 / 11 of the size in the desired image
+PIXEL_BLUR = 0.5  # standard deviation of what one pixel integrates over [px]
+DAMPING = 1e-3
+MAX_CORRECTION = 4.0  # of one alignment from where LK or the match put the feature [px]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Warps:
+    """
+    Where features are and how they are warped, rows are features.
+
+    A desired offset xi from feature ``desired`` is seen at ``current`` + ``affine`` xi. ``ids``,
+    shape (N,); points, shape (N, 2); ``affine``, shape (N, 2, 2).
+    """
+
+    ids: IntArray
+    desired: FloatArray
+    current: FloatArray
+    affine: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+    def take(self, rows: IntArray | BoolArray) -> 'Warps':
+        """Return the rows chosen by index or mask."""
+        return Warps(self.ids[rows], self.desired[rows], self.current[rows], self.affine[rows])
+
+    def joined(self, other: 'Warps') -> 'Warps':
+        """Return the rows of both."""
+        return Warps(
+            np.concatenate([self.ids, other.ids]),
+            np.concatenate([self.desired, other.desired]),
+            np.concatenate([self.current, other.current]),
+            np.concatenate([self.affine, other.affine]),
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Alignment:
+    """Aligned warps; zero-mean normalised correlation and residual [grey levels], shape (N,)."""
+
+    warps: Warps
+    correlation: FloatArray
+    residual: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Template:
+    """One feature at one scale: normalised patch, (P,), and update matrix, (6, P)."""
+
+    patch: FloatArray
+    update: FloatArray
+
+
+class Anchor:
+    """The desired image, ready to align features with; templates are made as scales come up."""
+
+    def __init__(self, image: Image) -> None:
+        self._images = [_blurred(image, level) for level in range(LEVELS)]
+        self._templates: dict[tuple[int, int], _Template] = {}
+        side = np.arange(-RADIUS, RADIUS + 1, dtype=np.float64)
+        self._grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)  # rows: (x, y)
+
+    def align(self, warps: Warps, image: Image, *, iterations: int) -> Alignment:
+        """
+        Align every feature of ``warps`` with its patch in the desired image.
+
+        ``image`` is the current one, uint8 of shape (H, W). A patch without texture keeps its
+        place and gets correlation 0.
+        """
+        if not len(warps):
+            return Alignment(warps, np.empty(0), np.empty(0))
+        levels = _levels(warps.affine)
+        templates = [
+            self._template(int(key), point, int(level))
+            for key, point, level in zip(warps.ids, warps.desired, levels, strict=True)
+        ]
+        patches = np.stack([template.patch for template in templates])
+        updates = np.stack([template.update for template in templates])
+        scale = _scale(levels)[:, None, None]
+        local, centre = warps.affine / scale, warps.current.copy()
+        for _ in range(iterations):
+            unit, _ = _normalised(self._sample(image, centre, local))
+            step = np.einsum('nkp,np->nk', updates, unit - patches)
+            local, centre = _composed(local, centre, step)
+        unit, deviation = _normalised(self._sample(image, centre, local))
+        correlation = np.einsum('np,np->n', unit, patches)
+        moved = np.linalg.norm(centre - warps.current, axis=1)
+        correlation = np.where(moved <= MAX_CORRECTION, correlation, 0.0)
+        residual = deviation * np.sqrt(np.maximum(2.0 - 2.0 * correlation, 0.0))
+        aligned = replace(warps, current=centre, affine=local * scale)
+        return Alignment(aligned, correlation, residual)
+
+    def _sample(self, image: Image, centre: FloatArray, local: FloatArray) -> FloatArray:
+        """Return the current patches, shape (N, P), by bilinear interpolation."""
+        points = centre[:, None, :] + self._grid @ np.swapaxes(local, 1, 2)
+        return bilinear(image, points)
+
+    def _template(self, key: int, point: FloatArray, level: int) -> _Template:
+        if (key, level) not in self._templates:
+            self._templates[key, level] = self._make_template(point, level)
+        return self._templates[key, level]
+
+    def _make_template(self, point: FloatArray, level: int) -> _Template:
+        image, stride = self._images[level], 1.0 / float(_scale(np.array([level]))[0])
+        around = point + self._grid * stride
+        patch, deviation = _normalised(bilinear(image, around[None]))
+        if not deviation[0] > 0.0:
+            size = len(self._grid)
+            return _Template(np.zeros(size), np.zeros((6, size)))
+        slope = _slopes(image, around, stride)
+        x, y = self._grid.T
+        descent = np.stack(
+            [slope[0], slope[1], slope[0] * x, slope[0] * y, slope[1] * x, slope[1] * y]
+        )
+        # Gain and bias of the light must not look like motion: project both out.
+        descent -= descent.mean(axis=1, keepdims=True)
+        descent -= np.outer(descent @ patch[0], patch[0])
+        scale = np.array([1.0, 1.0, *[1.0 / RADIUS] * 4])  # one unit each moves pixels by one
+        descent = descent * scale[:, None]
+        hessian = descent @ descent.T
+        hessian += DAMPING * np.trace(hessian) / 6.0 * np.eye(6)
+        norm = float(deviation[0]) * np.sqrt(len(self._grid))
+        update = scale[:, None] * (np.linalg.solve(hessian, descent) * norm)
+        return _Template(patch[0], update)
+
+
+def bilinear(image: np.ndarray, points: FloatArray) -> FloatArray:
+    """
+    Sample ``image``, shape (H, W), at ``points``, shape (..., 2), in float64.
+
+    Points outside take the value of the border. OpenCV's remap rounds coordinates to 1/32 px,
+    which is more than the tracker's error.
+    """
+    height, width = image.shape
+    u = np.clip(points[..., 0], 0.0, width - 1.001)
+    v = np.clip(points[..., 1], 0.0, height - 1.001)
+    left, top = u.astype(np.int32), v.astype(np.int32)
+    right, down = u - left, v - top
+    flat, corner = image.reshape(-1), top * width + left
+    upper = flat[corner] * (1.0 - right) + flat[corner + 1] * right
+    corner += width
+    lower = flat[corner] * (1.0 - right) + flat[corner + 1] * right
+    return np.asarray(upper * (1.0 - down) + lower * down)
+
+
+def _scale(levels: IntArray) -> FloatArray:
+    return np.asarray(2.0 ** (-levels / LEVELS_PER_OCTAVE))
+
+
+def _levels(affine: FloatArray) -> IntArray:
+    """Return the template level of each affine map: the nearest scale, never above one."""
+    scale = np.sqrt(np.maximum(np.abs(np.linalg.det(affine)), 1e-6))
+    levels = np.rint(-LEVELS_PER_OCTAVE * np.log2(scale))
+    return np.clip(levels, 0, LEVELS - 1).astype(np.int64)
+
+
+def _blurred(image: Image, level: int) -> np.ndarray:
+    """Return ``image`` as float32 with the blur of a view that shows it smaller."""
+    enlargement = 1.0 / float(_scale(np.array([level]))[0])
+    deviation = PIXEL_BLUR * np.sqrt(enlargement**2 - 1.0)
+    solid = image.astype(np.float32)
+    if deviation == 0.0:
+        return solid
+    return np.asarray(cv2.GaussianBlur(solid, (0, 0), float(deviation)))
+
+
+def _slopes(image: np.ndarray, around: FloatArray, stride: float) -> FloatArray:
+    """Return the derivative of the patch along x and y per grid step, shape (2, P)."""
+    return np.stack(
+        [
+            0.5 * (bilinear(image, around + offset) - bilinear(image, around - offset))
+            for offset in (np.array([stride, 0.0]), np.array([0.0, stride]))
+        ]
+    )
+
+
+def _normalised(patches: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return patches of zero mean and unit norm, shape (N, P), and their deviations, (N,)."""
+    centred = patches - patches.mean(axis=-1, keepdims=True)
+    norm = np.linalg.norm(centred, axis=-1)
+    unit = centred / np.where(norm > 0.0, norm, 1.0)[..., None]
+    return unit, norm / np.sqrt(patches.shape[-1])
+
+
+def _composed(
+    local: FloatArray, centre: FloatArray, step: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the warp followed by the inverse of the step: W <- W o dW^-1."""
+    shape = (len(step), 2, 2)
+    matrix = np.eye(2) + step[:, 2:].reshape(shape)
+    new_local = local @ np.linalg.inv(matrix)
+    shift = np.einsum('nij,nj->ni', new_local, step[:, :2])
+    return new_local, centre - shift

@@ -1,0 +1,181 @@
+"""The desired image and its first match: SIFT, ratio test, epipolar check."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import as_gray, BoolArray, FloatArray, Image, IntArray
+from visual_servo_epipolar.core.errors import TrackingError
+
+RATIO = 0.8
+EPIPOLAR_PX = 2.0
+MIN_MATCHES = 8
+CONFIDENCE = 0.999
+ITERATIONS = 5000
+CORNER_WINDOW = 15  # window of the corner measure [px], as large as what LK looks at
+BORDER = 12  # features nearer to the border of the desired image are left alone [px]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Keypoints:
+    """
+    SIFT keypoints of one image.
+
+    ``pixels``, shape (N, 2); ``sizes``, shape (N,), diameters [px]; ``descriptors``, (N, 128).
+    """
+
+    pixels: FloatArray
+    sizes: FloatArray
+    descriptors: np.ndarray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DesiredView:
+    """The photograph to come back to: its image, its keypoints, and how good a corner each is."""
+
+    image: Image
+    keypoints: Keypoints
+    corners: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Matches:
+    """
+    Keypoints of the desired view found in a current image.
+
+    ``indices``, shape (M,), into the keypoints of the view; ``pixels``, shape (M, 2), current;
+    ``scales``, shape (M,), size in the current over size in the desired image.
+    """
+
+    indices: IntArray
+    pixels: FloatArray
+    scales: FloatArray
+
+
+def detect(image: Image, *, limit: int) -> Keypoints:
+    """Detect at most ``limit`` SIFT keypoints, the strongest one at each place."""
+    points, descriptors = cv2.SIFT_create(nfeatures=limit).detectAndCompute(image, None)
+    if descriptors is None:
+        return Keypoints(np.empty((0, 2)), np.empty(0), np.empty((0, 128), np.float32))
+    pixels = np.array([point.pt for point in points], dtype=np.float64)
+    sizes = np.array([point.size for point in points])
+    # SIFT repeats a point for each of its orientations, in an order that is not the same twice.
+    order = np.lexsort((sizes, pixels[:, 1], pixels[:, 0]))
+    return Keypoints(pixels[order], sizes[order], descriptors[order])
+
+
+def desired_view(image: Image, *, limit: int = 4000) -> DesiredView:
+    """
+    Prepare the desired image for matching and tracking.
+
+    Raises
+    ------
+    ValueError
+        If ``image`` is not uint8 of shape (H, W).
+    TrackingError
+        If it shows fewer than eight features: a blank wall, a lens cap.
+
+    """
+    image = as_gray(image, 'desired image').copy()
+    keypoints = detect(image, limit=limit)
+    height, width = image.shape
+    u, v = keypoints.pixels[:, 0], keypoints.pixels[:, 1]
+    inside = (u >= BORDER) & (u < width - BORDER) & (v >= BORDER) & (v < height - BORDER)
+    if int(inside.sum()) < MIN_MATCHES:
+        raise TrackingError(
+            f'the desired image shows {int(inside.sum())} features, at least {MIN_MATCHES} are '
+            'needed; take the photograph where there is texture and light'
+        )
+    keypoints = Keypoints(
+        keypoints.pixels[inside], keypoints.sizes[inside], keypoints.descriptors[inside]
+    )
+    measure = cv2.cornerMinEigenVal(image, CORNER_WINDOW, ksize=3)
+    columns, rows = np.rint(keypoints.pixels).astype(int).T
+    return DesiredView(image, keypoints, measure[rows, columns].astype(np.float64))
+
+
+def match(view: DesiredView, image: Image, *, limit: int = 4000) -> Matches:
+    """
+    Find the keypoints of ``view`` in ``image``.
+
+    Mutual nearest descriptors that pass Lowe's ratio test, then one robust epipolar geometry that
+    all must fit.
+
+    Raises
+    ------
+    TrackingError
+        If fewer than eight matches agree on one epipolar geometry.
+
+    """
+    found = detect(as_gray(image), limit=limit)
+    pairs = _mutual(view.keypoints.descriptors, found.descriptors)
+    desired, current = view.keypoints.pixels[pairs[:, 0]], found.pixels[pairs[:, 1]]
+    agree = _epipolar_inliers(current, desired)
+    if int(agree.sum()) < MIN_MATCHES:
+        raise TrackingError(
+            f'the desired view is not seen: {len(pairs)} matches of which {int(agree.sum())} '
+            f'agree on one geometry, {MIN_MATCHES} needed; turn the robot towards it'
+        )
+    pairs = pairs[agree]
+    indices, first = np.unique(pairs[:, 0], return_index=True)
+    scales = found.sizes[pairs[first, 1]] / view.keypoints.sizes[indices]
+    return Matches(indices.astype(np.int64), found.pixels[pairs[first, 1]], scales)
+
+
+def _mutual(desired: np.ndarray, current: np.ndarray) -> IntArray:
+    """Return index pairs (desired, current) that are each other's nearest, shape (M, 2)."""
+    if len(desired) < 2 or len(current) < 2:
+        return np.empty((0, 2), np.int64)
+    matcher = cv2.BFMatcher(cv2.NORM_L2)
+    forward = matcher.knnMatch(desired, current, k=2)
+    kept = [a for a, b in forward if a.distance < RATIO * b.distance]
+    back = {pair.queryIdx: pair.trainIdx for pair in matcher.match(current, desired)}
+    pairs = [(a.queryIdx, a.trainIdx) for a in kept if back[a.trainIdx] == a.queryIdx]
+    return np.array(pairs, dtype=np.int64).reshape(-1, 2)
+
+
+def _epipolar_inliers(current: FloatArray, desired: FloatArray) -> BoolArray:
+    if len(current) < MIN_MATCHES:
+        return np.zeros(len(current), bool)
+    found, mask = cv2.findFundamentalMat(
+        current, desired, cv2.USAC_MAGSAC, EPIPOLAR_PX, CONFIDENCE, ITERATIONS
+    )
+    if found is None or mask is None:
+        return np.zeros(len(current), bool)
+    return np.asarray(mask.ravel() > 0)
+
+
+def spread(pixels: FloatArray, quality: FloatArray, count: int, size: tuple[int, int]) -> IntArray:
+    """
+    Choose ``count`` points spread over an image, best quality first within each cell.
+
+    Parameters
+    ----------
+    pixels : array, shape (N, 2)
+        Candidates.
+    quality : array, shape (N,)
+        Larger is better.
+    count : int
+        How many to choose; all when there are not so many.
+    size : (int, int)
+        Width and height of the image [px].
+
+    Returns
+    -------
+    indices : array, shape (min(N, count),)
+        The chosen rows in ascending order.
+
+    """
+    columns = max(2, round((1.5 * count) ** 0.5))
+    rows = max(2, round(columns * size[1] / size[0]))
+    cell_u = np.clip(pixels[:, 0] * columns / size[0], 0, columns - 1).astype(int)
+    cell_v = np.clip(pixels[:, 1] * rows / size[1], 0, rows - 1).astype(int)
+    cell = cell_v * columns + cell_u
+    order = np.lexsort((-quality, cell))
+    starts = np.flatnonzero(np.diff(cell[order], prepend=-1))
+    within = np.arange(len(order)) - np.repeat(starts, np.diff(starts, append=len(order)))
+    rank = np.empty(len(order), np.int64)
+    rank[order] = within
+    best_first = np.lexsort((-quality, rank))  # every cell's best, then every second best, ...
+    return np.sort(best_first[:count])

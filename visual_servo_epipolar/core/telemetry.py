@@ -1,0 +1,60 @@
+"""The servo's state as named numbers: what is published, recorded and plotted."""
+
+from collections.abc import Mapping
+import math
+
+from visual_servo_epipolar.core.motion import Pose, Twist
+from visual_servo_epipolar.core.phases import Phase
+from visual_servo_epipolar.core.run_log import Sample
+from visual_servo_epipolar.core.servo_state import ServoState
+
+
+def telemetry(state: ServoState) -> dict[str, float]:
+    """
+    Return what the servo saw and decided, by name; the unit is the end of each name.
+
+    Epipoles are abscissae from the principal point; bearings are those of the other camera's
+    centre, oriented, right positive. What could not be measured is nan.
+    """
+    sight = state.sight
+    if sight is None:
+        raise ValueError('there is no telemetry before the first tracks; step the servo first')
+    bearings, focal = sight.bearings, sight.focal
+    return {
+        'epipole_current_px': focal * bearings.epipole_current if bearings else math.nan,
+        'epipole_desired_px': focal * bearings.epipole_desired if bearings else math.nan,
+        'bearing_current_rad': bearings.current if bearings else math.nan,
+        'bearing_desired_rad': bearings.desired if bearings else math.nan,
+        'psi_rad': bearings.psi if bearings else math.nan,
+        'phi_rad': bearings.phi if bearings else math.nan,
+        'sigma': bearings.sigma if bearings else math.nan,
+        'sigma_confidence': sight.confidence,
+        'inliers': float(sight.inliers),
+        'features': float(sight.features),
+        'parallax_px': sight.parallax_px,
+        'heading_error_rad': sight.heading_error,
+        'feature_difference_px2': sight.difference * focal**2,
+        'feature_error_px': sight.feature_error * focal,
+        'distance_estimate_m': state.distance,
+        'linear_m_s': state.twist.linear,
+        'angular_rad_s': state.twist.angular,
+        'attempt': float(state.attempts),
+    }
+
+
+def sample(stamp_ns: int, pose: Pose, phase: Phase, numbers: Mapping[str, float]) -> Sample:
+    """Return the record of one step from its telemetry and the ground truth."""
+    return Sample(
+        stamp_ns=stamp_ns,
+        pose=pose,
+        twist=Twist(numbers['linear_m_s'], numbers['angular_rad_s']),
+        phase=phase,
+        features=int(numbers['features']),
+        epipole_current=numbers['epipole_current_px'],
+        epipole_desired=numbers['epipole_desired_px'],
+        bearing_current=numbers['bearing_current_rad'],
+        bearing_desired=numbers['bearing_desired_rad'],
+        feature_difference=numbers['feature_difference_px2'],
+        feature_error=numbers['feature_error_px'],
+        distance_estimate=numbers['distance_estimate_m'],
+    )

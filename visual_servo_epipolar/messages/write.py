@@ -1,0 +1,137 @@
+"""Core values into messages. Every scalar is made a float or an int: rclpy checks nothing."""
+
+from typing import Any
+
+from builtin_interfaces.msg import Time
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from geometry_msgs.msg import Twist as TwistMessage
+from geometry_msgs.msg import TwistStamped
+from nav_msgs.msg import Odometry
+import numpy as np
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import CameraInfo, Image, JointState, PointCloud2, PointField
+from std_msgs.msg import Header, String
+
+from visual_servo_epipolar.core.camera import Camera
+from visual_servo_epipolar.core.features import Features
+from visual_servo_epipolar.core.motion import Pose, quaternion_from_yaw, Twist
+
+NANOSECONDS = 1_000_000_000
+TRACK_LAYOUT = np.dtype(
+    [
+        ('id', '<u4'),
+        ('u', '<f8'),
+        ('v', '<f8'),
+        ('desired_u', '<f8'),
+        ('desired_v', '<f8'),
+        ('age', '<u4'),
+        ('error', '<f8'),
+    ]
+)
+POINT_TYPES = {'<u4': PointField.UINT32, '<f8': PointField.FLOAT64}
+
+
+def stamp(stamp_ns: int) -> Time:
+    """Return a time [ns] as a message."""
+    return Time(sec=int(stamp_ns // NANOSECONDS), nanosec=int(stamp_ns % NANOSECONDS))
+
+
+def header(stamp_ns: int, frame_id: str) -> Header:
+    """Return a header."""
+    return Header(stamp=stamp(stamp_ns), frame_id=frame_id)
+
+
+def clock(stamp_ns: int) -> Clock:
+    """Return a /clock message."""
+    return Clock(clock=stamp(stamp_ns))
+
+
+def image(pixels: np.ndarray, encoding: str, stamp_ns: int, frame_id: str) -> Image:
+    """Return a sensor_msgs/Image of uint8 ``pixels``, shape (H, W) or (H, W, 3)."""
+    pixels = np.ascontiguousarray(pixels)
+    message = Image(header=header(stamp_ns, frame_id), encoding=encoding)
+    message.height, message.width = int(pixels.shape[0]), int(pixels.shape[1])
+    message.step = int(pixels.strides[0])
+    message.data.frombytes(pixels)  # one copy; assigning numpy or a memoryview takes 100 ms
+    return message
+
+
+def camera_info(camera: Camera, stamp_ns: int, frame_id: str) -> CameraInfo:
+    """Return a sensor_msgs/CameraInfo: R is the identity, P is K with a fourth column of zeros."""
+    message = CameraInfo(header=header(stamp_ns, frame_id))
+    message.width, message.height = camera.width, camera.height
+    message.distortion_model = camera.distortion_model
+    message.d = [float(value) for value in camera.distortion]
+    message.k = camera.matrix.ravel()
+    message.r = np.eye(3).ravel()
+    message.p = np.column_stack([camera.matrix, np.zeros(3)]).ravel()
+    return message
+
+
+def twist(value: Twist) -> TwistMessage:
+    """Return a geometry_msgs/Twist."""
+    message = TwistMessage()
+    message.linear.x, message.angular.z = float(value.linear), float(value.angular)
+    return message
+
+
+def twist_stamped(value: Twist, stamp_ns: int, frame_id: str) -> TwistStamped:
+    """Return a geometry_msgs/TwistStamped."""
+    return TwistStamped(header=header(stamp_ns, frame_id), twist=twist(value))
+
+
+def odometry(
+    pose: Pose, velocity: Twist, stamp_ns: int, frame_id: str, child_frame_id: str
+) -> Odometry:
+    """Return a nav_msgs/Odometry: pose in ``frame_id``, velocity in ``child_frame_id``."""
+    message = Odometry(header=header(stamp_ns, frame_id), child_frame_id=child_frame_id)
+    message.pose.pose.position.x, message.pose.pose.position.y = float(pose.x), float(pose.y)
+    turn = message.pose.pose.orientation
+    turn.x, turn.y, turn.z, turn.w = quaternion_from_yaw(pose.theta)
+    message.twist.twist = twist(velocity)
+    return message
+
+
+def features(value: Features, stamp_ns: int, frame_id: str) -> PointCloud2:
+    """Return tracks as a sensor_msgs/PointCloud2, one row a feature."""
+    rows = np.empty(len(value), TRACK_LAYOUT)
+    rows['id'], rows['age'], rows['error'] = value.ids, value.ages, value.errors
+    rows['u'], rows['v'] = value.current.T
+    rows['desired_u'], rows['desired_v'] = value.desired.T
+    message = PointCloud2(header=header(stamp_ns, frame_id), height=1, width=len(value))
+    message.fields = [
+        PointField(name=name, offset=int(offset), datatype=POINT_TYPES[kind.str], count=1)
+        for name, (kind, offset) in (TRACK_LAYOUT.fields or {}).items()
+    ]
+    message.is_dense, message.point_step = True, TRACK_LAYOUT.itemsize
+    message.row_step = message.point_step * len(value)
+    message.data.frombytes(rows.tobytes())
+    return message
+
+
+def numbers(values: dict[str, float], stamp_ns: int, frame_id: str) -> JointState:
+    """
+    Return named numbers with a stamp.
+
+    JointState is the one stock message that carries them and that plotting tools show by name;
+    ``position`` holds the values.
+    """
+    message = JointState(header=header(stamp_ns, frame_id))
+    message.name = list(values)
+    message.position = [float(value) for value in values.values()]
+    return message
+
+
+def text(value: str) -> String:
+    """Return a std_msgs/String."""
+    return String(data=value)
+
+
+def diagnostics(
+    name: str, *, healthy: bool, summary: str, values: dict[str, Any], stamp_ns: int
+) -> DiagnosticArray:
+    """Return a diagnostic_msgs/DiagnosticArray with one status."""
+    status = DiagnosticStatus(name=name, message=summary)
+    status.level = DiagnosticStatus.OK if healthy else DiagnosticStatus.WARN
+    status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
+    return DiagnosticArray(header=header(stamp_ns, ''), status=[status])

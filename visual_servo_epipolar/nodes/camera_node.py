@@ -1,0 +1,81 @@
+"""A simulated camera: ground truth in, images of a room out."""
+
+import sys
+from typing import Any
+
+import cv2
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from sensor_msgs.msg import CameraInfo, Image
+
+from visual_servo_epipolar.core.arrays import Image as Pixels
+from visual_servo_epipolar.messages import read, write
+from visual_servo_epipolar.nodes import parameters, qos
+from visual_servo_epipolar.nodes.run import spin
+from visual_servo_epipolar.simulation.camera_simulator import CameraSettings, CameraSimulator
+from visual_servo_epipolar.simulation.closed_loop import period_ns
+
+FRAME_ID = 'camera_optical_frame'
+WARN_PERIOD_S = 2.0
+
+
+class CameraNode(Node):
+    """
+    Hosts a ``CameraSimulator``; takes an image whenever ground truth has moved on by a frame.
+
+    So it needs no clock of its own, and lives in wall time as in lockstep.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('camera_node', **options)
+        self._settings = parameters.declare(self, CameraSettings)
+        parameters.refuse_unknown(self)
+        parameters.watch(self, lambda: self._settings, self._use)
+        self._simulator = CameraSimulator(self._settings)
+        self._frame, self._last_ns = 0, None
+        self._image_pub = self.create_publisher(Image, 'image_raw', qos.STREAM)
+        self._info_pub = self.create_publisher(CameraInfo, 'camera_info', qos.STREAM)
+        self._desired_pub = self.create_publisher(Image, 'desired/image_raw', qos.LATCHED)
+        self.create_subscription(Odometry, 'ground_truth', self._on_truth, qos.STREAM)
+        self._desired_pub.publish(self._message(self._simulator.photograph(), 0))
+
+    def _use(self, settings: Any) -> None:
+        self._settings = self._simulator.settings = settings
+
+    def _on_truth(self, message: Odometry) -> None:
+        try:
+            stamp_ns, pose = read.stamp_ns(message.header), read.pose(message)
+        except ValueError as error:
+            self.get_logger().error(str(error), throttle_duration_sec=WARN_PERIOD_S)
+            return
+        if not self._is_due(stamp_ns):
+            return
+        image = self._simulator.capture(pose, self._frame)
+        self._frame += 1
+        info = write.camera_info(self._simulator.camera, stamp_ns, FRAME_ID)
+        self._info_pub.publish(info)
+        self._image_pub.publish(self._message(image, stamp_ns))
+
+    def _is_due(self, stamp_ns: int) -> bool:
+        """Return whether a frame has passed; time running backwards starts anew."""
+        period, last = period_ns(self._settings.frame_rate), self._last_ns
+        if last is not None and last <= stamp_ns < last + period:
+            return False
+        on_grid = last is not None and stamp_ns < last + 2 * period
+        self._last_ns = last + period if on_grid else stamp_ns
+        return True
+
+    def _message(self, image: Pixels, stamp_ns: int) -> Image:
+        encoding = self._settings.encoding
+        if encoding == 'bgr8':
+            image = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
+        return write.image(image, encoding, stamp_ns, FRAME_ID)
+
+
+def main() -> None:
+    """Run the node."""
+    sys.exit(spin(CameraNode))
+
+
+if __name__ == '__main__':
+    main()

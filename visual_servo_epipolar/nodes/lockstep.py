@@ -1,0 +1,134 @@
+"""All nodes in one process, in lockstep: deterministic, and as fast as the machine allows."""
+
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from dataclasses import fields
+import os
+import time
+from typing import Any
+
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+
+from visual_servo_epipolar.core.errors import VisualServoError
+from visual_servo_epipolar.core.settings import Settings
+from visual_servo_epipolar.nodes.camera_node import CameraNode
+from visual_servo_epipolar.nodes.run import tune_transport
+from visual_servo_epipolar.nodes.servo_node import ServoNode
+from visual_servo_epipolar.nodes.tracker_node import TrackerNode
+from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
+from visual_servo_epipolar.simulation.closed_loop import LoopSettings
+from visual_servo_epipolar.simulation.scenario import Scenario
+
+STALL_S = 60.0
+DISCOVERY_RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
+
+
+class LockstepError(VisualServoError):
+    """The chain of nodes stood still, or never got going."""
+
+
+class Lockstep(AbstractContextManager['Lockstep']):
+    """
+    The four nodes in one context, each with simulated time, isolated from other processes.
+
+    Isolation matters: this publishes cmd_vel, and there may be a robot in the room. ``open_to``
+    LOCALHOST or SUBNET lets tools such as RViz look on.
+    """
+
+    def __init__(self, scenario: Scenario, loop: LoopSettings, *, open_to: str = 'OFF') -> None:
+        tune_transport()
+        self._before = os.environ.get(DISCOVERY_RANGE)
+        os.environ[DISCOVERY_RANGE] = open_to
+        self.context = Context()
+        rclpy.init(args=[], context=self.context)
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.nodes: list[Node] = []
+        base = {'lockstep': True, 'start': loop.start, 'seed': loop.seed}
+        base['frame_rate'] = loop.frame_rate
+        self.servo = self._add(ServoNode, scenario.servo, {'camera_reliability': 'reliable'})
+        self.tracker = self._add(
+            TrackerNode, scenario.tracker, {'camera_reliability': 'reliable'}
+        )
+        self.unicycle = self._add(UnicycleNode, scenario.base, base, simulated_time=False)
+        self.camera = self._add(CameraNode, scenario.camera, {})
+
+    def add(self, node: Node) -> None:
+        """Let ``node``, made in ``context``, take part."""
+        self.nodes.append(node)
+        self.executor.add_node(node)
+
+    def run(self, done: Callable[[], bool]) -> None:
+        """
+        Set the chain going, and spin until ``done``.
+
+        Raises
+        ------
+        LockstepError
+            If nodes do not find each other, or nothing happens for a minute.
+
+        """
+        self._spin_until(self._connected, 'every node to find its peers and the photograph')
+        self.unicycle.begin()
+        self._spin_until(done, 'the run to end')
+
+    def __exit__(self, *_: object) -> None:
+        for node in self.nodes:
+            node.destroy_node()
+        self.executor.shutdown()
+        self.context.try_shutdown()
+        if self._before is None:
+            os.environ.pop(DISCOVERY_RANGE, None)
+        else:
+            os.environ[DISCOVERY_RANGE] = self._before
+
+    def _add(
+        self,
+        kind: type[Any],
+        settings: Settings,
+        more: Mapping[str, Any],
+        *,
+        simulated_time: bool = True,
+    ) -> Any:
+        values = {item.name: getattr(settings, item.name) for item in fields(settings)}
+        overrides = [
+            Parameter(name, value=list(value) if isinstance(value, tuple) else value)
+            for name, value in {**values, **more, 'use_sim_time': simulated_time}.items()
+        ]
+        node = kind(
+            context=self.context, parameter_overrides=overrides, use_global_arguments=False
+        )
+        self.add(node)
+        return node
+
+    def _connected(self) -> bool:
+        chain = (
+            (self.unicycle, 'ground_truth'),
+            (self.camera, 'image_raw'),
+            (self.camera, 'camera_info'),
+            (self.tracker, 'tracks'),
+            (self.servo, 'cmd_vel'),
+        )
+        matched = all(_subscribers(node, topic) > 0 for node, topic in chain)
+        return matched and _subscribers(self.camera, 'camera_info') > 1 and self.tracker.ready
+
+    def _spin_until(self, condition: Callable[[], bool], waited_for: str) -> None:
+        progress, seen = time.monotonic(), -1
+        while not condition():
+            self.executor.spin_once(timeout_sec=0.05)
+            steps = self.unicycle.steps
+            if steps != seen:
+                progress, seen = time.monotonic(), steps
+            if time.monotonic() - progress > STALL_S:
+                raise LockstepError(
+                    f'the nodes stood still for {STALL_S:g} s after {steps} steps, waiting for '
+                    f'{waited_for}; look for errors above'
+                )
+
+
+def _subscribers(node: Node, topic: str) -> int:
+    name = node.resolve_topic_name(topic)
+    return sum(p.get_subscription_count() for p in node.publishers if p.topic_name == name)

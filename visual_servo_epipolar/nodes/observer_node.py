@@ -1,0 +1,70 @@
+"""Looks on: joins ground truth and what the servo says into the record of a run."""
+
+from collections.abc import Callable
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import Image, JointState, PointCloud2
+
+from visual_servo_epipolar.core.arrays import Image as Pixels
+from visual_servo_epipolar.core.features import Features
+from visual_servo_epipolar.core.phases import Phase
+from visual_servo_epipolar.core.run_log import Sample
+from visual_servo_epipolar.core.telemetry import sample
+from visual_servo_epipolar.messages import read
+from visual_servo_epipolar.simulation.closed_loop import Referee
+
+DEPTH = 20
+
+
+Watch = Callable[[Sample, Pixels | None, Features | None], None]
+
+
+class ObserverNode(Node):
+    """
+    Hands one step after the other to the ``referee``, and to ``watch`` with image and tracks.
+
+    Images are subscribed only ``with_images``; they are what a video is made from.
+    """
+
+    def __init__(
+        self, referee: Referee, watch: Watch, *, with_images: bool, **options: Any
+    ) -> None:
+        super().__init__('observer_node', **options)
+        self._referee, self._watch = referee, watch
+        self._moments: dict[int, dict[str, Any]] = {}  # messages of a stamp, until all are there
+        kinds: dict[str, Any] = {
+            'ground_truth': Odometry,
+            'epipoles': JointState,
+            '/diagnostics': DiagnosticArray,
+        }
+        if with_images:
+            kinds |= {'image_raw': Image, 'tracks': PointCloud2}
+        self._needed = set(kinds)
+        for topic, kind in kinds.items():
+            self.create_subscription(kind, topic, self._listener(topic), QoSProfile(depth=DEPTH))
+
+    def _listener(self, topic: str) -> Callable[[Any], None]:
+        def listen(message: Any) -> None:
+            stamp_ns = read.stamp_ns(message.header)
+            parts = self._moments.setdefault(stamp_ns, {})
+            parts[topic] = message
+            if self._needed <= parts.keys():
+                self._complete(stamp_ns, self._moments.pop(stamp_ns))
+
+        return listen
+
+    def _complete(self, stamp_ns: int, parts: dict[str, Any]) -> None:
+        if self._referee.done:
+            return
+        said = read.diagnosis(parts['/diagnostics'])
+        numbers = read.numbers(parts['epipoles'])
+        pose = read.pose(parts['ground_truth'])
+        step = sample(stamp_ns, pose, Phase(said['phase']), numbers)
+        self._referee.add(step, reason=said['reason'], attempts=int(numbers['attempt']))
+        image = read.gray(parts['image_raw']) if 'image_raw' in parts else None
+        features = read.features(parts['tracks']) if 'tracks' in parts else None
+        self._watch(step, image, features)

@@ -1,0 +1,29 @@
+"""The quality-of-service profiles in use, each with its reason."""
+
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+
+def _newest(
+    reliability: ReliabilityPolicy, durability: DurabilityPolicy = DurabilityPolicy.VOLATILE
+) -> QoSProfile:
+    """Depth 1: in a control loop a second-newest message is worth nothing."""
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST, depth=1, reliability=reliability, durability=durability
+    )
+
+
+# What we publish is reliable, so that either kind of subscriber connects and no step is lost.
+STREAM = _newest(ReliabilityPolicy.RELIABLE)
+COMMAND = _newest(ReliabilityPolicy.RELIABLE)
+# A photograph, or a state, must reach those who come late.
+LATCHED = _newest(ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL)
+# /clock as ROS defines it.
+CLOCK = _newest(ReliabilityPolicy.BEST_EFFORT)
+DIAGNOSTICS = QoSProfile(depth=10)
+
+# A reliable subscriber never connects to a best-effort camera driver; a best-effort one connects
+# to every driver but loses large images on default transports. Hence a choice.
+IMAGES = {
+    'reliable': _newest(ReliabilityPolicy.RELIABLE),
+    'best_effort': _newest(ReliabilityPolicy.BEST_EFFORT),
+}

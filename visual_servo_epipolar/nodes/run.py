@@ -1,0 +1,84 @@
+"""The one main loop of all nodes: init, spin, a clean exit with a zero twist."""
+
+from collections.abc import Callable, Sequence
+import ctypes
+import os
+from pathlib import Path
+import signal
+import sys
+import threading
+from typing import Protocol
+
+import rclpy
+from rclpy.exceptions import ParameterException
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+
+USAGE_ERROR = 2
+MALLOPT_MMAP_THRESHOLD, MALLOPT_TRIM_THRESHOLD = -3, -1
+KEEP_BYTES = 2**29 - 1
+
+
+class Stoppable(Protocol):
+    """A node that has something to say before it goes, such as a zero twist."""
+
+    def stop(self) -> None:
+        """Say it, while the context is still alive."""
+        ...
+
+
+def spin(factory: Callable[[], Node], args: Sequence[str] | None = None) -> int:
+    """
+    Run the node that ``factory`` makes until SIGINT or SIGTERM; return the exit code.
+
+    rclpy's own signal handlers end the context before Python runs again, so that no last twist
+    could be published: these set an event only.
+    """
+    tune_transport()
+    ending = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: ending.set())
+    node: Node | None = None
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        node = factory()
+        executor = SingleThreadedExecutor()
+        executor.add_node(node)
+        while not ending.is_set():
+            executor.spin_once(timeout_sec=0.1)
+    except (ParameterException, ValueError, RuntimeError) as error:
+        if node is not None:
+            raise
+        print(f'{Path(sys.argv[0]).name}: {_one_line(error)}', file=sys.stderr)
+        return USAGE_ERROR
+    finally:
+        if node is not None:
+            stop = getattr(node, 'stop', None)
+            if stop is not None:
+                stop()
+            node.destroy_node()
+        rclpy.try_shutdown()
+    return 0
+
+
+def tune_transport() -> None:
+    """
+    Give images room: shared memory for whole frames, and buffers that are kept.
+
+    The default segment is smaller than one image, and glibc returns megabyte buffers to the
+    kernel after each message. Both are settings of this process alone; a profile of the user's
+    own (FASTRTPS_DEFAULT_PROFILES_FILE) is left as it is.
+    """
+    profile = Path(__file__).with_name('fastdds_profile.xml')
+    if profile.is_file():
+        os.environ.setdefault('FASTRTPS_DEFAULT_PROFILES_FILE', str(profile))
+    if sys.platform == 'linux':
+        libc = ctypes.CDLL(None)
+        if hasattr(libc, 'mallopt'):
+            libc.mallopt(MALLOPT_MMAP_THRESHOLD, KEEP_BYTES)
+            libc.mallopt(MALLOPT_TRIM_THRESHOLD, KEEP_BYTES)
+
+
+def _one_line(error: Exception) -> str:
+    return ' '.join(str(error).split()) or type(error).__name__

@@ -1,0 +1,200 @@
+"""The servo: features in, velocity commands out; what to do about them is decided in the core."""
+
+from dataclasses import dataclass, replace
+import sys
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Twist as TwistMessage
+from geometry_msgs.msg import TwistStamped
+from rclpy.clock import Clock, ClockType
+from rclpy.duration import Duration
+from rclpy.node import Node
+from sensor_msgs.msg import CameraInfo, JointState, PointCloud2
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+from visualization_msgs.msg import MarkerArray
+
+from visual_servo_epipolar.core.camera import Camera
+from visual_servo_epipolar.core.features import Features
+from visual_servo_epipolar.core.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.perception import observe
+from visual_servo_epipolar.core.servo import step, stop
+from visual_servo_epipolar.core.servo_settings import ServoSettings
+from visual_servo_epipolar.core.servo_state import seconds_between, ServoState
+from visual_servo_epipolar.core.settings import setting, Settings
+from visual_servo_epipolar.core.telemetry import telemetry
+from visual_servo_epipolar.messages import read, servo_report, write
+from visual_servo_epipolar.nodes import parameters, qos
+from visual_servo_epipolar.nodes.run import spin
+
+WARN_PERIOD_S = 5.0
+FAREWELL_S = 0.2
+WATCH_PERIOD_S = 0.05
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServoNodeSettings(Settings):
+    """How the node is connected."""
+
+    enable_stamped_cmd_vel: bool = setting(
+        False, 'Publish geometry_msgs/TwistStamped on cmd_vel', read_only=True
+    )
+    base_frame: str = setting('base_link', 'Frame of the commands', read_only=True)
+    camera_reliability: str = setting(
+        'best_effort',
+        'Subscribe to camera_info as: best_effort connects to every driver',
+        choices=tuple(qos.IMAGES),
+        read_only=True,
+    )
+
+
+class ServoNode(Node):
+    """
+    Hosts ``core.servo.step``: one command for each set of tracks, none while it is not started.
+
+    A watchdog stops the robot when tracks stay away. It runs on the steady clock; in simulated
+    time on that, for then the world stands still whenever time does.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('servo_node', **options)
+        self._node_settings = parameters.declare(self, ServoNodeSettings)
+        self._settings = parameters.declare(self, ServoSettings)
+        parameters.refuse_unknown(self)
+        parameters.watch(self, lambda: self._settings, self._use)
+        self._active, self._state = self._settings.autostart, ServoState()
+        self._camera: Camera | None = None
+        self._waiting: PointCloud2 | None = None
+        self._fresh_ns: int | None = None
+        self._create_publishers()
+        self._create_subscriptions()
+        simulated = self.get_parameter('use_sim_time').value
+        self._watch_clock = (
+            self.get_clock() if simulated else Clock(clock_type=ClockType.STEADY_TIME)
+        )
+        self.create_timer(WATCH_PERIOD_S, self._on_watch, clock=self._watch_clock)
+
+    def stop(self) -> None:
+        """Stop the robot, and wait until it has heard it."""
+        self._active, self._state = False, stop(self._state)
+        self._command(STANDSTILL, self.get_clock().now().nanoseconds)
+        self._command_pub.wait_for_all_acked(Duration(seconds=FAREWELL_S))
+
+    def _create_publishers(self) -> None:
+        stamped = self._node_settings.enable_stamped_cmd_vel
+        kind = TwistStamped if stamped else TwistMessage
+        self._command_pub = self.create_publisher(kind, 'cmd_vel', qos.COMMAND)
+        self._numbers_pub = self.create_publisher(JointState, 'epipoles', qos.STREAM)
+        self._phase_pub = self.create_publisher(String, 'phase', qos.LATCHED)
+        self._diagnostics_pub = self.create_publisher(
+            DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS
+        )
+        self._markers_pub = self.create_publisher(MarkerArray, '~/markers', qos.STREAM)
+
+    def _create_subscriptions(self) -> None:
+        info = qos.IMAGES[self._node_settings.camera_reliability]
+        self.create_subscription(CameraInfo, 'camera_info', self._on_info, info)
+        self.create_subscription(PointCloud2, 'tracks', self._on_tracks, qos.STREAM)
+        self.create_service(Trigger, '~/start', self._on_start)
+        self.create_service(Trigger, '~/stop', self._on_stop)
+        self.create_service(Trigger, '~/reset', self._on_reset)
+
+    def _use(self, settings: ServoSettings) -> None:
+        self._settings = settings
+
+    def _on_info(self, message: CameraInfo) -> None:
+        try:
+            self._camera = read.camera(message)
+        except ValueError as error:
+            self._camera = None
+            self._complain(f'camera_info cannot be used, the robot stands: {error}')
+        if self._waiting is not None and self._camera is not None:
+            waiting, self._waiting = self._waiting, None
+            self._on_tracks(waiting)
+
+    def _on_tracks(self, message: PointCloud2) -> None:
+        self._fresh_ns = self._watch_clock.now().nanoseconds
+        if not self._active:
+            return
+        if self._camera is None:
+            self._waiting = message
+            self._complain('no usable camera_info yet; tracks wait for it, the robot stands')
+            self._halt()
+            return
+        features, stamp_ns = Features(), read.stamp_ns(message.header)
+        try:
+            features = read.features(message)
+        except ValueError as error:
+            self._complain(f'tracks refused: {error}')
+        self._follow(step(self._state, observe(features, self._camera, stamp_ns), self._settings))
+        self._publish(stamp_ns, message.header.frame_id)
+
+    def _follow(self, state: ServoState) -> None:
+        """Take over a new state, and say so when its phase is a new one."""
+        if state.phase is not self._state.phase:
+            self.get_logger().info(f'{self._state.phase.value} -> {state.phase.value} '
+                                   f'({state.reason})')
+        self._state = state
+
+    def _publish(self, stamp_ns: int, frame_id: str) -> None:
+        state = self._state
+        self._phase_pub.publish(write.text(state.phase.value))
+        self._numbers_pub.publish(write.numbers(telemetry(state), stamp_ns, frame_id))
+        self._diagnostics_pub.publish(
+            servo_report.diagnosis(state, stamp_ns, name=self.get_fully_qualified_name())
+        )
+        self._markers_pub.publish(servo_report.markers(state, stamp_ns, frame_id))
+        self._command(state.twist, stamp_ns)
+
+    def _command(self, twist: Twist, stamp_ns: int) -> None:
+        if self._node_settings.enable_stamped_cmd_vel:
+            frame = self._node_settings.base_frame
+            self._command_pub.publish(write.twist_stamped(twist, stamp_ns, frame))
+        else:
+            self._command_pub.publish(write.twist(twist))
+
+    def _halt(self) -> None:
+        """Stop a robot that may be moving; the state remembers that it stands."""
+        if self._state.twist != STANDSTILL:
+            self._state = replace(self._state, twist=STANDSTILL)
+            self._command(STANDSTILL, self.get_clock().now().nanoseconds)
+
+    def _on_watch(self) -> None:
+        if self._fresh_ns is None or self._state.twist == STANDSTILL:
+            return
+        age = seconds_between(self._fresh_ns, self._watch_clock.now().nanoseconds)
+        if age > self._settings.stale_timeout:
+            self._complain(f'no tracks for {age:.2f} s, the robot is stopped')
+            self._halt()
+
+    def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self._state.ended:
+            self._state = ServoState()
+        self._active = response.success = True
+        response.message = 'started' if self._camera else 'started; waits for camera_info'
+        return response
+
+    def _on_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self.stop()
+        self._phase_pub.publish(write.text(self._state.phase.value))
+        response.success, response.message = True, 'the robot stands'
+        return response
+
+    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._halt()
+        self._active, self._state = self._settings.autostart, ServoState()
+        response.success, response.message = True, 'ready for a new run'
+        return response
+
+    def _complain(self, text: str) -> None:
+        self.get_logger().warning(text, throttle_duration_sec=WARN_PERIOD_S)
+
+
+def main() -> None:
+    """Run the node."""
+    sys.exit(spin(ServoNode))
+
+
+if __name__ == '__main__':
+    main()

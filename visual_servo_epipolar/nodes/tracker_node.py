@@ -1,0 +1,169 @@
+"""The tracker: images in, features of the desired view out."""
+
+from dataclasses import dataclass
+from pathlib import Path
+import sys
+from typing import Any
+
+import cv2
+import numpy as np
+from rclpy.node import Node
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from std_srvs.srv import Trigger
+
+from visual_servo_epipolar.core.arrays import as_gray, Image as Pixels
+from visual_servo_epipolar.core.camera import Camera
+from visual_servo_epipolar.core.errors import TrackingError
+from visual_servo_epipolar.core.features import Features
+from visual_servo_epipolar.core.settings import setting, Settings
+from visual_servo_epipolar.core.tracking import Tracker, TrackerSettings
+from visual_servo_epipolar.messages import read, write
+from visual_servo_epipolar.nodes import parameters, qos
+from visual_servo_epipolar.nodes.run import spin
+from visual_servo_epipolar.report.overlay import draw_overlay
+
+WARN_PERIOD_S = 5.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackerNodeSettings(Settings):
+    """Where the photograph comes from, and how images are subscribed."""
+
+    desired_image: str = setting(
+        '', 'File of the photograph; empty: wait for desired/image_raw or ~/capture_desired',
+        read_only=True,
+    )
+    camera_reliability: str = setting(
+        'best_effort',
+        'Subscribe to images as: best_effort connects to every driver, reliable loses none',
+        choices=tuple(qos.IMAGES),
+        read_only=True,
+    )
+
+
+class TrackerNode(Node):
+    """
+    Hosts a ``Tracker``; publishes one cloud for each image, empty when nothing is to be trusted.
+
+    An empty cloud is what stops the servo: silence would have to wait for its watchdog.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('tracker_node', **options)
+        node_settings = parameters.declare(self, TrackerNodeSettings)
+        self._settings = parameters.declare(self, TrackerSettings)
+        parameters.refuse_unknown(self)
+        parameters.watch(self, lambda: self._settings, self._use)
+        self._tracker = Tracker(self._settings)
+        self._camera: Camera | None = None
+        self._latest: Pixels | None = None
+        self._waiting: Image | None = None
+        if node_settings.desired_image:
+            self._tracker.set_desired(_photograph(node_settings.desired_image))
+        self._tracks_pub = self.create_publisher(PointCloud2, 'tracks', qos.STREAM)
+        self._overlay_pub = self.create_publisher(Image, 'overlay/image_raw', qos.STREAM)
+        images = qos.IMAGES[node_settings.camera_reliability]
+        self.create_subscription(CameraInfo, 'camera_info', self._on_info, images)
+        self.create_subscription(Image, 'image_raw', self._on_image, images)
+        self.create_subscription(Image, 'desired/image_raw', self._on_desired, qos.LATCHED)
+        self.create_service(Trigger, '~/capture_desired', self._on_capture)
+        self.create_service(Trigger, '~/redetect', self._on_redetect)
+
+    @property
+    def ready(self) -> bool:
+        """Whether the photograph is there."""
+        return self._tracker.has_desired
+
+    def _use(self, settings: TrackerSettings) -> None:
+        self._settings = self._tracker.settings = settings
+
+    def _on_info(self, message: CameraInfo) -> None:
+        try:
+            self._camera = read.camera(message)
+        except ValueError as error:
+            self._camera = None
+            self._complain(f'camera_info cannot be used: {error}')
+        if self._waiting is not None and self._camera is not None:
+            waiting, self._waiting = self._waiting, None
+            self._on_image(waiting)
+
+    def _on_image(self, message: Image) -> None:
+        if self._camera is None:
+            self._waiting = message
+            self._complain('no usable camera_info yet; an image waits for it, the robot stands')
+            return
+        features = Features()
+        try:
+            image = read.gray(message)
+            self._check_size(image, self._camera)
+            self._latest = image
+            features = self._tracker.track(image)
+        except ValueError as error:
+            self._complain(f'image refused: {error}')
+        if self._tracker.reason:
+            self._complain(self._tracker.reason)
+        self._publish(features, message)
+
+    def _publish(self, features: Features, image: Image) -> None:
+        stamp_ns, frame_id = read.stamp_ns(image.header), image.header.frame_id
+        self._tracks_pub.publish(write.features(features, stamp_ns, frame_id))
+        if self._settings.overlay and self._overlay_pub.get_subscription_count():
+            if self._latest is not None:
+                drawn = draw_overlay(self._latest, features.current, features.desired)
+                self._overlay_pub.publish(write.image(drawn, 'bgr8', stamp_ns, frame_id))
+
+    def _on_desired(self, message: Image) -> None:
+        try:
+            self._tracker.set_desired(read.gray(message))
+        except (ValueError, TrackingError) as error:
+            self._complain(f'desired image refused: {error}')
+            return
+        self.get_logger().info(f'desired image of {message.width}x{message.height} px taken')
+
+    def _on_capture(
+        self, request: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        try:
+            if self._latest is None:
+                raise ValueError('no image has arrived yet; check image_raw and camera_info')
+            self._tracker.set_desired(self._latest)
+            response.success, response.message = True, 'this is the pose to come back to'
+        except (ValueError, TrackingError) as error:
+            response.success, response.message = False, str(error)
+        return response
+
+    def _on_redetect(
+        self, request: Trigger.Request, response: Trigger.Response
+    ) -> Trigger.Response:
+        self._tracker.redetect()
+        response.success, response.message = True, 'the next image is matched anew'
+        return response
+
+    def _check_size(self, image: Pixels, camera: Camera) -> None:
+        height, width = image.shape
+        if (width, height) != (camera.width, camera.height):
+            raise ValueError(
+                f'image has {width}x{height} px, its camera_info says '
+                f'{camera.width}x{camera.height}; calibrate at the resolution in use'
+            )
+
+    def _complain(self, text: str) -> None:
+        self.get_logger().warning(text, throttle_duration_sec=WARN_PERIOD_S)
+
+
+def _photograph(path: str) -> Pixels:
+    """Read the photograph, or raise ValueError."""
+    encoded = np.fromfile(path, np.uint8) if Path(path).is_file() else np.empty(0, np.uint8)
+    image = cv2.imdecode(encoded, cv2.IMREAD_GRAYSCALE) if encoded.size else None
+    if image is None:
+        raise ValueError(f'desired_image must be a readable image file, got {path!r}')
+    return as_gray(image)
+
+
+def main() -> None:
+    """Run the node."""
+    sys.exit(spin(TrackerNode))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,145 @@
+"""A simulated Pioneer 3-DX: velocity commands in, odometry and ground truth out."""
+
+from dataclasses import dataclass
+import sys
+from typing import Any
+
+from geometry_msgs.msg import Twist as TwistMessage
+from geometry_msgs.msg import TwistStamped
+from nav_msgs.msg import Odometry
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rosgraph_msgs.msg import Clock as ClockMessage
+from std_srvs.srv import Trigger
+
+from visual_servo_epipolar.core.motion import Pose
+from visual_servo_epipolar.core.settings import setting, Settings
+from visual_servo_epipolar.messages import read, write
+from visual_servo_epipolar.nodes import parameters, qos
+from visual_servo_epipolar.nodes.run import spin
+from visual_servo_epipolar.simulation.closed_loop import period_ns
+from visual_servo_epipolar.simulation.pioneer import BaseSettings, Pioneer
+
+WARN_PERIOD_S = 2.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnicycleSettings(Settings):
+    """Where the robot starts, and whose time it lives in."""
+
+    start: tuple[float, float, float] = setting(
+        (1.0, -3.5, 8.0), 'Start in the plane of the paper: x [m], y [m], heading error [deg]'
+    )
+    seed: int = setting(0, 'Seed of odometry noise', low=0, high=2**31 - 1, read_only=True)
+    lockstep: bool = setting(
+        False, 'Own /clock, and move one frame for each command', read_only=True
+    )
+    rate: float = setting(100.0, 'Rate of the base [Hz]', low=1.0, high=1000.0, read_only=True)
+    frame_rate: float = setting(
+        11.0, 'Frames a second, the step of lockstep [Hz]', low=0.1, high=200.0, read_only=True
+    )
+    enable_stamped_cmd_vel: bool = setting(
+        False, 'Take geometry_msgs/TwistStamped on cmd_vel', read_only=True
+    )
+    world_frame: str = setting('world', 'Frame of ground truth: goal at its origin', read_only=True)
+    odom_frame: str = setting('odom', 'Frame of the odometry', read_only=True)
+    base_frame: str = setting('base_link', 'Frame of the base', read_only=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if len(self.start) != 3:
+            raise ValueError(
+                f'start must be three numbers, x [m], y [m], heading error [deg], got {self.start}'
+            )
+
+
+class UnicycleNode(Node):
+    """
+    Hosts a ``Pioneer``.
+
+    In wall time a steady timer moves the base, and a silent commander is noticed by the base
+    itself. In lockstep each command moves it by exactly one frame, the node owns /clock, and
+    ``steps`` counts.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('unicycle_node', **options)
+        self._settings = parameters.declare(self, UnicycleSettings)
+        self._base_settings = parameters.declare(self, BaseSettings)
+        parameters.refuse_unknown(self)
+        parameters.watch(self, lambda: self._base_settings, self._use)
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._base, self.steps = self._new_base(), 0
+        self._truth_pub = self.create_publisher(Odometry, 'ground_truth', qos.STREAM)
+        self._odom_pub = self.create_publisher(Odometry, 'odom', qos.STREAM)
+        self._applied_pub = self.create_publisher(TwistStamped, 'cmd_vel_applied', qos.STREAM)
+        kind = TwistStamped if self._settings.enable_stamped_cmd_vel else TwistMessage
+        self.create_subscription(kind, 'cmd_vel', self._on_command, qos.COMMAND)
+        self.create_service(Trigger, '~/reset', self._on_reset)
+        if self._settings.lockstep:
+            self._clock_pub = self.create_publisher(ClockMessage, '/clock', qos.CLOCK)
+        else:
+            self.create_timer(1.0 / self._settings.rate, self._on_tick, clock=self._steady)
+
+    def begin(self) -> None:
+        """Publish where the robot stands: in lockstep this sets the chain of nodes going."""
+        self._publish()
+
+    def _use(self, settings: BaseSettings) -> None:
+        self._base_settings = self._base.settings = settings
+
+    def _new_base(self) -> Pioneer:
+        start = Pose.from_start(*self._settings.start)
+        now_ns = 0 if self._settings.lockstep else self._steady.now().nanoseconds
+        return Pioneer(self._base_settings, start, seed=self._settings.seed, now_ns=now_ns)
+
+    def _on_command(self, message: Any) -> None:
+        try:
+            self._base.command(read.twist(message))
+        except ValueError as error:
+            self._base.halt()
+            self.get_logger().error(str(error), throttle_duration_sec=WARN_PERIOD_S)
+        if self._settings.lockstep:
+            self.steps += 1
+            self._base.advance(self._base.now_ns + period_ns(self._settings.frame_rate))
+            self._publish()
+
+    def _on_tick(self) -> None:
+        moving = self._base.moving
+        self._base.advance(self._steady.now().nanoseconds)
+        if moving and self._base.timed_out:
+            self.get_logger().warning(
+                f'no cmd_vel for {self._base_settings.command_timeout:g} s, the base stops',
+                throttle_duration_sec=WARN_PERIOD_S,
+            )
+        self._publish()
+
+    def _publish(self) -> None:
+        lockstep, names = self._settings.lockstep, self._settings
+        stamp_ns = self._base.now_ns if lockstep else self.get_clock().now().nanoseconds
+        if lockstep:
+            self._clock_pub.publish(write.clock(stamp_ns))
+        base, frame = self._base, names.base_frame
+        self._applied_pub.publish(write.twist_stamped(base.twist, stamp_ns, frame))
+        self._odom_pub.publish(
+            write.odometry(base.odometry, base.twist, stamp_ns, names.odom_frame, frame)
+        )
+        self._truth_pub.publish(
+            write.odometry(base.pose, base.twist, stamp_ns, names.world_frame, frame)
+        )
+
+    def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._base = self._new_base()
+        self._publish()
+        response.success = True
+        response.message = f'at the start {list(self._settings.start)}'
+        return response
+
+
+def main() -> None:
+    """Run the node."""
+    sys.exit(spin(UnicycleNode))
+
+
+if __name__ == '__main__':
+    main()

@@ -1,0 +1,110 @@
+"""What things look like: one colour a phase, the shape of the robot, settings of matplotlib."""
+
+from collections.abc import Mapping
+import math
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.motion import Pose
+from visual_servo_epipolar.core.phases import Phase
+
+# Okabe and Ito's palette, which stays apart under every common colour blindness. Its yellow, faint
+# on white, is for the phase in which the robot stands.
+PHASE_COLOURS: Mapping[str, str] = MappingProxyType(
+    {
+        Phase.WAITING.value: '#B0B0B0',
+        Phase.ORIENTING.value: '#CC79A7',
+        Phase.RETREATING.value: '#E69F00',
+        Phase.DISPLACING.value: '#56B4E9',
+        Phase.ZEROING_EPIPOLES.value: '#0072B2',
+        Phase.MATCHING_FEATURES.value: '#009E73',
+        Phase.ARRIVED.value: '#44337A',
+        Phase.HOLDING.value: '#F0E442',
+        Phase.FAILED.value: '#D55E00',
+    }
+)
+UNKNOWN_COLOUR = '#5A5A5A'
+CURRENT_COLOUR = '#D55E00'
+DESIRED_COLOUR = '#0072B2'
+INK = '#222222'
+
+FIGURE_SETTINGS: dict[Any, Any] = {
+    'font.family': 'sans-serif',
+    'font.size': 9.0,
+    'axes.labelsize': 9.0,
+    'axes.titlesize': 10.0,
+    'axes.edgecolor': '#666666',
+    'axes.grid': True,
+    'axes.axisbelow': True,
+    'axes.spines.top': False,
+    'axes.spines.right': False,
+    'grid.color': '#DDDDDD',
+    'grid.linewidth': 0.6,
+    'xtick.labelsize': 8.0,
+    'ytick.labelsize': 8.0,
+    'legend.fontsize': 8.0,
+    'legend.frameon': False,
+    'lines.linewidth': 1.3,
+    'lines.solid_joinstyle': 'round',
+    'savefig.facecolor': 'white',
+}
+
+FIELD_OF_VIEW = 2.0 * math.atan(640.0 / 769.0)  # of the camera LU175C in the default world [rad]
+
+# A Pioneer 3-DX seen from above, x forward and y left of the middle of its axle [m].
+_BODY = (
+    *((0.20, 0.10), (0.12, 0.20), (-0.17, 0.20), (-0.25, 0.12)),
+    *((-0.25, -0.12), (-0.17, -0.20), (0.12, -0.20), (0.20, -0.10)),
+)
+_NOSE = ((0.20, 0.0), (0.05, 0.09), (0.05, -0.09))
+
+
+def phase_colour(phase: str) -> str:
+    """Return the colour of a phase as '#RRGGBB'; a word that is no phase is grey."""
+    return PHASE_COLOURS.get(phase, UNKNOWN_COLOUR)
+
+
+def phase_label(phase: str) -> str:
+    """Return the name of a phase as people read it."""
+    return phase.replace('_', ' ')
+
+
+def rgb(colour: str) -> tuple[int, int, int]:
+    """Return red, green and blue, 0-255 each, of '#RRGGBB'."""
+    return int(colour[1:3], 16), int(colour[3:5], 16), int(colour[5:7], 16)
+
+
+def text_colour_on(colour: str) -> str:
+    """Return black or white, whichever can be read on ``colour``."""
+    red, green, blue = rgb(colour)
+    return '#000000' if 0.299 * red + 0.587 * green + 0.114 * blue > 135.0 else '#FFFFFF'
+
+
+def robot_body(pose: Pose) -> FloatArray:
+    """Return the corners of the robot at ``pose`` in the plane, shape (8, 2) [m]."""
+    return _placed(_BODY, pose)
+
+
+def robot_nose(pose: Pose) -> FloatArray:
+    """Return the triangle that marks the front of the robot at ``pose``, shape (3, 2) [m]."""
+    return _placed(_NOSE, pose)
+
+
+def view_wedge(pose: Pose, *, angle: float, reach: float) -> FloatArray:
+    """
+    Return what a camera at ``pose`` sees, cut off at ``reach`` [m]: a sector of ``angle`` [rad].
+
+    Shape (N, 2); the first point is the camera.
+    """
+    bearings = pose.theta + np.linspace(-0.5 * angle, 0.5 * angle, 25)
+    rim = np.stack([np.cos(bearings), np.sin(bearings)], axis=1) * reach
+    return np.concatenate([np.zeros((1, 2)), rim]) + (pose.x, pose.y)
+
+
+def _placed(shape: tuple[tuple[float, float], ...], pose: Pose) -> FloatArray:
+    cos, sin = math.cos(pose.theta), math.sin(pose.theta)
+    turned = np.array(shape) @ np.array([[cos, sin], [-sin, cos]])
+    return np.asarray(turned + (pose.x, pose.y), dtype=np.float64)

@@ -1,0 +1,177 @@
+"""
+A video of a run, made while it runs: the camera picture beside the live map.
+
+What can be written depends on the build of OpenCV. The wheels on PyPI hold no H.264 encoder, for
+its licence: there ``.webm`` (VP8) is what browsers play, and ``.mp4`` falls back to MPEG-4 part 2,
+ten times faster to encode but for video players alone.
+"""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+import math
+import os
+from pathlib import Path
+from types import MappingProxyType, TracebackType
+
+import cv2
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.run_log import Sample
+from visual_servo_epipolar.report.map_view import Bounds, MapView, WIDTH
+
+HEIGHT = 720  # of the video [px]
+
+# What to try for each kind of file, the best first.
+CODECS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {'.webm': ('VP80', 'VP90'), '.mp4': ('avc1', 'mp4v'), '.avi': ('MJPG',)}
+)
+
+
+class VideoWriter:
+    """
+    Writes one frame a control step; the file appears under its name when the run is complete.
+
+    Use it as a context manager: if the block ends by an exception, the unfinished file is removed.
+
+    Parameters
+    ----------
+    path : path
+        Where to write; its suffix chooses the kind of file, see ``CODECS``.
+    fps : float
+        Frames a second of the video; with ``stride`` times fewer it plays faster than real time.
+    image_size : (int, int)
+        Width and height of the overlay pictures to come [px].
+    bounds : Bounds
+        What the map shows at first; it grows if the robot leaves it.
+    stride : int
+        Show one control step of so many; the path on the map still has them all.
+
+    Raises
+    ------
+    InputError
+        If this OpenCV can write no such file there.
+    ValueError
+        If a number is out of its range.
+
+    """
+
+    def __init__(
+        self,
+        path: Path | str,
+        fps: float,
+        *,
+        image_size: tuple[int, int],
+        bounds: Bounds,
+        stride: int = 1,
+    ) -> None:
+        if not (math.isfinite(fps) and fps > 0.0 and stride >= 1 and min(image_size) >= 1):
+            raise ValueError(
+                f'fps, stride and image size must be positive, got {fps}, {stride} and '
+                f'{image_size}; pass the camera rate and its image size'
+            )
+        self.path, self._image_size, self._stride = Path(path), image_size, stride
+        # Encoders halve the colour planes, hence need even sizes; the map's width is even.
+        self._view_width = 2 * round(0.5 * HEIGHT * image_size[0] / image_size[1])
+        self.size = self._view_width + WIDTH, HEIGHT
+        self._map, self._steps, self.frames = MapView(bounds, HEIGHT), 0, 0
+        self._part = self.path.with_name(f'.{self.path.stem}.part{self.path.suffix}')
+        self._encoder, self.codec = _open(self._part, self.path, fps, self.size)
+
+    def __enter__(self) -> 'VideoWriter':
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        if kind is None:
+            self.close()
+        else:
+            self.abort()
+
+    def add(self, overlay: Image, sample: Sample) -> None:
+        """
+        Add one control step: what the camera saw, shape (H, W, 3), and what the servo did.
+
+        Raises
+        ------
+        ValueError
+            If the picture is not in colour or not of the size announced.
+
+        """
+        width, height = self._image_size
+        if overlay.shape != (height, width, 3) or overlay.dtype != np.uint8:
+            raise ValueError(
+                f'overlay must be uint8 of shape ({height}, {width}, 3), got {overlay.dtype} of '
+                f'shape {overlay.shape}; pass image_size as (width, height) of the overlays'
+            )
+        self._map.add(sample)
+        if self._steps % self._stride == 0:
+            self._encoder.write(self.compose(overlay))
+            self.frames += 1
+        self._steps += 1
+
+    def compose(self, overlay: Image) -> Image:
+        """Return the frame: camera picture left, map as of now right."""
+        frame = np.empty((HEIGHT, self.size[0], 3), dtype=np.uint8)
+        view = frame[:, : self._view_width]
+        # Averaging takes 16 ms where interpolation takes 1, and is needed for strong shrinking.
+        kind = cv2.INTER_AREA if overlay.shape[0] > 2 * HEIGHT else cv2.INTER_LINEAR
+        view[:] = cv2.resize(overlay, (self._view_width, HEIGHT), interpolation=kind)
+        frame[:, self._view_width :] = self._map.picture()
+        return frame
+
+    def close(self) -> None:
+        """Finish the file and give it its name; without a single frame there will be none."""
+        self._encoder.release()
+        if not self._part.exists():
+            return
+        if self.frames:
+            self._part.replace(self.path)
+        else:
+            self._part.unlink()
+
+    def abort(self) -> None:
+        """Give up, and leave no file behind."""
+        self._encoder.release()
+        self._part.unlink(missing_ok=True)
+
+
+def _open(
+    part: Path, path: Path, fps: float, size: tuple[int, int]
+) -> tuple[cv2.VideoWriter, str]:
+    """Open the first encoder that works for the suffix; return it and its four letters."""
+    codecs = CODECS.get(path.suffix.lower())
+    if codecs is None:
+        raise InputError(
+            f'a video must end in {", ".join(CODECS)}, got {path.name!r}; rename the output'
+        )
+    if not path.parent.is_dir():
+        raise InputError(f'{path.parent} must be a folder to write {path.name} to; create it')
+    for codec in codecs:
+        with _quiet():
+            encoder = cv2.VideoWriter(str(part), cv2.VideoWriter.fourcc(*codec), fps, size)
+        if encoder.isOpened():
+            return encoder, codec
+        part.unlink(missing_ok=True)
+    raise InputError(
+        f'{path} needs one of the encoders {", ".join(codecs)}, and this OpenCV '
+        f'({cv2.__version__}) opened none; choose another suffix or check that it is writable'
+    )
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep OpenCV from writing about encoders it lacks, which it does past its own log level."""
+    kept, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(null, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(null)

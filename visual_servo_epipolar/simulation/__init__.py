@@ -1,0 +1,1 @@
+"""What never runs on a robot: the world, the base that drives in it, and what perturbs both."""

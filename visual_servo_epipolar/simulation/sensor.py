@@ -1,0 +1,80 @@
+"""What a sensor does to a perfect image: noise, a drifting gain, blur."""
+
+from dataclasses import dataclass
+import math
+
+import cv2
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import as_gray, Image
+from visual_servo_epipolar.core.settings import setting, Settings
+
+DESIRED_FRAME = -1  # frame index of the desired photograph
+DRIFT_PERIOD = 97.0  # frames in one slow wave of the gain
+SPARE = 64  # how far the noise field may be shifted [px]
+
+
+@dataclass(frozen=True, kw_only=True)
+class SensorSettings(Settings):
+    """How good the sensor is."""
+
+    noise: float = setting(2.0, 'Noise, standard deviation [grey levels]', low=0.0, high=50.0)
+    gain_drift: float = setting(0.0, 'Amplitude of the drift of the gain', low=0.0, high=0.9)
+    blur: float = setting(0.0, 'Blur, sigma [px]', low=0.0, high=10.0)
+
+
+class Sensor:
+    """
+    Degrades images of one size; what it does depends on settings, seed and frame index alone.
+
+    Parameters
+    ----------
+    size : tuple of int
+        Width and height [px].
+    settings : SensorSettings
+    seed : int
+        Not negative.
+
+    """
+
+    def __init__(self, size: tuple[int, int], settings: SensorSettings, seed: int) -> None:
+        self.settings, self._seed = settings, seed
+        self._shape = size[1], size[0]
+        rng = np.random.default_rng(seed)
+        self._phase = float(rng.uniform(0.0, 2.0 * math.pi))
+        shape = (size[1] + SPARE, size[0] + SPARE)
+        field = settings.noise * rng.standard_normal(shape, dtype=np.float32)
+        self._field = np.rint(np.clip(field, -32000.0, 32000.0)).astype(np.int16)
+
+    def capture(self, image: Image, frame_index: int) -> Image:
+        """Return ``image``, shape (H, W), as frame ``frame_index`` of the sensor: -1, 0, 1, ..."""
+        image = as_gray(image)
+        if image.shape != self._shape or frame_index < DESIRED_FRAME:
+            raise ValueError(
+                f'image and frame index must be {self._shape} and -1 or more, got {image.shape} '
+                f'and {frame_index}; make one sensor for each image size'
+            )
+        if self.settings.blur > 0.0:
+            image = np.asarray(cv2.GaussianBlur(image, (0, 0), self.settings.blur), np.uint8)
+        # Seeds must not be negative: the photograph is 0, the frames start at 1.
+        rng = np.random.default_rng((self._seed, frame_index - DESIRED_FRAME))
+        if self.settings.gain_drift > 0.0:
+            image = cv2.convertScaleAbs(image, alpha=self._gain(frame_index, rng))
+        if self.settings.noise > 0.0:
+            image = cv2.add(image, self._noise(rng), dtype=cv2.CV_8U)
+        return image if self.settings != PERFECT else image.copy()
+
+    def _gain(self, frame_index: int, rng: np.random.Generator) -> float:
+        """Return 1 + drift: a slow wave, three quarters of it, and a little flicker."""
+        wave = math.sin(self._phase + 2.0 * math.pi * frame_index / DRIFT_PERIOD)
+        return 1.0 + self.settings.gain_drift * (0.75 * wave + 0.25 * rng.uniform(-1.0, 1.0))
+
+    def _noise(self, rng: np.random.Generator) -> np.ndarray:
+        """Return a part of the field of noise, shifted and mirrored by chance."""
+        (height, width), (down, right) = self._shape, rng.integers(0, SPARE + 1, 2)
+        part = self._field[down : down + height, right : right + width]
+        flip_rows, flip_columns = rng.integers(0, 2, 2) * -2 + 1
+        return np.ascontiguousarray(part[::flip_rows, ::flip_columns])
+
+
+PERFECT = SensorSettings(noise=0.0)

@@ -1,0 +1,190 @@
+"""Textured rectangles, their prefiltered copies, and the order in which to paint them."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+import math
+
+import cv2
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import as_gray, BoolArray, FloatArray, frozen, Image, IntArray
+
+# Blur of the imaginary lens and pixel together [px]. Less aliases, more looks out of focus: at
+# 0.42 px a contrast of 42 % is left at the Nyquist frequency and 6 % at the pixel frequency.
+LENS_SIGMA = 0.42
+# What the drawn texture, or the halving, and the bilinear sampling blur already [texel^2].
+TEXEL_VARIANCE = 0.35
+ROOM = 'room'
+
+
+class Texture:
+    """
+    A grey picture and its copies, blurred and reduced along rows and columns separately.
+
+    Copies are counted in half octaves (p, q): copy (p, q) is fit to be sampled bilinearly where one
+    pixel of the image spans 2^(p/2) texels along a row and 2^(q/2) along a column. They are made
+    when first asked for, and keep at least two texels a pixel so that sampling stays sharp.
+    """
+
+    def __init__(self, image: Image) -> None:
+        self.image: Image = frozen(as_gray(image, 'texture'))
+        self._reduced: dict[tuple[int, int], Image] = {(0, 0): self.image}
+        self._filtered: dict[tuple[int, int], Image] = {}
+
+    def filtered(self, p: int, q: int) -> tuple[Image, int, int]:
+        """Return copy (p, q), p, q >= 0, and how often rows and columns of it were halved."""
+        i, j = max(0, (p - 2) // 2), max(0, (q - 2) // 2)
+        if (p, q) not in self._filtered:
+            sigma_u, sigma_v = _sigma(2.0 ** (p / 2 - i)), _sigma(2.0 ** (q / 2 - j))
+            self._filtered[p, q] = _blurred(self._level(i, j), sigma_u, sigma_v)
+        return self._filtered[p, q], i, j
+
+    def _level(self, i: int, j: int) -> Image:
+        if (i, j) not in self._reduced:
+            if i > 0:
+                self._reduced[i, j] = _halved(self._level(i - 1, j).T).T.copy()
+            else:
+                self._reduced[i, j] = _halved(self._level(i, j - 1))
+        return self._reduced[i, j]
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """
+    A rectangle seen from one side: its upper left corner, and its edges to the right and down [m].
+
+    Surfaces of the same ``body`` belong to one convex solid, or to the shell of the room.
+    """
+
+    name: str
+    body: str
+    origin: FloatArray
+    edge_u: FloatArray
+    edge_v: FloatArray
+    texture: Texture
+
+    def __post_init__(self) -> None:
+        for name in ('origin', 'edge_u', 'edge_v'):
+            object.__setattr__(self, name, frozen(np.asarray(getattr(self, name), np.float64)))
+        if abs(float(self.edge_u @ self.edge_v)) > 1e-9:
+            raise ValueError(
+                f'edges of {self.name} must be at right angles, got {self.edge_u} and '
+                f'{self.edge_v}; surfaces are rectangles'
+            )
+
+    @property
+    def corners(self) -> FloatArray:
+        """Corners, shape (4, 3), clockwise for who looks at the surface."""
+        u, v = self.edge_u, self.edge_v
+        return self.origin + np.stack([0.0 * u, u, u + v, v])
+
+    @property
+    def normal(self) -> FloatArray:
+        """Unit normal, shape (3,), towards the side it is seen from."""
+        normal = np.cross(self.edge_v, self.edge_u)
+        return np.asarray(normal / np.linalg.norm(normal))
+
+    @property
+    def texels(self) -> FloatArray:
+        """Map (1, a, b) of the point origin + a u + b v to texels, shape (2, 3)."""
+        rows, columns = self.texture.image.shape
+        return np.array([[-0.5, columns, 0.0], [-0.5, 0.0, rows]])
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """All surfaces of a world; the body called 'room' is behind everything else."""
+
+    surfaces: tuple[Surface, ...]
+    corners: FloatArray = field(init=False)
+    normals: FloatArray = field(init=False)
+
+    def __post_init__(self) -> None:
+        if not self.surfaces:
+            raise ValueError('a scene must have at least one surface, got none; add a wall')
+        corners = np.stack([surface.corners for surface in self.surfaces])
+        normals = np.stack([surface.normal for surface in self.surfaces])
+        object.__setattr__(self, 'corners', frozen(corners))
+        object.__setattr__(self, 'normals', frozen(normals))
+
+    @cached_property
+    def bodies(self) -> IntArray:
+        """Number of the body of each surface, shape (N,); the room is 0."""
+        names = [ROOM, *sorted({s.body for s in self.surfaces} - {ROOM})]
+        return np.array([names.index(surface.body) for surface in self.surfaces], np.int64)
+
+    @cached_property
+    def body_centres(self) -> FloatArray:
+        """Mean corner of each body, shape (B, 3); of the room, if it has surfaces."""
+        count = int(self.bodies.max()) + 1
+        return np.stack([
+            self.corners[self.bodies == k].reshape(-1, 3).mean(axis=0)
+            if (self.bodies == k).any() else np.zeros(3)
+            for k in range(count)
+        ])
+
+    @cached_property
+    def _separations(self) -> tuple[IntArray, IntArray, IntArray]:
+        """Faces with a body wholly before them: the face, its own body, the body before it."""
+        offsets = np.einsum('ij,ij->i', self.normals, self.corners[:, 0])
+        clearance = np.stack([
+            (self.corners[self.bodies == k].reshape(-1, 3) @ self.normals.T - offsets).min(axis=0)
+            if (self.bodies == k).any() else np.full(len(offsets), -1.0)
+            for k in range(len(self.body_centres))
+        ])
+        before, faces = np.nonzero((clearance > -1e-6) & (self.bodies > 0))
+        keep = before > 0
+        return faces[keep], self.bodies[faces[keep]], before[keep]
+
+    def facing(self, centre: FloatArray) -> BoolArray:
+        """Return which surfaces, shape (N,), show their face to a camera at ``centre``."""
+        towards = ((centre - self.corners[:, 0]) * self.normals).sum(axis=1)
+        return np.asarray(towards > 1e-6)
+
+    def back_to_front(self, centre: FloatArray) -> Sequence[int]:
+        """
+        Return the bodies in an order in which nearer ones may be painted over farther ones.
+
+        Of two bodies on either side of a plane, the one on the camera's side is nearer. Should
+        three bodies overlap in a ring, the one farthest from ``centre`` [m] goes first.
+        """
+        faces, behind, before = self._separations
+        towards = self.facing(centre)[faces]
+        count = len(self.body_centres)
+        may_cover = np.ones((count, count), dtype=bool)
+        may_cover[np.where(towards, behind, before), np.where(towards, before, behind)] = False
+        waits = may_cover & ~may_cover.T
+        distance = np.linalg.norm(self.body_centres - centre, axis=1)
+        remaining, order = sorted(range(1, count), key=lambda k: -distance[k]), [0]
+        while remaining:
+            free = [k for k in remaining if not waits[k, remaining].any()]
+            order += free or remaining[:1]
+            remaining = [k for k in remaining if k not in order]
+        return order
+
+
+def _sigma(texels_a_pixel: float) -> float:
+    """Return the blur [texels] still missing where a pixel spans ``texels_a_pixel``."""
+    return math.sqrt(max(0.0, (LENS_SIGMA * texels_a_pixel) ** 2 - TEXEL_VARIANCE))
+
+
+def _blurred(image: Image, sigma_u: float, sigma_v: float) -> Image:
+    """Blur columns and rows by their own Gaussian; a sigma of 0 leaves them alone."""
+    if sigma_u == 0.0 and sigma_v == 0.0:
+        return image
+    size = (2 * math.ceil(3.0 * sigma_u) + 1, 2 * math.ceil(3.0 * sigma_v) + 1)
+    # OpenCV reads a sigma of 0 as "choose one"; a kernel of one tap ignores it.
+    sigmas = max(sigma_u, 0.1), max(sigma_v, 0.1)
+    blurred = cv2.GaussianBlur(image, size, *sigmas, borderType=cv2.BORDER_REPLICATE)
+    return np.asarray(blurred, dtype=np.uint8)
+
+
+def _halved(image: Image) -> Image:
+    """Halve the rows of ``image`` by (1 3 3 1) / 8; the last one is repeated if they are odd."""
+    if len(image) % 2:
+        image = np.concatenate([image, image[-1:]])
+    padded = np.concatenate([image[:1], image, image[-1:]]).astype(np.uint16)
+    middle = 3 * (padded[1:-1:2] + padded[2:-1:2])
+    halved = (middle + padded[:-2:2] + padded[3::2] + 4) >> 3
+    return np.asarray(halved, dtype=np.uint8)

@@ -1,0 +1,140 @@
+"""A sheet of grey paint measured in metres, and the fractal grain of all materials."""
+
+from collections.abc import Sequence
+import math
+
+import cv2
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray, Image
+
+GRAIN_SIZE = 1024  # the grain repeats after so many texels
+GRAIN_DEVIATION = 32.0  # of the grain, grey levels around 128
+SHIFT = 4  # sub-pixel bits of drawing
+
+
+def fractal_grain(rng: np.random.Generator, *, slope: float = 1.0, finest: float = 0.8) -> Image:
+    """
+    Return periodic noise whose amplitude falls with frequency f as f^-slope, about grey 128.
+
+    Below a wavelength of some ``finest`` texels it is smoothed away, so that it can be sampled.
+    """
+    frequency = np.fft.fftfreq(GRAIN_SIZE)
+    radius = np.hypot(frequency[:, None], frequency[None, : GRAIN_SIZE // 2 + 1])
+    radius[0, 0] = 1.0
+    spectrum = np.fft.rfft2(rng.standard_normal((GRAIN_SIZE, GRAIN_SIZE), dtype=np.float32))
+    spectrum *= np.exp(-2.0 * (math.pi * finest * radius) ** 2) / radius**slope
+    spectrum[0, 0] = 0.0
+    noise = np.fft.irfft2(spectrum, (GRAIN_SIZE, GRAIN_SIZE))
+    return np.clip(noise * (GRAIN_DEVIATION / noise.std()) + 128.0, 0.0, 255.0).astype(np.uint8)
+
+
+class Sheet:
+    """
+    A rectangle being painted: lengths in metres from the upper left corner, grey in 0..255.
+
+    It owns its pixels and its chance; every method paints in place, ``image`` is the result.
+    """
+
+    def __init__(
+        self, width: float, height: float, density: float, rng: np.random.Generator, grain: Image
+    ) -> None:
+        self.width, self.height, self.density = width, height, density
+        self.rng, self.grain = rng, grain
+        shape = (max(2, round(height * density)), max(2, round(width * density)))
+        self.pixels: Image = np.full(shape, 128, dtype=np.uint8)
+
+    @property
+    def image(self) -> Image:
+        """What has been painted, softened so that no edge is sharper than a texel."""
+        return np.asarray(cv2.GaussianBlur(self.pixels, (5, 5), 0.6), dtype=np.uint8)
+
+    def fill(self, grey: float) -> None:
+        """Paint all of it."""
+        self.pixels[:] = _level(grey)
+
+    def rect(self, x: float, y: float, width: float, height: float, grey: float) -> None:
+        """Paint a rectangle with its corner at (x, y)."""
+        x1, y1 = x + width, y + height
+        self.polygon([(x, y), (x1, y), (x1, y1), (x, y1)], grey)
+
+    def frame(
+        self, x: float, y: float, width: float, height: float, *, line: float, grey: float
+    ) -> None:
+        """Paint the outline of a rectangle, ``line`` wide, inside of it."""
+        self.rect(x, y, width, line, grey)
+        self.rect(x, y + height - line, width, line, grey)
+        self.rect(x, y, line, height, grey)
+        self.rect(x + width - line, y, line, height, grey)
+
+    def disc(self, x: float, y: float, radius: float, grey: float) -> None:
+        """Paint a disc around (x, y)."""
+        turns = np.linspace(0.0, 2.0 * math.pi, 40, endpoint=False)
+        self.polygon(np.stack([x + radius * np.cos(turns), y + radius * np.sin(turns)], 1), grey)
+
+    def polygon(
+        self, points: Sequence[tuple[float, float]] | FloatArray, grey: float
+    ) -> None:
+        """Fill a polygon; its corners are measured in metres."""
+        texels = (np.asarray(points) * self.density - 0.5) * (1 << SHIFT)
+        cv2.fillPoly(self.pixels, [np.rint(texels).astype(np.int32)], _level(grey), cv2.LINE_AA, SHIFT)
+
+    def line(self, points: Sequence[tuple[float, float]] | FloatArray, width: float, grey: float) -> None:
+        """Draw a line through points, at least a texel wide."""
+        texels = np.rint((np.asarray(points) * self.density - 0.5) * (1 << SHIFT)).astype(np.int32)
+        thickness = max(1, round(width * self.density))
+        cv2.polylines(self.pixels, [texels], False, _level(grey), thickness, cv2.LINE_AA, SHIFT)
+
+    def text(self, words: str, x: float, y: float, height: float, grey: float) -> None:
+        """Write words with their baseline starting at (x, y), capitals ``height`` tall."""
+        at = (round(x * self.density), round(y * self.density))
+        scale = height * self.density / 22.0
+        weight = max(1, round(scale * 1.6))
+        cv2.putText(
+            self.pixels, words, at, cv2.FONT_HERSHEY_SIMPLEX, scale, _level(grey), weight, cv2.LINE_AA
+        )
+
+    def paste(self, image: Image, x: float, y: float) -> None:
+        """Put a picture of the same density at (x, y); what sticks out is cut off."""
+        left, top = round(x * self.density), round(y * self.density)
+        bottom, right = max(0, top + len(image)), max(0, left + image.shape[1])
+        area = self.pixels[max(top, 0) : bottom, max(left, 0) : right]
+        area[:] = image[max(-top, 0) :, max(-left, 0) :][: area.shape[0], : area.shape[1]]
+
+    def roughen(self, amount: float, *, zoom: tuple[float, float] = (1.0, 1.0)) -> None:
+        """Add grain of ``amount`` grey levels, stretched by ``zoom`` along x and y."""
+        patch = self.grain_patch(self.pixels.shape, zoom)
+        share = amount / GRAIN_DEVIATION
+        self.pixels = np.asarray(
+            cv2.addWeighted(self.pixels, 1.0, patch, share, -128.0 * share), dtype=np.uint8
+        )
+
+    def grain_patch(self, shape: tuple[int, int], zoom: tuple[float, float] = (1.0, 1.0)) -> Image:
+        """Return a patch of grain from a random place, mirrored by chance."""
+        rows, columns = (math.ceil(n / z) + 2 for n, z in zip(shape, zoom[::-1], strict=True))
+        down, right = self.rng.integers(0, GRAIN_SIZE, 2)
+        patch = np.roll(self.grain, (-int(down), -int(right)), (0, 1))
+        patch = patch[:: 1 - 2 * int(self.rng.integers(2)), :: 1 - 2 * int(self.rng.integers(2))]
+        patch = np.ascontiguousarray(patch[:rows, :columns])
+        more = max(0, rows - len(patch)), max(0, columns - patch.shape[1])
+        if any(more):
+            patch = np.asarray(
+                cv2.copyMakeBorder(patch, 0, more[0], 0, more[1], cv2.BORDER_WRAP), np.uint8
+            )
+        if zoom != (1.0, 1.0):
+            size = (round(columns * zoom[0]), round(rows * zoom[1]))
+            patch = np.asarray(cv2.resize(patch, size, interpolation=cv2.INTER_CUBIC), np.uint8)
+        return patch[: shape[0], : shape[1]]
+
+    def light(self, field: FloatArray) -> None:
+        """Multiply by a coarse ``field`` of light in 0..2 that covers the whole sheet."""
+        coarse = np.clip(field * 127.5, 0.0, 255.0).astype(np.float32)
+        rows, columns = self.pixels.shape
+        full = cv2.resize(coarse, (columns, rows), interpolation=cv2.INTER_LINEAR)
+        self.pixels = np.asarray(
+            cv2.multiply(self.pixels, full, scale=1.0 / 127.5, dtype=cv2.CV_8U), dtype=np.uint8
+        )
+
+
+def _level(grey: float) -> float:
+    return float(min(255, max(0, round(grey))))
