@@ -42,7 +42,7 @@ setup(
     ],
     # For pip alone. On a native ROS these come from rosdep (package.xml), and apt's cv2 has no
     # metadata for pip to see. That does no harm: colcon installs with --no-deps, and executables
-    # made by setuptools >= 47.2 start through importlib.metadata, which does not check requirements.
+    # made by setuptools >= 47.2 start through importlib.metadata and do not check requirements.
     # rclpy and the messages are no pip packages on a native ROS: never list them here.
     install_requires=[
         'matplotlib>=3.6',

@@ -7,9 +7,11 @@ which the feature is seen now, so that both patches show the same detail.
 """
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, Image, IntArray
 
@@ -142,7 +144,7 @@ class Anchor:
         return _Template(patch[0], update)
 
 
-def bilinear(image: np.ndarray, points: FloatArray) -> FloatArray:
+def bilinear(image: NDArray[Any], points: FloatArray) -> FloatArray:
     """
     Sample ``image``, shape (H, W), at ``points``, shape (..., 2), in float64.
 
@@ -169,20 +171,20 @@ def _levels(affine: FloatArray) -> IntArray:
     """Return the template level of each affine map: the nearest scale, never above one."""
     scale = np.sqrt(np.maximum(np.abs(np.linalg.det(affine)), 1e-6))
     levels = np.rint(-LEVELS_PER_OCTAVE * np.log2(scale))
-    return np.clip(levels, 0, LEVELS - 1).astype(np.int64)
+    return np.asarray(np.clip(levels, 0, LEVELS - 1), dtype=np.int64)
 
 
-def _blurred(image: Image, level: int) -> np.ndarray:
+def _blurred(image: Image, level: int) -> NDArray[np.float32]:
     """Return ``image`` as float32 with the blur of a view that shows it smaller."""
     enlargement = 1.0 / float(_scale(np.array([level]))[0])
     deviation = PIXEL_BLUR * np.sqrt(enlargement**2 - 1.0)
-    solid = image.astype(np.float32)
+    solid: NDArray[np.float32] = image.astype(np.float32)
     if deviation == 0.0:
         return solid
     return np.asarray(cv2.GaussianBlur(solid, (0, 0), float(deviation)))
 
 
-def _slopes(image: np.ndarray, around: FloatArray, stride: float) -> FloatArray:
+def _slopes(image: NDArray[Any], around: FloatArray, stride: float) -> FloatArray:
     """Return the derivative of the patch along x and y per grid step, shape (2, P)."""
     return np.stack(
         [

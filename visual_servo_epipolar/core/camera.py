@@ -6,7 +6,7 @@ import math
 import cv2
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import as_points, FloatArray
+from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray
 
 DISTORTION_MODELS = {'': (0,), 'plumb_bob': (0, 4, 5), 'rational_polynomial': (0, 8)}
 
@@ -93,8 +93,8 @@ class Camera:
             return np.asarray(projected, dtype=np.float64).reshape(-1, 2)
         return points * [self.fx, self.fy] + [self.cx, self.cy]
 
-    def contains(self, pixels: FloatArray, *, margin: float = 0.0) -> np.ndarray:
+    def contains(self, pixels: FloatArray, *, margin: float = 0.0) -> BoolArray:
         """Return which ``pixels``, shape (N, 2), lie in the image, ``margin`` [px] inside."""
         u, v = pixels[:, 0], pixels[:, 1]
         inside_u = (u >= margin) & (u <= self.width - 1 - margin)
-        return inside_u & (v >= margin) & (v <= self.height - 1 - margin)
+        return np.asarray(inside_u & (v >= margin) & (v <= self.height - 1 - margin))

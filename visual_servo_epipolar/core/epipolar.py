@@ -281,9 +281,9 @@ def cheirality(
     Choose between ``bearings`` and their reverse: scene points lie in front of both cameras.
 
     The epipolar constraint holds for both signs of the baseline; the parallax that is left once
-    the rotation is compensated does not. Each match votes with the sign of its two depths, weighted
-    by its parallax angle over ``noise``, squared and saturated at three, so that an outlier counts
-    no more than a good match. With too little parallax the confidence is near zero.
+    the rotation is compensated does not. Each match votes with the sign of its two depths,
+    weighted by its parallax angle over ``noise``, squared and saturated at three, so that an
+    outlier counts no more than a good match. With too little parallax the confidence is near zero.
     """
     alpha = bearings.heading_error
     cosine, sine = math.cos(alpha), math.sin(alpha)
@@ -293,9 +293,7 @@ def cheirality(
     c_x, c_z = math.cos(bearings.psi), math.sin(bearings.psi)
     depth_current = -cross * (desired[:, 0] * c_z - c_x)
     depth_desired = -cross * (turned_x * c_z - turned_z * c_x)
-    parallax = np.abs(cross) / np.sqrt(
-        (1.0 + desired[:, 0] ** 2) * (turned_x**2 + turned_z**2)
-    )
+    parallax = np.abs(cross) / np.sqrt((1.0 + desired[:, 0] ** 2) * (turned_x**2 + turned_z**2))
     weight = np.minimum(parallax / noise, VOTE_SATURATION) ** 2
     score = float((weight * (np.sign(depth_current) + np.sign(depth_desired))).sum())
     total = 2.0 * VOTE_SATURATION**2 * max(len(current), 1)

@@ -39,10 +39,10 @@ def finite_time_controls(
 
 def printed_sigma(e_current: float, e_desired: float) -> float:
     """
-    Return sign(e_au e_du), which the paper prints in (9), (10), (16), (24) for sign cos(psi-theta).
+    Return sign(e_au e_du), as the paper prints it in (9), (10), (16), (24).
 
-    The two differ wherever the goal lies ahead of the robot and |psi| is on the usual side: use
-    ``Bearings.sigma`` to drive, this one to show what the printed law does.
+    It stands there for sigma = sign cos(psi - theta), but differs from it in nearly every pose
+    behind the goal that looks at the scene. Drive with ``Bearings.sigma``.
     """
     return math.copysign(1.0, e_current * e_desired)
 
@@ -78,7 +78,7 @@ def linearizing_control(
     squared_desired = e_desired * e_desired + focal * focal
     linear = 0.0
     if nu_2 != 0.0:
-        # sigma is its own inverse: u1 = -sigma d f sqrt(e_au^2 + f^2) / (e_au (e_du^2 + f^2)) nu_2.
+        # u1 = -sigma d f sqrt(e_au^2 + f^2) / (e_au (e_du^2 + f^2)) nu_2; 1 / sigma = sigma.
         gain = distance * focal * math.sqrt(squared_current) / squared_desired
         linear = -sigma * gain * nu_2 / (e_current or math.copysign(1e-12, sigma))
     angular = focal / squared_current * nu_1 - focal / squared_desired * nu_2
@@ -112,11 +112,10 @@ def distance_rate(linear: float, e_current: float, *, sigma: float, focal: float
     return linear * sigma * focal / math.hypot(e_current, focal)
 
 
-def turn_epipole(
-    e_current: float, e_target: float, *, k1: float, focal: float = 1.0
-) -> Twist:
+def turn_epipole(e_current: float, e_target: float, *, k1: float, focal: float = 1.0) -> Twist:
     """Turn in place until e_au = e_target, exponentially at rate k1 (section IV-B, remarks)."""
-    return Twist(0.0, -focal / (e_current * e_current + focal * focal) * k1 * (e_current - e_target))
+    rate = -k1 * (e_current - e_target)
+    return Twist(0.0, focal / (e_current * e_current + focal * focal) * rate)
 
 
 def displaced_epipole(

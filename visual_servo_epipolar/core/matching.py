@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from visual_servo_epipolar.core.arrays import as_gray, BoolArray, FloatArray, Image, IntArray
 from visual_servo_epipolar.core.errors import TrackingError
@@ -27,7 +28,7 @@ class Keypoints:
 
     pixels: FloatArray
     sizes: FloatArray
-    descriptors: np.ndarray
+    descriptors: NDArray[np.float32]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,7 +124,7 @@ def match(view: DesiredView, image: Image, *, limit: int = 4000) -> Matches:
     return Matches(indices.astype(np.int64), found.pixels[pairs[first, 1]], scales)
 
 
-def _mutual(desired: np.ndarray, current: np.ndarray) -> IntArray:
+def _mutual(desired: NDArray[np.float32], current: NDArray[np.float32]) -> IntArray:
     """Return index pairs (desired, current) that are each other's nearest, shape (M, 2)."""
     if len(desired) < 2 or len(current) < 2:
         return np.empty((0, 2), np.int64)

@@ -9,6 +9,7 @@ from dataclasses import replace
 import math
 
 from visual_servo_epipolar.core import laws
+from visual_servo_epipolar.core.epipolar import Bearings
 from visual_servo_epipolar.core.events import bearing_desired, classify, is_settled
 from visual_servo_epipolar.core.motion import saturate, STANDSTILL, Twist
 from visual_servo_epipolar.core.perception import Observation, perceive, Sight
@@ -32,7 +33,7 @@ def advance(state: ServoState, sight: Sight, settings: ServoSettings) -> ServoSt
     if before is not None and sight.stamp_ns < before.stamp_ns:
         sight = replace(sight, reason='time ran backwards')
         state, event = replace(state, sight=sight, phase_start_ns=sight.stamp_ns), Event.LOST
-    state = _switch(state, event, settings)
+    state = _switch(state, sight, event, settings)
     twist = saturate(
         command(state, settings),
         max_linear=settings.max_linear,
@@ -71,8 +72,7 @@ def command(state: ServoState, settings: ServoSettings) -> Twist:
 
 def _first_step(state: ServoState, settings: ServoSettings) -> Twist:
     """Return eqs. (16)-(17); ``full`` holds e_au at the target until e_du is latched."""
-    assert state.sight is not None and state.sight.bearings is not None
-    bearings = state.sight.bearings
+    bearings = _bearings(state)
     e_current, e_desired = bearings.epipole_current, bearings.epipole_desired
     full = settings.law == 'full'
     gains = {
@@ -94,9 +94,14 @@ def _first_step(state: ServoState, settings: ServoSettings) -> Twist:
     )
 
 
+def _bearings(state: ServoState) -> Bearings:
+    if state.sight is None or state.sight.bearings is None:
+        raise ValueError('the first step needs bearings; classify should have said lost')
+    return state.sight.bearings
+
+
 def _sigma(state: ServoState, settings: ServoSettings) -> float:
-    assert state.sight is not None and state.sight.bearings is not None
-    bearings = state.sight.bearings
+    bearings = _bearings(state)
     if settings.law == 'paper':
         return laws.printed_sigma(bearings.epipole_current, bearings.epipole_desired)
     return bearings.sigma
@@ -105,7 +110,7 @@ def _sigma(state: ServoState, settings: ServoSettings) -> float:
 def _remember(state: ServoState, sight: Sight, settings: ServoSettings) -> ServoState:
     """Take in what was seen: d_hat by the applied speed (18), the latch, the settled frames."""
     state = replace(state, distance=_distance(state, sight, settings), sight=sight)
-    state = replace(state, latched=_latch(state, settings))
+    state = replace(state, latched=_latch(state, sight, settings))
     return replace(state, settled=state.settled + 1 if is_settled(state, settings) else 0)
 
 
@@ -123,41 +128,38 @@ def _distance(state: ServoState, sight: Sight, settings: ServoSettings) -> float
     return max(state.distance + rate * dt, settings.min_distance)
 
 
-def _latch(state: ServoState, settings: ServoSettings) -> bool:
+def _latch(state: ServoState, sight: Sight, settings: ServoSettings) -> bool:
     """Call e_du zero once it is small or has crossed; only a new phase lets go of it (escaped)."""
-    assert state.sight is not None
-    if state.phase is not Phase.ZEROING_EPIPOLES or state.sight.bearings is None:
+    if state.phase is not Phase.ZEROING_EPIPOLES or sight.bearings is None:
         return state.latched
-    bearing = bearing_desired(state.sight.bearings)
+    bearing = bearing_desired(sight.bearings)
     return state.latched or abs(bearing) <= settings.latch_engage or bearing * state.side < 0.0
 
 
-def _switch(state: ServoState, event: Event, settings: ServoSettings) -> ServoState:
+def _switch(state: ServoState, sight: Sight, event: Event, settings: ServoSettings) -> ServoState:
     """Follow the transition table, and prepare what the new phase needs."""
-    assert state.sight is not None
     phase = next_phase(state.phase, event)
     if phase is state.phase:
         return state
     state = replace(
         state,
         phase=phase,
-        phase_start_ns=state.sight.stamp_ns,
+        phase_start_ns=sight.stamp_ns,
         settled=0,
-        reason=_reason(state, event, settings),
+        reason=_reason(state, sight, event, settings),
         attempts=state.attempts + (event is Event.MISSED),
     )
-    if phase in (Phase.DISPLACING, Phase.ZEROING_EPIPOLES) and state.sight.bearings is not None:
-        bearing = bearing_desired(state.sight.bearings)
+    if phase in (Phase.DISPLACING, Phase.ZEROING_EPIPOLES) and sight.bearings is not None:
+        bearing = bearing_desired(sight.bearings)
         state = replace(state, side=math.copysign(1.0, bearing), latched=False)
     if phase is Phase.DISPLACING:
-        state = replace(state, target=_target(state, settings))
+        state = replace(state, target=_target(sight, settings))
     return state
 
 
-def _target(state: ServoState, settings: ServoSettings) -> float:
+def _target(sight: Sight, settings: ServoSettings) -> float:
     """Return where DISPLACING puts the current epipole (section IV-B, remarks; or discordant)."""
-    assert state.sight is not None
-    bearings = state.sight.bearings
+    bearings = sight.bearings
     if bearings is None:
         return 0.0
     if settings.law == 'full':
@@ -170,10 +172,9 @@ def _target(state: ServoState, settings: ServoSettings) -> float:
     return math.copysign(math.tan(2.0 * settings.singular_epipole), bearings.epipole_current)
 
 
-def _reason(state: ServoState, event: Event, settings: ServoSettings) -> str:
+def _reason(state: ServoState, sight: Sight, event: Event, settings: ServoSettings) -> str:
     """Say why a phase was left, for the log and for the verdict on the run."""
-    assert state.sight is not None
-    sight, name = state.sight, state.phase.value
+    name = state.phase.value
     if event is Event.TIMED_OUT and state.phase is Phase.HOLDING:
         return f'tracks lost or untrusted for {settings.holding_timeout:g} s: {state.reason}'
     if event is Event.TIMED_OUT:
@@ -185,4 +186,4 @@ def _reason(state: ServoState, event: Event, settings: ServoSettings) -> str:
         return f'features are {error:.1f} px off at the end of attempt {state.attempts}'
     if event is Event.LOST:
         return sight.reason or f'bearings not trusted in {name}'
-    return event.value
+    return str(event.value)

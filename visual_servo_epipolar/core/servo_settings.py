@@ -25,7 +25,9 @@ class ServoSettings(Settings):
     seed: int = setting(0, 'Seed of the random subsets', low=0, high=2**31 - 1, read_only=True)
     autostart: bool = setting(True, 'Start by itself once there are tracks')
 
-    k1: float = setting(0.08, 'Gain k1 of eq. (12) on the current epipole [1/s]', low=0.0, high=5.0)
+    k1: float = setting(
+        0.08, 'Gain k1 of eq. (12) on the current epipole [1/s]', low=0.0, high=5.0
+    )
     k2: float = setting(0.23, 'Gain k2 of eq. (12) on the desired epipole', low=0.0, high=5.0)
     exponent: float = setting(7.0 / 9.0, 'beta/gamma of eq. (12)', low=0.05, high=1.0)
     finite_time: bool = setting(False, 'Use eq. (20): zero both epipoles in finite time')
@@ -33,11 +35,22 @@ class ServoSettings(Settings):
         8.0, 'Upper bound d_hat_0 of the distance to the goal [m]', low=0.1, high=100.0
     )
     min_distance: float = setting(0.3, 'Floor of the estimate d_hat [m]', low=0.01, high=10.0)
-    k_t: float = setting(16.0, 'Gain k_t of eq. (21), D at unit focal length [m/s]', low=0, high=200)
-    turn_gain: float = setting(0.8, 'Gain of turns in place and of holding e_au [1/s]', low=0, high=5)
+    k_t: float = setting(
+        16.0, 'Gain k_t of eq. (21), D at unit focal length [m/s]', low=0, high=200
+    )
+    turn_gain: float = setting(
+        0.8, 'Gain of turns in place and of holding e_au [1/s]', low=0, high=5
+    )
+
+    compensate_rotation: bool = setting(
+        True, 'Law full: turn features to the desired heading before taking D'
+    )
 
     room: float = setting(
-        0.4, 'Part of the distance that the spiral of step 1 leaves for step 2', low=0.05, high=0.95
+        0.4,
+        'Part of the distance that the spiral of step 1 leaves for step 2',
+        low=0.05,
+        high=0.95,
     )
     min_displacement: float = setting(
         0.14, 'Least bearing of the displaced current epipole [rad]', low=0.01, high=0.6
@@ -66,7 +79,10 @@ class ServoSettings(Settings):
         1e-4, '|D| at unit focal length below which the features match', low=1e-8, high=0.1
     )
     arrival_error: float = setting(
-        8.0, 'Median feature error above which an end of step 2 is a miss [px]', low=0.1, high=200.0
+        8.0,
+        'Median feature error above which an end of step 2 is a miss [px]',
+        low=0.1,
+        high=200.0,
     )
     arrival_frames: int = setting(5, 'Frames in a row that must match', low=1, high=100)
 
@@ -113,3 +129,8 @@ class ServoSettings(Settings):
                 f'min_displacement must not exceed max_displacement, got '
                 f'{self.min_displacement:g} and {self.max_displacement:g} rad'
             )
+
+    @property
+    def compensates(self) -> bool:
+        """Whether D is taken from features turned to the desired heading."""
+        return self.law == 'full' and self.compensate_rotation

@@ -1,15 +1,17 @@
 """
 The tracker: which feature of the desired view is where in the current image.
 
-Pyramidal Lucas-Kanade from frame to frame with a forward-backward check keeps the features; each is
-then anchored to its patch in the desired image, so that small errors do not add up to drift. When
-too few are left the whole image is matched anew.
+Pyramidal Lucas-Kanade from frame to frame with a forward-backward check keeps the features; each
+is then anchored to its patch in the desired image, so that small errors do not add up to drift.
+When too few are left the whole image is matched anew.
 """
 
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from visual_servo_epipolar.core.anchoring import Anchor, Warps
 from visual_servo_epipolar.core.arrays import as_gray, BoolArray, FloatArray, Image, IntArray
@@ -20,6 +22,8 @@ from visual_servo_epipolar.core.settings import setting, Settings
 
 FIRST_ITERATIONS = 15  # of the alignment after a match: its scale is only known by SIFT
 BORDER = 4.0
+
+Points: TypeAlias = NDArray[np.float32]  # as OpenCV's flow wants them, shape (N, 2)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -142,14 +146,14 @@ class Tracker:
         after, found = self._flow(self._previous, image, before, None)
         back, found_back = self._flow(image, self._previous, after, before)
         close = np.hypot(*(back - before).T) <= self.settings.forward_backward
-        good = found & found_back & close & _inside(after, image)
         warps = replace(self._tracked.warps, current=after.astype(np.float64))
+        good = found & found_back & close & _inside(warps.current, image)
         moved = replace(self._tracked, warps=warps, ages=self._tracked.ages + 1)
         return moved.take(good)
 
     def _flow(
-        self, source: Image, target: Image, points: np.ndarray, guess: np.ndarray | None
-    ) -> tuple[np.ndarray, BoolArray]:
+        self, source: Image, target: Image, points: Points, guess: Points | None
+    ) -> tuple[Points, BoolArray]:
         moved, status, _ = cv2.calcOpticalFlowPyrLK(
             source,
             target,
@@ -208,7 +212,9 @@ class Tracker:
         )
         height, width = self._view.image.shape
         quality = self._view.corners[both.warps.ids]
-        quality[: len(kept.warps)] += self._view.corners.max()  # what is tracked already comes first
+        quality[: len(kept.warps)] += (
+            self._view.corners.max()
+        )  # what is tracked already comes first
         rows = spread(both.warps.desired, quality, self.settings.max_features, (width, height))
         return both.take(rows)
 

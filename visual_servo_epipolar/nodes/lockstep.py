@@ -50,9 +50,7 @@ class Lockstep(AbstractContextManager['Lockstep']):
         base = {'lockstep': True, 'start': loop.start, 'seed': loop.seed}
         base['frame_rate'] = loop.frame_rate
         self.servo = self._add(ServoNode, scenario.servo, {'camera_reliability': 'reliable'})
-        self.tracker = self._add(
-            TrackerNode, scenario.tracker, {'camera_reliability': 'reliable'}
-        )
+        self.tracker = self._add(TrackerNode, scenario.tracker, {'camera_reliability': 'reliable'})
         self.unicycle = self._add(UnicycleNode, scenario.base, base, simulated_time=False)
         self.camera = self._add(CameraNode, scenario.camera, {})
 

@@ -33,9 +33,7 @@ def declare(node: Node, kind: type[SettingsT]) -> SettingsT:
     return kind(**values)
 
 
-def watch(
-    node: Node, current: Callable[[], SettingsT], use: Callable[[SettingsT], None]
-) -> None:
+def watch(node: Node, current: Callable[[], SettingsT], use: Callable[[SettingsT], None]) -> None:
     """Let parameters change while the node runs: validated first, swapped in as a whole after."""
 
     def changed(parameters: Sequence[Parameter]) -> SettingsT:
@@ -81,9 +79,7 @@ def _descriptor(item: Any) -> ParameterDescriptor:
     text = limits.text
     if limits.choices:
         text = f'{text}: one of {", ".join(limits.choices)}'
-    descriptor = ParameterDescriptor(
-        name=item.name, description=text, read_only=limits.read_only
-    )
+    descriptor = ParameterDescriptor(name=item.name, description=text, read_only=limits.read_only)
     if limits.low is None or limits.high is None:
         return descriptor
     if isinstance(item.default, float):

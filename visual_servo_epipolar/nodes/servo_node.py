@@ -133,8 +133,9 @@ class ServoNode(Node):
     def _follow(self, state: ServoState) -> None:
         """Take over a new state, and say so when its phase is a new one."""
         if state.phase is not self._state.phase:
-            self.get_logger().info(f'{self._state.phase.value} -> {state.phase.value} '
-                                   f'({state.reason})')
+            self.get_logger().info(
+                f'{self._state.phase.value} -> {state.phase.value} ({state.reason})'
+            )
         self._state = state
 
     def _publish(self, stamp_ns: int, frame_id: str) -> None:

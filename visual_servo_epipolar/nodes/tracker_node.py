@@ -11,7 +11,8 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_srvs.srv import Trigger
 
-from visual_servo_epipolar.core.arrays import as_gray, Image as Pixels
+from visual_servo_epipolar.core.arrays import as_gray
+from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.camera import Camera
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.features import Features
@@ -30,7 +31,8 @@ class TrackerNodeSettings(Settings):
     """Where the photograph comes from, and how images are subscribed."""
 
     desired_image: str = setting(
-        '', 'File of the photograph; empty: wait for desired/image_raw or ~/capture_desired',
+        '',
+        'File of the photograph; empty: wait for desired/image_raw or ~/capture_desired',
         read_only=True,
     )
     camera_reliability: str = setting(

@@ -41,7 +41,9 @@ class UnicycleSettings(Settings):
     enable_stamped_cmd_vel: bool = setting(
         False, 'Take geometry_msgs/TwistStamped on cmd_vel', read_only=True
     )
-    world_frame: str = setting('world', 'Frame of ground truth: goal at its origin', read_only=True)
+    world_frame: str = setting(
+        'world', 'Frame of ground truth: goal at its origin', read_only=True
+    )
     odom_frame: str = setting('odom', 'Frame of the odometry', read_only=True)
     base_frame: str = setting('base_link', 'Frame of the base', read_only=True)
 

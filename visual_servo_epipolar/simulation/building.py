@@ -122,7 +122,9 @@ class Builder:
         width, height = float(np.linalg.norm(edge_u)), float(np.linalg.norm(edge_v))
         sheet = Sheet(width, height, density, self.rng, self._grain)
         paint(sheet)
-        points = origin + _grid(width) [None, :, None] * edge_u + _grid(height)[:, None, None] * edge_v
+        points = (
+            origin + _grid(width)[None, :, None] * edge_u + _grid(height)[:, None, None] * edge_v
+        )
         light = self._light(points, np.cross(edge_v / height, edge_u / width))
         if body == ROOM:
             light *= _corners(width)[None] * _corners(height)[:, None]

@@ -9,8 +9,8 @@ Polygon: TypeAlias = list[Corner]
 Plane: TypeAlias = tuple[float, float, float, float]
 Outline: TypeAlias = list[tuple[float, float]]
 
-STRIP_RATIO = 1.25  # farthest over nearest depth within one strip
-SECTIONS = (-0.55, -0.2, 0.2, 0.55)  # x / z at which the strips of floor and ceiling are cut
+STRIP_RATIO = 1.4  # farthest over nearest depth within one strip
+SECTIONS = (-0.33, 0.33)  # x / z at which the strips of floor and ceiling are cut
 
 
 def clipped(polygon: Polygon, plane: Plane) -> Polygon:

@@ -1,5 +1,6 @@
 """Edges between surfaces, placed sub-pixel exactly after the surfaces have been painted."""
 
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -28,7 +29,8 @@ def smooth_edges(image: Image, scene: Scene, view: View, raster: Raster) -> Imag
     pixel takes as much of either side as the edge leaves it. Pixels that were painted although
     they lie wholly outside of the edge are taken from their neighbour.
     """
-    pixels, inwards, shares, owners = _crossings(scene, view, raster.shown)
+    crossings = _crossings(scene, view, raster.shown)
+    pixels, inwards, shares, owners = crossings
     flat, ids = image.ravel(), raster.ids.ravel()
     surfaces = np.array([-1, *(strip.surface for strip in raster.strips)])
     inner, outer = surfaces[ids[pixels + inwards]], surfaces[ids[pixels - inwards]]
@@ -42,7 +44,38 @@ def smooth_edges(image: Image, scene: Scene, view: View, raster: Raster) -> Imag
     at, step = pixels[over] - inwards[over], inwards[over]
     wrong = surfaces[ids[at - step]] != owners[over]
     result[at[wrong]] = flat[(at - step)[wrong]]
+    if raster.thin.any():
+        at, grey = _slivers(
+            crossings, flat, lambda at: surfaces[ids[at]], raster.shown[raster.thin]
+        )
+        result[at] = grey
     return result.reshape(image.shape)
+
+
+def _slivers(
+    crossings: Crossings, flat: Image, seen_at: Callable[[IntArray], IntArray], thin: IntArray
+) -> tuple[IntArray, FloatArray]:
+    """Return the pixels in which both edges of a thin surface lie, and their grey values."""
+    keep = np.nonzero(np.isin(crossings.owners, thin))[0]
+    pixels, inwards, shares, owners = (values[keep] for values in crossings)
+    order = np.lexsort((inwards, pixels, owners))
+    one, two = order[:-1], order[1:]
+    pairs = (pixels[one] == pixels[two]) & (owners[one] == owners[two])
+    one, two = (
+        one[pairs & (inwards[one] == -inwards[two])],
+        two[pairs & (inwards[one] == -inwards[two])],
+    )
+    at, step, owner = pixels[one], inwards[two], owners[one]
+    # Edge one has the surface before it, edge two after it: one covers the rest from the far side.
+    before, after = 1.0 - shares[two], 1.0 - shares[one]
+    inside = np.full(len(at), -1)
+    for place in (at - step, at + step, at):
+        inside = np.where(seen_at(place) == owner, place, inside)
+    left = np.where(seen_at(at - step) == owner, at - 2 * step, at - step)
+    right = np.where(seen_at(at + step) == owner, at + 2 * step, at + step)
+    mixed = before * flat[left] + after * flat[right] + (1.0 - before - after) * flat[inside]
+    seen = (inside >= 0) & (before + after <= 1.0)
+    return at[seen], np.rint(mixed[seen])
 
 
 def _crossings(scene: Scene, view: View, shown: IntArray) -> Crossings:

@@ -87,10 +87,14 @@ def ceiling(sheet: Sheet, lamps: list[tuple[float, float]], *, plain: bool = Fal
             sheet.rect(x + 0.006, y + 0.006, size - 0.014, size - 0.014, tone(sheet, 184.0, 212.0))
             marks = 0 if plain else int(rng.integers(0, 8))
             for cx, cy in rng.uniform(0.05, size - 0.05, (marks, 2)):
-                sheet.disc(x + cx, y + cy, float(rng.uniform(0.004, 0.02)), tone(sheet, 80.0, 150.0))
+                sheet.disc(
+                    x + cx, y + cy, float(rng.uniform(0.004, 0.02)), tone(sheet, 80.0, 150.0)
+                )
             if not plain and rng.uniform() < 0.13:
                 _fitting(sheet, x, y, size)
-            sheet.line([(x, y), (x, y + size), (x + size, y + size)], 0.012, tone(sheet, 105.0, 150.0))
+            sheet.line(
+                [(x, y), (x, y + size), (x + size, y + size)], 0.012, tone(sheet, 105.0, 150.0)
+            )
     for x, y in lamps:
         sheet.rect(x - 0.64, y - 0.19, 1.28, 0.38, 120.0)
         sheet.rect(x - 0.6, y - 0.15, 1.2, 0.3, 250.0)
@@ -111,7 +115,9 @@ def _fitting(sheet: Sheet, x: float, y: float, size: float) -> None:
     else:
         for _ in range(5):
             at = sheet.rng.uniform(0.1, size - 0.1, 2)
-            sheet.disc(x + at[0], y + at[1], float(sheet.rng.uniform(0.02, 0.09)), tone(sheet, 150, 185))
+            sheet.disc(
+                x + at[0], y + at[1], float(sheet.rng.uniform(0.02, 0.09)), tone(sheet, 150, 185)
+            )
 
 
 def wall(sheet: Sheet, *, fittings: str = '', pictures: float = 0.0) -> None:
@@ -144,7 +150,13 @@ def _fit(sheet: Sheet, fitting: str, x: float, span: float) -> None:
         window(sheet, middle - 0.5 * width, 0.5, width, 1.3)
     elif fitting == 'p':
         width = float(rng.uniform(0.5, min(1.1, 0.7 * span)))
-        poster(sheet, middle - 0.5 * width, float(rng.uniform(0.35, 0.7)), width, tone(sheet, 0.6, 1.3))
+        poster(
+            sheet,
+            middle - 0.5 * width,
+            float(rng.uniform(0.35, 0.7)),
+            width,
+            tone(sheet, 0.6, 1.3),
+        )
         sag = sheet.height - 0.3 + 0.1 * np.sin(np.linspace(0.0, math.pi, 12))
         sheet.line(np.stack([np.linspace(x, x + span, 12), sag], 1), 0.012, 50.0)
         sheet.rect(x + 0.1, sheet.height - 0.4, 0.09, 0.16, 235.0)
@@ -205,7 +217,9 @@ def crate(sheet: Sheet, grey: float) -> None:
     sheet.fill(40.0)
     slat = float(sheet.rng.uniform(0.09, 0.15))
     for y in np.arange(0.0, sheet.height, slat):
-        sheet.rect(0.0, float(y) + 0.004, sheet.width, slat - 0.01, grey + tone(sheet, -35.0, 35.0))
+        sheet.rect(
+            0.0, float(y) + 0.004, sheet.width, slat - 0.01, grey + tone(sheet, -35.0, 35.0)
+        )
     sheet.roughen(13.0, zoom=(8.0, 1.0))
     sheet.frame(0.0, 0.0, sheet.width, sheet.height, line=0.06, grey=grey - 35.0)
     for _ in range(int(3 + 7 * sheet.width * sheet.height)):
@@ -222,7 +236,9 @@ def noticeboard(sheet: Sheet, grey: float) -> None:
     sheet.roughen(12.0)
     for size in (0.55, 0.45, 0.4, 0.33, 0.3, 0.26, 0.22, 0.2, 0.18, 0.16):
         side = size * min(max(sheet.width, sheet.height), 1.7)
-        width, height = np.minimum(sheet.rng.uniform(0.7, 1.2, 2) * side, (sheet.width, sheet.height))
+        width, height = np.minimum(
+            sheet.rng.uniform(0.7, 1.2, 2) * side, (sheet.width, sheet.height)
+        )
         at = sheet.rng.uniform((0.0, 0.0), (sheet.width - width, sheet.height - height))
         poster(sheet, float(at[0]), float(at[1]), 0.95 * float(width), 0.95 * float(height))
     sheet.frame(0.0, 0.0, sheet.width, sheet.height, line=0.03, grey=60.0)

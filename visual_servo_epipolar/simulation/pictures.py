@@ -39,7 +39,11 @@ def shapes(sheet: Sheet, x: float, y: float, width: float, height: float) -> Non
     rng = sheet.rng
     sheet.rect(x, y, width, height, tone(sheet))
     for size in 0.45 * min(width, height) * 0.82 ** np.arange(22):
-        at = np.array([x, y]) + size + rng.uniform(0.0, 1.0, 2) * (np.array([width, height]) - 2 * size)
+        at = (
+            np.array([x, y])
+            + size
+            + rng.uniform(0.0, 1.0, 2) * (np.array([width, height]) - 2 * size)
+        )
         corners = int(rng.integers(3, 8))
         turns = np.sort(rng.uniform(0.0, 2.0 * math.pi, corners))
         if rng.uniform() < 0.35:
@@ -67,9 +71,13 @@ def landscape(sheet: Sheet, x: float, y: float, width: float, height: float) -> 
     for k, grey in enumerate(np.linspace(tone(sheet, 190.0, 240.0), tone(sheet, 130.0, 180.0), 8)):
         sheet.rect(x, y + k * height / 8, width, height / 8, float(grey))
     radius = 0.1 * min(width, height)
-    sheet.disc(x + width * rng.uniform(0.2, 0.8), y + height * rng.uniform(0.15, 0.4), radius, 250.0)
+    sheet.disc(
+        x + width * rng.uniform(0.2, 0.8), y + height * rng.uniform(0.15, 0.4), radius, 250.0
+    )
     for k in range(4):
-        waves = [np.sin(2.0 * math.pi * (f * across + rng.uniform())) / f for f in (1, 2.3, 5, 11, 23)]
+        waves = [
+            np.sin(2.0 * math.pi * (f * across + rng.uniform())) / f for f in (1, 2.3, 5, 11, 23)
+        ]
         crest = y + height * (0.45 + 0.13 * k + 0.09 * sum(waves))
         ridge = np.stack([x + across * width, np.clip(crest, y, y + height)], axis=1)
         corners = [(x + width, y + height), (x, y + height)]
@@ -103,7 +111,10 @@ def window(sheet: Sheet, x: float, y: float, width: float, height: float) -> Non
     landscape(sheet, x, y, width, height)
     for _ in range(9):
         size = float(sheet.rng.uniform(0.08, 0.3)) * width / 2.0
-        left, tall = x + float(sheet.rng.uniform(0.0, 1.0)) * (width - size), size * tone(sheet, 0.5, 1.6)
+        left, tall = (
+            x + float(sheet.rng.uniform(0.0, 1.0)) * (width - size),
+            size * tone(sheet, 0.5, 1.6),
+        )
         sheet.rect(left, y + height - tall, size, tall, tone(sheet, 60.0, 200.0))
         for row in np.arange(y + height - 0.8 * tall, y + height, 0.09):
             for column in np.arange(left + 0.02, left + size - 0.04, 0.07):
@@ -159,6 +170,9 @@ def _book(sheet: Sheet, box: tuple[float, float, float, float], grey: float) -> 
         start, steps = y + 0.25 * tall, int(sheet.rng.integers(4, 9))
         for k in range(steps):
             sheet.rect(
-                x + 0.3 * thick, start + 0.06 * k * tall, tone(sheet, 0.2, 0.4) * thick,
-                0.03 * tall, ink,
+                x + 0.3 * thick,
+                start + 0.06 * k * tall,
+                tone(sheet, 0.2, 0.4) * thick,
+                0.03 * tall,
+                ink,
             )

@@ -35,16 +35,14 @@ class BaseSettings(Settings):
     wheel_ratio: float = setting(
         1.0, 'True radius of the right wheel over the left', low=0.8, high=1.25
     )
-    slip: float = setting(0.0, 'Part of the wheels\' motion lost in slip', low=0.0, high=0.9)
+    slip: float = setting(0.0, "Part of the wheels' motion lost in slip", low=0.0, high=0.9)
     dead_zone_linear: float = setting(
         0.0, 'Linear speed below which the motors stand [m/s]', low=0.0, high=1.0
     )
     dead_zone_angular: float = setting(
         0.0, 'Angular speed below which the motors stand [rad/s]', low=0.0, high=2.0
     )
-    command_delay: float = setting(
-        0.0, 'Delay from command to motors [s]', low=0.0, high=2.0
-    )
+    command_delay: float = setting(0.0, 'Delay from command to motors [s]', low=0.0, high=2.0)
 
 
 class Pioneer:

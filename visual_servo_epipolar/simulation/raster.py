@@ -7,13 +7,14 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from visual_servo_epipolar.core.arrays import FloatArray, IntArray
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.simulation import clipping
 from visual_servo_epipolar.simulation.clipping import Outline, Plane, Polygon
 from visual_servo_epipolar.simulation.surfaces import Scene
 
 NEAR = 0.05  # nothing nearer than this is seen [m]
-THINNEST = 0.5  # narrower slivers are left out [px]: painting would make them a pixel wide
+THINNEST = 0.02  # narrower slivers are left out [px]
+THIN = 3.0  # edges of narrower surfaces may share a pixel [px]
 MARGIN = 4.0  # how far outside of the image polygons are cut off [px]
 SUBPIXEL_BITS = 6
 MAX_SKEW = 1.5  # area blurred by texture copies over area of a pixel, before it is subdivided
@@ -80,16 +81,17 @@ class Raster:
     strips: tuple[Strip, ...]
     boxes: tuple[Box, ...]  # of each strip: left, top, right, bottom, the last two exclusive [px]
     shown: IntArray  # surfaces that may be seen, shape (S,)
+    thin: BoolArray  # which of these are slivers, shape (S,)
     maps: FloatArray  # their maps from pixels to (a w, b w, w) of origin + a u + b v, (S, 3, 3)
 
 
 def rasterize(scene: Scene, view: View) -> Raster:
     """Paint the numbers of the strips of all surfaces from back to front."""
-    shown, polygons = _polygons(scene, view)
+    shown, polygons, thin = _polygons(scene, view)
     maps = _unprojections(scene, view, shown)
     level = np.abs(scene.normals[shown, 2]) > 0.5
     parts = [
-        (owner, side, view.outline(strip))
+        (owner, side, _shortened(view.outline(strip)) if thin[owner] else view.outline(strip))
         for owner, polygon in enumerate(polygons)
         for side, strip in clipping.strips(polygon, sections=bool(level[owner]))
     ]
@@ -102,11 +104,11 @@ def rasterize(scene: Scene, view: View) -> Raster:
         boxes[key] = _box(outline, view, boxes.get(key))
         vertices = np.rint(np.array(outline) * (1 << SUBPIXEL_BITS)).astype(np.int32)
         cv2.fillConvexPoly(ids, vertices, numbers[key], cv2.LINE_8, SUBPIXEL_BITS)
-    return Raster(ids, tuple(numbers), tuple(boxes[key] for key in numbers), shown, maps)
+    return Raster(ids, tuple(numbers), tuple(boxes[key] for key in numbers), shown, thin, maps)
 
 
-def _polygons(scene: Scene, view: View) -> tuple[IntArray, list[Polygon]]:
-    """Return the surfaces in view from back to front, and what of them is in the frustum."""
+def _polygons(scene: Scene, view: View) -> tuple[IntArray, list[Polygon], BoolArray]:
+    """Return surfaces in view from back to front, what of them is in the frustum, which are thin."""
     frustum = view.frustum()
     planes = np.array(frustum)
     corners = view.to_camera(scene.corners)
@@ -114,15 +116,17 @@ def _polygons(scene: Scene, view: View) -> tuple[IntArray, list[Polygon]]:
     whole = inside.all(axis=(1, 2)).tolist()
     candidates = np.nonzero(scene.facing(view.centre) & inside.any(axis=1).all(axis=1))[0]
     rank = np.argsort(scene.back_to_front(view.centre))[scene.bodies]
-    shown, polygons = [], []
+    shown, polygons, breadths = [], [], []
     for k in sorted(candidates.tolist(), key=rank.tolist().__getitem__):
         polygon: Polygon = list(map(tuple, corners[k].tolist()))
         for plane in () if whole[k] else frustum:
             polygon = clipping.clipped(polygon, plane) if polygon else polygon
-        if len(polygon) > 2 and clipping.breadth(view.outline(polygon)) >= THINNEST:
+        breadth = clipping.breadth(view.outline(polygon)) if polygon else 0.0
+        if breadth >= THINNEST:
             shown.append(k)
             polygons.append(polygon)
-    return np.array(shown, dtype=np.int64), polygons
+            breadths.append(breadth)
+    return np.array(shown, dtype=np.int64), polygons, np.array(breadths) < THIN
 
 
 def _unprojections(scene: Scene, view: View, shown: IntArray) -> FloatArray:
@@ -153,7 +157,11 @@ def _sampling(
     return [
         Strip(surface, side, p, q, nx, ny)
         for surface, (_, side, _), (p, q), nx, ny in zip(
-            shown[owners].tolist(), parts, copies.tolist(), columns.tolist(), rows.tolist(),
+            shown[owners].tolist(),
+            parts,
+            copies.tolist(),
+            columns.tolist(),
+            rows.tolist(),
             strict=True,
         )
     ]
@@ -173,7 +181,9 @@ def _slopes(
 
 def _footprint(slopes: FloatArray, columns: IntArray, rows: IntArray) -> FloatArray:
     """Return how many texels a part of a pixel spans along u and v, shape (K, 2)."""
-    return np.asarray(np.hypot(slopes[:, :, 0] / columns[:, None], slopes[:, :, 1] / rows[:, None]))
+    return np.asarray(
+        np.hypot(slopes[:, :, 0] / columns[:, None], slopes[:, :, 1] / rows[:, None])
+    )
 
 
 def _subdivisions(slopes: FloatArray, area: FloatArray) -> tuple[IntArray, IntArray]:
@@ -193,8 +203,14 @@ def _subdivisions(slopes: FloatArray, area: FloatArray) -> tuple[IntArray, IntAr
     return columns, rows
 
 
-def _mean(numbers: tuple[float, ...]) -> float:
-    return sum(numbers) / len(numbers)
+def _shortened(outline: Outline) -> Outline:
+    """Draw the ends of a thin outline in by a pixel: painted, they would stick out by one."""
+    u, v = zip(*outline, strict=True)
+    middle_u, middle_v = sum(u) / len(u), sum(v) / len(v)
+    scale = 1.0 - 2.0 / max(max(u) - min(u), max(v) - min(v), 3.0)
+    return [
+        (middle_u + scale * (x - middle_u), middle_v + scale * (y - middle_v)) for x, y in outline
+    ]
 
 
 def _box(outline: Outline, view: View, box: Box | None) -> Box:

@@ -100,7 +100,9 @@ class Renderer:
     ) -> FloatArray:
         """Return the world points seen at ``pixels``, shape (N, 3); NaN where there is none."""
         view, scene = self._view(pose, tilt, roll), self.scene
-        rays = np.column_stack([self.camera.rays(as_points(pixels, 'pixels')), np.ones(len(pixels))])
+        rays = np.column_stack(
+            [self.camera.rays(as_points(pixels, 'pixels')), np.ones(len(pixels))]
+        )
         directions = rays @ view.R_world_camera.T
         origins = scene.corners[:, 0] - view.centre
         with np.errstate(divide='ignore', invalid='ignore'):

@@ -39,9 +39,7 @@ def _sources(scene: Scene, raster: Raster) -> list[tuple[Image, FloatArray]]:
         picture, i, j = texture.filtered(strip.p, strip.q)
         rows, columns = texture.image.shape
         # Texel t of the original is texel (t + 1/2) / 2^i - 1/2 of a copy halved i times.
-        texels.append([
-            [columns / 2**i, 0.0, -0.5], [0.0, rows / 2**j, -0.5], [0.0, 0.0, 1.0]
-        ])
+        texels.append([[columns / 2**i, 0.0, -0.5], [0.0, rows / 2**j, -0.5], [0.0, 0.0, 1.0]])
         pictures.append(picture)
         maps.append(place[strip.surface])
     return list(zip(pictures, np.array(texels) @ raster.maps[maps], strict=True))

@@ -134,7 +134,5 @@ def _along_the_sides(rng: np.random.Generator) -> list[Furniture]:
             at = x + side * (depth + 0.02), y + float(rng.uniform(-0.25, 0.25))
             size = (float(width), float(depth), float(height))
             name = f'{"left" if side > 0 else "right"} piece {k}'
-            pieces.append(
-                Furniture(name, *at, size, front, m.timber, turn=side * math.pi / 2.0)
-            )
+            pieces.append(Furniture(name, *at, size, front, m.timber, turn=side * math.pi / 2.0))
     return pieces

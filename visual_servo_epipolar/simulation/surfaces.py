@@ -8,13 +8,21 @@ import math
 import cv2
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import as_gray, BoolArray, FloatArray, frozen, Image, IntArray
+from visual_servo_epipolar.core.arrays import (
+    as_gray,
+    BoolArray,
+    FloatArray,
+    frozen,
+    Image,
+    IntArray,
+)
 
 # Blur of the imaginary lens and pixel together [px]. Less aliases, more looks out of focus: at
 # 0.42 px a contrast of 42 % is left at the Nyquist frequency and 6 % at the pixel frequency.
 LENS_SIGMA = 0.42
-# What the drawn texture, or the halving, and the bilinear sampling blur already [texel^2].
-TEXEL_VARIANCE = 0.35
+# What a copy is blurred already, by how it was drawn or reduced and by bilinear sampling [texel^2].
+TEXEL_VARIANCE = 0.5
+DOUBLED_VARIANCE = 1.6
 ROOM = 'room'
 
 
@@ -24,7 +32,8 @@ class Texture:
 
     Copies are counted in half octaves (p, q): copy (p, q) is fit to be sampled bilinearly where one
     pixel of the image spans 2^(p/2) texels along a row and 2^(q/2) along a column. They are made
-    when first asked for, and keep at least two texels a pixel so that sampling stays sharp.
+    when first asked for, and keep two to three texels a pixel: bilinear sampling of fewer would
+    shift details by some hundredths of a pixel. The original is doubled if it has fewer.
     """
 
     def __init__(self, image: Image) -> None:
@@ -33,19 +42,24 @@ class Texture:
         self._filtered: dict[tuple[int, int], Image] = {}
 
     def filtered(self, p: int, q: int) -> tuple[Image, int, int]:
-        """Return copy (p, q), p, q >= 0, and how often rows and columns of it were halved."""
-        i, j = max(0, (p - 2) // 2), max(0, (q - 2) // 2)
+        """Return copy (p, q), p, q >= 0, and how often its columns and rows were halved."""
+        i, j = (p - 2) // 2, (q - 2) // 2
         if (p, q) not in self._filtered:
-            sigma_u, sigma_v = _sigma(2.0 ** (p / 2 - i)), _sigma(2.0 ** (q / 2 - j))
-            self._filtered[p, q] = _blurred(self._level(i, j), sigma_u, sigma_v)
+            sigmas = _sigma(2.0 ** (p / 2 - i), i), _sigma(2.0 ** (q / 2 - j), j)
+            self._filtered[p, q] = _blurred(self._level(i, j), *sigmas)
         return self._filtered[p, q], i, j
 
     def _level(self, i: int, j: int) -> Image:
+        """Return the picture with columns halved i times and rows j times; -1 is doubled."""
         if (i, j) not in self._reduced:
             if i > 0:
-                self._reduced[i, j] = _halved(self._level(i - 1, j).T).T.copy()
+                image = _halved(self._level(i - 1, j).T).T
+            elif j > 0:
+                image = _halved(self._level(i, j - 1))
             else:
-                self._reduced[i, j] = _halved(self._level(i, j - 1))
+                scales = {'fx': 2.0**-i, 'fy': 2.0**-j}
+                image = cv2.resize(self.image, None, interpolation=cv2.INTER_CUBIC, **scales)
+            self._reduced[i, j] = np.ascontiguousarray(image)
         return self._reduced[i, j]
 
 
@@ -118,21 +132,29 @@ class Scene:
     def body_centres(self) -> FloatArray:
         """Mean corner of each body, shape (B, 3); of the room, if it has surfaces."""
         count = int(self.bodies.max()) + 1
-        return np.stack([
-            self.corners[self.bodies == k].reshape(-1, 3).mean(axis=0)
-            if (self.bodies == k).any() else np.zeros(3)
-            for k in range(count)
-        ])
+        return np.stack(
+            [
+                self.corners[self.bodies == k].reshape(-1, 3).mean(axis=0)
+                if (self.bodies == k).any()
+                else np.zeros(3)
+                for k in range(count)
+            ]
+        )
 
     @cached_property
     def _separations(self) -> tuple[IntArray, IntArray, IntArray]:
         """Faces with a body wholly before them: the face, its own body, the body before it."""
         offsets = np.einsum('ij,ij->i', self.normals, self.corners[:, 0])
-        clearance = np.stack([
-            (self.corners[self.bodies == k].reshape(-1, 3) @ self.normals.T - offsets).min(axis=0)
-            if (self.bodies == k).any() else np.full(len(offsets), -1.0)
-            for k in range(len(self.body_centres))
-        ])
+        clearance = np.stack(
+            [
+                (self.corners[self.bodies == k].reshape(-1, 3) @ self.normals.T - offsets).min(
+                    axis=0
+                )
+                if (self.bodies == k).any()
+                else np.full(len(offsets), -1.0)
+                for k in range(len(self.body_centres))
+            ]
+        )
         before, faces = np.nonzero((clearance > -1e-6) & (self.bodies > 0))
         keep = before > 0
         return faces[keep], self.bodies[faces[keep]], before[keep]
@@ -164,9 +186,10 @@ class Scene:
         return order
 
 
-def _sigma(texels_a_pixel: float) -> float:
+def _sigma(texels_a_pixel: float, halvings: int) -> float:
     """Return the blur [texels] still missing where a pixel spans ``texels_a_pixel``."""
-    return math.sqrt(max(0.0, (LENS_SIGMA * texels_a_pixel) ** 2 - TEXEL_VARIANCE))
+    variance = DOUBLED_VARIANCE if halvings < 0 else TEXEL_VARIANCE
+    return math.sqrt(max(0.0, (LENS_SIGMA * texels_a_pixel) ** 2 - variance))
 
 
 def _blurred(image: Image, sigma_u: float, sigma_v: float) -> Image:

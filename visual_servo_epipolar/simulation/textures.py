@@ -72,14 +72,16 @@ class Sheet:
         turns = np.linspace(0.0, 2.0 * math.pi, 40, endpoint=False)
         self.polygon(np.stack([x + radius * np.cos(turns), y + radius * np.sin(turns)], 1), grey)
 
-    def polygon(
-        self, points: Sequence[tuple[float, float]] | FloatArray, grey: float
-    ) -> None:
+    def polygon(self, points: Sequence[tuple[float, float]] | FloatArray, grey: float) -> None:
         """Fill a polygon; its corners are measured in metres."""
         texels = (np.asarray(points) * self.density - 0.5) * (1 << SHIFT)
-        cv2.fillPoly(self.pixels, [np.rint(texels).astype(np.int32)], _level(grey), cv2.LINE_AA, SHIFT)
+        cv2.fillPoly(
+            self.pixels, [np.rint(texels).astype(np.int32)], _level(grey), cv2.LINE_AA, SHIFT
+        )
 
-    def line(self, points: Sequence[tuple[float, float]] | FloatArray, width: float, grey: float) -> None:
+    def line(
+        self, points: Sequence[tuple[float, float]] | FloatArray, width: float, grey: float
+    ) -> None:
         """Draw a line through points, at least a texel wide."""
         texels = np.rint((np.asarray(points) * self.density - 0.5) * (1 << SHIFT)).astype(np.int32)
         thickness = max(1, round(width * self.density))
@@ -91,7 +93,14 @@ class Sheet:
         scale = height * self.density / 22.0
         weight = max(1, round(scale * 1.6))
         cv2.putText(
-            self.pixels, words, at, cv2.FONT_HERSHEY_SIMPLEX, scale, _level(grey), weight, cv2.LINE_AA
+            self.pixels,
+            words,
+            at,
+            cv2.FONT_HERSHEY_SIMPLEX,
+            scale,
+            _level(grey),
+            weight,
+            cv2.LINE_AA,
         )
 
     def paste(self, image: Image, x: float, y: float) -> None:
