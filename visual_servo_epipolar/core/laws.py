@@ -126,7 +126,8 @@ def displaced_epipole(
 
     With e_au constant the path is a logarithmic spiral, ln(d_end / d_0) = -|chi_0| / tan(alpha),
     chi_0 = atan(e_du / f), alpha = atan(|e_au| / f). d shrinks if and only if the epipoles are
-    discordant, whatever sigma (18), and then the perturbation of (14) pushes e_au away from the singularity.
+    discordant, whatever sigma (18), and then the perturbation of (14) pushes e_au away from the
+    singularity.
 
     Parameters
     ----------

@@ -9,7 +9,7 @@ from visual_servo_epipolar.core.arrays import FloatArray, frozen
 from visual_servo_epipolar.core.camera import Camera
 from visual_servo_epipolar.core.epipolar import Bearings, homogeneous, rotation_desired_current
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
-from visual_servo_epipolar.core.estimators.base import Estimator
+from visual_servo_epipolar.core.estimators.base import Estimator, Prior
 from visual_servo_epipolar.core.estimators.lmeds_8pt import lmeds_8pt
 from visual_servo_epipolar.core.features import Features
 from visual_servo_epipolar.core.homography import fit_rotation
@@ -120,7 +120,7 @@ def _with_bearings(
     noise = settings.pixel_noise / observation.focal
     try:
         estimate = ESTIMATORS[settings.estimator](
-            observation.current, observation.desired, noise=noise, rng=rng
+            observation.current, observation.desired, noise=noise, prior=Prior(), rng=rng
         )
     except DegenerateGeometryError as error:
         return _but(seen, reason=str(error))

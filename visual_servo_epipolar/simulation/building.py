@@ -39,7 +39,7 @@ class Furniture:
     turn: float = 0.0
 
     def axes(self) -> tuple[FloatArray, FloatArray]:
-        """Unit vectors along the width, to the right of who faces it, and along the depth."""
+        """Return unit vectors along the width, to the right of who faces it, and along the depth."""
         sin, cos = math.sin(self.turn), math.cos(self.turn)
         return np.array([cos, sin, 0.0]), np.array([-sin, cos, 0.0])
 
@@ -106,7 +106,7 @@ class Builder:
         grey = float(self.rng.uniform(80.0, 170.0))
         for name, frame in faces.items():
             material = piece.front if name == 'front' else piece.sides
-            self._add(f'{piece.name} {name}', piece.name, frame, lambda s, m=material: m(s, grey))
+            self._add(f'{piece.name} {name}', piece.name, frame, _in_grey(material, grey))
 
     def _add(
         self,
@@ -144,6 +144,10 @@ class Builder:
             cosines = np.maximum(towards @ normal, 0.0) * np.maximum(towards[..., 2], 0.0)
             light += LAMP_POWER * cosines / square**2
         return light
+
+
+def _in_grey(material: Material, grey: float) -> Painter:
+    return lambda sheet: material(sheet, grey)
 
 
 def _grid(length: float) -> FloatArray:

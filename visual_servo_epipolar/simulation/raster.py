@@ -1,6 +1,7 @@
 """Which strip of which surface each pixel shows: strips of like scale, painted back to front."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple, TypeAlias
 
 import cv2
@@ -39,7 +40,7 @@ class View:
         """Express world ``points``, shape (..., 3), in camera axes."""
         return np.asarray((points - self.centre) @ self.R_world_camera)
 
-    @property
+    @cached_property
     def scales(self) -> tuple[float, float, float, float]:
         """Focal lengths and principal point: fx, fy, cx, cy [px]."""
         k = self.intrinsics
@@ -97,8 +98,8 @@ def rasterize(scene: Scene, view: View) -> Raster:
     ]
     keys = _sampling(scene, shown, maps, parts)
     numbers = {key: number for number, key in enumerate(dict.fromkeys(keys), start=1)}
-    dtype = np.uint8 if len(numbers) < 256 else np.uint16
-    ids: Ids = np.zeros((view.height, view.width), dtype=dtype)
+    shape = (view.height, view.width)
+    ids: Ids = np.zeros(shape, np.uint8) if len(numbers) < 256 else np.zeros(shape, np.uint16)
     boxes: dict[Strip, Box] = {}
     for (_, _, outline), key in zip(parts, keys, strict=True):
         boxes[key] = _box(outline, view, boxes.get(key))
@@ -108,7 +109,7 @@ def rasterize(scene: Scene, view: View) -> Raster:
 
 
 def _polygons(scene: Scene, view: View) -> tuple[IntArray, list[Polygon], BoolArray]:
-    """Return surfaces in view from back to front, what of them is in the frustum, which are thin."""
+    """Return surfaces in view, from back to front; what of them is in view; which are thin."""
     frustum = view.frustum()
     planes = np.array(frustum)
     corners = view.to_camera(scene.corners)

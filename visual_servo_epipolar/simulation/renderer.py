@@ -44,7 +44,7 @@ class CameraMount:
         return np.array([x, y, self.height])
 
     def R_world_camera(self, pose: Pose, *, tilt: float = 0.0, roll: float = 0.0) -> FloatArray:
-        """Return the camera axes right, down, forward as columns, with ``tilt``, ``roll`` added."""
+        """Return the camera axes right, down, forward as columns, with tilt and roll added."""
         sin, cos = math.sin(pose.theta), math.cos(pose.theta)
         level = np.array([[sin, 0.0, cos], [-cos, 0.0, sin], [0.0, -1.0, 0.0]])
         sin, cos = math.sin(self.tilt + tilt), math.cos(self.tilt + tilt)
@@ -71,7 +71,8 @@ class Renderer:
         image = shade(self.scene, view, rasterize(self.scene, view))
         if self._maps is None:
             return image
-        distorted = cv2.remap(image, *self._maps, cv2.INTER_CUBIC, borderMode=cv2.BORDER_CONSTANT)
+        # Cubic sampling would shift details by 0.03 px, Lanczos' by less than 0.01 px.
+        distorted = cv2.remap(image, *self._maps, cv2.INTER_LANCZOS4)
         return np.asarray(distorted, dtype=np.uint8)
 
     def project(
@@ -132,8 +133,8 @@ def _canvas_of(
     u, v = np.meshgrid(np.arange(float(camera.width)), np.arange(float(camera.height)))
     rays = camera.rays(np.stack([u.ravel(), v.ravel()], axis=1))
     ideal = np.clip(rays, -MAX_RAY, MAX_RAY) * [camera.fx, camera.fy] + [camera.cx, camera.cy]
-    shift = 3.0 - np.floor(ideal.min(axis=0))  # cubic sampling reaches two pixels out
-    width, height = (np.ceil(ideal.max(axis=0)) + shift + 4.0).astype(int).tolist()
+    shift = 4.0 - np.floor(ideal.min(axis=0))  # the sampling reaches four pixels out
+    width, height = (np.ceil(ideal.max(axis=0)) + shift + 5.0).astype(int).tolist()
     intrinsics = camera.matrix
     intrinsics[:2, 2] += shift
     maps = (ideal + shift).astype(np.float32).reshape(camera.height, camera.width, 2)

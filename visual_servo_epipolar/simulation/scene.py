@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 
+from visual_servo_epipolar.simulation import carpentry as c
 from visual_servo_epipolar.simulation import materials as m
 from visual_servo_epipolar.simulation.building import Builder, Furniture, LEFT, REAR, RIGHT
 from visual_servo_epipolar.simulation.surfaces import Scene
@@ -17,26 +18,26 @@ LAMPS = [(x, y) for y in (-11.0, -7.4, -3.8, -0.2, 3.4, 6.4) for x in (-2.9, 2.9
 # Name, middle of the front (x, y), size, front, sides, bottom [m]. Nothing stands in the way of
 # the robot: |x| < 2.2 is free up to y = 4. From the goal most of it is 3 to 7 m away.
 PIECES = (
-    ('left stand', -2.75, 3.4, (0.75, 0.08, 1.9), m.noticeboard, m.timber, 0.0),
-    ('right stand', 2.85, 3.6, (0.8, 0.08, 2.1), m.noticeboard, m.timber, 0.0),
-    ('bench', 0.75, 4.3, (1.0, 0.4, 0.34), m.crate, m.crate, 0.0),
-    ('chest', -1.15, 4.4, (0.85, 0.5, 0.62), m.cupboard, m.crate, 0.0),
-    ('parcel', -1.25, 4.47, (0.46, 0.36, 0.42), m.crate, m.crate, 0.62),
-    ('banner', -0.9, 3.9, (1.5, 0.03, 0.55), m.noticeboard, m.noticeboard, 2.15),
-    ('sign', 1.35, 4.7, (1.3, 0.03, 0.6), m.noticeboard, m.noticeboard, 2.1),
-    ('tall books', -2.75, 4.8, (1.25, 0.35, 2.15), m.bookcase, m.timber, 0.0),
-    ('cabinet', 2.45, 4.7, (1.2, 0.5, 1.15), m.cupboard, m.timber, 0.0),
-    ('cases', 2.5, 4.78, (0.7, 0.34, 0.5), m.crate, m.crate, 1.15),
-    ('column', -0.35, 5.7, (0.38, 0.38, 2.8), m.pillar, m.pillar, 0.0),
-    ('board', 1.15, 5.6, (1.2, 0.06, 1.75), m.noticeboard, m.timber, 0.0),
-    ('wide books', -4.25, 5.6, (1.4, 0.35, 2.2), m.bookcase, m.timber, 0.0),
-    ('lockers', 4.3, 5.6, (1.2, 0.5, 2.0), m.cupboard, m.noticeboard, 0.0),
-    ('low books', -1.75, 6.7, (1.3, 0.35, 1.6), m.bookcase, m.timber, 0.0),
-    ('easel', 0.3, 6.8, (0.9, 0.06, 1.9), m.noticeboard, m.timber, 0.0),
-    ('right column', 3.3, 6.5, (0.38, 0.38, 2.8), m.pillar, m.pillar, 0.0),
-    ('dresser', 2.2, 7.1, (1.1, 0.45, 2.0), m.cupboard, m.timber, 0.0),
+    ('left stand', -2.75, 3.4, (0.75, 0.08, 1.9), c.noticeboard, c.timber, 0.0),
+    ('right stand', 2.85, 3.6, (0.8, 0.08, 2.1), c.noticeboard, c.timber, 0.0),
+    ('bench', 0.75, 4.3, (1.0, 0.4, 0.34), c.crate, c.crate, 0.0),
+    ('chest', -1.15, 4.4, (0.85, 0.5, 0.62), c.cupboard, c.crate, 0.0),
+    ('parcel', -1.25, 4.47, (0.46, 0.36, 0.42), c.crate, c.crate, 0.62),
+    ('banner', -0.9, 3.9, (1.5, 0.03, 0.55), c.noticeboard, c.noticeboard, 2.15),
+    ('sign', 1.35, 4.7, (1.3, 0.03, 0.6), c.noticeboard, c.noticeboard, 2.1),
+    ('tall books', -2.75, 4.8, (1.25, 0.35, 2.15), c.bookcase, c.timber, 0.0),
+    ('cabinet', 2.45, 4.7, (1.2, 0.5, 1.15), c.cupboard, c.timber, 0.0),
+    ('cases', 2.5, 4.78, (0.7, 0.34, 0.5), c.crate, c.crate, 1.15),
+    ('column', -0.35, 5.7, (0.38, 0.38, 2.8), c.pillar, c.pillar, 0.0),
+    ('board', 1.15, 5.6, (1.2, 0.06, 1.75), c.noticeboard, c.timber, 0.0),
+    ('wide books', -4.25, 5.6, (1.4, 0.35, 2.2), c.bookcase, c.timber, 0.0),
+    ('lockers', 4.3, 5.6, (1.2, 0.5, 2.0), c.cupboard, c.noticeboard, 0.0),
+    ('low books', -1.75, 6.7, (1.3, 0.35, 1.6), c.bookcase, c.timber, 0.0),
+    ('easel', 0.3, 6.8, (0.9, 0.06, 1.9), c.noticeboard, c.timber, 0.0),
+    ('right column', 3.3, 6.5, (0.38, 0.38, 2.8), c.pillar, c.pillar, 0.0),
+    ('dresser', 2.2, 7.1, (1.1, 0.45, 2.0), c.cupboard, c.timber, 0.0),
 )
-ASIDE = (m.bookcase, m.cupboard, m.crate, m.noticeboard)  # what stands along the side walls
+ASIDE = (c.bookcase, c.cupboard, c.crate, c.noticeboard)  # what stands along the side walls
 
 
 def room(seed: int, kind: str = 'room') -> Scene:
@@ -111,16 +112,18 @@ def _on_ceiling(builder: Builder) -> list[tuple[float, float]]:
 
 def _ahead(rng: np.random.Generator) -> list[Furniture]:
     """Place the furniture ahead of the goal, a little different for each room."""
-    pieces, supports = [], {}
+    pieces: list[Furniture] = []
     for name, x, y, size, front, sides, bottom in PIECES:
-        slack = (0.0, 0.0, 0.0) if 0.3 < bottom < 2.0 else rng.uniform(-1.0, 1.0, 3)
-        dx, dy, turn = np.array(slack) * (0.12, 0.08, 0.05)
-        if 0.3 < bottom < 2.0:
-            dx, dy, turn = supports[bottom]
-        supports[size[2]] = dx, dy, turn
-        pieces.append(
-            Furniture(name, x + dx, y + dy, size, front, sides, bottom=bottom, turn=turn)
-        )
+        slack = rng.uniform(-1.0, 1.0, 3)
+        moved, turn = np.array([x, y]) + slack[:2] * (0.12, 0.08), 0.05 * float(slack[2])
+        below = next((piece for piece in pieces if piece.size[2] == bottom > 0.0), None)
+        if below is not None:  # stands on another piece: goes wherever that one went
+            base = next(item for item in PIECES if item[0] == below.name)
+            right, back = below.axes()
+            offset = (x - base[1]) * right + (y - base[2]) * back
+            moved, turn = np.array([below.x, below.y]) + offset[:2], below.turn
+        at = float(moved[0]), float(moved[1])
+        pieces.append(Furniture(name, *at, size, front, sides, bottom=bottom, turn=turn))
     return pieces
 
 
@@ -134,5 +137,5 @@ def _along_the_sides(rng: np.random.Generator) -> list[Furniture]:
             at = x + side * (depth + 0.02), y + float(rng.uniform(-0.25, 0.25))
             size = (float(width), float(depth), float(height))
             name = f'{"left" if side > 0 else "right"} piece {k}'
-            pieces.append(Furniture(name, *at, size, front, m.timber, turn=side * math.pi / 2.0))
+            pieces.append(Furniture(name, *at, size, front, c.timber, turn=side * math.pi / 2.0))
     return pieces

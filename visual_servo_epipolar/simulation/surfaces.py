@@ -20,7 +20,7 @@ from visual_servo_epipolar.core.arrays import (
 # Blur of the imaginary lens and pixel together [px]. Less aliases, more looks out of focus: at
 # 0.42 px a contrast of 42 % is left at the Nyquist frequency and 6 % at the pixel frequency.
 LENS_SIGMA = 0.42
-# What a copy is blurred already, by how it was drawn or reduced and by bilinear sampling [texel^2].
+# What a copy is blurred already, drawn or reduced, and by bilinear sampling [texel^2].
 TEXEL_VARIANCE = 0.5
 DOUBLED_VARIANCE = 1.6
 ROOM = 'room'
@@ -30,8 +30,8 @@ class Texture:
     """
     A grey picture and its copies, blurred and reduced along rows and columns separately.
 
-    Copies are counted in half octaves (p, q): copy (p, q) is fit to be sampled bilinearly where one
-    pixel of the image spans 2^(p/2) texels along a row and 2^(q/2) along a column. They are made
+    Copies are counted in half octaves (p, q): copy (p, q) is fit to be sampled bilinearly where
+    one pixel of the image spans 2^(p/2) texels along a row and 2^(q/2) along a column. They are made
     when first asked for, and keep two to three texels a pixel: bilinear sampling of fewer would
     shift details by some hundredths of a pixel. The original is doubled if it has fewer.
     """

@@ -26,7 +26,8 @@ def fractal_grain(rng: np.random.Generator, *, slope: float = 1.0, finest: float
     spectrum *= np.exp(-2.0 * (math.pi * finest * radius) ** 2) / radius**slope
     spectrum[0, 0] = 0.0
     noise = np.fft.irfft2(spectrum, (GRAIN_SIZE, GRAIN_SIZE))
-    return np.clip(noise * (GRAIN_DEVIATION / noise.std()) + 128.0, 0.0, 255.0).astype(np.uint8)
+    grain = np.clip(noise * (GRAIN_DEVIATION / noise.std()) + 128.0, 0.0, 255.0)
+    return np.asarray(grain, dtype=np.uint8)
 
 
 class Sheet:

@@ -1,12 +1,39 @@
 """What every estimator takes and gives."""
 
 from dataclasses import dataclass
+import math
 from typing import Protocol
 
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.epipolar import Bearings
+
+COLD_DEVIATION = math.radians(2.0)  # of tilt and roll of a camera that nobody calibrated
+
+
+@dataclass(frozen=True, slots=True)
+class Attitude:
+    """
+    Tilt (down positive) and roll (clockwise) of the camera [rad], and how well they are known.
+
+    Both views share them; ``jitter`` is the deviation of what an uneven floor adds to each.
+    """
+
+    tilt: float = 0.0
+    roll: float = 0.0
+    tilt_deviation: float = COLD_DEVIATION
+    roll_deviation: float = COLD_DEVIATION
+    jitter: float = math.radians(0.1)
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """What is known before a pair of views is looked at."""
+
+    attitude: Attitude = Attitude()
+    bearings: Bearings | None = None  # the last trusted ones, carried along
+    deviation: float = math.radians(3.0)  # how far the bearings may have moved since [rad]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -15,13 +42,21 @@ class Estimate:
     Epipolar geometry of one pair of views, at unit focal length.
 
     ``inliers`` has shape (N,); ``fundamental`` is for rays; ``confidence`` of the cheirality vote
-    runs from 0 to 1.
+    runs from 0 to 1; ``covariance`` of (psi, phi) has shape (2, 2) [rad^2], nan where the estimator
+    has none. ``attitude`` is the camera's as estimated. ``rival`` is another geometry that fits
+    nearly as well, as there is one wherever a plane dominates the scene.
     """
 
     bearings: Bearings
     fundamental: FloatArray
     inliers: BoolArray
     confidence: float
+    covariance: FloatArray
+    attitude: Attitude | None = None
+    rival: Bearings | None = None
+
+
+UNKNOWN_COVARIANCE = np.full((2, 2), np.nan)
 
 
 class Estimator(Protocol):
@@ -33,6 +68,7 @@ class Estimator(Protocol):
         desired: FloatArray,
         *,
         noise: float,
+        prior: Prior,
         rng: np.random.Generator,
     ) -> Estimate:
         """

@@ -15,14 +15,19 @@ from visual_servo_epipolar.core.epipolar import (
     transform,
 )
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
-from visual_servo_epipolar.core.estimators.base import Estimate
+from visual_servo_epipolar.core.estimators.base import Estimate, Prior, UNKNOWN_COVARIANCE
 
 SUBSETS = 272  # one is clean with probability 99 % at 40 % outliers: log(.01) / log(1 - .6^8)
 INLIER_DEVIATIONS = 2.5
 
 
 def lmeds_8pt(
-    current: FloatArray, desired: FloatArray, *, noise: float, rng: np.random.Generator
+    current: FloatArray,
+    desired: FloatArray,
+    *,
+    noise: float,
+    rng: np.random.Generator,
+    prior: Prior | None = None,
 ) -> Estimate:
     """
     Estimate F by LMedS over minimal subsets, then by all inliers (section VIII of the paper).
@@ -35,6 +40,8 @@ def lmeds_8pt(
         Standard deviation of a ray coordinate; only the cheirality vote uses it.
     rng : Generator
         Draws the subsets.
+    prior : Prior, optional
+        Not used: the paper has none.
 
     Raises
     ------
@@ -42,6 +49,7 @@ def lmeds_8pt(
         With fewer than eight matches, or fewer than eight inliers.
 
     """
+    del prior
     if len(current) < MIN_MATCHES:
         raise DegenerateGeometryError(
             f'LMedS needs at least {MIN_MATCHES} matches, got {len(current)}; track more features'
@@ -53,7 +61,7 @@ def lmeds_8pt(
     inliers = _inliers(squared[best], float(medians[best]))
     fundamental = fundamental_from_matches(current[inliers], desired[inliers])
     vote = oriented_bearings(fundamental, current[inliers], desired[inliers], noise=noise)
-    return Estimate(vote.bearings, fundamental, inliers, vote.confidence)
+    return Estimate(vote.bearings, fundamental, inliers, vote.confidence, UNKNOWN_COVARIANCE)
 
 
 def _minimal_solutions(
