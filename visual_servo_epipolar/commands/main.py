@@ -7,7 +7,7 @@ from typing import NoReturn
 
 from visual_servo_epipolar import __version__
 from visual_servo_epipolar.commands import demo, simulate
-from visual_servo_epipolar.core.errors import VisualServoError
+from visual_servo_epipolar.core.errors import InputError, VisualServoError
 
 SUCCESS, FAILURE, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 COMMANDS = (demo, simulate)
@@ -41,7 +41,7 @@ def main(args: Sequence[str] | None = None) -> int:
         return int(options.run(options))
     except (VisualServoError, OSError) as error:
         print(f'visual_servo {options.command}: {" ".join(str(error).split())}', file=sys.stderr)
-        return BAD_INPUT
+        return BAD_INPUT if isinstance(error, (InputError, OSError)) else FAILURE
     except KeyboardInterrupt:
         print(f'visual_servo {options.command}: interrupted', file=sys.stderr)
         return INTERRUPTED

@@ -7,7 +7,7 @@ which the feature is seen now, so that both patches show the same detail.
 """
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -20,6 +20,7 @@ LEVELS_PER_OCTAVE = 2
 LEVELS = 8  # down to 1 / 11 of the size in the desired image
 PIXEL_BLUR = 0.5  # standard deviation of what one pixel integrates over [px]
 DAMPING = 1e-3
+Solid: TypeAlias = NDArray[np.float32]  # an image made fit for interpolation, shape (H, W)
 MAX_CORRECTION = 4.0  # of one alignment from where LK or the match put the feature [px]
 
 
@@ -97,12 +98,12 @@ class Anchor:
         patches = np.stack([template.patch for template in templates])
         updates = np.stack([template.update for template in templates])
         scale = _scale(levels)[:, None, None]
-        local, centre = warps.affine / scale, warps.current.copy()
+        local, centre, solid = warps.affine / scale, warps.current.copy(), image.astype(np.float32)
         for _ in range(iterations):
-            unit, _ = _normalised(self._sample(image, centre, local))
+            unit, _ = _normalised(self._sample(solid, centre, local))
             step = np.einsum('nkp,np->nk', updates, unit - patches)
             local, centre = _composed(local, centre, step)
-        unit, deviation = _normalised(self._sample(image, centre, local))
+        unit, deviation = _normalised(self._sample(solid, centre, local))
         correlation = np.einsum('np,np->n', unit, patches)
         moved = np.linalg.norm(centre - warps.current, axis=1)
         correlation = np.where(moved <= MAX_CORRECTION, correlation, 0.0)
@@ -110,7 +111,7 @@ class Anchor:
         aligned = replace(warps, current=centre, affine=local * scale)
         return Alignment(aligned, correlation, residual)
 
-    def _sample(self, image: Image, centre: FloatArray, local: FloatArray) -> FloatArray:
+    def _sample(self, image: Solid, centre: FloatArray, local: FloatArray) -> FloatArray:
         """Return the current patches, shape (N, P), by bilinear interpolation."""
         points = centre[:, None, :] + self._grid @ np.swapaxes(local, 1, 2)
         return bilinear(image, points)
@@ -144,23 +145,16 @@ class Anchor:
         return _Template(patch[0], update)
 
 
-def bilinear(image: NDArray[Any], points: FloatArray) -> FloatArray:
+def bilinear(image: Solid, points: FloatArray) -> FloatArray:
     """
-    Sample ``image``, shape (H, W), at ``points``, shape (..., 2), in float64.
+    Sample ``image``, float32 of shape (H, W), at ``points``, shape (N, P, 2); (N, P) comes out.
 
-    Points outside take the value of the border. OpenCV's remap rounds coordinates to 1/32 px,
-    which is more than the tracker's error.
+    Points outside take the value of the border. Of float images OpenCV 5 interpolates exactly; of
+    8-bit ones it rounds the result, which costs a hundredth of a pixel.
     """
-    height, width = image.shape
-    u = np.clip(points[..., 0], 0.0, width - 1.001)
-    v = np.clip(points[..., 1], 0.0, height - 1.001)
-    left, top = u.astype(np.int32), v.astype(np.int32)
-    right, down = u - left, v - top
-    flat, corner = image.reshape(-1), top * width + left
-    upper = flat[corner] * (1.0 - right) + flat[corner + 1] * right
-    corner += width
-    lower = flat[corner] * (1.0 - right) + flat[corner + 1] * right
-    return np.asarray(upper * (1.0 - down) + lower * down)
+    where = points.astype(np.float32)
+    sampled = cv2.remap(image, where, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+    return np.asarray(sampled, dtype=np.float64)
 
 
 def _scale(levels: IntArray) -> FloatArray:
@@ -174,21 +168,24 @@ def _levels(affine: FloatArray) -> IntArray:
     return np.asarray(np.clip(levels, 0, LEVELS - 1), dtype=np.int64)
 
 
-def _blurred(image: Image, level: int) -> NDArray[np.float32]:
+def _blurred(image: Image, level: int) -> Solid:
     """Return ``image`` as float32 with the blur of a view that shows it smaller."""
     enlargement = 1.0 / float(_scale(np.array([level]))[0])
     deviation = PIXEL_BLUR * np.sqrt(enlargement**2 - 1.0)
-    solid: NDArray[np.float32] = image.astype(np.float32)
+    solid: Solid = image.astype(np.float32)
     if deviation == 0.0:
         return solid
     return np.asarray(cv2.GaussianBlur(solid, (0, 0), float(deviation)))
 
 
-def _slopes(image: NDArray[Any], around: FloatArray, stride: float) -> FloatArray:
+def _slopes(image: Solid, around: FloatArray, stride: float) -> FloatArray:
     """Return the derivative of the patch along x and y per grid step, shape (2, P)."""
     return np.stack(
         [
-            0.5 * (bilinear(image, around + offset) - bilinear(image, around - offset))
+            0.5
+            * (
+                bilinear(image, (around + offset)[None]) - bilinear(image, (around - offset)[None])
+            )[0]
             for offset in (np.array([stride, 0.0]), np.array([0.0, stride]))
         ]
     )

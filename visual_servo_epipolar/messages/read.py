@@ -88,6 +88,12 @@ def features(message: Any) -> Features:
             f'tracks must have the fields {", ".join(TRACK_FIELDS)}, missing '
             f'{", ".join(missing)}; connect the tracks of a tracker_node'
         )
+    strange = [name for name in TRACK_FIELDS if columns[name].datatype not in NUMPY_TYPES]
+    if strange:
+        raise ValueError(
+            f'tracks have fields of no known datatype: {", ".join(strange)}; connect the tracks of '
+            'a tracker_node'
+        )
     order = '>' if message.is_bigendian else '<'
     layout = np.dtype(
         {

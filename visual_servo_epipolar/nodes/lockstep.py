@@ -1,5 +1,6 @@
 """All nodes in one process, in lockstep: deterministic, and as fast as the machine allows."""
 
+from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import fields
@@ -47,6 +48,13 @@ class Lockstep(AbstractContextManager['Lockstep']):
         rclpy.init(args=[], context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.nodes: list[Node] = []
+        try:
+            self._populate(scenario, loop)
+        except BaseException:
+            self.__exit__()
+            raise
+
+    def _populate(self, scenario: Scenario, loop: LoopSettings) -> None:
         base = {'lockstep': True, 'start': loop.start, 'seed': loop.seed}
         base['frame_rate'] = loop.frame_rate
         self.servo = self._add(ServoNode, scenario.servo, {'camera_reliability': 'reliable'})
@@ -103,15 +111,13 @@ class Lockstep(AbstractContextManager['Lockstep']):
         return node
 
     def _connected(self) -> bool:
-        chain = (
-            (self.unicycle, 'ground_truth'),
-            (self.camera, 'image_raw'),
-            (self.camera, 'camera_info'),
-            (self.tracker, 'tracks'),
-            (self.servo, 'cmd_vel'),
+        """Return whether all publishers have found all that listen, and the photograph is there."""
+        heard = Counter(item.topic_name for node in self.nodes for item in node.subscriptions)
+        return self.tracker.ready and all(
+            item.get_subscription_count() >= heard[item.topic_name]
+            for node in self.nodes
+            for item in node.publishers
         )
-        matched = all(_subscribers(node, topic) > 0 for node, topic in chain)
-        return matched and _subscribers(self.camera, 'camera_info') > 1 and self.tracker.ready
 
     def _spin_until(self, condition: Callable[[], bool], waited_for: str) -> None:
         progress, seen = time.monotonic(), -1
@@ -125,8 +131,3 @@ class Lockstep(AbstractContextManager['Lockstep']):
                     f'the nodes stood still for {STALL_S:g} s after {steps} steps, waiting for '
                     f'{waited_for}; look for errors above'
                 )
-
-
-def _subscribers(node: Node, topic: str) -> int:
-    name = node.resolve_topic_name(topic)
-    return sum(p.get_subscription_count() for p in node.publishers if p.topic_name == name)

@@ -29,7 +29,9 @@ def declare(node: Node, kind: type[SettingsT]) -> SettingsT:
     for item in fields(kind):
         default = list(item.default) if isinstance(item.default, tuple) else item.default
         found = node.declare_parameter(item.name, default, _descriptor(item)).value
-        values[item.name] = tuple(found) if isinstance(item.default, tuple) else found
+        if isinstance(item.default, tuple):
+            found = tuple(found or ())  # an empty list in YAML leaves the parameter unset
+        values[item.name] = found
     return kind(**values)
 
 
@@ -63,7 +65,7 @@ def refuse_unknown(node: Node) -> None:
         name for name in given if not node.has_parameter(name) and not name.startswith('qos_')
     )
     if unknown:
-        known = sorted(node.list_parameters([], 0).result.names)
+        known = sorted(node.list_parameters([], 0).names)
         close = difflib.get_close_matches(unknown[0], known, n=1)
         hint = f'; did you mean {close[0]}?' if close else f'; it has {", ".join(known)}'
         raise ValueError(f'{node.get_name()} has no parameter {", ".join(unknown)}{hint}')

@@ -15,6 +15,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
+from visual_servo_epipolar.core.errors import VisualServoError
+
 USAGE_ERROR = 2
 MALLOPT_MMAP_THRESHOLD, MALLOPT_TRIM_THRESHOLD = -3, -1
 KEEP_BYTES = 2**29 - 1
@@ -47,7 +49,7 @@ def spin(factory: Callable[[], Node], args: Sequence[str] | None = None) -> int:
         executor.add_node(node)
         while not ending.is_set():
             executor.spin_once(timeout_sec=0.1)
-    except (ParameterException, ValueError, RuntimeError) as error:
+    except (ParameterException, VisualServoError, ValueError, RuntimeError, OSError) as error:
         if node is not None:
             raise
         print(f'{Path(sys.argv[0]).name}: {_one_line(error)}', file=sys.stderr)

@@ -109,6 +109,7 @@ class ServoNode(Node):
         except ValueError as error:
             self._camera = None
             self._complain(f'camera_info cannot be used, the robot stands: {error}')
+            self._halt()
         if self._waiting is not None and self._camera is not None:
             waiting, self._waiting = self._waiting, None
             self._on_tracks(waiting)
@@ -166,7 +167,7 @@ class ServoNode(Node):
             return
         age = seconds_between(self._fresh_ns, self._watch_clock.now().nanoseconds)
         if age > self._settings.stale_timeout:
-            self._complain(f'no tracks for {age:.2f} s, the robot is stopped')
+            self.get_logger().warning(f'no tracks for {age:.2f} s, the robot is stopped')
             self._halt()
 
     def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -185,6 +186,7 @@ class ServoNode(Node):
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._halt()
         self._active, self._state = self._settings.autostart, ServoState()
+        self._phase_pub.publish(write.text(self._state.phase.value))
         response.success, response.message = True, 'ready for a new run'
         return response
 

@@ -58,6 +58,7 @@ class TrackerNode(Node):
         parameters.watch(self, lambda: self._settings, self._use)
         self._tracker = Tracker(self._settings)
         self._camera: Camera | None = None
+        self._unusable = ''  # why the last camera_info cannot be used
         self._latest: Pixels | None = None
         self._waiting: Image | None = None
         if node_settings.desired_image:
@@ -81,23 +82,22 @@ class TrackerNode(Node):
 
     def _on_info(self, message: CameraInfo) -> None:
         try:
-            self._camera = read.camera(message)
+            self._camera, self._unusable = read.camera(message), ''
         except ValueError as error:
-            self._camera = None
-            self._complain(f'camera_info cannot be used: {error}')
-        if self._waiting is not None and self._camera is not None:
+            self._camera, self._unusable = None, str(error)
+        if self._waiting is not None:
             waiting, self._waiting = self._waiting, None
             self._on_image(waiting)
 
     def _on_image(self, message: Image) -> None:
-        if self._camera is None:
+        if self._camera is None and not self._unusable:
             self._waiting = message
             self._complain('no usable camera_info yet; an image waits for it, the robot stands')
             return
         features = Features()
         try:
             image = read.gray(message)
-            self._check_size(image, self._camera)
+            self._check_size(image)
             self._latest = image
             features = self._tracker.track(image)
         except ValueError as error:
@@ -118,7 +118,7 @@ class TrackerNode(Node):
         try:
             self._tracker.set_desired(read.gray(message))
         except (ValueError, TrackingError) as error:
-            self._complain(f'desired image refused: {error}')
+            self.get_logger().warning(f'desired image refused: {error}')
             return
         self.get_logger().info(f'desired image of {message.width}x{message.height} px taken')
 
@@ -141,8 +141,10 @@ class TrackerNode(Node):
         response.success, response.message = True, 'the next image is matched anew'
         return response
 
-    def _check_size(self, image: Pixels, camera: Camera) -> None:
-        height, width = image.shape
+    def _check_size(self, image: Pixels) -> None:
+        camera, (height, width) = self._camera, image.shape
+        if camera is None:
+            raise ValueError(f'camera_info cannot be used: {self._unusable}')
         if (width, height) != (camera.width, camera.height):
             raise ValueError(
                 f'image has {width}x{height} px, its camera_info says '

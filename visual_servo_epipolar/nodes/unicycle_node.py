@@ -69,6 +69,7 @@ class UnicycleNode(Node):
         self._settings = parameters.declare(self, UnicycleSettings)
         self._base_settings = parameters.declare(self, BaseSettings)
         parameters.refuse_unknown(self)
+        parameters.watch(self, lambda: self._settings, self._use_start)
         parameters.watch(self, lambda: self._base_settings, self._use)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._base, self.steps = self._new_base(), 0
@@ -86,6 +87,9 @@ class UnicycleNode(Node):
     def begin(self) -> None:
         """Publish where the robot stands: in lockstep this sets the chain of nodes going."""
         self._publish()
+
+    def _use_start(self, settings: UnicycleSettings) -> None:
+        self._settings = settings  # the start counts from the next reset
 
     def _use(self, settings: BaseSettings) -> None:
         self._base_settings = self._base.settings = settings

@@ -31,9 +31,9 @@ class Texture:
     A grey picture and its copies, blurred and reduced along rows and columns separately.
 
     Copies are counted in half octaves (p, q): copy (p, q) is fit to be sampled bilinearly where
-    one pixel of the image spans 2^(p/2) texels along a row and 2^(q/2) along a column. They are made
-    when first asked for, and keep two to three texels a pixel: bilinear sampling of fewer would
-    shift details by some hundredths of a pixel. The original is doubled if it has fewer.
+    one pixel of the image spans 2^(p/2) texels along a row and 2^(q/2) along a column. They are
+    made when first asked for, and keep two to three texels a pixel: bilinear sampling of fewer
+    would shift details by some hundredths of a pixel. The original is doubled if it has fewer.
     """
 
     def __init__(self, image: Image) -> None:

@@ -131,9 +131,7 @@ def two_point_hypotheses(rays: Rays, limit: int) -> FloatArray:
     return np.asarray(found[np.isfinite(found).all(axis=1)])
 
 
-def diverse(
-    hypotheses: FloatArray, costs: FloatArray, count: int, *, spread: float
-) -> FloatArray:
+def diverse(hypotheses: FloatArray, costs: FloatArray, count: int, *, spread: float) -> FloatArray:
     """Return the best ``count`` hypotheses that differ by ``spread`` [rad] in psi or phi."""
     order = np.argsort(costs)[: 40 * count]
     ranked = hypotheses[order]

@@ -60,7 +60,7 @@ def _candidates(rays: Rays, noise: float, prior: Prior) -> FloatArray:
     if not len(found):
         raise DegenerateGeometryError(
             f'bearings need {MIN_MATCHES} matches off the horizon, got {len(rays.u_a)} in all; '
-            'track features above and below the camera\'s height'
+            "track features above and below the camera's height"
         )
     if prior.bearings is not None:
         psi, phi = prior.bearings.psi, prior.bearings.phi

@@ -81,7 +81,7 @@ def _candidates(rays: Rays, noise: float, prior: Prior) -> FloatArray:
     if not len(hypotheses):
         raise DegenerateGeometryError(
             'all matches lie on the horizon, where planar motion does not show; '
-            'track features above and below the camera\'s height'
+            "track features above and below the camera's height"
         )
     modes = COLD_MODES if cold else MODES
     best = diverse(hypotheses, costs, modes, spread=0.5 * MODE_SPREAD if cold else MODE_SPREAD)
@@ -169,9 +169,7 @@ def _refined(
     return parameters, normal
 
 
-def _costs(
-    parameters: FloatArray, rays: Rays, noise: float, attitude: Attitude
-) -> FloatArray:
+def _costs(parameters: FloatArray, rays: Rays, noise: float, attitude: Attitude) -> FloatArray:
     """Return truncated squared distances in deviations, plus the price of the prior, (K,)."""
     at, _ = _linearised(parameters, rays)
     squared = np.minimum((at.distance / noise) ** 2, INLIER_DEVIATIONS**2)
