@@ -69,7 +69,12 @@ def scenario_of(options: argparse.Namespace) -> Scenario:
         for name in ('law', 'estimator')
         if getattr(options, name) is not None
     }
-    return scenario.seeded(options.seed).with_servo(changes)
+    scenario = scenario.seeded(options.seed).with_servo(changes)
+    try:
+        _ = scenario.camera.camera  # its numbers are in range one by one; do they go together?
+    except ValueError as error:
+        raise InputError(f'{options.scenario}: camera: {error}') from None
+    return scenario
 
 
 def write_json(document: Mapping[str, Any], target: str | None) -> None:
@@ -81,6 +86,8 @@ def write_json(document: Mapping[str, Any], target: str | None) -> None:
         sys.stdout.write(text)
         return
     path = Path(target)
+    if not path.name or path.is_dir():
+        raise InputError(f'{target!r}: result cannot be written: this is not the name of a file')
     partial = path.with_name(path.name + '.partial')
     try:
         partial.write_text(text, encoding='utf-8')

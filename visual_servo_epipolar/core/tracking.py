@@ -128,7 +128,9 @@ class Tracker:
                 f'{_size(image)}; take both with the same camera and resolution'
             )
         self._frame += 1
-        tracked = self._anchored(self._followed(image), image)
+        tracked = self._followed(image)
+        if self._anchors_now:
+            tracked = self._align(tracked, image, self.settings.anchor_iterations)
         if len(tracked.warps) < self.settings.min_features and self._may_match():
             tracked = self._replenished(tracked, image)
         self._tracked, self._previous = tracked, image
@@ -138,16 +140,26 @@ class Tracker:
         last = self._match_frame
         return last is None or self._frame - last >= self.settings.rematch_period
 
+    @property
+    def _anchors_now(self) -> bool:
+        period = self.settings.anchor_period
+        return period > 0 and self._frame % period == 0
+
     def _followed(self, image: Image) -> _Tracked:
-        """Follow the features from the last image by Lucas-Kanade, forward and backward."""
+        """
+        Follow the features from the last image by Lucas-Kanade.
+
+        Checked backward as well, except where the desired patch will judge the result anyway.
+        """
         if self._previous is None or not len(self._tracked.warps):
             return _nothing()
         before = self._tracked.warps.current.astype(np.float32)
         after, found = self._flow(self._previous, image, before, None)
-        back, found_back = self._flow(image, self._previous, after, before)
-        close = np.hypot(*(back - before).T) <= self.settings.forward_backward
+        if not self._anchors_now:
+            back, found_back = self._flow(image, self._previous, after, before)
+            found &= found_back & (np.hypot(*(back - before).T) <= self.settings.forward_backward)
         warps = replace(self._tracked.warps, current=after.astype(np.float64))
-        good = found & found_back & close & _inside(warps.current, image)
+        good = found & _inside(warps.current, image)
         moved = replace(self._tracked, warps=warps, ages=self._tracked.ages + 1)
         return moved.take(good)
 
@@ -165,12 +177,6 @@ class Tracker:
             flags=0 if guess is None else cv2.OPTFLOW_USE_INITIAL_FLOW,
         )
         return moved, np.asarray(status.ravel() > 0)
-
-    def _anchored(self, tracked: _Tracked, image: Image) -> _Tracked:
-        period = self.settings.anchor_period
-        if period == 0 or self._frame % period or not len(tracked.warps):
-            return tracked
-        return self._align(tracked, image, self.settings.anchor_iterations)
 
     def _align(self, tracked: _Tracked, image: Image, iterations: int) -> _Tracked:
         assert self._anchor is not None

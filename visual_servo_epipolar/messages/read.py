@@ -128,4 +128,6 @@ def numbers(message: Any) -> dict[str, float]:
 
 def diagnosis(message: Any) -> dict[str, str]:
     """Return the keys and values of the first status of a DiagnosticArray."""
+    if not message.status:
+        raise ValueError('diagnostics must have a status, got none; connect those of a servo_node')
     return {str(item.key): str(item.value) for item in message.status[0].values}

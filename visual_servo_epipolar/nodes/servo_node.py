@@ -125,7 +125,7 @@ class ServoNode(Node):
             return
         features, stamp_ns = Features(), read.stamp_ns(message.header)
         try:
-            features = read.features(message)
+            features = _within(read.features(message), self._camera)
         except ValueError as error:
             self._complain(f'tracks refused: {error}')
         self._follow(step(self._state, observe(features, self._camera, stamp_ns), self._settings))
@@ -192,6 +192,18 @@ class ServoNode(Node):
 
     def _complain(self, text: str) -> None:
         self.get_logger().warning(text, throttle_duration_sec=WARN_PERIOD_S)
+
+
+def _within(features: Features, camera: Camera) -> Features:
+    """Return ``features``, or raise ValueError if they cannot come from ``camera``."""
+    inside = camera.contains(features.current) & camera.contains(features.desired)
+    if not inside.all():
+        raise ValueError(
+            f'{int((~inside).sum())} of {len(features)} features lie outside an image of '
+            f'{camera.width}x{camera.height} px; connect the camera_info of the camera they '
+            'are tracked in'
+        )
+    return features
 
 
 def main() -> None:

@@ -42,9 +42,9 @@ class Estimate:
     Epipolar geometry of one pair of views, at unit focal length.
 
     ``inliers`` has shape (N,); ``fundamental`` is for rays; ``confidence`` of the cheirality vote
-    runs from 0 to 1; ``covariance`` of (psi, phi) has shape (2, 2) [rad^2], nan where the estimator
-    has none. ``attitude`` is the camera's as estimated. ``rival`` is another geometry that fits
-    nearly as well, as there is one wherever a plane dominates the scene.
+    runs from 0 to 1; ``covariance`` of (psi, phi) has shape (2, 2) [rad^2], nan where the
+    estimator has none. ``attitude`` is the camera's as estimated. ``rival`` is another geometry
+    that fits nearly as well, as there is one wherever a plane dominates the scene.
     """
 
     bearings: Bearings

@@ -13,8 +13,8 @@ from visual_servo_epipolar.core.estimators.planar import (
     diverse,
     forms,
     INLIER_DEVIATIONS,
-    Linearised,
     linearise,
+    Linearised,
     Rays,
     rays_of,
     scores,
@@ -27,7 +27,10 @@ MIN_MATCHES = 5
 PAIRS = 325
 COLD = math.radians(0.3)  # above this deviation of the tilt, hypotheses are made for several tilts
 TILTS = np.linspace(-1.0, 1.0, 9)  # of those, in deviations of the prior
-MODES, COLD_MODES = 4, 8
+MODES, MANY_MODES = 4, 10
+POOR = 0.4  # part of the worst possible cost above which a fit is doubted
+NO_JUMP = np.zeros(1)
+JUMPS = 1.4 * np.array([-3.0, -2.0, -1.0, 1.0, 2.0, 3.0])  # of tilt between the views, in jitters
 MODE_SPREAD = 0.07  # [rad]
 ITERATIONS = 6
 JITTER_DEVIATIONS = 3.0  # a prior tighter than the true jitter does harm
@@ -57,25 +60,42 @@ def soft_planar(
 
     """
     del rng
+    attitude = prior.attitude
     if len(current) < MIN_MATCHES:
         raise DegenerateGeometryError(
             f'bearings need {MIN_MATCHES} matches, got {len(current)}; track more features'
         )
     rays = rays_of(current, desired)
-    start = _candidates(rays, noise, prior)
+    found, normal, costs = _solutions(rays, noise, prior, NO_JUMP)
+    if costs.min() > POOR * INLIER_DEVIATIONS**2 * len(current):
+        # Few matches agree: the floor may have tilted the camera more than rigid hypotheses bear.
+        jumps = np.concatenate([NO_JUMP, attitude.jitter * JUMPS])
+        found, normal, costs = _solutions(rays, noise, prior, jumps)
+    psi, phi = found[:, PSI], found[:, PHI]
+    best, rival = chosen_mode(psi, phi, costs * noise**2, noise, prior)
+    return _estimate(found[best], normal[best], rival, rays, noise, attitude)
+
+
+def _solutions(
+    rays: Rays, noise: float, prior: Prior, jumps: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return refined parameters, normal matrices and costs of the best modes."""
+    start = _candidates(rays, noise, prior, jumps)
     found, normal = _refined(start, rays, noise, prior.attitude)
-    costs = _costs(found, rays, noise, prior.attitude)
-    best, rival = chosen_mode(found[:, PSI], found[:, PHI], costs * noise**2, noise, prior)
-    return _estimate(found[best], normal[best], rival, rays, noise, prior.attitude)
+    return found, normal, _costs(found, rays, noise, prior.attitude)
 
 
-def _candidates(rays: Rays, noise: float, prior: Prior) -> FloatArray:
-    """Return psi, phi, tilt, roll and two zeros of the best hypotheses, shape (K, 6)."""
+def _candidates(rays: Rays, noise: float, prior: Prior, jumps: FloatArray) -> FloatArray:
+    """Return the best hypotheses of different modes as parameters, shape (K, 6)."""
     attitude = prior.attitude
     cold = attitude.tilt_deviation > COLD
     tilts = attitude.tilt + attitude.tilt_deviation * TILTS if cold else [attitude.tilt]
     slack = INLIER_DEVIATIONS * math.hypot(noise, 0.7 * attitude.jitter)
-    chosen = [_hypotheses(rays, float(tilt), slack, prior) for tilt in tilts]
+    chosen = [
+        _hypotheses(rays, float(tilt), float(jump), slack, prior)
+        for tilt in tilts
+        for jump in jumps
+    ]
     hypotheses = np.concatenate([found for found, _ in chosen])
     costs = np.concatenate([cost for _, cost in chosen])
     if not len(hypotheses):
@@ -83,33 +103,32 @@ def _candidates(rays: Rays, noise: float, prior: Prior) -> FloatArray:
             'all matches lie on the horizon, where planar motion does not show; '
             "track features above and below the camera's height"
         )
-    modes = COLD_MODES if cold else MODES
-    best = diverse(hypotheses, costs, modes, spread=0.5 * MODE_SPREAD if cold else MODE_SPREAD)
+    several = cold or len(jumps) > 1
+    spread = 0.5 * MODE_SPREAD if several else MODE_SPREAD
+    best = diverse(hypotheses, costs, MANY_MODES if several else MODES, spread=spread)
     start = np.zeros((len(best), 6))
     start[:, PSI] = np.arctan2(best[:, 1], best[:, 0])
     start[:, PHI] = np.arctan2(best[:, 3], best[:, 2])
-    start[:, TILT], start[:, ROLL] = best[:, 4], attitude.roll
+    start[:, ROLL] = attitude.roll
+    start[:, [TILT, TILT_JUMP]] = best[:, 4:]
     return start
 
 
 def _hypotheses(
-    rays: Rays, tilt: float, threshold: float, prior: Prior
+    rays: Rays, tilt: float, jump: float, threshold: float, prior: Prior
 ) -> tuple[FloatArray, FloatArray]:
-    """Return hypotheses for one tilt, shape (H, 5) with the tilt last, and their costs."""
-    upright = _levelled(rays, tilt, prior.attitude.roll)
+    """Return hypotheses for one tilt and jump, (H, 6) with these two last, and their costs."""
+    roll = prior.attitude.roll
+    upright = Rays(
+        *level(rays.u_a, rays.v_a, tilt + jump, roll), *level(rays.u_d, rays.v_d, tilt, roll)
+    )
     found = two_point_hypotheses(upright, PAIRS)
     if prior.bearings is not None:
         psi, phi = prior.bearings.psi, prior.bearings.phi
         found = np.vstack([found, [np.cos(psi), np.sin(psi), np.cos(phi), np.sin(phi)]])
     costs = scores(found, forms(upright), threshold)
     keep = np.argsort(costs)[:64]
-    return np.column_stack([found[keep], np.full(len(keep), tilt)]), costs[keep]
-
-
-def _levelled(rays: Rays, tilt: float, roll: float) -> Rays:
-    u_a, v_a = level(rays.u_a, rays.v_a, tilt, roll)
-    u_d, v_d = level(rays.u_d, rays.v_d, tilt, roll)
-    return Rays(u_a, v_a, u_d, v_d)
+    return np.column_stack([found[keep], np.full((len(keep), 2), [tilt, jump])]), costs[keep]
 
 
 def _upright(parameters: FloatArray, rays: Rays) -> Rays:
@@ -205,7 +224,7 @@ def _estimate(
         to_desired.T @ fundamental_from_bearings(vote.bearings) @ to_current,
         inliers,
         vote.confidence,
-        covariance[:2, :2],
+        np.asarray(covariance[:2, :2], dtype=np.float64),
         attitude=Attitude(
             tilt,
             roll,

@@ -1,0 +1,124 @@
+"""A bench for nodes: a context in a domain of its own, and a probe that listens and talks."""
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+import itertools
+import os
+import time
+from typing import Any
+
+import pytest
+from rcl_interfaces.msg import Log
+from rcl_interfaces.srv import ListParameters
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from std_srvs.srv import Trigger
+
+DOMAINS = itertools.count(os.getpid())
+USUAL_SEC = 10.0  # more than ten times what anything here takes
+RELIABLE = QoSProfile(depth=50, reliability=ReliabilityPolicy.RELIABLE)
+
+
+def next_domain() -> int:
+    """Return a domain id that no other test of this process uses at the time."""
+    return 1 + next(DOMAINS) % 100
+
+
+def spin_until(
+    executor: SingleThreadedExecutor,
+    condition: Callable[[], bool],
+    timeout_sec: float,
+    waiting_for: str,
+) -> None:
+    """Spin until ``condition``; fail naming what was waited for if that takes too long."""
+    deadline = time.monotonic() + timeout_sec
+    while not condition():
+        if time.monotonic() > deadline:
+            pytest.fail(f'waited {timeout_sec:g} s in vain for {waiting_for}')
+        executor.spin_once(timeout_sec=0.02)
+
+
+class Bench(AbstractContextManager['Bench']):
+    """Nodes under test and a probe in one context; all is destroyed at the end."""
+
+    def __init__(self, domain_id: int | None = None) -> None:
+        self.context = Context()
+        rclpy.init(args=[], context=self.context, domain_id=domain_id or next_domain())
+        self.executor = SingleThreadedExecutor(context=self.context)
+        self.nodes: list[Node] = []
+        self.probe = self.add(rclpy.create_node('probe', context=self.context))
+        self.logs: list[Log] = self.listen(Log, '/rosout')
+
+    def __exit__(self, *_: object) -> None:
+        for node in self.nodes:
+            node.destroy_node()
+        self.executor.shutdown()
+        self.context.try_shutdown()
+
+    def add(self, node: Any) -> Any:
+        self.nodes.append(node)
+        self.executor.add_node(node)
+        return node
+
+    def start(self, kind: Callable[..., Any], **values: Any) -> Any:
+        """Start a node of ``kind`` with parameters, and wait until it knows the probe."""
+        overrides = [
+            Parameter(name, value=list(value) if isinstance(value, tuple) else value)
+            for name, value in values.items()
+        ]
+        node = kind(
+            context=self.context, parameter_overrides=overrides, use_global_arguments=False
+        )
+        self.add(node)
+        self.until(self._joined, 'publishers and subscribers to find each other')
+        return node
+
+    def listen(self, kind: Any, topic: str, profile: QoSProfile = RELIABLE) -> list[Any]:
+        """Return the list that messages on ``topic`` will be appended to."""
+        heard: list[Any] = []
+        self.probe.create_subscription(kind, topic, heard.append, profile)
+        return heard
+
+    def talk(self, kind: Any, topic: str, profile: QoSProfile = RELIABLE) -> Callable[[Any], None]:
+        """Return the function that publishes on ``topic``."""
+        publisher = self.probe.create_publisher(kind, topic, profile)
+        return publisher.publish  # type: ignore[no-any-return]
+
+    def call(self, service: str, kind: Any = Trigger, request: Any = None) -> Any:
+        """Call a service and return its response."""
+        client = self.probe.create_client(kind, service)
+        self.until(client.service_is_ready, f'service {service}')
+        future = client.call_async(request or kind.Request())
+        self.until(future.done, f'the answer of {service}')
+        return future.result()
+
+    def until(
+        self, condition: Callable[[], bool], waiting_for: str, timeout_sec: float = USUAL_SEC
+    ) -> None:
+        spin_until(self.executor, condition, timeout_sec, waiting_for)
+
+    def settle(self) -> None:
+        """Let everything that is on its way arrive: a round trip to every node, twice."""
+        for _ in range(2):
+            for node in self.nodes:
+                self.call(f'{node.get_name()}/list_parameters', ListParameters)
+
+    def logged(self, text: str) -> list[str]:
+        """Return what was logged with ``text`` in it."""
+        return [log.msg for log in self.logs if text in log.msg]
+
+    def _joined(self) -> bool:
+        return all(self._known(item) for node in self.nodes for item in node.publishers)
+
+    def _known(self, publisher: Any) -> bool:
+        topic = publisher.topic_name
+        ears = [item for node in self.nodes for item in node.subscriptions]
+        return bool(
+            publisher.get_subscription_count() >= sum(ear.topic_name == topic for ear in ears)
+        )
+
+

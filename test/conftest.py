@@ -1,0 +1,32 @@
+"""What must be set before the first import of ROS; harmless where there is none."""
+
+from collections.abc import Iterator
+import os
+from pathlib import Path
+import shutil
+import tempfile
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from bench import Bench
+
+LOG_DIR = Path(tempfile.mkdtemp(prefix='visual_servo_test_log_'))
+
+os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'  # a wrong type in a message is an error, not garbage
+os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'OFF'  # this process talks to itself alone
+os.environ['ROS_LOG_DIR'] = str(LOG_DIR)
+
+
+def pytest_unconfigure() -> None:
+    shutil.rmtree(LOG_DIR, ignore_errors=True)
+
+
+@pytest.fixture
+def bench() -> 'Iterator[Bench]':
+    """Yield a context of its own, with an executor and a node to listen and talk with."""
+    from bench import Bench
+
+    with Bench() as made:
+        yield made

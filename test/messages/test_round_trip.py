@@ -1,0 +1,164 @@
+"""What a core value is when it comes back out of its message: the same, to the last bit."""
+
+from hypothesis import given, strategies as st
+from hypothesis.extra.numpy import arrays
+import numpy as np
+import pytest
+from rclpy.serialization import serialize_message
+from rosbags.typesys import get_typestore, Stores
+
+from visual_servo_epipolar.core.camera import Camera
+from visual_servo_epipolar.core.features import Features
+from visual_servo_epipolar.core.motion import Pose, Twist
+from visual_servo_epipolar.messages import read, write
+from visual_servo_epipolar.simulation.closed_loop import published
+
+STAMP_NS = 12_345_678_901
+TYPES = get_typestore(Stores.ROS2_JAZZY)
+finite = st.floats(-1e6, 1e6)
+CAMERAS = [
+    Camera(1280, 1024, 769.2307692307693, 768.1, 635.0, 512.0),
+    Camera(640, 480, 400.1, 400.2, 320.3, 240.4, (0.1, -0.02, 1e-3, -1e-4, 0.03)),
+    Camera(640, 480, 400.1, 400.2, 320.3, 240.4, tuple(1e-3 * np.arange(8)), 'rational_polynomial'),
+]
+
+
+@st.composite
+def feature_sets(draw: st.DrawFn) -> Features:
+    count = draw(st.integers(0, 5))
+    pixels = arrays(np.float64, (count, 2), elements=finite)
+    whole = arrays(np.int64, count, elements=st.integers(0, 2**32 - 1))
+    return Features(
+        ids=draw(whole),
+        current=draw(pixels),
+        desired=draw(pixels),
+        ages=draw(whole),
+        errors=draw(arrays(np.float64, count, elements=finite)),
+    )
+
+
+def from_bag(message):
+    """Return ``message`` as rosbags reads it from a bag."""
+    name = f'{type(message).__module__.split(".")[0]}/msg/{type(message).__name__}'
+    return TYPES.deserialize_cdr(serialize_message(message), name)
+
+
+def assert_same_features(found: Features, expected: Features) -> None:
+    for name in Features.__slots__:
+        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), name)
+
+
+def pixels(channels: int) -> np.ndarray:
+    shape = (5, 7) if channels == 1 else (5, 7, 3)
+    return np.random.default_rng(1).integers(0, 256, shape, dtype=np.uint8)
+
+
+@given(value=feature_sets())
+def test_features_come_back_exactly(value: Features) -> None:
+    assert_same_features(read.features(write.features(value, STAMP_NS, 'camera')), value)
+
+
+@given(value=feature_sets())
+def test_features_from_a_bag_are_the_same(value: Features) -> None:
+    assert_same_features(read.features(from_bag(write.features(value, STAMP_NS, 'camera'))), value)
+
+
+def test_tracks_of_another_byte_order_are_read_right() -> None:
+    value = Features(
+        ids=[3, 70000], current=[[1.5, 2.5], [3, 4]], desired=[[5, 6], [7, 8]], ages=[1, 2],
+        errors=[0.1, 0.2],
+    )  # fmt: skip
+    message = write.features(value, STAMP_NS, 'camera')
+    rows = np.frombuffer(message.data, write.TRACK_LAYOUT)
+    swapped = rows.astype(write.TRACK_LAYOUT.newbyteorder('>'))
+    del message.data[:]
+    message.data.frombytes(swapped.tobytes())
+    message.is_bigendian = True
+    assert_same_features(read.features(message), value)
+
+
+@pytest.mark.parametrize('camera', CAMERAS, ids=lambda camera: f'{len(camera.distortion)} numbers')
+@pytest.mark.parametrize('deliver', [lambda message: message, from_bag], ids=['live', 'bag'])
+def test_a_camera_comes_back_exactly(camera: Camera, deliver) -> None:
+    assert read.camera(deliver(write.camera_info(camera, STAMP_NS, 'camera'))) == camera
+
+
+@given(x=finite, y=finite, theta=st.floats(-3.14, 3.14))
+def test_a_pose_comes_back_as_the_simulation_in_memory_has_it(x, y, theta) -> None:
+    message = write.odometry(Pose(x, y, theta), Twist(0.0, 0.0), STAMP_NS, 'world', 'base')
+    assert read.pose(message) == published(Pose(x, y, theta)) == read.pose(from_bag(message))
+
+
+@given(x=finite, theta=st.floats(-3.14, 3.14))
+def test_the_heading_survives_its_quaternion_to_rounding(x, theta) -> None:
+    message = write.odometry(Pose(x, 0.0, theta), Twist(0.0, 0.0), STAMP_NS, 'world', 'base')
+    assert read.pose(message).theta == pytest.approx(theta, abs=1e-15)
+
+
+@given(linear=finite, angular=finite)
+def test_a_twist_comes_back_exactly(linear, angular) -> None:
+    twist = Twist(linear, angular)
+    assert read.twist(write.twist(twist)) == twist
+    assert read.twist(from_bag(write.twist_stamped(twist, STAMP_NS, 'base'))) == twist
+
+
+def test_numpy_scalars_are_published_as_numbers() -> None:
+    message = write.twist(Twist(np.float32(0.5), np.int64(-3)))
+    assert (message.linear.x, message.angular.z) == (0.5, -3.0)
+
+
+@given(stamp_ns=st.integers(0, 2**31 * 10**9 - 1))
+def test_a_stamp_comes_back_exactly(stamp_ns) -> None:
+    assert read.stamp_ns(write.header(stamp_ns, '')) == stamp_ns
+
+
+def test_a_mono_image_comes_back_exactly() -> None:
+    message = write.image(pixels(1), 'mono8', STAMP_NS, 'camera')
+    np.testing.assert_array_equal(read.gray(message), pixels(1))
+    np.testing.assert_array_equal(read.gray(from_bag(message)), pixels(1))
+
+
+def test_grey_shown_in_colour_stays_what_it_is() -> None:
+    colour = np.repeat(pixels(1)[..., None], 3, axis=2)
+    np.testing.assert_array_equal(
+        read.gray(write.image(colour, 'bgr8', STAMP_NS, 'camera')), pixels(1)
+    )
+
+
+def test_bgr8_and_rgb8_differ_only_in_the_order_of_channels() -> None:
+    bgr = read.gray(write.image(pixels(3), 'bgr8', STAMP_NS, 'camera'))
+    rgb = read.gray(write.image(pixels(3)[..., ::-1], 'rgb8', STAMP_NS, 'camera'))
+    np.testing.assert_array_equal(bgr, rgb)
+    assert np.ptp(bgr) > 0
+
+
+@pytest.mark.parametrize('encoding', ['mono8', 'bgr8', 'rgb8'])
+def test_padding_at_the_end_of_rows_is_skipped(encoding) -> None:
+    image = pixels(1 if encoding == 'mono8' else 3)
+    padded = write.image(image, encoding, STAMP_NS, 'camera')
+    rows = np.frombuffer(padded.data, np.uint8).reshape(5, -1)
+    padded.step += 9
+    del padded.data[:]
+    padded.data.frombytes(np.pad(rows, ((0, 0), (0, 9)), constant_values=77).tobytes())
+    plain = write.image(image, encoding, STAMP_NS, 'camera')
+    np.testing.assert_array_equal(read.gray(padded), read.gray(plain))
+
+
+def test_a_view_of_an_image_is_written_as_it_looks() -> None:
+    mirrored = pixels(1)[:, ::-2]
+    np.testing.assert_array_equal(
+        read.gray(write.image(mirrored, 'mono8', STAMP_NS, 'camera')), mirrored
+    )
+
+
+def test_named_numbers_come_back_with_nan() -> None:
+    numbers = {'a_px': 1.5, 'b': float('nan')}
+    found = read.numbers(from_bag(write.numbers(numbers, STAMP_NS, 'camera')))
+    assert list(found) == ['a_px', 'b']
+    np.testing.assert_array_equal(list(found.values()), list(numbers.values()))
+
+
+def test_diagnostics_come_back_as_text() -> None:
+    values = {'phase': 'holding', 'features': 3.0}
+    message = write.diagnostics('servo', healthy=True, summary='', values=values, stamp_ns=1)
+    assert read.diagnosis(from_bag(message)) == {'phase': 'holding', 'features': '3.0'}

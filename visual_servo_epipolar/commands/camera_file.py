@@ -1,0 +1,91 @@
+"""Camera files as camera_calibration writes them, and photographs, from disk."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import yaml
+
+from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.camera import Camera
+from visual_servo_epipolar.core.errors import InputError
+
+ASPECT_TOLERANCE = 0.01
+
+
+def read_camera(path: Path) -> Camera:
+    """
+    Read a camera YAML file; raises InputError if it cannot be read or used.
+
+    Needed are image_width, image_height and camera_matrix; distortion_model and
+    distortion_coefficients are taken if they are there.
+    """
+    try:
+        document = yaml.safe_load(path.read_text(encoding='utf-8'))
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f'{path}: camera file cannot be read: {error}') from None
+    except yaml.YAMLError as error:
+        raise InputError(f'{path}: camera file is not YAML: {error}') from None
+    if not isinstance(document, Mapping):
+        raise InputError(f'{path}: a camera file must map names to values, as calibration writes')
+    try:
+        return _camera(document)
+    except KeyError as error:
+        raise InputError(
+            f'{path}: camera file lacks {error}; write it with camera_calibration'
+        ) from None
+    except (TypeError, ValueError) as error:
+        raise InputError(f'{path}: {error}') from None
+
+
+def _camera(document: Mapping[str, Any]) -> Camera:
+    k = [float(value) for value in document['camera_matrix']['data']]
+    if len(k) != 9:
+        raise ValueError(f'camera_matrix must have nine numbers, got {len(k)}')
+    coefficients = document.get('distortion_coefficients') or {'data': []}
+    return Camera(
+        int(document['image_width']),
+        int(document['image_height']),
+        k[0],
+        k[4],
+        k[2],
+        k[5],
+        tuple(float(value) for value in coefficients['data']),
+        str(document.get('distortion_model', 'plumb_bob')),
+    )
+
+
+def read_photograph(path: Path) -> Image:
+    """Read an image file as grey levels; raises InputError if it is none."""
+    try:
+        encoded = np.fromfile(path, np.uint8)
+    except OSError as error:
+        raise InputError(f'{path}: photograph cannot be read: {error.strerror}') from None
+    image = cv2.imdecode(encoded, cv2.IMREAD_GRAYSCALE) if encoded.size else None
+    if image is None:
+        raise InputError(f'{path}: not an image that can be decoded; give a PNG or JPEG file')
+    return np.asarray(image, dtype=np.uint8)
+
+
+def scaled_to(camera: Camera, image: Image, path: Path) -> Camera:
+    """Return ``camera`` for an image that was taken with it and then scaled as a whole."""
+    height, width = image.shape
+    scale_u, scale_v = width / camera.width, height / camera.height
+    if abs(scale_u / scale_v - 1.0) > ASPECT_TOLERANCE:
+        raise InputError(
+            f'{path}: image has {width}x{height} px, the camera {camera.width}x{camera.height}, '
+            'another aspect ratio; do not crop, and use the calibration of this camera'
+        )
+    # Pixel centres are integers: the left border of the image lies at -0.5.
+    return replace(
+        camera,
+        width=width,
+        height=height,
+        fx=camera.fx * scale_u,
+        fy=camera.fy * scale_v,
+        cx=(camera.cx + 0.5) * scale_u - 0.5,
+        cy=(camera.cy + 0.5) * scale_v - 0.5,
+    )
