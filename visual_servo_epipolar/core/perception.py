@@ -1,21 +1,43 @@
 """From matched features to what the servo acts on: bearings, parallax, rotation, D."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, frozen
 from visual_servo_epipolar.core.camera import Camera
-from visual_servo_epipolar.core.epipolar import Bearings, homogeneous, rotation_desired_current
+from visual_servo_epipolar.core.epipolar import (
+    Bearings,
+    homogeneous,
+    rotation_desired_current,
+    sampson_distance,
+)
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
-from visual_servo_epipolar.core.estimators.base import Estimator, Prior
+from visual_servo_epipolar.core.estimators.base import Estimate, Estimator, Prior
 from visual_servo_epipolar.core.estimators.lmeds_8pt import lmeds_8pt
+from visual_servo_epipolar.core.estimators.planar_2dof import planar_2dof
+from visual_servo_epipolar.core.estimators.planar_3dof import planar_3dof
+from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
 from visual_servo_epipolar.core.features import Features
 from visual_servo_epipolar.core.homography import fit_rotation
 from visual_servo_epipolar.core.servo_settings import ServoSettings
+from visual_servo_epipolar.core.trust import (
+    deviation,
+    doubt,
+    fresh_memory,
+    Memory,
+    remembered,
+)
 
-ESTIMATORS: dict[str, Estimator] = {'lmeds_8pt': lmeds_8pt}
+ESTIMATORS: dict[str, Estimator] = {
+    'lmeds_8pt': lmeds_8pt,
+    'planar_3dof': planar_3dof,
+    'planar_2dof': planar_2dof,
+    'soft_planar': soft_planar,
+}
+NOISE_ADAPTION = 0.1
+NOISE_RANGE = (0.2, 5.0)  # of the noise that the settings give to begin with
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,13 +72,16 @@ class Sight:
     ``bearings`` is None where they cannot be trusted, and ``reason`` says why. ``difference`` is D
     of eq. (23), averaged over the features; ``feature_error`` the median distance of current from
     desired features; ``parallax`` what the best rotation leaves unexplained; ``heading_error``
-    comes from the bearings where there are any, else from that rotation.
+    comes from the bearings where there are any, else from that rotation. ``deviation`` is the
+    larger one of psi and phi [rad]; ``memory`` is for the next frame.
     """
 
     stamp_ns: int
     features: int
     focal: float
+    memory: Memory
     bearings: Bearings | None = None
+    deviation: float = math.nan
     confidence: float = 0.0
     inliers: int = 0
     parallax: float = math.nan
@@ -71,30 +96,36 @@ class Sight:
         return self.parallax * self.focal
 
 
-def perceive(observation: Observation, settings: ServoSettings, frame: int) -> Sight:
+def perceive(
+    observation: Observation, settings: ServoSettings, frame: int, memory: Memory | None = None
+) -> Sight:
     """
     Measure what the servo needs; never raises on degenerate views, says so in the Sight.
 
     ``frame`` numbers the observations of a run: with the seed it fixes every random choice.
+    ``memory`` is that of the last Sight, None before the first.
     """
     current, desired = observation.current, observation.desired
     count, focal = len(current), observation.focal
-    blank = Sight(observation.stamp_ns, count, focal)
+    blank = Sight(
+        observation.stamp_ns, count, focal, fresh_memory(settings) if memory is None else memory
+    )
     if count < settings.min_features:
-        return _but(blank, reason=f'{count} features, {settings.min_features} needed')
+        return replace(blank, reason=f'{count} features, {settings.min_features} needed')
     rotation = fit_rotation(current, desired)
-    seen = _but(
+    seen = replace(
         blank,
         parallax=rotation.parallax,
         heading_error=rotation.heading_error,
         feature_error=float(np.median(np.hypot(*(current - desired).T))),
     )
     if seen.parallax_px < settings.min_parallax:
-        seen = _but(seen, reason=f'parallax {seen.parallax_px:.2f} px is too small for epipoles')
+        reason = f'a parallax of {seen.parallax_px:.2f} px is too small for epipoles'
+        seen = replace(seen, reason=reason)
     else:
         seen = _with_bearings(seen, observation, settings, frame)
     alpha = seen.heading_error if settings.compensates else 0.0
-    return _but(seen, difference=feature_difference(turned(current, alpha), desired))
+    return replace(seen, difference=feature_difference(turned(current, alpha), desired))
 
 
 def feature_difference(current: FloatArray, desired: FloatArray) -> float:
@@ -116,21 +147,38 @@ def turned(rays: FloatArray, heading_error: float) -> FloatArray:
 def _with_bearings(
     seen: Sight, observation: Observation, settings: ServoSettings, frame: int
 ) -> Sight:
-    rng = np.random.default_rng((settings.seed, frame))
-    noise = settings.pixel_noise / observation.focal
+    current, desired, memory = observation.current, observation.desired, seen.memory
+    prior = Prior(memory.attitude, memory.bearings, settings.max_leap)
     try:
         estimate = ESTIMATORS[settings.estimator](
-            observation.current, observation.desired, noise=noise, prior=Prior(), rng=rng
+            current,
+            desired,
+            noise=memory.noise / observation.focal,
+            prior=prior,
+            rng=np.random.default_rng((settings.seed, frame)),
         )
     except DegenerateGeometryError as error:
-        return _but(seen, reason=str(error))
-    found = _but(seen, confidence=estimate.confidence, inliers=int(estimate.inliers.sum()))
-    if estimate.confidence < settings.min_confidence:
-        return _but(found, reason=f'cheirality vote undecided ({estimate.confidence:.3f})')
+        return replace(seen, reason=str(error))
+    reason = doubt(estimate, desired, memory, settings)
+    noise = _noise(estimate, observation, memory.noise, settings.pixel_noise)
+    found = replace(
+        seen,
+        confidence=estimate.confidence,
+        inliers=int(estimate.inliers.sum()),
+        deviation=deviation(estimate),
+        memory=remembered(memory, estimate, reason, noise=noise, parallax=seen.parallax_px),
+        reason=reason,
+    )
+    if reason:
+        return found
     bearings = estimate.bearings
-    return _but(found, bearings=bearings, heading_error=bearings.heading_error)
+    return replace(found, bearings=bearings, heading_error=bearings.heading_error)
 
 
-def _but(sight: Sight, **changes: object) -> Sight:
-    values = {name: getattr(sight, name) for name in Sight.__slots__}
-    return Sight(**(values | changes))
+def _noise(estimate: Estimate, observation: Observation, before: float, first: float) -> float:
+    """Return the deviation of a coordinate [px], slowly following the median residual."""
+    distance = sampson_distance(estimate.fundamental, observation.current, observation.desired)
+    spare = max(len(distance) - 2, 1)
+    now = 1.4826 * (1.0 + 5.0 / spare) * float(np.median(np.abs(distance))) * observation.focal
+    followed = before + NOISE_ADAPTION * (now - before)
+    return min(max(followed, NOISE_RANGE[0] * first), NOISE_RANGE[1] * first)

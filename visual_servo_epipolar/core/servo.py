@@ -22,7 +22,8 @@ MAX_STEP_S = 1.0  # a longer gap between two images is not integrated over
 
 def step(state: ServoState, observation: Observation, settings: ServoSettings) -> ServoState:
     """Return the state after ``observation``; its ``twist`` is what the robot shall do."""
-    return advance(state, perceive(observation, settings, state.frame), settings)
+    memory = None if state.sight is None else state.sight.memory
+    return advance(state, perceive(observation, settings, state.frame, memory), settings)
 
 
 def advance(state: ServoState, sight: Sight, settings: ServoSettings) -> ServoState:

@@ -20,7 +20,11 @@ class ServoSettings(Settings):
         choices=('paper', 'corrected', 'full'),
     )
     estimator: str = setting(
-        'lmeds_8pt', 'Estimator of the epipoles', choices=('lmeds_8pt',), read_only=True
+        'soft_planar',
+        'Estimator: lmeds_8pt (the paper), planar_3dof (focal length unknown), planar_2dof '
+        '(upright camera), soft_planar (tilt, roll and floor jitter found out)',
+        choices=('lmeds_8pt', 'planar_3dof', 'planar_2dof', 'soft_planar'),
+        read_only=True,
     )
     seed: int = setting(0, 'Seed of the random subsets', low=0, high=2**31 - 1, read_only=True)
     autostart: bool = setting(True, 'Start by itself once there are tracks')
@@ -104,8 +108,20 @@ class ServoSettings(Settings):
     min_confidence: float = setting(
         0.02, 'Confidence of the cheirality vote to be trusted, 0 to 1', low=0.0, high=1.0
     )
+    max_deviation: float = setting(
+        0.1, 'Standard deviation of a bearing above which it is not trusted [rad]', low=0, high=3
+    )
+    max_leap: float = setting(
+        0.15, 'Change of a bearing in one frame that is doubted at first [rad]', low=0.0, high=4.0
+    )
+    min_spread: float = setting(
+        0.03, 'Least spread of the features that agree [rad]', low=0.0, high=1.0
+    )
     pixel_noise: float = setting(
-        0.3, 'Standard deviation of a tracked coordinate [px]', low=0.01, high=10.0
+        0.3, 'Deviation of a tracked coordinate before residuals show it [px]', low=0.01, high=10
+    )
+    floor_jitter: float = setting(
+        0.0017, 'Deviation of tilt and of roll by the floor, view by view [rad]', low=0, high=0.1
     )
 
     max_linear: float = setting(0.4, 'Largest linear speed [m/s]', low=0.01, high=5.0)

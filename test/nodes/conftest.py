@@ -1,0 +1,31 @@
+"""A small camera in the room, and what it sees; the bodies of messages for the nodes."""
+
+import pytest
+
+from visual_servo_epipolar.core.motion import Pose
+from visual_servo_epipolar.simulation.camera_simulator import CameraSettings, CameraSimulator
+
+SMALL = {
+    'width': 320,
+    'height': 240,
+    'focal_length': 192.0,
+    'principal_u': 159.5,
+    'principal_v': 119.5,
+}
+
+
+@pytest.fixture(scope='session')
+def simulator() -> CameraSimulator:
+    return CameraSimulator(CameraSettings(**SMALL))
+
+
+@pytest.fixture(scope='session')
+def photograph(simulator):
+    """Return what is seen from the goal."""
+    return simulator.photograph()
+
+
+@pytest.fixture(scope='session')
+def view(simulator):
+    """Return what is seen from behind the goal."""
+    return simulator.capture(Pose.from_start(0.3, -2.2, 0.0), 0)

@@ -1,0 +1,218 @@
+"""Settings as parameters of the real nodes: declared, validated, and the same in config/*.yaml."""
+
+from dataclasses import fields
+from pathlib import Path
+import re
+
+import pytest
+from rcl_interfaces.msg import ParameterType
+from rcl_interfaces.srv import DescribeParameters, SetParametersAtomically
+from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
+from rclpy.parameter import Parameter
+import yaml
+
+from visual_servo_epipolar.core.servo_settings import ServoSettings
+from visual_servo_epipolar.core.settings import range_of
+from visual_servo_epipolar.core.tracking import TrackerSettings
+from visual_servo_epipolar.nodes.camera_node import CameraNode
+from visual_servo_epipolar.nodes.servo_node import ServoNode, ServoNodeSettings
+from visual_servo_epipolar.nodes.tracker_node import TrackerNode, TrackerNodeSettings
+from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode, UnicycleSettings
+from visual_servo_epipolar.simulation.camera_simulator import CameraSettings
+from visual_servo_epipolar.simulation.pioneer import BaseSettings
+
+CONFIG = Path(__file__).parents[2] / 'config'
+NODES = {
+    'unicycle_node': (UnicycleNode, (UnicycleSettings, BaseSettings)),
+    'camera_node': (CameraNode, (CameraSettings,)),
+    'tracker_node': (TrackerNode, (TrackerNodeSettings, TrackerSettings)),
+    'servo_node': (ServoNode, (ServoNodeSettings, ServoSettings)),
+}
+# Where a file shall differ from the defaults: our own camera is reliable, a driver may not be.
+MEANT_TO_DIFFER = {'camera_reliability'}
+
+
+def settings_fields(name):
+    return {item.name: item for kind in NODES[name][1] for item in fields(kind)}
+
+
+def written(name, file=None):
+    return yaml.safe_load((CONFIG / (file or f'{name}.yaml')).read_text())[name]['ros__parameters']
+
+
+def plain(value):
+    return list(value) if isinstance(value, tuple) else value
+
+
+@pytest.fixture(params=NODES)
+def running(request, bench):
+    return request.param, bench, bench.start(NODES[request.param][0])
+
+
+def test_every_setting_is_declared_with_text_range_and_whether_it_is_fixed(running) -> None:
+    name, bench, _ = running
+    known = settings_fields(name)
+    request = DescribeParameters.Request(names=list(known))
+    found = bench.call(f'{name}/describe_parameters', DescribeParameters, request).descriptors
+    for descriptor, item in zip(found, known.values(), strict=True):
+        limits = range_of(item)
+        assert descriptor.type != ParameterType.PARAMETER_NOT_SET
+        assert limits.text and descriptor.description.startswith(limits.text), item.name
+        assert all(choice in descriptor.description for choice in limits.choices)
+        assert descriptor.read_only is limits.read_only, item.name
+        ranges = [*descriptor.floating_point_range, *descriptor.integer_range]
+        expected = [] if limits.low is None else [(limits.low, limits.high)]
+        assert [(r.from_value, r.to_value) for r in ranges] == expected, item.name
+
+
+def test_every_number_has_a_range() -> None:
+    for name in NODES:
+        for item in settings_fields(name).values():
+            if type(item.default) in (int, float):
+                limits = range_of(item)
+                assert limits.low is not None and limits.high is not None, item.name
+
+
+@pytest.mark.parametrize('name', NODES)
+def test_the_configuration_file_names_every_parameter_in_order(name) -> None:
+    assert list(written(name)) == list(settings_fields(name))
+
+
+@pytest.mark.parametrize('name', NODES)
+def test_the_configuration_file_holds_the_defaults(name) -> None:
+    defaults = {key: plain(item.default) for key, item in settings_fields(name).items()}
+    differing = {key for key, value in written(name).items() if value != defaults[key]}
+    assert differing <= MEANT_TO_DIFFER
+
+
+@pytest.mark.parametrize('name', NODES)
+def test_the_configuration_file_has_the_types_that_ros_insists_on(name) -> None:
+    for key, value in written(name).items():
+        assert type(value) is type(plain(settings_fields(name)[key].default)), key
+
+
+def test_the_small_camera_is_the_large_one_with_pixels_binned() -> None:
+    small, large = written('camera_node', 'camera_node_640x480.yaml'), written('camera_node')
+    assert list(small) == [key for key in large if key in small]
+    assert small['focal_length'] == large['focal_length'] / 2
+    # Pixel centres: u of two binned pixels is half of (u1 + u2), 16 rows are cut on either side.
+    assert small['principal_u'] == (large['principal_u'] - 0.5) / 2
+    assert small['principal_v'] == (large['principal_v'] - 0.5) / 2 - 16
+
+
+def test_the_small_scenario_is_the_small_camera() -> None:
+    small = written('camera_node', 'camera_node_640x480.yaml')
+    assert yaml.safe_load((CONFIG / 'scenarios/small.yaml').read_text())['camera'] == small
+
+
+@pytest.mark.parametrize(
+    ('name', 'parameter', 'reason'),
+    [
+        ('servo_node', Parameter('k1', value=99.0), 'k1 out of range'),
+        ('servo_node', Parameter('k1', value=float('nan')), 'k1'),
+        ('servo_node', Parameter('k1', value=1), 'DOUBLE.*INTEGER'),
+        ('servo_node', Parameter('k1', value='fast'), 'DOUBLE.*STRING'),
+        ('servo_node', Parameter('align_frames', value=0), 'align_frames out of range'),
+        ('servo_node', Parameter('law', value='other'), 'one of paper, corrected, full'),
+        ('servo_node', Parameter('estimator', value='lmeds_8pt'), 'read-only'),
+        ('servo_node', Parameter('latch_engage', value=0.1), 'without hysteresis'),
+        ('servo_node', Parameter('gain', value=0.1), 'not been declared|undeclared'),
+        ('tracker_node', Parameter('min_features', value=61), 'must not exceed max_features'),
+        ('unicycle_node', Parameter('max_linear', value=-1.0), 'max_linear out of range'),
+        ('unicycle_node', Parameter('start', value=[1.0, 2.0]), 'start must be three numbers'),
+        ('camera_node', Parameter('frame_rate', value=30.0), 'read-only'),
+    ],
+    ids=lambda value: getattr(value, 'name', None),
+)
+def test_a_change_that_cannot_be_is_refused_with_a_reason(bench, name, parameter, reason) -> None:
+    node = bench.start(NODES[name][0])
+    result = set_one(bench, name, parameter)
+    assert not result.successful
+    assert re.search(reason, result.reason), result.reason
+    assert not node.has_parameter('gain')
+
+
+def set_one(bench, name, *parameters):
+    request = SetParametersAtomically.Request(
+        parameters=[parameter.to_parameter_msg() for parameter in parameters]
+    )
+    return bench.call(
+        f'{name}/set_parameters_atomically', SetParametersAtomically, request
+    ).result
+
+
+def test_a_refused_change_changes_nothing(bench) -> None:
+    servo = bench.start(ServoNode)
+    before = servo._settings
+    set_one(bench, 'servo_node', Parameter('k1', value=0.1), Parameter('latch_engage', value=0.1))
+    assert servo._settings == before
+
+
+def test_two_changes_that_need_each_other_are_taken_together(bench) -> None:
+    servo = bench.start(ServoNode)
+    result = set_one(
+        bench,
+        'servo_node',
+        Parameter('latch_engage', value=0.1),
+        Parameter('latch_release', value=0.2),
+    )
+    assert result.successful, result.reason
+    assert (servo._settings.latch_engage, servo._settings.latch_release) == (0.1, 0.2)
+
+
+@pytest.mark.parametrize(
+    ('name', 'parameter', 'current'),
+    [
+        ('servo_node', Parameter('k1', value=0.5), lambda node: node._settings.k1),
+        ('servo_node', Parameter('law', value='paper'), lambda node: node._settings.law),
+        (
+            'tracker_node',
+            Parameter('max_features', value=50),
+            lambda node: node._tracker.settings.max_features,
+        ),
+        (
+            'unicycle_node',
+            Parameter('max_linear', value=0.25),
+            lambda node: node._base.settings.max_linear,
+        ),
+        (
+            'camera_node',
+            Parameter('jitter', value=0.05),
+            lambda node: node._simulator.settings.jitter,
+        ),
+    ],
+    ids=lambda value: getattr(value, 'name', None),
+)
+def test_a_good_change_reaches_what_it_is_for(bench, name, parameter, current) -> None:
+    node = bench.start(NODES[name][0])
+    assert current(node) != parameter.value
+    result = set_one(bench, name, parameter)
+    assert result.successful, result.reason
+    assert current(node) == parameter.value
+
+
+def test_a_misspelt_parameter_is_refused_at_the_start_with_a_suggestion(bench) -> None:
+    with pytest.raises(ValueError, match='no parameter max_linaer; did you mean max_linear'):
+        bench.start(UnicycleNode, max_linaer=0.3)
+
+
+def test_a_parameter_from_elsewhere_is_refused_with_all_that_there_are(bench) -> None:
+    with pytest.raises(ValueError, match='no parameter zzz; it has .*max_linear'):
+        bench.start(UnicycleNode, zzz=1.0)
+
+
+@pytest.mark.parametrize(
+    ('value', 'error', 'reason'),
+    [
+        (1, InvalidParameterTypeException, 'DOUBLE'),
+        (99.0, InvalidParameterValueException, 'out of range'),
+    ],
+)
+def test_a_bad_value_is_refused_at_the_start(bench, value, error, reason) -> None:
+    with pytest.raises(error, match=reason):
+        bench.start(ServoNode, k1=value)
+
+
+def test_settings_that_contradict_each_other_are_refused_at_the_start(bench) -> None:
+    with pytest.raises(ValueError, match='latch_engage must not exceed latch_release'):
+        bench.start(ServoNode, latch_engage=0.1)

@@ -1,0 +1,213 @@
+"""The tracker as a node: one cloud for each image, empty when nothing is to be trusted."""
+
+import cv2
+import numpy as np
+import pytest
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+
+from visual_servo_epipolar.core.errors import TrackingError
+from visual_servo_epipolar.core.tracking import Tracker, TrackerSettings
+from visual_servo_epipolar.messages import read, write
+from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes.tracker_node import TrackerNode
+
+STAMP_NS = 5_000_000_007
+
+
+class Rig:
+    """A running tracker node with a camera in front of it."""
+
+    def __init__(self, bench, simulator, **values) -> None:
+        self.bench, self.camera = bench, simulator.camera
+        self.clouds = bench.listen(PointCloud2, 'tracks')
+        self.send = bench.talk(Image, 'image_raw')
+        self.calibrate = bench.talk(CameraInfo, 'camera_info')
+        self.teach = bench.talk(Image, 'desired/image_raw', qos.LATCHED)
+        self.node = bench.start(TrackerNode, **values)
+
+    def calibrated(self):
+        self.calibrate(write.camera_info(self.camera, 0, 'camera'))
+        self.bench.until(lambda: self.node._camera is not None, 'camera_info to arrive')
+        return self
+
+    def taught(self, photograph):
+        self.teach(message(photograph))
+        self.bench.until(lambda: self.node.ready, 'the photograph to arrive')
+        return self
+
+    def track(self, image, stamp_ns=STAMP_NS):
+        """Send an image and return the features of its cloud."""
+        count = len(self.clouds)
+        self.send(message(image, stamp_ns))
+        self.bench.until(lambda: len(self.clouds) > count, 'tracks')
+        return read.features(self.clouds[-1])
+
+
+def message(image, stamp_ns=STAMP_NS):
+    return write.image(image, 'mono8', stamp_ns, 'camera')
+
+
+@pytest.fixture
+def rig(bench, simulator):
+    return Rig(bench, simulator)
+
+
+def test_tracks_are_those_of_the_core(rig, photograph, view) -> None:
+    found = rig.calibrated().taught(photograph).track(view)
+    tracker = Tracker(TrackerSettings())
+    tracker.set_desired(photograph)
+    expected = tracker.track(view)
+    assert len(expected) >= 40
+    np.testing.assert_array_equal(found.ids, expected.ids)
+    np.testing.assert_array_equal(found.current, expected.current)
+    np.testing.assert_array_equal(found.desired, expected.desired)
+
+
+def test_each_image_gives_one_cloud_with_its_stamp(rig, photograph, view) -> None:
+    rig.calibrated().taught(photograph)
+    for number in range(3):
+        rig.track(view, STAMP_NS + number)
+    rig.bench.settle()
+    assert [read.stamp_ns(cloud.header) for cloud in rig.clouds] == [
+        STAMP_NS,
+        STAMP_NS + 1,
+        STAMP_NS + 2,
+    ]
+    assert rig.clouds[0].header.frame_id == 'camera'
+
+
+def test_without_a_photograph_nothing_is_tracked(rig, view) -> None:
+    assert len(rig.calibrated().track(view)) == 0
+    rig.bench.until(lambda: rig.bench.logged('no desired image yet'), 'the reason in the log')
+
+
+def test_an_image_of_another_size_is_not_trusted_and_says_so_once(rig, photograph) -> None:
+    rig.calibrated().taught(photograph)
+    for _ in range(3):
+        assert len(rig.track(np.zeros((120, 160), np.uint8))) == 0
+    warning = 'image has 160x120 px, its camera_info says 320x240'
+    rig.bench.until(lambda: rig.bench.logged(warning), 'the warning')
+    rig.bench.settle()
+    assert len(rig.bench.logged(warning)) == 1
+
+
+def test_a_truncated_image_is_not_trusted(rig, photograph, view) -> None:
+    rig.calibrated().taught(photograph)
+    broken = message(view)
+    broken.data.pop()
+    rig.send(broken)
+    rig.bench.until(lambda: bool(rig.clouds), 'tracks')
+    assert len(read.features(rig.clouds[0])) == 0
+    assert len(rig.track(view)) > 0
+
+
+def test_nothing_is_trusted_from_an_uncalibrated_camera(rig, photograph, view) -> None:
+    rig.calibrated().taught(photograph)
+    assert len(rig.track(view)) > 0
+    uncalibrated = write.camera_info(rig.camera, 0, 'camera')
+    uncalibrated.k[0] = 0.0
+    rig.calibrate(uncalibrated)
+    rig.bench.until(lambda: rig.node._camera is None, 'camera_info to arrive')
+    assert len(rig.track(view)) == 0
+    rig.bench.until(lambda: rig.bench.logged('K[0] = 0 means an uncalibrated camera'), 'a warning')
+    assert len(rig.calibrated().track(view)) > 0
+
+
+def test_an_image_waits_for_the_first_camera_info(rig, photograph, view) -> None:
+    rig.taught(photograph)
+    rig.send(message(view))
+    rig.bench.until(lambda: rig.node._waiting is not None, 'the image to arrive')
+    assert rig.clouds == []
+    rig.calibrated()
+    rig.bench.until(lambda: bool(rig.clouds), 'tracks')
+    assert read.stamp_ns(rig.clouds[0].header) == STAMP_NS
+    assert len(read.features(rig.clouds[0])) > 0
+
+
+def test_the_view_of_now_can_be_captured_as_the_goal(rig, view) -> None:
+    rig.calibrated().track(view)
+    answer = rig.bench.call('tracker_node/capture_desired')
+    assert answer.success, answer.message
+    found = rig.track(view)
+    assert len(found) >= 40
+    # The same image twice: what is left is the interpolation of the alignment.
+    np.testing.assert_allclose(found.current, found.desired, atol=0.01)
+
+
+def test_a_view_cannot_be_captured_before_there_is_one(rig) -> None:
+    answer = rig.bench.call('tracker_node/capture_desired')
+    assert not answer.success
+    assert 'no image has arrived yet' in answer.message
+
+
+def test_a_blank_view_cannot_be_captured(rig, photograph) -> None:
+    rig.calibrated().taught(photograph).track(np.full((240, 320), 90, np.uint8))
+    answer = rig.bench.call('tracker_node/capture_desired')
+    assert not answer.success
+    assert 'shows 0 features, at least 8' in answer.message
+    assert rig.node.ready
+
+
+def test_redetect_matches_the_next_image_anew(rig, photograph, view) -> None:
+    rig.calibrated().taught(photograph).track(view)
+    assert rig.track(view).ages.min() == 1
+    assert rig.bench.call('tracker_node/redetect').success
+    assert rig.track(view).ages.max() == 0
+
+
+def test_a_blank_photograph_is_refused_and_the_old_one_kept(rig, photograph, view) -> None:
+    rig.calibrated().taught(photograph)
+    rig.teach(message(np.full((240, 320), 90, np.uint8)))
+    rig.bench.until(lambda: rig.bench.logged('desired image refused'), 'the refusal')
+    assert len(rig.track(view)) > 0
+
+
+def test_a_refused_photograph_is_said_so_even_amid_other_complaints(rig, view) -> None:
+    rig.calibrated().track(view)
+    rig.bench.until(lambda: rig.bench.logged('no desired image yet'), 'the first complaint')
+    rig.teach(message(np.full((240, 320), 90, np.uint8)))
+    rig.bench.until(lambda: rig.bench.logged('desired image refused'), 'the refusal')
+
+
+def test_the_photograph_may_be_a_file(bench, simulator, photograph, view, tmp_path) -> None:
+    path = tmp_path / 'goal ä.png'
+    path.write_bytes(cv2.imencode('.png', photograph)[1].tobytes())
+    rig = Rig(bench, simulator, desired_image=str(path))
+    assert len(rig.calibrated().track(view)) >= 40
+
+
+@pytest.mark.parametrize('content', [None, b'', b'not an image'])
+def test_a_file_that_is_no_image_is_refused_at_the_start(bench, tmp_path, content) -> None:
+    path = tmp_path / 'goal.png'
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(ValueError, match='desired_image must be a readable image file'):
+        bench.start(TrackerNode, desired_image=str(path))
+
+
+def test_a_blank_file_is_refused_at_the_start(bench, tmp_path) -> None:
+    path = tmp_path / 'blank.png'
+    path.write_bytes(cv2.imencode('.png', np.full((240, 320), 90, np.uint8))[1].tobytes())
+    with pytest.raises(TrackingError, match='shows 0 features'):
+        bench.start(TrackerNode, desired_image=str(path))
+
+
+def test_the_overlay_is_drawn_for_those_who_look(rig, photograph, view) -> None:
+    rig.calibrated().taught(photograph).track(view)
+    seen = rig.bench.listen(Image, 'overlay/image_raw')
+    publisher = rig.node._overlay_pub
+    rig.bench.until(lambda: publisher.get_subscription_count() == 1, 'the overlay to be heard')
+    rig.track(view, STAMP_NS + 1)
+    rig.bench.until(lambda: bool(seen), 'the overlay')
+    assert (seen[0].encoding, seen[0].width, seen[0].height) == ('bgr8', 320, 240)
+    assert read.stamp_ns(seen[0].header) == STAMP_NS + 1
+
+
+def test_the_overlay_costs_nothing_when_nobody_looks(
+    rig, photograph, view, monkeypatch
+) -> None:
+    def drawn(*_: object) -> None:
+        raise AssertionError('the overlay was drawn for nobody')
+
+    monkeypatch.setattr('visual_servo_epipolar.nodes.tracker_node.draw_overlay', drawn)
+    assert len(rig.calibrated().taught(photograph).track(view)) > 0

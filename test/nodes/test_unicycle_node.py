@@ -1,0 +1,216 @@
+"""The simulated base as a node: it moves on command, and stops without."""
+
+import math
+
+from geometry_msgs.msg import Twist as TwistMessage
+from geometry_msgs.msg import TwistStamped
+from nav_msgs.msg import Odometry
+import pytest
+from rclpy.parameter import Parameter
+from rclpy.qos import qos_profile_sensor_data
+from rosgraph_msgs.msg import Clock
+from std_msgs.msg import Header
+
+from visual_servo_epipolar.core.motion import Pose, STANDSTILL, Twist
+from visual_servo_epipolar.messages import read, write
+from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
+from visual_servo_epipolar.simulation.closed_loop import period_ns, published
+
+START = (0.5, -2.0, 10.0)
+PERIOD_NS = period_ns(11.0)
+
+
+def velocity(message):
+    return read.twist(message.twist)
+
+
+def start(bench, **values):
+    """Return what to command with, and the ground truth heard."""
+    stamped = values.get('enable_stamped_cmd_vel', False)
+    command = bench.talk(TwistStamped if stamped else TwistMessage, 'cmd_vel')
+    truth = bench.listen(Odometry, 'ground_truth')
+    node = bench.start(UnicycleNode, start=START, **values)
+    return node, command, truth
+
+
+def wait_for_frames(bench, truth, count):
+    bench.until(lambda: len(truth) >= count, f'{count} messages of ground truth')
+
+
+def test_a_command_moves_it(bench) -> None:
+    _, command, truth = start(bench)
+    command(write.twist(Twist(0.3, 0.0)))
+    bench.until(lambda: truth and velocity(truth[-1]).linear > 0.05, 'the base to move')
+    bench.until(lambda: read.pose(truth[-1]).y > START[1] + 0.01, 'the base to get on')
+
+
+def test_it_stands_where_it_was_told_to_start(bench) -> None:
+    _, _, truth = start(bench)
+    wait_for_frames(bench, truth, 2)
+    assert read.pose(truth[-1]) == published(Pose.from_start(*START))
+
+
+def test_it_stops_by_itself_when_commands_stay_away(bench) -> None:
+    _, command, truth = start(bench, command_timeout=0.2)
+    command(write.twist(Twist(0.3, 0.0)))
+    bench.until(lambda: truth and velocity(truth[-1]).linear > 0.0, 'the base to move')
+    began = len(truth)
+    bench.until(lambda: velocity(truth[-1]) == STANDSTILL, 'the base to stop')
+    moved_ns = read.stamp_ns(truth[-1].header) - read.stamp_ns(truth[began - 1].header)
+    # 0.2 s until it notices, 0.1 s to brake from 0.06 m/s; a busy machine may tick late.
+    assert moved_ns < 0.8e9
+    assert bench.logged('no cmd_vel for 0.2 s, the base stops')
+
+
+def test_a_timeout_of_zero_lets_it_run_on(bench) -> None:
+    _, command, truth = start(bench, command_timeout=0.0, acceleration=20.0)
+    command(write.twist(Twist(0.3, 0.0)))
+    bench.until(lambda: truth and velocity(truth[-1]).linear == 0.3, 'full speed')
+    first = read.stamp_ns(truth[-1].header)
+    bench.until(
+        lambda: read.stamp_ns(truth[-1].header) > first + 1.0e9, 'a second, twice the timeout'
+    )
+    assert velocity(truth[-1]).linear == 0.3
+
+
+@pytest.mark.parametrize('bad', [math.nan, math.inf])
+def test_a_command_that_is_not_finite_stops_it_and_is_logged_once(bench, bad) -> None:
+    _, command, truth = start(bench, command_timeout=0.0, lockstep=True)
+    for step in range(5):
+        command(write.twist(Twist(0.3, 0.0)))
+        wait_for_frames(bench, truth, step + 1)
+    assert velocity(truth[-1]).linear > 0.0
+    message = write.twist(Twist(0.3, 0.0))
+    message.angular.z = bad
+    for _ in range(10):
+        count = len(truth)
+        command(message)
+        wait_for_frames(bench, truth, count + 1)
+    assert velocity(truth[-1]) == STANDSTILL
+    assert math.isfinite(read.pose(truth[-1]).x)
+    bench.until(lambda: bench.logged('a twist must be finite'), 'the error in the log')
+    bench.settle()
+    assert len(bench.logged('a twist must be finite')) == 1
+    count = len(truth)
+    command(write.twist(Twist(0.3, 0.0)))
+    wait_for_frames(bench, truth, count + 1)
+    assert velocity(truth[-1]).linear > 0.0
+
+
+def test_it_takes_stamped_commands(bench) -> None:
+    _, command, truth = start(bench, enable_stamped_cmd_vel=True)
+    command(write.twist_stamped(Twist(0.3, 0.0), 0, 'base_link'))
+    bench.until(lambda: truth and velocity(truth[-1]).linear > 0.05, 'the base to move')
+
+
+def test_in_lockstep_one_command_is_one_frame(bench) -> None:
+    node, command, truth = start(bench, lockstep=True)
+    node.begin()
+    wait_for_frames(bench, truth, 1)
+    for step in range(1, 6):
+        command(write.twist(Twist(0.3, 0.1)))
+        wait_for_frames(bench, truth, step + 1)
+    bench.settle()
+    assert [read.stamp_ns(message.header) for message in truth] == [
+        step * PERIOD_NS for step in range(6)
+    ]
+    assert node.steps == 5
+
+
+def test_in_lockstep_nothing_moves_without_a_command(bench) -> None:
+    _, _, truth = start(bench, lockstep=True)
+    bench.settle()
+    assert truth == []
+
+
+def test_in_lockstep_the_clock_comes_before_the_truth(bench) -> None:
+    command, heard = bench.talk(TwistMessage, 'cmd_vel'), []
+    order = bench.probe
+    order.create_subscription(
+        Clock,
+        '/clock',
+        lambda message: heard.append(('clock', read.stamp_ns(as_header(message)))),
+        qos_profile_sensor_data,
+    )
+    order.create_subscription(
+        Odometry,
+        'ground_truth',
+        lambda message: heard.append(('truth', read.stamp_ns(message.header))),
+        10,
+    )
+    node = bench.start(UnicycleNode, lockstep=True)
+    said = []
+    for name in ('_clock_pub', '_truth_pub', '_odom_pub', '_applied_pub'):
+        spy(node, name, said)
+    command(write.twist(Twist(0.3, 0.0)))
+    bench.until(lambda: len(heard) == 2, 'clock and truth')
+    assert {stamp for _, stamp in heard} == {PERIOD_NS}
+    assert said[0] == '_clock_pub'
+
+
+def as_header(clock):
+    """Give a /clock message the shape of a header."""
+    return Header(stamp=clock.clock)
+
+
+def spy(node, name, said):
+    """Note when the publisher ``name`` publishes."""
+    publisher = getattr(node, name)
+
+    class Spy:
+        def publish(self, message):
+            said.append(name)
+            publisher.publish(message)
+
+    setattr(node, name, Spy())
+
+
+def test_reset_brings_it_back_to_the_start(bench) -> None:
+    node, command, truth = start(bench)
+    command(write.twist(Twist(0.3, 0.3)))
+    bench.until(lambda: truth and velocity(truth[-1]).linear > 0.05, 'the base to move')
+    answer = bench.call('unicycle_node/reset')
+    bench.settle()
+    assert answer.success
+    assert read.pose(truth[-1]) == published(Pose.from_start(*START))
+    assert velocity(truth[-1]) == STANDSTILL
+
+
+def test_a_new_start_counts_from_the_next_reset(bench) -> None:
+    node, _, truth = start(bench, lockstep=True)
+    node.set_parameters([Parameter('start', value=[-0.5, -3.0, 0.0])])
+    answer = bench.call('unicycle_node/reset')
+    bench.until(lambda: bool(truth), 'the pose after the reset')
+    assert read.pose(truth[-1]) == published(Pose.from_start(-0.5, -3.0, 0.0))
+    assert answer.message == 'at the start [-0.5, -3.0, 0.0]'
+
+
+def test_odometry_starts_at_zero_and_drifts_away_from_the_truth(bench) -> None:
+    odometry = bench.listen(Odometry, 'odom')
+    node, command, truth = start(bench, lockstep=True, command_timeout=0.0)
+    node.begin()
+    wait_for_frames(bench, truth, 1)
+    for step in range(1, 45):
+        command(write.twist(Twist(0.5, 0.0)))
+        wait_for_frames(bench, truth, step + 1)
+    bench.until(lambda: len(odometry) == len(truth), 'odometry beside the truth')
+    assert read.pose(odometry[0]) == Pose(0.0, 0.0, 0.0)
+    way = math.dist(position(truth[-1]), START[:2])
+    error = abs(math.hypot(*position(odometry[-1])) - way)
+    # 0.0075 a root metre of white noise: 1 cm after 1.7 m, five sigma allowed.
+    assert 0.0 < error < 0.05
+    assert way > 1.0
+
+
+def position(message):
+    pose = read.pose(message)
+    return pose.x, pose.y
+
+
+def test_frames_are_named_as_told(bench) -> None:
+    odometry = bench.listen(Odometry, 'odom')
+    node, _, truth = start(bench, lockstep=True, odom_frame='o', base_frame='b', world_frame='w')
+    node.begin()
+    bench.until(lambda: bool(truth and odometry), 'truth and odometry')
+    assert (truth[0].header.frame_id, truth[0].child_frame_id) == ('w', 'b')
+    assert (odometry[0].header.frame_id, odometry[0].child_frame_id) == ('o', 'b')

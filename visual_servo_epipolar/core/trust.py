@@ -1,0 +1,95 @@
+"""When an estimate is worth nothing: the reasons not to act on it."""
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.epipolar import Bearings
+from visual_servo_epipolar.core.estimators.base import Attitude, Estimate
+from visual_servo_epipolar.core.servo_settings import ServoSettings
+
+MIN_INLIERS = 8
+MIN_INLIER_SHARE = 0.3
+STRIKES = 3  # frames in a row that contradict the past before the past is given up
+KNOWN_DEVIATION = 5e-4  # tilt and roll are never taken for better known than this [rad]
+INFORMATIVE_PARALLAX = 12.0  # in deviations of the noise: bearings to about three degrees
+
+
+@dataclass(frozen=True, slots=True)
+class Memory:
+    """
+    What perception carries from frame to frame.
+
+    ``attitude`` is the camera's, calibrated while driving; ``bearings`` the last trusted ones;
+    ``noise`` the deviation of a tracked coordinate [px] as the residuals show it; ``strikes``
+    counts estimates in a row that contradict ``bearings``.
+    """
+
+    attitude: Attitude
+    noise: float
+    bearings: Bearings | None = None
+    strikes: int = 0
+
+
+def fresh_memory(settings: ServoSettings) -> Memory:
+    """Return the memory of a servo that has seen nothing yet."""
+    return Memory(Attitude(jitter=settings.floor_jitter), settings.pixel_noise)
+
+
+def leap(bearings: Bearings, before: Bearings) -> float:
+    """Return by how much bearings changed [rad], the larger of the two."""
+    psi = abs(math.remainder(bearings.psi - before.psi, 2.0 * math.pi))
+    return max(psi, abs(math.remainder(bearings.phi - before.phi, 2.0 * math.pi)))
+
+
+def deviation(estimate: Estimate) -> float:
+    """Return the larger standard deviation of psi and phi [rad], nan if there is none."""
+    return math.sqrt(max(float(np.diag(estimate.covariance).max()), 0.0))
+
+
+def doubt(estimate: Estimate, desired: FloatArray, memory: Memory, settings: ServoSettings) -> str:
+    """Return why ``estimate`` is not to be trusted, in words; empty if it is."""
+    inliers, count = int(estimate.inliers.sum()), len(estimate.inliers)
+    if inliers < max(MIN_INLIERS, MIN_INLIER_SHARE * count):
+        return f'only {inliers} of {count} matches agree on one geometry'
+    spread = float(np.linalg.det(np.cov(desired[estimate.inliers].T))) ** 0.25
+    if spread < settings.min_spread:
+        return f'the features are clustered within {math.degrees(spread):.1f} deg'
+    if estimate.confidence < settings.min_confidence:
+        return f'the cheirality vote is undecided ({estimate.confidence:.3f})'
+    uncertain = deviation(estimate)
+    if uncertain > settings.max_deviation:
+        return f'the bearings are uncertain by {math.degrees(uncertain):.1f} deg'
+    if memory.bearings is None:
+        if estimate.rival is not None:
+            return 'two geometries fit the features: one plane dominates the scene'
+        return ''
+    change = leap(estimate.bearings, memory.bearings)
+    if change > settings.max_leap and memory.strikes + 1 < STRIKES:
+        return f'the bearings leapt by {math.degrees(change):.1f} deg in one frame'
+    return ''
+
+
+def remembered(
+    memory: Memory, estimate: Estimate, reason: str, *, noise: float, parallax: float
+) -> Memory:
+    """
+    Return the memory after ``estimate``, which is trusted unless there is a ``reason``.
+
+    ``noise`` is the deviation [px] that its residuals show, ``parallax`` in pixels.
+    """
+    if reason:
+        return Memory(memory.attitude, memory.noise, memory.bearings, memory.strikes + 1)
+    attitude = memory.attitude
+    if estimate.attitude is not None and parallax > INFORMATIVE_PARALLAX * noise:
+        found = estimate.attitude
+        attitude = Attitude(
+            found.tilt,
+            found.roll,
+            max(found.tilt_deviation, KNOWN_DEVIATION),
+            max(found.roll_deviation, KNOWN_DEVIATION),
+            attitude.jitter,
+        )
+    return Memory(attitude, noise, estimate.bearings)
