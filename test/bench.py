@@ -14,9 +14,10 @@ import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Trigger
+
+from visual_servo_epipolar.nodes import parameters
 
 DOMAINS = itertools.count(os.getpid())
 USUAL_SEC = 10.0  # more than ten times what anything here takes
@@ -66,10 +67,7 @@ class Bench(AbstractContextManager['Bench']):
 
     def start(self, kind: Callable[..., Any], **values: Any) -> Any:
         """Start a node of ``kind`` with parameters, and wait until it knows the probe."""
-        overrides = [
-            Parameter(name, value=list(value) if isinstance(value, tuple) else value)
-            for name, value in values.items()
-        ]
+        overrides = [parameters.override(name, value) for name, value in values.items()]
         node = kind(
             context=self.context, parameter_overrides=overrides, use_global_arguments=False
         )

@@ -73,7 +73,8 @@ class Sight:
     of eq. (23), averaged over the features; ``feature_error`` the median distance of current from
     desired features; ``parallax`` what the best rotation leaves unexplained; ``heading_error``
     comes from the bearings where there are any, else from that rotation. ``deviation`` is the
-    larger one of psi and phi [rad]; ``memory`` is for the next frame.
+    larger one of psi and phi, ``jump`` the change of tilt and roll [rad]; ``memory`` is for the next
+    frame.
     """
 
     stamp_ns: int
@@ -82,6 +83,7 @@ class Sight:
     memory: Memory
     bearings: Bearings | None = None
     deviation: float = math.nan
+    jump: float = 0.0
     confidence: float = 0.0
     inliers: int = 0
     parallax: float = math.nan
@@ -102,6 +104,17 @@ def perceive(
     """
     Measure what the servo needs; never raises on degenerate views, says so in the Sight.
 
+    See ``geometry``.
+    """
+    return geometry(observation, settings, frame, memory)[0]
+
+
+def geometry(
+    observation: Observation, settings: ServoSettings, frame: int, memory: Memory | None
+) -> tuple[Sight, FloatArray | None]:
+    """
+    Return what one observation tells, and F for rays, shape (3, 3), where one was estimated.
+
     ``frame`` numbers the observations of a run: with the seed it fixes every random choice.
     ``memory`` is that of the last Sight, None before the first.
     """
@@ -111,7 +124,7 @@ def perceive(
         observation.stamp_ns, count, focal, fresh_memory(settings) if memory is None else memory
     )
     if count < settings.min_features:
-        return replace(blank, reason=f'{count} features, {settings.min_features} needed')
+        return replace(blank, reason=f'{count} features, {settings.min_features} needed'), None
     rotation = fit_rotation(current, desired)
     seen = replace(
         blank,
@@ -119,13 +132,15 @@ def perceive(
         heading_error=rotation.heading_error,
         feature_error=float(np.median(np.hypot(*(current - desired).T))),
     )
+    fundamental = None
     if seen.parallax_px < settings.min_parallax:
         reason = f'a parallax of {seen.parallax_px:.2f} px is too small for epipoles'
         seen = replace(seen, reason=reason)
     else:
-        seen = _with_bearings(seen, observation, settings, frame)
+        seen, fundamental = _with_bearings(seen, observation, settings, frame)
     alpha = seen.heading_error if settings.compensates else 0.0
-    return replace(seen, difference=feature_difference(turned(current, alpha), desired))
+    difference = feature_difference(turned(current, alpha), desired)
+    return replace(seen, difference=difference), fundamental
 
 
 def feature_difference(current: FloatArray, desired: FloatArray) -> float:
@@ -146,7 +161,7 @@ def turned(rays: FloatArray, heading_error: float) -> FloatArray:
 
 def _with_bearings(
     seen: Sight, observation: Observation, settings: ServoSettings, frame: int
-) -> Sight:
+) -> tuple[Sight, FloatArray | None]:
     current, desired, memory = observation.current, observation.desired, seen.memory
     prior = Prior(memory.attitude, memory.bearings, settings.max_leap)
     try:
@@ -158,7 +173,7 @@ def _with_bearings(
             rng=np.random.default_rng((settings.seed, frame)),
         )
     except DegenerateGeometryError as error:
-        return replace(seen, reason=str(error))
+        return replace(seen, reason=str(error)), None
     reason = doubt(estimate, desired, memory, settings)
     noise = _noise(estimate, observation, memory.noise, settings.pixel_noise)
     found = replace(
@@ -166,13 +181,14 @@ def _with_bearings(
         confidence=estimate.confidence,
         inliers=int(estimate.inliers.sum()),
         deviation=deviation(estimate),
+        jump=estimate.jump,
         memory=remembered(memory, estimate, reason, noise=noise, parallax=seen.parallax_px),
         reason=reason,
     )
-    if reason:
-        return found
-    bearings = estimate.bearings
-    return replace(found, bearings=bearings, heading_error=bearings.heading_error)
+    if not reason:
+        bearings = estimate.bearings
+        found = replace(found, bearings=bearings, heading_error=bearings.heading_error)
+    return found, estimate.fundamental
 
 
 def _noise(estimate: Estimate, observation: Observation, before: float, first: float) -> float:

@@ -11,6 +11,7 @@ from visual_servo_epipolar.core.estimators.base import Attitude, Estimate
 from visual_servo_epipolar.core.servo_settings import ServoSettings
 
 MIN_INLIERS = 8
+MAX_JUMP = 12.0  # of tilt and roll between the views, in deviations of the floor's jitter
 MIN_INLIER_SHARE = 0.3
 STRIKES = 3  # frames in a row that contradict the past before the past is given up
 KNOWN_DEVIATION = 5e-4  # tilt and roll are never taken for better known than this [rad]
@@ -59,6 +60,8 @@ def doubt(estimate: Estimate, desired: FloatArray, memory: Memory, settings: Ser
         return f'the features are clustered within {math.degrees(spread):.1f} deg'
     if estimate.confidence < settings.min_confidence:
         return f'the cheirality vote is undecided ({estimate.confidence:.3f})'
+    if estimate.jump > MAX_JUMP * settings.floor_jitter:
+        return f'the camera tilted by {math.degrees(estimate.jump):.1f} deg between the views'
     uncertain = deviation(estimate)
     if uncertain > settings.max_deviation:
         return f'the bearings are uncertain by {math.degrees(uncertain):.1f} deg'

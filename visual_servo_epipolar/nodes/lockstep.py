@@ -12,10 +12,10 @@ import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.parameter import Parameter
 
 from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.core.settings import Settings
+from visual_servo_epipolar.nodes import parameters
 from visual_servo_epipolar.nodes.camera_node import CameraNode
 from visual_servo_epipolar.nodes.run import tune_transport
 from visual_servo_epipolar.nodes.servo_node import ServoNode
@@ -101,7 +101,7 @@ class Lockstep(AbstractContextManager['Lockstep']):
     ) -> Any:
         values = {item.name: getattr(settings, item.name) for item in fields(settings)}
         overrides = [
-            Parameter(name, value=list(value) if isinstance(value, tuple) else value)
+            parameters.override(name, value)
             for name, value in {**values, **more, 'use_sim_time': simulated_time}.items()
         ]
         node = kind(

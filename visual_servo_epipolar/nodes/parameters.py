@@ -54,6 +54,13 @@ def watch(node: Node, current: Callable[[], SettingsT], use: Callable[[SettingsT
     node.add_post_set_parameters_callback(lambda parameters: use(changed(parameters)))
 
 
+def override(name: str, value: Any) -> Parameter:
+    """Return a parameter of ``value``; the type of a list, which may be empty, has to be told."""
+    if isinstance(value, tuple):
+        return Parameter(name, Parameter.Type.DOUBLE_ARRAY, list(value))
+    return Parameter(name, value=value)
+
+
 def refuse_unknown(node: Node) -> None:
     """
     Raise ValueError for a parameter that was given but that the node does not have.

@@ -31,6 +31,7 @@ from visual_servo_epipolar.nodes.run import spin
 WARN_PERIOD_S = 5.0
 FAREWELL_S = 0.2
 WATCH_PERIOD_S = 0.05
+BORDER_PX = 1.0  # a refined feature may end a little outside of the image
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -196,7 +197,10 @@ class ServoNode(Node):
 
 def _within(features: Features, camera: Camera) -> Features:
     """Return ``features``, or raise ValueError if they cannot come from ``camera``."""
-    inside = camera.contains(features.current) & camera.contains(features.desired)
+    current, desired = features.current, features.desired
+    inside = camera.contains(current, margin=-BORDER_PX) & camera.contains(
+        desired, margin=-BORDER_PX
+    )
     if not inside.all():
         raise ValueError(
             f'{int((~inside).sum())} of {len(features)} features lie outside an image of '

@@ -44,7 +44,8 @@ class Estimate:
     ``inliers`` has shape (N,); ``fundamental`` is for rays; ``confidence`` of the cheirality vote
     runs from 0 to 1; ``covariance`` of (psi, phi) has shape (2, 2) [rad^2], nan where the
     estimator has none. ``attitude`` is the camera's as estimated. ``rival`` is another geometry
-    that fits nearly as well, as there is one wherever a plane dominates the scene.
+    that fits nearly as well, as there is one wherever a plane dominates the scene. ``jump`` is by
+    how much tilt and roll differ between the views [rad].
     """
 
     bearings: Bearings
@@ -54,6 +55,7 @@ class Estimate:
     covariance: FloatArray
     attitude: Attitude | None = None
     rival: Bearings | None = None
+    jump: float = 0.0
 
 
 UNKNOWN_COVARIANCE = np.full((2, 2), np.nan)

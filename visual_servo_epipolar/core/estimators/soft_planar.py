@@ -233,4 +233,5 @@ def _estimate(
             attitude.jitter,
         ),
         rival=rival,
+        jump=math.hypot(tilt_jump, roll_jump),
     )

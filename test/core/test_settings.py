@@ -1,0 +1,136 @@
+"""Settings: a value that exists is within its ranges, and refusals say what is allowed."""
+
+from dataclasses import dataclass, fields, FrozenInstanceError, replace
+import math
+from typing import Any
+
+import pytest
+
+from visual_servo_epipolar.core.servo_settings import ServoSettings
+from visual_servo_epipolar.core.settings import from_mapping, range_of, setting, Settings, updated
+from visual_servo_epipolar.core.tracking import TrackerSettings
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sample(Settings):
+    gain: float = setting(0.5, 'Gain of the sample [1/s]', low=0.0, high=2.0)
+    count: int = setting(3, 'Number of samples', low=1, high=9)
+    mode: str = setting('slow', 'How fast', choices=('slow', 'fast'))
+    enabled: bool = setting(True, 'Whether at all', read_only=True)
+    offset: tuple[float, ...] = setting((0.0, 1.0), 'Offset [m]', low=-5.0, high=5.0)
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'message'),
+    [
+        ('gain', 2.1, r'gain must lie in \[0, 2\], got 2.1; it is: Gain of the sample \[1/s\]'),
+        ('gain', -1e-9, r'gain must lie in \[0, 2\]'),
+        ('gain', math.nan, r'gain must lie in \[0, 2\], got nan'),
+        ('gain', math.inf, 'gain must lie in .* got inf'),
+        ('gain', 'high', r"gain must be float, got 'high' \(str\); Gain of the sample"),
+        ('gain', None, 'gain must be float, got None'),
+        ('gain', True, r'gain must be float, got True \(bool\)'),
+        pytest.param('gain', 10**400, 'gain must lie in', id='gain-huge'),
+        ('count', 0, r'count must lie in \[1, 9\], got 0'),
+        ('count', 3.0, r'count must be int, got 3.0 \(float\)'),
+        ('count', True, r'count must be int, got True \(bool\)'),
+        pytest.param('count', 10**400, 'count must lie in', id='count-huge'),
+        ('mode', 'quick', "mode must be one of slow, fast, got 'quick'"),
+        ('mode', 1, 'mode must be str, got 1'),
+        ('enabled', 1, r'enabled must be bool, got 1 \(int\)'),
+        ('offset', (0.0, 'a'), 'offset must be a list of numbers'),
+        ('offset', [0.0, 6.0], r'offset must lie in \[-5, 5\], got 6'),
+        ('offset', 1.0, 'offset must be tuple, got 1.0'),
+    ],
+)
+def test_a_bad_value_is_refused_by_name(name: str, value: Any, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Sample(**{name: value})
+
+
+@pytest.mark.parametrize(
+    ('name', 'value', 'kept'),
+    [
+        ('gain', 0.0, 0.0),
+        ('gain', 2.0, 2.0),
+        ('gain', 1, 1.0),
+        ('count', 9, 9),
+        ('mode', 'fast', 'fast'),
+        ('offset', [1, -5], (1.0, -5.0)),
+    ],
+)
+def test_the_ends_of_a_range_are_allowed_and_types_settled(
+    name: str, value: Any, kept: Any
+) -> None:
+    found = getattr(Sample(**{name: value}), name)
+    assert found == kept
+    assert type(found) is type(kept)
+
+
+def test_settings_do_not_change() -> None:
+    with pytest.raises(FrozenInstanceError):
+        Sample().gain = 1.0  # type: ignore[misc]
+
+
+def test_an_unknown_name_is_refused_with_the_known_ones() -> None:
+    with pytest.raises(ValueError, match=r'file.yaml has no setting 3, gian; it knows gain,'):
+        from_mapping(Sample, {'gian': 1.0, 3: 2}, 'file.yaml')
+
+
+@pytest.mark.parametrize('values', [[1, 2], 'gain', 3, None])
+def test_what_is_no_mapping_is_refused(values: Any) -> None:
+    with pytest.raises(ValueError, match='file.yaml must map names to values, got'):
+        from_mapping(Sample, values, 'file.yaml')
+
+
+def test_a_refusal_says_where_the_value_stood() -> None:
+    with pytest.raises(ValueError, match=r'^file.yaml: gain must lie in'):
+        from_mapping(Sample, {'gain': 9.0}, 'file.yaml')
+
+
+def test_an_update_keeps_the_rest() -> None:
+    before = Sample(count=5, mode='fast')
+    assert updated(before, {'gain': 1}, 'test') == replace(before, gain=1.0)
+
+
+def test_an_empty_mapping_gives_the_defaults() -> None:
+    assert from_mapping(Sample, {}, 'test') == Sample()
+
+
+@pytest.mark.parametrize(
+    ('changes', 'message'),
+    [
+        ({'latch_engage': 0.02, 'latch_release': 0.01}, 'latch_engage must not exceed'),
+        (
+            {'min_displacement': 0.4, 'max_displacement': 0.3},
+            'min_displacement must not exceed max_displacement, got 0.4 and 0.3 rad',
+        ),
+    ],
+)
+def test_servo_settings_that_contradict_each_other_are_refused(
+    changes: dict[str, float], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        ServoSettings(**changes)
+
+
+def test_a_tracker_that_needs_more_features_than_it_may_have_is_refused() -> None:
+    with pytest.raises(ValueError, match='min_features must not exceed max_features, got 41'):
+        TrackerSettings(min_features=41, max_features=40)
+
+
+@pytest.mark.parametrize('kind', [ServoSettings, TrackerSettings])
+def test_every_setting_is_described_and_lies_in_its_own_range(kind: type[Settings]) -> None:
+    for item in fields(kind):
+        limits = range_of(item)
+        assert limits.text, item.name
+        if type(item.default) in (int, float):
+            assert limits.low is not None, item.name
+            assert limits.high is not None, item.name
+            assert limits.low <= item.default <= limits.high, item.name
+
+
+def test_what_is_fixed_at_the_start_is_read_only() -> None:
+    read_only = {item.name for item in fields(ServoSettings) if range_of(item).read_only}
+    assert read_only >= {'estimator', 'seed'}
+    assert not read_only & {'law', 'k1', 'k2', 'k_t', 'max_linear', 'max_angular'}

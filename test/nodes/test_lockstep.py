@@ -1,0 +1,133 @@
+"""The four nodes in lockstep: they arrive, and they are the loop in memory to the last digit."""
+
+from pathlib import Path
+
+import pytest
+
+from visual_servo_epipolar.core.phases import Phase
+from visual_servo_epipolar.core.run_log import RunLog, summarise
+from visual_servo_epipolar.core.tracking import Tracker
+from visual_servo_epipolar.nodes import lockstep
+from visual_servo_epipolar.nodes.lockstep import Lockstep, LockstepError
+from visual_servo_epipolar.nodes.observer_node import ObserverNode
+from visual_servo_epipolar.simulation import closed_loop
+from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
+from visual_servo_epipolar.simulation.closed_loop import LoopSettings, Referee
+from visual_servo_epipolar.simulation.scenario import from_document, load, Scenario
+
+SMALL = load(Path(__file__).parents[2] / 'config/scenarios/small.yaml')
+CLOSE = (0.3, -2.2, 0.0)
+
+
+def drive(scenario: Scenario, settings: LoopSettings) -> RunLog:
+    """Let the nodes drive."""
+    referee = Referee(settings)
+    with Lockstep(scenario, settings) as nodes:
+        observer = ObserverNode(
+            referee, lambda *_: None, with_images=False, context=nodes.context
+        )
+        nodes.add(observer)
+        nodes.run(lambda: referee.done)
+    return referee.log()
+
+
+def simulate(scenario: Scenario, settings: LoopSettings) -> RunLog:
+    """Let the loop in memory drive."""
+    view = ImageView(CameraSimulator(scenario.camera), Tracker(scenario.tracker))
+    return closed_loop.run(settings, view, scenario.camera.camera)
+
+
+def short(name: str = 'two seconds', **camera: object) -> Scenario:
+    """Return a run of two seconds through a very small camera."""
+    tiny = {
+        'width': 320,
+        'height': 240,
+        'focal_length': 192.0,
+        'principal_u': 159.5,
+        'principal_v': 119.5,
+    }
+    return from_document({'camera': {**tiny, **camera}, 'run': {'max_duration': 2.0}}, name)
+
+
+@pytest.fixture(scope='module')
+def arrival() -> RunLog:
+    return drive(SMALL.seeded(3), SMALL.seeded(3).loop(CLOSE, 3))
+
+
+def test_the_robot_arrives(arrival) -> None:
+    result = summarise(arrival)
+    assert result['outcome'] == 'arrived', result['reason']
+    assert result['position_error_m'] < 0.02
+    assert abs(result['heading_error_deg']) < 0.5
+
+
+def test_the_nodes_drive_exactly_as_the_loop_in_memory(arrival) -> None:
+    expected = simulate(SMALL.seeded(3), SMALL.seeded(3).loop(CLOSE, 3))
+    assert repr(arrival.samples) == repr(expected.samples)  # for nan is not equal to itself
+    assert repr(summarise(arrival)) == repr(summarise(expected))
+
+
+def test_stamps_are_exact_multiples_of_the_period(arrival) -> None:
+    period = closed_loop.period_ns(11.0)
+    assert [sample.stamp_ns for sample in arrival.samples] == [
+        number * period for number in range(len(arrival.samples))
+    ]
+
+
+def test_two_runs_are_equal() -> None:
+    scenario = short(jitter=0.002).seeded(1)
+    first, second = (drive(scenario, scenario.loop(CLOSE, 1)) for _ in range(2))
+    assert repr(first) == repr(second)
+    assert any(sample.phase is not Phase.WAITING for sample in first.samples)
+
+
+def test_another_seed_is_another_run() -> None:
+    first, second = (
+        drive(short().seeded(seed), short().seeded(seed).loop(CLOSE, seed)) for seed in (1, 2)
+    )
+    assert repr(first.samples) != repr(second.samples)
+
+
+def test_a_camera_without_distortion_coefficients_runs() -> None:
+    scenario = short(distortion=[])
+    assert len(drive(scenario, scenario.loop(CLOSE, 0)).samples) > 10
+
+
+def test_a_chain_that_stands_still_is_reported(monkeypatch) -> None:
+    monkeypatch.setattr(lockstep, 'STALL_S', 0.5)
+    scenario = short()
+    with Lockstep(scenario, scenario.loop(CLOSE, 0)) as nodes:
+        nodes.servo._command = lambda *_: None
+        with pytest.raises(LockstepError, match=r'after 0 steps, waiting for the run to end'):
+            nodes.run(lambda: False)
+
+
+def test_nodes_that_do_not_find_each_other_are_reported(monkeypatch) -> None:
+    monkeypatch.setattr(lockstep, 'STALL_S', 0.5)
+    scenario = short()
+    with Lockstep(scenario, scenario.loop(CLOSE, 0)) as nodes:
+        nodes.tracker.destroy_publisher(nodes.tracker._tracks_pub)
+        nodes.tracker.redetect = None
+        nodes.tracker._tracker._view = None
+        nodes.tracker._on_desired = lambda *_: None
+        with pytest.raises(LockstepError, match='every node to find its peers'):
+            nodes.run(lambda: False)
+
+
+def test_the_environment_is_left_as_it_was(monkeypatch) -> None:
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    import os
+
+    with Lockstep(short(), short().loop(CLOSE, 0)):
+        assert os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'OFF'
+    assert os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'LOCALHOST'
+
+
+def test_a_camera_that_cannot_be_leaves_nothing_behind(monkeypatch) -> None:
+    import os
+
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    scenario = short(distortion=[0.1])
+    with pytest.raises(ValueError, match='distortion must be'):
+        Lockstep(scenario, scenario.loop(CLOSE, 0))
+    assert os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'LOCALHOST'

@@ -1,0 +1,93 @@
+"""What hypothesis draws: poses, twists, bearings; and the scene that two views share."""
+
+import math
+
+from hypothesis import assume, settings, strategies as st
+import numpy as np
+
+from visual_servo_epipolar.core.camera import Camera
+from visual_servo_epipolar.core.epipolar import Bearings
+from visual_servo_epipolar.core.motion import Pose, Twist
+
+# A property must not fail because another process had the core; CI draws the same every time.
+settings.register_profile(
+    'visual_servo', settings(settings.default, deadline=None, max_examples=60)
+)
+settings.load_profile('visual_servo')
+
+CAMERA = Camera(1280, 1024, 769.0, 769.0, 635.0, 512.0)
+MIN_DEPTH, MAX_SLOPE = 0.5, 2.0  # a scene point is this far ahead [m], this far off axis (63 deg)
+
+
+def floats(low: float, high: float) -> st.SearchStrategy[float]:
+    return st.floats(low, high, allow_subnormal=False)
+
+
+def angles() -> st.SearchStrategy[float]:
+    return floats(-math.pi, math.pi)
+
+
+def poses(*, min_baseline: float = 0.05, reach: float = 5.0) -> st.SearchStrategy[Pose]:
+    """Poses anywhere around the goal, at any heading."""
+    anywhere = st.builds(Pose, floats(-reach, reach), floats(-reach, reach), angles())
+    return anywhere.filter(lambda pose: pose.distance >= min_baseline)
+
+
+def regular_poses() -> st.SearchStrategy[Pose]:
+    """Poses with both epipoles at a finite place, at most 84 deg off the axis."""
+
+    def regular(pose: Pose) -> bool:
+        bearings = Bearings.from_pose(pose)
+        return abs(math.cos(bearings.phi)) > 0.1 and abs(math.sin(bearings.psi)) > 0.1
+
+    return poses(min_baseline=0.3).filter(regular)
+
+
+def poses_behind_the_goal() -> st.SearchStrategy[Pose]:
+    """Starts of the region `front`: behind the goal, looking at the scene."""
+    return st.builds(Pose.from_start, floats(-1.5, 1.5), floats(-5.0, -2.0), floats(-15.0, 15.0))
+
+
+def pose_with(
+    e_current: float, e_desired: float, *, sigma: float, distance: float, ahead: bool = False
+) -> Pose:
+    """Return the pose with these epipoles at unit focal length, behind the goal or ahead of it."""
+    side = 1.0 if ahead else -1.0
+    psi = math.atan2(side, side * e_desired)
+    phi = math.atan2(-sigma * e_current, sigma)
+    return Pose(distance * math.cos(psi), distance * math.sin(psi), psi - phi)
+
+
+def twists() -> st.SearchStrategy[Twist]:
+    return st.builds(Twist, floats(-2.0, 2.0), floats(-3.0, 3.0))
+
+
+def bearings() -> st.SearchStrategy[Bearings]:
+    return st.builds(Bearings, angles(), angles())
+
+
+def seen_from(pose: Pose, points: np.ndarray) -> np.ndarray:
+    """Return ``points``, shape (N, 3) in camera axes of the goal, in those of ``pose``."""
+    alpha = pose.heading_error
+    right = np.array([math.cos(alpha), 0.0, math.sin(alpha)])
+    forward = np.array([-math.sin(alpha), 0.0, math.cos(alpha)])
+    moved = points - [pose.x, 0.0, pose.y]
+    return np.column_stack([moved @ right, moved[:, 1], moved @ forward])
+
+
+def room() -> np.ndarray:
+    """Return points all around, shape (N, 3), in camera axes of the goal; never on one plane."""
+    return (np.random.default_rng(7).random((4000, 3)) - 0.5) * [24.0, 6.0, 24.0]
+
+
+def matches(pose: Pose, *, count: int = 40) -> tuple[np.ndarray, np.ndarray]:
+    """Return exact rays, current and desired, of points in front of both cameras."""
+    points = room()
+    current = seen_from(pose, points)
+    good = np.ones(len(points), dtype=bool)
+    for view in (current, points):
+        depth = view[:, 2]
+        good &= (depth > MIN_DEPTH) & (np.abs(view[:, :2]).max(axis=1) < MAX_SLOPE * depth)
+    assume(good.sum() >= count)
+    current, points = current[good][:count], points[good][:count]
+    return current[:, :2] / current[:, 2:], points[:, :2] / points[:, 2:]
