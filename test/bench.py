@@ -118,5 +118,3 @@ class Bench(AbstractContextManager['Bench']):
         return bool(
             publisher.get_subscription_count() >= sum(ear.topic_name == topic for ear in ears)
         )
-
-

@@ -2,7 +2,7 @@
 
 import math
 
-from hypothesis import assume, settings, strategies as st
+from hypothesis import reject, settings, strategies as st
 import numpy as np
 
 from visual_servo_epipolar.core.camera import Camera
@@ -88,6 +88,7 @@ def matches(pose: Pose, *, count: int = 40) -> tuple[np.ndarray, np.ndarray]:
     for view in (current, points):
         depth = view[:, 2]
         good &= (depth > MIN_DEPTH) & (np.abs(view[:, :2]).max(axis=1) < MAX_SLOPE * depth)
-    assume(good.sum() >= count)
+    if good.sum() < count:
+        reject()
     current, points = current[good][:count], points[good][:count]
     return current[:, :2] / current[:, 2:], points[:, :2] / points[:, 2:]

@@ -143,9 +143,7 @@ def test_tracks_at_no_place_are_refused() -> None:
 @pytest.mark.parametrize('value', [NAN, float('inf'), -float('inf')])
 @pytest.mark.parametrize('stamped', [False, True])
 def test_a_twist_that_is_not_finite_is_refused(value, stamped) -> None:
-    message = (
-        write.twist_stamped(STANDSTILL, 0, 'base') if stamped else write.twist(STANDSTILL)
-    )
+    message = write.twist_stamped(STANDSTILL, 0, 'base') if stamped else write.twist(STANDSTILL)
     (message.twist if stamped else message).angular.z = value
     with pytest.raises(ValueError, match='a twist must be finite'):
         read.twist(message)

@@ -1,6 +1,7 @@
 """What a core value is when it comes back out of its message: the same, to the last bit."""
 
-from hypothesis import given, strategies as st
+from hypothesis import given
+from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 import numpy as np
 import pytest
@@ -19,7 +20,9 @@ finite = st.floats(-1e6, 1e6)
 CAMERAS = [
     Camera(1280, 1024, 769.2307692307693, 768.1, 635.0, 512.0),
     Camera(640, 480, 400.1, 400.2, 320.3, 240.4, (0.1, -0.02, 1e-3, -1e-4, 0.03)),
-    Camera(640, 480, 400.1, 400.2, 320.3, 240.4, tuple(1e-3 * np.arange(8)), 'rational_polynomial'),
+    Camera(
+        640, 480, 400.1, 400.2, 320.3, 240.4, tuple(1e-3 * np.arange(8)), 'rational_polynomial'
+    ),
 ]
 
 

@@ -96,9 +96,7 @@ def test_who_comes_late_still_gets_the_photograph(camera) -> None:
     camera.see(0)
     photographs = camera.bench.listen(Image, 'desired/image_raw', qos.LATCHED)
     camera.bench.until(lambda: bool(photographs), 'the photograph')
-    np.testing.assert_array_equal(
-        read.gray(photographs[0]), camera.node._simulator.photograph()
-    )
+    np.testing.assert_array_equal(read.gray(photographs[0]), camera.node._simulator.photograph())
 
 
 def test_an_image_is_taken_only_when_a_frame_has_passed(camera) -> None:

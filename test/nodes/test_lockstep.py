@@ -1,5 +1,6 @@
 """The four nodes in lockstep: they arrive, and they are the loop in memory to the last digit."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -23,9 +24,7 @@ def drive(scenario: Scenario, settings: LoopSettings) -> RunLog:
     """Let the nodes drive."""
     referee = Referee(settings)
     with Lockstep(scenario, settings) as nodes:
-        observer = ObserverNode(
-            referee, lambda *_: None, with_images=False, context=nodes.context
-        )
+        observer = ObserverNode(referee, lambda *_: None, with_images=False, context=nodes.context)
         nodes.add(observer)
         nodes.run(lambda: referee.done)
     return referee.log()
@@ -106,26 +105,22 @@ def test_nodes_that_do_not_find_each_other_are_reported(monkeypatch) -> None:
     monkeypatch.setattr(lockstep, 'STALL_S', 0.5)
     scenario = short()
     with Lockstep(scenario, scenario.loop(CLOSE, 0)) as nodes:
-        nodes.tracker.destroy_publisher(nodes.tracker._tracks_pub)
-        nodes.tracker.redetect = None
-        nodes.tracker._tracker._view = None
-        nodes.tracker._on_desired = lambda *_: None
-        with pytest.raises(LockstepError, match='every node to find its peers'):
+        photograph = next(
+            item for item in nodes.tracker.subscriptions if 'desired' in item.topic_name
+        )
+        nodes.tracker.destroy_subscription(photograph)
+        with pytest.raises(LockstepError, match='every node to find its peers and the photograph'):
             nodes.run(lambda: False)
 
 
 def test_the_environment_is_left_as_it_was(monkeypatch) -> None:
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    import os
-
     with Lockstep(short(), short().loop(CLOSE, 0)):
         assert os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'OFF'
     assert os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'LOCALHOST'
 
 
 def test_a_camera_that_cannot_be_leaves_nothing_behind(monkeypatch) -> None:
-    import os
-
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     scenario = short(distortion=[0.1])
     with pytest.raises(ValueError, match='distortion must be'):

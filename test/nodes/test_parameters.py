@@ -136,9 +136,7 @@ def set_one(bench, name, *parameters):
     request = SetParametersAtomically.Request(
         parameters=[parameter.to_parameter_msg() for parameter in parameters]
     )
-    return bench.call(
-        f'{name}/set_parameters_atomically', SetParametersAtomically, request
-    ).result
+    return bench.call(f'{name}/set_parameters_atomically', SetParametersAtomically, request).result
 
 
 def test_a_refused_change_changes_nothing(bench) -> None:

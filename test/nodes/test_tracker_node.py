@@ -203,9 +203,7 @@ def test_the_overlay_is_drawn_for_those_who_look(rig, photograph, view) -> None:
     assert read.stamp_ns(seen[0].header) == STAMP_NS + 1
 
 
-def test_the_overlay_costs_nothing_when_nobody_looks(
-    rig, photograph, view, monkeypatch
-) -> None:
+def test_the_overlay_costs_nothing_when_nobody_looks(rig, photograph, view, monkeypatch) -> None:
     def drawn(*_: object) -> None:
         raise AssertionError('the overlay was drawn for nobody')
 

@@ -73,8 +73,8 @@ class Sight:
     of eq. (23), averaged over the features; ``feature_error`` the median distance of current from
     desired features; ``parallax`` what the best rotation leaves unexplained; ``heading_error``
     comes from the bearings where there are any, else from that rotation. ``deviation`` is the
-    larger one of psi and phi, ``jump`` the change of tilt and roll [rad]; ``memory`` is for the next
-    frame.
+    larger one of psi and phi, ``jump`` the change of tilt and roll [rad]; ``memory`` is for the
+    next frame.
     """
 
     stamp_ns: int

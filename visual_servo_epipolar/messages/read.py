@@ -91,8 +91,8 @@ def features(message: Any) -> Features:
     strange = [name for name in TRACK_FIELDS if columns[name].datatype not in NUMPY_TYPES]
     if strange:
         raise ValueError(
-            f'tracks have fields of no known datatype: {", ".join(strange)}; connect the tracks of '
-            'a tracker_node'
+            f'tracks have fields of no known datatype: {", ".join(strange)}; connect the '
+            'tracks of a tracker_node'
         )
     order = '>' if message.is_bigendian else '<'
     layout = np.dtype(

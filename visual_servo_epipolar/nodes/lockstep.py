@@ -111,7 +111,7 @@ class Lockstep(AbstractContextManager['Lockstep']):
         return node
 
     def _connected(self) -> bool:
-        """Return whether all publishers have found all that listen, and the photograph is there."""
+        """Return whether all who publish know all who listen, and the photograph is there."""
         heard = Counter(item.topic_name for node in self.nodes for item in node.subscriptions)
         return self.tracker.ready and all(
             item.get_subscription_count() >= heard[item.topic_name]

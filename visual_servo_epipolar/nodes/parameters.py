@@ -55,10 +55,8 @@ def watch(node: Node, current: Callable[[], SettingsT], use: Callable[[SettingsT
 
 
 def override(name: str, value: Any) -> Parameter:
-    """Return a parameter of ``value``; the type of a list, which may be empty, has to be told."""
-    if isinstance(value, tuple):
-        return Parameter(name, Parameter.Type.DOUBLE_ARRAY, list(value))
-    return Parameter(name, value=value)
+    """Return a parameter of ``value``; an empty list stays unset, for ROS cannot tell its type."""
+    return Parameter(name, value=(list(value) or None) if isinstance(value, tuple) else value)
 
 
 def refuse_unknown(node: Node) -> None:
