@@ -1,0 +1,235 @@
+"""The command line as its users meet it: JSON, exit codes, one clear line when it cannot."""
+
+import json
+import os
+from pathlib import Path
+import re
+import subprocess
+import sys
+
+import cv2
+import pytest
+
+from visual_servo_epipolar.commands.main import main, parser
+
+ROOT = Path(__file__).parents[2]
+KEYS = {
+    *('outcome', 'reason', 'start', 'seed', 'position_error_m', 'lateral_error_m'),
+    *('longitudinal_error_m', 'heading_error_deg', 'duration_s', 'path_length_m'),
+    *('max_distance_ratio', 'min_visible_features', 'max_linear_speed', 'max_angular_speed'),
+    *('phases', 'attempts'),
+}
+TINY = """
+camera: {width: 320, height: 240, focal_length: 192.0, principal_u: 159.5, principal_v: 119.5}
+run: {max_duration: 2.0}
+"""
+CLOSE = ('--start', '0.3', '-2.2', '0')
+START = ('--start', '1', '-3', '0')
+
+
+def visual_servo(*arguments: str, cwd: Path | None = None) -> subprocess.CompletedProcess[str]:
+    """Run the command in a process of its own."""
+    path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get('PYTHONPATH')]))
+    return subprocess.run(
+        [sys.executable, '-m', 'visual_servo_epipolar', *arguments],
+        cwd=cwd,
+        env={**os.environ, 'PYTHONPATH': path},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+
+
+def one_line(capsys, *arguments: str) -> str:
+    """Run the command in this process; it must end with 2 and say why in one line."""
+    try:
+        code = main(arguments)
+    except SystemExit as end:
+        code = end.code
+    shown = capsys.readouterr()
+    assert code == 2
+    assert shown.out == ''
+    assert len(shown.err.splitlines()) == 1, shown.err
+    assert shown.err.startswith('visual_servo'), shown.err
+    return shown.err
+
+
+@pytest.fixture
+def scenario(tmp_path):
+    path = tmp_path / 'tiny.yaml'
+    path.write_text(TINY)
+    return str(path)
+
+
+def test_simulate_arrives_and_prints_only_json() -> None:
+    ended = visual_servo('simulate', *START, '--seed', '1', '--json', '-')
+    assert ended.returncode == 0, ended.stderr
+    result = json.loads(ended.stdout)
+    assert result.keys() >= KEYS
+    assert (result['outcome'], result['start'], result['seed']) == ('arrived', [1, -3, 0], 1)
+    assert all(phase.keys() == {'name', 'start_s', 'end_s'} for phase in result['phases'])
+    assert ended.stderr == ''
+
+
+def test_simulate_prints_a_summary_and_writes_json_to_a_file(tmp_path, capsys) -> None:
+    path = tmp_path / 'result ä.json'
+    assert main(['simulate', *START, '--json', str(path)]) == 0
+    assert json.loads(path.read_text()).keys() >= KEYS
+    assert 'arrived after' in capsys.readouterr().out
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_the_printed_sign_fails_with_a_reason(capsys) -> None:
+    assert main(['simulate', *START, '--source', 'features', '--law', 'paper', '--json', '-']) == 1
+    result = json.loads(capsys.readouterr().out)
+    assert (result['outcome'], result['law']) == ('failed', 'paper')
+    assert result['reason']
+
+
+def test_the_same_seed_is_the_same_result(capsys) -> None:
+    shown = []
+    for _ in range(2):
+        main(['simulate', *START, '--seed', '5', '--json', '-'])
+        shown.append(capsys.readouterr().out)
+    assert shown[0] == shown[1]
+
+
+def test_a_run_from_the_goal_itself_is_valid_json(capsys) -> None:
+    assert main(['simulate', '--start', '0', '0', '0', '--json', '-']) == 0
+    assert json.loads(capsys.readouterr().out)['max_distance_ratio'] is None
+
+
+@pytest.mark.parametrize(
+    ('start', 'reason'),
+    [
+        (['a', '-3', '0'], "'a' is not a number"),
+        (['1', 'nan', '0'], 'not finite'),
+        (['1', '-3', '1e999'], 'not finite'),
+        (['1', '-3'], 'expected 3 arguments'),
+        (None, 'required: --start'),
+    ],
+)
+def test_a_bad_start_is_refused(capsys, start, reason) -> None:
+    assert reason in one_line(capsys, 'simulate', *(['--start', *start] if start else []))
+
+
+@pytest.mark.parametrize(
+    ('option', 'value', 'reason'),
+    [
+        ('--seed', '-1', 'not a whole number'),
+        ('--seed', '1.5', 'not a whole number'),
+        ('--seed', '99999999999', 'not a whole number'),
+        ('--law', 'other', 'invalid choice'),
+        ('--estimator', 'other', 'estimator must be one of'),
+        ('--source', 'other', 'invalid choice'),
+        ('--scenario', 'other', 'no scenario file'),
+        ('--scenario', '', 'no scenario file'),
+        ('--scenario', '/', 'no scenario file'),
+        ('--colour', 'red', 'unrecognized arguments'),
+    ],
+)
+def test_a_bad_option_is_refused(capsys, option, value, reason) -> None:
+    assert reason in one_line(capsys, 'simulate', *START, option, value)
+
+
+@pytest.mark.parametrize(
+    ('content', 'reason'),
+    [
+        (b'servo: [', 'not YAML'),
+        (b'\xff\xfe\x00', 'cannot be read|not YAML'),
+        (b'- 1', 'must map sections to settings'),
+        (b'servos: {k1: 0.1}', 'no section servos'),
+        (b'servo: {kk1: 0.1}', 'no setting kk1'),
+        (b'servo: 3', 'must map names to values'),
+        (b'servo: {k1: 99.0}', 'k1 must lie in'),
+        (b'servo: {k1: .nan}', 'k1 must lie in'),
+        (b'servo: {k1: fast}', 'k1 must be float'),
+        (b'servo: {latch_engage: 0.1}', 'must not exceed latch_release'),
+        (b'camera: {distortion: [0.1]}', 'distortion must be'),
+    ],
+)
+def test_a_bad_scenario_is_refused(capsys, tmp_path, content, reason) -> None:
+    path = tmp_path / 'scenario.yaml'
+    path.write_bytes(content)
+    said = one_line(capsys, 'simulate', *START, '--scenario', str(path))
+    assert re.search(reason, said), said
+    assert str(path) in said
+
+
+@pytest.mark.parametrize('target', ['', '.', 'missing/result.json'])
+def test_a_result_that_cannot_be_written_is_bad_input(capsys, tmp_path, monkeypatch, target):
+    monkeypatch.chdir(tmp_path)
+    assert main(['simulate', *START, '--json', target]) == 2
+    said = capsys.readouterr().err
+    assert len(said.splitlines()) == 1
+    assert 'result cannot be written' in said
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_that_cannot_be_made_is_refused(capsys, tmp_path) -> None:
+    (tmp_path / 'file').touch()
+    said = one_line(capsys, 'demo', '--out', str(tmp_path / 'file' / 'demo'))
+    assert 'folder cannot be made' in said
+
+
+def subcommands() -> list[str]:
+    action = next(item for item in parser()._actions if item.dest == 'command')
+    return list(action.choices)
+
+
+@pytest.mark.parametrize('name', ['', *subcommands()])
+def test_everything_has_help(capsys, name) -> None:
+    with pytest.raises(SystemExit) as end:
+        main([*filter(None, [name]), '--help'])
+    assert end.value.code == 0
+    assert 'usage: visual_servo' in capsys.readouterr().out
+
+
+def test_no_command_is_refused(capsys) -> None:
+    assert 'COMMAND' in one_line(capsys)
+
+
+def test_an_unknown_command_is_refused(capsys) -> None:
+    assert 'invalid choice' in one_line(capsys, 'fly')
+
+
+def test_refusal_in_a_process_of_its_own_has_no_traceback() -> None:
+    ended = visual_servo('simulate', *START, '--scenario', 'other')
+    assert (ended.returncode, ended.stdout, len(ended.stderr.splitlines())) == (2, '', 1)
+
+
+def test_the_demo_equals_the_simulation_in_memory(tmp_path, scenario) -> None:
+    pytest.importorskip('rclpy')
+    pytest.importorskip('matplotlib')
+    common = (*CLOSE, '--scenario', scenario, '--seed', '4', '--json', '-')
+    demo = visual_servo('demo', '--out', str(tmp_path / 'out'), *common)
+    simulation = visual_servo('simulate', '--source', 'images', *common)
+    assert demo.returncode == simulation.returncode == 1, demo.stderr  # two seconds are too short
+    assert json.loads(demo.stdout) == json.loads(simulation.stdout)
+    assert json.loads((tmp_path / 'out' / 'result.json').read_text()) == json.loads(demo.stdout)
+    assert 'not arrived within 2 s' in json.loads(demo.stdout)['reason']
+    for name in ('trajectory.png', 'signals.png'):
+        picture = cv2.imread(str(tmp_path / 'out' / name))
+        assert picture is not None and picture.std() > 0.0, name
+    film = cv2.VideoCapture(str(tmp_path / 'out' / 'video.mp4'))
+    frames = 0
+    while film.read()[0]:
+        frames += 1
+    film.release()
+    assert frames >= 20  # two seconds at 11 Hz
+
+
+def test_the_demo_can_do_without_a_video(tmp_path, scenario) -> None:
+    pytest.importorskip('rclpy')
+    pytest.importorskip('matplotlib')
+    ended = visual_servo(
+        'demo', *CLOSE, '--scenario', scenario, '--no-video', '--out', 'out', cwd=tmp_path
+    )
+    assert ended.returncode == 1
+    assert {path.name for path in (tmp_path / 'out').iterdir()} == {
+        'result.json',
+        'trajectory.png',
+        'signals.png',
+    }
+    assert 'failed after' in ended.stdout
+    assert 'Traceback' not in ended.stderr

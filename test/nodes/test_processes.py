@@ -1,0 +1,179 @@
+"""The four nodes as four processes in wall time, as on a robot; and what happens if one dies."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+import os
+from pathlib import Path
+import re
+import signal
+import subprocess
+import sys
+
+from bench import Bench, next_domain
+from nav_msgs.msg import Odometry
+import pytest
+from std_msgs.msg import String
+
+from visual_servo_epipolar.core.motion import STANDSTILL
+from visual_servo_epipolar.messages import read
+from visual_servo_epipolar.nodes import qos
+
+ROOT = Path(__file__).parents[2]
+CONFIG = ROOT / 'config'
+NODES = ('unicycle_node', 'camera_node', 'tracker_node', 'servo_node')
+START = ('-p', 'start:=[0.3, -2.2, 0.0]')
+ARRIVE_SEC, MOVE_SEC, END_SEC = 150.0, 60.0, 30.0
+COMMAND_TIMEOUT_SEC, BRAKING_SEC = 0.5, 0.4 / 0.6  # from 0.4 m/s at 0.6 m/s^2
+
+
+def environment(domain: int) -> dict[str, str]:
+    return {
+        **os.environ,
+        'PYTHONPATH': os.pathsep.join(filter(None, [str(ROOT), os.environ.get('PYTHONPATH')])),
+        'ROS_DOMAIN_ID': str(domain),
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+    }
+
+
+def arguments(name: str, *more: str) -> list[str]:
+    return [sys.executable, '-m', f'visual_servo_epipolar.nodes.{name}', '--ros-args', *more]
+
+
+class Team:
+    """The four nodes as processes, and a bench in this one that hears them."""
+
+    def __init__(self, stack: ExitStack, folder: Path) -> None:
+        domain = next_domain()
+        self.bench = stack.enter_context(Bench(domain))
+        self.truth = self.bench.listen(Odometry, 'ground_truth')
+        self.phases = self.bench.listen(String, 'phase', qos.LATCHED)
+        self.processes, self._folder = {}, folder
+        for name in NODES:
+            files = ['--params-file', str(CONFIG / f'{name}.yaml')]
+            if name == 'camera_node':
+                files += ['--params-file', str(CONFIG / 'camera_node_640x480.yaml')]
+            command = arguments(name, *files, *(START if name == 'unicycle_node' else ()))
+            log = stack.enter_context((folder / name).open('w'))
+            # A session of its own: it must not inherit an ignored SIGINT.
+            self.processes[name] = stack.enter_context(
+                subprocess.Popen(
+                    command, env=environment(domain), stderr=log, start_new_session=True
+                )
+            )
+            stack.callback(self.processes[name].kill)
+
+    def output(self, name: str) -> str:
+        return (self._folder / name).read_text()
+
+    def speed(self) -> float:
+        return abs(read.twist(self.truth[-1].twist).linear) if self.truth else 0.0
+
+    def at_speed(self) -> 'Team':
+        self.bench.until(lambda: self.speed() > 0.15, 'the robot to drive', MOVE_SEC)
+        return self
+
+    def standstill_after_ns(self) -> int:
+        """Return how long the robot moves from now on, by the stamps of ground truth [ns]."""
+        began = read.stamp_ns(self.truth[-1].header)
+        self.bench.until(
+            lambda: read.twist(self.truth[-1].twist) == STANDSTILL, 'a standstill', END_SEC
+        )
+        return read.stamp_ns(self.truth[-1].header) - began
+
+
+@pytest.fixture
+def team(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Team]:
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    with ExitStack() as stack:
+        yield Team(stack, tmp_path)
+
+
+def test_four_processes_bring_the_robot_home(team) -> None:
+    team.bench.until(
+        lambda: bool(team.phases) and team.phases[-1].data in ('arrived', 'failed'),
+        'the run to end',
+        ARRIVE_SEC,
+    )
+    assert team.phases[-1].data == 'arrived', team.output('servo_node')
+    team.standstill_after_ns()
+    pose = read.pose(team.truth[-1])
+    assert pose.distance < 0.03
+    assert abs(pose.heading_error) < 0.0175  # one degree
+
+
+def test_the_base_stops_when_the_servo_is_killed(team) -> None:
+    team.at_speed()
+    team.processes['servo_node'].kill()
+    # A command may be on its way, and ticks of the base late on a busy machine: 0.3 s more.
+    assert team.standstill_after_ns() < (COMMAND_TIMEOUT_SEC + BRAKING_SEC + 0.3) * 1e9
+    assert team.processes['servo_node'].wait(END_SEC) == -signal.SIGKILL
+
+
+def test_an_interrupted_servo_stops_the_robot_and_ends_well(team) -> None:
+    team.at_speed()
+    team.processes['servo_node'].send_signal(signal.SIGINT)
+    assert team.processes['servo_node'].wait(END_SEC) == 0, team.output('servo_node')
+    assert 'Traceback' not in team.output('servo_node')
+    team.standstill_after_ns()
+    team.processes['unicycle_node'].send_signal(signal.SIGINT)
+    assert team.processes['unicycle_node'].wait(END_SEC) == 0
+    assert 'no cmd_vel for' not in team.output('unicycle_node')  # the servo's zero was heard
+
+
+def run_badly(name: str, *more: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        arguments(name, *more),
+        env=environment(next_domain()),
+        capture_output=True,
+        text=True,
+        timeout=END_SEC,
+    )
+
+
+@pytest.mark.parametrize(
+    ('text', 'reason'),
+    [
+        ('{k1: 99.0}', 'k1 out of range'),
+        ('{k1: 2}', "'k1'.*INTEGER.*DOUBLE"),
+        ('{k1: .nan}', 'k1'),
+        ('{kk1: 0.1}', 'no parameter kk1; did you mean k1'),
+        ('{law: other}', 'law must be one of paper, corrected, full'),
+        ('{latch_engage: 0.1}', 'latch_engage must not exceed latch_release'),
+    ],
+)
+def test_a_bad_setting_ends_a_node_with_one_line(tmp_path, text, reason) -> None:
+    file = tmp_path / 'servo_node.yaml'
+    file.write_text(f'servo_node: {{ros__parameters: {text}}}')
+    ended = run_badly('servo_node', '--params-file', str(file))
+    assert ended.returncode == 2
+    assert len(ended.stderr.splitlines()) == 1, ended.stderr
+    assert ended.stderr.startswith('servo_node')
+    assert re.search(reason, ended.stderr), ended.stderr
+
+
+@pytest.mark.parametrize('text', [None, 'servo_node: {ros__parameters: {k1: [}', 'servo_node: 1'])
+def test_a_file_that_is_no_parameter_file_ends_a_node_with_one_line(tmp_path, text) -> None:
+    file = tmp_path / 'servo_node.yaml'
+    if text is not None:
+        file.write_text(text)
+    ended = run_badly('servo_node', '--params-file', str(file))
+    assert ended.returncode == 2
+    ours = [line for line in ended.stderr.splitlines() if '[rcl]' not in line]
+    assert len(ours) == 1, ended.stderr
+    assert str(file) in ours[0]
+
+
+def test_an_unknown_ros_argument_ends_a_node_with_one_line() -> None:
+    ended = run_badly('unicycle_node', '--foo')
+    assert ended.returncode == 2
+    assert len(ended.stderr.splitlines()) == 1, ended.stderr
+    assert '--foo' in ended.stderr
+
+
+def test_a_blank_photograph_ends_the_tracker_with_one_line(tmp_path) -> None:
+    file = tmp_path / 'blank.pgm'
+    file.write_bytes(b'P5 64 48 255\n' + bytes(64 * 48))
+    ended = run_badly('tracker_node', '-p', f'desired_image:={file}')
+    assert ended.returncode == 2
+    assert len(ended.stderr.splitlines()) == 1, ended.stderr
+    assert 'shows 0 features' in ended.stderr

@@ -1,0 +1,49 @@
+"""``visual_servo bench``: accuracy and speed, with the peers beside us in one run."""
+
+import argparse
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from typing import Any
+
+from visual_servo_epipolar.commands.arguments import seed, write_json
+from visual_servo_epipolar.commands.console import Progress
+from visual_servo_epipolar.core.errors import InputError
+
+# Each module has run(*, seed, quick, say) -> document and table(document) -> text.
+BENCHMARKS: Mapping[str, str] = {
+    'estimation': 'visual_servo_epipolar.benchmarks.estimation',
+    'tracking': 'visual_servo_epipolar.benchmarks.tracking',
+}
+
+
+def add_to(kinds: Any) -> None:
+    """Add the subcommand."""
+    parser = kinds.add_parser(
+        'bench', help='accuracy and speed beside the peers', description=__doc__
+    )
+    parser.add_argument(
+        'which', nargs='*', metavar='WHICH', help=f'any of {", ".join(BENCHMARKS)} (default all)'
+    )
+    parser.add_argument('--quick', action='store_true', help='few trials, to see that it runs')
+    parser.add_argument('--seed', type=seed, default=0, metavar='N', help='seed (default 0)')
+    parser.add_argument(
+        '--json', metavar='FILE', help='write the result as JSON to FILE, - for standard output'
+    )
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the benchmarks one after the other, print their tables; return 0."""
+    unknown = sorted(set(options.which) - set(BENCHMARKS))
+    if unknown:
+        raise InputError(f'no benchmark {", ".join(unknown)}; there are {", ".join(BENCHMARKS)}')
+    say: Callable[[str], None] = Progress().say
+    results = {}
+    for name in options.which or BENCHMARKS:
+        benchmark = import_module(BENCHMARKS[name])
+        results[name] = benchmark.run(seed=options.seed, quick=options.quick, say=say)
+        say('')
+        if options.json != '-':
+            print(benchmark.table(results[name]))
+    write_json(results, options.json)
+    return 0
