@@ -86,10 +86,10 @@ def test_the_printed_sign_fails_with_a_reason(capsys) -> None:
     assert result['reason']
 
 
-def test_the_same_seed_is_the_same_result(capsys) -> None:
+def test_the_same_seed_is_the_same_result(capsys, scenario) -> None:
     shown = []
     for _ in range(2):
-        main(['simulate', *START, '--seed', '5', '--json', '-'])
+        main(['simulate', *START, '--scenario', scenario, '--seed', '5', '--json', '-'])
         shown.append(capsys.readouterr().out)
     assert shown[0] == shown[1]
 
@@ -157,13 +157,15 @@ def test_a_bad_scenario_is_refused(capsys, tmp_path, content, reason) -> None:
 
 
 @pytest.mark.parametrize('target', ['', '.', 'missing/result.json'])
-def test_a_result_that_cannot_be_written_is_bad_input(capsys, tmp_path, monkeypatch, target):
+def test_a_result_that_cannot_be_written_is_bad_input(
+    capsys, scenario, tmp_path, monkeypatch, target
+) -> None:
     monkeypatch.chdir(tmp_path)
-    assert main(['simulate', *START, '--json', target]) == 2
+    assert main(['simulate', *START, '--scenario', scenario, '--json', target]) == 2
     said = capsys.readouterr().err
     assert len(said.splitlines()) == 1
     assert 'result cannot be written' in said
-    assert list(tmp_path.iterdir()) == []
+    assert [path.name for path in tmp_path.iterdir()] == ['tiny.yaml']
 
 
 def test_a_folder_that_cannot_be_made_is_refused(capsys, tmp_path) -> None:

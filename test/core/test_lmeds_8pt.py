@@ -29,18 +29,29 @@ def worst_error(found: Bearings, true: Bearings) -> float:
     )
 
 
-@pytest.mark.parametrize('seed', range(5))
-def test_four_outliers_in_ten_do_no_harm_without_noise(seed: int) -> None:
-    rng = np.random.default_rng(seed)
-    found = lmeds_8pt(*spoiled(50, 20), noise=NOISE, rng=rng)
-    # 1e-16 times the condition of the 8-point algorithm on rays.
-    assert worst_error(found.bearings, Bearings.from_pose(POSE)) < 1e-6
+def error_with(outliers: int, seed: int) -> float:
+    """Return the worst error [rad] from 50 exact matches less the ``outliers``."""
+    found = lmeds_8pt(*spoiled(50, outliers), noise=NOISE, rng=np.random.default_rng(seed))
+    return worst_error(found.bearings, Bearings.from_pose(POSE))
+
+
+@pytest.mark.parametrize('seed', range(10))
+def test_three_outliers_in_ten_do_no_harm_without_noise(seed: int) -> None:
+    # 1e-16 times the condition of the 8-point algorithm on rays; measured 1e-15.
+    assert error_with(15, seed) < 1e-9
+
+
+def test_four_outliers_in_ten_rarely_do_harm_without_noise() -> None:
+    exact = sum(error_with(20, seed) < 1e-9 for seed in range(40))
+    # Eight of 50 drawn at once are clean in C(30, 8) / C(50, 8) = 1.1 %, so that 272 subsets hold
+    # a clean one in 95 % of cases: 38 of 40 expected, 34 is three deviations less.
+    assert exact >= 34
 
 
 def test_outliers_are_named() -> None:
-    found = lmeds_8pt(*spoiled(50, 20), noise=NOISE, rng=np.random.default_rng(0))
+    found = lmeds_8pt(*spoiled(50, 15), noise=NOISE, rng=np.random.default_rng(0))
     # A random partner may lie on its epipolar line, but not to 1e-6.
-    assert not found.inliers[:20].any()
+    assert not found.inliers[:15].any()
 
 
 def test_the_same_generator_gives_the_same_estimate() -> None:

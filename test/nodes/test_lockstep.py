@@ -36,8 +36,8 @@ def simulate(scenario: Scenario, settings: LoopSettings) -> RunLog:
     return closed_loop.run(settings, view, scenario.camera.camera)
 
 
-def short(name: str = 'two seconds', **camera: object) -> Scenario:
-    """Return a run of two seconds through a very small camera."""
+def short(name: str = 'one second', **camera: object) -> Scenario:
+    """Return a run of one second through a very small camera."""
     tiny = {
         'width': 320,
         'height': 240,
@@ -45,7 +45,7 @@ def short(name: str = 'two seconds', **camera: object) -> Scenario:
         'principal_u': 159.5,
         'principal_v': 119.5,
     }
-    return from_document({'camera': {**tiny, **camera}, 'run': {'max_duration': 2.0}}, name)
+    return from_document({'camera': {**tiny, **camera}, 'run': {'max_duration': 1.0}}, name)
 
 
 @pytest.fixture(scope='module')
@@ -89,7 +89,7 @@ def test_another_seed_is_another_run() -> None:
 
 def test_a_camera_without_distortion_coefficients_runs() -> None:
     scenario = short(distortion=[])
-    assert len(drive(scenario, scenario.loop(CLOSE, 0)).samples) > 10
+    assert len(drive(scenario, scenario.loop(CLOSE, 0)).samples) >= 10
 
 
 def test_a_chain_that_stands_still_is_reported(monkeypatch) -> None:

@@ -7,7 +7,7 @@ which the feature is seen now, so that both patches show the same detail.
 """
 
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 import cv2
 import numpy as np
@@ -68,8 +68,8 @@ class Alignment:
 class _Template:
     """One feature at one scale: normalised patch, (P,), and update matrix, (6, P)."""
 
-    patch: FloatArray
-    update: FloatArray
+    patch: Solid
+    update: Solid
 
 
 class Anchor:
@@ -80,12 +80,29 @@ class Anchor:
         self._templates: dict[tuple[int, int], _Template] = {}
         side = np.arange(-RADIUS, RADIUS + 1, dtype=np.float64)
         self._grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)  # rows: (x, y)
+        self._grid_rows = np.column_stack([self._grid, np.ones(len(self._grid))]).T.astype(
+            np.float32
+        )
 
-    def align(self, warps: Warps, image: Image, *, iterations: int) -> Alignment:
+    def patch(self, key: int, point: FloatArray, affine: FloatArray) -> tuple[Solid, FloatArray]:
+        """Return the desired patch as seen under ``affine``, (S, S), and its map of pixels."""
+        level = int(_levels(affine[None])[0])
+        side = 2 * RADIUS + 1
+        patch = self._template(key, point, level).patch.reshape(side, side)
+        return patch, affine / float(_scale(np.array([level]))[0])
+
+    def region(self, image: Solid, centre: FloatArray, local: FloatArray, reach: int) -> Solid:
+        """Return what is around ``centre`` in the frame of the patch, up to ``reach`` [px]."""
+        side = np.arange(-reach, reach + 1, dtype=np.float64)
+        grid = np.stack(np.meshgrid(side, side), axis=-1)
+        points = centre + grid @ local.T
+        return bilinear(image, points[..., 0], points[..., 1])
+
+    def align(self, warps: Warps, image: Solid, *, iterations: int) -> Alignment:
         """
         Align every feature of ``warps`` with its patch in the desired image.
 
-        ``image`` is the current one, uint8 of shape (H, W). A patch without texture keeps its
+        ``image`` is the current one, made float32 by ``solid``. A patch without texture keeps its
         place and gets correlation 0.
         """
         if not len(warps):
@@ -98,23 +115,24 @@ class Anchor:
         patches = np.stack([template.patch for template in templates])
         updates = np.stack([template.update for template in templates])
         scale = _scale(levels)[:, None, None]
-        local, centre, solid = warps.affine / scale, warps.current.copy(), image.astype(np.float32)
+        local, centre = warps.affine / scale, warps.current.copy()
         for _ in range(iterations):
-            unit, _ = _normalised(self._sample(solid, centre, local))
-            step = np.einsum('nkp,np->nk', updates, unit - patches)
+            unit, _ = _normalised(self._sample(image, centre, local))
+            step = (updates @ (unit - patches)[:, :, None])[:, :, 0].astype(np.float64)
             local, centre = _composed(local, centre, step)
-        unit, deviation = _normalised(self._sample(solid, centre, local))
-        correlation = np.einsum('np,np->n', unit, patches)
+        unit, deviation = _normalised(self._sample(image, centre, local))
+        correlation = np.einsum('np,np->n', unit, patches).astype(np.float64)
         moved = np.linalg.norm(centre - warps.current, axis=1)
         correlation = np.where(moved <= MAX_CORRECTION, correlation, 0.0)
         residual = deviation * np.sqrt(np.maximum(2.0 - 2.0 * correlation, 0.0))
         aligned = replace(warps, current=centre, affine=local * scale)
         return Alignment(aligned, correlation, residual)
 
-    def _sample(self, image: Solid, centre: FloatArray, local: FloatArray) -> FloatArray:
+    def _sample(self, image: Solid, centre: FloatArray, local: FloatArray) -> Solid:
         """Return the current patches, shape (N, P), by bilinear interpolation."""
-        points = centre[:, None, :] + self._grid @ np.swapaxes(local, 1, 2)
-        return bilinear(image, points)
+        rows = np.concatenate([local, centre[:, :, None]], axis=2)  # (N, 2, 3): x' and y'
+        points = rows.astype(np.float32) @ self._grid_rows
+        return bilinear(image, points[:, 0], points[:, 1])
 
     def _template(self, key: int, point: FloatArray, level: int) -> _Template:
         if (key, level) not in self._templates:
@@ -124,10 +142,10 @@ class Anchor:
     def _make_template(self, point: FloatArray, level: int) -> _Template:
         image, stride = self._images[level], 1.0 / float(_scale(np.array([level]))[0])
         around = point + self._grid * stride
-        patch, deviation = _normalised(bilinear(image, around[None]))
+        patch, deviation = _normalised(bilinear(image, around[None, :, 0], around[None, :, 1]))
         if not deviation[0] > 0.0:
             size = len(self._grid)
-            return _Template(np.zeros(size), np.zeros((6, size)))
+            return _Template(np.zeros(size, np.float32), np.zeros((6, size), np.float32))
         slope = _slopes(image, around, stride)
         x, y = self._grid.T
         descent = np.stack(
@@ -142,19 +160,30 @@ class Anchor:
         hessian += DAMPING * np.trace(hessian) / 6.0 * np.eye(6)
         norm = float(deviation[0]) * np.sqrt(len(self._grid))
         update = scale[:, None] * (np.linalg.solve(hessian, descent) * norm)
-        return _Template(patch[0], update)
+        return _Template(patch[0], update.astype(np.float32))
 
 
-def bilinear(image: Solid, points: FloatArray) -> FloatArray:
+def solid(image: Image) -> Solid:
+    """Return ``image`` as float32, which OpenCV interpolates without rounding."""
+    converted: Solid = image.astype(np.float32)
+    return converted
+
+
+def bilinear(image: Solid, x: NDArray[Any], y: NDArray[Any]) -> Solid:
     """
-    Sample ``image``, float32 of shape (H, W), at ``points``, shape (N, P, 2); (N, P) comes out.
+    Sample ``image``, float32 of shape (H, W), at ``x`` and ``y``, shape (M, P) each.
 
     Points outside take the value of the border. Of float images OpenCV 5 interpolates exactly; of
     8-bit ones it rounds the result, which costs a hundredth of a pixel.
     """
-    where = points.astype(np.float32)
-    sampled = cv2.remap(image, where, None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
-    return np.asarray(sampled, dtype=np.float64)
+    sampled = cv2.remap(
+        image,
+        x.astype(np.float32, copy=False),
+        y.astype(np.float32, copy=False),
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    return np.asarray(sampled, dtype=np.float32)
 
 
 def _scale(levels: IntArray) -> FloatArray:
@@ -172,31 +201,25 @@ def _blurred(image: Image, level: int) -> Solid:
     """Return ``image`` as float32 with the blur of a view that shows it smaller."""
     enlargement = 1.0 / float(_scale(np.array([level]))[0])
     deviation = PIXEL_BLUR * np.sqrt(enlargement**2 - 1.0)
-    solid: Solid = image.astype(np.float32)
     if deviation == 0.0:
-        return solid
-    return np.asarray(cv2.GaussianBlur(solid, (0, 0), float(deviation)))
+        return solid(image)
+    return np.asarray(cv2.GaussianBlur(solid(image), (0, 0), float(deviation)))
 
 
 def _slopes(image: Solid, around: FloatArray, stride: float) -> FloatArray:
     """Return the derivative of the patch along x and y per grid step, shape (2, P)."""
-    return np.stack(
-        [
-            0.5
-            * (
-                bilinear(image, (around + offset)[None]) - bilinear(image, (around - offset)[None])
-            )[0]
-            for offset in (np.array([stride, 0.0]), np.array([0.0, stride]))
-        ]
-    )
+    x, y = around[None, :, 0], around[None, :, 1]
+    along_x = bilinear(image, x + stride, y) - bilinear(image, x - stride, y)
+    along_y = bilinear(image, x, y + stride) - bilinear(image, x, y - stride)
+    return 0.5 * np.concatenate([along_x, along_y]).astype(np.float64)
 
 
-def _normalised(patches: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _normalised(patches: Solid) -> tuple[Solid, FloatArray]:
     """Return patches of zero mean and unit norm, shape (N, P), and their deviations, (N,)."""
     centred = patches - patches.mean(axis=-1, keepdims=True)
-    norm = np.linalg.norm(centred, axis=-1)
-    unit = centred / np.where(norm > 0.0, norm, 1.0)[..., None]
-    return unit, norm / np.sqrt(patches.shape[-1])
+    norm = np.sqrt(np.einsum('np,np->n', centred, centred))
+    centred /= np.where(norm > 0.0, norm, 1.0)[:, None]
+    return centred, norm.astype(np.float64) / np.sqrt(patches.shape[-1])
 
 
 def _composed(

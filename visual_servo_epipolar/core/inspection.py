@@ -6,7 +6,7 @@ import math
 import cv2
 import numpy as np
 
-from visual_servo_epipolar.core.anchoring import Anchor, Warps
+from visual_servo_epipolar.core.anchoring import Anchor, solid, Warps
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.camera import Camera
 from visual_servo_epipolar.core.epipolar import in_pixels
@@ -90,7 +90,7 @@ def _aligned(view: DesiredView, matches: Matches, image: Image) -> tuple[FloatAr
     desired = view.keypoints.pixels[matches.indices]
     affine = matches.scales[:, None, None] * np.eye(2)
     start = Warps(matches.indices, desired, matches.pixels, affine)
-    alignment = Anchor(view.image).align(start, image, iterations=REFINEMENT)
+    alignment = Anchor(view.image).align(start, solid(image), iterations=REFINEMENT)
     good = alignment.correlation >= MIN_CORRELATION
     if int(good.sum()) < 8:
         return matches.pixels, desired  # blurred, or seen from far aside: as SIFT has them

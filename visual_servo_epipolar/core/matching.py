@@ -112,7 +112,7 @@ def match(view: DesiredView, image: Image, *, limit: int = 4000) -> Matches:
     found = detect(as_gray(image), limit=limit)
     pairs = _mutual(view.keypoints.descriptors, found.descriptors)
     desired, current = view.keypoints.pixels[pairs[:, 0]], found.pixels[pairs[:, 1]]
-    agree = _epipolar_inliers(current, desired)
+    agree = epipolar_inliers(current, desired)
     if int(agree.sum()) < MIN_MATCHES:
         raise TrackingError(
             f'the desired view is not seen: {len(pairs)} matches of which {int(agree.sum())} '
@@ -136,7 +136,8 @@ def _mutual(desired: NDArray[np.float32], current: NDArray[np.float32]) -> IntAr
     return np.array(pairs, dtype=np.int64).reshape(-1, 2)
 
 
-def _epipolar_inliers(current: FloatArray, desired: FloatArray) -> BoolArray:
+def epipolar_inliers(current: FloatArray, desired: FloatArray) -> BoolArray:
+    """Return which matches, shape (N, 2) in pixels, fit one epipolar geometry, shape (N,)."""
     if len(current) < MIN_MATCHES:
         return np.zeros(len(current), bool)
     found, mask = cv2.findFundamentalMat(

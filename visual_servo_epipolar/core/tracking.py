@@ -1,75 +1,37 @@
 """
 The tracker: which feature of the desired view is where in the current image.
 
-Pyramidal Lucas-Kanade from frame to frame with a forward-backward check keeps the features; each
-is then anchored to its patch in the desired image, so that small errors do not add up to drift.
-When too few are left the whole image is matched anew.
+Pyramidal Lucas-Kanade keeps the features from frame to frame; each is then anchored to its patch
+in the desired image, so that small errors do not add up to drift. Lost ones are looked for where
+their neighbours went, and when too few are left the whole image is matched anew.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TypeAlias
 
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from visual_servo_epipolar.core.anchoring import Anchor, Warps
+from visual_servo_epipolar.core.anchoring import Anchor, Solid, solid, Warps
 from visual_servo_epipolar.core.arrays import as_gray, BoolArray, FloatArray, Image, IntArray
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.features import Features
-from visual_servo_epipolar.core.matching import desired_view, DesiredView, match, spread
-from visual_servo_epipolar.core.settings import setting, Settings
+from visual_servo_epipolar.core.matching import (
+    desired_view,
+    DesiredView,
+    match,
+    spread,
+)
+from visual_servo_epipolar.core.reacquisition import found_again
+from visual_servo_epipolar.core.tracked import Tracked
+from visual_servo_epipolar.core.tracker_settings import TrackerSettings
 
 FIRST_ITERATIONS = 15  # of the alignment after a match: its scale is only known by SIFT
 BORDER = 4.0
+INFORMATIVE_HEIGHT = 0.25  # of half the image: nearer to the horizon a feature counts for less
 
 Points: TypeAlias = NDArray[np.float32]  # as OpenCV's flow wants them, shape (N, 2)
-
-
-@dataclass(frozen=True, kw_only=True)
-class TrackerSettings(Settings):
-    """How many features, how carefully they are tracked, when they are given up."""
-
-    max_features: int = setting(60, 'Features tracked at a time', low=8, high=1000)
-    min_features: int = setting(
-        40, 'Features below which the image is matched anew', low=0, high=1000
-    )
-    rematch_period: int = setting(
-        11, 'Least number of frames between two matchings', low=1, high=10000
-    )
-    window: int = setting(21, 'Side of the Lucas-Kanade window [px]', low=5, high=101)
-    levels: int = setting(4, 'Pyramid levels above the full image', low=0, high=8)
-    forward_backward: float = setting(
-        1.0, 'Largest forward-backward distance [px]', low=0.01, high=20.0
-    )
-    anchor_period: int = setting(
-        1, 'Frames between two alignments with the desired image; 0 = never', low=0, high=1000
-    )
-    anchor_iterations: int = setting(4, 'Iterations of an alignment', low=1, high=50)
-    min_correlation: float = setting(
-        0.75, 'Correlation with the desired patch to be kept', low=0.0, high=1.0
-    )
-    overlay: bool = setting(True, 'Publish the image with features drawn on it')
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.min_features > self.max_features:
-            raise ValueError(
-                f'min_features must not exceed max_features, got {self.min_features} and '
-                f'{self.max_features}'
-            )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Tracked:
-    """What is tracked now; ages [frames] and residuals [grey levels], shape (N,)."""
-
-    warps: Warps
-    ages: IntArray
-    residuals: FloatArray
-
-    def take(self, rows: IntArray | BoolArray) -> '_Tracked':
-        return _Tracked(self.warps.take(rows), self.ages[rows], self.residuals[rows])
 
 
 class Tracker:
@@ -85,7 +47,8 @@ class Tracker:
         self._view: DesiredView | None = None
         self._anchor: Anchor | None = None
         self._previous: Image | None = None
-        self._tracked = _nothing()
+        self._tracked = Tracked.nothing()
+        self._candidates, self._next = np.empty(0, np.int64), 0
         self._frame = 0
         self._match_frame: int | None = None
         self.reason = 'no desired image yet'
@@ -107,7 +70,8 @@ class Tracker:
 
     def redetect(self) -> None:
         """Forget all features; the next image is matched to the desired one anew."""
-        self._previous, self._tracked, self._match_frame = None, _nothing(), None
+        self._previous, self._tracked, self._match_frame = None, Tracked.nothing(), None
+        self._candidates, self._next = np.empty(0, np.int64), 0
 
     def track(self, image: Image) -> Features:
         """
@@ -130,8 +94,12 @@ class Tracker:
         self._frame += 1
         tracked = self._followed(image)
         if self._anchors_now:
-            tracked = self._align(tracked, image, self.settings.anchor_iterations)
-        if len(tracked.warps) < self.settings.min_features and self._may_match():
+            image_float = solid(image)
+            tracked = self._align(tracked, image_float, self.settings.anchor_iterations)
+            if len(tracked) < self.settings.max_features:
+                tracked = self._found_again(tracked, image_float)
+            tracked = tracked.consistent()
+        if len(tracked) < self.settings.min_features and self._may_match():
             tracked = self._replenished(tracked, image)
         self._tracked, self._previous = tracked, image
         return self._features()
@@ -145,14 +113,14 @@ class Tracker:
         period = self.settings.anchor_period
         return period > 0 and self._frame % period == 0
 
-    def _followed(self, image: Image) -> _Tracked:
+    def _followed(self, image: Image) -> Tracked:
         """
         Follow the features from the last image by Lucas-Kanade.
 
         Checked backward as well, except where the desired patch will judge the result anyway.
         """
-        if self._previous is None or not len(self._tracked.warps):
-            return _nothing()
+        if self._previous is None or not len(self._tracked):
+            return Tracked.nothing()
         before = self._tracked.warps.current.astype(np.float32)
         after, found = self._flow(self._previous, image, before, None)
         if not self._anchors_now:
@@ -178,14 +146,29 @@ class Tracker:
         )
         return moved, np.asarray(status.ravel() > 0)
 
-    def _align(self, tracked: _Tracked, image: Image, iterations: int) -> _Tracked:
+    def _align(self, tracked: Tracked, image: Solid, iterations: int) -> Tracked:
         assert self._anchor is not None
         alignment = self._anchor.align(tracked.warps, image, iterations=iterations)
-        aligned = _Tracked(alignment.warps, tracked.ages, alignment.residual)
+        aligned = Tracked(alignment.warps, tracked.ages, alignment.residual)
         good = alignment.correlation >= self.settings.min_correlation
         return aligned.take(good & _inside(alignment.warps.current, image))
 
-    def _replenished(self, tracked: _Tracked, image: Image) -> _Tracked:
+    def _found_again(self, tracked: Tracked, image: Solid) -> Tracked:
+        """Look for some of the candidates that are not tracked, others in each frame."""
+        assert self._view is not None and self._anchor is not None
+        missing = self._candidates[~np.isin(self._candidates, tracked.warps.ids)]
+        count = min(self.settings.search_per_frame, len(missing))
+        if count == 0:
+            return tracked
+        keys = np.take(missing, self._next + np.arange(count), mode='wrap')
+        self._next = (self._next + count) % len(missing)
+        places = self._view.keypoints.pixels[keys]
+        found = found_again(keys, places, tracked.warps, self._anchor, image)
+        fresh = self._align(Tracked.fresh(found), image, FIRST_ITERATIONS)
+        room = self.settings.max_features - len(tracked)
+        return tracked.joined(fresh.take(np.arange(len(fresh)) < room))
+
+    def _replenished(self, tracked: Tracked, image: Image) -> Tracked:
         """Match the whole image with the desired one and fill up with new features."""
         assert self._view is not None
         self._match_frame = self._frame
@@ -195,34 +178,36 @@ class Tracker:
             self.reason = str(error)
             return tracked
         self.reason = ''
-        fresh = ~np.isin(matches.indices, tracked.warps.ids)
-        new = _Tracked(
-            Warps(
-                matches.indices[fresh],
-                self._view.keypoints.pixels[matches.indices[fresh]],
-                matches.pixels[fresh],
-                matches.scales[fresh, None, None] * np.eye(2),
-            ),
-            np.zeros(int(fresh.sum()), np.int64),
-            np.zeros(int(fresh.sum())),
+        other = ~np.isin(matches.indices, tracked.warps.ids)
+        indices = matches.indices[other]
+        warps = Warps(
+            indices,
+            self._view.keypoints.pixels[indices],
+            matches.pixels[other],
+            matches.scales[other, None, None] * np.eye(2),
         )
-        return self._chosen(tracked, self._align(new, image, FIRST_ITERATIONS))
+        fresh = self._align(Tracked.fresh(warps), solid(image), FIRST_ITERATIONS)
+        both = tracked.joined(fresh).consistent()
+        self._remember(both.warps.ids)
+        kept = np.isin(both.warps.ids, tracked.warps.ids)
+        return both.take(self._spread(both.warps.ids, kept, self.settings.max_features))
 
-    def _chosen(self, kept: _Tracked, new: _Tracked) -> _Tracked:
-        """Return what is kept and the best of the new, spread over the desired image."""
+    def _remember(self, ids: IntArray) -> None:
+        """Keep in mind which features could be matched: they are worth looking for again."""
+        known = np.union1d(self._candidates, ids)
+        old = np.isin(known, self._candidates)
+        self._candidates = known[self._spread(known, old, self.settings.candidates)]
+
+    def _spread(self, ids: IntArray, preferred: BoolArray, count: int) -> IntArray:
+        """Choose rows spread over the desired image, ``preferred`` ones and good corners first."""
         assert self._view is not None
-        both = _Tracked(
-            kept.warps.joined(new.warps),
-            np.concatenate([kept.ages, new.ages]),
-            np.concatenate([kept.residuals, new.residuals]),
-        )
         height, width = self._view.image.shape
-        quality = self._view.corners[both.warps.ids]
-        quality[: len(kept.warps)] += (
-            self._view.corners.max()
-        )  # what is tracked already comes first
-        rows = spread(both.warps.desired, quality, self.settings.max_features, (width, height))
-        return both.take(rows)
+        pixels = self._view.keypoints.pixels[ids]
+        # What lies at the height of the camera hardly moves in a planar motion.
+        height_share = np.abs(pixels[:, 1] - 0.5 * height) / (0.5 * height)
+        quality = self._view.corners[ids] * np.minimum(height_share / INFORMATIVE_HEIGHT, 1.0)
+        quality = quality + preferred * self._view.corners.max()
+        return spread(pixels, quality, count, (width, height))
 
     def _features(self) -> Features:
         warps = self._tracked.warps
@@ -231,13 +216,7 @@ class Tracker:
         )
 
 
-def _nothing() -> _Tracked:
-    empty = np.empty((0, 2))
-    warps = Warps(np.empty(0, np.int64), empty, empty, np.empty((0, 2, 2)))
-    return _Tracked(warps, np.empty(0, np.int64), np.empty(0))
-
-
-def _inside(pixels: FloatArray, image: Image) -> BoolArray:
+def _inside(pixels: FloatArray, image: Image | Solid) -> BoolArray:
     height, width = image.shape
     u, v = pixels[:, 0], pixels[:, 1]
     inside = (u >= BORDER) & (u < width - BORDER) & (v >= BORDER) & (v < height - BORDER)

@@ -17,7 +17,8 @@ from visual_servo_epipolar.core.camera import Camera
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.features import Features
 from visual_servo_epipolar.core.settings import setting, Settings
-from visual_servo_epipolar.core.tracking import Tracker, TrackerSettings
+from visual_servo_epipolar.core.tracker_settings import TrackerSettings
+from visual_servo_epipolar.core.tracking import Tracker
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.run import spin

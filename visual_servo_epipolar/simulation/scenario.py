@@ -10,7 +10,7 @@ import yaml
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.servo_settings import ServoSettings
 from visual_servo_epipolar.core.settings import setting, Settings, updated
-from visual_servo_epipolar.core.tracking import TrackerSettings
+from visual_servo_epipolar.core.tracker_settings import TrackerSettings
 from visual_servo_epipolar.simulation.camera_simulator import CameraSettings
 from visual_servo_epipolar.simulation.closed_loop import LoopSettings
 from visual_servo_epipolar.simulation.pioneer import BaseSettings

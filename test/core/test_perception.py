@@ -1,0 +1,144 @@
+"""From matches to a Sight: what is measured, and what is said when it cannot be."""
+
+import math
+
+from hypothesis import given
+import numpy as np
+import pytest
+
+from strategies import CAMERA, floats, matches, poses_behind_the_goal
+from visual_servo_epipolar.core.epipolar import Bearings
+from visual_servo_epipolar.core.features import Features
+from visual_servo_epipolar.core.motion import HALF_PI, Pose, wrap_angle
+from visual_servo_epipolar.core.perception import (
+    feature_difference,
+    Observation,
+    observe,
+    perceive,
+    turned,
+)
+from visual_servo_epipolar.core.servo_settings import ServoSettings
+
+SETTINGS = ServoSettings()
+BEHIND = Pose(1.0, -3.0, HALF_PI)
+
+
+def observation(current: np.ndarray, desired: np.ndarray) -> Observation:
+    return Observation(0, current, desired, 769.0)
+
+
+@given(poses_behind_the_goal())
+def test_exact_matches_give_the_bearings_of_the_pose(pose: Pose) -> None:
+    sight = perceive(observation(*matches(pose)), SETTINGS, 0)
+    true = Bearings.from_pose(pose)
+    assert sight.bearings is not None
+    # The 8-point algorithm on exact rays, see test_epipolar.
+    assert wrap_angle(sight.bearings.psi - true.psi) == pytest.approx(0.0, abs=1e-7)
+    assert wrap_angle(sight.bearings.phi - true.phi) == pytest.approx(0.0, abs=1e-7)
+
+
+@given(floats(-0.5, 0.5))
+def test_a_pure_rotation_has_a_heading_but_no_bearings(alpha: float) -> None:
+    sight = perceive(observation(*matches(Pose(0.0, 0.0, HALF_PI + alpha))), SETTINGS, 0)
+    assert sight.bearings is None
+    assert sight.heading_error == pytest.approx(alpha, abs=1e-12)
+    assert 'parallax 0.00 px is too small' in sight.reason
+
+
+@given(floats(-0.5, 0.5))
+def test_turning_the_rays_undoes_a_rotation(alpha: float) -> None:
+    current, desired = matches(Pose(0.0, 0.0, HALF_PI + alpha))
+    np.testing.assert_allclose(turned(current, alpha), desired, atol=1e-12)
+
+
+def test_d_of_a_pure_rotation_is_zero_only_if_compensated() -> None:
+    current, desired = matches(Pose(0.0, 0.0, HALF_PI + 0.1))
+    with_it = perceive(observation(current, desired), SETTINGS, 0)
+    without = perceive(observation(current, desired), ServoSettings(law='corrected'), 0)
+    assert with_it.difference == pytest.approx(0.0, abs=1e-12)
+    assert without.difference == pytest.approx(feature_difference(current, desired))
+    assert abs(without.difference) > 1e-3
+
+
+def test_one_feature_less_than_needed_is_too_few() -> None:
+    current, desired = matches(BEHIND)
+    least = SETTINGS.min_features
+    sight = perceive(observation(current[: least - 1], desired[: least - 1]), SETTINGS, 0)
+    assert sight.bearings is None
+    assert sight.reason == f'{least - 1} features, {least} needed'
+    assert perceive(observation(current[:least], desired[:least]), SETTINGS, 0).bearings
+
+
+def test_an_undecided_vote_is_not_trusted() -> None:
+    sight = perceive(observation(*matches(BEHIND)), ServoSettings(min_confidence=1.0), 0)
+    assert sight.bearings is None or sight.confidence == 1.0
+    assert sight.confidence < 1.0
+    assert 'cheirality vote undecided (0.' in sight.reason
+
+
+def line(count: int) -> np.ndarray:
+    return np.column_stack([np.linspace(-0.4, 0.4, count), np.full(count, 0.1)])
+
+
+DEGENERATE = {
+    'all desired points coincide': (line(20), np.full((20, 2), 0.1)),
+    'all current points coincide': (np.full((20, 2), 0.1), line(20)),
+    'one point and one point': (np.full((20, 2), 0.1), np.full((20, 2), -0.2)),
+    'a line and the same line': (line(20), line(20)),
+    'a line and a longer one': (line(20), 1.5 * line(20)),
+    'a line and its mirror image': (line(20), line(20)[::-1]),
+    'no motion': matches(BEHIND)[:1] * 2,
+    'nothing': (np.empty((0, 2)), np.empty((0, 2))),
+}
+
+
+@pytest.mark.parametrize('name', DEGENERATE)
+def test_a_view_that_cannot_answer_says_so_and_never_raises(name: str) -> None:
+    sight = perceive(observation(*DEGENERATE[name]), SETTINGS, 0)
+    assert sight.bearings is None or math.isfinite(sight.bearings.psi + sight.bearings.phi)
+    assert (sight.bearings is None) == bool(sight.reason)
+
+
+def test_a_sight_is_fixed_by_seed_and_frame() -> None:
+    rng = np.random.default_rng(0)
+    current, desired = matches(BEHIND)
+    seen = observation(current + 1e-3 * rng.standard_normal(current.shape), desired)
+    one, same, other = (perceive(seen, SETTINGS, frame) for frame in (4, 4, 5))
+    assert repr(one) == repr(same)
+    assert one.bearings != other.bearings
+
+
+def test_observing_turns_pixels_into_rays() -> None:
+    current, desired = matches(BEHIND)
+    count = len(current)
+    features = Features(
+        ids=np.arange(count),
+        current=CAMERA.pixels(current),
+        desired=CAMERA.pixels(desired),
+        ages=np.ones(count),
+        errors=np.zeros(count),
+    )
+    seen = observe(features, CAMERA, 5)
+    np.testing.assert_allclose(seen.current, current, atol=1e-12)
+    np.testing.assert_allclose(seen.desired, desired, atol=1e-12)
+    assert (seen.stamp_ns, seen.focal) == (5, 769.0)
+
+
+def test_features_that_are_not_finite_are_refused() -> None:
+    bad = np.array([[1.0, np.nan]])
+    with pytest.raises(ValueError, match='current must be finite, got 1 rows'):
+        Features(ids=[1], current=bad, desired=np.zeros((1, 2)), ages=[1], errors=[0.0])
+
+
+def test_features_of_unequal_length_are_refused() -> None:
+    with pytest.raises(ValueError, match='ages must have 1 rows to match ids, got 0'):
+        Features(ids=[1], current=np.zeros((1, 2)), desired=np.zeros((1, 2)), errors=[0.0])
+
+
+def test_features_cannot_be_changed_from_outside() -> None:
+    pixels = np.zeros((1, 2))
+    features = Features(ids=[1], current=pixels, desired=pixels, ages=[1], errors=[0.0])
+    pixels[0, 0] = 9.0
+    assert features.current[0, 0] == 0.0
+    with pytest.raises(ValueError, match='read-only'):
+        features.current[0, 0] = 1.0

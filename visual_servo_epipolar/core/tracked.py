@@ -1,0 +1,57 @@
+"""What is tracked at a time: warps with their ages and residuals."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from visual_servo_epipolar.core.anchoring import Warps
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
+from visual_servo_epipolar.core.matching import epipolar_inliers
+
+MIN_CONSISTENT = 15  # features below which a consistency check says nothing
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tracked:
+    """What is tracked now; ages [frames] and residuals [grey levels], shape (N,)."""
+
+    warps: Warps
+    ages: IntArray
+    residuals: FloatArray
+
+    @classmethod
+    def nothing(cls) -> 'Tracked':
+        """Return no features."""
+        empty = np.empty((0, 2))
+        return cls.fresh(Warps(np.empty(0, np.int64), empty, empty, np.empty((0, 2, 2))))
+
+    @classmethod
+    def fresh(cls, warps: Warps) -> 'Tracked':
+        """Return features that were detected just now."""
+        return cls(warps, np.zeros(len(warps), np.int64), np.zeros(len(warps)))
+
+    def __len__(self) -> int:
+        return len(self.warps)
+
+    def take(self, rows: IntArray | BoolArray) -> 'Tracked':
+        """Return the rows chosen by index or mask."""
+        return Tracked(self.warps.take(rows), self.ages[rows], self.residuals[rows])
+
+    def joined(self, other: 'Tracked') -> 'Tracked':
+        """Return the rows of both."""
+        return Tracked(
+            self.warps.joined(other.warps),
+            np.concatenate([self.ages, other.ages]),
+            np.concatenate([self.residuals, other.residuals]),
+        )
+
+    def consistent(self) -> 'Tracked':
+        """
+        Drop features that contradict the epipolar geometry of the others: mistaken twins.
+
+        Where less than half agree there is no telling who is right, and nothing is dropped.
+        """
+        if len(self) < MIN_CONSISTENT:
+            return self
+        agree = epipolar_inliers(self.warps.current, self.warps.desired)
+        return self.take(agree) if 2 * int(agree.sum()) >= len(self) else self

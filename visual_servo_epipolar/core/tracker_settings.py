@@ -1,0 +1,43 @@
+"""Settings of the tracker."""
+
+from dataclasses import dataclass
+
+from visual_servo_epipolar.core.settings import setting, Settings
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackerSettings(Settings):
+    """How many features, how carefully they are tracked, when they are given up."""
+
+    max_features: int = setting(60, 'Features tracked at a time', low=8, high=1000)
+    min_features: int = setting(
+        40, 'Features below which the image is matched anew', low=0, high=1000
+    )
+    rematch_period: int = setting(
+        11, 'Least number of frames between two matchings', low=1, high=10000
+    )
+    window: int = setting(21, 'Side of the Lucas-Kanade window [px]', low=5, high=101)
+    levels: int = setting(4, 'Pyramid levels above the full image', low=0, high=8)
+    forward_backward: float = setting(
+        1.0, 'Largest forward-backward distance [px]', low=0.01, high=20.0
+    )
+    anchor_period: int = setting(
+        1, 'Frames between two alignments with the desired image; 0 = never', low=0, high=1000
+    )
+    anchor_iterations: int = setting(4, 'Iterations of an alignment', low=1, high=50)
+    min_correlation: float = setting(
+        0.75, 'Correlation with the desired patch to be kept', low=0.0, high=1.0
+    )
+    candidates: int = setting(
+        240, 'Features kept in mind, to be found again when they come into view', low=8, high=5000
+    )
+    search_per_frame: int = setting(8, 'Lost features looked for in one frame', low=0, high=200)
+    overlay: bool = setting(True, 'Publish the image with features drawn on it')
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.min_features > self.max_features:
+            raise ValueError(
+                f'min_features must not exceed max_features, got {self.min_features} and '
+                f'{self.max_features}'
+            )
