@@ -36,7 +36,7 @@ def test_the_machine_goes_where_the_design_sends_it(
     assert next_phase(phase, event) is then
 
 
-@pytest.mark.parametrize(('phase', 'event'), TRANSITIONS)
+@pytest.mark.parametrize(('phase', 'event'), list(TRANSITIONS))
 def test_every_transition_of_the_table_is_taken(phase: Phase, event: Event) -> None:
     assert next_phase(phase, event) is TRANSITIONS[phase, event]
 
@@ -66,7 +66,7 @@ def test_every_phase_is_reachable_from_every_other(start: Phase) -> None:
     assert reachable(start) == set(Phase)
 
 
-@pytest.mark.parametrize(('phase', 'event'), product(ENDED, Event))
+@pytest.mark.parametrize(('phase', 'event'), list(product(ENDED, Event)))
 def test_an_ended_run_is_left_only_when_told_to_stop(phase: Phase, event: Event) -> None:
     then = Phase.WAITING if event is Event.STOPPED else phase
     assert next_phase(phase, event) is then
@@ -79,7 +79,7 @@ def test_whoever_drives_can_lose_the_tracks(phase: Phase) -> None:
 
 @pytest.mark.parametrize(
     ('phase', 'event'),
-    product((*DRIVING, Phase.HOLDING), (Event.TIMED_OUT, Event.DIVERGED, Event.EXHAUSTED)),
+    list(product((*DRIVING, Phase.HOLDING), (Event.TIMED_OUT, Event.DIVERGED, Event.EXHAUSTED))),
 )
 def test_whoever_drives_or_holds_can_fail(phase: Phase, event: Event) -> None:
     assert next_phase(phase, event) is Phase.FAILED

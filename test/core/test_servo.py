@@ -16,8 +16,10 @@ from visual_servo_epipolar.core.phases import DRIVING, Phase
 from visual_servo_epipolar.core.servo import advance, command, step, stop
 from visual_servo_epipolar.core.servo_settings import ServoSettings
 from visual_servo_epipolar.core.servo_state import ServoState
+from visual_servo_epipolar.core.trust import fresh_memory
 
 SETTINGS = ServoSettings()
+MEMORY = fresh_memory(SETTINGS)
 QUIET = (Phase.WAITING, Phase.HOLDING, Phase.ARRIVED, Phase.FAILED)
 LAWS = st.sampled_from(['paper', 'corrected', 'full'])
 
@@ -36,6 +38,7 @@ def sight(
         stamp_ns=stamp(seconds),
         features=40,
         focal=769.0,
+        memory=MEMORY,
         bearings=Bearings(psi, phi),
         confidence=0.9,
         inliers=38,
@@ -48,7 +51,7 @@ def sight(
 
 
 def blind(seconds: float) -> Sight:
-    return Sight(stamp(seconds), 3, 769.0, reason='3 features, 12 needed')
+    return Sight(stamp(seconds), 3, 769.0, MEMORY, reason='3 features, 12 needed')
 
 
 def at_goal(seconds: float) -> Sight:
@@ -85,6 +88,7 @@ def sights() -> st.SearchStrategy[Sight]:
         stamp_ns=st.integers(0, stamp(10.0)),
         features=st.integers(SETTINGS.min_features, 60),
         focal=st.just(769.0),
+        memory=st.just(MEMORY),
         bearings=st.none() | bearings(),
         confidence=floats(0.0, 1.0),
         inliers=st.integers(8, 60),

@@ -8,7 +8,7 @@ import pytest
 
 from visual_servo_epipolar.core.servo_settings import ServoSettings
 from visual_servo_epipolar.core.settings import from_mapping, range_of, setting, Settings, updated
-from visual_servo_epipolar.core.tracking import TrackerSettings
+from visual_servo_epipolar.core.tracker_settings import TrackerSettings
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,6 +9,8 @@ from visual_servo_epipolar.core.phases import DRIVING, ENDED, Event, Phase
 from visual_servo_epipolar.core.servo_settings import ServoSettings
 from visual_servo_epipolar.core.servo_state import seconds_between, ServoState
 
+ENGAGE_DEVIATIONS, RELEASE_DEVIATIONS = 1.0, 4.0
+
 
 def bearing_current(bearings: Bearings) -> float:
     """Return atan(e_au / f), the direction of the current epipole, in [-pi/2, pi/2]."""
@@ -18,6 +20,20 @@ def bearing_current(bearings: Bearings) -> float:
 def bearing_desired(bearings: Bearings) -> float:
     """Return atan(e_du / f), the direction of the desired epipole, in [-pi/2, pi/2]."""
     return math.atan(bearings.epipole_desired)
+
+
+def engage_bound(sight: Sight, settings: ServoSettings) -> float:
+    """Return the bearing of e_du [rad] that counts as zero: it cannot be less than its noise."""
+    return max(settings.latch_engage, ENGAGE_DEVIATIONS * _deviation(sight))
+
+
+def release_bound(sight: Sight, settings: ServoSettings) -> float:
+    """Return the bearing of e_du [rad] that has left zero, and not by noise alone."""
+    return max(settings.latch_release, RELEASE_DEVIATIONS * _deviation(sight))
+
+
+def _deviation(sight: Sight) -> float:
+    return 0.0 if math.isnan(sight.deviation) else sight.deviation
 
 
 def classify(state: ServoState, settings: ServoSettings) -> Event:
@@ -57,7 +73,7 @@ def _survey(state: ServoState, sight: Sight, settings: ServoSettings) -> Event:
         return Event.NO_BASELINE
     if sight.bearings is None:
         return Event.LOST
-    aligned = abs(bearing_desired(sight.bearings)) <= settings.latch_engage
+    aligned = abs(bearing_desired(sight.bearings)) <= engage_bound(sight, settings)
     if aligned and abs(bearing_current(sight.bearings)) <= settings.align_tolerance:
         return Event.ALIGNED
     return Event.APART
@@ -81,7 +97,7 @@ def _displacing(state: ServoState, sight: Sight, settings: ServoSettings) -> Eve
     if sight.bearings is None:
         return Event.LOST
     bearing = bearing_current(sight.bearings)
-    if abs(bearing_desired(sight.bearings)) <= settings.latch_engage:
+    if abs(bearing_desired(sight.bearings)) <= engage_bound(sight, settings):
         return Event.DISPLACED  # e_du is zero already: no need for e_au to be anywhere
     if settings.law != 'full':
         return Event.DISPLACED if abs(bearing) > settings.singular_epipole else Event.NOTHING
@@ -95,7 +111,7 @@ def _zeroing(state: ServoState, sight: Sight, settings: ServoSettings) -> Event:
     bearing = bearing_desired(sight.bearings)
     if abs(bearing) >= settings.divergence:
         return Event.DIVERGED
-    if state.latched and abs(bearing) > settings.latch_release:
+    if state.latched and abs(bearing) > release_bound(sight, settings):
         return Event.ESCAPED
     return Event.ALIGNED if state.settled >= settings.align_frames else Event.NOTHING
 

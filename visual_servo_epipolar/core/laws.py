@@ -145,6 +145,18 @@ def displaced_epipole(
     return -math.copysign(focal * math.tan(min(max(alpha, low), high)), e_desired)
 
 
+def braking_speed(bearing: float, rate: float, *, deceleration: float) -> float:
+    """
+    Return the largest speed [m/s] from which the robot can stop before ``bearing`` is zero.
+
+    What is left to go is v tau, tau = bearing / rate the time to contact, and stopping takes
+    v^2 / (2 a): hence v <= 2 a tau, without knowing any distance.
+    """
+    if bearing * rate >= 0.0:
+        return math.inf  # not closing in
+    return 2.0 * deceleration * abs(bearing / rate)
+
+
 def match_features(difference: float, *, k_t: float) -> Twist:
     """Return the second step: u_1 = -k_t D, u_2 = 0 (eqs. 21 and 22)."""
     return Twist(-k_t * difference, 0.0)

@@ -10,13 +10,15 @@ import math
 
 from visual_servo_epipolar.core import laws
 from visual_servo_epipolar.core.epipolar import Bearings
-from visual_servo_epipolar.core.events import bearing_desired, classify, is_settled
+from visual_servo_epipolar.core.events import bearing_desired, classify, engage_bound, is_settled
 from visual_servo_epipolar.core.motion import saturate, STANDSTILL, Twist
 from visual_servo_epipolar.core.perception import Observation, perceive, Sight
 from visual_servo_epipolar.core.phases import Event, next_phase, Phase
 from visual_servo_epipolar.core.servo_settings import ServoSettings
 from visual_servo_epipolar.core.servo_state import seconds_between, ServoState
 
+RATE_SMOOTHING = 0.4
+CREEP = 0.02  # braking never asks for less, lest noise in the rate stop the robot [m/s]
 MAX_STEP_S = 1.0  # a longer gap between two images is not integrated over
 
 
@@ -86,13 +88,18 @@ def _first_step(state: ServoState, settings: ServoSettings) -> Twist:
     else:
         target = state.target if full and not state.latched else 0.0
         nu = laws.auxiliary_controls(e_current, e_desired, e_target=target, **gains)
-    return laws.linearizing_control(
+    twist = laws.linearizing_control(
         e_current,
         e_desired,
         sigma=_sigma(state, settings),
         distance=state.distance,
         nu=(nu[0], 0.0) if state.latched else nu,
     )
+    if not full:
+        return twist
+    bearing = bearing_desired(bearings)
+    speed = laws.braking_speed(bearing, state.desired_rate, deceleration=settings.braking)
+    return saturate(twist, max_linear=max(speed, CREEP), max_angular=math.inf)
 
 
 def _bearings(state: ServoState) -> Bearings:
@@ -110,7 +117,12 @@ def _sigma(state: ServoState, settings: ServoSettings) -> float:
 
 def _remember(state: ServoState, sight: Sight, settings: ServoSettings) -> ServoState:
     """Take in what was seen: d_hat by the applied speed (18), the latch, the settled frames."""
-    state = replace(state, distance=_distance(state, sight, settings), sight=sight)
+    state = replace(
+        state,
+        distance=_distance(state, sight, settings),
+        desired_rate=_desired_rate(state, sight),
+        sight=sight,
+    )
     state = replace(state, latched=_latch(state, sight, settings))
     return replace(state, settled=state.settled + 1 if is_settled(state, settings) else 0)
 
@@ -129,12 +141,24 @@ def _distance(state: ServoState, sight: Sight, settings: ServoSettings) -> float
     return max(state.distance + rate * dt, settings.min_distance)
 
 
+def _desired_rate(state: ServoState, sight: Sight) -> float:
+    before = state.sight
+    if before is None or before.bearings is None or sight.bearings is None:
+        return 0.0
+    dt = seconds_between(before.stamp_ns, sight.stamp_ns)
+    if not 0.0 < dt <= MAX_STEP_S:
+        return 0.0
+    rate = (bearing_desired(sight.bearings) - bearing_desired(before.bearings)) / dt
+    return state.desired_rate + RATE_SMOOTHING * (rate - state.desired_rate)
+
+
 def _latch(state: ServoState, sight: Sight, settings: ServoSettings) -> bool:
     """Call e_du zero once it is small or has crossed; only a new phase lets go of it (escaped)."""
     if state.phase is not Phase.ZEROING_EPIPOLES or sight.bearings is None:
         return state.latched
     bearing = bearing_desired(sight.bearings)
-    return state.latched or abs(bearing) <= settings.latch_engage or bearing * state.side < 0.0
+    near = abs(bearing) <= engage_bound(sight, settings)
+    return state.latched or near or bearing * state.side < 0.0
 
 
 def _switch(state: ServoState, sight: Sight, event: Event, settings: ServoSettings) -> ServoState:

@@ -50,6 +50,9 @@ class ServoSettings(Settings):
         True, 'Law full: turn features to the desired heading before taking D'
     )
 
+    braking: float = setting(
+        0.2, 'Law full: deceleration to end step 1 with [m/s^2]', low=0.01, high=20.0
+    )
     room: float = setting(
         0.4,
         'Part of the distance that the spiral of step 1 leaves for step 2',

@@ -22,7 +22,8 @@ class ServoState:
 
     ``distance`` is d_hat [m], nan before the first image; ``target`` the abscissa at which e_au is
     held while e_du is zeroed, ``side`` the sign of e_du when that began, ``latched`` whether e_du
-    counts as zero since; ``settled`` counts frames in a row that fulfil the aim of the phase.
+    counts as zero since, ``desired_rate`` how fast its bearing changes [rad/s], smoothed;
+    ``settled`` counts frames in a row that fulfil the aim of the phase.
     """
 
     phase: Phase = Phase.WAITING
@@ -33,6 +34,7 @@ class ServoState:
     target: float = 0.0
     side: float = 1.0
     latched: bool = False
+    desired_rate: float = 0.0
     settled: int = 0
     attempts: int = 1
     frame: int = 0

@@ -63,6 +63,10 @@ class CameraSettings(Settings):
     )
     blur: float = setting(0.0, 'Blur, sigma [px]', low=0.0, high=10.0, read_only=True)
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _ = self.camera  # raises ValueError for an impossible distortion
+
     @property
     def camera(self) -> Camera:
         """Intrinsics as a calibration would find them."""

@@ -78,7 +78,7 @@ class Disturbances:
             self._passers.append(Person(size, settings.person, rng))
         self._kernel = blur_kernel(settings.motion_blur, settings.blur_angle)
         noise = SensorSettings(noise=settings.noise)
-        self._noise = Sensor(size, noise, seed) if settings.noise > 0.0 else None
+        self._noise = Sensor(size, noise, int(rng.integers(2**31))) if settings.noise > 0.0 else None
 
     def apply(self, image: Image, frame: int) -> Image:
         """Return ``image``, shape (H, W), as disturbed in ``frame``: 0, 1, ...; always a copy."""

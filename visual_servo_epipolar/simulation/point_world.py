@@ -24,6 +24,11 @@ class PointSettings(Settings):
     near: float = setting(3.0, 'Least depth from the goal [m]', low=0.1, high=100.0)
     far: float = setting(8.0, 'Largest depth from the goal [m]', low=0.1, high=1000.0)
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.near >= self.far:
+            raise ValueError(f'near must be below far, got {self.near:g} and {self.far:g} m')
+
 
 class PointWorld:
     """A cloud that fills the goal's image; ``observe`` gives what a perfect tracker would."""

@@ -1,0 +1,259 @@
+"""Accuracy, robustness and speed of the tracker on rendered approaches, against ground truth."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from visual_servo_epipolar.benchmarks.tracking_scores import ENOUGH, recovered, scores
+from visual_servo_epipolar.benchmarks.tracking_time import times
+from visual_servo_epipolar.benchmarks.tracking_world import approach, Judgement, start_of, World
+from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.tracking import Tracker, TrackerSettings
+from visual_servo_epipolar.simulation.camera_simulator import CameraSettings
+from visual_servo_epipolar.simulation.disturbances import Disturbances, DisturbanceSettings
+
+SCENES = (101, 102, 103, 104, 105)  # looked at by nobody while the tracker was tuned
+DISTURBED_SCENES = 2
+CONFIGURATIONS: Mapping[str, Mapping[str, Any]] = {
+    'anchored': {},
+    'every 5 frames': {'anchor_period': 5},
+    'frame to frame': {'anchor_period': 0},
+}
+SECONDS_3 = 33  # frames
+DISTURBANCES: Mapping[str, Mapping[str, Any]] = {
+    'light -30 %': {'light_step': -0.3},
+    'light +30 %': {'light_step': 0.3},
+    'slow light': {'light_wave': 0.3},
+    'shadow': {'shadow': 0.4, 'duration': 60},
+    'occluder at once': {'occlusion': 0.3},
+    'occluder slides in': {'occlusion': 0.3, 'occlusion_from': 'side'},
+    'person': {'person': 0.8, 'duration': 45},
+    'motion blur': {'motion_blur': 8.0, 'blur_angle': 0.2},
+    'noise': {'noise': 5.0},
+}
+TIMED = 60  # images, the last ones of an approach
+
+
+@dataclass(slots=True)
+class Lane:
+    """One tracker on its way: what it is shown, what it made of it, how long it took [s]."""
+
+    name: str
+    tracker: Tracker
+    disturbances: Disturbances | None = None
+    judgements: list[Judgement] = field(default_factory=list)
+    seconds: list[float] = field(default_factory=list)
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """How much is done: scenes, of which disturbed, frames, camera, disturbances."""
+
+    scenes: Sequence[int] = SCENES
+    disturbed: int = DISTURBED_SCENES
+    frames: int = 200
+    camera: CameraSettings = CameraSettings(noise=2.0, gain_drift=0.05)
+    disturbances: Sequence[str] = tuple(DISTURBANCES)
+
+
+QUICK = Plan(
+    scenes=SCENES[:1],
+    disturbed=1,
+    frames=40,
+    camera=CameraSettings(
+        width=640,
+        height=480,
+        focal_length=384.6,
+        principal_u=319.5,
+        principal_v=239.5,
+        noise=2.0,
+        gain_drift=0.05,
+    ),
+    disturbances=('light -30 %', 'occluder at once'),
+)
+
+
+def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
+    """Return the document of the benchmark; ``say`` hears what is going on."""
+    return measure(QUICK if quick else Plan(), seed, say)
+
+
+def measure(plan: Plan, seed: int, say: Callable[[str], None]) -> dict[str, Any]:
+    """Carry out ``plan``."""
+    scenes, disturbed, kept = [], [], []
+    for number, scene in enumerate(plan.scenes):
+        names = plan.disturbances if number < plan.disturbed else ()
+        keep = TIMED if number == 0 else 0
+        calm, rough, images = _scene(plan, scene, seed, names, keep, say)
+        scenes.append(calm)
+        disturbed += rough
+        kept = kept or images
+    say('time per frame')
+    return {
+        'seed': seed,
+        'frames': plan.frames,
+        'size': [plan.camera.width, plan.camera.height],
+        'scenes': scenes,
+        'disturbed': disturbed,
+        'time': times(kept[0], kept[1:]),
+    }
+
+
+def _scene(
+    plan: Plan, scene: int, seed: int, names: Sequence[str], keep: int, say: Callable[[str], None]
+) -> tuple[dict[str, Any], list[dict[str, Any]], list[Image]]:
+    """Return the figures of all configurations, those of the disturbances, and ``keep`` images."""
+    start = start_of(seed + scene, plan.frames)
+    world = World(_with_seeds(plan.camera, scene, seed))
+    desired = world.photograph()
+    lanes = [Lane(name, _tracker(desired, **how)) for name, how in CONFIGURATIONS.items()]
+    lanes += [
+        Lane(name, _tracker(desired), _disturbances(name, plan, world, seed)) for name in names
+    ]
+    images: list[Image] = [desired]
+    for frame, pose in enumerate(approach(start, plan.frames)):
+        say(f'scene {scene}: frame {frame + 1} of {plan.frames}, {len(lanes)} trackers')
+        perfect = world.renderer.render(pose)
+        calm = world.capture(perfect, frame, None)
+        if keep and frame >= plan.frames - keep:
+            images.append(calm)
+        for lane in lanes:
+            rough = lane.disturbances
+            image = calm if rough is None else world.capture(perfect, frame, rough)
+            began = perf_counter()
+            features = lane.tracker.track(image)
+            lane.seconds.append(perf_counter() - began)
+            lane.judgements.append(world.truth.judge(features, pose, rough, frame))
+    calm_lanes, rough_lanes = lanes[: len(CONFIGURATIONS)], lanes[len(CONFIGURATIONS) :]
+    figures = {
+        'scene': scene,
+        'start': list(start),
+        'configurations': {lane.name: _figures(world, lane) for lane in calm_lanes},
+    }
+    return (
+        figures,
+        [{'scene': scene, **_rough_figures(world, lane)} for lane in rough_lanes],
+        images,
+    )
+
+
+def _with_seeds(camera: CameraSettings, scene: int, seed: int) -> CameraSettings:
+    return replace(camera, scene_seed=scene, seed=seed + scene)
+
+
+def _tracker(desired: Image, **changes: Any) -> Tracker:
+    tracker = Tracker(TrackerSettings(**changes))
+    tracker.set_desired(desired)
+    return tracker
+
+
+def _disturbances(name: str, plan: Plan, world: World, seed: int) -> Disturbances:
+    """Return the named disturbance, beginning at three tenths of the approach."""
+    first = (3 * plan.frames) // 10
+    timing = {'start': first, 'duration': min(SECONDS_3, plan.frames // 4)}
+    settings = DisturbanceSettings(**{**timing, **DISTURBANCES[name]})
+    return Disturbances(world.size, settings, seed)
+
+
+def _figures(world: World, lane: Lane) -> dict[str, Any]:
+    milliseconds = 1e3 * np.array(lane.seconds[1:])
+    return {
+        **scores(world.truth, lane.judgements),
+        'frame_ms': float(np.median(milliseconds)),
+        'slowest_ms': float(milliseconds.max()),
+    }
+
+
+def _rough_figures(world: World, lane: Lane) -> dict[str, Any]:
+    assert lane.disturbances is not None
+    settings = lane.disturbances.settings
+    during = lane.judgements[settings.start : settings.start + settings.duration]
+    errors = np.concatenate([*(each.errors[each.open] for each in during), np.empty(0)])
+    return {
+        'disturbance': lane.name,
+        'during_px': float(np.median(errors)) if len(errors) else None,
+        'recovered_after': recovered(lane.judgements, settings.start + settings.duration),
+        **_figures(world, lane),
+    }
+
+
+def table(document: Mapping[str, Any]) -> str:
+    """Return the document as text: accuracy, robustness, time."""
+    width, height = document['size']
+    lines = [
+        f'Tracking, {document["frames"]} rendered frames of {width}x{height} a scene, '
+        'errors in px against ground truth',
+        '',
+        f'{"scene  configuration":<25}{"en route med p95":>17}{"at goal med p95":>17}'
+        f'{"gross (tracks) share":>22}{"fewest":>8}{"edges share med gross":>23}'
+        f'{"pose x y mm, deg":>23}{"redet.":>8}{"ms med max":>14}',
+    ]
+    for scene in document['scenes']:
+        for name, it in scene['configurations'].items():
+            lines.append(f'{scene["scene"]:<7}{name:<18}' + _row(it))
+    lines += ['', _rough_head()]
+    lines += [_rough_row(it) for it in document['disturbed']]
+    lines += ['', *(line for it in document['time'] for line in _time_rows(it))]
+    return '\n'.join(lines)
+
+
+def _row(it: Mapping[str, Any]) -> str:
+    gross = f'{it["gross"]} ({len(it["gross_tracks"])}) {100 * it["gross_share"]:.2f} %'
+    edges = f'{100 * it["edge_share"]:.0f} % {_px(it["edge_px"])} {it["edge_gross"]}'
+    pose = f'{_px(it["pose_x_mm"])} {_px(it["pose_y_mm"])} {_px(it["pose_heading_deg"], 4)}'
+    return (
+        f'{_px(it["route_px"])} {_px(it["route_p95_px"])}'.rjust(17)
+        + f'{_px(it["goal_px"])} {_px(it["goal_p95_px"])}'.rjust(17)
+        + gross.rjust(22)
+        + f'{it["fewest"]:8d}'
+        + edges.rjust(23)
+        + pose.rjust(23)
+        + f'{len(it["redetections"]):8d}'
+        + f'{it["frame_ms"]:.1f} {it["slowest_ms"]:.0f}'.rjust(14)
+    )
+
+
+def _rough_head() -> str:
+    return (
+        f'{"scene  disturbance":<27}{"med, during":>14}{"at goal":>9}{"gross (tracks)":>16}'
+        f'{"fewest":>8}{f"frames < {ENOUGH}":>13}{"regained after":>16}{"given up":>12}{"redet.":>8}'
+    )
+
+
+def _rough_row(it: Mapping[str, Any]) -> str:
+    back = it['recovered_after']
+    ended = it['given_up']
+    return (
+        f'{it["scene"]:<7}{it["disturbance"]:<20}'
+        + f'{_px(it["route_px"])} {_px(it["during_px"])}'.rjust(14)
+        + _px(it['goal_px']).rjust(9)
+        + f'{it["gross"]} ({len(it["gross_tracks"])})'.rjust(16)
+        + f'{it["fewest"]:8d}{len(it["few_frames"]):13d}'
+        + ('never' if back is None else f'{back} frames').rjust(16)
+        + f'{ended["rightly"]}+{ended["needlessly"]}'.rjust(12)
+        + f'{len(it["redetections"]):8d}'
+    )
+
+
+def _time_rows(it: Mapping[str, Any]) -> list[str]:
+    lines = [f'time per frame, {it["threads"]} OpenCV threads; ratio to bare calcOpticalFlowPyrLK']
+    words = {
+        'without': 'frames without anchoring',
+        'with': 'frames with anchoring, every 5',
+        'every': 'anchoring in every frame',
+        'never': 'never anchored',
+    }
+    for key, word in words.items():
+        of = it[key]
+        lines.append(
+            f'  {word:<32}{_px(of["tracker_ms"], 2):>8} ms, bare {_px(of["bare_ms"], 2):>6} ms, '
+            f'ratio {_px(of["ratio"], 2)}, {_px(of["features"], 0)} features'
+        )
+    return lines
+
+
+def _px(value: float | None, digits: int = 3) -> str:
+    return '-' if value is None else f'{value:.{digits}f}'
