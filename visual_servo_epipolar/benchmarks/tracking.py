@@ -219,7 +219,8 @@ def _row(it: Mapping[str, Any]) -> str:
 def _rough_head() -> str:
     return (
         f'{"scene  disturbance":<27}{"med, during":>14}{"at goal":>9}{"gross (tracks)":>16}'
-        f'{"fewest":>8}{f"frames < {ENOUGH}":>13}{"regained after":>16}{"given up":>12}{"redet.":>8}'
+        f'{"fewest":>8}{f"frames < {ENOUGH}":>13}{"regained after":>16}'
+        f'{"given up":>12}{"redet.":>8}'
     )
 
 

@@ -40,7 +40,7 @@ def _times(desired: Image, images: Sequence[Image], threads: int) -> dict[str, A
 
 
 def _pairs(desired: Image, images: Sequence[Image], settings: TrackerSettings) -> np.ndarray:
-    """Return seconds of tracker and of bare OpenCV for each image, shape (N, 3); last: features."""
+    """Return, shape (N, 3), seconds of tracker and of bare OpenCV, and features of each image."""
     tracker = Tracker(settings)
     tracker.set_desired(desired)
     rows = np.full((len(images), 3), np.nan)

@@ -1,4 +1,4 @@
-"""The world of the tracking benchmark: approaches to the goal, and where each feature really is."""
+"""The world of the tracking benchmark: approaches to the goal, and where features really are."""
 
 from dataclasses import dataclass, replace
 import math
@@ -135,7 +135,9 @@ class Truth:
         if new:
             pixels = np.array(new)
             found = self._renderer.trace(pixels, DESIRED_POSE)
-            self._known |= dict(zip(new, zip(found, self._clearance(pixels), strict=True)))
+            clearance = self._clearance(pixels).tolist()
+            for key, point, space in zip(new, found, clearance, strict=True):
+                self._known[key] = point, space
         points = np.array([self._known[key][0] for key in keys]).reshape(-1, 3)
         return points, np.array([self._known[key][1] for key in keys])
 

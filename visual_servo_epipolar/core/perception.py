@@ -1,6 +1,6 @@
 """From matched features to what the servo acts on: bearings, parallax, rotation, D."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 import math
 
 import numpy as np
@@ -14,7 +14,12 @@ from visual_servo_epipolar.core.epipolar import (
     sampson_distance,
 )
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
-from visual_servo_epipolar.core.estimators.base import Estimate, Estimator, Prior
+from visual_servo_epipolar.core.estimators.base import (
+    Estimate,
+    Estimator,
+    Prior,
+    UNKNOWN_COVARIANCE,
+)
 from visual_servo_epipolar.core.estimators.lmeds_8pt import lmeds_8pt
 from visual_servo_epipolar.core.estimators.planar_2dof import planar_2dof
 from visual_servo_epipolar.core.estimators.planar_3dof import planar_3dof
@@ -64,7 +69,7 @@ def observe(features: Features, camera: Camera, stamp_ns: int) -> Observation:
     )
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Sight:
     """
     What one observation tells about the goal, at unit focal length.
@@ -73,8 +78,8 @@ class Sight:
     of eq. (23), averaged over the features; ``feature_error`` the median distance of current from
     desired features; ``parallax`` what the best rotation leaves unexplained; ``heading_error``
     comes from the bearings where there are any, else from that rotation. ``deviation`` is the
-    larger one of psi and phi, ``jump`` the change of tilt and roll [rad]; ``memory`` is for the
-    next frame.
+    larger one of psi and phi, ``covariance`` that of both, shape (2, 2), ``jump`` the change of
+    tilt and roll between the views [rad]; ``memory`` is for the next frame.
     """
 
     stamp_ns: int
@@ -83,6 +88,7 @@ class Sight:
     memory: Memory
     bearings: Bearings | None = None
     deviation: float = math.nan
+    covariance: FloatArray = field(default_factory=lambda: UNKNOWN_COVARIANCE)
     jump: float = 0.0
     confidence: float = 0.0
     inliers: int = 0
@@ -181,6 +187,7 @@ def _with_bearings(
         confidence=estimate.confidence,
         inliers=int(estimate.inliers.sum()),
         deviation=deviation(estimate),
+        covariance=estimate.covariance,
         jump=estimate.jump,
         memory=remembered(memory, estimate, reason, noise=noise, parallax=seen.parallax_px),
         reason=reason,

@@ -77,8 +77,11 @@ class Disturbances:
         if settings.person > 0.0:
             self._passers.append(Person(size, settings.person, rng))
         self._kernel = blur_kernel(settings.motion_blur, settings.blur_angle)
-        noise = SensorSettings(noise=settings.noise)
-        self._noise = Sensor(size, noise, int(rng.integers(2**31))) if settings.noise > 0.0 else None
+        self._noise: Sensor | None = None
+        if settings.noise > 0.0:
+            # A seed of its own: the sensor that takes the image has its field from the same one.
+            extra = SensorSettings(noise=settings.noise)
+            self._noise = Sensor(size, extra, int(rng.integers(2**31)))
 
     def apply(self, image: Image, frame: int) -> Image:
         """Return ``image``, shape (H, W), as disturbed in ``frame``: 0, 1, ...; always a copy."""

@@ -1,0 +1,116 @@
+"""Scenario files: what they set, and how bad ones are refused."""
+
+from pathlib import Path
+
+import pytest
+
+from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.simulation.scenario import from_document, load, Scenario
+
+SCENARIOS = sorted((Path(__file__).parents[2] / 'config' / 'scenarios').glob('*.yaml'))
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / 'bad.yaml'
+    path.write_text(text, encoding='utf-8')
+    return path
+
+
+@pytest.mark.parametrize('text', ['', '# only a comment\n', '---\n', '{}', 'servo:\n'])
+def test_an_empty_file_is_the_nominal_scenario(tmp_path: Path, text: str) -> None:
+    assert load(written(tmp_path, text)) == Scenario()
+
+
+def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
+    found = load(written(tmp_path, 'base:\n  slip: 0.1\nservo: {law: paper, k1: 1}\n'))
+    assert (found.base.slip, found.servo.law, found.servo.k1) == (0.1, 'paper', 1.0)
+    assert (found.camera, found.points, found.tracker, found.run) == (
+        Scenario().camera,
+        Scenario().points,
+        Scenario().tracker,
+        Scenario().run,
+    )
+
+
+@pytest.mark.parametrize(
+    ('text', 'message'),
+    [
+        ('sevo: {k1: 1.0}', 'bad.yaml: no section sevo; a scenario has run, base, camera'),
+        ('servo: {k3: 1.0}', 'bad.yaml: servo has no setting k3; it knows law,'),
+        ('servo: {k1: fast}', r"bad.yaml: servo: k1 must be float, got 'fast' \(str\)"),
+        ('servo: {k1: .nan}', r'bad.yaml: servo: k1 must lie in \[0, 5\], got nan'),
+        ('servo: {k1: -0.1}', r'bad.yaml: servo: k1 must lie in \[0, 5\], got -0.1'),
+        ('servo: {law: best}', 'bad.yaml: servo: law must be one of paper, corrected, full'),
+        ('servo: {finite_time: 1}', 'bad.yaml: servo: finite_time must be bool, got 1'),
+        ('servo: {latch_engage: 0.2}', 'bad.yaml: servo: latch_engage must not exceed'),
+        ('base: {slip: 2001-01-01}', 'bad.yaml: base: slip must be float'),
+        pytest.param(
+            f'base: {{slip: 1{"0" * 400}}}', 'bad.yaml: base: slip must lie in', id='huge'
+        ),
+        ('points: {candidates: 9.5}', 'bad.yaml: points: candidates must be int, got 9.5'),
+        ('- servo', r"bad.yaml: a scenario must map sections to settings, got \['servo'\]"),
+        ('servo', "bad.yaml: a scenario must map sections to settings, got 'servo'"),
+        ('servo: [k1]', r"bad.yaml: servo must map names to values, got \['k1'\]"),
+        ('servo: fast', "bad.yaml: servo must map names to values, got 'fast'"),
+        ('servo: 0', 'bad.yaml: servo must map names to values, got 0'),
+        ('servo: []', r'bad.yaml: servo must map names to values, got \[\]'),
+        ('servo: false', 'bad.yaml: servo must map names to values, got False'),
+        ('servo: {k1: 1.0', 'bad.yaml: scenario is not YAML: while parsing'),
+        ('servo: !!python/object:os.system {}', 'bad.yaml: scenario is not YAML'),
+        ('servo: {k1: 2001-99-99}', 'bad.yaml: scenario is not YAML'),
+        ('a\x00b', 'bad.yaml: scenario is not YAML'),
+    ],
+)
+def test_a_bad_file_is_refused_in_one_clear_line(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(InputError, match=message) as refused:
+        load(written(tmp_path, text))
+    assert '\n' not in str(refused.value)
+
+
+def test_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r'none.yaml: scenario cannot be read: .*No such file'):
+        load(tmp_path / 'none.yaml')
+
+
+def test_a_folder_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match='scenario cannot be read'):
+        load(tmp_path)
+
+
+def test_a_file_that_is_no_text_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / 'image.yaml'
+    path.write_bytes(b'\x89PNG\xff\xfe')
+    with pytest.raises(InputError, match='scenario cannot be read'):
+        load(path)
+
+
+@pytest.mark.parametrize('path', SCENARIOS, ids=lambda path: path.stem)
+def test_the_scenarios_that_come_along_can_be_read(path: Path) -> None:
+    assert isinstance(load(path), Scenario)
+
+
+def test_the_nominal_file_is_the_defaults() -> None:
+    (nominal,) = (path for path in SCENARIOS if path.stem == 'nominal')
+    assert load(nominal) == Scenario()
+
+
+def test_a_seed_reaches_sensor_and_servo() -> None:
+    seeded = Scenario().seeded(7)
+    assert (seeded.camera.seed, seeded.servo.seed) == (7, 7)
+
+
+def test_servo_settings_can_be_changed_on_top() -> None:
+    scenario = from_document({'servo': {'k1': 0.5}}, 'test').with_servo({'law': 'paper'})
+    assert (scenario.servo.k1, scenario.servo.law) == (0.5, 'paper')
+
+
+def test_a_bad_change_on_top_is_refused() -> None:
+    with pytest.raises(InputError, match="servo: law must be one of .*got 'best'"):
+        Scenario().with_servo({'law': 'best'})
+
+
+def test_a_run_takes_over_what_the_scenario_says() -> None:
+    scenario = from_document({'run': {'max_duration': 20}, 'base': {'slip': 0.1}}, 'test')
+    loop = scenario.loop((1.0, -3.0, 5.0), 4)
+    assert (loop.start, loop.seed, loop.max_duration) == ((1.0, -3.0, 5.0), 4, 20.0)
+    assert (loop.base, loop.servo) == (scenario.base, scenario.servo)
