@@ -2,7 +2,8 @@
 
 import math
 
-from hypothesis import reject, settings, strategies as st
+from hypothesis import reject, settings
+from hypothesis import strategies as st
 import numpy as np
 
 from visual_servo_epipolar.core.camera import Camera

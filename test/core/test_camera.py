@@ -1,12 +1,13 @@
-"""The pinhole with its distortion: projection and back-projection are inverse, bad K is refused."""
+"""The pinhole with distortion: projection and back-projection are inverse, a bad K is refused."""
 
 from typing import Any
 
-from hypothesis import given, strategies as st
+from hypothesis import given
+from hypothesis import strategies as st
 import numpy as np
 import pytest
-
 from strategies import floats
+
 from visual_servo_epipolar.core.camera import Camera
 
 PINHOLE = {'width': 1280, 'height': 1024, 'fx': 769.0, 'fy': 771.0, 'cx': 635.0, 'cy': 512.0}

@@ -2,10 +2,10 @@
 
 import math
 
-from hypothesis import example, given, strategies as st
+from hypothesis import example, given
+from hypothesis import strategies as st
 import numpy as np
 import pytest
-
 from strategies import (
     angles,
     bearings,
@@ -18,6 +18,7 @@ from strategies import (
     room,
     seen_from,
 )
+
 from visual_servo_epipolar.core.epipolar import (
     Bearings,
     cheirality,
@@ -28,7 +29,6 @@ from visual_servo_epipolar.core.epipolar import (
     fundamental_from_matches,
     fundamental_from_pose,
     hartley_normalisation,
-    in_pixels,
     oriented_bearings,
     rotation_desired_current,
     sampson_distance,
@@ -243,7 +243,9 @@ def test_the_sampson_distance_is_the_offset_across_the_constraint(
     fundamental = fundamental_from_bearings(Bearings.from_pose(pose))
     solid_current = np.column_stack([current, np.ones(8)])
     solid_desired = np.column_stack([desired, np.ones(8)])
-    normal = np.hstack([(solid_desired @ fundamental)[:, :2], (solid_current @ fundamental.T)[:, :2]])
+    normal = np.hstack(
+        [(solid_desired @ fundamental)[:, :2], (solid_current @ fundamental.T)[:, :2]]
+    )
     normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     offset = size * np.array(
         [

@@ -5,8 +5,8 @@ import math
 from hypothesis import given
 import numpy as np
 import pytest
-
 from strategies import floats, matches, poses_behind_the_goal
+
 from visual_servo_epipolar.core.epipolar import rotation_desired_current
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.homography import fit_rotation

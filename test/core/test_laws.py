@@ -4,12 +4,13 @@ from collections.abc import Callable
 import math
 from typing import Any
 
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
-
 from strategies import floats, pose_with, regular_poses, twists
+
 from visual_servo_epipolar.core import laws
 from visual_servo_epipolar.core.epipolar import Bearings
 from visual_servo_epipolar.core.motion import integrate, Pose, Twist
@@ -41,9 +42,7 @@ def drive(
             twist.linear * math.cos(q[2]),
             twist.linear * math.sin(q[2]),
             twist.angular,
-            laws.distance_rate(
-                twist.linear, seen.epipole_current, sigma=seen.sigma, focal=focal
-            ),
+            laws.distance_rate(twist.linear, seen.epipole_current, sigma=seen.sigma, focal=focal),
         ]
 
     def desired_left(_: float, q: np.ndarray) -> float:
@@ -137,7 +136,9 @@ def test_the_inputs_are_16_and_17(
     twist = laws.linearizing_control(e_au, e_du, sigma=sigma, distance=d_hat, nu=nu, focal=f)
     power = k2 * math.copysign(abs(e_du) ** EXPONENT, e_du)
     root = math.sqrt(e_au**2 + f**2)
-    assert twist.linear == pytest.approx(sigma * d_hat * f * root / (e_au * (e_du**2 + f**2)) * power)
+    assert twist.linear == pytest.approx(
+        sigma * d_hat * f * root / (e_au * (e_du**2 + f**2)) * power
+    )
     turn = -f / (e_au**2 + f**2) * k1 * e_au + f / (e_du**2 + f**2) * power
     assert twist.angular == pytest.approx(turn, abs=1e-14)
 
@@ -361,7 +362,10 @@ def test_the_rate_of_26_falls_below_k1_where_the_epipole_is_far_out(
 
 
 @given(
-    st.one_of(floats(-3.0, -1e-6), floats(1e-6, 3.0)), floats(0.05, 0.95), FOCALS, floats(0.05, 0.5)
+    st.one_of(floats(-3.0, -1e-6), floats(1e-6, 3.0)),
+    floats(0.05, 0.95),
+    FOCALS,
+    floats(0.05, 0.5),
 )
 def test_the_displaced_epipole_is_discordant_and_within_its_bounds(
     e_du: float, room: float, focal: float, low: float
@@ -372,7 +376,7 @@ def test_the_displaced_epipole_is_discordant_and_within_its_bounds(
 
 
 @settings(max_examples=20)
-@given(floats(0.1, 0.8), SIGNS, SIGMAS, floats(0.3, 0.8), st.booleans())
+@given(floats(0.1, 0.8), SIGNS, SIGMAS, floats(0.3, 0.7), st.booleans())
 def test_holding_the_displaced_epipole_is_a_spiral_that_leaves_the_room_asked_for(
     e_du: float, sign: float, sigma: float, room: float, ahead: bool
 ) -> None:
@@ -384,9 +388,7 @@ def test_holding_the_displaced_epipole_is_a_spiral_that_leaves_the_room_asked_fo
         nu = laws.auxiliary_controls(
             e_au, desired, k1=0.8, k2=0.5, exponent=EXPONENT, e_target=target
         )
-        return laws.linearizing_control(
-            e_au, desired, sigma=seen.sigma, distance=distance, nu=nu
-        )
+        return laws.linearizing_control(e_au, desired, sigma=seen.sigma, distance=distance, nu=nu)
 
     run = drive(start, 3.0, spiral, duration=20.0)
     alpha = math.atan(abs(target))
@@ -433,3 +435,20 @@ def test_the_turn_to_the_heading_is_proportional_and_against_the_error(
     error: float, gain: float
 ) -> None:
     assert laws.turn_to_heading(error, gain=gain) == Twist(0.0, -gain * error)
+
+
+@given(floats(0.05, 5.0), floats(0.001, 0.5), SIGNS, floats(0.05, 2.0), floats(0.05, 1.5))
+def test_the_braking_speed_is_just_enough_to_stop_in_time(
+    way: float, bearing: float, sign: float, speed: float, deceleration: float
+) -> None:
+    # The bearing closes in proportion to the way left, by a scale that nobody knows.
+    rate = -sign * bearing * speed / way
+    found = laws.braking_speed(sign * bearing, rate, deceleration=deceleration)
+    # At the speed v itself v^2 / (2 a) = way: the bound on v is 2 a way / v.
+    assert found == pytest.approx(2.0 * deceleration * way / speed)
+    assert (found >= speed * (1.0 - 1e-9)) == (speed**2 / (2.0 * deceleration) <= way * (1 + 1e-9))
+
+
+@pytest.mark.parametrize(('bearing', 'rate'), [(0.1, 0.2), (-0.1, -0.2), (0.1, 0.0), (0.0, 0.3)])
+def test_nothing_brakes_a_robot_that_is_not_closing_in(bearing: float, rate: float) -> None:
+    assert laws.braking_speed(bearing, rate, deceleration=0.2) == math.inf

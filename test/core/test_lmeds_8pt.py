@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 import pytest
-
 from strategies import CAMERA, matches, room, seen_from
+
 from visual_servo_epipolar.core.epipolar import Bearings
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.lmeds_8pt import lmeds_8pt
@@ -24,9 +24,7 @@ def spoiled(count: int, outliers: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def worst_error(found: Bearings, true: Bearings) -> float:
-    return max(
-        abs(wrap_angle(found.psi - true.psi)), abs(wrap_angle(found.phi - true.phi))
-    )
+    return max(abs(wrap_angle(found.psi - true.psi)), abs(wrap_angle(found.phi - true.phi)))
 
 
 def error_with(outliers: int, seed: int) -> float:
@@ -100,9 +98,7 @@ def test_the_error_at_a_baseline_of_3_m_is_what_was_measured() -> None:
     true = Bearings.from_pose(Pose.from_start(0.6, -2.94, 3.0))
     errors = [
         worst_error(
-            lmeds_8pt(
-                *noisy_pair(trial), noise=NOISE, rng=np.random.default_rng(trial)
-            ).bearings,
+            lmeds_8pt(*noisy_pair(trial), noise=NOISE, rng=np.random.default_rng(trial)).bearings,
             true,
         )
         for trial in range(60)

@@ -2,11 +2,12 @@
 
 import math
 
-from hypothesis import given, strategies as st
+from hypothesis import given
+from hypothesis import strategies as st
 import pytest
 from scipy.integrate import solve_ivp
-
 from strategies import angles, floats, poses, twists
+
 from visual_servo_epipolar.core.motion import (
     DESIRED_POSE,
     integrate,

@@ -1,13 +1,12 @@
 """From matches to a Sight: what is measured, and what is said when it cannot be."""
 
 from dataclasses import replace
-import math
 
 from hypothesis import given
 import numpy as np
 import pytest
-
 from strategies import CAMERA, floats, matches, poses_behind_the_goal
+
 from visual_servo_epipolar.core.epipolar import Bearings
 from visual_servo_epipolar.core.features import Features
 from visual_servo_epipolar.core.motion import HALF_PI, Pose, wrap_angle
@@ -70,42 +69,20 @@ def test_one_feature_less_than_needed_is_too_few() -> None:
     assert perceive(observation(current[:least], desired[:least]), SETTINGS, 0).bearings
 
 
-def noisy() -> Observation:
-    """Return matches with noise of 0.8 px, enough for a few to vote for the wrong sign."""
-    current, desired = matches(BEHIND)
+def noisy(pose: Pose = BEHIND) -> Observation:
+    """Return matches with a noise of 0.8 px."""
+    current, desired = matches(pose)
     return observation(
         current + 1e-3 * np.random.default_rng(0).standard_normal(current.shape), desired
     )
 
 
 def test_a_vote_that_is_not_clear_enough_is_not_trusted() -> None:
-    sight = perceive(noisy(), ServoSettings(min_confidence=1.0), 0)
+    near = Pose(0.02, -0.1, HALF_PI)  # the far features have less parallax than noise
+    sight = perceive(noisy(near), ServoSettings(min_confidence=1.0), 0)
     assert 0.0 < sight.confidence < 1.0
     assert sight.bearings is None
     assert 'cheirality vote is undecided (0.' in sight.reason
-
-
-def line(count: int) -> np.ndarray:
-    return np.column_stack([np.linspace(-0.4, 0.4, count), np.full(count, 0.1)])
-
-
-DEGENERATE = {
-    'all desired points coincide': (line(20), np.full((20, 2), 0.1)),
-    'all current points coincide': (np.full((20, 2), 0.1), line(20)),
-    'one point and one point': (np.full((20, 2), 0.1), np.full((20, 2), -0.2)),
-    'a line and the same line': (line(20), line(20)),
-    'a line and a longer one': (line(20), 1.5 * line(20)),
-    'a line and its mirror image': (line(20), line(20)[::-1]),
-    'no motion': matches(BEHIND)[:1] * 2,
-    'nothing': (np.empty((0, 2)), np.empty((0, 2))),
-}
-
-
-@pytest.mark.parametrize('name', DEGENERATE)
-def test_a_view_that_cannot_answer_says_so_and_never_raises(name: str) -> None:
-    sight = perceive(observation(*DEGENERATE[name]), SETTINGS, 0)
-    assert sight.bearings is None or math.isfinite(sight.bearings.psi + sight.bearings.phi)
-    assert (sight.bearings is None) == bool(sight.reason)
 
 
 @pytest.mark.parametrize('estimator', ['lmeds_8pt', 'soft_planar'])

@@ -4,10 +4,11 @@ from dataclasses import FrozenInstanceError, replace
 import math
 from typing import Any
 
-from hypothesis import example, given, strategies as st
+from hypothesis import example, given
+from hypothesis import strategies as st
 import pytest
-
 from strategies import bearings, CAMERA, floats, matches, twists
+
 from visual_servo_epipolar.core import laws
 from visual_servo_epipolar.core.epipolar import Bearings
 from visual_servo_epipolar.core.motion import Pose, STANDSTILL, Twist
@@ -228,9 +229,7 @@ def test_the_first_step_is_the_law_of_the_paper() -> None:
     nu = laws.auxiliary_controls(
         e_au, e_du, k1=settings.k1, k2=settings.k2, exponent=settings.exponent
     )
-    expected = laws.linearizing_control(
-        e_au, e_du, sigma=seen.bearings.sigma, distance=8.0, nu=nu
-    )
+    expected = laws.linearizing_control(e_au, e_du, sigma=seen.bearings.sigma, distance=8.0, nu=nu)
     assert after(seen, state=in_phase(Phase.ZEROING_EPIPOLES), settings=settings).twist == expected
 
 
@@ -353,6 +352,21 @@ def test_beyond_its_release_the_first_step_begins_anew(sign: float) -> None:
     state = after(sight(0.1, desired=sign * 1.01 * SETTINGS.latch_release), state=latched)
     assert state.phase is Phase.DISPLACING
     assert not state.latched
+
+
+def test_the_latch_does_not_take_noise_for_an_escape() -> None:
+    latched = in_phase(Phase.ZEROING_EPIPOLES, latched=True)
+    outside = sight(0.1, desired=2.0 * SETTINGS.latch_release)
+    uncertain = replace(outside, deviation=SETTINGS.latch_release)
+    assert after(outside, state=latched).phase is Phase.DISPLACING
+    assert after(uncertain, state=latched).phase is Phase.ZEROING_EPIPOLES
+
+
+def test_law_full_brakes_before_the_desired_epipole_is_zero() -> None:
+    running = in_phase(Phase.ZEROING_EPIPOLES, sight=sight(0.0, desired=-0.05))
+    slow = after(sight(0.1, desired=-0.0499), state=running)
+    fast = after(sight(0.1, desired=-0.03), state=running)
+    assert abs(fast.twist.linear) < abs(slow.twist.linear)
 
 
 def test_a_desired_epipole_that_runs_away_ends_the_run() -> None:

@@ -5,8 +5,8 @@ import math
 from hypothesis import given, settings
 import numpy as np
 import pytest
-
 from strategies import CAMERA, poses_behind_the_goal
+
 from visual_servo_epipolar.core.epipolar import fundamental_from_pose, sampson_distance
 from visual_servo_epipolar.core.motion import DESIRED_POSE, HALF_PI, Pose
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld

@@ -7,11 +7,19 @@ from typing import Any
 
 import numpy as np
 
-from visual_servo_epipolar.benchmarks.tracking_scores import ENOUGH, recovered, scores
+from visual_servo_epipolar.benchmarks.tracking_scores import ended, ENOUGH, recovered, scores
 from visual_servo_epipolar.benchmarks.tracking_time import times
-from visual_servo_epipolar.benchmarks.tracking_world import approach, Judgement, start_of, World
+from visual_servo_epipolar.benchmarks.tracking_world import (
+    approach,
+    Judgement,
+    start_of,
+    Truth,
+    World,
+)
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.core.tracking import Tracker, TrackerSettings
+from visual_servo_epipolar.core.motion import Pose
+from visual_servo_epipolar.core.tracker_settings import TrackerSettings
+from visual_servo_epipolar.core.tracking import Tracker
 from visual_servo_epipolar.simulation.camera_simulator import CameraSettings
 from visual_servo_epipolar.simulation.disturbances import Disturbances, DisturbanceSettings
 
@@ -39,13 +47,30 @@ TIMED = 60  # images, the last ones of an approach
 
 @dataclass(slots=True)
 class Lane:
-    """One tracker on its way: what it is shown, what it made of it, how long it took [s]."""
+    """
+    One tracker on its way: what it is shown, what it made of it, how long it took [s].
+
+    ``given_up``: right tracks that ended, their point then out of sight, or in full view.
+    """
 
     name: str
     tracker: Tracker
     disturbances: Disturbances | None = None
     judgements: list[Judgement] = field(default_factory=list)
     seconds: list[float] = field(default_factory=list)
+    given_up: tuple[int, int] = 0, 0
+
+    def track(self, image: Image, truth: Truth, pose: Pose, frame: int) -> None:
+        """Track and judge one image."""
+        began = perf_counter()
+        features = self.tracker.track(image)
+        self.seconds.append(perf_counter() - began)
+        if self.judgements:
+            gone = ended(self.judgements[-1], features)
+            still_open = truth.judge(gone, pose, self.disturbances, frame).open
+            lost, in_view = self.given_up
+            self.given_up = lost + int((~still_open).sum()), in_view + int(still_open.sum())
+        self.judgements.append(truth.judge(features, pose, self.disturbances, frame))
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +108,9 @@ def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]
 
 def measure(plan: Plan, seed: int, say: Callable[[str], None]) -> dict[str, Any]:
     """Carry out ``plan``."""
-    scenes, disturbed, kept = [], [], []
+    scenes: list[dict[str, Any]] = []
+    disturbed: list[dict[str, Any]] = []
+    kept: list[Image] = []
     for number, scene in enumerate(plan.scenes):
         names = plan.disturbances if number < plan.disturbed else ()
         keep = TIMED if number == 0 else 0
@@ -123,10 +150,7 @@ def _scene(
         for lane in lanes:
             rough = lane.disturbances
             image = calm if rough is None else world.capture(perfect, frame, rough)
-            began = perf_counter()
-            features = lane.tracker.track(image)
-            lane.seconds.append(perf_counter() - began)
-            lane.judgements.append(world.truth.judge(features, pose, rough, frame))
+            lane.track(image, world.truth, pose, frame)
     calm_lanes, rough_lanes = lanes[: len(CONFIGURATIONS)], lanes[len(CONFIGURATIONS) :]
     figures = {
         'scene': scene,
@@ -162,6 +186,7 @@ def _figures(world: World, lane: Lane) -> dict[str, Any]:
     milliseconds = 1e3 * np.array(lane.seconds[1:])
     return {
         **scores(world.truth, lane.judgements),
+        'given_up': list(lane.given_up),
         'frame_ms': float(np.median(milliseconds)),
         'slowest_ms': float(milliseconds.max()),
     }
@@ -208,7 +233,7 @@ def _row(it: Mapping[str, Any]) -> str:
         f'{_px(it["route_px"])} {_px(it["route_p95_px"])}'.rjust(17)
         + f'{_px(it["goal_px"])} {_px(it["goal_p95_px"])}'.rjust(17)
         + gross.rjust(22)
-        + f'{it["fewest"]:8d}'
+        + f'{it["fewest"]}/{it["fewest_places"]}'.rjust(8)
         + edges.rjust(23)
         + pose.rjust(23)
         + f'{len(it["redetections"]):8d}'
@@ -226,15 +251,16 @@ def _rough_head() -> str:
 
 def _rough_row(it: Mapping[str, Any]) -> str:
     back = it['recovered_after']
-    ended = it['given_up']
+    hidden, in_view = it['given_up']
     return (
         f'{it["scene"]:<7}{it["disturbance"]:<20}'
         + f'{_px(it["route_px"])} {_px(it["during_px"])}'.rjust(14)
         + _px(it['goal_px']).rjust(9)
         + f'{it["gross"]} ({len(it["gross_tracks"])})'.rjust(16)
-        + f'{it["fewest"]:8d}{len(it["few_frames"]):13d}'
+        + f'{it["fewest"]}/{it["fewest_places"]}'.rjust(8)
+        + f'{len(it["few_frames"]):13d}'
         + ('never' if back is None else f'{back} frames').rjust(16)
-        + f'{ended["rightly"]}+{ended["needlessly"]}'.rjust(12)
+        + f'{hidden}+{in_view}'.rjust(12)
         + f'{len(it["redetections"]):8d}'
     )
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from visual_servo_epipolar.benchmarks.tracking_world import Judgement, STANDING, Truth
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+from visual_servo_epipolar.core.features import Features
 
 GROSS = 3.0  # a feature farther than this from its place is a wrong one [px]
 ENOUGH = 26  # features of the paper's experiments
@@ -41,12 +42,17 @@ def scores(truth: Truth, judgements: Sequence[Judgement]) -> dict[str, Any]:
         'edge_px': _median(edges),
         'edge_gross': int((edges > GROSS).sum()),
         'fewest': int(counts.min()),
+        'fewest_places': min(map(places, judgements)),
         'few_frames': np.flatnonzero(counts < ENOUGH).tolist(),
         'fewest_open': min(int(judgement.open.sum()) for judgement in judgements),
-        'given_up': given_up(judgements),
         'redetections': redetections(judgements),
         **_pose_errors(truth, goal),
     }
+
+
+def places(judgement: Judgement) -> int:
+    """Count the features at different places: two at one pixel tell no more than one."""
+    return len(np.unique(np.rint(judgement.features.desired), axis=0))
 
 
 def redetections(judgements: Sequence[Judgement]) -> list[int]:
@@ -55,15 +61,13 @@ def redetections(judgements: Sequence[Judgement]) -> list[int]:
     return [frame for frame, age in enumerate(ages) if frame and (age == 0).any()]
 
 
-def given_up(judgements: Sequence[Judgement]) -> dict[str, int]:
-    """Count the tracks that ended: rightly, their point out of sight or wrong, or needlessly."""
-    count = {'rightly': 0, 'needlessly': 0}
-    for before, after in zip(judgements[:-1], judgements[1:], strict=True):
-        ended = ~np.isin(before.features.ids, after.features.ids)
-        wrong = ~before.open | (before.errors > GROSS)
-        count['rightly'] += int((ended & wrong).sum())
-        count['needlessly'] += int((ended & ~wrong).sum())
-    return count
+def ended(before: Judgement, features: Features) -> Features:
+    """Return the tracks of the frame ``before`` that were right and are not in ``features``."""
+    was = before.features
+    rows = ~np.isin(was.ids, features.ids) & (before.errors <= GROSS)
+    return Features(
+        was.ids[rows], was.current[rows], was.desired[rows], was.ages[rows], was.errors[rows]
+    )
 
 
 def episodes(judgements: Sequence[Judgement], gross: Sequence[BoolArray]) -> list[dict[str, Any]]:

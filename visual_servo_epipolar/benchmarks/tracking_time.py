@@ -9,7 +9,8 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.features import Features
-from visual_servo_epipolar.core.tracking import Tracker, TrackerSettings
+from visual_servo_epipolar.core.tracker_settings import TrackerSettings
+from visual_servo_epipolar.core.tracking import Tracker
 
 PERIOD = 5  # frames between two anchorings of the run that shows frames with and without
 

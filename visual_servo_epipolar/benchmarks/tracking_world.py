@@ -31,8 +31,7 @@ def approach(start: tuple[float, float], frames: int) -> list[Pose]:
     constant until the robot brakes.
     """
     x, y = start
-    pace = np.ones(frames - STANDING)
-    pace[-BRAKING:] = np.linspace(1.0, 0.0, BRAKING)
+    pace = np.clip(np.arange(frames - STANDING)[::-1] / BRAKING, 0.0, 1.0)
     left = 1.0 - np.cumsum(pace) / pace.sum()
     left = np.concatenate([left, np.zeros(STANDING)]).tolist()
     headings = [math.atan2(-y, -2.0 * x * share) for share in left]
@@ -98,12 +97,12 @@ class Judgement:
     @property
     def on_edge(self) -> BoolArray:
         """Which features sit on an edge of depth, where there is no single true place."""
-        return self.clearance <= RINGS[0]
+        return np.asarray(self.clearance <= RINGS[0])
 
     @property
     def open(self) -> BoolArray:
         """Which features can be judged and tracked: off edges, seen, and not covered."""
-        return ~self.on_edge & self.seen & ~self.covered
+        return np.asarray(~self.on_edge & self.seen & ~self.covered)
 
 
 class Truth:
@@ -119,7 +118,7 @@ class Truth:
         """Hold ``features``, seen from ``pose`` in ``frame``, against the truth."""
         points, clearance = self.points(features.desired)
         pixels, inside = self._renderer.project(points, pose)
-        ahead = np.isfinite(pixels).all(axis=1)
+        ahead = np.asarray(np.isfinite(pixels).all(axis=1))
         shift = np.where(ahead[:, None], features.current - np.nan_to_num(pixels), np.inf)
         seen = inside.copy()
         seen[inside] = self._nearest(points[inside], pixels[inside], pose)
