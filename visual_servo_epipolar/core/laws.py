@@ -162,6 +162,34 @@ def match_features(difference: float, *, k_t: float) -> Twist:
     return Twist(-k_t * difference, 0.0)
 
 
+def follow_line(
+    linear: float, lateral: float, heading_error: float, *, look_ahead: float, curvature: float
+) -> Twist:
+    """
+    Return the second step on the y axis: u_1 as given, u_2 steers back onto the line.
+
+    Linearised at the axis, x' = -u_1 alpha and alpha' = u_2 give x'' + 1.8 x' / L + x / L^2 = 0
+    in the way driven, damped by 0.9, whatever the speed and its sign. Replaces u_2 = 0 (eq. 22),
+    which leaves what the first step left and what unequal wheels add.
+
+    Parameters
+    ----------
+    linear : float
+        u_1 [m/s].
+    lateral : float
+        Offset x from the axis, right positive [m].
+    heading_error : float
+        alpha, left positive [rad].
+    look_ahead : float
+        L [m].
+    curvature : float
+        What the robot is known to turn by itself [rad/m], left positive.
+
+    """
+    steer = lateral / look_ahead**2 - 1.8 * heading_error / look_ahead - curvature
+    return Twist(linear, linear * steer)
+
+
 def turn_to_heading(heading_error: float, *, gain: float) -> Twist:
     """Turn in place until the heading of the desired view is reached: a proportional rotation."""
     return Twist(0.0, -gain * heading_error)

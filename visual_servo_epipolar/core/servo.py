@@ -10,12 +10,14 @@ import math
 
 from visual_servo_epipolar.core import laws
 from visual_servo_epipolar.core.epipolar import Bearings
-from visual_servo_epipolar.core.events import bearing_desired, classify, engage_bound, is_settled
-from visual_servo_epipolar.core.motion import saturate, STANDSTILL, Twist
+from visual_servo_epipolar.core.events import bearing_desired, classify
+from visual_servo_epipolar.core.motion import beyond_dead_band, ramped, saturate, STANDSTILL, Twist
 from visual_servo_epipolar.core.perception import Observation, perceive, Sight
-from visual_servo_epipolar.core.phases import Event, next_phase, Phase
+from visual_servo_epipolar.core.phases import DRIVING, Event, next_phase, Phase
+from visual_servo_epipolar.core.ranging import Leg
+from visual_servo_epipolar.core.recollection import interval, lateral_offset, remember
 from visual_servo_epipolar.core.servo_settings import ServoSettings
-from visual_servo_epipolar.core.servo_state import seconds_between, ServoState
+from visual_servo_epipolar.core.servo_state import ServoState
 
 RATE_SMOOTHING = 0.4
 CREEP = 0.02  # braking never asks for less, lest noise in the rate stop the robot [m/s]
@@ -30,19 +32,37 @@ def step(state: ServoState, observation: Observation, settings: ServoSettings) -
 
 def advance(state: ServoState, sight: Sight, settings: ServoSettings) -> ServoState:
     """Return the state after ``sight``: the part of the step that needs no features."""
-    before = state.sight
-    state = _remember(state, sight, settings)
+    before, last = state.sight, state.twist
+    dt = 0.0 if before is None else interval(before.stamp_ns, sight.stamp_ns)
+    state = remember(state, sight, settings)
     event = classify(state, settings)
     if before is not None and sight.stamp_ns < before.stamp_ns:
         sight = replace(sight, reason='time ran backwards')
         state, event = replace(state, sight=sight, phase_start_ns=sight.stamp_ns), Event.LOST
     state = _switch(state, sight, event, settings)
-    twist = saturate(
-        command(state, settings),
-        max_linear=settings.max_linear,
-        max_angular=settings.max_angular,
-    )
+    twist = _feasible(command(state, settings), last, dt, state.phase, settings)
     return replace(state, twist=twist, frame=state.frame + 1)
+
+
+def _feasible(
+    wanted: Twist, last: Twist, dt: float, phase: Phase, settings: ServoSettings
+) -> Twist:
+    """Return what the base can do of ``wanted``: limits, accelerations, dead band."""
+    twist = saturate(wanted, max_linear=settings.max_linear, max_angular=settings.max_angular)
+    if settings.law == 'full' and phase in DRIVING:
+        twist = ramped(
+            twist,
+            last,
+            dt,
+            linear=settings.max_acceleration,
+            angular=settings.max_angular_acceleration,
+        )
+    return beyond_dead_band(
+        twist,
+        linear=settings.dead_band_linear,
+        angular=settings.dead_band_angular,
+        mode=settings.dead_band_mode,
+    )
 
 
 def stop(state: ServoState) -> ServoState:
@@ -61,7 +81,7 @@ def command(state: ServoState, settings: ServoSettings) -> Twist:
         turn = laws.turn_to_heading(sight.heading_error, gain=settings.turn_gain)
         return replace(turn, linear=-settings.retreat_speed)
     if state.phase is Phase.MATCHING_FEATURES:
-        return laws.match_features(sight.difference, k_t=settings.k_t)
+        return _second_step(state, sight, settings)
     if sight.bearings is None:
         return STANDSTILL
     if state.phase is Phase.DISPLACING:
@@ -102,6 +122,21 @@ def _first_step(state: ServoState, settings: ServoSettings) -> Twist:
     return saturate(twist, max_linear=max(speed, CREEP), max_angular=math.inf)
 
 
+def _second_step(state: ServoState, sight: Sight, settings: ServoSettings) -> Twist:
+    """Return eqs. (21)-(22); ``full`` steers along the axis of the goal instead of u_2 = 0."""
+    twist = laws.match_features(sight.difference, k_t=settings.k_t)
+    if settings.law != 'full' or not settings.line_following:
+        return twist
+    linear = min(max(twist.linear, -settings.max_linear), settings.max_linear)
+    return laws.follow_line(
+        linear,
+        lateral_offset(state, sight),
+        sight.heading_error,
+        look_ahead=settings.look_ahead,
+        curvature=state.curvature,
+    )
+
+
 def _bearings(state: ServoState) -> Bearings:
     if state.sight is None or state.sight.bearings is None:
         raise ValueError('the first step needs bearings; classify should have said lost')
@@ -113,52 +148,6 @@ def _sigma(state: ServoState, settings: ServoSettings) -> float:
     if settings.law == 'paper':
         return laws.printed_sigma(bearings.epipole_current, bearings.epipole_desired)
     return bearings.sigma
-
-
-def _remember(state: ServoState, sight: Sight, settings: ServoSettings) -> ServoState:
-    """Take in what was seen: d_hat by the applied speed (18), the latch, the settled frames."""
-    state = replace(
-        state,
-        distance=_distance(state, sight, settings),
-        desired_rate=_desired_rate(state, sight),
-        sight=sight,
-    )
-    state = replace(state, latched=_latch(state, sight, settings))
-    return replace(state, settled=state.settled + 1 if is_settled(state, settings) else 0)
-
-
-def _distance(state: ServoState, sight: Sight, settings: ServoSettings) -> float:
-    if math.isnan(state.distance):
-        return settings.initial_distance
-    before = state.sight
-    if before is None or before.bearings is None:
-        return state.distance
-    dt = min(max(seconds_between(before.stamp_ns, sight.stamp_ns), 0.0), MAX_STEP_S)
-    # sigma of the geometry itself, also under the printed law: this is kinematics, eq. (18).
-    rate = laws.distance_rate(
-        state.twist.linear, before.bearings.epipole_current, sigma=before.bearings.sigma
-    )
-    return max(state.distance + rate * dt, settings.min_distance)
-
-
-def _desired_rate(state: ServoState, sight: Sight) -> float:
-    before = state.sight
-    if before is None or before.bearings is None or sight.bearings is None:
-        return 0.0
-    dt = seconds_between(before.stamp_ns, sight.stamp_ns)
-    if not 0.0 < dt <= MAX_STEP_S:
-        return 0.0
-    rate = (bearing_desired(sight.bearings) - bearing_desired(before.bearings)) / dt
-    return state.desired_rate + RATE_SMOOTHING * (rate - state.desired_rate)
-
-
-def _latch(state: ServoState, sight: Sight, settings: ServoSettings) -> bool:
-    """Call e_du zero once it is small or has crossed; only a new phase lets go of it (escaped)."""
-    if state.phase is not Phase.ZEROING_EPIPOLES or sight.bearings is None:
-        return state.latched
-    bearing = bearing_desired(sight.bearings)
-    near = abs(bearing) <= engage_bound(sight, settings)
-    return state.latched or near or bearing * state.side < 0.0
 
 
 def _switch(state: ServoState, sight: Sight, event: Event, settings: ServoSettings) -> ServoState:
@@ -176,7 +165,9 @@ def _switch(state: ServoState, sight: Sight, event: Event, settings: ServoSettin
     )
     if phase in (Phase.DISPLACING, Phase.ZEROING_EPIPOLES) and sight.bearings is not None:
         bearing = bearing_desired(sight.bearings)
-        state = replace(state, side=math.copysign(1.0, bearing), latched=False)
+        side = math.copysign(1.0, bearing)
+        leg = Leg(sight.bearings.psi)
+        state = replace(state, side=side, latched=False, leg=leg)
     if phase is Phase.DISPLACING:
         state = replace(state, target=_target(sight, settings))
     return state

@@ -50,6 +50,19 @@ class ServoSettings(Settings):
         True, 'Law full: turn features to the desired heading before taking D'
     )
 
+    line_following: bool = setting(
+        True, "Law full: steer along the goal's axis in step 2 instead of u_2 = 0"
+    )
+    look_ahead: float = setting(0.6, 'Look-ahead of line following [m]', low=0.05, high=10.0)
+    curvature_gain: float = setting(
+        1.5, 'Gain of learning the curvature that was not commanded [1/m]', low=0.0, high=20.0
+    )
+    max_acceleration: float = setting(
+        0.25, 'Law full: linear acceleration; slowing down twice that [m/s^2]', low=0.01, high=20.0
+    )
+    max_angular_acceleration: float = setting(
+        1.2, 'Law full: angular acceleration; slowing down twice that [rad/s^2]', low=0.01, high=99
+    )
     braking: float = setting(
         0.2, 'Law full: deceleration to end step 1 with [m/s^2]', low=0.01, high=20.0
     )
@@ -129,6 +142,15 @@ class ServoSettings(Settings):
 
     max_linear: float = setting(0.4, 'Largest linear speed [m/s]', low=0.01, high=5.0)
     max_angular: float = setting(0.5, 'Largest angular speed [rad/s]', low=0.01, high=10.0)
+    dead_band_linear: float = setting(
+        0.0, 'Linear speed that the base cannot follow [m/s]', low=0.0, high=1.0
+    )
+    dead_band_angular: float = setting(
+        0.0, 'Angular speed that the base cannot follow [rad/s]', low=0.0, high=2.0
+    )
+    dead_band_mode: str = setting(
+        'raise', 'What becomes of slower commands', choices=('raise', 'zero')
+    )
     phase_timeout: float = setting(120.0, 'Longest stay in one phase [s]', low=1.0, high=3600.0)
     holding_timeout: float = setting(5.0, 'Longest wait for lost tracks [s]', low=0.1, high=600.0)
     stale_timeout: float = setting(

@@ -6,6 +6,7 @@ import math
 from visual_servo_epipolar.core.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.perception import Sight
 from visual_servo_epipolar.core.phases import ENDED, Phase
+from visual_servo_epipolar.core.ranging import Leg
 
 NANOSECONDS = 1_000_000_000
 
@@ -23,7 +24,9 @@ class ServoState:
     ``distance`` is d_hat [m], nan before the first image; ``target`` the abscissa at which e_au is
     held while e_du is zeroed, ``side`` the sign of e_du when that began, ``latched`` whether e_du
     counts as zero since, ``desired_rate`` how fast its bearing changes [rad/s], smoothed;
-    ``settled`` counts frames in a row that fulfil the aim of the phase.
+    ``leg`` is the way since step 1 began, ``range`` the distance that it shows [m], ``curvature``
+    the turn that the robot adds by itself [rad/m]; ``settled`` counts frames in a row that fulfil
+    the aim of the phase.
     """
 
     phase: Phase = Phase.WAITING
@@ -35,6 +38,9 @@ class ServoState:
     side: float = 1.0
     latched: bool = False
     desired_rate: float = 0.0
+    leg: Leg | None = None
+    range: float = math.nan
+    curvature: float = 0.0
     settled: int = 0
     attempts: int = 1
     frame: int = 0
