@@ -19,7 +19,8 @@ from visual_servo_epipolar.core.servo_settings import ServoSettings
 from visual_servo_epipolar.core.servo_state import ServoState
 from visual_servo_epipolar.core.trust import fresh_memory
 
-SETTINGS = ServoSettings()
+# Accelerations as good as unlimited: what the laws ask for is seen at once.
+SETTINGS = ServoSettings(max_acceleration=20.0, max_angular_acceleration=90.0)
 MEMORY = fresh_memory(SETTINGS)
 QUIET = (Phase.WAITING, Phase.HOLDING, Phase.ARRIVED, Phase.FAILED)
 LAWS = st.sampled_from(['paper', 'corrected', 'full'])

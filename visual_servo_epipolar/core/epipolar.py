@@ -19,6 +19,7 @@ from visual_servo_epipolar.core.motion import HALF_PI, Pose, wrap_angle
 MIN_SINGULAR_RATIO = 1e-9
 MIN_MATCHES = 8
 VOTE_SATURATION = 3.0
+SMALLEST_SINE = 1e-16
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +47,8 @@ class Bearings:
     @property
     def epipole_desired(self) -> float:
         """Abscissa e_du at unit focal length, x / y (eq. 5)."""
-        sine = math.sin(self.psi)
-        return math.cos(self.psi) / sine if sine else math.copysign(math.inf, math.cos(self.psi))
+        # Never infinite, as -tan(phi) is never: laws multiply it by what goes to zero.
+        return math.cos(self.psi) / (math.sin(self.psi) or SMALLEST_SINE)
 
     @property
     def sigma(self) -> float:

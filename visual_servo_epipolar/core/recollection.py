@@ -52,7 +52,7 @@ def lateral_offset(state: ServoState, sight: Sight) -> float:
 def _distance(state: ServoState, dt: float, settings: ServoSettings) -> float:
     """Integrate d_hat by the applied speed (18)."""
     if math.isnan(state.distance):
-        return settings.initial_distance
+        return max(settings.initial_distance, settings.min_distance)
     before = state.sight
     if before is None or before.bearings is None:
         return state.distance
@@ -95,10 +95,10 @@ def _curvature(state: ServoState, sight: Sight, dt: float, settings: ServoSettin
     """Learn by how much the robot turns beyond what it was told, per metre."""
     before = state.sight
     known = before is not None and before.bearings is not None and sight.bearings is not None
-    if not known or abs(state.twist.linear) < MIN_SPEED or before is None:
+    way = state.twist.linear * dt
+    if before is None or not known or way == 0.0 or abs(state.twist.linear) < MIN_SPEED:
         return state.curvature
     turned = math.remainder(sight.heading_error - before.heading_error, 2.0 * math.pi)
-    way = state.twist.linear * dt
     surplus = turned - state.twist.angular * dt - state.curvature * way
     gain = min(settings.curvature_gain * abs(way), 1.0)
     return state.curvature + gain * surplus / way

@@ -19,9 +19,8 @@ from visual_servo_epipolar.core.recollection import interval, lateral_offset, re
 from visual_servo_epipolar.core.servo_settings import ServoSettings
 from visual_servo_epipolar.core.servo_state import ServoState
 
-RATE_SMOOTHING = 0.4
+USUAL_STEP_S = 0.1  # to accelerate over, when no image came before
 CREEP = 0.02  # braking never asks for less, lest noise in the rate stop the robot [m/s]
-MAX_STEP_S = 1.0  # a longer gap between two images is not integrated over
 
 
 def step(state: ServoState, observation: Observation, settings: ServoSettings) -> ServoState:
@@ -40,7 +39,7 @@ def advance(state: ServoState, sight: Sight, settings: ServoSettings) -> ServoSt
         sight = replace(sight, reason='time ran backwards')
         state, event = replace(state, sight=sight, phase_start_ns=sight.stamp_ns), Event.LOST
     state = _switch(state, sight, event, settings)
-    twist = _feasible(command(state, settings), last, dt, state.phase, settings)
+    twist = _feasible(command(state, settings), last, dt or USUAL_STEP_S, state.phase, settings)
     return replace(state, twist=twist, frame=state.frame + 1)
 
 

@@ -5,6 +5,8 @@ from dataclasses import dataclass, Field, field, fields, replace
 import math
 from typing import Any, TypeVar
 
+LARGEST = 2**63  # what YAML and ROS parameters hold
+
 SettingsT = TypeVar('SettingsT', bound='Settings')
 
 
@@ -80,6 +82,8 @@ def updated(settings: SettingsT, values: Mapping[str, Any], where: str) -> Setti
 
 def _checked(name: str, value: Any, item: 'Field[Any]') -> Any:
     limits, default = range_of(item), item.default
+    if isinstance(value, int) and abs(value) > LARGEST:
+        raise ValueError(f'{name} must lie in [-2^63, 2^63], got a larger whole number')
     if isinstance(default, float) and isinstance(value, int) and not isinstance(value, bool):
         value = float(value)
     if isinstance(default, tuple) and isinstance(value, list):

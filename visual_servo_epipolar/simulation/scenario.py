@@ -85,7 +85,9 @@ def from_document(document: Any, where: str) -> Scenario:
     scenario = Scenario()
     try:
         changes = {
-            name: updated(getattr(scenario, name), values or {}, f'{where}: {name}')
+            name: updated(
+                getattr(scenario, name), {} if values is None else values, f'{where}: {name}'
+            )
             for name, values in document.items()
         }
     except ValueError as error:
@@ -99,6 +101,6 @@ def load(path: Path) -> Scenario:
         document = yaml.safe_load(path.read_text(encoding='utf-8'))
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f'{path}: scenario cannot be read: {error}') from None
-    except yaml.YAMLError as error:
+    except (yaml.YAMLError, ValueError) as error:
         raise InputError(f'{path}: scenario is not YAML: {" ".join(str(error).split())}') from None
     return from_document(document, str(path))

@@ -17,7 +17,7 @@ from visual_servo_epipolar.core.epipolar import (
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior, UNKNOWN_COVARIANCE
 
-SUBSETS = 272  # one is clean with probability 99 % at 40 % outliers: log(.01) / log(1 - .6^8)
+SUBSETS = 560  # one of 26 matches is clean with probability 99 % at 40 % outliers
 INLIER_DEVIATIONS = 2.5
 
 
