@@ -50,7 +50,7 @@ def test_a_ramp_never_changes_faster_than_allowed(wanted: float, before: float) 
     found = ramped(Twist(wanted, 0.0), Twist(before, 0.0), 0.1, linear=0.5, angular=1.0).linear
     limit = 0.1 if abs(wanted) < abs(before) or wanted * before < 0.0 else 0.05
     assert abs(found - before) <= limit + 1e-12
-    assert min(before, wanted) <= found <= max(before, wanted)
+    assert min(before, wanted) - 1e-12 <= found <= max(before, wanted) + 1e-12
 
 
 def test_a_ramp_arrives_at_what_is_wanted() -> None:

@@ -169,7 +169,7 @@ def follow_line(
     Return the second step on the y axis: u_1 as given, u_2 steers back onto the line.
 
     Linearised at the axis, x' = -u_1 alpha and alpha' = u_2 give x'' + 1.8 x' / L + x / L^2 = 0
-    in the way driven, damped by 0.9, whatever the speed and its sign. Replaces u_2 = 0 (eq. 22),
+    in the length of the way, damped by 0.9, forward and backward. Replaces u_2 = 0 (eq. 22),
     which leaves what the first step left and what unequal wheels add.
 
     Parameters
@@ -186,8 +186,8 @@ def follow_line(
         What the robot is known to turn by itself [rad/m], left positive.
 
     """
-    steer = lateral / look_ahead**2 - 1.8 * heading_error / look_ahead - curvature
-    return Twist(linear, linear * steer)
+    damping = abs(linear) * 1.8 * heading_error / look_ahead
+    return Twist(linear, linear * (lateral / look_ahead**2 - curvature) - damping)
 
 
 def turn_to_heading(heading_error: float, *, gain: float) -> Twist:
