@@ -1,5 +1,6 @@
 """The four nodes in lockstep: they arrive, and they are the loop in memory to the last digit."""
 
+from dataclasses import replace
 import os
 from pathlib import Path
 
@@ -120,9 +121,9 @@ def test_the_environment_is_left_as_it_was(monkeypatch) -> None:
     assert os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'LOCALHOST'
 
 
-def test_a_camera_that_cannot_be_leaves_nothing_behind(monkeypatch) -> None:
+def test_a_node_that_cannot_be_leaves_nothing_behind(monkeypatch) -> None:
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
-    scenario = short(distortion=[0.1])
-    with pytest.raises(ValueError, match='distortion must be'):
-        Lockstep(scenario, scenario.loop(CLOSE, 0))
+    scenario = short()
+    with pytest.raises(ValueError, match='start must be three numbers'):
+        Lockstep(scenario, replace(scenario.loop(CLOSE, 0), start=(1.0, 2.0)))
     assert os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] == 'LOCALHOST'
