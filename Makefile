@@ -9,11 +9,12 @@ PIP := $(BIN)/python -m pip -qq --disable-pip-version-check
 unexport PYTHONPATH PYTHONHOME LD_LIBRARY_PATH _ROS_WHEELS_BOOTSTRAP_COMPLETE AMENT_PREFIX_PATH
 
 PYTEST_ARGS ?=
+BENCH_ARGS ?=
 DEMO_OUT ?= demo_out
 DEMO_ARGS ?= --out $(DEMO_OUT)
 
 .DEFAULT_GOAL := setup
-.PHONY: setup test test-colcon colcon lint format demo clean help
+.PHONY: setup test test-colcon colcon lint format demo bench clean help
 
 setup: $(STAMP) ## make .venv with ROS 2 Jazzy, all tools and this package, editable (default)
 
@@ -45,6 +46,10 @@ format: $(STAMP) ## put the source into the form that lint checks
 
 demo: $(STAMP) ## four real nodes drive to the desired view; results in demo_out/; DEMO_ARGS for others
 	@$(BIN)/visual_servo demo $(DEMO_ARGS)
+
+bench: $(STAMP) ## accuracy and speed beside the peers, minutes; BENCH_ARGS='estimation --quick'
+	@$(PIP) install --constraint constraints.txt --no-build-isolation --editable '.[bench]'
+	@$(BIN)/visual_servo bench $(BENCH_ARGS)
 
 clean: ## remove .venv and all that make, the tools and colcon left
 	rm -rf $(VENV) build install log dist demo_out *.egg-info

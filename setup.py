@@ -62,6 +62,7 @@ setup(
         # `colcon test` runs pytest only if this extra has this name and lists pytest.
         'test': ['hypothesis', 'pytest>=7.4', 'scipy'],
         'lint': ['import-linter', 'mypy', 'ruff', 'types-PyYAML'],
+        'bench': ['poselib'],  # a peer to measure against
         'colcon': ['colcon-common-extensions', 'setuptools<80'],
     },
     entry_points={
