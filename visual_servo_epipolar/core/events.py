@@ -36,6 +36,13 @@ def _deviation(sight: Sight) -> float:
     return 0.0 if math.isnan(sight.deviation) else sight.deviation
 
 
+def is_sideways(bearings: Bearings, settings: ServoSettings) -> bool:
+    """Return whether the goal lies beside or behind, where law full backs off first."""
+    if settings.law != 'full':
+        return False
+    return bearings.sigma > 0.0 or abs(bearing_desired(bearings)) > settings.sideways_bearing
+
+
 def classify(state: ServoState, settings: ServoSettings) -> Event:
     """Return what ``state.sight`` means in ``state.phase``."""
     sight, phase = state.sight, state.phase
@@ -67,12 +74,12 @@ def is_settled(state: ServoState, settings: ServoSettings) -> bool:
 
 def _survey(state: ServoState, sight: Sight, settings: ServoSettings) -> Event:
     """Decide how to begin, or to begin again after the tracks came back."""
-    if sight.feature_error * sight.focal <= settings.goal_error:
+    if sight.feature_error <= settings.goal_error:
         return Event.MATCHED
-    if sight.parallax_px < settings.min_parallax:
-        return Event.NO_BASELINE
     if sight.bearings is None:
-        return Event.LOST
+        return Event.NO_BASELINE if sight.parallax <= settings.near_parallax else Event.LOST
+    if is_sideways(sight.bearings, settings):
+        return Event.SIDEWAYS
     aligned = abs(bearing_desired(sight.bearings)) <= engage_bound(sight, settings)
     if aligned and abs(bearing_current(sight.bearings)) <= settings.align_tolerance:
         return Event.ALIGNED
@@ -82,15 +89,20 @@ def _survey(state: ServoState, sight: Sight, settings: ServoSettings) -> Event:
 def _orienting(state: ServoState, sight: Sight, settings: ServoSettings) -> Event:
     if state.settled < settings.align_frames:
         return Event.NOTHING
-    if sight.parallax_px >= settings.min_parallax and sight.bearings is not None:
+    if sight.bearings is not None and is_sideways(sight.bearings, settings):
+        return Event.SIDEWAYS
+    if sight.bearings is not None:
         return Event.APART
     # Turned to the goal's heading and still no baseline: what is left is removed by step 2.
     return Event.ALIGNED
 
 
 def _retreating(state: ServoState, sight: Sight, settings: ServoSettings) -> Event:
-    far = sight.difference <= -settings.retreat_difference
-    return Event.APART if far and sight.bearings is not None else Event.NOTHING
+    if sight.bearings is None or sight.difference > -settings.retreat_difference:
+        return Event.NOTHING
+    ahead = sight.bearings.sigma < 0.0
+    inside = abs(bearing_desired(sight.bearings)) <= settings.retreat_bearing
+    return Event.APART if ahead and inside else Event.NOTHING
 
 
 def _displacing(state: ServoState, sight: Sight, settings: ServoSettings) -> Event:
@@ -107,7 +119,7 @@ def _displacing(state: ServoState, sight: Sight, settings: ServoSettings) -> Eve
 
 def _zeroing(state: ServoState, sight: Sight, settings: ServoSettings) -> Event:
     if sight.bearings is None:
-        return Event.NO_BASELINE if sight.parallax_px < settings.min_parallax else Event.LOST
+        return Event.NO_BASELINE if sight.parallax <= settings.near_parallax else Event.LOST
     bearing = bearing_desired(sight.bearings)
     if abs(bearing) >= settings.divergence:
         return Event.DIVERGED
@@ -119,7 +131,8 @@ def _zeroing(state: ServoState, sight: Sight, settings: ServoSettings) -> Event:
 def _matching(state: ServoState, sight: Sight, settings: ServoSettings) -> Event:
     if state.settled < settings.arrival_frames:
         return Event.NOTHING
-    if sight.feature_error * sight.focal <= settings.arrival_error:
+    near = sight.feature_error <= settings.arrival_error
+    if near and sight.parallax <= settings.arrival_parallax:
         return Event.MATCHED
     return Event.MISSED if state.attempts < settings.max_attempts else Event.EXHAUSTED
 

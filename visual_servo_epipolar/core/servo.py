@@ -78,7 +78,8 @@ def command(state: ServoState, settings: ServoSettings) -> Twist:
         return laws.turn_to_heading(sight.heading_error, gain=settings.turn_gain)
     if state.phase is Phase.RETREATING:
         turn = laws.turn_to_heading(sight.heading_error, gain=settings.turn_gain)
-        return replace(turn, linear=-settings.retreat_speed)
+        turned = abs(sight.heading_error) <= settings.retreat_heading
+        return replace(turn, linear=-settings.retreat_speed if turned else 0.0)
     if state.phase is Phase.MATCHING_FEATURES:
         return _second_step(state, sight, settings)
     if sight.bearings is None:
@@ -198,7 +199,10 @@ def _reason(state: ServoState, sight: Sight, event: Event, settings: ServoSettin
         return f'the desired epipole ran away to infinity in {name}'
     if event in (Event.MISSED, Event.EXHAUSTED):
         error = sight.feature_error * sight.focal
-        return f'features are {error:.1f} px off at the end of attempt {state.attempts}'
+        return (
+            f'features are {error:.1f} px off, parallax {sight.parallax_px:.1f} px, '
+            f'at the end of attempt {state.attempts}'
+        )
     if event is Event.LOST:
         return sight.reason or f'bearings not trusted in {name}'
     return str(event.value)

@@ -99,18 +99,33 @@ class ServoSettings(Settings):
         1e-4, '|D| at unit focal length below which the features match', low=1e-8, high=0.1
     )
     arrival_error: float = setting(
-        8.0,
-        'Median feature error above which an end of step 2 is a miss [px]',
-        low=0.1,
-        high=200.0,
+        0.004, 'Median feature error above which an end of step 2 is a miss [rad]', low=0, high=1
+    )
+    arrival_parallax: float = setting(
+        0.001, 'Parallax above which an end of step 2 is a miss [rad]', low=0, high=1
     )
     arrival_frames: int = setting(5, 'Frames in a row that must match', low=1, high=100)
 
     goal_error: float = setting(
-        0.5, 'Median feature error at which the robot is at the goal already [px]', low=0, high=50
+        6e-4, 'Median feature error at which the robot is at the goal already [rad]', low=0, high=1
+    )
+    near_parallax: float = setting(
+        0.02, 'Parallax below which a goal without trusted bearings is near [rad]', low=0, high=1
+    )
+    sideways_bearing: float = setting(
+        0.6,
+        'Law full: bearing of e_du above which the robot backs off first [rad]',
+        low=0,
+        high=1.6,
+    )
+    retreat_bearing: float = setting(
+        0.5, 'Bearing of e_du at which backing off ends [rad]', low=0.01, high=1.5
+    )
+    retreat_heading: float = setting(
+        0.1, 'Heading error above which the robot turns before it backs off [rad]', low=0, high=1
     )
     retreat_difference: float = setting(
-        0.04, 'D at unit focal length to back off to before a new attempt', low=0.001, high=1.0
+        0.04, '|D| at unit focal length to back off to at least', low=0.001, high=1.0
     )
     retreat_speed: float = setting(0.2, 'Speed of backing off [m/s]', low=0.01, high=2.0)
     divergence: float = setting(
