@@ -78,13 +78,19 @@ class Lane:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """How much is done: scenes, of which disturbed, frames, camera, disturbances."""
+    """
+    How much is done.
+
+    Scenes, how many of them disturbed and how, frames, camera; whether time on a ``single``
+    thread is taken, too.
+    """
 
     scenes: Sequence[int] = SCENES
     disturbed: int = DISTURBED_SCENES
     frames: int = 200
     camera: CameraSettings = CameraSettings(noise=2.0, gain_drift=0.05)
     disturbances: Sequence[str] = tuple(DISTURBANCES)
+    single: bool = True
 
 
 QUICK = Plan(
@@ -101,6 +107,7 @@ QUICK = Plan(
         gain_drift=0.05,
     ),
     disturbances=('light -30 %', 'occluder at once'),
+    single=False,
 )
 
 
@@ -128,7 +135,7 @@ def measure(plan: Plan, seed: int, say: Callable[[str], None]) -> dict[str, Any]
         'size': [plan.camera.width, plan.camera.height],
         'scenes': scenes,
         'disturbed': disturbed,
-        'time': times(kept[0], kept[1:]),
+        'time': times(kept[0], kept[1:], single=plan.single),
     }
 
 

@@ -15,11 +15,12 @@ from visual_servo_epipolar.core.tracking import Tracker
 PERIOD = 5  # frames between two anchorings of the run that shows frames with and without
 
 
-def times(desired: Image, images: Sequence[Image]) -> list[dict[str, Any]]:
-    """Return the medians [ms] on all threads of OpenCV and on one."""
+def times(desired: Image, images: Sequence[Image], *, single: bool) -> list[dict[str, Any]]:
+    """Return the medians [ms] on all threads of OpenCV and, if ``single``, on one as well."""
     threads = cv2.getNumThreads()
+    counts = dict.fromkeys((threads, 1) if single else (threads,))
     try:
-        return [_times(desired, images, count) for count in dict.fromkeys((threads, 1))]
+        return [_times(desired, images, count) for count in counts]
     finally:
         cv2.setNumThreads(threads)
 

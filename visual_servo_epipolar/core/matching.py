@@ -55,15 +55,22 @@ class Matches:
 
 
 def detect(image: Image, *, limit: int) -> Keypoints:
-    """Detect at most ``limit`` SIFT keypoints, the strongest one at each place."""
+    """
+    Detect at most ``limit`` SIFT keypoints, one at each pixel.
+
+    SIFT repeats a place for each of its orientations, and in an order that is not the same twice.
+    """
     points, descriptors = cv2.SIFT_create(nfeatures=limit).detectAndCompute(image, None)
     if descriptors is None:
         return Keypoints(np.empty((0, 2)), np.empty(0), np.empty((0, 128), np.float32))
     pixels = np.array([point.pt for point in points], dtype=np.float64)
     sizes = np.array([point.size for point in points])
-    # SIFT repeats a point for each of its orientations, in an order that is not the same twice.
-    order = np.lexsort((sizes, pixels[:, 1], pixels[:, 0]))
-    return Keypoints(pixels[order], sizes[order], descriptors[order])
+    strength = np.array([point.response for point in points])
+    angles = np.array([point.angle for point in points])
+    order = np.lexsort((angles, sizes, -strength, pixels[:, 1], pixels[:, 0]))
+    _, first = np.unique(np.rint(pixels[order]), axis=0, return_index=True)
+    kept = order[np.sort(first)]
+    return Keypoints(pixels[kept], sizes[kept], descriptors[kept])
 
 
 def desired_view(image: Image, *, limit: int = 4000) -> DesiredView:
@@ -96,12 +103,12 @@ def desired_view(image: Image, *, limit: int = 4000) -> DesiredView:
     return DesiredView(image, keypoints, measure[rows, columns].astype(np.float64))
 
 
-def match(view: DesiredView, image: Image, *, limit: int = 4000) -> Matches:
+def match(view: DesiredView, image: Image, *, limit: int = 4000, halved: bool = False) -> Matches:
     """
     Find the keypoints of ``view`` in ``image``.
 
     Mutual nearest descriptors that pass Lowe's ratio test, then one robust epipolar geometry that
-    all must fit.
+    all must fit. On the ``halved`` image it takes a quarter of the time and finds fewer.
 
     Raises
     ------
@@ -109,7 +116,8 @@ def match(view: DesiredView, image: Image, *, limit: int = 4000) -> Matches:
         If fewer than eight matches agree on one epipolar geometry.
 
     """
-    found = detect(as_gray(image), limit=limit)
+    image = as_gray(image)
+    found = _detect_halved(image, limit=limit) if halved else detect(image, limit=limit)
     pairs = _mutual(view.keypoints.descriptors, found.descriptors)
     desired, current = view.keypoints.pixels[pairs[:, 0]], found.pixels[pairs[:, 1]]
     agree = epipolar_inliers(current, desired)
@@ -119,21 +127,36 @@ def match(view: DesiredView, image: Image, *, limit: int = 4000) -> Matches:
             f'agree on one geometry, {MIN_MATCHES} needed; turn the robot towards it'
         )
     pairs = pairs[agree]
-    indices, first = np.unique(pairs[:, 0], return_index=True)
-    scales = found.sizes[pairs[first, 1]] / view.keypoints.sizes[indices]
-    return Matches(indices.astype(np.int64), found.pixels[pairs[first, 1]], scales)
+    scales = found.sizes[pairs[:, 1]] / view.keypoints.sizes[pairs[:, 0]]
+    return Matches(pairs[:, 0], found.pixels[pairs[:, 1]], scales)
+
+
+def _detect_halved(image: Image, *, limit: int) -> Keypoints:
+    height, width = image.shape
+    small = cv2.resize(image, (width // 2, height // 2), interpolation=cv2.INTER_AREA)
+    found = detect(np.asarray(small, dtype=np.uint8), limit=limit)
+    # A pixel of the small image is centred between two of the large one.
+    return Keypoints(2.0 * found.pixels + 0.5, 2.0 * found.sizes, found.descriptors)
 
 
 def _mutual(desired: NDArray[np.float32], current: NDArray[np.float32]) -> IntArray:
-    """Return index pairs (desired, current) that are each other's nearest, shape (M, 2)."""
+    """
+    Return index pairs (desired, current) that are each other's nearest, shape (M, 2).
+
+    By one matrix product: several times as fast as a brute-force matcher that goes both ways.
+    """
     if len(desired) < 2 or len(current) < 2:
         return np.empty((0, 2), np.int64)
-    matcher = cv2.BFMatcher(cv2.NORM_L2)
-    forward = matcher.knnMatch(desired, current, k=2)
-    kept = [a for a, b in forward if a.distance < RATIO * b.distance]
-    back = {pair.queryIdx: pair.trainIdx for pair in matcher.match(current, desired)}
-    pairs = [(a.queryIdx, a.trainIdx) for a in kept if back[a.trainIdx] == a.queryIdx]
-    return np.array(pairs, dtype=np.int64).reshape(-1, 2)
+    squared = -2.0 * (desired @ current.T)
+    squared += np.einsum('nk,nk->n', desired, desired)[:, None]
+    squared += np.einsum('nk,nk->n', current, current)[None, :]
+    rows = np.arange(len(desired))
+    nearest, back = squared.argmin(axis=1), squared.argmin(axis=0)
+    best = squared[rows, nearest]
+    squared[rows, nearest] = np.inf
+    distinct = best < RATIO**2 * squared.min(axis=1)
+    kept = np.flatnonzero(distinct & (back[nearest] == rows))
+    return np.stack([kept, nearest[kept]], axis=1).astype(np.int64)
 
 
 def epipolar_inliers(current: FloatArray, desired: FloatArray) -> BoolArray:

@@ -5,13 +5,14 @@ No geometry is needed: what the nearest tracked features did, as a local affine 
 desired to the current image, says where to look, and how much they scatter says how far.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.anchoring import Anchor, RADIUS, Solid, Warps
-from visual_servo_epipolar.core.arrays import FloatArray, IntArray
+from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.ghosts import Ghosts
 
 NEIGHBOURS = 8
 MIN_NEIGHBOURS = 5
@@ -20,6 +21,7 @@ SEARCH_RANGE = (4.0, 24.0)  # [px]
 MIN_PEAK = 0.8  # correlation at the best place
 MAX_RIVAL = 0.9  # second best place over the best one
 PEAK_RADIUS = 4  # what belongs to one peak [px]
+GHOST_DRIFT, GHOST_LIFE = 0.3, 40  # of a guess: growth of its radius [px a frame], frames
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -75,28 +77,38 @@ def search(
     return np.asarray(guess.current + local @ step)
 
 
-def found_again(
-    keys: IntArray, desired: FloatArray, tracked: Warps, anchor: Anchor, image: Solid
-) -> Warps:
-    """Return those of the features ``keys`` that are found near where they are predicted."""
+def found_again(ghosts: Ghosts, tracked: Warps, anchor: Anchor, image: Solid) -> Warps:
+    """
+    Return those of the ``ghosts`` that are found near where they should be.
+
+    One that was seen a moment ago is looked for where the features around it went since; one that
+    was away for long, where its neighbours in the desired image are now.
+    """
     height, width = image.shape
     rows: list[int] = []
     places: list[FloatArray] = []
     maps: list[FloatArray] = []
-    for row, key in enumerate(keys):
-        guess = predict(desired[row], tracked)
+    for row, (key, unseen) in enumerate(zip(ghosts.warps.ids, ghosts.unseen, strict=True)):
+        desired = ghosts.warps.desired[row]
+        guess: Prediction | None = Prediction(
+            ghosts.warps.current[row],
+            ghosts.warps.affine[row],
+            SEARCH_RANGE[0] + GHOST_DRIFT * float(unseen),
+        )
+        if unseen > GHOST_LIFE:
+            guess = predict(desired, tracked)
         if guess is None or not _inside(guess.current, width, height):
             continue
-        place = search(int(key), desired[row], guess, anchor, image)
+        place = search(int(key), desired, guess, anchor, image)
         if place is not None:
             rows.append(row)
             places.append(place)
             maps.append(guess.affine)
-    return Warps(
-        keys[rows],
-        desired[rows],
-        np.array(places).reshape(-1, 2),
-        np.array(maps).reshape(-1, 2, 2),
+    found = ghosts.warps.take(np.array(rows, dtype=np.int64))
+    return replace(
+        found,
+        current=np.array(places).reshape(-1, 2),
+        affine=np.array(maps).reshape(-1, 2, 2),
     )
 
 

@@ -26,7 +26,7 @@ class TrackerSettings(Settings):
     )
     anchor_iterations: int = setting(4, 'Iterations of an alignment', low=1, high=50)
     min_correlation: float = setting(
-        0.75, 'Correlation with the desired patch to be kept', low=0.0, high=1.0
+        0.85, 'Correlation with the desired patch to be kept', low=0.0, high=1.0
     )
     candidates: int = setting(
         240, 'Features kept in mind, to be found again when they come into view', low=8, high=5000

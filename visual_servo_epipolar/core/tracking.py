@@ -17,6 +17,7 @@ from visual_servo_epipolar.core.anchoring import Anchor, Solid, solid, Warps
 from visual_servo_epipolar.core.arrays import as_gray, BoolArray, FloatArray, Image, IntArray
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.features import Features
+from visual_servo_epipolar.core.ghosts import Ghosts, motion_between
 from visual_servo_epipolar.core.matching import (
     desired_view,
     DesiredView,
@@ -29,6 +30,9 @@ from visual_servo_epipolar.core.tracker_settings import TrackerSettings
 
 FIRST_ITERATIONS = 15  # of the alignment after a match: its scale is only known by SIFT
 BORDER = 4.0
+FEW, FEW_PERIOD = 20, 3  # below so many features, matching may come after so few frames
+FEW_FACTOR = 3  # and so many times more are looked for in a frame
+ASTRAY_PX = 8.0  # motion against that of all others at which Lucas-Kanade is not believed
 INFORMATIVE_HEIGHT = 0.25  # of half the image: nearer to the horizon a feature counts for less
 
 Points: TypeAlias = NDArray[np.float32]  # as OpenCV's flow wants them, shape (N, 2)
@@ -49,8 +53,10 @@ class Tracker:
         self._previous: Image | None = None
         self._tracked = Tracked.nothing()
         self._candidates, self._next = np.empty(0, np.int64), 0
+        self._ghosts = Ghosts.none()
         self._frame = 0
         self._match_frame: int | None = None
+        self.matchings = 0  # of whole images, since the start
         self.reason = 'no desired image yet'
 
     @property
@@ -72,6 +78,7 @@ class Tracker:
         """Forget all features; the next image is matched to the desired one anew."""
         self._previous, self._tracked, self._match_frame = None, Tracked.nothing(), None
         self._candidates, self._next = np.empty(0, np.int64), 0
+        self._ghosts = Ghosts.none()
 
     def track(self, image: Image) -> Features:
         """
@@ -102,11 +109,16 @@ class Tracker:
         if len(tracked) < self.settings.min_features and self._may_match():
             tracked = self._replenished(tracked, image)
         self._tracked, self._previous = tracked, image
+        self._ghosts = self._ghosts.seen(tracked.warps)
         return self._features()
 
     def _may_match(self) -> bool:
-        last = self._match_frame
-        return last is None or self._frame - last >= self.settings.rematch_period
+        """Return whether it is time: matching takes as long as several frames."""
+        if self._match_frame is None:
+            return True
+        waited = self._frame - self._match_frame
+        few = len(self._tracked) < FEW
+        return waited >= (self.settings.rematch_period if not few else FEW_PERIOD)
 
     @property
     def _anchors_now(self) -> bool:
@@ -115,21 +127,25 @@ class Tracker:
 
     def _followed(self, image: Image) -> Tracked:
         """
-        Follow the features from the last image by Lucas-Kanade.
+        Follow the features from the last image by Lucas-Kanade, and move the ghosts along.
 
-        Checked backward as well, except where the desired patch will judge the result anyway.
+        Checked backward as well if features are never anchored: else the desired patch is judge.
         """
         if self._previous is None or not len(self._tracked):
             return Tracked.nothing()
         before = self._tracked.warps.current.astype(np.float32)
         after, found = self._flow(self._previous, image, before, None)
-        if not self._anchors_now:
+        if self.settings.anchor_period == 0:
             back, found_back = self._flow(image, self._previous, after, before)
             found &= found_back & (np.hypot(*(back - before).T) <= self.settings.forward_backward)
         warps = replace(self._tracked.warps, current=after.astype(np.float64))
+        places = self._tracked.warps.current
+        motion = motion_between(places[found], warps.current[found])
+        if motion is not None:
+            self._ghosts = self._ghosts.moved(motion)
+            found &= ~motion.astray(places, warps.current, ASTRAY_PX)
         good = found & _inside(warps.current, image)
-        moved = replace(self._tracked, warps=warps, ages=self._tracked.ages + 1)
-        return moved.take(good)
+        return replace(self._tracked, warps=warps, ages=self._tracked.ages + 1).take(good)
 
     def _flow(
         self, source: Image, target: Image, points: Points, guess: Points | None
@@ -155,15 +171,15 @@ class Tracker:
 
     def _found_again(self, tracked: Tracked, image: Solid) -> Tracked:
         """Look for some of the candidates that are not tracked, others in each frame."""
-        assert self._view is not None and self._anchor is not None
+        assert self._anchor is not None
         missing = self._candidates[~np.isin(self._candidates, tracked.warps.ids)]
-        count = min(self.settings.search_per_frame, len(missing))
+        few = FEW_FACTOR if len(tracked) < self.settings.min_features else 1
+        count = min(few * self.settings.search_per_frame, len(missing))
         if count == 0:
             return tracked
         keys = np.take(missing, self._next + np.arange(count), mode='wrap')
         self._next = (self._next + count) % len(missing)
-        places = self._view.keypoints.pixels[keys]
-        found = found_again(keys, places, tracked.warps, self._anchor, image)
+        found = found_again(self._ghosts.among(keys), tracked.warps, self._anchor, image)
         fresh = self._align(Tracked.fresh(found), image, FIRST_ITERATIONS)
         room = self.settings.max_features - len(tracked)
         return tracked.joined(fresh.take(np.arange(len(fresh)) < room))
@@ -171,24 +187,28 @@ class Tracker:
     def _replenished(self, tracked: Tracked, image: Image) -> Tracked:
         """Match the whole image with the desired one and fill up with new features."""
         assert self._view is not None
-        self._match_frame = self._frame
+        first = self._match_frame is None
+        self._match_frame, self.matchings = self._frame, self.matchings + 1
         try:
-            matches = match(self._view, image)
+            matches = match(self._view, image, halved=not first)
         except TrackingError as error:
             self.reason = str(error)
             return tracked
         self.reason = ''
-        other = ~np.isin(matches.indices, tracked.warps.ids)
-        indices = matches.indices[other]
+        other = np.flatnonzero(~np.isin(matches.indices, tracked.warps.ids))
+        nobody = np.zeros(len(other), bool)
+        rows = other[self._spread(matches.indices[other], nobody, self.settings.candidates)]
+        indices = matches.indices[rows]
         warps = Warps(
             indices,
             self._view.keypoints.pixels[indices],
-            matches.pixels[other],
-            matches.scales[other, None, None] * np.eye(2),
+            matches.pixels[rows],
+            matches.scales[rows, None, None] * np.eye(2),
         )
         fresh = self._align(Tracked.fresh(warps), solid(image), FIRST_ITERATIONS)
         both = tracked.joined(fresh).consistent()
         self._remember(both.warps.ids)
+        self._ghosts = self._ghosts.seen(both.warps)
         kept = np.isin(both.warps.ids, tracked.warps.ids)
         return both.take(self._spread(both.warps.ids, kept, self.settings.max_features))
 

@@ -1,24 +1,38 @@
 """
-What the planar estimators share: the epipolar constraint of a planar motion, and robust scores.
+What the planar estimators share: two-point hypotheses, their scores, and how modes are told apart.
 
-With p = (cos psi, sin psi), q = (cos phi, sin phi) and rays (u, v) of an upright camera,
+With the unit complex numbers P = exp(i psi), Q = exp(i phi) and rays (u, v) of an upright camera,
+p_d^T F p_a = 0 for the F of a planar motion reads
 
-    r = v_a (p0 - p1 u_d) + v_d (q0 u_a + q1) = 0
+    r = Re(P alpha + Q beta) = 0,    alpha = v_a (1 + i u_d),    beta = v_d (u_a - i).
 
-is p_d^T F p_a = 0 for the F of a planar motion. Only v carries information: features on the
-horizon say nothing. The residual over its gradient is the Sampson distance, and both are linear or
-quadratic in h = (p0, p1, q0, q1), so that all hypotheses are scored by matrix products.
+Only v carries information: features on the horizon say nothing. In front of both cameras v_a and
+v_d have the same sign (the oriented epipolar constraint), which names some outliers beforehand.
+The residual is linear in (P, Q) and its squared gradient in (P^2, Q^2), so that all hypotheses are
+scored by two matrix products. Functions of rays take leading axes: one geometry each.
 """
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from functools import lru_cache
+import math
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
-from visual_servo_epipolar.core.arrays import FloatArray, IntArray
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, frozen, IntArray
+from visual_servo_epipolar.core.epipolar import Bearings
+from visual_servo_epipolar.core.errors import DegenerateGeometryError
+from visual_servo_epipolar.core.estimators.base import Prior
+from visual_servo_epipolar.core.motion import HALF_PI
 
 INLIER_DEVIATIONS = 2.5  # where the truncated score levels off
-TUKEY = 4.685  # 95 % efficient for Gaussian noise
+SPREAD = 0.07  # bearings that differ by less are one mode [rad]
+RIVAL_COST = 3.0 * INLIER_DEVIATIONS**2  # what three matches may add by chance: modes on a par
+UNDETERMINED = 1.0  # deviation of a bearing above which the matches say nothing of it [rad]
+MARGIN = 0.25  # of the mean truncated cost: modes worse by more are no rivals
+TINY = 1e-30
+
+ComplexArray: TypeAlias = NDArray[np.complex128]
 
 
 class Rays(NamedTuple):
@@ -35,52 +49,12 @@ def rays_of(current: FloatArray, desired: FloatArray) -> Rays:
     return Rays(current[..., 0], current[..., 1], desired[..., 0], desired[..., 1])
 
 
-class Forms(NamedTuple):
-    """The matches as rows for matrix products: h @ linear, and quadratic(h) @ quadratic."""
-
-    linear: FloatArray  # (4, N): residual
-    quadratic: FloatArray  # (6, N): squared gradient
-    sides_a: FloatArray  # (2, N): p0 - p1 u_d
-    sides_d: FloatArray  # (2, N): q0 u_a + q1
+def plausible(rays: Rays, slack: float) -> BoolArray:
+    """Return where v_a and v_d have one sign or are within ``slack`` of the horizon, (..., N)."""
+    return np.asarray(rays.v_a * rays.v_d > -slack * slack)
 
 
-def forms(rays: Rays) -> Forms:
-    """Return the linear and quadratic forms of the matches."""
-    u_a, v_a, u_d, v_d = rays
-    one = np.ones_like(u_a)
-    return Forms(
-        np.stack([v_a, -v_a * u_d, v_d * u_a, v_d]),
-        np.stack([one, -2.0 * u_d, u_d**2 + v_a**2, u_a**2 + v_d**2, 2.0 * u_a, one]),
-        np.stack([one, -u_d]),
-        np.stack([u_a, one]),
-    )
-
-
-def squared_distances(hypotheses: FloatArray, rows: Forms) -> FloatArray:
-    """Return the squared Sampson distance of each match from each h, shape (H, N)."""
-    p0, p1, q0, q1 = hypotheses.T
-    quadratic = np.stack([p0 * p0, p0 * p1, p1 * p1, q0 * q0, q0 * q1, q1 * q1], axis=1)
-    residual = hypotheses @ rows.linear
-    residual *= residual
-    residual /= quadratic @ rows.quadratic + 1e-12
-    return np.asarray(residual)
-
-
-def scores(hypotheses: FloatArray, rows: Forms, threshold: float) -> FloatArray:
-    """
-    Return the truncated squared distance summed over the matches, shape (H,) (MSAC).
-
-    A match whose two sides have the same sign lies behind one camera, whatever its distance: the
-    oriented epipolar constraint, which in planar motion says that v_a and v_d have the same sign.
-    """
-    limit = threshold * threshold
-    squared = squared_distances(hypotheses, rows)
-    np.minimum(squared, limit, out=squared)
-    sides = (hypotheses[:, :2] @ rows.sides_a) * (hypotheses[:, 2:] @ rows.sides_d)
-    squared[sides > 0.0] = limit
-    return np.asarray(squared.sum(axis=1))
-
-
+@lru_cache(maxsize=256)
 def pairs(count: int, limit: int) -> tuple[IntArray, IntArray]:
     """
     Return at most ``limit`` different pairs of 0 .. count - 1, every match as often as any other.
@@ -90,93 +64,142 @@ def pairs(count: int, limit: int) -> tuple[IntArray, IntArray]:
     """
     if count * (count - 1) // 2 <= limit:
         first, second = np.triu_indices(count, 1)
-        return first.astype(np.int64), second.astype(np.int64)
+        return frozen(first.astype(np.int64)), frozen(second.astype(np.int64))
     turns = limit // count + 1
     steps = np.unique(np.linspace(1, (count - 1) // 2, turns).astype(np.int64))
     first = np.tile(np.arange(count), len(steps))
     second = (first + np.repeat(steps, count)) % count
-    return first[:limit], second[:limit]
+    return frozen(first[:limit]), frozen(second[:limit])
 
 
-def two_point_hypotheses(rays: Rays, limit: int) -> FloatArray:
+def two_point_hypotheses(rays: Rays, limit: int) -> ComplexArray:
     """
-    Return both solutions of each pair of matches, shape (2 P, 4), with |p| = |q| = 1.
+    Return P and Q of both solutions of at most ``limit`` pairs of matches, shape (..., 2, H).
 
-    A p = -B q for the two rows, hence p = M q and q^T (M^T M - I) q = 0, a quadratic in tan phi
-    whose roots are written with the double angle. Where noise leaves no real root, the nearest
-    double one is taken.
+    Two residuals give 2 D P = i (A Q + B conj(Q)) with D real; |P| = 1 then fixes the real part of
+    A conj(B) Q^2, which leaves two angles. Where noise leaves none, the nearest one is taken; a
+    pair that says nothing gives any hypothesis.
     """
     first, second = pairs(rays.u_a.shape[-1], limit)
-    u_a, v_a, u_d, v_d = (coordinate[first] for coordinate in rays)
-    U_a, V_a, U_d, V_d = (coordinate[second] for coordinate in rays)
-    determinant = v_a * V_a * (u_d - U_d)
-    with np.errstate(divide='ignore', invalid='ignore'):
-        # M = -A^-1 B, A = [[v_a, -v_a u_d], [V_a, -V_a U_d]], B = [[v_d u_a, v_d], ...].
-        low, high = v_d * V_a, V_d * v_a
-        m00 = (low * U_d * u_a - high * u_d * U_a) / determinant
-        m01 = (low * U_d - high * u_d) / determinant
-        m10 = (low * u_a - high * U_a) / determinant
-        m11 = (low - high) / determinant
-        s00, s11 = m00 * m00 + m10 * m10 - 1.0, m01 * m01 + m11 * m11 - 1.0
-        s01 = m00 * m01 + m10 * m11
-        mean, difference = 0.5 * (s00 + s11), 0.5 * (s00 - s11)
-        turn = np.arccos(np.clip(-mean / np.hypot(difference, s01), -1.0, 1.0))
-        double = np.arctan2(s01, difference)
-        phi = 0.5 * np.concatenate([double + turn, double - turn])
-        q0, q1 = np.cos(phi), np.sin(phi)
-        p0 = np.tile(m00, 2) * q0 + np.tile(m01, 2) * q1
-        p1 = np.tile(m10, 2) * q0 + np.tile(m11, 2) * q1
-        norm = np.hypot(p0, p1)
-        found = np.stack([p0 / norm, p1 / norm, q0, q1], axis=1)
-    return np.asarray(found[np.isfinite(found).all(axis=1)])
+    alpha = rays.v_a * (1.0 - 1j * rays.u_d)  # the conjugate
+    beta = rays.v_d * (rays.u_a - 1j)
+    alpha_1, alpha_2 = alpha[..., first], alpha[..., second]
+    beta_1, beta_2 = beta[..., first], beta[..., second]
+    a = beta_1 * alpha_2 - beta_2 * alpha_1
+    b = beta_1.conj() * alpha_2 - beta_2.conj() * alpha_1
+    twice_d = 2.0 * (alpha_1.conj() * alpha_2).imag
+    axis = a.conj() * b + TINY
+    size = np.abs(axis)
+    cosine = twice_d**2 - (a.real**2 + a.imag**2 + b.real**2 + b.imag**2)
+    cosine /= 2.0 * size
+    np.minimum(np.maximum(cosine, -1.0, out=cosine), 1.0, out=cosine)
+    # Q^2 = exp(+-i angle) axis / |axis|, by half the angle.
+    middle = np.sqrt(axis / size)
+    along, across = middle * np.sqrt(0.5 + 0.5 * cosine), middle * np.sqrt(0.5 - 0.5 * cosine)
+    q = np.concatenate([along + 1j * across, along - 1j * across], axis=-1)
+    a, b = np.concatenate([a, a], axis=-1), np.concatenate([b, b], axis=-1)
+    p = 1j * (a * q + b * q.conj()) + TINY
+    p /= np.abs(p)
+    p *= np.copysign(1.0, np.concatenate([twice_d, twice_d], axis=-1))
+    return np.stack([p, q], axis=-2)
 
 
-def diverse(hypotheses: FloatArray, costs: FloatArray, count: int, *, spread: float) -> FloatArray:
-    """Return the best ``count`` hypotheses that differ by ``spread`` [rad] in psi or phi."""
-    order = np.argsort(costs)[: 40 * count]
-    ranked = hypotheses[order]
-    psi = np.arctan2(ranked[:, 1], ranked[:, 0])
-    phi = np.arctan2(ranked[:, 3], ranked[:, 2])
-    chosen: list[int] = []
-    free = np.ones(len(order), bool)
-    while free.any() and len(chosen) < count:
-        best = int(np.argmax(free))
-        chosen.append(best)
-        # h and -h are the same geometry.
-        apart = np.maximum(np.abs(np.sin(psi - psi[best])), np.abs(np.sin(phi - phi[best])))
-        free &= apart > np.sin(spread)
-    return np.asarray(ranked[chosen])
+def scores(hypotheses: ComplexArray, rays: Rays, threshold: float) -> FloatArray:
+    """
+    Return the mean truncated squared Sampson distance of the matches, shape (..., H) (MSAC).
 
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Linearised:
-    """Sampson distances and their derivatives: shape (K, N), and (K, N) for psi, phi each."""
-
-    distance: FloatArray
-    by_psi: FloatArray
-    by_phi: FloatArray
-    gradient: FloatArray  # norm of the gradient, (K, N)
-    side_a: FloatArray  # p0 - p1 u_d, (K, N)
-    side_d: FloatArray  # q0 u_a + q1, (K, N)
-
-
-def linearise(psi: FloatArray, phi: FloatArray, rays: Rays) -> Linearised:
-    """Linearise the Sampson distance at ``psi``, ``phi``, shape (K, 1) each."""
+    ``hypotheses`` has shape (..., 2, H), ``rays`` (..., N); the cost runs from 0 to 1.
+    """
     u_a, v_a, u_d, v_d = rays
-    p0, p1, q0, q1 = np.cos(psi), np.sin(psi), np.cos(phi), np.sin(phi)
-    side_a, side_d = p0 - p1 * u_d, q0 * u_a + q1
-    side_a_psi, side_d_phi = -p1 - p0 * u_d, q0 - q1 * u_a
-    residual = v_a * side_a + v_d * side_d
-    q0_v, p1_v = q0 * v_d, p1 * v_a
-    gradient = np.sqrt(side_a**2 + side_d**2 + q0_v**2 + p1_v**2) + 1e-12
-    distance = residual / gradient
-    pull = distance / gradient
-    by_psi = (v_a * side_a_psi - pull * (side_a * side_a_psi + p1_v * p0 * v_a)) / gradient
-    by_phi = (v_d * side_d_phi - pull * (side_d * side_d_phi - q0_v * q1 * v_d)) / gradient
-    return Linearised(distance, by_psi, by_phi, gradient, side_a, side_d)
+    high_a, high_d = 0.5 * (u_a * u_a + v_d * v_d), 0.5 * (u_d * u_d + v_a * v_a)
+    linear = np.stack([v_a, -v_a * u_d, v_d * u_a, v_d], axis=-1)
+    # |gradient|^2 by double angles: cos^2 psi = (1 + cos 2 psi) / 2 and so on.
+    double = np.stack([0.5 - high_d, -u_d, high_a - 0.5, u_a], axis=-1)
+    squared = (linear / threshold) @ _parts(hypotheses)
+    gradient = double @ _parts(hypotheses * hypotheses)
+    gradient += (high_a + high_d + 1.0)[..., None]
+    squared *= squared
+    squared /= gradient
+    np.clip(squared, 0.0, 1.0, out=squared)  # faster than minimum
+    return np.asarray(squared.sum(axis=-2) / u_a.shape[-1])
 
 
-def tukey(distance: FloatArray, deviation: float) -> FloatArray:
-    """Return Tukey's weights for residuals of ``deviation``."""
-    ratio = np.minimum((distance / (TUKEY * deviation)) ** 2, 1.0)
-    return np.asarray((1.0 - ratio) ** 2)
+def _parts(numbers: ComplexArray) -> FloatArray:
+    """Return real and imaginary parts as rows: (..., 2, H) complex to (..., 4, H)."""
+    *leading, count = numbers.shape
+    parts = np.empty((*leading, 2, count))
+    parts[..., 0, :], parts[..., 1, :] = numbers.real, numbers.imag
+    return parts.reshape(*leading[:-1], 4, count)
+
+
+def modes(
+    hypotheses: ComplexArray,
+    costs: FloatArray,
+    count: int,
+    *,
+    spread: float = SPREAD,
+    margin: float = MARGIN,
+) -> IntArray:
+    """
+    Return the places of the best ``count`` hypotheses, shape (2, H), that differ by ``spread``.
+
+    Those with costs beyond the least one and ``margin`` are left out.
+    """
+    near = np.flatnonzero(costs <= costs.min() + margin)
+    left = near[costs[near].argsort()]
+    chosen: list[np.int64] = []
+    while len(left) and len(chosen) < count:
+        chosen.append(left[0])
+        # h and -h are the same geometry: the sine of the angle between them counts.
+        apart = np.abs((hypotheses[:, left] * hypotheses[:, left[:1]].conj()).imag).max(axis=0)
+        left = left[apart > math.sin(spread)]
+    return np.array(chosen)
+
+
+def chosen_mode(
+    angles: FloatArray, costs: FloatArray, prior: Prior
+) -> tuple[int, Bearings | None]:
+    """
+    Return the index of the best mode, and a rival that the data alone do not rule out.
+
+    ``angles`` (psi, phi) has shape (K, 2); ``costs``, shape (K,), are in squared deviations.
+    """
+    total = costs
+    if prior.bearings is not None:
+        before = np.array([prior.bearings.psi, prior.bearings.phi])
+        away = (np.sin(angles - before) ** 2).sum(axis=1) / prior.deviation**2
+        total = costs + np.minimum(away, 2.0 * len(costs) + 40.0)
+    best = int(total.argmin())
+    apart = np.abs(np.sin(angles - angles[best])).max(axis=1)
+    close = costs < costs[best] + RIVAL_COST
+    others = np.flatnonzero(close & (apart > np.sin(SPREAD)))
+    if not len(others):
+        return best, None
+    psi, phi = angles[others[costs[others].argmin()]]
+    return best, Bearings(float(psi), float(phi))
+
+
+def fused(parameters: FloatArray, covariance: FloatArray, prior: Prior) -> FloatArray:
+    """
+    Return ``parameters``, shape (P,), psi and phi first, drawn towards ``prior.bearings``.
+
+    By as much as the matches leave open: where they fix the bearings this changes nothing, where
+    a plane nearly hides them it helps.
+
+    Raises
+    ------
+    DegenerateGeometryError
+        If the matches leave a bearing open altogether.
+
+    """
+    if not max(covariance[0, 0], covariance[1, 1]) < UNDETERMINED**2:
+        raise DegenerateGeometryError(
+            'the matches leave the bearings open: there is no baseline, or all of them lie on the '
+            "horizon or on one line; track features above and below the camera's height"
+        )
+    if prior.bearings is None:
+        return parameters
+    before = np.array([prior.bearings.psi, prior.bearings.phi])
+    change = np.remainder(before - parameters[:2] + HALF_PI, np.pi) - HALF_PI
+    together = covariance[:2, :2] + prior.deviation**2 * np.eye(2)
+    return np.asarray(parameters + covariance[:, :2] @ np.linalg.solve(together, change))

@@ -2,27 +2,47 @@
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.epipolar import Bearings, cheirality, fundamental_from_bearings
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior
 from visual_servo_epipolar.core.estimators.planar import (
-    diverse,
-    forms,
+    chosen_mode,
+    fused,
     INLIER_DEVIATIONS,
-    linearise,
+    modes,
+    plausible,
     Rays,
     rays_of,
     scores,
-    tukey,
     two_point_hypotheses,
+)
+from visual_servo_epipolar.core.estimators.sampson import (
+    Belief,
+    Fit,
+    NEGLIGIBLE,
+    refined,
+    table_of,
 )
 
 MIN_MATCHES = 3
-PAIRS = 325  # all of 26 matches
+PAIRS = 200
 MODES = 2
-MODE_SPREAD = 0.07  # [rad]
-ITERATIONS = 4
+NOTHING = Belief(np.zeros(2), np.zeros(2))
+
+
+def _families() -> FloatArray:
+    """Return the constants that turn (p0, p1, q0, q1) into F, dF/dpsi and dF/dphi, (4, 27)."""
+    made = np.zeros((4, 3, 3, 3))
+    p0, p1, q0, q1 = made
+    # F = [[0, -p1, 0], [q0, 0, q1], [0, p0, 0]]; d(p0, p1)/dpsi = (-p1, p0).
+    p1[0, 0, 1], q0[0, 1, 0], q1[0, 1, 2], p0[0, 2, 1] = -1.0, 1.0, 1.0, 1.0
+    p0[1, 0, 1], p1[1, 2, 1] = -1.0, -1.0
+    q1[2, 1, 0], q0[2, 1, 2] = -1.0, 1.0
+    return made.reshape(4, 27)
+
+
+FAMILIES = _families()
 
 
 def planar_2dof(
@@ -37,110 +57,70 @@ def planar_2dof(
     Estimate (psi, phi) by all pairs of matches, MSAC, and Gauss-Newton on the Sampson distance.
 
     On general scenes it reaches the Cramer-Rao bound of two views; on one dominant vertical plane
-    two solutions exist, and the one nearer to ``prior.bearings`` is taken. A camera that is not
-    upright (0.2 deg) biases it: use soft_planar then. ``rng`` is not needed.
+    two solutions exist, and the one nearer to ``prior.bearings`` is taken. Where those fit at
+    once, no other is looked for. A camera that is not upright (0.2 deg) biases it: use soft_planar
+    then. ``rng`` is not needed.
 
     Raises
     ------
     DegenerateGeometryError
-        With fewer than three matches, or all of them on the horizon.
+        With fewer than three matches, or all of them on the horizon, or no baseline at all.
 
     """
     del rng
     rays = rays_of(current, desired)
-    candidates = _candidates(rays, noise, prior)
-    psi, phi, costs = _refined(candidates, rays, noise)
-    best, rival = chosen_mode(psi, phi, costs, noise, prior)
-    return _estimate(psi[best], phi[best], rival, current, desired, noise)
-
-
-def _candidates(rays: Rays, noise: float, prior: Prior) -> FloatArray:
-    """Return the best hypotheses of different modes, shape (K, 4)."""
-    found = two_point_hypotheses(rays, PAIRS) if len(rays.u_a) >= MIN_MATCHES else np.empty((0, 4))
-    if not len(found):
+    kept = plausible(rays, INLIER_DEVIATIONS * noise)
+    if not kept.all():
+        rays = Rays(*(coordinate[kept] for coordinate in rays))
+    if len(rays.u_a) < MIN_MATCHES:
         raise DegenerateGeometryError(
-            f'bearings need {MIN_MATCHES} matches off the horizon, got {len(rays.u_a)} in all; '
-            "track features above and below the camera's height"
+            f'bearings need {MIN_MATCHES} matches on one side of the horizon in both views, got '
+            f'{len(rays.u_a)} of {len(kept)}; track more features'
         )
+    table = table_of(rays, noise)
     if prior.bearings is not None:
-        psi, phi = prior.bearings.psi, prior.bearings.phi
-        found = np.vstack([found, [np.cos(psi), np.sin(psi), np.cos(phi), np.sin(phi)]])
-    costs = scores(found, forms(rays), INLIER_DEVIATIONS * noise)
-    return diverse(found, costs, MODES, spread=MODE_SPREAD)
+        before = np.array([[prior.bearings.psi, prior.bearings.phi]])
+        found = _refined(before, table, noise)
+        if found.good:
+            return _estimate(found, 0, None, rays, kept, noise, prior)
+    found = _refined(_candidates(rays, noise), table, noise)
+    best, rival = chosen_mode(found.parameters, found.costs, prior)
+    return _estimate(found, best, rival, rays, kept, noise, prior)
 
 
-def _refined(
-    candidates: FloatArray, rays: Rays, noise: float
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return psi, phi and truncated cost of each candidate after Gauss-Newton, shape (K,)."""
-    psi = np.arctan2(candidates[:, 1], candidates[:, 0])[:, None]
-    phi = np.arctan2(candidates[:, 3], candidates[:, 2])[:, None]
-    for _ in range(ITERATIONS):
-        at = linearise(psi, phi, rays)
-        weight = tukey(at.distance, noise)
-        step = _solved(at.by_psi, at.by_phi, weight, at.distance)
-        psi, phi = psi - step[0], phi - step[1]
-    squared = linearise(psi, phi, rays).distance ** 2
-    costs = np.minimum(squared, (INLIER_DEVIATIONS * noise) ** 2).sum(axis=1)
-    return psi[:, 0], phi[:, 0], costs
+def _candidates(rays: Rays, noise: float) -> FloatArray:
+    """Return psi and phi of the best hypotheses of different modes, shape (K, 2)."""
+    hypotheses = two_point_hypotheses(rays, PAIRS)
+    costs = scores(hypotheses, rays, INLIER_DEVIATIONS * noise)
+    return np.angle(hypotheses[:, modes(hypotheses, costs, MODES)]).T
 
 
-def _solved(
-    by_psi: FloatArray, by_phi: FloatArray, weight: FloatArray, distance: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Solve the weighted 2x2 normal equations of each candidate in closed form, (K, 1) each."""
-    weighted_psi, weighted_phi = weight * by_psi, weight * by_phi
-    a = (weighted_psi * by_psi).sum(axis=1, keepdims=True)
-    b = (weighted_psi * by_phi).sum(axis=1, keepdims=True)
-    c = (weighted_phi * by_phi).sum(axis=1, keepdims=True)
-    x = (weighted_psi * distance).sum(axis=1, keepdims=True)
-    y = (weighted_phi * distance).sum(axis=1, keepdims=True)
-    damping = 1e-9 * (a + c) + 1e-300
-    a, c = a + damping, c + damping
-    determinant = a * c - b * b
-    limit = 0.2  # a longer step leaves the region where the linearisation means anything [rad]
-    return (
-        np.clip((c * x - b * y) / determinant, -limit, limit),
-        np.clip((a * y - b * x) / determinant, -limit, limit),
-    )
+def _model(angles: FloatArray) -> FloatArray:
+    """Return F and its derivatives by psi and phi, shape (K, 3, 9)."""
+    parts = np.exp(1j * angles).view(np.float64)  # cos psi, sin psi, cos phi, sin phi
+    return np.asarray(parts @ FAMILIES).reshape(-1, 3, 9)
 
 
-def chosen_mode(
-    psi: FloatArray, phi: FloatArray, costs: FloatArray, noise: float, prior: Prior
-) -> tuple[int, Bearings | None]:
-    """
-    Return the index of the best mode, and a rival that the data alone do not rule out.
-
-    Costs are in ray units; two modes are on a par when their costs differ by less than what three
-    matches may add by chance.
-    """
-    total = costs / noise**2
-    if prior.bearings is not None:
-        away = np.sin(psi - prior.bearings.psi) ** 2 + np.sin(phi - prior.bearings.phi) ** 2
-        total = total + np.minimum(away / prior.deviation**2, 2.0 * len(costs) + 40.0)
-    best = int(np.argmin(total))
-    for other in np.argsort(costs):
-        apart = max(abs(np.sin(psi[other] - psi[best])), abs(np.sin(phi[other] - phi[best])))
-        close = costs[other] - costs[best] < 3.0 * INLIER_DEVIATIONS**2 * noise**2
-        if other != best and close and apart > np.sin(MODE_SPREAD):
-            return best, Bearings(float(psi[other]), float(phi[other]))
-    return best, None
+def _refined(start: FloatArray, table: FloatArray, noise: float) -> Fit:
+    return refined(start, _model, table, NOTHING, negligible=NEGLIGIBLE * noise)
 
 
 def _estimate(
-    psi: float,
-    phi: float,
+    found: Fit,
+    best: int,
     rival: Bearings | None,
-    current: FloatArray,
-    desired: FloatArray,
+    rays: Rays,
+    kept: BoolArray,
     noise: float,
+    prior: Prior,
 ) -> Estimate:
-    at = linearise(np.array([[psi]]), np.array([[phi]]), rays_of(current, desired))
-    inliers = (np.abs(at.distance[0]) <= INLIER_DEVIATIONS * noise) & (
-        at.side_a[0] * at.side_d[0] < 0.0
-    )
-    jacobian = np.stack([at.by_psi[0], at.by_phi[0]]) * np.sqrt(tukey(at.distance[0], noise))
-    covariance = noise**2 * np.linalg.pinv(jacobian @ jacobian.T)
-    vote = cheirality(Bearings(psi, phi), current[inliers], desired[inliers], noise=noise)
+    covariance = found.covariance(best)
+    psi, phi = fused(found.parameters[best], covariance, prior).tolist()
+    agree = found.squared[best] <= INLIER_DEVIATIONS**2
+    inliers = kept.copy()
+    inliers[kept] = agree
+    u_a, v_a, u_d, v_d = np.array(rays)[:, agree]
+    current, desired = np.array([u_a, v_a]).T, np.array([u_d, v_d]).T
+    vote = cheirality(Bearings(psi, phi), current, desired, noise=noise)
     fundamental = fundamental_from_bearings(vote.bearings)
     return Estimate(vote.bearings, fundamental, inliers, vote.confidence, covariance, rival=rival)

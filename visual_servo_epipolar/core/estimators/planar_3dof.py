@@ -1,29 +1,38 @@
 """Three degrees of freedom: planar motion, upright camera, focal length unknown."""
 
-import math
-
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.epipolar import Bearings, cheirality
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior
 from visual_servo_epipolar.core.estimators.planar import (
-    diverse,
-    Forms,
-    forms,
+    ComplexArray,
+    fused,
     INLIER_DEVIATIONS,
+    modes,
+    plausible,
+    Rays,
     rays_of,
-    scores,
-    squared_distances,
-    tukey,
+    TINY,
+)
+from visual_servo_epipolar.core.estimators.planar_2dof import FAMILIES
+from visual_servo_epipolar.core.estimators.sampson import (
+    Belief,
+    Fit,
+    NEGLIGIBLE,
+    refined,
+    table_of,
 )
 
 MIN_MATCHES = 4
 TRIPLES = 400
 MODES = 3
-MODE_SPREAD = 0.07  # [rad]
-ITERATIONS = 5
+PSI, PHI, RATIO = range(3)  # the last is log(|q| / |p|)
+LARGEST_RATIO = 3.0
+# A focal length wrong by up to two or a half, as a mild belief that keeps the ratio bounded.
+BELIEF = Belief(np.zeros(3), np.array([0.0, 0.0, 1.0]))
+NO_PRIOR = Prior()
 
 
 def planar_3dof(
@@ -44,34 +53,34 @@ def planar_3dof(
     Raises
     ------
     DegenerateGeometryError
-        With fewer than four matches, or all of them on the horizon.
+        With fewer than four matches, or all of them on the horizon, or no baseline at all.
 
     """
     del prior
-    if len(current) < MIN_MATCHES:
+    rays = rays_of(current, desired)
+    kept = plausible(rays, INLIER_DEVIATIONS * noise)
+    rays = Rays(*(coordinate[kept] for coordinate in rays))
+    if len(rays.u_a) < MIN_MATCHES:
         raise DegenerateGeometryError(
-            f'bearings need {MIN_MATCHES} matches, got {len(current)}; track more features'
+            f'bearings need {MIN_MATCHES} matches on one side of the horizon in both views, got '
+            f'{len(rays.u_a)} of {len(kept)}; track more features'
         )
-    rows = forms(rays_of(current, desired))
-    found = _three_point_hypotheses(rows, rng)
-    if not len(found):
-        raise DegenerateGeometryError(
-            'all matches lie on the horizon, where planar motion does not show; '
-            "track features above and below the camera's height"
-        )
-    start = diverse(
-        found, scores(found, rows, INLIER_DEVIATIONS * noise), MODES, spread=MODE_SPREAD
-    )
-    refined = np.array([_refined(h, rows, noise) for h in start])
-    best = refined[int(np.argmin(scores(refined, rows, INLIER_DEVIATIONS * noise)))]
-    return _estimate(best, rows, current, desired, noise)
+    table = table_of(rays, noise)
+    hypotheses = _three_point_hypotheses(rays, rng)
+    start = _best(hypotheses, table)
+    found = refined(start, _model, table, BELIEF, negligible=NEGLIGIBLE * noise)
+    inliers = kept.copy()
+    best = int(found.costs.argmin())
+    inliers[kept] = found.squared[best] <= INLIER_DEVIATIONS**2
+    return _estimate(found, best, current, desired, inliers, noise)
 
 
-def _three_point_hypotheses(rows: Forms, rng: np.random.Generator) -> FloatArray:
+def _three_point_hypotheses(rays: Rays, rng: np.random.Generator) -> FloatArray:
     """Return the null vector of three rows of the constraint each, shape (H, 4), by cofactors."""
-    count = rows.linear.shape[1]
-    picks = np.argsort(rng.random((TRIPLES, count)), axis=1)[:, :3]
-    a, b, c = (rows.linear.T[picks[:, k]] for k in range(3))
+    u_a, v_a, u_d, v_d = rays
+    rows = np.stack([v_a, -v_a * u_d, v_d * u_a, v_d], axis=1)
+    picks = np.argsort(rng.random((TRIPLES, len(u_a))), axis=1)[:, :3]
+    a, b, c = (rows[picks[:, k]] for k in range(3))
     found = np.empty((TRIPLES, 4))
     for k in range(4):
         x, y, z = (column for column in range(4) if column != k)
@@ -80,45 +89,50 @@ def _three_point_hypotheses(rows: Forms, rng: np.random.Generator) -> FloatArray
             - a[:, y] * (b[:, x] * c[:, z] - b[:, z] * c[:, x])
             + a[:, z] * (b[:, x] * c[:, y] - b[:, y] * c[:, x])
         )
-    norm = np.linalg.norm(found, axis=1)
-    found = found[norm > 0.0] / norm[norm > 0.0, None]
-    return np.asarray(found)
+    return found
 
 
-def _refined(start: FloatArray, rows: Forms, noise: float) -> FloatArray:
-    """Minimise the robust Sampson distance by reweighted eigenvectors, shape (4,)."""
-    h = start
-    for _ in range(ITERATIONS):
-        squared = squared_distances(h[None], rows)[0]
-        gradient = np.maximum((h @ rows.linear) ** 2 / np.maximum(squared, 1e-300), 1e-12)
-        weight = tukey(np.sqrt(squared), noise) / gradient
-        h = np.linalg.eigh((rows.linear * weight) @ rows.linear.T)[1][:, 0]
-    return np.asarray(h if h @ start > 0.0 else -h)
+def _best(hypotheses: FloatArray, table: FloatArray) -> FloatArray:
+    """Return psi, phi and ratio of the best hypotheses of different modes, shape (K, 3)."""
+    numbers: ComplexArray = hypotheses.view(np.complex128) + TINY
+    size = np.abs(numbers)
+    ratio = np.log(size[:, 1]) - np.log(size[:, 0])
+    ratio = np.minimum(np.maximum(ratio, -LARGEST_RATIO), LARGEST_RATIO)
+    numbers = numbers / size
+    parameters = np.column_stack([np.angle(numbers), ratio])
+    values = (_model(parameters)[:, 0] @ table).reshape(len(numbers), 5, -1)
+    squares = values * values
+    squared = squares[:, 0] / (squares[:, 1:].sum(axis=1) + TINY)
+    costs = np.minimum(squared / INLIER_DEVIATIONS**2, 1.0).mean(axis=1)
+    return np.asarray(parameters[modes(numbers.T, costs, MODES)])
+
+
+def _model(parameters: FloatArray) -> FloatArray:
+    """Return E and its derivatives by psi, phi and ratio, shape (K, 4, 9)."""
+    parts = np.exp(1j * parameters[:, :RATIO]).view(np.float64)
+    parts[:, 2:] *= np.exp(parameters[:, RATIO:])
+    made = (parts @ FAMILIES).reshape(-1, 3, 9)
+    by_ratio = parts[:, 2:] @ FAMILIES[2:, :9]
+    return np.concatenate([made, by_ratio[:, None]], axis=1)
 
 
 def _estimate(
-    h: FloatArray, rows: Forms, current: FloatArray, desired: FloatArray, noise: float
+    found: Fit,
+    best: int,
+    current: FloatArray,
+    desired: FloatArray,
+    inliers: BoolArray,
+    noise: float,
 ) -> Estimate:
-    distance = np.sqrt(squared_distances(h[None], rows)[0])
-    sides = (h[:2] @ rows.sides_a) * (h[2:] @ rows.sides_d)
-    inliers = (distance <= INLIER_DEVIATIONS * noise) & (sides < 0.0)
-    bearings = Bearings(math.atan2(h[1], h[0]), math.atan2(h[3], h[2]))
+    covariance = found.covariance(best)
+    parameters = fused(found.parameters[best], covariance, NO_PRIOR)
+    bearings = Bearings(float(parameters[PSI]), float(parameters[PHI]))
     vote = cheirality(bearings, current[inliers], desired[inliers], noise=noise)
-    p0, p1, q0, q1 = h if vote.bearings == bearings else -h
-    fundamental = np.array([[0.0, -p1, 0.0], [q0, 0.0, q1], [0.0, p0, 0.0]])
+    fundamental = _model(parameters[None])[0, 0].reshape(3, 3)
     return Estimate(
-        vote.bearings, fundamental, inliers, vote.confidence, _covariance(h, rows, noise)
+        vote.bearings,
+        fundamental if vote.bearings == bearings else -fundamental,
+        inliers,
+        vote.confidence,
+        covariance[: PHI + 1, : PHI + 1],
     )
-
-
-def _covariance(h: FloatArray, rows: Forms, noise: float) -> FloatArray:
-    """Return the covariance of (psi, phi), shape (2, 2) [rad^2]."""
-    squared = squared_distances(h[None], rows)[0]
-    gradient = np.maximum((h @ rows.linear) ** 2 / np.maximum(squared, 1e-300), 1e-12)
-    information = (rows.linear * (tukey(np.sqrt(squared), noise) / gradient)) @ rows.linear.T
-    covariance = noise**2 * np.linalg.pinv(information, rcond=1e-9, hermitian=True)
-    norm_p, norm_q = h[:2] @ h[:2], h[2:] @ h[2:]
-    to_angles = np.array(
-        [[-h[1] / norm_p, h[0] / norm_p, 0.0, 0.0], [0.0, 0.0, -h[3] / norm_q, h[2] / norm_q]]
-    )
-    return np.asarray(to_angles @ covariance @ to_angles.T)

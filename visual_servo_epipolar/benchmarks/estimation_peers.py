@@ -1,0 +1,139 @@
+"""Who takes part in the estimation benchmark: our estimators and the peers, behind one door."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
+from importlib.util import find_spec
+import math
+from typing import Any
+
+import cv2
+import numpy as np
+
+from visual_servo_epipolar.benchmarks.estimation_scenes import Cell, FOCAL, Pair
+from visual_servo_epipolar.core.epipolar import Bearings, epipoles
+from visual_servo_epipolar.core.errors import DegenerateGeometryError
+from visual_servo_epipolar.core.estimators.base import Attitude, Estimate, Estimator, Prior
+from visual_servo_epipolar.core.estimators.lmeds_8pt import lmeds_8pt
+from visual_servo_epipolar.core.estimators.planar_2dof import planar_2dof
+from visual_servo_epipolar.core.estimators.planar_3dof import planar_3dof
+from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
+
+KNOWN = math.radians(0.03)  # how well a calibrated camera's tilt and roll are known
+JITTER = math.radians(0.1)  # what soft_planar is told of the floor
+PRIOR_DEVIATION = math.radians(3.0)  # of bearings known beforehand
+NEAR = math.radians(0.3)  # how far the bearings have moved since the frame before, when timed
+GOOD = 0.999
+CAMERA = {'model': 'PINHOLE', 'width': 1280, 'height': 1024, 'params': [FOCAL, FOCAL, 0.0, 0.0]}
+OURS = ('planar_2dof', 'planar_3dof', 'soft cold', 'soft calibrated')
+
+Solver = Callable[[Pair, Cell], Bearings | None]
+
+
+@dataclass(frozen=True, slots=True)
+class Knowledge:
+    """What an estimator of ours is told: the camera's attitude, bearings near the truth."""
+
+    calibrated: bool = False
+    deviation: float | None = None  # of bearings drawn around the truth [rad]
+
+    def prior(self, pair: Pair, cell: Cell) -> Prior:
+        """Return it as a Prior."""
+        attitude = Attitude(jitter=JITTER)
+        if self.calibrated:
+            tilt, roll = math.radians(cell.tilt), math.radians(cell.roll)
+            attitude = Attitude(tilt, roll, KNOWN, KNOWN, JITTER)
+        if self.deviation is None:
+            return Prior(attitude)
+        # The noise of the first match stands for chance: the same for every contestant.
+        seed = np.frombuffer(pair.current[0].tobytes(), np.uint32)
+        psi, phi = np.random.default_rng(seed).normal(0.0, self.deviation, 2).tolist()
+        before = Bearings(pair.bearings.psi + psi, pair.bearings.phi + phi)
+        return Prior(attitude, before, PRIOR_DEVIATION)
+
+
+def estimate(
+    estimator: Estimator, knowledge: Knowledge, pair: Pair, cell: Cell
+) -> Estimate | None:
+    """Return an estimate of ours, None where it says that the matches cannot answer."""
+    rng = np.random.default_rng(len(pair.current))
+    prior = knowledge.prior(pair, cell)
+    try:
+        return estimator(pair.current, pair.desired, noise=cell.ray_noise, prior=prior, rng=rng)
+    except DegenerateGeometryError:
+        return None
+
+
+def ours(estimator: Estimator, knowledge: Knowledge = Knowledge()) -> Solver:  # noqa: B008
+    """Return an estimator of ours as a contestant."""
+
+    def solve(pair: Pair, cell: Cell) -> Bearings | None:
+        found = estimate(estimator, knowledge, pair, cell)
+        return None if found is None else found.bearings
+
+    return solve
+
+
+def _threshold(cell: Cell) -> float:
+    return max(3.0 * cell.noise, 0.6)
+
+
+def _from_fundamental(fundamental: Any) -> Bearings | None:
+    """Return the axes of the bearings, sign free, of F for centred pixels."""
+    if fundamental is None or np.shape(fundamental) != (3, 3):
+        return None
+    scale = np.diag([FOCAL, FOCAL, 1.0])
+    e_current, e_desired = epipoles(scale @ np.asarray(fundamental) @ scale)
+    psi = math.atan2(e_desired[2], e_desired[0])
+    return Bearings(psi, math.atan2(e_current[0], -e_current[2]))
+
+
+def _opencv(method: int, pair: Pair, cell: Cell) -> Bearings | None:
+    current, desired = FOCAL * pair.current, FOCAL * pair.desired
+    found, _ = cv2.findFundamentalMat(current, desired, method, _threshold(cell), GOOD, 10000)
+    return _from_fundamental(found)
+
+
+def _poselib_f(poselib: Any, pair: Pair, cell: Cell) -> Bearings | None:
+    options = {'max_epipolar_error': _threshold(cell), 'seed': 0}
+    found, _ = poselib.estimate_fundamental(
+        FOCAL * pair.current, FOCAL * pair.desired, options, {}
+    )
+    return _from_fundamental(found)
+
+
+def _poselib_e(poselib: Any, pair: Pair, cell: Cell) -> Bearings | None:
+    options = {'max_epipolar_error': _threshold(cell), 'seed': 0}
+    pose, _ = poselib.estimate_relative_pose(
+        FOCAL * pair.current, FOCAL * pair.desired, CAMERA, CAMERA, options, {}
+    )
+    desired, current = pose.t, -pose.R.T @ pose.t  # x_desired = R x_current + t
+    psi = math.atan2(desired[2], desired[0])
+    return Bearings(psi, math.atan2(current[0], -current[2]))
+
+
+def peers() -> Mapping[str, Solver]:
+    """Return OpenCV's estimators and, where it is installed, poselib's."""
+    found: dict[str, Solver] = {
+        'opencv LMedS F': partial(_opencv, cv2.FM_LMEDS),
+        'opencv MAGSAC F': partial(_opencv, cv2.USAC_MAGSAC),
+    }
+    if find_spec('poselib') is not None:
+        import poselib
+
+        found['poselib F'] = partial(_poselib_f, poselib)
+        found['poselib E'] = partial(_poselib_e, poselib)
+    return found
+
+
+def contestants(deviation: float | None = None) -> Mapping[str, Solver]:
+    """Return everybody; ours with bearings within ``deviation`` of the truth, if it is given."""
+    told, calibrated = Knowledge(deviation=deviation), Knowledge(True, deviation)
+    return {
+        'lmeds_8pt (paper)': ours(lmeds_8pt),
+        'planar_3dof': ours(planar_3dof, told),
+        'planar_2dof': ours(planar_2dof, told),
+        'soft cold': ours(soft_planar, told),
+        'soft calibrated': ours(soft_planar, calibrated),
+        **peers(),
+    }

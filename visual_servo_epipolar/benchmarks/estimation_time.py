@@ -1,0 +1,82 @@
+"""Time of the estimators, beside the peers on the same matches, by turns."""
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from visual_servo_epipolar.benchmarks.estimation_peers import (
+    Knowledge,
+    NEAR,
+    peers,
+)
+from visual_servo_epipolar.benchmarks.estimation_scenes import Cell, draw_pairs, Pair
+from visual_servo_epipolar.core.estimators.base import Estimator
+from visual_servo_epipolar.core.estimators.lmeds_8pt import lmeds_8pt
+from visual_servo_epipolar.core.estimators.planar_2dof import planar_2dof
+from visual_servo_epipolar.core.estimators.planar_3dof import planar_3dof
+from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
+
+REFERENCE = 'opencv LMedS F'
+PAIRS = 40
+CELLS: Mapping[str, Cell] = {
+    'ideal, 3 m': Cell(baseline=3.0),
+    'realistic, 3 m': Cell(baseline=3.0, tilt=1.0, roll=0.5, jitter=0.1, outliers=0.2),
+}
+# What of ours is timed, and what it is told; `warm` knows the bearings of the frame before.
+OURS: Mapping[str, tuple[Estimator, Knowledge]] = {
+    'planar_2dof': (planar_2dof, Knowledge()),
+    'planar_2dof warm': (planar_2dof, Knowledge(deviation=NEAR)),
+    'soft warm': (soft_planar, Knowledge(True, NEAR)),
+    'soft calibrated': (soft_planar, Knowledge(True)),
+    'soft cold': (soft_planar, Knowledge()),
+    'planar_3dof': (planar_3dof, Knowledge()),
+    'lmeds_8pt (paper)': (lmeds_8pt, Knowledge()),
+}
+
+
+def _calls(pair: Pair, cell: Cell) -> Mapping[str, Callable[[], object]]:
+    """Return what is timed on one pair of views."""
+    calls: dict[str, Callable[[], object]] = {}
+    for who, (estimator, knowledge) in OURS.items():
+        calls[who] = partial(
+            estimator,
+            pair.current,
+            pair.desired,
+            noise=cell.ray_noise,
+            prior=knowledge.prior(pair, cell),
+            rng=np.random.default_rng(0),
+        )
+    return calls | {who: partial(solve, pair, cell) for who, solve in peers().items()}
+
+
+def times(trials: int, seed: int, say: Callable[[str], None]) -> list[dict[str, Any]]:
+    """Return medians and quartiles [ms] and ratios to OpenCV's LMedS, for each cell."""
+    return [_times(name, cell, trials, seed, say) for name, cell in CELLS.items()]
+
+
+def _times(
+    name: str, cell: Cell, trials: int, seed: int, say: Callable[[str], None]
+) -> dict[str, Any]:
+    calls = [_calls(pair, cell) for pair in draw_pairs(cell, min(trials, PAIRS), seed)]
+    taken: dict[str, list[float]] = {who: [] for who in calls[0]}
+    for turn in range(max(1, trials // len(calls))):
+        say(f'time, {name}: turn {turn + 1}')
+        for each in calls:
+            for who, call in each.items():  # by turns: a busy moment hits everybody
+                began = perf_counter()
+                call()
+                taken[who].append(1e3 * (perf_counter() - began))
+    reference = np.array(taken[REFERENCE])
+    rows = {
+        who: {
+            'median_ms': float(np.median(all_of)),
+            'quarter_ms': float(np.percentile(all_of, 25)),
+            'three_quarters_ms': float(np.percentile(all_of, 75)),
+            'times_faster': float(np.median(reference / all_of)),
+        }
+        for who, all_of in taken.items()
+    }
+    return {'cell': name, 'points': cell.points, 'rows': rows}

@@ -1,0 +1,88 @@
+"""
+Ghosts: where features are that cannot be seen just now.
+
+A feature that is lost behind an obstacle, or that left the image, moves on with the features
+around it: by the affine motion of all of them from frame to frame, plus what the near ones add.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from visual_servo_epipolar.core.anchoring import Warps
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
+
+MIN_SUPPORT = 6  # tracked features below which ghosts stand still
+ROUNDS = 3  # of reweighting, so that a feature gone astray does not drag the others along
+NEAR_PX = 60.0  # how far a feature's own motion reaches
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ghosts:
+    """Last known or guessed warps of all candidates; frames since each was seen, shape (N,)."""
+
+    warps: Warps
+    unseen: IntArray
+
+    @classmethod
+    def none(cls) -> 'Ghosts':
+        """Return no ghosts."""
+        empty = np.empty((0, 2))
+        warps = Warps(np.empty(0, np.int64), empty, empty, np.empty((0, 2, 2)))
+        return cls(warps, np.empty(0, np.int64))
+
+    def seen(self, warps: Warps) -> 'Ghosts':
+        """Return the ghosts with those of ``warps`` where they really are, new ones added."""
+        others = ~np.isin(self.warps.ids, warps.ids)
+        return Ghosts(
+            self.warps.take(others).joined(warps),
+            np.concatenate([self.unseen[others], np.zeros(len(warps), np.int64)]),
+        )
+
+    def moved(self, motion: 'Motion') -> 'Ghosts':
+        """Return the ghosts one frame later."""
+        current = motion.applied(self.warps.current)
+        return Ghosts(replace(self.warps, current=current), self.unseen + 1)
+
+    def among(self, keys: IntArray) -> 'Ghosts':
+        """Return the ghosts of ``keys``."""
+        rows = np.isin(self.warps.ids, keys)
+        return Ghosts(self.warps.take(rows), self.unseen[rows])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """Motion between frames: affine map of (u, v, 1), shape (3, 2), and what is left of it."""
+
+    affine: FloatArray
+    before: FloatArray
+    left: FloatArray
+
+    def applied(self, pixels: FloatArray) -> FloatArray:
+        """Return where ``pixels``, shape (N, 2), have moved to."""
+        squared = ((pixels[:, None, :] - self.before[None]) ** 2).sum(axis=2)
+        weight = 1.0 / (squared + NEAR_PX**2)
+        near = (weight @ self.left) / np.maximum(weight.sum(axis=1, keepdims=True), 1e-12)
+        return np.asarray(_rows(pixels) @ self.affine + near)
+
+    def astray(self, before: FloatArray, after: FloatArray, limit: float) -> BoolArray:
+        """Return which of the features moved otherwise than the rest, by more than ``limit``."""
+        miss = np.linalg.norm(after - _rows(before) @ self.affine, axis=1)
+        return np.asarray(miss > limit + 5.0 * float(np.median(miss)))
+
+
+def motion_between(before: FloatArray, after: FloatArray) -> Motion | None:
+    """Fit the motion of features, shape (N, 2) each; None where they are too few."""
+    if len(before) < MIN_SUPPORT:
+        return None
+    rows, weight = _rows(before), np.ones(len(before))
+    for _ in range(ROUNDS):
+        affine = np.linalg.lstsq(rows * weight[:, None], after * weight[:, None], rcond=None)[0]
+        miss = np.linalg.norm(after - rows @ affine, axis=1)
+        weight = 1.0 / (1.0 + (miss / (2.0 * float(np.median(miss)) + 0.1)) ** 2)
+    left: FloatArray = (after - rows @ affine) * weight[:, None]
+    return Motion(np.asarray(affine, dtype=np.float64), before, left)
+
+
+def _rows(pixels: FloatArray) -> FloatArray:
+    return np.column_stack([pixels, np.ones(len(pixels))])
