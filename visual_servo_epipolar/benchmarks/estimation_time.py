@@ -1,8 +1,12 @@
-"""Time of the estimators, beside the peers on the same matches, by turns."""
+"""
+Time of the estimators, beside the peers on the same matches, by turns.
+
+It is that of the thread on its processor: what else the machine does meanwhile does not count.
+"""
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from time import perf_counter
+from time import thread_time
 from typing import Any
 
 import numpy as np
@@ -66,9 +70,9 @@ def _times(
         say(f'time, {name}: turn {turn + 1}')
         for each in calls:
             for who, call in each.items():  # by turns: a busy moment hits everybody
-                began = perf_counter()
+                began = thread_time()
                 call()
-                taken[who].append(1e3 * (perf_counter() - began))
+                taken[who].append(1e3 * (thread_time() - began))
     reference = np.array(taken[REFERENCE])
     rows = {
         who: {

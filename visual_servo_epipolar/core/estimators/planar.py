@@ -96,12 +96,11 @@ def two_point_hypotheses(rays: Rays, limit: int) -> ComplexArray:
     # Q^2 = exp(+-i angle) axis / |axis|, by half the angle.
     middle = np.sqrt(axis / size)
     along, across = middle * np.sqrt(0.5 + 0.5 * cosine), middle * np.sqrt(0.5 - 0.5 * cosine)
-    q = np.concatenate([along + 1j * across, along - 1j * across], axis=-1)
-    a, b = np.concatenate([a, a], axis=-1), np.concatenate([b, b], axis=-1)
+    q = np.stack([along + 1j * across, along - 1j * across])
     p = 1j * (a * q + b * q.conj()) + TINY
-    p /= np.abs(p)
-    p *= np.copysign(1.0, np.concatenate([twice_d, twice_d], axis=-1))
-    return np.stack([p, q], axis=-2)
+    p *= np.copysign(1.0, twice_d) / np.abs(p)
+    both = np.stack([p, q], axis=-2)
+    return np.concatenate([both[0], both[1]], axis=-1)
 
 
 def scores(hypotheses: ComplexArray, rays: Rays, threshold: float) -> FloatArray:

@@ -26,7 +26,7 @@ from visual_servo_epipolar.core.estimators.sampson import (
 )
 
 MIN_MATCHES = 3
-PAIRS = 200
+PAIRS = 130  # of matches: with 40 % outliers, 47 of them are good
 MODES = 2
 NOTHING = Belief(np.zeros(2), np.zeros(2))
 

@@ -77,15 +77,13 @@ class Fit:
         """Whether the first fit leaves nothing to look for."""
         return bool(self.costs[0] < GOOD_COST * self.squared.shape[1])
 
-    def winnowed(self) -> 'Fit':
-        """Return the best different modes among those that may still win."""
+    def winnowed(self) -> FloatArray:
+        """Return the parameters of the best different modes among those that may still win."""
         worst = INLIER_DEVIATIONS**2 * self.squared.shape[1]
         margin = min(MARGIN, 2.0 * RIVAL_COST / worst)
         numbers = np.exp(1j * self.parameters[:, :2].T)
         best = modes(numbers, self.costs / worst, MODES, spread=0.25 * SPREAD, margin=margin)
-        return Fit(
-            self.parameters[best], self.information[best], self.costs[best], self.squared[best]
-        )
+        return np.asarray(self.parameters[best])
 
     def covariance(self, place: int) -> FloatArray:
         """Return the covariance of the parameters of one fit, shape (P, P)."""
@@ -112,37 +110,42 @@ def refined(
     first = ROUGH if scale > 1.0 else 1
     for iteration in range(1, ITERATIONS + 1):
         width = 1.0 + (scale - 1.0) * max(0.0, 1.0 - (iteration - 1) / ANNEALING)
-        residual, squared_gradient, slopes = _linearised(model(parameters), table)
-        squared = residual * residual / squared_gradient
-        weight = np.maximum(1.0 - squared / (TUKEY * width) ** 2, 0.0)
-        weight *= weight / squared_gradient
-        weighted = slopes * weight[:, None]
-        information = weighted @ np.swapaxes(slopes, 1, 2) + ridge
+        rows, squared_gradient = _linearised(model(parameters), table)
+        squared = rows[:, 0] * rows[:, 0] / squared_gradient
+        weight = np.maximum(1.0 - squared * (TUKEY * width) ** -2.0, 0.0)
+        weight *= weight
+        weight /= squared_gradient
+        normal = (rows * weight[:, None]) @ rows.swapaxes(1, 2)
+        information = normal[:, 1:, 1:] + ridge
         away = parameters - belief.mean
-        pull = (weighted @ residual[:, :, None])[:, :, 0] + belief.information * away
+        pull = normal[:, 1:, 0] + belief.information * away
         step = np.linalg.solve(information, pull[:, :, None])[:, :, 0]
-        parameters = parameters - np.clip(step, -LARGEST_STEP, LARGEST_STEP)
-        costs = np.minimum(squared / width**2, INLIER_DEVIATIONS**2).sum(axis=1)
-        costs += away * away @ belief.information
-        fit = Fit(parameters, information, costs, squared)
-        if width == 1.0 and np.abs(step).max() < negligible:
-            break
-        if len(parameters) > 1 and iteration >= first:
-            fit = fit.winnowed()
-            parameters = fit.parameters
+        largest = float(np.abs(step).max())
+        if largest > LARGEST_STEP:
+            step = np.clip(step, -LARGEST_STEP, LARGEST_STEP)
+        parameters = parameters - step
+        done = iteration == ITERATIONS or (width == 1.0 and largest < negligible)
+        if done or (len(parameters) > 1 and iteration >= first):
+            costs = np.minimum(squared / width**2, INLIER_DEVIATIONS**2).sum(axis=1)
+            costs += away * away @ belief.information
+            fit = Fit(parameters, information, costs, squared)
+            if done:
+                break
+            parameters = fit.winnowed()
     return fit
 
 
-def _linearised(stack: FloatArray, table: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _linearised(stack: FloatArray, table: FloatArray) -> tuple[FloatArray, FloatArray]:
     """
-    Return residuals r and squared gradients g^2, (K, N), and slopes, (K, P, N).
+    Return residuals r and g times the derivatives of r / g, (K, 1 + P, N), and g^2, (K, N).
 
-    The distance is r / g, and the slopes are g times its derivatives by the parameters.
+    g is the norm of the gradient of r, so that r / g is the Sampson distance.
     """
     count, size, _ = stack.shape
     values = (stack.reshape(-1, 9) @ table).reshape(count, size, 5, -1)
     lines = values[:, :, 1:]
     products = (lines[:, :1] * lines).sum(axis=2)  # g^2, and half its derivatives
-    residual, squared_gradient = values[:, 0, 0], products[:, 0] + 1e-12
-    ratio = residual / squared_gradient
-    return residual, squared_gradient, values[:, 1:, 0] - ratio[:, None] * products[:, 1:]
+    squared_gradient = products[:, 0] + 1e-12
+    products *= (values[:, 0, 0] / squared_gradient)[:, None]
+    products[:, 0] = 0.0
+    return values[:, :, 0] - products, squared_gradient
