@@ -13,7 +13,8 @@ from visual_servo_epipolar.core.anchoring import Warps
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 
 MIN_SUPPORT = 6  # tracked features below which ghosts stand still
-ROUNDS = 3  # of reweighting, so that a feature gone astray does not drag the others along
+ROUNDS = 2  # of reweighting, so that a feature gone astray does not drag the others along
+RIDGE = 1e-6 * np.eye(3)  # features in a row leave one direction open
 NEAR_PX = 60.0  # how far a feature's own motion reaches
 
 
@@ -60,9 +61,10 @@ class Motion:
 
     def applied(self, pixels: FloatArray) -> FloatArray:
         """Return where ``pixels``, shape (N, 2), have moved to."""
-        squared = ((pixels[:, None, :] - self.before[None]) ** 2).sum(axis=2)
-        weight = 1.0 / (squared + NEAR_PX**2)
-        near = (weight @ self.left) / np.maximum(weight.sum(axis=1, keepdims=True), 1e-12)
+        squared = -2.0 * (pixels @ self.before.T)
+        squared += (pixels**2).sum(axis=1)[:, None] + ((self.before**2).sum(axis=1) + NEAR_PX**2)
+        weight = 1.0 / squared
+        near = (weight @ self.left) / weight.sum(axis=1, keepdims=True)
         return np.asarray(_rows(pixels) @ self.affine + near)
 
     def astray(self, before: FloatArray, after: FloatArray, limit: float) -> BoolArray:
@@ -75,12 +77,15 @@ def motion_between(before: FloatArray, after: FloatArray) -> Motion | None:
     """Fit the motion of features, shape (N, 2) each; None where they are too few."""
     if len(before) < MIN_SUPPORT:
         return None
-    rows, weight = _rows(before), np.ones(len(before))
+    centre = before.mean(axis=0)
+    rows, weight = _rows(before - centre), np.ones(len(before))
     for _ in range(ROUNDS):
-        affine = np.linalg.lstsq(rows * weight[:, None], after * weight[:, None], rcond=None)[0]
-        miss = np.linalg.norm(after - rows @ affine, axis=1)
+        weighted = rows.T * (weight * weight)
+        affine = np.linalg.solve(weighted @ rows + RIDGE, weighted @ after)
+        miss = np.sqrt(((after - rows @ affine) ** 2).sum(axis=1))
         weight = 1.0 / (1.0 + (miss / (2.0 * float(np.median(miss)) + 0.1)) ** 2)
     left: FloatArray = (after - rows @ affine) * weight[:, None]
+    affine[2] -= centre @ affine[:2]
     return Motion(np.asarray(affine, dtype=np.float64), before, left)
 
 

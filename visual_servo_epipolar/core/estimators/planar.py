@@ -30,6 +30,7 @@ SPREAD = 0.07  # bearings that differ by less are one mode [rad]
 RIVAL_COST = 3.0 * INLIER_DEVIATIONS**2  # what three matches may add by chance: modes on a par
 UNDETERMINED = 1.0  # deviation of a bearing above which the matches say nothing of it [rad]
 MARGIN = 0.25  # of the mean truncated cost: modes worse by more are no rivals
+GRADIENT = 1e-12  # squared, the least one that is divided by
 TINY = 1e-30
 
 ComplexArray: TypeAlias = NDArray[np.complex128]
@@ -118,7 +119,7 @@ def scores(hypotheses: ComplexArray, rays: Rays, threshold: float) -> FloatArray
     gradient = double @ _parts(hypotheses * hypotheses)
     gradient += (high_a + high_d + 1.0)[..., None]
     squared *= squared
-    squared /= gradient
+    squared /= np.maximum(gradient, GRADIENT)
     np.clip(squared, 0.0, 1.0, out=squared)  # faster than minimum
     return np.asarray(squared.sum(axis=-2) / u_a.shape[-1])
 

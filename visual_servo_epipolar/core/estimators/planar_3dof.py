@@ -30,8 +30,7 @@ TRIPLES = 400
 MODES = 3
 PSI, PHI, RATIO = range(3)  # the last is log(|q| / |p|)
 LARGEST_RATIO = 3.0
-# A focal length wrong by up to two or a half, as a mild belief that keeps the ratio bounded.
-BELIEF = Belief(np.zeros(3), np.array([0.0, 0.0, 1.0]))
+BELIEF = Belief(np.zeros(3), np.zeros(3))  # nothing is known beforehand
 NO_PRIOR = Prior()
 
 

@@ -24,7 +24,7 @@ from visual_servo_epipolar.core.estimators.planar import (
 
 TUKEY = 4.685  # 95 % efficient for Gaussian noise
 LARGEST_STEP = 0.2  # a longer one leaves where the linearisation means anything [rad]
-NEGLIGIBLE = 0.3  # step that ends the iterations, in deviations of the noise: the next is tiny
+NEGLIGIBLE = 0.1  # step that ends the iterations, in deviations of the noise: the next is tiny
 ANNEALING = 3  # steps until a wide start has narrowed to the noise
 ITERATIONS = 9
 ROUGH, MODES = 3, 3  # steps with all modes, and how many may go on
