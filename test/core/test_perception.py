@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 from hypothesis import given
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 from strategies import CAMERA, floats, matches, poses_behind_the_goal
@@ -11,6 +12,7 @@ from visual_servo_epipolar.core.epipolar import Bearings
 from visual_servo_epipolar.core.features import Features
 from visual_servo_epipolar.core.motion import HALF_PI, Pose, wrap_angle
 from visual_servo_epipolar.core.perception import (
+    ESTIMATORS,
     feature_difference,
     Observation,
     observe,
@@ -18,6 +20,7 @@ from visual_servo_epipolar.core.perception import (
     turned,
 )
 from visual_servo_epipolar.core.servo_settings import ServoSettings
+from visual_servo_epipolar.core.trust import fresh_memory, leap, Memory
 
 SETTINGS = ServoSettings()
 BEHIND = Pose(1.0, -3.0, HALF_PI)
@@ -96,6 +99,74 @@ def test_another_frame_or_seed_draws_other_subsets() -> None:
     found = perceive(noisy(), settings, 4).bearings
     assert perceive(noisy(), settings, 5).bearings != found
     assert perceive(noisy(), replace(settings, seed=2), 4).bearings != found
+
+
+GARBAGE = ('random', 'rows', 'columns', 'points', 'equal', 'huge', 'mirrored')
+
+
+def garbage(kind: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return 30 finite matches that no camera would give."""
+    rng = np.random.default_rng(seed)
+    current, desired = rng.random((2, 30, 2)) - 0.5
+    if kind == 'rows':
+        current[:, 1] = desired[:, 1] = 0.1
+    elif kind == 'columns':
+        current[:, 0], desired[:, 0] = 0.1, 0.2
+    elif kind == 'points':
+        current[:], desired[:] = 0.1, 0.2
+    elif kind == 'equal':
+        current = desired.copy()
+    elif kind == 'huge':
+        current, desired = 1e6 * current, 1e6 * desired
+    elif kind == 'line':
+        current[:, 1], desired[:, 1] = current[:, 0], 2.0 * desired[:, 0]
+    elif kind == 'mirrored':
+        current = -desired
+    return current, desired
+
+
+@pytest.mark.parametrize('estimator', ESTIMATORS)
+@given(kind=st.sampled_from(GARBAGE), seed=st.integers(0, 1000), known=st.booleans())
+def test_garbage_is_never_an_error(estimator: str, kind: str, seed: int, known: bool) -> None:
+    settings = ServoSettings(estimator=estimator)
+    memory = fresh_memory(settings)
+    if known:
+        memory = replace(memory, bearings=Bearings(-1.5, 3.0))
+    sight = perceive(observation(*garbage(kind, seed)), settings, 0, memory)
+    assert (sight.bearings is None) == bool(sight.reason)
+
+
+@pytest.mark.xfail(raises=TypeError, reason='trust.doubt: (-1e-20) ** 0.25 is complex')
+@pytest.mark.parametrize('estimator', ESTIMATORS)
+def test_features_on_one_line_are_never_an_error(estimator: str) -> None:
+    for seed in range(20):
+        perceive(observation(*garbage('line', seed)), ServoSettings(estimator=estimator), 0)
+
+
+def followed(noise: float, frames: int = 60) -> Memory:
+    """Return what is remembered after frames of one pose, blurred by ``noise`` [px]."""
+    current, desired = matches(BEHIND)
+    memory = None
+    for frame in range(frames):
+        rng = np.random.default_rng(frame)
+        blurred = current + noise / 769.0 * rng.standard_normal(current.shape)
+        again = desired + noise / 769.0 * rng.standard_normal(desired.shape)
+        memory = perceive(observation(blurred, again), SETTINGS, frame, memory).memory
+    assert memory is not None
+    return memory
+
+
+@pytest.mark.parametrize('noise', [0.15, 0.3, 0.6])
+def test_the_noise_is_learnt_from_the_residuals(noise: float) -> None:
+    # The median of 40 residuals is 15 % uncertain; of the last ten frames, 5 %.
+    assert followed(noise).noise == pytest.approx(noise, rel=0.25)
+
+
+def test_a_trusted_sight_is_remembered() -> None:
+    memory = followed(0.3, frames=2)
+    assert memory.bearings is not None
+    assert leap(memory.bearings, Bearings.from_pose(BEHIND)) < 0.02
+    assert memory.attitude.tilt_deviation < fresh_memory(SETTINGS).attitude.tilt_deviation
 
 
 def test_observing_turns_pixels_into_rays() -> None:

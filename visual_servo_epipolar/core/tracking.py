@@ -7,21 +7,20 @@ their neighbours went, and when too few are left the whole image is matched anew
 """
 
 from dataclasses import replace
-from typing import TypeAlias
 
-import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from visual_servo_epipolar.core.anchoring import Anchor, Solid, solid, Warps
 from visual_servo_epipolar.core.arrays import as_gray, BoolArray, FloatArray, Image, IntArray
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.features import Features
+from visual_servo_epipolar.core.flow import as_bright, flow
 from visual_servo_epipolar.core.ghosts import Ghosts, motion_between
 from visual_servo_epipolar.core.matching import (
     desired_view,
     DesiredView,
     match,
+    Matches,
     spread,
 )
 from visual_servo_epipolar.core.reacquisition import found_again
@@ -34,8 +33,6 @@ FEW, FEW_PERIOD = 20, 3  # below so many features, matching may come after so fe
 FEW_FACTOR = 3  # and so many times more are looked for in a frame
 ASTRAY_PX = 8.0  # motion against that of all others at which Lucas-Kanade is not believed
 INFORMATIVE_HEIGHT = 0.25  # of half the image: nearer to the horizon a feature counts for less
-
-Points: TypeAlias = NDArray[np.float32]  # as OpenCV's flow wants them, shape (N, 2)
 
 
 class Tracker:
@@ -134,9 +131,10 @@ class Tracker:
         if self._previous is None or not len(self._tracked):
             return Tracked.nothing()
         before = self._tracked.warps.current.astype(np.float32)
-        after, found = self._flow(self._previous, image, before, None)
+        previous = as_bright(self._previous, image)
+        after, found = flow(previous, image, before, settings=self.settings)
         if self.settings.anchor_period == 0:
-            back, found_back = self._flow(image, self._previous, after, before)
+            back, found_back = flow(image, previous, after, before, settings=self.settings)
             found &= found_back & (np.hypot(*(back - before).T) <= self.settings.forward_backward)
         warps = replace(self._tracked.warps, current=after.astype(np.float64))
         places = self._tracked.warps.current
@@ -146,21 +144,6 @@ class Tracker:
             found &= ~motion.astray(places, warps.current, ASTRAY_PX)
         good = found & _inside(warps.current, image)
         return replace(self._tracked, warps=warps, ages=self._tracked.ages + 1).take(good)
-
-    def _flow(
-        self, source: Image, target: Image, points: Points, guess: Points | None
-    ) -> tuple[Points, BoolArray]:
-        moved, status, _ = cv2.calcOpticalFlowPyrLK(
-            source,
-            target,
-            points,
-            None if guess is None else guess.copy(),
-            winSize=(self.settings.window, self.settings.window),
-            maxLevel=self.settings.levels,
-            criteria=(cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 20, 0.01),
-            flags=0 if guess is None else cv2.OPTFLOW_USE_INITIAL_FLOW,
-        )
-        return moved, np.asarray(status.ravel() > 0)
 
     def _align(self, tracked: Tracked, image: Solid, iterations: int) -> Tracked:
         assert self._anchor is not None
@@ -190,7 +173,7 @@ class Tracker:
         first = self._match_frame is None
         self._match_frame, self.matchings = self._frame, self.matchings + 1
         try:
-            matches = match(self._view, image, halved=not first)
+            matches = self._matched(image, halved=not first)
         except TrackingError as error:
             self.reason = str(error)
             return tracked
@@ -211,6 +194,19 @@ class Tracker:
         self._ghosts = self._ghosts.seen(both.warps)
         kept = np.isin(both.warps.ids, tracked.warps.ids)
         return both.take(self._spread(both.warps.ids, kept, self.settings.max_features))
+
+    def _matched(self, image: Image, *, halved: bool) -> Matches:
+        """Match by the halved image, and by the whole one where that gives too little."""
+        assert self._view is not None
+        if halved:
+            try:
+                matches = match(self._view, image, halved=True)
+            except TrackingError:
+                pass
+            else:
+                if len(matches.indices) >= self.settings.max_features:
+                    return matches
+        return match(self._view, image)
 
     def _remember(self, ids: IntArray) -> None:
         """Keep in mind which features could be matched: they are worth looking for again."""

@@ -192,7 +192,8 @@ def fused(parameters: FloatArray, covariance: FloatArray, prior: Prior) -> Float
         If the matches leave a bearing open altogether.
 
     """
-    if not max(covariance[0, 0], covariance[1, 1]) < UNDETERMINED**2:
+    variances = covariance.diagonal().tolist()
+    if not (min(variances) > 0.0 and max(variances[:2]) < UNDETERMINED**2):
         raise DegenerateGeometryError(
             'the matches leave the bearings open: there is no baseline, or all of them lie on the '
             "horizon or on one line; track features above and below the camera's height"

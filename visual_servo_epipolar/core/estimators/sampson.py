@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.planar import (
     INLIER_DEVIATIONS,
     MARGIN,
@@ -24,7 +25,7 @@ from visual_servo_epipolar.core.estimators.planar import (
 
 TUKEY = 4.685  # 95 % efficient for Gaussian noise
 LARGEST_STEP = 0.2  # a longer one leaves where the linearisation means anything [rad]
-NEGLIGIBLE = 0.1  # step that ends the iterations, in deviations of the noise: the next is tiny
+NEGLIGIBLE = 0.3  # step that ends the iterations, in deviations of the noise: the next is tiny
 ANNEALING = 3  # steps until a wide start has narrowed to the noise
 ITERATIONS = 9
 ROUGH, MODES = 3, 3  # steps with all modes, and how many may go on
@@ -119,7 +120,7 @@ def refined(
         information = normal[:, 1:, 1:] + ridge
         away = parameters - belief.mean
         pull = normal[:, 1:, 0] + belief.information * away
-        step = np.linalg.solve(information, pull[:, :, None])[:, :, 0]
+        step = _solved(information, pull)
         largest = float(np.abs(step).max())
         if largest > LARGEST_STEP:
             step = np.clip(step, -LARGEST_STEP, LARGEST_STEP)
@@ -133,6 +134,16 @@ def refined(
                 break
             parameters = fit.winnowed()
     return fit
+
+
+def _solved(information: FloatArray, pull: FloatArray) -> FloatArray:
+    try:
+        return np.asarray(np.linalg.solve(information, pull[:, :, None])[:, :, 0])
+    except np.linalg.LinAlgError as error:
+        raise DegenerateGeometryError(
+            'the normal equations of the matches are singular; check the camera matrix, the rays '
+            'are far from unit focal length'
+        ) from error
 
 
 def _linearised(stack: FloatArray, table: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -1,0 +1,165 @@
+"""Two photographs on the command line: a clear answer whatever they show."""
+
+import json
+import math
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from visual_servo_epipolar.commands.main import main
+from visual_servo_epipolar.core.epipolar import Bearings
+from visual_servo_epipolar.core.motion import Pose
+from visual_servo_epipolar.simulation.camera_simulator import CameraSettings, CameraSimulator
+
+START = (0.8, -3.0, 10.0)
+SMALL = {
+    'width': 640,
+    'height': 480,
+    'focal_length': 384.6,
+    'principal_u': 327.0,
+    'principal_v': 233.0,
+}
+CAMERA = """
+image_width: 640
+image_height: 480
+camera_name: test
+camera_matrix: {rows: 3, cols: 3, data: [384.6, 0, 327, 0, 384.6, 233, 0, 0, 1]}
+distortion_model: plumb_bob
+distortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}
+"""
+
+
+@pytest.fixture(scope='module')
+def photographs(tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp('photographs')
+    world = CameraSimulator(CameraSettings(**SMALL))
+    elsewhere = CameraSimulator(CameraSettings(**SMALL, scene='wall', scene_seed=9))
+    hand = CameraSimulator(CameraSettings(**SMALL, tilt=0.07, roll=0.05))
+    current = world.capture(Pose.from_start(*START), 0)
+    images = {
+        'desired': world.photograph(),
+        'current': current,
+        'turned': world.capture(Pose.from_start(0.0, 0.0, 8.0), 1),
+        'elsewhere': elsewhere.photograph(),
+        'hand': hand.capture(Pose.from_start(*START), 0),
+        'half': cv2.resize(current, (320, 240), interpolation=cv2.INTER_AREA),
+        'cropped': current[:300],
+        'blank': np.full((480, 640), 90, np.uint8),
+    }
+    for name, image in images.items():
+        assert cv2.imwrite(str(folder / f'{name}.png'), image)
+    (folder / 'text.png').write_text('not a picture')
+    (folder / 'camera.yaml').write_text(CAMERA)
+    return folder
+
+
+def inspect(folder: Path, current: str, *more: str) -> tuple[int, dict]:
+    result = folder / f'{current}.json'
+    code = main(
+        [
+            'inspect',
+            str(folder / 'desired.png'),
+            str(folder / f'{current}.png'),
+            '--camera',
+            str(folder / 'camera.yaml'),
+            '--json',
+            str(result),
+            *more,
+        ]
+    )
+    return code, json.loads(result.read_text()) if result.exists() else {}
+
+
+@pytest.mark.parametrize(('current', 'tolerance'), [('current', 0.2), ('half', 0.6)])
+def test_the_bearings_are_those_of_the_true_poses(
+    photographs: Path, current: str, tolerance: float
+) -> None:
+    code, found = inspect(photographs, current)
+    truth = Bearings.from_pose(Pose.from_start(*START))
+    assert code == 0
+    assert found['trusted']
+    # 0.1 px of 385 px are 0.015 deg; a baseline of 3 m makes ten times that of it.
+    assert found['bearing_current_deg'] == pytest.approx(
+        math.degrees(truth.current), abs=tolerance
+    )
+    assert found['bearing_desired_deg'] == pytest.approx(
+        math.degrees(truth.desired), abs=tolerance
+    )
+    assert found['rotation_deg'] == pytest.approx(START[2], abs=tolerance)
+    assert found['sigma'] == -1
+    assert found['inliers'] > 100
+
+
+def test_the_same_photograph_twice_has_no_epipoles(photographs: Path) -> None:
+    code, found = inspect(photographs, 'desired')
+    assert code == 1
+    assert not found['trusted']
+    assert 'parallax' in found['reason']
+    assert found['rotation_deg'] == pytest.approx(0.0, abs=1e-6)
+    assert found['epipole_current_px'] is None
+
+
+def test_a_pure_rotation_is_told_without_epipoles(photographs: Path) -> None:
+    code, found = inspect(photographs, 'turned')
+    assert code == 1
+    assert 'parallax' in found['reason']
+    assert found['rotation_deg'] == pytest.approx(8.0, abs=0.02)
+
+
+@pytest.mark.parametrize('current', ['elsewhere', 'blank'])
+def test_a_photograph_of_something_else_is_not_trusted(photographs: Path, current: str) -> None:
+    code, found = inspect(photographs, current)
+    assert code == 1
+    assert not found['trusted']
+    assert found['reason']
+
+
+def test_a_hand_held_pair_falls_back_to_the_general_geometry(photographs: Path) -> None:
+    code, found = inspect(photographs, 'hand')
+    truth = Bearings.from_pose(Pose.from_start(*START))
+    assert code == 0
+    assert not found['planar']
+    assert 'general epipolar geometry' in found['reason']
+    assert found['bearing_desired_deg'] == pytest.approx(math.degrees(truth.desired), abs=0.5)
+
+
+@pytest.mark.parametrize(
+    ('current', 'words'),
+    [('text', 'not an image'), ('cropped', 'aspect ratio'), ('missing', 'cannot be read')],
+)
+def test_what_is_no_photograph_of_this_camera_is_bad_input(
+    photographs: Path, capsys, current: str, words: str
+) -> None:
+    code, _ = inspect(photographs, current)
+    errors = capsys.readouterr().err
+    assert code == 2
+    assert words in errors
+    assert errors.count('\n') == 1
+
+
+@pytest.mark.parametrize(
+    ('text', 'words'),
+    [
+        ('image_width: 640', 'lacks'),
+        ('[]', 'map names'),
+        ('a: [', 'not YAML'),
+        (CAMERA.replace('384.6', '0.0'), 'focal lengths must be positive'),
+    ],
+)
+def test_a_camera_file_that_cannot_be_used_is_bad_input(
+    photographs: Path, tmp_path: Path, capsys, text: str, words: str
+) -> None:
+    (tmp_path / 'camera.yaml').write_text(text)
+    images = [str(photographs / 'desired.png'), str(photographs / 'current.png')]
+    code = main(['inspect', *images, '--camera', str(tmp_path / 'camera.yaml')])
+    errors = capsys.readouterr().err
+    assert code == 2
+    assert words in errors
+    assert errors.count('\n') == 1
+
+
+def test_the_overlay_is_a_picture(photographs: Path) -> None:
+    inspect(photographs, 'current', '--out', str(photographs / 'overlay.png'))
+    assert cv2.imread(str(photographs / 'overlay.png')).shape == (480, 640, 3)
