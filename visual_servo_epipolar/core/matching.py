@@ -15,6 +15,8 @@ MIN_MATCHES = 8
 CONFIDENCE = 0.999
 ITERATIONS = 5000
 CORNER_WINDOW = 15  # window of the corner measure [px], as large as what LK looks at
+GRID = (4, 3)  # coarse parts of an image
+CELLS = GRID[0] * GRID[1]
 BORDER = 12  # features nearer to the border of the desired image are left alone [px]
 
 
@@ -169,6 +171,14 @@ def epipolar_inliers(current: FloatArray, desired: FloatArray) -> BoolArray:
     if found is None or mask is None:
         return np.zeros(len(current), bool)
     return np.asarray(mask.ravel() > 0)
+
+
+def cells(pixels: FloatArray, size: tuple[int, int]) -> IntArray:
+    """Return in which part of an image of ``size`` (width, height) each pixel is, shape (N,)."""
+    columns, rows = GRID
+    column = np.clip(pixels[:, 0] * columns / size[0], 0, columns - 1).astype(np.int64)
+    row = np.clip(pixels[:, 1] * rows / size[1], 0, rows - 1).astype(np.int64)
+    return np.asarray(row * columns + column)
 
 
 def spread(pixels: FloatArray, quality: FloatArray, count: int, size: tuple[int, int]) -> IntArray:

@@ -9,6 +9,7 @@ from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.core.matching import epipolar_inliers
 
 MIN_CONSISTENT = 15  # features below which a consistency check says nothing
+RESIDUAL_FACTOR, RESIDUAL_FLOOR = 3.0, 2.0  # times the median, plus grey levels
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -44,6 +45,17 @@ class Tracked:
             np.concatenate([self.ages, other.ages]),
             np.concatenate([self.residuals, other.residuals]),
         )
+
+    def trustworthy(self) -> 'Tracked':
+        """
+        Drop features whose patch looks much less like the desired one than those of the others.
+
+        Such a patch lies across an edge in depth, and its parts pull in different directions.
+        """
+        if len(self) < MIN_CONSISTENT:
+            return self
+        limit = RESIDUAL_FACTOR * float(np.median(self.residuals)) + RESIDUAL_FLOOR
+        return self.take(self.residuals <= limit)
 
     def consistent(self) -> 'Tracked':
         """

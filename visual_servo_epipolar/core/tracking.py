@@ -17,6 +17,8 @@ from visual_servo_epipolar.core.features import Features
 from visual_servo_epipolar.core.flow import as_bright, flow
 from visual_servo_epipolar.core.ghosts import Ghosts, motion_between
 from visual_servo_epipolar.core.matching import (
+    CELLS,
+    cells,
     desired_view,
     DesiredView,
     match,
@@ -31,6 +33,7 @@ FIRST_ITERATIONS = 15  # of the alignment after a match: its scale is only known
 BORDER = 4.0
 FEW, FEW_PERIOD = 20, 3  # below so many features, matching may come after so few frames
 FEW_FACTOR = 3  # and so many times more are looked for in a frame
+SPARSE = 2  # features in a part of the desired image that is hardly covered
 ASTRAY_PX = 8.0  # motion against that of all others at which Lucas-Kanade is not believed
 INFORMATIVE_HEIGHT = 0.25  # of half the image: nearer to the horizon a feature counts for less
 
@@ -97,12 +100,13 @@ class Tracker:
             )
         self._frame += 1
         tracked = self._followed(image)
-        if self._anchors_now:
-            image_float = solid(image)
+        image_float = solid(image) if self._anchors_now else None
+        if image_float is not None:
             tracked = self._align(tracked, image_float, self.settings.anchor_iterations)
-            if len(tracked) < self.settings.max_features:
-                tracked = self._found_again(tracked, image_float)
-            tracked = tracked.consistent()
+            tracked = tracked.trustworthy()
+        tracked = self._with_the_others(tracked)
+        if image_float is not None:
+            tracked = self._found_again(tracked, image_float).consistent()
         if len(tracked) < self.settings.min_features and self._may_match():
             tracked = self._replenished(tracked, image)
         self._tracked, self._previous = tracked, image
@@ -124,7 +128,7 @@ class Tracker:
 
     def _followed(self, image: Image) -> Tracked:
         """
-        Follow the features from the last image by Lucas-Kanade, and move the ghosts along.
+        Follow the features from the last image by Lucas-Kanade.
 
         Checked backward as well if features are never anchored: else the desired patch is judge.
         """
@@ -137,13 +141,21 @@ class Tracker:
             back, found_back = flow(image, previous, after, before, settings=self.settings)
             found &= found_back & (np.hypot(*(back - before).T) <= self.settings.forward_backward)
         warps = replace(self._tracked.warps, current=after.astype(np.float64))
-        places = self._tracked.warps.current
-        motion = motion_between(places[found], warps.current[found])
-        if motion is not None:
-            self._ghosts = self._ghosts.moved(motion)
-            found &= ~motion.astray(places, warps.current, ASTRAY_PX)
         good = found & _inside(warps.current, image)
         return replace(self._tracked, warps=warps, ages=self._tracked.ages + 1).take(good)
+
+    def _with_the_others(self, tracked: Tracked) -> Tracked:
+        """Drop features that went another way than all others, and move the ghosts along."""
+        before = self._tracked.warps
+        if not len(tracked):
+            return tracked
+        # Both lists are in the order of the last frame: what was lost is missing from the second.
+        places = before.current[np.isin(before.ids, tracked.warps.ids)]
+        motion = motion_between(places, tracked.warps.current)
+        if motion is None:
+            return tracked
+        self._ghosts = self._ghosts.moved(motion)
+        return tracked.take(~motion.astray(places, tracked.warps.current, ASTRAY_PX))
 
     def _align(self, tracked: Tracked, image: Solid, iterations: int) -> Tracked:
         assert self._anchor is not None
@@ -153,9 +165,13 @@ class Tracker:
         return aligned.take(good & _inside(alignment.warps.current, image))
 
     def _found_again(self, tracked: Tracked, image: Solid) -> Tracked:
-        """Look for some of the candidates that are not tracked, others in each frame."""
+        """
+        Look for some of the candidates that are not tracked, others in each frame.
+
+        With a full set only for those from where the desired image is hardly covered any more.
+        """
         assert self._anchor is not None
-        missing = self._candidates[~np.isin(self._candidates, tracked.warps.ids)]
+        missing = self._missing(tracked)
         few = FEW_FACTOR if len(tracked) < self.settings.min_features else 1
         count = min(few * self.settings.search_per_frame, len(missing))
         if count == 0:
@@ -163,9 +179,21 @@ class Tracker:
         keys = np.take(missing, self._next + np.arange(count), mode='wrap')
         self._next = (self._next + count) % len(missing)
         found = found_again(self._ghosts.among(keys), tracked.warps, self._anchor, image)
-        fresh = self._align(Tracked.fresh(found), image, FIRST_ITERATIONS)
-        room = self.settings.max_features - len(tracked)
-        return tracked.joined(fresh.take(np.arange(len(fresh)) < room))
+        both = tracked.joined(self._align(Tracked.fresh(found), image, FIRST_ITERATIONS))
+        if len(both) <= self.settings.max_features:
+            return both
+        kept = np.arange(len(both)) < len(tracked)
+        return both.take(self._spread(both.warps.ids, kept, self.settings.max_features))
+
+    def _missing(self, tracked: Tracked) -> IntArray:
+        assert self._view is not None
+        missing = self._candidates[~np.isin(self._candidates, tracked.warps.ids)]
+        if len(tracked) < self.settings.max_features:
+            return missing
+        height, width = self._view.image.shape
+        occupied = np.bincount(cells(tracked.warps.desired, (width, height)), minlength=CELLS)
+        places = self._view.keypoints.pixels[missing]
+        return missing[occupied[cells(places, (width, height))] <= SPARSE]
 
     def _replenished(self, tracked: Tracked, image: Image) -> Tracked:
         """Match the whole image with the desired one and fill up with new features."""
