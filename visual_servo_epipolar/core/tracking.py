@@ -11,19 +11,17 @@ from dataclasses import replace
 import numpy as np
 
 from visual_servo_epipolar.core.anchoring import Anchor, Solid, solid, Warps
-from visual_servo_epipolar.core.arrays import as_gray, BoolArray, FloatArray, Image, IntArray
+from visual_servo_epipolar.core.arrays import as_gray, BoolArray, FloatArray, Image
+from visual_servo_epipolar.core.candidates import Candidates
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.features import Features
 from visual_servo_epipolar.core.flow import as_bright, flow
 from visual_servo_epipolar.core.ghosts import Ghosts, motion_between
 from visual_servo_epipolar.core.matching import (
-    CELLS,
-    cells,
     desired_view,
     DesiredView,
     match,
     Matches,
-    spread,
 )
 from visual_servo_epipolar.core.reacquisition import found_again
 from visual_servo_epipolar.core.tracked import Tracked
@@ -33,9 +31,7 @@ FIRST_ITERATIONS = 15  # of the alignment after a match: its scale is only known
 BORDER = 4.0
 FEW, FEW_PERIOD = 20, 3  # below so many features, matching may come after so few frames
 FEW_FACTOR = 3  # and so many times more are looked for in a frame
-SPARSE = 2  # features in a part of the desired image that is hardly covered
 ASTRAY_PX = 8.0  # motion against that of all others at which Lucas-Kanade is not believed
-INFORMATIVE_HEIGHT = 0.25  # of half the image: nearer to the horizon a feature counts for less
 
 
 class Tracker:
@@ -52,7 +48,7 @@ class Tracker:
         self._anchor: Anchor | None = None
         self._previous: Image | None = None
         self._tracked = Tracked.nothing()
-        self._candidates, self._next = np.empty(0, np.int64), 0
+        self._candidates: Candidates | None = None
         self._ghosts = Ghosts.none()
         self._frame = 0
         self._match_frame: int | None = None
@@ -77,7 +73,7 @@ class Tracker:
     def redetect(self) -> None:
         """Forget all features; the next image is matched to the desired one anew."""
         self._previous, self._tracked, self._match_frame = None, Tracked.nothing(), None
-        self._candidates, self._next = np.empty(0, np.int64), 0
+        self._candidates = None if self._view is None else Candidates(self._view)
         self._ghosts = Ghosts.none()
 
     def track(self, image: Image) -> Features:
@@ -170,34 +166,23 @@ class Tracker:
 
         With a full set only for those from where the desired image is hardly covered any more.
         """
-        assert self._anchor is not None
-        missing = self._missing(tracked)
+        assert self._anchor is not None and self._candidates is not None
         few = FEW_FACTOR if len(tracked) < self.settings.min_features else 1
-        count = min(few * self.settings.search_per_frame, len(missing))
-        if count == 0:
+        keys = self._candidates.next_missing(
+            tracked.warps, few * self.settings.search_per_frame, self.settings.max_features
+        )
+        if not len(keys):
             return tracked
-        keys = np.take(missing, self._next + np.arange(count), mode='wrap')
-        self._next = (self._next + count) % len(missing)
         found = found_again(self._ghosts.among(keys), tracked.warps, self._anchor, image)
         both = tracked.joined(self._align(Tracked.fresh(found), image, FIRST_ITERATIONS))
         if len(both) <= self.settings.max_features:
             return both
         kept = np.arange(len(both)) < len(tracked)
-        return both.take(self._spread(both.warps.ids, kept, self.settings.max_features))
-
-    def _missing(self, tracked: Tracked) -> IntArray:
-        assert self._view is not None
-        missing = self._candidates[~np.isin(self._candidates, tracked.warps.ids)]
-        if len(tracked) < self.settings.max_features:
-            return missing
-        height, width = self._view.image.shape
-        occupied = np.bincount(cells(tracked.warps.desired, (width, height)), minlength=CELLS)
-        places = self._view.keypoints.pixels[missing]
-        return missing[occupied[cells(places, (width, height))] <= SPARSE]
+        return both.take(self._candidates.spread(both.warps.ids, kept, self.settings.max_features))
 
     def _replenished(self, tracked: Tracked, image: Image) -> Tracked:
         """Match the whole image with the desired one and fill up with new features."""
-        assert self._view is not None
+        assert self._view is not None and self._candidates is not None
         first = self._match_frame is None
         self._match_frame, self.matchings = self._frame, self.matchings + 1
         try:
@@ -208,7 +193,9 @@ class Tracker:
         self.reason = ''
         other = np.flatnonzero(~np.isin(matches.indices, tracked.warps.ids))
         nobody = np.zeros(len(other), bool)
-        rows = other[self._spread(matches.indices[other], nobody, self.settings.candidates)]
+        rows = other[
+            self._candidates.spread(matches.indices[other], nobody, self.settings.candidates)
+        ]
         indices = matches.indices[rows]
         warps = Warps(
             indices,
@@ -218,10 +205,10 @@ class Tracker:
         )
         fresh = self._align(Tracked.fresh(warps), solid(image), FIRST_ITERATIONS)
         both = tracked.joined(fresh).consistent()
-        self._remember(both.warps.ids)
+        self._candidates.remember(both.warps.ids, self.settings.candidates)
         self._ghosts = self._ghosts.seen(both.warps)
         kept = np.isin(both.warps.ids, tracked.warps.ids)
-        return both.take(self._spread(both.warps.ids, kept, self.settings.max_features))
+        return both.take(self._candidates.spread(both.warps.ids, kept, self.settings.max_features))
 
     def _matched(self, image: Image, *, halved: bool) -> Matches:
         """Match by the halved image, and by the whole one where that gives too little."""
@@ -235,23 +222,6 @@ class Tracker:
                 if len(matches.indices) >= self.settings.max_features:
                     return matches
         return match(self._view, image)
-
-    def _remember(self, ids: IntArray) -> None:
-        """Keep in mind which features could be matched: they are worth looking for again."""
-        known = np.union1d(self._candidates, ids)
-        old = np.isin(known, self._candidates)
-        self._candidates = known[self._spread(known, old, self.settings.candidates)]
-
-    def _spread(self, ids: IntArray, preferred: BoolArray, count: int) -> IntArray:
-        """Choose rows spread over the desired image, ``preferred`` ones and good corners first."""
-        assert self._view is not None
-        height, width = self._view.image.shape
-        pixels = self._view.keypoints.pixels[ids]
-        # What lies at the height of the camera hardly moves in a planar motion.
-        height_share = np.abs(pixels[:, 1] - 0.5 * height) / (0.5 * height)
-        quality = self._view.corners[ids] * np.minimum(height_share / INFORMATIVE_HEIGHT, 1.0)
-        quality = quality + preferred * self._view.corners.max()
-        return spread(pixels, quality, count, (width, height))
 
     def _features(self) -> Features:
         warps = self._tracked.warps
