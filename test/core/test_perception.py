@@ -136,7 +136,6 @@ def test_garbage_is_never_an_error(estimator: str, kind: str, seed: int, known: 
     assert (sight.bearings is None) == bool(sight.reason)
 
 
-@pytest.mark.xfail(raises=TypeError, reason='trust.doubt: (-1e-20) ** 0.25 is complex')
 @pytest.mark.parametrize('estimator', ESTIMATORS)
 def test_features_on_one_line_are_never_an_error(estimator: str) -> None:
     for seed in range(20):

@@ -163,5 +163,5 @@ def test_named_numbers_come_back_with_nan() -> None:
 
 def test_diagnostics_come_back_as_text() -> None:
     values = {'phase': 'holding', 'features': 3.0}
-    message = write.diagnostics('servo', healthy=True, summary='', values=values, stamp_ns=1)
+    message = write.diagnostics('servo', level=b'\x00', summary='', values=values, stamp_ns=1)
     assert read.diagnosis(from_bag(message)) == {'phase': 'holding', 'features': '3.0'}

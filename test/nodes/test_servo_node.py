@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo, JointState, PointCloud2
 from std_msgs.msg import String
+from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from visual_servo_epipolar.core.camera import Camera
@@ -150,8 +151,27 @@ def test_the_robot_is_stopped_when_tracks_stay_away(bench) -> None:
     moving, stopped = rig.twists()
     assert (moving != STANDSTILL, stopped) == (True, STANDSTILL)
     bench.until(lambda: bench.logged('the robot is stopped'), 'the reason in the log')
-    age = float(bench.logged('the robot is stopped')[0].split()[3])
+    age = float(bench.logged('the robot is stopped')[0].split('for ')[1].split()[0])
     assert 0.2 < age < 0.6  # the watchdog looks every 0.05 s, a busy machine later
+
+
+def test_a_camera_that_repeats_one_image_stops_the_robot(bench) -> None:
+    rig = Rig(bench, stale_timeout=0.2)
+    rig.send(tracks())
+    bench.until(lambda: len(rig.commands) == 1, 'the first command')
+    rig.send(tracks())
+    bench.until(lambda: len(rig.commands) >= 2, 'the answer to the same stamp again')
+    assert rig.twists()[-1] == STANDSTILL
+
+
+def test_a_robot_that_was_stopped_waits_for_a_start_after_a_reset(bench) -> None:
+    rig = Rig(bench, stale_timeout=60.0)
+    rig.node._on_stop(Trigger.Request(), Trigger.Response())
+    rig.node._on_reset(Trigger.Request(), Trigger.Response())
+    before = len(rig.commands)
+    rig.send(tracks())
+    bench.settle()
+    assert all(twist == STANDSTILL for twist in rig.twists()[before:])
 
 
 def test_the_watchdog_leaves_a_robot_alone_that_stands(bench) -> None:
@@ -254,7 +274,7 @@ def test_what_it_says_carries_the_stamp_of_the_tracks(bench) -> None:
     headers += [marker.header for marker in markers[0].markers]
     assert {read.stamp_ns(header) for header in headers} == {STAMP_NS}
     assert markers[0].markers[0].header.frame_id == 'camera_optical_frame'
-    assert phases[0].data == read.diagnosis(diagnostics[0])['phase'] == 'displacing'
+    assert phases[-1].data == read.diagnosis(diagnostics[0])['phase'] == 'displacing'
 
 
 def test_epipoles_are_published_as_measured(bench) -> None:

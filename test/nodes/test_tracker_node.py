@@ -137,7 +137,7 @@ def test_the_view_of_now_can_be_captured_as_the_goal(rig, view) -> None:
 def test_a_view_cannot_be_captured_before_there_is_one(rig) -> None:
     answer = rig.bench.call('tracker_node/capture_desired')
     assert not answer.success
-    assert 'no image has arrived yet' in answer.message
+    assert 'no usable image is there' in answer.message
 
 
 def test_a_blank_view_cannot_be_captured(rig, photograph) -> None:

@@ -98,13 +98,22 @@ def test_a_command_that_is_not_finite_stops_it_and_is_logged_once(bench, bad) ->
 
 
 def test_it_takes_stamped_commands(bench) -> None:
-    _, command, truth = start(bench, enable_stamped_cmd_vel=True)
-    command(write.twist_stamped(Twist(0.3, 0.0), 0, 'base_link'))
+    node, command, truth = start(bench, enable_stamped_cmd_vel=True)
+    now_ns = node.get_clock().now().nanoseconds
+    command(write.twist_stamped(Twist(0.3, 0.0), now_ns, 'base_link'))
     bench.until(lambda: truth and velocity(truth[-1]).linear > 0.05, 'the base to move')
 
 
+def test_it_refuses_a_stamped_command_of_long_ago(bench) -> None:
+    _, command, truth = start(bench, enable_stamped_cmd_vel=True)
+    command(write.twist_stamped(Twist(0.3, 0.0), 1, 'base_link'))
+    bench.until(lambda: bench.logged('a command must be younger'), 'the refusal in the log')
+    bench.until(lambda: bool(truth), 'ground truth after it')
+    assert velocity(truth[-1]) == STANDSTILL
+
+
 def test_in_lockstep_one_command_is_one_frame(bench) -> None:
-    node, command, truth = start(bench, lockstep=True)
+    node, command, truth = start(bench, lockstep=True, begin=False)
     node.begin()
     wait_for_frames(bench, truth, 1)
     for step in range(1, 6):

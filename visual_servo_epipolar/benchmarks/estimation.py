@@ -205,7 +205,11 @@ def _rivals(name: str, cell: Cell, trials: int, seed: int) -> dict[str, Any]:
 def _signs(baseline: float, trials: int, seed: int) -> dict[str, Any]:
     """Return the share of baselines that point the wrong way, all around the goal."""
     cell = Cell(baseline=baseline, noise=0.5, outliers=0.3, around=True)
-    known = {'planar_2dof': ours(planar_2dof), 'soft cold': ours(soft_planar)}
+    known = {
+        'planar_2dof': ours(planar_2dof),
+        'soft cold': ours(soft_planar),
+        'soft calibrated': ours(soft_planar, Knowledge(True)),
+    }
     known |= {who: solve for who, solve in peers().items() if who == 'poselib E'}
     pairs = draw_pairs(cell, 2 * trials, seed)
     return {

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
+from importlib import import_module
 from importlib.util import find_spec
 import math
 from typing import Any
@@ -42,7 +43,8 @@ class Knowledge:
         attitude = Attitude(jitter=JITTER)
         if self.calibrated:
             tilt, roll = math.radians(cell.tilt), math.radians(cell.roll)
-            attitude = Attitude(tilt, roll, KNOWN, KNOWN, JITTER)
+            known = math.hypot(KNOWN, JITTER)  # the floor moved the desired camera, too
+            attitude = Attitude(tilt, roll, known, known, JITTER)
         if self.deviation is None:
             return Prior(attitude)
         # The noise of the first match stands for chance: the same for every contestant.
@@ -119,8 +121,7 @@ def peers() -> Mapping[str, Solver]:
         'opencv MAGSAC F': partial(_opencv, cv2.USAC_MAGSAC),
     }
     if find_spec('poselib') is not None:
-        import poselib
-
+        poselib = import_module('poselib')
         found['poselib F'] = partial(_poselib_f, poselib)
         found['poselib E'] = partial(_poselib_e, poselib)
     return found

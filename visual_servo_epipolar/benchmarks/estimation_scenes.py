@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.epipolar import Bearings, rotation_desired_current
 from visual_servo_epipolar.core.estimators.attitude import rotation_level_camera
 from visual_servo_epipolar.core.motion import Pose
@@ -91,17 +91,15 @@ def _pose(cell: Cell, rng: np.random.Generator) -> Pose:
 def _points(cell: Cell, rng: np.random.Generator) -> FloatArray:
     """Return points in camera axes of the goal, shape (DRAWN, 3)."""
     x, y = rng.uniform(-5.0, 5.0, DRAWN), rng.uniform(-1.8, 0.45, DRAWN)
-    depth = {
-        'lab': lambda: rng.uniform(3.0, 8.0, DRAWN),
-        'slanted': lambda: 5.5 + 0.3 * x,
-        'frontal': lambda: np.full(DRAWN, 5.5),
-    }[cell.scene]()
+    depth = rng.uniform(3.0, 8.0, DRAWN)
+    if cell.scene != 'lab':
+        depth = 5.5 + (0.3 * x if cell.scene == 'slanted' else 0.0 * x)
     return np.stack([x, y, depth], axis=1)
 
 
 def _rays(
     points: FloatArray, cell: Cell, rng: np.random.Generator
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[FloatArray, BoolArray]:
     """Return rays of ``points`` in a camera with tilt, roll and jitter, and which are in view."""
     tilt, roll = np.radians([cell.tilt, cell.roll] + cell.jitter * rng.standard_normal(2))
     solid = points @ rotation_level_camera(tilt, roll)

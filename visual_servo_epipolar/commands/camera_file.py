@@ -37,7 +37,7 @@ def read_camera(path: Path) -> Camera:
         raise InputError(
             f'{path}: camera file lacks {error}; write it with camera_calibration'
         ) from None
-    except (TypeError, ValueError) as error:
+    except (OverflowError, TypeError, ValueError) as error:
         raise InputError(f'{path}: {error}') from None
 
 
@@ -45,6 +45,8 @@ def _camera(document: Mapping[str, Any]) -> Camera:
     k = [float(value) for value in document['camera_matrix']['data']]
     if len(k) != 9:
         raise ValueError(f'camera_matrix must have nine numbers, got {len(k)}')
+    if k[1] != 0.0:
+        raise ValueError(f'camera_matrix must have no skew, got {k[1]}; calibrate again')
     coefficients = document.get('distortion_coefficients') or {'data': []}
     return Camera(
         int(document['image_width']),

@@ -12,7 +12,7 @@ REFRESH_S = 0.1
 WORDS = {
     'waiting': 'wait for tracks',
     'orienting': 'turn to the heading of the photograph',
-    'retreating': 'back off for a new attempt',
+    'retreating': 'back off straight, to come in from behind',
     'displacing': 'turn the epipole to the discordant side',
     'zeroing_epipoles': 'first step: bring both epipoles to the principal point',
     'matching_features': 'second step: drive until the features match',

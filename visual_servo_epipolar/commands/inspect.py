@@ -40,6 +40,8 @@ def add_to(kinds: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Inspect, print, write; return 0 if the result can be trusted."""
+    if options.out and not cv2.haveImageWriter(options.out):
+        raise InputError(f'{options.out}: no such image format; call it .png or .jpg')
     camera = read_camera(Path(options.camera))
     desired = read_photograph(Path(options.desired))
     current = read_photograph(Path(options.current))
@@ -117,7 +119,6 @@ def _draw(found: Inspection, image: Image, camera: Camera, path: Path) -> None:
         horizon=camera.cy,
         fundamental=found.fundamental if found.trusted else None,
     )
-    written, encoded = cv2.imencode(path.suffix or '.png', picture)
-    if not written:
-        raise InputError(f'{path}: no such image format; call it .png or .jpg')
-    np.asarray(encoded).tofile(path)
+    partial = path.with_name(f'.partial-{path.name}')
+    np.asarray(cv2.imencode(path.suffix, picture)[1]).tofile(partial)
+    partial.replace(path)

@@ -7,6 +7,7 @@ from visual_servo_epipolar.core.arrays import BoolArray, IntArray
 from visual_servo_epipolar.core.matching import CELLS, cells, DesiredView, spread
 
 INFORMATIVE_HEIGHT = 0.25  # of half the image: nearer to the horizon a feature counts for less
+FULL_SHARE = 4  # with a full set only so small a part of the search is made
 SPARSE = 2  # features in a part of the desired image that is hardly covered
 
 
@@ -49,6 +50,7 @@ class Candidates:
             occupied = np.bincount(cells(tracked.desired, self.size), minlength=CELLS)
             places = self._view.keypoints.pixels[missing]
             missing = missing[occupied[cells(places, self.size)] <= SPARSE]
+            count = max(count // FULL_SHARE, 1)
         count = min(count, len(missing))
         if count == 0:
             return missing[:0]

@@ -89,6 +89,8 @@ def _survey(state: ServoState, sight: Sight, settings: ServoSettings) -> Event:
 def _orienting(state: ServoState, sight: Sight, settings: ServoSettings) -> Event:
     if state.settled < settings.align_frames:
         return Event.NOTHING
+    if sight.feature_error <= settings.goal_error:
+        return Event.MATCHED
     if sight.bearings is not None and is_sideways(sight.bearings, settings):
         return Event.SIDEWAYS
     if sight.bearings is not None:
@@ -97,7 +99,14 @@ def _orienting(state: ServoState, sight: Sight, settings: ServoSettings) -> Even
     return Event.ALIGNED
 
 
+def _is_astray(sight: Sight, settings: ServoSettings) -> bool:
+    """Return whether the goal is not near, and where it is cannot be trusted."""
+    return sight.bearings is None and sight.parallax > settings.near_parallax
+
+
 def _retreating(state: ServoState, sight: Sight, settings: ServoSettings) -> Event:
+    if _is_astray(sight, settings):
+        return Event.LOST
     if sight.bearings is None or sight.difference > -settings.retreat_difference:
         return Event.NOTHING
     ahead = sight.bearings.sigma < 0.0
@@ -123,12 +132,16 @@ def _zeroing(state: ServoState, sight: Sight, settings: ServoSettings) -> Event:
     bearing = bearing_desired(sight.bearings)
     if abs(bearing) >= settings.divergence:
         return Event.DIVERGED
+    if not state.latched and is_sideways(sight.bearings, settings):
+        return Event.SIDEWAYS
     if state.latched and abs(bearing) > release_bound(sight, settings):
         return Event.ESCAPED
     return Event.ALIGNED if state.settled >= settings.align_frames else Event.NOTHING
 
 
 def _matching(state: ServoState, sight: Sight, settings: ServoSettings) -> Event:
+    if _is_astray(sight, settings):
+        return Event.LOST
     if state.settled < settings.arrival_frames:
         return Event.NOTHING
     near = sight.feature_error <= settings.arrival_error

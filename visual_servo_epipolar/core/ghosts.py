@@ -12,6 +12,7 @@ import numpy as np
 from visual_servo_epipolar.core.anchoring import Warps
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 
+AGE_OF_THE_LOST = 100  # frames: such a ghost is looked for by its neighbours, not where it was
 MIN_SUPPORT = 6  # tracked features below which ghosts stand still
 ROUNDS = 2  # of reweighting, so that a feature gone astray does not drag the others along
 RIDGE = 1e-6 * np.eye(3)  # features in a row leave one direction open
@@ -39,6 +40,10 @@ class Ghosts:
             self.warps.take(others).joined(warps),
             np.concatenate([self.unseen[others], np.zeros(len(warps), np.int64)]),
         )
+
+    def aged(self) -> 'Ghosts':
+        """Return the ghosts one frame later, where nothing says how they moved."""
+        return replace(self, unseen=self.unseen + AGE_OF_THE_LOST)
 
     def moved(self, motion: 'Motion') -> 'Ghosts':
         """Return the ghosts one frame later."""

@@ -78,6 +78,8 @@ def inspect(
         if fundamental is None
         else in_pixels(fundamental, current_camera.matrix, desired_camera.matrix),
     )
+    if math.isnan(seen.parallax_px):
+        return found  # too few matches for anything
     share = found.inliers / len(rays_current)
     planar = share >= PLANAR_SHARE and seen.jump <= MAX_JUMP * settings.floor_jitter
     if seen.parallax_px < settings.min_parallax or planar:

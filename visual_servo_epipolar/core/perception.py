@@ -41,6 +41,7 @@ ESTIMATORS: dict[str, Estimator] = {
     'planar_2dof': planar_2dof,
     'soft_planar': soft_planar,
 }
+APART, NEGLIGIBLE = 6.0, 5e-4  # times the median distance of features, plus rad
 NOISE_ADAPTION = 0.1
 NOISE_RANGE = (0.2, 5.0)  # of the noise that the settings give to begin with
 
@@ -144,9 +145,20 @@ def geometry(
         seen = replace(seen, reason=reason)
     else:
         seen, fundamental = _with_bearings(seen, observation, settings, frame)
-    alpha = seen.heading_error if settings.compensates else 0.0
-    difference = feature_difference(turned(current, alpha), desired)
+    difference = feature_difference(current, desired)
+    if settings.compensates:
+        difference = _compensated_difference(current, desired, seen.heading_error)
     return replace(seen, difference=difference), fundamental
+
+
+def _compensated_difference(
+    current: FloatArray, desired: FloatArray, heading_error: float
+) -> float:
+    """Return D of features turned to the desired heading, without those that stand apart."""
+    level = turned(current, heading_error)
+    distance = np.hypot(*(level - desired).T)
+    usual = distance <= APART * float(np.median(distance)) + NEGLIGIBLE
+    return feature_difference(level[usual], desired[usual])
 
 
 def feature_difference(current: FloatArray, desired: FloatArray) -> float:

@@ -35,12 +35,27 @@ def advance(state: ServoState, sight: Sight, settings: ServoSettings) -> ServoSt
     dt = 0.0 if before is None else interval(before.stamp_ns, sight.stamp_ns)
     state = remember(state, sight, settings)
     event = classify(state, settings)
-    if before is not None and sight.stamp_ns < before.stamp_ns:
-        sight = replace(sight, reason='time ran backwards')
-        state, event = replace(state, sight=sight, phase_start_ns=sight.stamp_ns), Event.LOST
-    state = _switch(state, sight, event, settings)
+    if before is not None and sight.stamp_ns <= before.stamp_ns:
+        state, event = _out_of_time(state, sight)
+    state = _switch(state, state.sight or sight, event, settings)
     twist = _feasible(command(state, settings), last, dt or USUAL_STEP_S, state.phase, settings)
     return replace(state, twist=twist, frame=state.frame + 1)
+
+
+def _out_of_time(state: ServoState, sight: Sight) -> tuple[ServoState, Event]:
+    """Hold when the stamps stand still or run backwards: images that nobody should act on."""
+    if state.phase not in DRIVING:
+        return replace(state, phase_start_ns=sight.stamp_ns), Event.NOTHING
+    sight = replace(sight, reason='the stamps of the images do not advance')
+    return replace(state, sight=sight, phase_start_ns=sight.stamp_ns), Event.LOST
+
+
+def lost(state: ServoState, reason: str) -> ServoState:
+    """Return the state of a servo that hears nothing any more: holding, at a standstill."""
+    phase = next_phase(state.phase, Event.LOST)
+    if phase is state.phase:
+        return replace(state, twist=STANDSTILL)
+    return replace(state, phase=phase, twist=STANDSTILL, settled=0, reason=reason)
 
 
 def _feasible(

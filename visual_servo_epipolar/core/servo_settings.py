@@ -27,7 +27,7 @@ class ServoSettings(Settings):
         read_only=True,
     )
     seed: int = setting(0, 'Seed of the random subsets', low=0, high=2**31 - 1, read_only=True)
-    autostart: bool = setting(True, 'Start by itself once there are tracks')
+    autostart: bool = setting(True, 'Start by itself once there are tracks', read_only=True)
 
     k1: float = setting(
         0.08, 'Gain k1 of eq. (12) on the current epipole [1/s]', low=0.0, high=5.0
@@ -179,6 +179,12 @@ class ServoSettings(Settings):
             raise ValueError(
                 f'latch_engage must not exceed latch_release, got {self.latch_engage:g} and '
                 f'{self.latch_release:g} rad; without hysteresis noise would switch the law'
+            )
+        if self.dead_band_linear > self.max_linear or self.dead_band_angular > self.max_angular:
+            raise ValueError(
+                'dead bands must not exceed max_linear and max_angular, got '
+                f'{self.dead_band_linear:g} m/s and {self.dead_band_angular:g} rad/s; '
+                'a command raised to them would break the limits'
             )
         if self.min_displacement > self.max_displacement:
             raise ValueError(

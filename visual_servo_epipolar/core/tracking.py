@@ -144,11 +144,13 @@ class Tracker:
         """Drop features that went another way than all others, and move the ghosts along."""
         before = self._tracked.warps
         if not len(tracked):
+            self._ghosts = self._ghosts.aged()
             return tracked
         # Both lists are in the order of the last frame: what was lost is missing from the second.
         places = before.current[np.isin(before.ids, tracked.warps.ids)]
         motion = motion_between(places, tracked.warps.current)
         if motion is None:
+            self._ghosts = self._ghosts.aged()
             return tracked
         self._ghosts = self._ghosts.moved(motion)
         return tracked.take(~motion.astray(places, tracked.warps.current, ASTRAY_PX))

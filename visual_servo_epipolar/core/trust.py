@@ -55,7 +55,7 @@ def doubt(estimate: Estimate, desired: FloatArray, memory: Memory, settings: Ser
     inliers, count = int(estimate.inliers.sum()), len(estimate.inliers)
     if inliers < max(MIN_INLIERS, MIN_INLIER_SHARE * count):
         return f'only {inliers} of {count} matches agree on one geometry'
-    spread = float(np.linalg.det(np.cov(desired[estimate.inliers].T))) ** 0.25
+    spread = max(float(np.linalg.det(np.cov(desired[estimate.inliers].T))), 0.0) ** 0.25
     if spread < settings.min_spread:
         return f'the features are clustered within {math.degrees(spread):.1f} deg'
     if estimate.confidence < settings.min_confidence:

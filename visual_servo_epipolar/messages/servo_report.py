@@ -2,7 +2,7 @@
 
 import math
 
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Point
 from visualization_msgs.msg import Marker, MarkerArray
 
@@ -12,7 +12,7 @@ from visual_servo_epipolar.core.telemetry import telemetry
 from visual_servo_epipolar.messages import write
 
 ARROW_M = 1.0
-TROUBLED = (Phase.HOLDING, Phase.FAILED)
+LEVELS = {Phase.HOLDING: DiagnosticStatus.WARN, Phase.FAILED: DiagnosticStatus.ERROR}
 
 
 def diagnosis(state: ServoState, stamp_ns: int, *, name: str) -> DiagnosticArray:
@@ -24,7 +24,7 @@ def diagnosis(state: ServoState, stamp_ns: int, *, name: str) -> DiagnosticArray
     summary = f'{state.phase.value}: {state.reason}' if state.reason else state.phase.value
     return write.diagnostics(
         name,
-        healthy=state.phase not in TROUBLED,
+        level=LEVELS.get(state.phase, DiagnosticStatus.OK),
         summary=summary,
         values=values,
         stamp_ns=stamp_ns,

@@ -128,10 +128,9 @@ def text(value: str) -> String:
 
 
 def diagnostics(
-    name: str, *, healthy: bool, summary: str, values: dict[str, Any], stamp_ns: int
+    name: str, *, level: bytes, summary: str, values: dict[str, Any], stamp_ns: int
 ) -> DiagnosticArray:
     """Return a diagnostic_msgs/DiagnosticArray with one status."""
-    status = DiagnosticStatus(name=name, message=summary)
-    status.level = DiagnosticStatus.OK if healthy else DiagnosticStatus.WARN
+    status = DiagnosticStatus(level=level, name=name, message=summary)
     status.values = [KeyValue(key=key, value=str(value)) for key, value in values.items()]
     return DiagnosticArray(header=header(stamp_ns, ''), status=[status])

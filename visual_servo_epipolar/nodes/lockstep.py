@@ -25,7 +25,7 @@ from visual_servo_epipolar.simulation.closed_loop import LoopSettings
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 STALL_S = 60.0
-DISCOVERY_RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
+DISCOVERY = ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_LOCALHOST_ONLY', 'ROS_STATIC_PEERS')
 
 
 class LockstepError(VisualServoError):
@@ -42,8 +42,9 @@ class Lockstep(AbstractContextManager['Lockstep']):
 
     def __init__(self, scenario: Scenario, loop: LoopSettings, *, open_to: str = 'OFF') -> None:
         tune_transport()
-        self._before = os.environ.get(DISCOVERY_RANGE)
-        os.environ[DISCOVERY_RANGE] = open_to
+        # The older variables would overrule the range.
+        self._before = {name: os.environ.pop(name, None) for name in DISCOVERY}
+        os.environ[DISCOVERY[0]] = open_to
         self.context = Context()
         rclpy.init(args=[], context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
@@ -55,9 +56,13 @@ class Lockstep(AbstractContextManager['Lockstep']):
             raise
 
     def _populate(self, scenario: Scenario, loop: LoopSettings) -> None:
-        base = {'lockstep': True, 'start': loop.start, 'seed': loop.seed}
+        base = {'lockstep': True, 'begin': False, 'start': loop.start, 'seed': loop.seed}
         base['frame_rate'] = loop.frame_rate
-        self.servo = self._add(ServoNode, scenario.servo, {'camera_reliability': 'reliable'})
+        self.servo = self._add(
+            ServoNode,
+            scenario.servo,
+            {'camera_reliability': 'reliable', 'autostart': True, 'watchdog': False},
+        )
         self.tracker = self._add(TrackerNode, scenario.tracker, {'camera_reliability': 'reliable'})
         self.unicycle = self._add(UnicycleNode, scenario.base, base, simulated_time=False)
         self.camera = self._add(CameraNode, scenario.camera, {})
@@ -86,10 +91,10 @@ class Lockstep(AbstractContextManager['Lockstep']):
             node.destroy_node()
         self.executor.shutdown()
         self.context.try_shutdown()
-        if self._before is None:
-            os.environ.pop(DISCOVERY_RANGE, None)
-        else:
-            os.environ[DISCOVERY_RANGE] = self._before
+        for name, value in self._before.items():
+            os.environ.pop(name, None)
+            if value is not None:
+                os.environ[name] = value
 
     def _add(
         self,

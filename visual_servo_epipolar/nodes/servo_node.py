@@ -19,7 +19,8 @@ from visual_servo_epipolar.core.camera import Camera
 from visual_servo_epipolar.core.features import Features
 from visual_servo_epipolar.core.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.perception import observe
-from visual_servo_epipolar.core.servo import step, stop
+from visual_servo_epipolar.core.phases import DRIVING
+from visual_servo_epipolar.core.servo import lost, step, stop
 from visual_servo_epipolar.core.servo_settings import ServoSettings
 from visual_servo_epipolar.core.servo_state import seconds_between, ServoState
 from visual_servo_epipolar.core.settings import setting, Settings
@@ -41,6 +42,9 @@ class ServoNodeSettings(Settings):
     enable_stamped_cmd_vel: bool = setting(
         False, 'Publish geometry_msgs/TwistStamped on cmd_vel', read_only=True
     )
+    watchdog: bool = setting(
+        True, 'Stop the robot when tracks stay away; off where time itself waits', read_only=True
+    )
     base_frame: str = setting('base_link', 'Frame of the commands', read_only=True)
     camera_reliability: str = setting(
         'best_effort',
@@ -54,8 +58,7 @@ class ServoNode(Node):
     """
     Hosts ``core.servo.step``: one command for each set of tracks, none while it is not started.
 
-    A watchdog stops the robot when tracks stay away. It runs on the steady clock; in simulated
-    time on that, for then the world stands still whenever time does.
+    A watchdog on the steady clock stops the robot when tracks stay away, or repeat their stamp.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -68,13 +71,13 @@ class ServoNode(Node):
         self._camera: Camera | None = None
         self._waiting: PointCloud2 | None = None
         self._fresh_ns: int | None = None
+        self._stamp_ns: int | None = None
         self._create_publishers()
         self._create_subscriptions()
-        simulated = self.get_parameter('use_sim_time').value
-        self._watch_clock = (
-            self.get_clock() if simulated else Clock(clock_type=ClockType.STEADY_TIME)
-        )
-        self.create_timer(WATCH_PERIOD_S, self._on_watch, clock=self._watch_clock)
+        self._watch_clock = Clock(clock_type=ClockType.STEADY_TIME)
+        if self._node_settings.watchdog:
+            self.create_timer(WATCH_PERIOD_S, self._on_watch, clock=self._watch_clock)
+        self._phase_pub.publish(write.text(self._state.phase.value))
 
     def stop(self) -> None:
         """Stop the robot, and wait until it has heard it."""
@@ -111,12 +114,15 @@ class ServoNode(Node):
             self._camera = None
             self._complain(f'camera_info cannot be used, the robot stands: {error}')
             self._halt()
-        if self._waiting is not None and self._camera is not None:
-            waiting, self._waiting = self._waiting, None
+        waiting, self._waiting = self._waiting, None
+        if waiting is not None and self._camera is not None and not self._is_stale():
             self._on_tracks(waiting)
 
     def _on_tracks(self, message: PointCloud2) -> None:
-        self._fresh_ns = self._watch_clock.now().nanoseconds
+        stamp_ns = read.stamp_ns(message.header)
+        if stamp_ns != self._stamp_ns:  # a camera that hangs may repeat its last image for ever
+            self._fresh_ns = self._watch_clock.now().nanoseconds
+        self._stamp_ns = stamp_ns
         if not self._active:
             return
         if self._camera is None:
@@ -124,7 +130,7 @@ class ServoNode(Node):
             self._complain('no usable camera_info yet; tracks wait for it, the robot stands')
             self._halt()
             return
-        features, stamp_ns = Features(), read.stamp_ns(message.header)
+        features = Features()
         try:
             features = _within(read.features(message), self._camera)
         except ValueError as error:
@@ -164,12 +170,22 @@ class ServoNode(Node):
             self._command(STANDSTILL, self.get_clock().now().nanoseconds)
 
     def _on_watch(self) -> None:
-        if self._fresh_ns is None or self._state.twist == STANDSTILL:
+        if self._state.phase not in DRIVING or not self._is_stale():
             return
-        age = seconds_between(self._fresh_ns, self._watch_clock.now().nanoseconds)
-        if age > self._settings.stale_timeout:
-            self.get_logger().warning(f'no tracks for {age:.2f} s, the robot is stopped')
-            self._halt()
+        reason = f'no new tracks for {self._age():.2f} s'
+        self.get_logger().warning(f'{reason}, the robot is stopped')
+        self._halt()
+        self._follow(lost(self._state, reason))
+        self._phase_pub.publish(write.text(self._state.phase.value))
+
+    def _is_stale(self) -> bool:
+        return self._node_settings.watchdog and self._age() > self._settings.stale_timeout
+
+    def _age(self) -> float:
+        """Return the time since the last new tracks [s]."""
+        if self._fresh_ns is None:
+            return 0.0
+        return seconds_between(self._fresh_ns, self._watch_clock.now().nanoseconds)
 
     def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if self._state.ended:
@@ -186,7 +202,7 @@ class ServoNode(Node):
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._halt()
-        self._active, self._state = self._settings.autostart, ServoState()
+        self._state = ServoState()  # one that was stopped waits for ~/start
         self._phase_pub.publish(write.text(self._state.phase.value))
         response.success, response.message = True, 'ready for a new run'
         return response

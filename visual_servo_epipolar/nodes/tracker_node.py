@@ -7,6 +7,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_srvs.srv import Trigger
@@ -25,6 +26,7 @@ from visual_servo_epipolar.nodes.run import spin
 from visual_servo_epipolar.report.overlay import draw_overlay
 
 WARN_PERIOD_S = 5.0
+MAX_CAPTURE_AGE_S = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -61,6 +63,7 @@ class TrackerNode(Node):
         self._camera: Camera | None = None
         self._unusable = ''  # why the last camera_info cannot be used
         self._latest: Pixels | None = None
+        self._latest_ns, self._steady = 0, Clock(clock_type=ClockType.STEADY_TIME)
         self._waiting: Image | None = None
         if node_settings.desired_image:
             self._tracker.set_desired(_photograph(node_settings.desired_image))
@@ -69,7 +72,8 @@ class TrackerNode(Node):
         images = qos.IMAGES[node_settings.camera_reliability]
         self.create_subscription(CameraInfo, 'camera_info', self._on_info, images)
         self.create_subscription(Image, 'image_raw', self._on_image, images)
-        self.create_subscription(Image, 'desired/image_raw', self._on_desired, qos.LATCHED)
+        if not node_settings.desired_image:
+            self.create_subscription(Image, 'desired/image_raw', self._on_desired, qos.LATCHED)
         self.create_service(Trigger, '~/capture_desired', self._on_capture)
         self.create_service(Trigger, '~/redetect', self._on_redetect)
 
@@ -86,6 +90,7 @@ class TrackerNode(Node):
             self._camera, self._unusable = read.camera(message), ''
         except ValueError as error:
             self._camera, self._unusable = None, str(error)
+            self._latest = None
         if self._waiting is not None:
             waiting, self._waiting = self._waiting, None
             self._on_image(waiting)
@@ -95,11 +100,11 @@ class TrackerNode(Node):
             self._waiting = message
             self._complain('no usable camera_info yet; an image waits for it, the robot stands')
             return
-        features = Features()
+        features, self._latest = Features(), None
         try:
             image = read.gray(message)
             self._check_size(image)
-            self._latest = image
+            self._latest, self._latest_ns = image, self._steady.now().nanoseconds
             features = self._tracker.track(image)
         except ValueError as error:
             self._complain(f'image refused: {error}')
@@ -128,7 +133,10 @@ class TrackerNode(Node):
     ) -> Trigger.Response:
         try:
             if self._latest is None:
-                raise ValueError('no image has arrived yet; check image_raw and camera_info')
+                raise ValueError('no usable image is there; check image_raw and camera_info')
+            age = (self._steady.now().nanoseconds - self._latest_ns) / 1e9
+            if age > MAX_CAPTURE_AGE_S:
+                raise ValueError(f'the last image is {age:.1f} s old; check the camera')
             self._tracker.set_desired(self._latest)
             response.success, response.message = True, 'this is the pose to come back to'
         except (ValueError, TrackingError) as error:

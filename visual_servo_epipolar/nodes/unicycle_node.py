@@ -21,6 +21,7 @@ from visual_servo_epipolar.simulation.closed_loop import period_ns
 from visual_servo_epipolar.simulation.pioneer import BaseSettings, Pioneer
 
 WARN_PERIOD_S = 2.0
+BEGIN_PERIOD_S = 0.5
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -33,6 +34,9 @@ class UnicycleSettings(Settings):
     seed: int = setting(0, 'Seed of odometry noise', low=0, high=2**31 - 1, read_only=True)
     lockstep: bool = setting(
         False, 'Own /clock, and move one frame for each command', read_only=True
+    )
+    begin: bool = setting(
+        True, 'Lockstep: begin as soon as somebody listens to ground_truth', read_only=True
     )
     rate: float = setting(100.0, 'Rate of the base [Hz]', low=1.0, high=1000.0, read_only=True)
     frame_rate: float = setting(
@@ -81,12 +85,21 @@ class UnicycleNode(Node):
         self.create_service(Trigger, '~/reset', self._on_reset)
         if self._settings.lockstep:
             self._clock_pub = self.create_publisher(ClockMessage, '/clock', qos.CLOCK)
+            if self._settings.begin:
+                self._waiting = self.create_timer(
+                    BEGIN_PERIOD_S, self._on_waiting, clock=self._steady
+                )
         else:
             self.create_timer(1.0 / self._settings.rate, self._on_tick, clock=self._steady)
 
     def begin(self) -> None:
         """Publish where the robot stands: in lockstep this sets the chain of nodes going."""
         self._publish()
+
+    def _on_waiting(self) -> None:
+        if self._truth_pub.get_subscription_count():
+            self._waiting.cancel()
+            self.begin()
 
     def _use_start(self, settings: UnicycleSettings) -> None:
         self._settings = settings  # the start counts from the next reset
@@ -101,6 +114,7 @@ class UnicycleNode(Node):
 
     def _on_command(self, message: Any) -> None:
         try:
+            self._check_age(message)
             self._base.command(read.twist(message))
         except ValueError as error:
             self._base.halt()
@@ -109,6 +123,18 @@ class UnicycleNode(Node):
             self.steps += 1
             self._base.advance(self._base.now_ns + period_ns(self._settings.frame_rate))
             self._publish()
+
+    def _check_age(self, message: Any) -> None:
+        """Refuse a stamped command that is older than a command may be."""
+        timeout = self._base_settings.command_timeout
+        if self._settings.lockstep or timeout == 0.0 or not hasattr(message, 'header'):
+            return
+        age = (self.get_clock().now().nanoseconds - read.stamp_ns(message.header)) / 1e9
+        if age > timeout:
+            raise ValueError(
+                f'a command must be younger than {timeout:g} s, got one of {age:.2f} s; '
+                'synchronise the clocks of sender and base'
+            )
 
     def _on_tick(self) -> None:
         moving = self._base.moving

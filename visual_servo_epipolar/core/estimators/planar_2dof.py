@@ -81,7 +81,7 @@ def planar_2dof(
     if prior.bearings is not None:
         before = np.array([[prior.bearings.psi, prior.bearings.phi]])
         found = _refined(before, table, noise)
-        if found.good:
+        if found.goes_on(prior):
             return _estimate(found, 0, None, rays, kept, noise, prior)
     found = _refined(_candidates(rays, noise), table, noise)
     best, rival = chosen_mode(found.parameters, found.costs, prior)

@@ -14,6 +14,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
+from visual_servo_epipolar.core.estimators.base import Prior
 from visual_servo_epipolar.core.estimators.planar import (
     INLIER_DEVIATIONS,
     MARGIN,
@@ -73,10 +74,13 @@ class Fit:
     costs: FloatArray
     squared: FloatArray
 
-    @property
-    def good(self) -> bool:
-        """Whether the first fit leaves nothing to look for."""
-        return bool(self.costs[0] < GOOD_COST * self.squared.shape[1])
+    def goes_on(self, prior: Prior) -> bool:
+        """Return whether the first fit, made from ``prior``, leaves nothing to look for."""
+        if prior.bearings is None or self.costs[0] > GOOD_COST * self.squared.shape[1]:
+            return False
+        psi, phi = self.parameters[0, :2].tolist()
+        change = max(abs(psi - prior.bearings.psi), abs(phi - prior.bearings.phi))
+        return bool(change < prior.deviation)
 
     def winnowed(self) -> FloatArray:
         """Return the parameters of the best different modes among those that may still win."""

@@ -85,8 +85,8 @@ def soft_planar(
         )
     table = table_of(rays, noise)
     if prior.bearings is not None:
-        found = _refined(_start(prior), table, noise, attitude)
-        if found.good:
+        found = _refined(_start(prior.bearings, attitude), table, noise, attitude)
+        if found.goes_on(prior):
             return _estimate(found, 0, None, rays, kept, noise, prior)
     cold = attitude.tilt_deviation > COLD
     found = _solutions(rays, table, noise, prior, NO_JUMP if cold else JUMPS)
@@ -117,15 +117,14 @@ def _solutions(
     attitude = prior.attitude
     start = _candidates(rays, noise, attitude, jumps)
     if prior.bearings is not None:
-        start = np.vstack([start, _start(prior)])
+        start = np.vstack([start, _start(prior.bearings, attitude)])
     return _refined(start, table, noise, attitude)
 
 
-def _start(prior: Prior) -> FloatArray:
+def _start(before: Bearings, attitude: Attitude) -> FloatArray:
     """Return the parameters of the last bearings, shape (1, 6)."""
-    assert prior.bearings is not None
-    start = _belief(prior.attitude).mean[None].copy()
-    start[0, PSI], start[0, PHI] = prior.bearings.psi, prior.bearings.phi
+    start = _belief(attitude).mean[None].copy()
+    start[0, PSI], start[0, PHI] = before.psi, before.phi
     return start
 
 
