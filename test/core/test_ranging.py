@@ -33,6 +33,7 @@ def test_two_bearings_and_the_way_between_give_the_distance(
 ) -> None:
     start = Pose(x, y, math.pi / 2 + heading)
     end = integrate(start, Twist(way, 0.0), 1.0)
+    assume(end.distance > 0.05)  # at the goal there are no bearings
     before, after = Bearings.from_pose(start), Bearings.from_pose(end)
     assume(abs(wrap_angle(after.psi - before.psi)) > 1.01 * MIN_TURN)
     assume(abs(wrap_angle(after.psi - before.psi)) < 3.0)
