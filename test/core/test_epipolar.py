@@ -19,9 +19,9 @@ from strategies import (
     seen_from,
 )
 
+from visual_servo_epipolar.core.cheirality import cheirality, oriented_bearings
 from visual_servo_epipolar.core.epipolar import (
     Bearings,
-    cheirality,
     cross_matrix,
     design_matrix,
     epipoles,
@@ -29,7 +29,6 @@ from visual_servo_epipolar.core.epipolar import (
     fundamental_from_matches,
     fundamental_from_pose,
     hartley_normalisation,
-    oriented_bearings,
     rotation_desired_current,
     sampson_distance,
 )

@@ -5,12 +5,12 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+from visual_servo_epipolar.core.cheirality import oriented_bearings
 from visual_servo_epipolar.core.epipolar import (
     design_matrix,
     fundamental_from_matches,
     hartley_normalisation,
     MIN_MATCHES,
-    oriented_bearings,
     sampson_distance,
     transform,
 )

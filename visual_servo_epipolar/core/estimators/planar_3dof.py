@@ -3,7 +3,8 @@
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
-from visual_servo_epipolar.core.epipolar import Bearings, cheirality
+from visual_servo_epipolar.core.cheirality import cheirality
+from visual_servo_epipolar.core.epipolar import Bearings
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior
 from visual_servo_epipolar.core.estimators.planar import (

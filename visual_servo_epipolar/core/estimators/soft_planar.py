@@ -5,7 +5,8 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
-from visual_servo_epipolar.core.epipolar import Bearings, cheirality, fundamental_from_bearings
+from visual_servo_epipolar.core.cheirality import cheirality
+from visual_servo_epipolar.core.epipolar import Bearings, fundamental_from_bearings
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.attitude import level, rotation_level_camera
 from visual_servo_epipolar.core.estimators.base import Attitude, Estimate, Prior
