@@ -211,7 +211,7 @@ def _slopes(image: Solid, around: FloatArray, stride: float) -> FloatArray:
     x, y = around[None, :, 0], around[None, :, 1]
     along_x = bilinear(image, x + stride, y) - bilinear(image, x - stride, y)
     along_y = bilinear(image, x, y + stride) - bilinear(image, x, y - stride)
-    return 0.5 * np.concatenate([along_x, along_y]).astype(np.float64)
+    return np.asarray(0.5 * np.concatenate([along_x, along_y]), dtype=np.float64)
 
 
 def _normalised(patches: Solid) -> tuple[Solid, FloatArray]:

@@ -16,7 +16,7 @@ class Candidates:
 
     def __init__(self, view: DesiredView) -> None:
         self._view = view
-        self._ids = np.empty(0, np.int64)
+        self._ids: IntArray = np.empty(0, np.int64)
         self._next = 0
 
     @property
@@ -27,7 +27,7 @@ class Candidates:
 
     def remember(self, ids: IntArray, limit: int) -> None:
         """Add features, and keep at most ``limit`` of all, the older ones first."""
-        known = np.union1d(self._ids, ids)
+        known: IntArray = np.asarray(np.union1d(self._ids, ids), dtype=np.int64)
         self._ids = known[self.spread(known, np.isin(known, self._ids), limit)]
 
     def spread(self, ids: IntArray, preferred: BoolArray, count: int) -> IntArray:

@@ -28,7 +28,8 @@ def _inner() -> FloatArray:
     plain = families[:, 0]
     jump = plain @ S_X
     both = jump - S_X @ plain
-    return np.concatenate([families, both[:, None], jump[:, None]], axis=1).reshape(4, 45)
+    parts = np.concatenate([families, both[:, None], jump[:, None]], axis=1)
+    return np.asarray(parts.reshape(4, 45))
 
 
 def _rolls() -> FloatArray:

@@ -93,7 +93,8 @@ def _candidates(rays: Rays, noise: float) -> FloatArray:
     """Return psi and phi of the best hypotheses of different modes, shape (K, 2)."""
     hypotheses = two_point_hypotheses(rays, PAIRS)
     costs = scores(hypotheses, rays, INLIER_DEVIATIONS * noise)
-    return np.angle(hypotheses[:, modes(hypotheses, costs, MODES)]).T
+    best = np.angle(hypotheses[:, modes(hypotheses, costs, MODES)])
+    return np.asarray(best.T, dtype=np.float64)
 
 
 def _model(angles: FloatArray) -> FloatArray:
