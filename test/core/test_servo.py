@@ -450,3 +450,15 @@ def test_an_ended_run_stays_ended(seen: Sight, twist: Twist) -> None:
     for phase in (Phase.ARRIVED, Phase.FAILED):
         state = after(seen, state=in_phase(phase, reason='why', twist=twist))
         assert (state.phase, state.twist, state.reason) == (phase, STANDSTILL, 'why')
+
+
+def test_a_run_that_flaps_between_phases_ends() -> None:
+    settings = replace(SETTINGS, run_timeout=10.0)
+    state = ServoState()
+    for number in range(300):
+        seen = sight(0.1 * number)
+        if number % 2:
+            seen = replace(seen, bearings=None, parallax=0.3, reason='undecided')
+        state = advance(state, seen, settings)
+    assert state.phase is Phase.FAILED
+    assert state.reason.startswith('the run took longer than 10 s')

@@ -49,6 +49,10 @@ def classify(state: ServoState, settings: ServoSettings) -> Event:
     if sight is None or phase in ENDED:
         return Event.NOTHING
     elapsed = seconds_between(state.phase_start_ns, sight.stamp_ns)
+    running = phase in DRIVING or phase is Phase.HOLDING
+    run = seconds_between(state.run_start_ns, sight.stamp_ns)
+    if running and run > settings.run_timeout:
+        return Event.TIMED_OUT
     if phase is Phase.HOLDING and elapsed > settings.holding_timeout:
         return Event.TIMED_OUT
     if phase in DRIVING and elapsed > settings.phase_timeout:

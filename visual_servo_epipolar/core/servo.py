@@ -17,7 +17,7 @@ from visual_servo_epipolar.core.phases import DRIVING, Event, next_phase, Phase
 from visual_servo_epipolar.core.ranging import Leg
 from visual_servo_epipolar.core.recollection import interval, lateral_offset, remember
 from visual_servo_epipolar.core.servo_settings import ServoSettings
-from visual_servo_epipolar.core.servo_state import ServoState
+from visual_servo_epipolar.core.servo_state import seconds_between, ServoState
 
 USUAL_STEP_S = 0.1  # to accelerate over, when no image came before
 CREEP = 0.02  # braking never asks for less, lest noise in the rate stop the robot [m/s]
@@ -174,6 +174,7 @@ def _switch(state: ServoState, sight: Sight, event: Event, settings: ServoSettin
         state,
         phase=phase,
         phase_start_ns=sight.stamp_ns,
+        run_start_ns=sight.stamp_ns if state.phase is Phase.WAITING else state.run_start_ns,
         settled=0,
         reason=_reason(state, sight, event, settings),
         attempts=state.attempts + (event is Event.MISSED),
@@ -206,6 +207,9 @@ def _target(sight: Sight, settings: ServoSettings) -> float:
 def _reason(state: ServoState, sight: Sight, event: Event, settings: ServoSettings) -> str:
     """Say why a phase was left, for the log and for the verdict on the run."""
     name = state.phase.value
+    run = seconds_between(state.run_start_ns, sight.stamp_ns)
+    if event is Event.TIMED_OUT and run > settings.run_timeout:
+        return f'the run took longer than {settings.run_timeout:g} s, still {name}'
     if event is Event.TIMED_OUT and state.phase is Phase.HOLDING:
         return f'tracks lost or untrusted for {settings.holding_timeout:g} s: {state.reason}'
     if event is Event.TIMED_OUT:

@@ -167,6 +167,7 @@ class ServoSettings(Settings):
         'raise', 'What becomes of slower commands', choices=('raise', 'zero')
     )
     phase_timeout: float = setting(120.0, 'Longest stay in one phase [s]', low=1.0, high=3600.0)
+    run_timeout: float = setting(600.0, 'Longest run [s]', low=1.0, high=86400.0)
     holding_timeout: float = setting(5.0, 'Longest wait for lost tracks [s]', low=0.1, high=600.0)
     stale_timeout: float = setting(
         0.5, 'Age of the last tracks at which the robot is stopped [s]', low=0.05, high=60.0

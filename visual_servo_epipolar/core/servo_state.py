@@ -31,6 +31,7 @@ class ServoState:
 
     phase: Phase = Phase.WAITING
     phase_start_ns: int = 0
+    run_start_ns: int = 0
     twist: Twist = STANDSTILL
     sight: Sight | None = None
     distance: float = math.nan
