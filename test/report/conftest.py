@@ -7,7 +7,8 @@ import pytest
 
 from visual_servo_epipolar.core.motion import integrate, Pose, saturate, Twist
 from visual_servo_epipolar.core.phases import Phase
-from visual_servo_epipolar.core.run_log import NANOSECONDS, RunLog, Sample
+from visual_servo_epipolar.core.run_log import RunLog, Sample
+from visual_servo_epipolar.core.stamps import NANOSECONDS
 
 START = (-0.6, -3.0, 8.0)
 FOCAL = 769.0

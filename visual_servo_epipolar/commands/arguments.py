@@ -69,12 +69,7 @@ def scenario_of(options: argparse.Namespace) -> Scenario:
         for name in ('law', 'estimator')
         if getattr(options, name) is not None
     }
-    scenario = scenario.seeded(options.seed).with_servo(changes)
-    try:
-        _ = scenario.camera.camera  # its numbers are in range one by one; do they go together?
-    except ValueError as error:
-        raise InputError(f'{options.scenario}: camera: {error}') from None
-    return scenario
+    return scenario.seeded(options.seed).with_servo(changes)
 
 
 def write_json(document: Mapping[str, Any], target: str | None) -> None:

@@ -7,7 +7,8 @@ from visual_servo_epipolar.core.epipolar import Bearings
 from visual_servo_epipolar.core.perception import Sight
 from visual_servo_epipolar.core.phases import DRIVING, ENDED, Event, Phase
 from visual_servo_epipolar.core.servo_settings import ServoSettings
-from visual_servo_epipolar.core.servo_state import seconds_between, ServoState
+from visual_servo_epipolar.core.servo_state import ServoState
+from visual_servo_epipolar.core.stamps import seconds_between
 
 ENGAGE_DEVIATIONS, RELEASE_DEVIATIONS = 1.0, 4.0
 

@@ -9,7 +9,8 @@ from visual_servo_epipolar.core.perception import Sight
 from visual_servo_epipolar.core.phases import Phase
 from visual_servo_epipolar.core.ranging import Leg
 from visual_servo_epipolar.core.servo_settings import ServoSettings
-from visual_servo_epipolar.core.servo_state import seconds_between, ServoState
+from visual_servo_epipolar.core.servo_state import ServoState
+from visual_servo_epipolar.core.stamps import seconds_between
 
 MAX_STEP_S = 1.0  # a longer gap between two images is not integrated over
 RATE_SMOOTHING = 0.4

@@ -7,8 +7,7 @@ from typing import Any
 
 from visual_servo_epipolar.core.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.phases import Phase
-
-NANOSECONDS = 1_000_000_000
+from visual_servo_epipolar.core.stamps import NANOSECONDS
 
 
 @dataclass(frozen=True, slots=True)

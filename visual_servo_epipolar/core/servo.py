@@ -17,7 +17,8 @@ from visual_servo_epipolar.core.phases import DRIVING, Event, next_phase, Phase
 from visual_servo_epipolar.core.ranging import Leg
 from visual_servo_epipolar.core.recollection import interval, lateral_offset, remember
 from visual_servo_epipolar.core.servo_settings import ServoSettings
-from visual_servo_epipolar.core.servo_state import seconds_between, ServoState
+from visual_servo_epipolar.core.servo_state import ServoState
+from visual_servo_epipolar.core.stamps import seconds_between
 
 USUAL_STEP_S = 0.1  # to accelerate over, when no image came before
 CREEP = 0.02  # braking never asks for less, lest noise in the rate stop the robot [m/s]

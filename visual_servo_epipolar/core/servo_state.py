@@ -8,13 +8,6 @@ from visual_servo_epipolar.core.perception import Sight
 from visual_servo_epipolar.core.phases import ENDED, Phase
 from visual_servo_epipolar.core.ranging import Leg
 
-NANOSECONDS = 1_000_000_000
-
-
-def seconds_between(earlier_ns: int, later_ns: int) -> float:
-    """Return the time between two stamps [s]."""
-    return (later_ns - earlier_ns) / NANOSECONDS
-
 
 @dataclass(frozen=True, slots=True)
 class ServoState:

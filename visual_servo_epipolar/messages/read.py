@@ -13,8 +13,8 @@ from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.camera import Camera
 from visual_servo_epipolar.core.features import Features
 from visual_servo_epipolar.core.motion import Pose, Twist, yaw_from_quaternion
+from visual_servo_epipolar.core.stamps import NANOSECONDS
 
-NANOSECONDS = 1_000_000_000
 CHANNELS = {'mono8': 1, '8UC1': 1, 'bgr8': 3, 'rgb8': 3, '8UC3': 3}
 NUMPY_TYPES = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 8: 'f8'}
 TRACK_FIELDS = ('id', 'u', 'v', 'desired_u', 'desired_v', 'age', 'error')

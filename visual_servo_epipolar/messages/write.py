@@ -15,8 +15,8 @@ from std_msgs.msg import Header, String
 from visual_servo_epipolar.core.camera import Camera
 from visual_servo_epipolar.core.features import Features
 from visual_servo_epipolar.core.motion import Pose, quaternion_from_yaw, Twist
+from visual_servo_epipolar.core.stamps import NANOSECONDS
 
-NANOSECONDS = 1_000_000_000
 TRACK_LAYOUT = np.dtype(
     [
         ('id', '<u4'),

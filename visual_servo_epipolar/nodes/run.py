@@ -7,7 +7,6 @@ from pathlib import Path
 import signal
 import sys
 import threading
-from typing import Protocol
 
 import rclpy
 from rclpy.exceptions import ParameterException
@@ -20,14 +19,6 @@ from visual_servo_epipolar.core.errors import VisualServoError
 USAGE_ERROR = 2
 MALLOPT_MMAP_THRESHOLD, MALLOPT_TRIM_THRESHOLD = -3, -1
 KEEP_BYTES = 2**29 - 1
-
-
-class Stoppable(Protocol):
-    """A node that has something to say before it goes, such as a zero twist."""
-
-    def stop(self) -> None:
-        """Say it, while the context is still alive."""
-        ...
 
 
 def spin(factory: Callable[[], Node], args: Sequence[str] | None = None) -> int:

@@ -22,8 +22,9 @@ from visual_servo_epipolar.core.perception import observe
 from visual_servo_epipolar.core.phases import DRIVING
 from visual_servo_epipolar.core.servo import lost, step, stop
 from visual_servo_epipolar.core.servo_settings import ServoSettings
-from visual_servo_epipolar.core.servo_state import seconds_between, ServoState
+from visual_servo_epipolar.core.servo_state import ServoState
 from visual_servo_epipolar.core.settings import setting, Settings
+from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.telemetry import telemetry
 from visual_servo_epipolar.messages import read, servo_report, write
 from visual_servo_epipolar.nodes import parameters, qos

@@ -13,10 +13,10 @@ from visual_servo_epipolar.core.run_log import RunLog, Sample
 from visual_servo_epipolar.core.servo import step
 from visual_servo_epipolar.core.servo_settings import ServoSettings
 from visual_servo_epipolar.core.servo_state import ServoState
+from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.telemetry import sample, telemetry
 from visual_servo_epipolar.simulation.pioneer import BaseSettings, Pioneer
 
-NANOSECONDS = 1_000_000_000
 SETTLE_FRAMES = 6  # the base may still be braking when the servo says that it has arrived
 
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from visual_servo_epipolar.core.motion import integrate, Pose, saturate, STANDSTILL, Twist
 from visual_servo_epipolar.core.settings import setting, Settings
+from visual_servo_epipolar.core.stamps import NANOSECONDS
 
-NANOSECONDS = 1_000_000_000
 SUBSTEP_S = 0.01  # accelerations are held constant this long
 
 

@@ -1,0 +1,8 @@
+"""Stamps in whole nanoseconds, as messages have them, and the seconds between two."""
+
+NANOSECONDS = 1_000_000_000
+
+
+def seconds_between(earlier_ns: int, later_ns: int) -> float:
+    """Return the time between two stamps [s]."""
+    return (later_ns - earlier_ns) / NANOSECONDS
