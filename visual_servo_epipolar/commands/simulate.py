@@ -11,11 +11,8 @@ from visual_servo_epipolar.commands.arguments import (
 )
 from visual_servo_epipolar.commands.console import Progress, summary
 from visual_servo_epipolar.core.run_log import summarise
-from visual_servo_epipolar.core.tracking import Tracker
-from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
-from visual_servo_epipolar.simulation.closed_loop import run, View
-from visual_servo_epipolar.simulation.point_world import PointWorld
-from visual_servo_epipolar.simulation.scenario import Scenario
+from visual_servo_epipolar.simulation.closed_loop import run
+from visual_servo_epipolar.simulation.views import SOURCES, view_of
 
 
 def add_to(kinds: Any) -> None:
@@ -26,7 +23,7 @@ def add_to(kinds: Any) -> None:
     add_start(parser, None)
     parser.add_argument(
         '--source',
-        choices=('features', 'images'),
+        choices=SOURCES,
         default='features',
         help='what the servo sees: noisy point features, or rendered images (default features)',
     )
@@ -47,10 +44,3 @@ def simulate(options: argparse.Namespace) -> int:
         print(summary(result))
     write_json(result, options.json)
     return 0 if log.outcome == 'arrived' else 1
-
-
-def view_of(scenario: Scenario, source: str, seed: int) -> View:
-    """Return what stands between world and servo."""
-    if source == 'features':
-        return PointWorld(scenario.points, scenario.camera.camera, seed=seed)
-    return ImageView(CameraSimulator(scenario.camera), Tracker(scenario.tracker))
