@@ -7,6 +7,7 @@ from geometry_msgs.msg import Twist as TwistMessage
 from geometry_msgs.msg import TwistStamped
 import numpy as np
 import pytest
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, JointState, PointCloud2
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -19,7 +20,7 @@ from visual_servo_epipolar.core.perception import observe
 from visual_servo_epipolar.core.servo import step
 from visual_servo_epipolar.core.servo_settings import ServoSettings
 from visual_servo_epipolar.core.servo_state import ServoState
-from visual_servo_epipolar.messages import read, write
+from visual_servo_epipolar.messages import read, settings_text, write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
@@ -319,3 +320,13 @@ def test_it_gives_stamped_commands(bench) -> None:
     header = rig.commands[0].header
     assert (read.stamp_ns(header), header.frame_id) == (STAMP_NS, 'robot')
     assert rig.twists()[0] != STANDSTILL
+
+
+def test_a_gain_changed_on_the_way_is_published_with_the_stamp_it_holds_from(rig) -> None:
+    heard = rig.bench.listen(String, 'servo_node/settings', qos.LATCHED)
+    rig.see()
+    rig.node.set_parameters([Parameter('k1', value=0.5)])
+    rig.bench.until(lambda: len(heard) == 2, 'settings before and after')
+    before, after = (settings_text.from_text(message.data) for message in heard)
+    assert (before.values['k1'], before.after_stamp_ns) == (ServoSettings().k1, None)
+    assert (after.values['k1'], after.after_stamp_ns) == (0.5, STAMP_NS)

@@ -176,6 +176,13 @@ def test_the_photograph_may_be_a_file(bench, simulator, photograph, view, tmp_pa
     assert len(rig.calibrated().track(view)) >= 40
 
 
+def test_the_photograph_in_use_is_published_for_those_who_come_late(rig, photograph) -> None:
+    rig.calibrated().taught(photograph)
+    heard = rig.bench.listen(Image, 'tracker_node/desired/image_raw', qos.LATCHED)
+    rig.bench.until(lambda: bool(heard), 'the photograph')
+    np.testing.assert_array_equal(read.gray(heard[0]), photograph)
+
+
 @pytest.mark.parametrize('content', [None, b'', b'not an image'])
 def test_a_file_that_is_no_image_is_refused_at_the_start(bench, tmp_path, content) -> None:
     path = tmp_path / 'goal.png'

@@ -16,7 +16,6 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from visual_servo_epipolar.core.camera import Camera
-from visual_servo_epipolar.core.features import Features
 from visual_servo_epipolar.core.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.perception import observe
 from visual_servo_epipolar.core.phases import DRIVING
@@ -26,14 +25,13 @@ from visual_servo_epipolar.core.servo_state import ServoState
 from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.telemetry import telemetry
-from visual_servo_epipolar.messages import read, servo_report, write
+from visual_servo_epipolar.messages import intake, read, servo_report, settings_text, write
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.run import spin
 
 WARN_PERIOD_S = 5.0
 FAREWELL_S = 0.2
 WATCH_PERIOD_S = 0.05
-BORDER_PX = 1.0  # a refined feature may end a little outside of the image
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -79,6 +77,7 @@ class ServoNode(Node):
         if self._node_settings.watchdog:
             self.create_timer(WATCH_PERIOD_S, self._on_watch, clock=self._watch_clock)
         self._phase_pub.publish(write.text(self._state.phase.value))
+        self._announce()
 
     def stop(self) -> None:
         """Stop the robot, and wait until it has heard it."""
@@ -96,6 +95,7 @@ class ServoNode(Node):
             DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS
         )
         self._markers_pub = self.create_publisher(MarkerArray, '~/markers', qos.STREAM)
+        self._settings_pub = self.create_publisher(String, '~/settings', qos.LATCHED)
 
     def _create_subscriptions(self) -> None:
         info = qos.IMAGES[self._node_settings.camera_reliability]
@@ -107,6 +107,13 @@ class ServoNode(Node):
 
     def _use(self, settings: ServoSettings) -> None:
         self._settings = settings
+        self._announce()
+
+    def _announce(self) -> None:
+        """Publish the settings in force, so that a bag can be replayed with them."""
+        groups = (self._node_settings, self._settings)
+        text = settings_text.to_text(self.get_fully_qualified_name(), groups, self._stamp_ns)
+        self._settings_pub.publish(write.text(text))
 
     def _on_info(self, message: CameraInfo) -> None:
         try:
@@ -131,11 +138,9 @@ class ServoNode(Node):
             self._complain('no usable camera_info yet; tracks wait for it, the robot stands')
             self._halt()
             return
-        features = Features()
-        try:
-            features = _within(read.features(message), self._camera)
-        except ValueError as error:
-            self._complain(f'tracks refused: {error}')
+        features, complaint = intake.tracks(message, self._camera)
+        if complaint:
+            self._complain(complaint)
         self._follow(step(self._state, observe(features, self._camera, stamp_ns), self._settings))
         self._publish(stamp_ns, message.header.frame_id)
 
@@ -210,21 +215,6 @@ class ServoNode(Node):
 
     def _complain(self, text: str) -> None:
         self.get_logger().warning(text, throttle_duration_sec=WARN_PERIOD_S)
-
-
-def _within(features: Features, camera: Camera) -> Features:
-    """Return ``features``, or raise ValueError if they cannot come from ``camera``."""
-    current, desired = features.current, features.desired
-    inside = camera.contains(current, margin=-BORDER_PX) & camera.contains(
-        desired, margin=-BORDER_PX
-    )
-    if not inside.all():
-        raise ValueError(
-            f'{int((~inside).sum())} of {len(features)} features lie outside an image of '
-            f'{camera.width}x{camera.height} px; connect the camera_info of the camera they '
-            'are tracked in'
-        )
-    return features
 
 
 def main() -> None:

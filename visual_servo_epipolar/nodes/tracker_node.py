@@ -10,6 +10,7 @@ import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.arrays import as_gray
@@ -20,7 +21,7 @@ from visual_servo_epipolar.core.features import Features
 from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.core.tracker_settings import TrackerSettings
 from visual_servo_epipolar.core.tracking import Tracker
-from visual_servo_epipolar.messages import read, write
+from visual_servo_epipolar.messages import intake, read, settings_text, write
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.run import spin
 from visual_servo_epipolar.report.overlay import draw_overlay
@@ -55,35 +56,57 @@ class TrackerNode(Node):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('tracker_node', **options)
-        node_settings = parameters.declare(self, TrackerNodeSettings)
+        self._node_settings = parameters.declare(self, TrackerNodeSettings)
         self._settings = parameters.declare(self, TrackerSettings)
         parameters.refuse_unknown(self)
         parameters.watch(self, lambda: self._settings, self._use)
         self._tracker = Tracker(self._settings)
+        self._stamp_ns: int | None = None
         self._camera: Camera | None = None
         self._unusable = ''  # why the last camera_info cannot be used
         self._latest: Pixels | None = None
         self._latest_ns, self._steady = 0, Clock(clock_type=ClockType.STEADY_TIME)
         self._waiting: Image | None = None
-        if node_settings.desired_image:
-            self._tracker.set_desired(_photograph(node_settings.desired_image))
-        self._tracks_pub = self.create_publisher(PointCloud2, 'tracks', qos.STREAM)
-        self._overlay_pub = self.create_publisher(Image, 'overlay/image_raw', qos.STREAM)
-        images = qos.IMAGES[node_settings.camera_reliability]
-        self.create_subscription(CameraInfo, 'camera_info', self._on_info, images)
-        self.create_subscription(Image, 'image_raw', self._on_image, images)
-        if not node_settings.desired_image:
-            self.create_subscription(Image, 'desired/image_raw', self._on_desired, qos.LATCHED)
-        self.create_service(Trigger, '~/capture_desired', self._on_capture)
-        self.create_service(Trigger, '~/redetect', self._on_redetect)
+        self._create_publishers()
+        if self._node_settings.desired_image:
+            self._take(_photograph(self._node_settings.desired_image))
+        self._create_subscriptions()
+        self._announce()
 
     @property
     def ready(self) -> bool:
         """Whether the photograph is there."""
         return self._tracker.has_desired
 
+    def _create_publishers(self) -> None:
+        self._tracks_pub = self.create_publisher(PointCloud2, 'tracks', qos.STREAM)
+        self._overlay_pub = self.create_publisher(Image, 'overlay/image_raw', qos.STREAM)
+        self._desired_pub = self.create_publisher(Image, '~/desired/image_raw', qos.LATCHED)
+        self._settings_pub = self.create_publisher(String, '~/settings', qos.LATCHED)
+
+    def _create_subscriptions(self) -> None:
+        images = qos.IMAGES[self._node_settings.camera_reliability]
+        self.create_subscription(CameraInfo, 'camera_info', self._on_info, images)
+        self.create_subscription(Image, 'image_raw', self._on_image, images)
+        if not self._node_settings.desired_image:
+            self.create_subscription(Image, 'desired/image_raw', self._on_desired, qos.LATCHED)
+        self.create_service(Trigger, '~/capture_desired', self._on_capture)
+        self.create_service(Trigger, '~/redetect', self._on_redetect)
+
     def _use(self, settings: TrackerSettings) -> None:
         self._settings = self._tracker.settings = settings
+        self._announce()
+
+    def _announce(self) -> None:
+        """Publish the settings in force, so that a bag can be replayed with them."""
+        groups = (self._node_settings, self._settings)
+        text = settings_text.to_text(self.get_fully_qualified_name(), groups, self._stamp_ns)
+        self._settings_pub.publish(write.text(text))
+
+    def _take(self, image: Pixels) -> None:
+        """Take a photograph, and publish which, wherever it came from; raises if it is no good."""
+        self._tracker.set_desired(image)
+        self._desired_pub.publish(write.image(image, 'mono8', self._stamp_ns or 0, ''))
 
     def _on_info(self, message: CameraInfo) -> None:
         try:
@@ -100,17 +123,12 @@ class TrackerNode(Node):
             self._waiting = message
             self._complain('no usable camera_info yet; an image waits for it, the robot stands')
             return
-        features, self._latest = Features(), None
-        try:
-            image = read.gray(message)
-            self._check_size(image)
-            self._latest, self._latest_ns = image, self._steady.now().nanoseconds
-            features = self._tracker.track(image)
-        except ValueError as error:
-            self._complain(f'image refused: {error}')
-        if self._tracker.reason:
-            self._complain(self._tracker.reason)
-        self._publish(features, message)
+        found = intake.track(self._tracker, message, self._camera or self._unusable)
+        self._latest, self._latest_ns = found.image, self._steady.now().nanoseconds
+        self._stamp_ns = read.stamp_ns(message.header)
+        if found.complaint:
+            self._complain(found.complaint)
+        self._publish(found.features, message)
 
     def _publish(self, features: Features, image: Image) -> None:
         stamp_ns, frame_id = read.stamp_ns(image.header), image.header.frame_id
@@ -122,7 +140,7 @@ class TrackerNode(Node):
 
     def _on_desired(self, message: Image) -> None:
         try:
-            self._tracker.set_desired(read.gray(message))
+            self._take(read.gray(message))
         except (ValueError, TrackingError) as error:
             self.get_logger().warning(f'desired image refused: {error}')
             return
@@ -137,7 +155,7 @@ class TrackerNode(Node):
             age = (self._steady.now().nanoseconds - self._latest_ns) / 1e9
             if age > MAX_CAPTURE_AGE_S:
                 raise ValueError(f'the last image is {age:.1f} s old; check the camera')
-            self._tracker.set_desired(self._latest)
+            self._take(self._latest)
             response.success, response.message = True, 'this is the pose to come back to'
         except (ValueError, TrackingError) as error:
             response.success, response.message = False, str(error)
@@ -149,16 +167,6 @@ class TrackerNode(Node):
         self._tracker.redetect()
         response.success, response.message = True, 'the next image is matched anew'
         return response
-
-    def _check_size(self, image: Pixels) -> None:
-        camera, (height, width) = self._camera, image.shape
-        if camera is None:
-            raise ValueError(f'camera_info cannot be used: {self._unusable}')
-        if (width, height) != (camera.width, camera.height):
-            raise ValueError(
-                f'image has {width}x{height} px, its camera_info says '
-                f'{camera.width}x{camera.height}; calibrate at the resolution in use'
-            )
 
     def _complain(self, text: str) -> None:
         self.get_logger().warning(text, throttle_duration_sec=WARN_PERIOD_S)

@@ -1,0 +1,56 @@
+"""Settings as text: they come back as they were, and a node takes the text as its parameters."""
+
+from dataclasses import asdict, replace
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+
+from visual_servo_epipolar.core.servo_settings import ServoSettings
+from visual_servo_epipolar.core.settings import from_mapping
+from visual_servo_epipolar.core.tracker_settings import TrackerSettings
+from visual_servo_epipolar.messages import settings_text
+from visual_servo_epipolar.nodes.tracker_node import TrackerNode
+
+
+@given(gain=st.floats(0.0, 5.0), after=st.none() | st.integers(0, 2**62))
+def test_settings_come_back_to_the_last_bit(gain: float, after: int | None) -> None:
+    settings = ServoSettings(k1=gain, law='paper')
+    found = settings_text.from_text(settings_text.to_text('/a/servo_node', [settings], after))
+    assert (found.node, found.after_stamp_ns) == ('/a/servo_node', after)
+    assert from_mapping(ServoSettings, found.values, 'bag') == settings
+
+
+def test_a_node_says_what_it_runs_with_and_takes_it_as_parameters(bench, tmp_path) -> None:
+    from std_msgs.msg import String
+
+    from visual_servo_epipolar.nodes import qos
+
+    node = bench.start(TrackerNode, max_features=50)
+    heard = bench.listen(String, 'tracker_node/settings', qos.LATCHED)
+    bench.until(lambda: heard, 'the settings, though they were published before')
+    said = settings_text.from_text(heard[0].data)
+    assert said.node == node.get_fully_qualified_name()
+    assert said.after_stamp_ns is None
+    expected = asdict(replace(TrackerSettings(), max_features=50))
+    assert said.values == {**said.values, **expected}
+    path = tmp_path / 'parameters.yaml'
+    path.write_text(heard[0].data)
+    again = TrackerNode(context=bench.context, cli_args=['--ros-args', '--params-file', str(path)])
+    bench.nodes.append(again)
+    assert again._settings == node._settings
+
+
+@pytest.mark.parametrize(
+    ('text', 'reason'),
+    [
+        ('{', 'not YAML'),
+        ('3', 'must map nodes'),
+        ('/servo_node: {k1: 1}', 'must stand under ros__parameters'),
+        ('{}', 'must be those of one node, got 0'),
+        ('[' * 100_000, 'not YAML'),
+    ],
+)
+def test_what_is_no_parameter_file_is_refused(text: str, reason: str) -> None:
+    with pytest.raises(ValueError, match=reason):
+        settings_text.from_text(text)

@@ -1,0 +1,88 @@
+"""
+Settings in force as text: a ROS parameter file, so that it can be kept and given to a node again.
+
+Nodes publish it latched on ``~/settings``; a bag that holds it can be replayed with them.
+"""
+
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, field
+import re
+from typing import Any
+
+import yaml
+
+from visual_servo_epipolar.core.settings import Settings
+
+AFTER = re.compile(r'^# after_stamp_ns: (-?\d{1,19})$', re.MULTILINE)
+
+
+@dataclass(frozen=True, slots=True)
+class NodeSettings:
+    """
+    What a node said of its settings: ``values`` by name.
+
+    They are in force after the image of ``after_stamp_ns``; None means from the beginning.
+    """
+
+    node: str
+    values: dict[str, Any] = field(default_factory=dict)
+    after_stamp_ns: int | None = None
+
+
+def to_text(node: str, groups: Iterable[Settings], after_stamp_ns: int | None = None) -> str:
+    """Return the settings of ``node``, its full name, as the YAML of a parameter file."""
+    values = {
+        name: list(value) if isinstance(value, tuple) else value
+        for group in groups
+        for name, value in asdict(group).items()
+    }
+    head = '' if after_stamp_ns is None else f'# after_stamp_ns: {after_stamp_ns}\n'
+    return head + str(yaml.safe_dump({node: {'ros__parameters': values}}, sort_keys=False))
+
+
+def from_text(text: str) -> NodeSettings:
+    """
+    Return what ``to_text`` wrote.
+
+    Raises
+    ------
+    ValueError
+        If ``text`` is not the parameter file of one node.
+
+    """
+    found = sections(text)
+    if len(found) != 1:
+        raise ValueError(
+            f'settings must be those of one node, got {len(found)}; connect ~/settings of a node'
+        )
+    ((node, values),) = found.items()
+    after = AFTER.search(text)
+    return NodeSettings(node, values, int(after[1]) if after else None)
+
+
+def sections(text: str) -> dict[str, dict[str, Any]]:
+    """
+    Return the parameters in a ROS parameter file by the name of the node they are for.
+
+    Raises
+    ------
+    ValueError
+        If ``text`` is not YAML, or not of this form.
+
+    """
+    try:
+        document = yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError, RecursionError) as error:
+        raise ValueError(f'parameters are not YAML: {" ".join(str(error).split())}') from None
+    if not isinstance(document, dict):
+        raise ValueError(f'parameters must map nodes to parameters, got {document!r:.60}')
+    for node, body in document.items():
+        inner = body.get('ros__parameters') if isinstance(body, dict) else None
+        if not isinstance(inner, dict):
+            raise ValueError(
+                f'parameters of {node!r:.60} must stand under ros__parameters, as "name: value"'
+            )
+    return {
+        str(node): {str(name): value for name, value in body['ros__parameters'].items()}
+        for node, body in document.items()
+    }
