@@ -8,8 +8,9 @@ import pytest
 
 from visual_servo_epipolar.core.camera import Camera
 from visual_servo_epipolar.core.motion import DESIRED_POSE, Pose
+from visual_servo_epipolar.simulation.mounting import CameraMount
 from visual_servo_epipolar.simulation.raster import rasterize
-from visual_servo_epipolar.simulation.renderer import CameraMount, Renderer
+from visual_servo_epipolar.simulation.renderer import Renderer
 from visual_servo_epipolar.simulation.scene import room
 from visual_servo_epipolar.simulation.surfaces import Scene, Surface, Texture
 

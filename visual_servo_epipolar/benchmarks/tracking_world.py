@@ -10,7 +10,8 @@ from visual_servo_epipolar.core.features import Features
 from visual_servo_epipolar.core.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.simulation.camera_simulator import CameraSettings
 from visual_servo_epipolar.simulation.disturbances import Disturbances
-from visual_servo_epipolar.simulation.renderer import CameraMount, Renderer
+from visual_servo_epipolar.simulation.mounting import CameraMount
+from visual_servo_epipolar.simulation.renderer import Renderer
 from visual_servo_epipolar.simulation.scene import room
 from visual_servo_epipolar.simulation.sensor import DESIRED_FRAME, Sensor, SensorSettings
 

@@ -37,7 +37,7 @@ def simulate(options: argparse.Namespace) -> int:
     progress.say('preparing the world ...')
     view = view_of(scenario, options.source, options.seed)
     settings = scenario.loop(tuple(options.start), options.seed)
-    log = run(settings, view, scenario.camera.camera, watch=progress)
+    log = run(settings, view, scenario.camera.believed, watch=progress)
     progress.close()
     result = summarise(log)
     if options.json != '-':

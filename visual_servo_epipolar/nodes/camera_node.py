@@ -52,7 +52,7 @@ class CameraNode(Node):
             return
         image = self._simulator.capture(pose, self._frame)
         self._frame += 1
-        info = write.camera_info(self._simulator.camera, stamp_ns, FRAME_ID)
+        info = write.camera_info(self._settings.believed, stamp_ns, FRAME_ID)
         self._info_pub.publish(info)
         self._image_pub.publish(self._message(image, stamp_ns))
 

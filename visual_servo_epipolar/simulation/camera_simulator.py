@@ -1,8 +1,6 @@
 """The simulated camera: a room seen from the robot, through an imperfect sensor."""
 
-from dataclasses import dataclass
-
-import numpy as np
+from dataclasses import dataclass, replace
 
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.camera import Camera
@@ -10,7 +8,9 @@ from visual_servo_epipolar.core.features import Features
 from visual_servo_epipolar.core.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.core.tracking import Tracker
-from visual_servo_epipolar.simulation.renderer import CameraMount, Renderer
+from visual_servo_epipolar.simulation.disturbances import Disturbances, DisturbanceSettings
+from visual_servo_epipolar.simulation.mounting import CameraMount, floor_jitter
+from visual_servo_epipolar.simulation.renderer import Renderer
 from visual_servo_epipolar.simulation.scene import room
 from visual_servo_epipolar.simulation.sensor import DESIRED_FRAME, Sensor, SensorSettings
 
@@ -50,6 +50,9 @@ class CameraSettings(Settings):
     mount_forward: float = setting(
         0.0, 'Camera ahead of the axle [m]', low=-1.0, high=1.0, read_only=True
     )
+    mount_left: float = setting(
+        0.0, 'Camera to the left of the middle of the axle [m]', low=-1.0, high=1.0, read_only=True
+    )
     tilt: float = setting(0.0, 'Tilt, down positive [rad]', low=-0.5, high=0.5, read_only=True)
     roll: float = setting(0.0, 'Roll, clockwise [rad]', low=-0.5, high=0.5, read_only=True)
     jitter: float = setting(
@@ -62,6 +65,23 @@ class CameraSettings(Settings):
         0.0, 'Amplitude of the drift of the gain', low=0.0, high=0.9, read_only=True
     )
     blur: float = setting(0.0, 'Blur, sigma [px]', low=0.0, high=10.0, read_only=True)
+    believed_focal_ratio: float = setting(
+        1.0, 'Focal length in camera_info over the true one', low=0.1, high=10.0, read_only=True
+    )
+    believed_shift_u: float = setting(
+        0.0,
+        'Principal point in camera_info, right of the true one [px]',
+        low=-1e4,
+        high=1e4,
+        read_only=True,
+    )
+    believed_shift_v: float = setting(
+        0.0,
+        'Principal point in camera_info, below the true one [px]',
+        low=-1e4,
+        high=1e4,
+        read_only=True,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -69,7 +89,7 @@ class CameraSettings(Settings):
 
     @property
     def camera(self) -> Camera:
-        """Intrinsics as a calibration would find them."""
+        """The true intrinsics, which images and points obey."""
         focal = self.focal_length
         return Camera(
             self.width,
@@ -81,22 +101,48 @@ class CameraSettings(Settings):
             self.distortion,
         )
 
+    @property
+    def believed(self) -> Camera:
+        """The intrinsics that tracker and servo are told: what calibration has made of them."""
+        true = self.camera
+        return replace(
+            true,
+            fx=self.believed_focal_ratio * true.fx,
+            fy=self.believed_focal_ratio * true.fy,
+            cx=true.cx + self.believed_shift_u,
+            cy=true.cy + self.believed_shift_v,
+        )
+
+    @property
+    def mount(self) -> CameraMount:
+        """Where the camera sits."""
+        return CameraMount(
+            self.mount_height, self.mount_forward, self.tilt, self.roll, self.mount_left
+        )
+
 
 class CameraSimulator:
-    """Takes images in a seeded room: the photograph from the goal, then frame after frame."""
+    """
+    Takes images in a seeded room: the photograph from the goal, then frame after frame.
 
-    def __init__(self, settings: CameraSettings) -> None:
+    ``disturbances`` come between the room and the sensor; the photograph is taken without them.
+    """
+
+    def __init__(
+        self, settings: CameraSettings, disturbances: DisturbanceSettings | None = None
+    ) -> None:
         self.settings = settings
         self.camera = settings.camera
-        mount = CameraMount(
-            settings.mount_height, settings.mount_forward, settings.tilt, settings.roll
-        )
         scene = room(settings.scene_seed, settings.scene)
-        self.renderer = Renderer(scene, self.camera, mount)
+        self.renderer = Renderer(scene, self.camera, settings.mount)
         sensor = SensorSettings(
             noise=settings.noise, gain_drift=settings.gain_drift, blur=settings.blur
         )
-        self._sensor = Sensor((settings.width, settings.height), sensor, settings.seed)
+        size = settings.width, settings.height
+        self._sensor = Sensor(size, sensor, settings.seed)
+        self._disturbances: Disturbances | None = None
+        if disturbances is not None and disturbances != DisturbanceSettings():
+            self._disturbances = Disturbances(size, disturbances, settings.seed)
 
     def photograph(self) -> Image:
         """Return the desired image, taken from the goal."""
@@ -104,11 +150,11 @@ class CameraSimulator:
 
     def capture(self, pose: Pose, frame: int) -> Image:
         """Return frame number ``frame``, shape (H, W), taken from ``pose``."""
-        tilt, roll = 0.0, 0.0
-        if self.settings.jitter > 0.0:
-            rng = np.random.default_rng((self.settings.seed, 4, frame - DESIRED_FRAME))
-            tilt, roll = (self.settings.jitter * rng.standard_normal(2)).tolist()
-        return self._sensor.capture(self.renderer.render(pose, tilt=tilt, roll=roll), frame)
+        tilt, roll = floor_jitter(self.settings.jitter, self.settings.seed, frame)
+        image = self.renderer.render(pose, tilt=tilt, roll=roll)
+        if self._disturbances is not None and frame != DESIRED_FRAME:
+            image = self._disturbances.apply(image, frame)
+        return self._sensor.capture(image, frame)
 
 
 class ImageView:

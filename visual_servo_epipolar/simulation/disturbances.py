@@ -2,10 +2,11 @@
 What the world does to an image on its way to the sensor: light, shadow, things in the way, motion.
 
 Everything depends on settings, seed and frame index alone. Each disturbance is off at zero; the
-passing ones last from frame ``start`` on for ``duration`` frames.
+passing ones last from frame ``start`` on for ``duration`` frames, and come back each ``period``.
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 import math
 
 import cv2
@@ -25,6 +26,9 @@ class DisturbanceSettings(Settings):
 
     start: int = setting(60, 'First disturbed frame', low=0, high=10**6)
     duration: int = setting(33, 'Disturbed frames', low=1, high=10**6)
+    period: int = setting(
+        0, 'Frames from one disturbance to the next; 0 = there is but one', low=0, high=10**6
+    )
     light_step: float = setting(
         0.0, 'Change of the light from the first frame on', low=-0.9, high=2.0
     )
@@ -51,6 +55,14 @@ class DisturbanceSettings(Settings):
         0.0, 'Extra noise, standard deviation [grey levels]', low=0.0, high=50.0
     )
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if 0 < self.period < self.duration:
+            raise ValueError(
+                f'period must be 0 or at least duration, got {self.period} and {self.duration} '
+                'frames; a disturbance ends before the next one begins'
+            )
+
 
 class Disturbances:
     """
@@ -68,20 +80,12 @@ class Disturbances:
 
     def __init__(self, size: tuple[int, int], settings: DisturbanceSettings, seed: int) -> None:
         self.settings, self._size, self._seed = settings, size, seed
-        rng = np.random.default_rng((seed, 5))
-        self._shade = shadow_band(size, settings.shadow, settings.shadow_width)
         self._passers: list[Passer] = []
         if settings.occlusion > 0.0:
             slides = settings.occlusion_from == 'side'
-            self._passers.append(Occluder(size, settings.occlusion, slides, rng))
+            self._passers.append(Occluder(size, settings.occlusion, slides, self._chance(0)))
         if settings.person > 0.0:
-            self._passers.append(Person(size, settings.person, rng))
-        self._kernel = blur_kernel(settings.motion_blur, settings.blur_angle)
-        self._noise: Sensor | None = None
-        if settings.noise > 0.0:
-            # A seed of its own: the sensor that takes the image has its field from the same one.
-            extra = SensorSettings(noise=settings.noise)
-            self._noise = Sensor(size, extra, int(rng.integers(2**31)))
+            self._passers.append(Person(size, settings.person, self._chance(1)))
 
     def apply(self, image: Image, frame: int) -> Image:
         """Return ``image``, shape (H, W), as disturbed in ``frame``: 0, 1, ...; always a copy."""
@@ -94,7 +98,7 @@ class Disturbances:
                 passer.draw(image, now)
             if settings.motion_blur > 0.0:
                 image = np.asarray(cv2.filter2D(image, -1, self._kernel), dtype=np.uint8)
-            if self._noise is not None:
+            if settings.noise > 0.0:
                 image = self._noise.capture(image, frame)
         return image
 
@@ -102,20 +106,39 @@ class Disturbances:
         """Return at which ``pixels``, shape (N, 2), something stands before the scene."""
         now, (width, height) = self._progress(frame), self._size
         hidden = np.zeros(len(pixels), bool)
-        if now is None or not self._passers or not len(pixels):
+        if now is None or not self._passers:
             return hidden
-        cover = np.zeros((height, width), np.uint8)
+        places = np.nan_to_num(pixels, nan=-1.0)
+        # Far outside there is nothing: whole numbers need not hold what is far outside.
+        columns, rows = np.rint(np.clip(places, -1.0, [width, height])).astype(np.int64).T
         for passer in self._passers:
-            passer.cover(cover, now)
-        columns, rows = np.rint(np.nan_to_num(pixels, nan=-1.0)).astype(int).T
-        seen = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
-        hidden[seen] = cover[rows[seen], columns[seen]] > 0
-        return hidden
+            hidden |= passer.hides(columns, rows, now)
+        return hidden & (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
 
     def _progress(self, frame: int) -> float | None:
         """Return how much of the duration has passed, in [0, 1); None before and after."""
-        share = (frame - self.settings.start) / self.settings.duration
+        settings, since = self.settings, frame - self.settings.start
+        if since > 0 and settings.period > 0:
+            since %= settings.period
+        share = since / settings.duration
         return share if 0.0 <= share < 1.0 else None
+
+    @cached_property
+    def _shade(self) -> Image:
+        return shadow_band(self._size, self.settings.shadow, self.settings.shadow_width)
+
+    @cached_property
+    def _kernel(self) -> FloatArray:
+        return blur_kernel(self.settings.motion_blur, self.settings.blur_angle)
+
+    @cached_property
+    def _noise(self) -> Sensor:
+        # A seed of its own: the sensor that takes the image has its field from the same one.
+        extra = SensorSettings(noise=self.settings.noise)
+        return Sensor(self._size, extra, int(self._chance(2).integers(2**31)))
+
+    def _chance(self, number: int) -> np.random.Generator:
+        return np.random.default_rng((self._seed, 5, number))
 
 
 def light(settings: DisturbanceSettings, frame: int) -> float:

@@ -1,12 +1,13 @@
 """What passes between camera and scene: an obstacle, and a person who walks by."""
 
+from functools import cached_property, lru_cache
 import math
 from typing import Protocol
 
 import cv2
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.arrays import BoolArray, frozen, Image, IntArray
 from visual_servo_epipolar.simulation.textures import fractal_grain
 
 ASPECT = 0.39  # width of a walking person over the height
@@ -17,14 +18,18 @@ SOFT = 0.8  # edges are as soft as the rest of the image: sigma of the mask [px]
 
 
 class Passer(Protocol):
-    """Something drawn over images of one size; ``progress`` runs from 0 to 1."""
+    """
+    Something drawn over images of one size; ``progress`` runs from 0 to 1.
+
+    It is painted when first drawn: to know what it hides costs little.
+    """
 
     def draw(self, image: Image, progress: float) -> None:
         """Draw it into ``image``."""
         ...
 
-    def cover(self, cover: Image, progress: float) -> None:
-        """Set ``cover`` to 255 where it hides the scene."""
+    def hides(self, columns: IntArray, rows: IntArray, progress: float) -> BoolArray:
+        """Return at which pixels it hides the scene, shape (N,)."""
         ...
 
 
@@ -41,16 +46,24 @@ class Occluder:
         self._size = round(width * share / tall), round(height * tall)
         spare_u, spare_v = width - self._size[0], height - self._size[1]
         self._corner = round(spare_u * rng.uniform(0.2, 0.8)), round(spare_v * rng.uniform())
-        self._board = _grain(self._size, rng, grey=110.0, contrast=1.2)
-        cv2.rectangle(self._board, (6, 6), (self._size[0] - 7, self._size[1] - 7), 30, 4)
+        self._rng = rng
 
     def draw(self, image: Image, progress: float) -> None:
         """Draw it into ``image``."""
         _paste(image, self._board, self._place(progress))
 
-    def cover(self, cover: Image, progress: float) -> None:
-        """Set ``cover`` to 255 where it hides the scene."""
-        _paste(cover, np.full_like(self._board, 255), self._place(progress))
+    def hides(self, columns: IntArray, rows: IntArray, progress: float) -> BoolArray:
+        """Return at which pixels it hides the scene, shape (N,)."""
+        (left, top), (width, height) = self._place(progress), self._size
+        beside, below = columns - left, rows - top
+        inside = (beside >= 0) & (beside < width) & (below >= 0) & (below < height)
+        return np.asarray(inside)
+
+    @cached_property
+    def _board(self) -> Image:
+        board = _grain(self._size, self._rng, grey=110.0, contrast=1.2)
+        cv2.rectangle(board, (6, 6), (self._size[0] - 7, self._size[1] - 7), 30, 4)
+        return board
 
     def _place(self, progress: float) -> tuple[int, int]:
         if not self._slides:
@@ -69,8 +82,7 @@ class Person:
         tall = round(size[1] * height)
         self._size = max(8, round(ASPECT * tall)), max(16, tall)
         self._top = size[1] - tall if height < 1.0 else 0
-        self._masks = [_silhouette(self._size, k / PHASES) for k in range(PHASES)]
-        self._clothes = _clothes(self._size, rng)
+        self._rng = rng
 
     def draw(self, image: Image, progress: float) -> None:
         """Draw it into ``image``."""
@@ -82,13 +94,20 @@ class Person:
         behind = cv2.multiply(under, 255 - over, scale=1.0 / 255.0)
         under[:] = cv2.add(behind, cv2.multiply(clothes, over, scale=1.0 / 255.0))
 
-    def cover(self, cover: Image, progress: float) -> None:
-        """Set ``cover`` to 255 where it hides the scene."""
-        under, over = _areas(cover, self._mask(progress), self._place(progress))
-        under[over > 0] = 255
+    def hides(self, columns: IntArray, rows: IntArray, progress: float) -> BoolArray:
+        """Return at which pixels it hides the scene, shape (N,)."""
+        mask, (left, top) = self._mask(progress), self._place(progress)
+        beside, below = columns - left, rows - top
+        hidden = (beside >= 0) & (beside < mask.shape[1]) & (below >= 0) & (below < mask.shape[0])
+        hidden[hidden] = mask[below[hidden], beside[hidden]] > 0
+        return np.asarray(hidden)
+
+    @cached_property
+    def _clothes(self) -> Image:
+        return _clothes(self._size, self._rng)
 
     def _mask(self, progress: float) -> Image:
-        return self._masks[int(progress * STEPS * PHASES) % PHASES]
+        return _silhouette(self._size, int(progress * STEPS * PHASES) % PHASES / PHASES)
 
     def _place(self, progress: float) -> tuple[int, int]:
         bob = 0.01 * self._size[1] * abs(math.sin(2.0 * math.pi * STEPS * progress))
@@ -135,6 +154,7 @@ def _clothes(size: tuple[int, int], rng: np.random.Generator) -> Image:
     return cloth
 
 
+@lru_cache(maxsize=4 * PHASES)
 def _silhouette(size: tuple[int, int], phase: float) -> Image:
     """Return the mask of a walking person, 255 inside; ``phase`` 0 to 1 is one step."""
     width, height = size
@@ -154,4 +174,4 @@ def _silhouette(size: tuple[int, int], phase: float) -> Image:
     for side in (-1.0, 1.0):
         cv2.line(mask, at(0.08 * side, 0.5), at(0.3 * side * swing, 0.95), 255, thick)
         cv2.line(mask, at(0.22 * side, 0.22), at(-0.36 * side * swing, 0.53), 255, thick // 2)
-    return np.asarray(cv2.GaussianBlur(mask, (0, 0), SOFT), dtype=np.uint8)
+    return frozen(np.asarray(cv2.GaussianBlur(mask, (0, 0), SOFT), dtype=np.uint8))

@@ -1,28 +1,37 @@
 """Point features without images: a seeded cloud seen by a noisy camera, for fast closed loops."""
 
 from dataclasses import dataclass
-import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.core.camera import Camera
 from visual_servo_epipolar.core.features import Features
 from visual_servo_epipolar.core.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.settings import setting, Settings
+from visual_servo_epipolar.simulation.disturbances import Disturbances
+from visual_servo_epipolar.simulation.mounting import CameraMount, floor_jitter
+from visual_servo_epipolar.simulation.sensor import DESIRED_FRAME
 
 MIN_DEPTH_M = 0.3
+MAX_RAY = 4.0  # farther from the axis no lens sees anything (76 deg)
 
 
 @dataclass(frozen=True, kw_only=True)
 class PointSettings(Settings):
-    """The cloud of points, given as the goal sees it, and the noise of its image."""
+    """The cloud of points, given as the goal sees it, and how well it is tracked."""
 
     candidates: int = setting(240, 'Points seen from the goal', low=8, high=100000)
     max_features: int = setting(60, 'Points handed on at a time', low=8, high=100000)
     noise: float = setting(0.2, 'Deviation of a pixel coordinate [px]', low=0.0, high=20.0)
     near: float = setting(3.0, 'Least depth from the goal [m]', low=0.1, high=100.0)
     far: float = setting(8.0, 'Largest depth from the goal [m]', low=0.1, high=1000.0)
+    outlier_ratio: float = setting(
+        0.0, 'Share of the features that are taken for another point', low=0.0, high=0.95
+    )
+    outlier_frames: int = setting(
+        11, 'Frames after which other features are mistaken', low=1, high=10**6
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -31,24 +40,40 @@ class PointSettings(Settings):
 
 
 class PointWorld:
-    """A cloud that fills the goal's image; ``observe`` gives what a perfect tracker would."""
+    """
+    A cloud that fills the goal's image; ``observe`` gives what a good tracker would.
 
-    def __init__(self, settings: PointSettings, camera: Camera, *, seed: int) -> None:
-        self.settings = settings
-        self.camera = camera
+    ``camera`` is the true one; the floor shakes it by ``jitter`` [rad]. What ``disturbances`` put
+    before the scene hides points; light and blur do nothing here.
+    """
+
+    def __init__(
+        self,
+        settings: PointSettings,
+        camera: Camera,
+        *,
+        seed: int,
+        mount: CameraMount | None = None,
+        jitter: float = 0.0,
+        disturbances: Disturbances | None = None,
+    ) -> None:
+        self.settings, self.camera, self.jitter, self._seed = settings, camera, jitter, seed
+        self.mount = CameraMount() if mount is None else mount
+        self._disturbances = disturbances
         rng = np.random.default_rng((seed, 2))
-        size = [camera.width - 1, camera.height - 1]
-        pixels = rng.random((settings.candidates, 2)) * size
+        pixels = rng.random((settings.candidates, 2)) * [camera.width - 1, camera.height - 1]
         depth = settings.near + (settings.far - settings.near) * rng.random(settings.candidates)
-        # Camera axes of the goal: x right, z forward; the plane of the paper has y forward.
-        self._points = np.column_stack([camera.rays(pixels) * depth[:, None], depth])
-        self._seed = seed
+        solid = np.column_stack([camera.rays(pixels) * depth[:, None], depth])
+        axes, centre = self._stance(DESIRED_POSE, DESIRED_FRAME)
+        self.points: FloatArray = solid @ axes.T + centre  # in the world
         self._desired = pixels + settings.noise * rng.standard_normal(pixels.shape)
 
     def observe(self, pose: Pose, frame: int) -> Features:
         """Return the features in view from ``pose``; ``frame`` fixes their noise."""
         rng = np.random.default_rng((self._seed, 3, frame))
-        pixels, visible = self.project(pose)
+        pixels, visible = self._mistaken(*self.project(pose, frame), frame)
+        if self._disturbances is not None:
+            visible = visible & ~self._disturbances.hides(pixels, frame)
         noisy = pixels + self.settings.noise * rng.standard_normal(pixels.shape)
         ids = np.flatnonzero(visible)[: self.settings.max_features]
         return Features(
@@ -59,14 +84,32 @@ class PointWorld:
             errors=np.zeros(len(ids)),
         )
 
-    def project(self, pose: Pose) -> tuple[FloatArray, FloatArray]:
+    def project(self, pose: Pose, frame: int = DESIRED_FRAME) -> tuple[FloatArray, BoolArray]:
         """Return the true pixels, shape (N, 2), and which of them are in view, shape (N,)."""
-        alpha = pose.theta - DESIRED_POSE.theta
-        cosine, sine = math.cos(alpha), math.sin(alpha)
-        x, z = self._points[:, 0] - pose.x, self._points[:, 2] - pose.y
-        right, forward = cosine * x + sine * z, -sine * x + cosine * z
-        ahead = forward > MIN_DEPTH_M
-        depth = np.where(ahead, forward, 1.0)
-        rays = np.stack([right / depth, self._points[:, 1] / depth], axis=1)
-        pixels = self.camera.pixels(np.clip(rays, -10.0, 10.0))
+        axes, centre = self._stance(pose, frame)
+        seen = (self.points - centre) @ axes
+        ahead = seen[:, 2] > MIN_DEPTH_M
+        rays = seen[:, :2] / np.where(ahead, seen[:, 2], 1.0)[:, None]
+        ahead &= (np.abs(rays) < MAX_RAY).all(axis=1)
+        pixels = self.camera.pixels(np.clip(rays, -MAX_RAY, MAX_RAY))
         return pixels, ahead & self.camera.contains(pixels)
+
+    def mistaken(self, frame: int) -> IntArray:
+        """Return which point each feature is taken for in ``frame``, shape (N,); mostly itself."""
+        right = np.arange(len(self.points))
+        if self.settings.outlier_ratio == 0.0:
+            return right
+        rng = np.random.default_rng((self._seed, 7, frame // self.settings.outlier_frames))
+        wrong = rng.random(len(right)) < self.settings.outlier_ratio
+        return np.asarray(np.where(wrong, rng.permutation(len(right)), right))
+
+    def _mistaken(
+        self, pixels: FloatArray, visible: BoolArray, frame: int
+    ) -> tuple[FloatArray, BoolArray]:
+        taken_for = self.mistaken(frame)
+        return pixels[taken_for], visible[taken_for]
+
+    def _stance(self, pose: Pose, frame: int) -> tuple[FloatArray, FloatArray]:
+        """Return the axes of the camera as columns, and its centre."""
+        tilt, roll = floor_jitter(self.jitter, self._seed, frame)
+        return self.mount.R_world_camera(pose, tilt=tilt, roll=roll), self.mount.centre(pose)

@@ -1,56 +1,17 @@
 """The image of a scene through a camera, sub-pixel exact, and the truth behind each pixel."""
 
-from dataclasses import dataclass
-import math
-
 import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray, Image
 from visual_servo_epipolar.core.camera import Camera
 from visual_servo_epipolar.core.motion import Pose
+from visual_servo_epipolar.simulation.mounting import CameraMount
 from visual_servo_epipolar.simulation.raster import NEAR, rasterize, View
 from visual_servo_epipolar.simulation.sampling import shade
 from visual_servo_epipolar.simulation.surfaces import Scene
 
 MAX_RAY = 4.0  # what a distorting lens shows farther from the axis stays black (76 deg)
-
-
-@dataclass(frozen=True, slots=True)
-class CameraMount:
-    """
-    Where the camera sits on the base: height and offset ahead of the axle [m], angles [rad].
-
-    A positive tilt looks down; a positive roll turns the camera clockwise, seen from behind it.
-    """
-
-    height: float = 0.6
-    forward: float = 0.0
-    tilt: float = 0.0
-    roll: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not all(map(math.isfinite, (self.height, self.forward, self.tilt, self.roll))):
-            raise ValueError(f'a camera mount must be finite, got {self}; check its parameters')
-        if abs(self.tilt) >= math.pi / 2.0:
-            raise ValueError(
-                f'camera tilt must lie within +-pi/2 rad, got {self.tilt}; give it in radians'
-            )
-
-    def centre(self, pose: Pose) -> FloatArray:
-        """Return the optical centre in the world, shape (3,) [m]."""
-        x = pose.x + self.forward * math.cos(pose.theta)
-        y = pose.y + self.forward * math.sin(pose.theta)
-        return np.array([x, y, self.height])
-
-    def R_world_camera(self, pose: Pose, *, tilt: float = 0.0, roll: float = 0.0) -> FloatArray:
-        """Return the camera axes right, down, forward as columns, with tilt and roll added."""
-        sin, cos = math.sin(pose.theta), math.cos(pose.theta)
-        level = np.array([[sin, 0.0, cos], [-cos, 0.0, sin], [0.0, -1.0, 0.0]])
-        sin, cos = math.sin(self.tilt + tilt), math.cos(self.tilt + tilt)
-        tilted = level @ np.array([[1.0, 0.0, 0.0], [0.0, cos, sin], [0.0, -sin, cos]])
-        sin, cos = math.sin(self.roll + roll), math.cos(self.roll + roll)
-        return np.asarray(tilted @ np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]))
 
 
 class Renderer:

@@ -13,6 +13,7 @@ from visual_servo_epipolar.core.settings import setting, Settings, updated
 from visual_servo_epipolar.core.tracker_settings import TrackerSettings
 from visual_servo_epipolar.simulation.camera_simulator import CameraSettings
 from visual_servo_epipolar.simulation.closed_loop import LoopSettings
+from visual_servo_epipolar.simulation.disturbances import DisturbanceSettings
 from visual_servo_epipolar.simulation.pioneer import BaseSettings
 from visual_servo_epipolar.simulation.point_world import PointSettings
 
@@ -32,6 +33,7 @@ class Scenario:
     base: BaseSettings = field(default_factory=BaseSettings)
     camera: CameraSettings = field(default_factory=CameraSettings)
     points: PointSettings = field(default_factory=PointSettings)
+    disturbances: DisturbanceSettings = field(default_factory=DisturbanceSettings)
     tracker: TrackerSettings = field(default_factory=TrackerSettings)
     servo: ServoSettings = field(default_factory=ServoSettings)
 

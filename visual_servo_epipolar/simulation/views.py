@@ -3,6 +3,7 @@
 from visual_servo_epipolar.core.tracking import Tracker
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
 from visual_servo_epipolar.simulation.closed_loop import View
+from visual_servo_epipolar.simulation.disturbances import Disturbances, DisturbanceSettings
 from visual_servo_epipolar.simulation.point_world import PointWorld
 from visual_servo_epipolar.simulation.scenario import Scenario
 
@@ -10,7 +11,25 @@ SOURCES = ('features', 'images')
 
 
 def view_of(scenario: Scenario, source: str, seed: int) -> View:
-    """Return what stands between world and servo; ``source`` is one of ``SOURCES``."""
+    """Return what stands between world and servo; ``source`` is one of SOURCES."""
     if source == 'features':
-        return PointWorld(scenario.points, scenario.camera.camera, seed=seed)
-    return ImageView(CameraSimulator(scenario.camera), Tracker(scenario.tracker))
+        return points_of(scenario, seed)
+    return ImageView(
+        CameraSimulator(scenario.camera, scenario.disturbances), Tracker(scenario.tracker)
+    )
+
+
+def points_of(scenario: Scenario, seed: int) -> PointWorld:
+    """Return the cloud of points of a run, seen by the scenario's camera."""
+    camera, disturbances = scenario.camera, None
+    if scenario.disturbances != DisturbanceSettings():
+        size = camera.width, camera.height
+        disturbances = Disturbances(size, scenario.disturbances, seed)
+    return PointWorld(
+        scenario.points,
+        camera.camera,
+        seed=seed,
+        mount=camera.mount,
+        jitter=camera.jitter,
+        disturbances=disturbances,
+    )
