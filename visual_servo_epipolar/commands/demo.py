@@ -97,7 +97,7 @@ def _drive(
         def watch(sample: Sample, image: Image | None, features: Features | None) -> None:
             progress(sample)
             if film is not None and image is not None and features is not None:
-                film.add(_picture(image, features, sample, scenario.camera.camera), sample)
+                film.add(_picture(image, features, sample, scenario.camera.believed), sample)
 
         progress.say('starting four nodes ...')
         open_to = 'LOCALHOST' if options.visible else 'OFF'
