@@ -20,7 +20,6 @@ BRAKING = 20  # frames before those
 RINGS = (3, 6, 10)  # how far from a feature depth is examined [px]
 DIRECTIONS = np.array([(1, 0), (0, 1), (1, 1), (1, -1)])
 DEPTH_STEP = 0.02  # bend of inverse depth that is an edge, relative
-SAME_PLACE = 0.01  # deviation of a traced point that is still the same surface, relative to depth
 NUDGE = 1e-4  # of the pose, for its derivatives [m, rad]
 
 
@@ -122,7 +121,7 @@ class Truth:
         ahead = np.asarray(np.isfinite(pixels).all(axis=1))
         shift = np.where(ahead[:, None], features.current - np.nan_to_num(pixels), np.inf)
         seen = inside.copy()
-        seen[inside] = self._nearest(points[inside], pixels[inside], pose)
+        seen[inside] = self._renderer.unhidden(points[inside], pixels[inside], pose)
         covered = np.zeros(len(features), bool)
         if disturbances is not None:
             covered = disturbances.hides(pixels, frame)
@@ -160,13 +159,6 @@ class Truth:
             columns.append(((ahead - behind) / (2.0 * NUDGE)).ravel())
         solution = np.linalg.lstsq(np.stack(columns, 1), judgement.shift[rows].ravel())[0]
         return float(solution[0]), float(solution[1]), float(solution[2])
-
-    def _nearest(self, points: FloatArray, pixels: FloatArray, pose: Pose) -> BoolArray:
-        """Return which ``points``, that project to ``pixels``, nothing in the room hides."""
-        met = self._renderer.trace(pixels, pose)
-        centre = self._renderer.mount.centre(pose)
-        distance = np.linalg.norm(points - centre, axis=1)
-        return np.asarray(np.linalg.norm(met - points, axis=1) <= SAME_PLACE * distance)
 
     def _clearance(self, pixels: FloatArray) -> FloatArray:
         """Return the smallest ring around each pixel on which the depth is not smooth."""

@@ -12,6 +12,7 @@ from visual_servo_epipolar.simulation.sampling import shade
 from visual_servo_epipolar.simulation.surfaces import Scene
 
 MAX_RAY = 4.0  # what a distorting lens shows farther from the axis stays black (76 deg)
+SAME_PLACE = 0.01  # deviation of a traced point that is still the same surface, relative to depth
 
 
 class Renderer:
@@ -78,6 +79,12 @@ class Renderer:
         nearest = np.where(inside, depths, np.inf).min(axis=1)
         nearest[np.isinf(nearest)] = np.nan
         return np.asarray(view.centre + nearest[:, None] * directions)
+
+    def unhidden(self, points: FloatArray, pixels: FloatArray, pose: Pose) -> BoolArray:
+        """Return which ``points``, that project to ``pixels``, nothing in the scene hides."""
+        met = self.trace(pixels, pose)
+        distance = np.linalg.norm(points - self.mount.centre(pose), axis=1)
+        return np.asarray(np.linalg.norm(met - points, axis=1) <= SAME_PLACE * distance)
 
     def _view(self, pose: Pose, tilt: float, roll: float) -> View:
         width, height, intrinsics = self._canvas

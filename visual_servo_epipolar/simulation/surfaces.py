@@ -1,7 +1,7 @@
 """Textured rectangles, their prefiltered copies, and the order in which to paint them."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 import math
 
@@ -121,6 +121,11 @@ class Scene:
         normals = np.stack([surface.normal for surface in self.surfaces])
         object.__setattr__(self, 'corners', frozen(corners))
         object.__setattr__(self, 'normals', frozen(normals))
+
+    def bare(self) -> 'Scene':
+        """Return the scene without its pictures: enough for geometry, and small."""
+        blank = Texture(np.zeros((1, 1), np.uint8))
+        return Scene(tuple(replace(surface, texture=blank) for surface in self.surfaces))
 
     @cached_property
     def bodies(self) -> IntArray:

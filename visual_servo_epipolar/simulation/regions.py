@@ -1,0 +1,116 @@
+"""Regions of starts: where a robot may be when it is to come back to the goal."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray, Image
+from visual_servo_epipolar.core.candidates import Candidates
+from visual_servo_epipolar.core.errors import InputError, TrackingError
+from visual_servo_epipolar.core.matching import desired_view
+from visual_servo_epipolar.core.motion import DESIRED_POSE, Pose
+from visual_servo_epipolar.simulation.camera_simulator import CameraSettings
+from visual_servo_epipolar.simulation.ground import Ground
+from visual_servo_epipolar.simulation.renderer import Renderer
+from visual_servo_epipolar.simulation.scenario import Scenario
+from visual_servo_epipolar.simulation.scene import room
+from visual_servo_epipolar.simulation.views import points_of
+
+Start = tuple[float, float, float]
+Condition = Callable[[Pose], bool]
+
+# Least and largest x [m], y [m], heading error [deg].
+BOXES = {
+    'front': ((-1.5, -5.0, -15.0), (1.5, -2.0, 15.0)),
+    'beside': ((-1.5, -2.0, -15.0), (1.5, 1.5, 15.0)),
+    'anywhere': ((-6.0, -10.0, -180.0), (6.0, 4.0, 180.0)),
+}
+REGIONS = tuple(BOXES)
+LEAST_FEATURES = 40  # of the goal's, in view from a start anywhere
+DIGITS = 6  # of a start: written down it is the same start
+TRIES = 5000
+STREAM = 8  # keeps starts apart from all else that is drawn from the same seed
+
+
+def start_in(
+    region: str, seed: int, index: int, scenario: Scenario, *, source: str = 'features'
+) -> Start:
+    """
+    Return start number ``index`` of a region: x [m], y [m], heading error [deg].
+
+    It depends on the arguments alone, not on how many starts are drawn. In images no start is in
+    a wall or in furniture. ``anywhere`` are all poses from which at least 40 of the goal's
+    features are in view: points of the cloud that belongs to the seed of ``scenario``, or what
+    the tracker would keep of the photograph, as far as nothing in the room hides it.
+
+    Raises
+    ------
+    InputError
+        If there is no such region, or no such start.
+
+    """
+    if region not in BOXES:
+        raise InputError(f'region must be one of {", ".join(REGIONS)}, got {region!r}')
+    conditions = _conditions(region, scenario, source)
+    rng = np.random.default_rng((seed, STREAM, index))
+    for _ in range(TRIES):
+        x, y, heading = rng.uniform(*BOXES[region]).round(DIGITS).tolist()
+        pose = Pose.from_start(x, y, heading)
+        if all(holds(pose) for holds in conditions):
+            return x, y, heading
+    raise InputError(
+        f'no start found in region {region} in {TRIES} tries; see that the scene leaves room and '
+        f'that the goal has more than {LEAST_FEATURES} features'
+    )
+
+
+def _conditions(region: str, scenario: Scenario, source: str) -> list[Condition]:
+    everywhere = region == 'anywhere'
+    if source == 'features':
+        if not everywhere:
+            return []
+        world = points_of(scenario, scenario.camera.seed)
+        return [lambda pose: int(world.project(pose)[1].sum()) >= LEAST_FEATURES]
+    camera = replace(scenario.camera, seed=0)  # one scene serves all runs
+    scenery = _scenery(camera, scenario.tracker.candidates)
+    if not everywhere:
+        return [scenery.ground.is_free]
+    return [scenery.ground.is_free, lambda pose: scenery.in_view(pose) >= LEAST_FEATURES]
+
+
+class _Scenery:
+    """The room, and where in it is what the photograph shows that is worth tracking."""
+
+    def __init__(self, camera: CameraSettings, candidates: int) -> None:
+        scene = room(camera.scene_seed, camera.scene)
+        self.ground = Ground(scene, camera.mount)
+        # What is kept has no pictures on it: they take hundreds of megabytes.
+        self._renderer = Renderer(scene.bare(), camera.camera, camera.mount)
+        photograph = Renderer(scene, camera.camera, camera.mount).render(DESIRED_POSE)
+        points = self._renderer.trace(_worth_tracking(photograph, candidates), DESIRED_POSE)
+        self._points = points[np.isfinite(points).all(axis=1)]
+
+    def in_view(self, pose: Pose) -> int:
+        """Return how many of the goal's features can be seen from ``pose``."""
+        pixels, seen = self._renderer.project(self._points, pose)
+        if int(seen.sum()) < LEAST_FEATURES:
+            return int(seen.sum())  # too few even if nothing hides them
+        return int(self._renderer.unhidden(self._points[seen], pixels[seen], pose).sum())
+
+
+def _worth_tracking(photograph: Image, candidates: int) -> FloatArray:
+    """Return the pixels, shape (N, 2), of the features that a tracker would keep in mind."""
+    try:
+        view = desired_view(photograph)
+    except TrackingError as error:
+        raise InputError(f'the scene cannot be used: {error}') from None
+    pixels = view.keypoints.pixels
+    rows = Candidates(view).spread(np.arange(len(pixels)), np.zeros(len(pixels), bool), candidates)
+    return pixels[rows]
+
+
+@lru_cache(maxsize=4)
+def _scenery(camera: CameraSettings, candidates: int) -> _Scenery:
+    return _Scenery(camera, candidates)
