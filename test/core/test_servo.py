@@ -11,6 +11,7 @@ from strategies import bearings, CAMERA, floats, matches, twists
 
 from visual_servo_epipolar.core import laws
 from visual_servo_epipolar.core.epipolar import Bearings
+from visual_servo_epipolar.core.events import displacement
 from visual_servo_epipolar.core.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.perception import Observation, Sight
 from visual_servo_epipolar.core.phases import DRIVING, Phase
@@ -277,7 +278,7 @@ def test_one_frame_that_does_not_match_starts_the_count_anew() -> None:
 
 
 def missed(seconds: float) -> Sight:
-    return replace(at_goal(seconds), feature_error=20.0 / 769.0)
+    return replace(at_goal(seconds), parallax=2.0 / 769.0, feature_error=20.0 / 769.0)
 
 
 def test_a_miss_backs_off_for_another_attempt() -> None:
@@ -311,10 +312,48 @@ def test_a_pure_rotation_is_turned_back() -> None:
 
 def test_a_pure_rotation_turned_back_is_left_to_the_second_step() -> None:
     turned = [
-        replace(at_goal(0.1 * k), feature_error=1.0 / 769.0)
-        for k in range(1, SETTINGS.align_frames + 1)
+        replace(at_goal(0.1 * k), difference=-0.01) for k in range(1, SETTINGS.align_frames + 1)
     ]
     assert after(*turned, state=in_phase(Phase.ORIENTING)).phase is Phase.MATCHING_FEATURES
+
+
+def test_a_goal_reached_under_a_wrong_heading_is_faced_in_place() -> None:
+    seen = [
+        replace(at_goal(0.1 * k), heading_error=0.003)
+        for k in range(1, SETTINGS.arrival_frames + 1)
+    ]
+    state = after(*seen, state=in_phase(Phase.MATCHING_FEATURES))
+    assert state.phase is Phase.ORIENTING
+    assert state.twist.linear == 0.0
+    assert state.twist.angular < 0.0
+    faced = [at_goal(0.6 + 0.1 * k) for k in range(SETTINGS.align_frames)]
+    assert after(*faced, state=state).phase is Phase.ARRIVED
+
+
+# The field of view
+
+
+def test_the_displaced_epipole_keeps_the_features_in_view() -> None:
+    free = sight(current=0.1, desired=-0.2)
+    assert displacement(free, SETTINGS) == pytest.approx(0.215, abs=0.001)
+    # e_au moves right when the camera turns left.
+    tight = replace(free, room=(0.05, math.inf))
+    assert displacement(tight, SETTINGS) == pytest.approx(0.15)
+
+
+def test_without_room_for_a_useful_turn_the_robot_backs_off_first() -> None:
+    tight = sight(current=-0.1, desired=-0.2, room=(0.15, math.inf))
+    assert displacement(tight, SETTINGS) is None
+    assert after(tight).phase is Phase.RETREATING
+
+
+def test_backing_off_turns_no_further_than_the_view_allows() -> None:
+    beside = sight(0.1, current=0.3, desired=-1.2, heading_error=-0.8, room=(0.2, math.inf))
+    turning = after(beside, state=in_phase(Phase.RETREATING)).twist
+    assert turning.angular == pytest.approx(0.2 * SETTINGS.turn_gain)
+    assert turning.linear == 0.0
+    blocked = replace(beside, room=(0.01, math.inf))
+    assert after(blocked, state=in_phase(Phase.RETREATING)).twist.linear < 0.0
 
 
 # The latch

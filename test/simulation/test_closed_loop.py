@@ -54,7 +54,9 @@ def test_law_full_never_moves_away_from_the_goal(start: tuple[float, float, floa
 def test_the_phases_of_a_run_are_those_of_the_paper(start: tuple[float, float, float]) -> None:
     names = [span.name for span in phase_spans(driven(start))]
     assert names[:2] == ['displacing', 'zeroing_epipoles']
-    assert names[-2:] == ['matching_features', 'arrived']
+    assert names[2] == 'matching_features'
+    # A last turn in place where the heading is not yet as good as the view allows.
+    assert names[3:] in (['arrived'], ['orienting', 'arrived'])
 
 
 @pytest.mark.parametrize('start', STARTS)

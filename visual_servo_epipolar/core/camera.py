@@ -1,6 +1,7 @@
 """The pinhole camera of eq. (1)-(2) with the distortion models of CameraInfo."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 import math
 
 import cv2
@@ -60,6 +61,11 @@ class Camera:
         """Whether any distortion coefficient differs from zero."""
         return any(self.distortion)
 
+    @property
+    def edges(self) -> tuple[float, float]:
+        """Bearings of the left and of the right edge of the image [rad], right positive."""
+        return _edges(self)
+
     def rays(self, pixels: FloatArray) -> FloatArray:
         """
         Back-project ``pixels``, shape (N, 2), to undistorted rays (x/z, y/z), shape (N, 2).
@@ -98,3 +104,10 @@ class Camera:
         u, v = pixels[:, 0], pixels[:, 1]
         inside_u = (u >= margin) & (u <= self.width - 1 - margin)
         return np.asarray(inside_u & (v >= margin) & (v <= self.height - 1 - margin))
+
+
+@lru_cache(maxsize=16)
+def _edges(camera: Camera) -> tuple[float, float]:
+    middle = 0.5 * (camera.height - 1)
+    (left, _), (right, _) = camera.rays(np.array([[0.0, middle], [camera.width - 1.0, middle]]))
+    return math.atan(left), math.atan(right)

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 import math
 
+from visual_servo_epipolar.core import laws
 from visual_servo_epipolar.core.epipolar import Bearings
 from visual_servo_epipolar.core.perception import Sight
 from visual_servo_epipolar.core.phases import DRIVING, ENDED, Event, Phase
@@ -10,7 +11,7 @@ from visual_servo_epipolar.core.servo_settings import ServoSettings
 from visual_servo_epipolar.core.servo_state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
 
-ENGAGE_DEVIATIONS, RELEASE_DEVIATIONS = 1.0, 4.0
+ENGAGE_DEVIATIONS, RELEASE_DEVIATIONS, NOISE_DEVIATIONS = 1.0, 4.0, 2.0
 
 
 def bearing_current(bearings: Bearings) -> float:
@@ -37,11 +38,49 @@ def _deviation(sight: Sight) -> float:
     return 0.0 if math.isnan(sight.deviation) else sight.deviation
 
 
-def is_sideways(bearings: Bearings, settings: ServoSettings) -> bool:
-    """Return whether the goal lies beside or behind, where law full backs off first."""
-    if settings.law != 'full':
+def is_sideways(sight: Sight, settings: ServoSettings) -> bool:
+    """
+    Return whether law full backs off before step 1.
+
+    So it does from beside or past the goal, and where the field of view leaves no room for a turn
+    that would bring the robot onto the axis before it is at the goal.
+    """
+    bearings = sight.bearings
+    if settings.law != 'full' or bearings is None:
         return False
-    return bearings.sigma > 0.0 or abs(bearing_desired(bearings)) > settings.sideways_bearing
+    if not is_behind(bearings) or abs(bearing_desired(bearings)) > settings.sideways_bearing:
+        return True
+    return displacement(sight, settings) is None
+
+
+def is_behind(bearings: Bearings) -> bool:
+    """Return whether the robot stands behind the goal and has it ahead."""
+    return bearings.sigma < 0.0 and math.sin(bearings.psi) < 0.0
+
+
+def displacement(sight: Sight, settings: ServoSettings) -> float | None:
+    """
+    Return the bearing of e_au [rad] to hold in step 1, as far as the field of view allows.
+
+    None where that would end too near the goal: see ``laws.displaced_epipole``.
+    """
+    bearings = sight.bearings
+    if bearings is None:
+        return None
+    here, chi = bearing_current(bearings), bearing_desired(bearings)
+    epipole = laws.displaced_epipole(
+        bearings.epipole_desired,
+        room=settings.room,
+        low=settings.min_displacement,
+        high=settings.max_displacement,
+    )
+    left, right = sight.room
+    wanted = math.atan(epipole)
+    found = min(max(wanted, here - right), here + left)
+    if abs(chi) <= engage_bound(sight, settings) or found == wanted:
+        return found
+    enough = abs(chi) / math.log(1.0 / settings.least_room)
+    return found if found * wanted > 0.0 and math.tan(abs(found)) >= enough else None
 
 
 def classify(state: ServoState, settings: ServoSettings) -> Event:
@@ -69,21 +108,38 @@ def is_settled(state: ServoState, settings: ServoSettings) -> bool:
     if sight is None or sight.features < settings.min_features:
         return False
     if state.phase is Phase.ORIENTING:
-        return abs(sight.heading_error) <= settings.align_tolerance
+        return abs(sight.heading_error) <= settings.arrival_heading
     if state.phase is Phase.MATCHING_FEATURES:
-        return abs(sight.difference) <= settings.arrival_difference
+        return abs(sight.difference) <= matched_bound(sight, settings)
     if state.phase is Phase.ZEROING_EPIPOLES and state.latched and sight.bearings is not None:
         return abs(bearing_current(sight.bearings)) <= settings.align_tolerance
     return False
 
 
+def matched_bound(sight: Sight, settings: ServoSettings) -> float:
+    """Return the |D| that counts as zero: it cannot be less than its noise."""
+    return max(settings.arrival_difference, NOISE_DEVIATIONS * sight.difference_deviation)
+
+
+def has_parallax(sight: Sight, bound: float) -> bool:
+    """Return whether the features show more parallax than ``bound`` [rad] and noise explain."""
+    return not sight.parallax <= math.hypot(bound, NOISE_DEVIATIONS * sight.noise)
+
+
+def is_at_goal(sight: Sight, settings: ServoSettings) -> bool:
+    """Return whether the photograph could have been taken from here: heading, parallax and D."""
+    faces_it = abs(sight.heading_error) <= settings.arrival_heading
+    matched = abs(sight.difference) <= matched_bound(sight, settings)
+    return faces_it and matched and not has_parallax(sight, settings.goal_error)
+
+
 def _survey(state: ServoState, sight: Sight, settings: ServoSettings) -> Event:
     """Decide how to begin, or to begin again after the tracks came back."""
-    if sight.feature_error <= settings.goal_error:
+    if is_at_goal(sight, settings):
         return Event.MATCHED
     if sight.bearings is None:
         return Event.NO_BASELINE if sight.parallax <= settings.near_parallax else Event.LOST
-    if is_sideways(sight.bearings, settings):
+    if is_sideways(sight, settings):
         return Event.SIDEWAYS
     aligned = abs(bearing_desired(sight.bearings)) <= engage_bound(sight, settings)
     if aligned and abs(bearing_current(sight.bearings)) <= settings.align_tolerance:
@@ -94,9 +150,9 @@ def _survey(state: ServoState, sight: Sight, settings: ServoSettings) -> Event:
 def _orienting(state: ServoState, sight: Sight, settings: ServoSettings) -> Event:
     if state.settled < settings.align_frames:
         return Event.NOTHING
-    if sight.feature_error <= settings.goal_error:
+    if is_at_goal(sight, settings):
         return Event.MATCHED
-    if sight.bearings is not None and is_sideways(sight.bearings, settings):
+    if is_sideways(sight, settings):
         return Event.SIDEWAYS
     if sight.bearings is not None:
         return Event.APART
@@ -114,9 +170,8 @@ def _retreating(state: ServoState, sight: Sight, settings: ServoSettings) -> Eve
         return Event.LOST
     if sight.bearings is None or sight.difference > -settings.retreat_difference:
         return Event.NOTHING
-    ahead = sight.bearings.sigma < 0.0
     inside = abs(bearing_desired(sight.bearings)) <= settings.retreat_bearing
-    return Event.APART if ahead and inside else Event.NOTHING
+    return Event.APART if inside and not is_sideways(sight, settings) else Event.NOTHING
 
 
 def _displacing(state: ServoState, sight: Sight, settings: ServoSettings) -> Event:
@@ -137,10 +192,11 @@ def _zeroing(state: ServoState, sight: Sight, settings: ServoSettings) -> Event:
     bearing = bearing_desired(sight.bearings)
     if abs(bearing) >= settings.divergence:
         return Event.DIVERGED
-    if not state.latched and is_sideways(sight.bearings, settings):
+    if not state.latched and is_sideways(sight, settings):
         return Event.SIDEWAYS
     if state.latched and abs(bearing) > release_bound(sight, settings):
-        return Event.ESCAPED
+        near = sight.difference > -settings.retreat_difference
+        return Event.SIDEWAYS if near and settings.law == 'full' else Event.ESCAPED
     return Event.ALIGNED if state.settled >= settings.align_frames else Event.NOTHING
 
 
@@ -149,10 +205,11 @@ def _matching(state: ServoState, sight: Sight, settings: ServoSettings) -> Event
         return Event.LOST
     if state.settled < settings.arrival_frames:
         return Event.NOTHING
-    near = sight.feature_error <= settings.arrival_error
-    if near and sight.parallax <= settings.arrival_parallax:
-        return Event.MATCHED
-    return Event.MISSED if state.attempts < settings.max_attempts else Event.EXHAUSTED
+    if has_parallax(sight, settings.arrival_parallax):
+        return Event.MISSED if state.attempts < settings.max_attempts else Event.EXHAUSTED
+    if settings.law == 'full' and not abs(sight.heading_error) <= settings.arrival_heading:
+        return Event.TURNED
+    return Event.MATCHED
 
 
 def _nothing(state: ServoState, sight: Sight, settings: ServoSettings) -> Event:

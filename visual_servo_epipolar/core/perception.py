@@ -26,6 +26,7 @@ from visual_servo_epipolar.core.estimators.planar_3dof import planar_3dof
 from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
 from visual_servo_epipolar.core.features import Features
 from visual_servo_epipolar.core.homography import fit_rotation
+from visual_servo_epipolar.core.motion import HALF_PI
 from visual_servo_epipolar.core.servo_settings import ServoSettings
 from visual_servo_epipolar.core.trust import (
     deviation,
@@ -51,13 +52,15 @@ class Observation:
     """
     One set of matches as rays, shape (N, 2) each, taken at ``stamp_ns``.
 
-    ``focal`` [px] only turns pixel thresholds into angles and back.
+    ``focal`` [px] only turns pixel thresholds into angles and back. ``edges`` are the bearings of
+    the left and the right edge of the image [rad], right positive.
     """
 
     stamp_ns: int
     current: FloatArray
     desired: FloatArray
     focal: float
+    edges: tuple[float, float] = (-HALF_PI, HALF_PI)
 
 
 def observe(features: Features, camera: Camera, stamp_ns: int) -> Observation:
@@ -67,6 +70,7 @@ def observe(features: Features, camera: Camera, stamp_ns: int) -> Observation:
         frozen(camera.rays(features.current)),
         frozen(camera.rays(features.desired)),
         math.sqrt(camera.fx * camera.fy),
+        camera.edges,
     )
 
 
@@ -76,11 +80,13 @@ class Sight:
     What one observation tells about the goal, at unit focal length.
 
     ``bearings`` is None where they cannot be trusted, and ``reason`` says why. ``difference`` is D
-    of eq. (23), averaged over the features; ``feature_error`` the median distance of current from
-    desired features; ``parallax`` what the best rotation leaves unexplained; ``heading_error``
-    comes from the bearings where there are any, else from that rotation. ``deviation`` is the
-    larger one of psi and phi, ``covariance`` that of both, shape (2, 2), ``jump`` the change of
-    tilt and roll between the views [rad]; ``memory`` is for the next frame.
+    of eq. (23), averaged over the features, ``difference_deviation`` its noise; ``feature_error``
+    the median distance of current from desired features; ``parallax`` what the best rotation
+    leaves unexplained; ``heading_error`` comes from the bearings where there are any, else from
+    that rotation. ``deviation`` is the larger one of psi and phi, ``covariance`` that of both,
+    shape (2, 2), ``jump`` the change of tilt and roll between the views [rad]; ``room`` is how far
+    the robot may turn to the left and to the right before the features run out of the image [rad];
+    ``memory`` is for the next frame.
     """
 
     stamp_ns: int
@@ -96,8 +102,15 @@ class Sight:
     parallax: float = math.nan
     heading_error: float = math.nan
     difference: float = math.nan
+    difference_deviation: float = math.nan
     feature_error: float = math.nan
+    room: tuple[float, float] = (math.inf, math.inf)
     reason: str = ''
+
+    @property
+    def noise(self) -> float:
+        """Deviation of a coordinate at unit focal length, as the residuals show it."""
+        return self.memory.noise / self.focal
 
     @property
     def parallax_px(self) -> float:
@@ -138,6 +151,7 @@ def geometry(
         parallax=rotation.parallax,
         heading_error=rotation.heading_error,
         feature_error=float(np.median(np.hypot(*(current - desired).T))),
+        room=room_to_turn(current, observation.edges, settings.keep_features),
     )
     fundamental = None
     if seen.parallax_px < settings.min_parallax:
@@ -147,15 +161,31 @@ def geometry(
         seen, fundamental = _with_bearings(seen, observation, settings, frame)
     difference = feature_difference(current, desired)
     if settings.compensates:
-        difference = _compensated_difference(current, desired, seen.heading_error)
-    return replace(seen, difference=difference), fundamental
+        # Pitch and roll of an uneven floor are those of the best rotation, the heading is better.
+        heading = rotation_desired_current(seen.heading_error - rotation.heading_error)
+        difference = _compensated_difference(current, desired, heading @ rotation.rotation)
+    # Of |p_a|^2 - |p_d|^2 with noise in both views, on the average of N features.
+    size = math.sqrt(8.0 * float((desired**2).sum()))
+    deviation = size * seen.noise / count
+    return replace(seen, difference=difference, difference_deviation=deviation), fundamental
+
+
+def room_to_turn(
+    current: FloatArray, edges: tuple[float, float], keep: int
+) -> tuple[float, float]:
+    """Return how far a camera may turn left and right [rad] until ``keep`` features are left."""
+    bearings = np.sort(np.arctan(current[:, 0]))
+    keep = min(keep, len(bearings))
+    # A left turn moves features to the right.
+    left, right = edges[1] - bearings[keep - 1], bearings[-keep] - edges[0]
+    return max(float(left), 0.0), max(float(right), 0.0)
 
 
 def _compensated_difference(
-    current: FloatArray, desired: FloatArray, heading_error: float
+    current: FloatArray, desired: FloatArray, rotation: FloatArray
 ) -> float:
-    """Return D of features turned to the desired heading, without those that stand apart."""
-    level = turned(current, heading_error)
+    """Return D of features turned by ``rotation``, without those that stand apart."""
+    level = turned(current, rotation)
     distance = np.hypot(*(level - desired).T)
     usual = distance <= APART * float(np.median(distance)) + NEGLIGIBLE
     return feature_difference(level[usual], desired[usual])
@@ -166,14 +196,14 @@ def feature_difference(current: FloatArray, desired: FloatArray) -> float:
     return float(((current**2).sum(axis=1) - (desired**2).sum(axis=1)).mean())
 
 
-def turned(rays: FloatArray, heading_error: float) -> FloatArray:
+def turned(rays: FloatArray, rotation: FloatArray) -> FloatArray:
     """
-    Return ``rays``, shape (N, 2), as a camera with the desired heading would see them.
+    Return ``rays``, shape (N, 2), as a camera sees them that is turned by ``rotation``, (3, 3).
 
     A heading error of 0.1 deg otherwise shifts the zero of D by centimetres, unless the features
-    lie evenly to the left and right.
+    lie evenly to the left and right; a bump of 0.1 deg in the floor does so by millimetres.
     """
-    solid = homogeneous(rays) @ rotation_desired_current(heading_error).T
+    solid = homogeneous(rays) @ rotation.T
     return np.asarray(solid[:, :2] / solid[:, 2:])
 
 

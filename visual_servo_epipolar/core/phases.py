@@ -30,6 +30,7 @@ class Event(str, Enum):
     DISPLACED = 'displaced'  # the current epipole stands where step 1 wants it
     ESCAPED = 'escaped'  # the desired epipole left zero again
     MATCHED = 'matched'  # the features are where the photograph has them
+    TURNED = 'turned'  # at the goal, but not facing as the photograph was taken
     MISSED = 'missed'  # at the end of step 2, but not at the goal
     LOST = 'lost'  # too few features, or a geometry that cannot be trusted
     EXHAUSTED = 'exhausted'  # missed, and no attempt is left
@@ -72,6 +73,7 @@ TRANSITIONS: Mapping[tuple[Phase, Event], Phase] = MappingProxyType(
         (Phase.ZEROING_EPIPOLES, Event.ESCAPED): Phase.DISPLACING,
         (Phase.ZEROING_EPIPOLES, Event.NO_BASELINE): Phase.MATCHING_FEATURES,
         (Phase.MATCHING_FEATURES, Event.MATCHED): Phase.ARRIVED,
+        (Phase.MATCHING_FEATURES, Event.TURNED): Phase.ORIENTING,
         (Phase.MATCHING_FEATURES, Event.MISSED): Phase.RETREATING,
         **{(phase, Event.LOST): Phase.HOLDING for phase in DRIVING},
         **{

@@ -10,7 +10,12 @@ import math
 
 from visual_servo_epipolar.core import laws
 from visual_servo_epipolar.core.epipolar import Bearings
-from visual_servo_epipolar.core.events import bearing_desired, classify
+from visual_servo_epipolar.core.events import (
+    bearing_current,
+    bearing_desired,
+    classify,
+    displacement,
+)
 from visual_servo_epipolar.core.motion import beyond_dead_band, ramped, saturate, STANDSTILL, Twist
 from visual_servo_epipolar.core.perception import Observation, perceive, Sight
 from visual_servo_epipolar.core.phases import DRIVING, Event, next_phase, Phase
@@ -39,7 +44,7 @@ def advance(state: ServoState, sight: Sight, settings: ServoSettings) -> ServoSt
     if before is not None and sight.stamp_ns <= before.stamp_ns:
         state, event = _out_of_time(state, sight)
     state = _switch(state, state.sight or sight, event, settings)
-    twist = _feasible(command(state, settings), last, dt or USUAL_STEP_S, state.phase, settings)
+    twist = _feasible(command(state, settings), last, dt or USUAL_STEP_S, state, settings)
     return replace(state, twist=twist, frame=state.frame + 1)
 
 
@@ -60,11 +65,11 @@ def lost(state: ServoState, reason: str) -> ServoState:
 
 
 def _feasible(
-    wanted: Twist, last: Twist, dt: float, phase: Phase, settings: ServoSettings
+    wanted: Twist, last: Twist, dt: float, state: ServoState, settings: ServoSettings
 ) -> Twist:
     """Return what the base can do of ``wanted``: limits, accelerations, dead band."""
     twist = saturate(wanted, max_linear=settings.max_linear, max_angular=settings.max_angular)
-    if settings.law == 'full' and phase in DRIVING:
+    if settings.law == 'full' and state.phase in DRIVING:
         twist = ramped(
             twist,
             last,
@@ -76,7 +81,8 @@ def _feasible(
         twist,
         linear=settings.dead_band_linear,
         angular=settings.dead_band_angular,
-        mode=settings.dead_band_mode,
+        # Where nothing is left to do, lifting a small command would only undo it.
+        mode='zero' if state.settled else settings.dead_band_mode,
     )
 
 
@@ -93,9 +99,7 @@ def command(state: ServoState, settings: ServoSettings) -> Twist:
     if state.phase is Phase.ORIENTING:
         return laws.turn_to_heading(sight.heading_error, gain=settings.turn_gain)
     if state.phase is Phase.RETREATING:
-        turn = laws.turn_to_heading(sight.heading_error, gain=settings.turn_gain)
-        turned = abs(sight.heading_error) <= settings.retreat_heading
-        return replace(turn, linear=-settings.retreat_speed if turned else 0.0)
+        return _retreat(sight, settings)
     if state.phase is Phase.MATCHING_FEATURES:
         return _second_step(state, sight, settings)
     if sight.bearings is None:
@@ -105,11 +109,30 @@ def command(state: ServoState, settings: ServoSettings) -> Twist:
             sight.bearings.epipole_current, state.target, k1=settings.turn_gain
         )
     if state.phase is Phase.ZEROING_EPIPOLES:
-        return _first_step(state, settings)
+        return _first_step(state, sight, settings)
     return STANDSTILL
 
 
-def _first_step(state: ServoState, settings: ServoSettings) -> Twist:
+def _retreat(sight: Sight, settings: ServoSettings) -> Twist:
+    """Turn to the goal's heading as far as the view allows, then back off."""
+    left, right = sight.room
+    left_to_turn = -sight.heading_error
+    allowed = min(max(left_to_turn, -right), left)
+    turning = abs(allowed) > settings.retreat_heading
+    turn = laws.turn_to_heading(-allowed, gain=settings.turn_gain)
+    return replace(turn, linear=0.0 if turning else -settings.retreat_speed)
+
+
+def _held_epipole(state: ServoState, sight: Sight) -> float:
+    """Return where to hold e_au: at the target, but never so that features leave the view."""
+    if sight.bearings is None:
+        return state.target
+    here, (left, right) = bearing_current(sight.bearings), sight.room
+    wanted = math.atan(state.target)
+    return math.tan(min(max(wanted, here - right), here + left))
+
+
+def _first_step(state: ServoState, sight: Sight, settings: ServoSettings) -> Twist:
     """Return eqs. (16)-(17); ``full`` holds e_au at the target until e_du is latched."""
     bearings = _bearings(state)
     e_current, e_desired = bearings.epipole_current, bearings.epipole_desired
@@ -122,7 +145,7 @@ def _first_step(state: ServoState, settings: ServoSettings) -> Twist:
     if settings.finite_time:
         nu = laws.finite_time_controls(e_current, e_desired, **gains)
     else:
-        target = state.target if full and not state.latched else 0.0
+        target = _held_epipole(state, sight) if full and not state.latched else 0.0
         nu = laws.auxiliary_controls(e_current, e_desired, e_target=target, **gains)
     twist = laws.linearizing_control(
         e_current,
@@ -196,12 +219,7 @@ def _target(sight: Sight, settings: ServoSettings) -> float:
     if bearings is None:
         return 0.0
     if settings.law == 'full':
-        return laws.displaced_epipole(
-            bearings.epipole_desired,
-            room=settings.room,
-            low=settings.min_displacement,
-            high=settings.max_displacement,
-        )
+        return math.tan(displacement(sight, settings) or 0.0)
     return math.copysign(math.tan(2.0 * settings.singular_epipole), bearings.epipole_current)
 
 

@@ -72,6 +72,12 @@ class ServoSettings(Settings):
         low=0.05,
         high=0.95,
     )
+    least_room: float = setting(
+        0.15,
+        'Law full: part of the distance below which the spiral ends too near the goal',
+        low=0.01,
+        high=0.95,
+    )
     min_displacement: float = setting(
         0.14, 'Least bearing of the displaced current epipole [rad]', low=0.01, high=0.6
     )
@@ -98,16 +104,16 @@ class ServoSettings(Settings):
     arrival_difference: float = setting(
         1e-4, '|D| at unit focal length below which the features match', low=1e-8, high=0.1
     )
-    arrival_error: float = setting(
-        0.004, 'Median feature error above which an end of step 2 is a miss [rad]', low=0, high=1
+    arrival_heading: float = setting(
+        6e-4, 'Heading error at which the robot faces as the goal does [rad]', low=1e-5, high=0.1
     )
     arrival_parallax: float = setting(
-        0.001, 'Parallax above which an end of step 2 is a miss [rad]', low=0, high=1
+        6e-4, 'Parallax above which an end of step 2 is a miss [rad]', low=0, high=1
     )
     arrival_frames: int = setting(5, 'Frames in a row that must match', low=1, high=100)
 
     goal_error: float = setting(
-        6e-4, 'Median feature error at which the robot is at the goal already [rad]', low=0, high=1
+        3e-4, 'Parallax up to which the robot is at the goal already [rad]', low=0, high=1
     )
     near_parallax: float = setting(
         0.02, 'Parallax below which a goal without trusted bearings is near [rad]', low=0, high=1
@@ -138,6 +144,9 @@ class ServoSettings(Settings):
     min_features: int = setting(12, 'Features below which the servo holds', low=8, high=1000)
     min_confidence: float = setting(
         0.02, 'Confidence of the cheirality vote to be trusted, 0 to 1', low=0.0, high=1.0
+    )
+    keep_features: int = setting(
+        30, 'Law full: features that no turn may take out of view', low=8, high=1000
     )
     max_deviation: float = setting(
         0.1, 'Standard deviation of a bearing above which it is not trusted [rad]', low=0, high=3
