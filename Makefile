@@ -12,9 +12,10 @@ PYTEST_ARGS ?=
 BENCH_ARGS ?=
 DEMO_OUT ?= demo_out
 DEMO_ARGS ?= --out $(DEMO_OUT)
+REPRODUCE_OUT ?= reproduce_out
 
 .DEFAULT_GOAL := setup
-.PHONY: setup test test-colcon colcon lint format demo bench clean help
+.PHONY: setup test test-colcon colcon lint format demo reproduce bench clean help
 
 setup: $(STAMP) ## make .venv with ROS 2 Jazzy, all tools and this package, editable (default)
 
@@ -47,12 +48,15 @@ format: $(STAMP) ## put the source into the form that lint checks
 demo: $(STAMP) ## four real nodes drive to the desired view; results in demo_out/; DEMO_ARGS for others
 	@$(BIN)/visual_servo demo $(DEMO_ARGS)
 
+reproduce: $(STAMP) ## the figures of the paper and a table, paper against us; in reproduce_out/
+	@$(BIN)/visual_servo reproduce all --out $(REPRODUCE_OUT)
+
 bench: $(STAMP) ## accuracy and speed beside the peers, minutes; BENCH_ARGS='estimation --quick'
 	@$(PIP) install --constraint constraints.txt --no-build-isolation --editable '.[bench]'
 	@$(BIN)/visual_servo bench $(BENCH_ARGS)
 
 clean: ## remove .venv and all that make, the tools and colcon left
-	rm -rf $(VENV) build install log dist demo_out *.egg-info
+	rm -rf $(VENV) build install log dist demo_out reproduce_out *.egg-info
 	rm -rf .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 

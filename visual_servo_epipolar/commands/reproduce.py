@@ -1,0 +1,57 @@
+"""``visual_servo reproduce``: the paper's figures, and a table of the paper against us."""
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from visual_servo_epipolar import __version__
+from visual_servo_epipolar.commands.arguments import write_json
+from visual_servo_epipolar.commands.console import Progress
+from visual_servo_epipolar.core.errors import InputError
+
+PARTS = ('sim1', 'sim2')
+SUCCESS, FAILURE = 0, 1
+
+
+def add_to(kinds: Any) -> None:
+    """Add the subcommand."""
+    parser = kinds.add_parser(
+        'reproduce', help="the paper's figures, and the paper against us", description=__doc__
+    )
+    parser.add_argument(
+        'which', choices=(*PARTS, 'all'), help='simulation 1 or 2, experiment, all'
+    )
+    parser.add_argument(
+        '--out', metavar='DIR', required=True, help='where the figures and the table go'
+    )
+    parser.add_argument(
+        '--json', metavar='FILE', help='write the result as JSON to FILE, - for standard output'
+    )
+    parser.set_defaults(run=reproduce)
+
+
+def reproduce(options: argparse.Namespace) -> int:
+    """Run, draw, compare; return 0 if every run came to the end that the paper gives it."""
+    # Only here: matplotlib takes a second to load, and the other commands need none of it.
+    from visual_servo_epipolar.reproduction.chapters import CHAPTERS
+    from visual_servo_epipolar.reproduction.publish import document, publish, text
+
+    folder, progress = _folder(options.out), Progress()
+    parts = PARTS if options.which == 'all' else (options.which,)
+    chapters = {part: CHAPTERS[part](progress.say) for part in parts}
+    progress.close()
+    publish(chapters, folder)
+    if options.json != '-':
+        print(text(chapters))
+        print(f'figures and table in {folder}')
+    write_json({'version': __version__, **document(chapters)}, options.json)
+    return SUCCESS if all(chapter.succeeded for chapter in chapters.values()) else FAILURE
+
+
+def _folder(name: str) -> Path:
+    path = Path(name)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f'{path}: folder cannot be made: {error.strerror}') from None
+    return path

@@ -1,0 +1,69 @@
+"""The parts of the paper that can be reproduced: each gives figures, statements, numbers."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from visual_servo_epipolar.reproduction import simulation_figures as figures
+from visual_servo_epipolar.reproduction.sign_figure import printed_sign
+from visual_servo_epipolar.reproduction.simulation_claims import claims_1, claims_2
+from visual_servo_epipolar.reproduction.simulations import numbers, simulation_1, simulation_2
+from visual_servo_epipolar.reproduction.statements import Statement
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Chapter:
+    """What came of one part: figures by name, statements, numbers; whether the run succeeded."""
+
+    title: str
+    figures: Mapping[str, Figure]
+    statements: list[Statement]
+    numbers: Mapping[str, Any] = field(default_factory=dict)
+    succeeded: bool = True
+
+
+def chapter_1(say: Say) -> Chapter:
+    """Run simulation 1 and draw figures 7 to 13."""
+    say('simulation 1 ...')
+    runs = simulation_1()
+    course = runs.course
+    drawn = {
+        'figure_07': figures.epipoles(course, 7),
+        'figure_08': figures.velocities(course, 8),
+        'figure_09': figures.path(course, 9, 1),
+        'figure_10': figures.distance(course, 10),
+        'figure_11': figures.linear_velocity(course, 11),
+        'figure_12': figures.path(course, 12, 2),
+        'figure_13': figures.feature_motion(course, 13),
+        'sign': printed_sign(runs),
+    }
+    found = {
+        'printed': numbers(course),
+        'corrected': numbers(runs.corrected),
+        'behind_printed': numbers(runs.behind_printed),
+        'behind_corrected': numbers(runs.behind_corrected),
+    }
+    succeeded = course.outcome == runs.corrected.outcome == 'arrived'
+    return Chapter('Simulation 1: calibrated camera', drawn, claims_1(runs), found, succeeded)
+
+
+def chapter_2(say: Say) -> Chapter:
+    """Run simulation 2 and draw figures 14 and 15."""
+    say('simulation 2 ...')
+    runs = simulation_2()
+    drawn = {
+        'figure_14': figures.epipoles(runs.course, 14),
+        'figure_15': figures.path(runs.course, 15, 1),
+    }
+    found = {name: numbers(getattr(runs, name)) for name in ('course', 'held', 'voted')}
+    succeeded = runs.course.outcome == 'arrived'
+    return Chapter(
+        'Simulation 2: partially calibrated camera', drawn, claims_2(runs), found, succeeded
+    )
+
+
+CHAPTERS: Mapping[str, Callable[[Say], Chapter]] = {'sim1': chapter_1, 'sim2': chapter_2}
