@@ -8,14 +8,14 @@ import pytest
 
 from visual_servo_epipolar.core.phases import Phase
 from visual_servo_epipolar.core.run_log import RunLog, summarise
-from visual_servo_epipolar.core.tracking import Tracker
 from visual_servo_epipolar.nodes import lockstep
 from visual_servo_epipolar.nodes.lockstep import Lockstep, LockstepError
 from visual_servo_epipolar.nodes.observer_node import ObserverNode
 from visual_servo_epipolar.simulation import closed_loop
-from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
 from visual_servo_epipolar.simulation.closed_loop import LoopSettings, Referee
+from visual_servo_epipolar.simulation.disturbances import DisturbanceSettings
 from visual_servo_epipolar.simulation.scenario import from_document, load, Scenario
+from visual_servo_epipolar.simulation.views import view_of
 
 SMALL = load(Path(__file__).parents[2] / 'config/scenarios/small.yaml')
 CLOSE = (0.3, -2.2, 0.0)
@@ -33,8 +33,8 @@ def drive(scenario: Scenario, settings: LoopSettings) -> RunLog:
 
 def simulate(scenario: Scenario, settings: LoopSettings) -> RunLog:
     """Let the loop in memory drive."""
-    view = ImageView(CameraSimulator(scenario.camera), Tracker(scenario.tracker))
-    return closed_loop.run(settings, view, scenario.camera.camera)
+    view = view_of(scenario, 'images', settings.seed)
+    return closed_loop.run(settings, view, scenario.camera.believed)
 
 
 def short(name: str = 'one second', **camera: object) -> Scenario:
@@ -86,6 +86,14 @@ def test_another_seed_is_another_run() -> None:
         drive(short().seeded(seed), short().seeded(seed).loop(CLOSE, seed)) for seed in (1, 2)
     )
     assert repr(first.samples) != repr(second.samples)
+
+
+def test_nodes_are_disturbed_and_miscalibrated_as_the_loop_in_memory() -> None:
+    camera = {'believed_focal_ratio': 0.8, 'believed_shift_u': 7.0, 'mount_left': 0.1}
+    passing = DisturbanceSettings(disturbed_from=3, disturbed_for=5, occlusion=0.4, light_step=0.2)
+    scenario = replace(short(**camera), disturbances=passing).seeded(2)
+    settings = scenario.loop(CLOSE, 2)
+    assert repr(drive(scenario, settings)) == repr(simulate(scenario, settings))
 
 
 def test_a_camera_without_distortion_coefficients_runs() -> None:

@@ -19,12 +19,13 @@ from visual_servo_epipolar.nodes.servo_node import ServoNode, ServoNodeSettings
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode, TrackerNodeSettings
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode, UnicycleSettings
 from visual_servo_epipolar.simulation.camera_simulator import CameraSettings
+from visual_servo_epipolar.simulation.disturbances import DisturbanceSettings
 from visual_servo_epipolar.simulation.pioneer import BaseSettings
 
 CONFIG = Path(__file__).parents[2] / 'config'
 NODES = {
     'unicycle_node': (UnicycleNode, (UnicycleSettings, BaseSettings)),
-    'camera_node': (CameraNode, (CameraSettings,)),
+    'camera_node': (CameraNode, (CameraSettings, DisturbanceSettings)),
     'tracker_node': (TrackerNode, (TrackerNodeSettings, TrackerSettings)),
     'servo_node': (ServoNode, (ServoNodeSettings, ServoSettings)),
 }
@@ -121,6 +122,11 @@ def test_the_small_scenario_is_the_small_camera() -> None:
         ('unicycle_node', Parameter('max_linear', value=-1.0), 'max_linear out of range'),
         ('unicycle_node', Parameter('start', value=[1.0, 2.0]), 'start must be three numbers'),
         ('camera_node', Parameter('frame_rate', value=30.0), 'read-only'),
+        (
+            'camera_node',
+            Parameter('disturbed_every', value=5),
+            'must be 0 or at least disturbed_for',
+        ),
     ],
     ids=lambda value: getattr(value, 'name', None),
 )
@@ -177,6 +183,11 @@ def test_two_changes_that_need_each_other_are_taken_together(bench) -> None:
             'camera_node',
             Parameter('jitter', value=0.05),
             lambda node: node._simulator.settings.jitter,
+        ),
+        (
+            'camera_node',
+            Parameter('person', value=0.8),
+            lambda node: node._simulator.disturbances.person,
         ),
     ],
     ids=lambda value: getattr(value, 'name', None),

@@ -24,7 +24,7 @@ KINDS: tuple[dict[str, Any], ...] = (
     {'occlusion': 0.3, 'occlusion_from': 'side'},
     {'person': 0.8},
     {'motion_blur': 8.0, 'blur_angle': 0.5},
-    {'noise': 5.0},
+    {'extra_noise': 5.0},
 )
 
 
@@ -33,7 +33,7 @@ def textured() -> np.ndarray:
 
 
 def disturbed(seed: int = 2, **changes: Any) -> Disturbances:
-    timing = {'start': 10, 'duration': 20}
+    timing = {'disturbed_from': 10, 'disturbed_for': 20}
     return Disturbances(SIZE, DisturbanceSettings(**{**timing, **changes}), seed)
 
 
@@ -110,7 +110,7 @@ def test_points_outside_the_image_are_hidden_by_nothing() -> None:
 
 
 def test_extra_noise_has_the_deviation_asked_for() -> None:
-    assert disturbed(noise=5.0).apply(GREY, 12).std() == pytest.approx(5.0, rel=0.05)
+    assert disturbed(extra_noise=5.0).apply(GREY, 12).std() == pytest.approx(5.0, rel=0.05)
 
 
 @settings(deadline=None)

@@ -1,4 +1,4 @@
-"""Regions of starts: drawn from the index alone, within bounds, and with the goal's scene in view."""
+"""Regions of starts: drawn from the index alone, in bounds, and with the scene in view."""
 
 from collections.abc import Callable
 from dataclasses import replace

@@ -38,12 +38,12 @@ DISTURBANCES: Mapping[str, Mapping[str, Any]] = {
     'light -30 %': {'light_step': -0.3},
     'light +30 %': {'light_step': 0.3},
     'slow light': {'light_wave': 0.3},
-    'shadow': {'shadow': 0.4, 'duration': 60},
+    'shadow': {'shadow': 0.4, 'disturbed_for': 60},
     'occluder at once': {'occlusion': 0.3},
     'occluder slides in': {'occlusion': 0.3, 'occlusion_from': 'side'},
-    'person': {'person': 0.8, 'duration': 45},
+    'person': {'person': 0.8, 'disturbed_for': 45},
     'motion blur': {'motion_blur': 8.0, 'blur_angle': 0.2},
-    'noise': {'noise': 5.0},
+    'noise': {'extra_noise': 5.0},
 }
 TIMED = 60  # images, the last ones of an approach
 
@@ -187,7 +187,7 @@ def _tracker(desired: Image, **changes: Any) -> Tracker:
 def _disturbances(name: str, plan: Plan, world: World, seed: int) -> Disturbances:
     """Return the named disturbance, beginning at three tenths of the approach."""
     first = (3 * plan.frames) // 10
-    timing = {'start': first, 'duration': min(SECONDS_3, plan.frames // 4)}
+    timing = {'disturbed_from': first, 'disturbed_for': min(SECONDS_3, plan.frames // 4)}
     settings = DisturbanceSettings(**{**timing, **DISTURBANCES[name]})
     return Disturbances(world.size, settings, seed)
 
@@ -205,11 +205,12 @@ def _figures(world: World, lane: Lane) -> dict[str, Any]:
 def _rough_figures(world: World, lane: Lane) -> dict[str, Any]:
     assert lane.disturbances is not None
     settings = lane.disturbances.settings
-    during = lane.judgements[settings.start : settings.start + settings.duration]
+    over = settings.disturbed_from + settings.disturbed_for
+    during = lane.judgements[settings.disturbed_from : over]
     errors = np.concatenate([*(each.errors[each.open] for each in during), np.empty(0)])
     return {
         'disturbance': lane.name,
         'during_px': float(np.median(errors)) if len(errors) else None,
-        'recovered_after': recovered(lane.judgements, settings.start + settings.duration),
+        'recovered_after': recovered(lane.judgements, over),
         **_figures(world, lane),
     }

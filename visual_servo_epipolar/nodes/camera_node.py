@@ -14,6 +14,7 @@ from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.run import spin
 from visual_servo_epipolar.simulation.camera_simulator import CameraSettings, CameraSimulator
 from visual_servo_epipolar.simulation.closed_loop import period_ns
+from visual_servo_epipolar.simulation.disturbances import DisturbanceSettings
 
 FRAME_ID = 'camera_optical_frame'
 WARN_PERIOD_S = 2.0
@@ -29,9 +30,11 @@ class CameraNode(Node):
     def __init__(self, **options: Any) -> None:
         super().__init__('camera_node', **options)
         self._settings = parameters.declare(self, CameraSettings)
+        self._disturbances = parameters.declare(self, DisturbanceSettings)
         parameters.refuse_unknown(self)
         parameters.watch(self, lambda: self._settings, self._use)
-        self._simulator = CameraSimulator(self._settings)
+        parameters.watch(self, lambda: self._disturbances, self._disturb)
+        self._simulator = CameraSimulator(self._settings, self._disturbances)
         self._frame, self._last_ns = 0, None
         self._image_pub = self.create_publisher(Image, 'image_raw', qos.STREAM)
         self._info_pub = self.create_publisher(CameraInfo, 'camera_info', qos.STREAM)
@@ -41,6 +44,11 @@ class CameraNode(Node):
 
     def _use(self, settings: Any) -> None:
         self._settings = self._simulator.settings = settings
+
+    def _disturb(self, settings: DisturbanceSettings) -> None:
+        if settings != self._disturbances:
+            self._disturbances = settings
+            self._simulator.disturb(settings)
 
     def _on_truth(self, message: Odometry) -> None:
         try:

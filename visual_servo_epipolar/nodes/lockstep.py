@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager
-from dataclasses import fields
+from dataclasses import asdict, fields
 import os
 import time
 from typing import Any
@@ -65,7 +65,7 @@ class Lockstep(AbstractContextManager['Lockstep']):
         )
         self.tracker = self._add(TrackerNode, scenario.tracker, {'camera_reliability': 'reliable'})
         self.unicycle = self._add(UnicycleNode, scenario.base, base, simulated_time=False)
-        self.camera = self._add(CameraNode, scenario.camera, {})
+        self.camera = self._add(CameraNode, scenario.camera, asdict(scenario.disturbances))
 
     def add(self, node: Node) -> None:
         """Let ``node``, made in ``context``, take part."""

@@ -138,11 +138,18 @@ class CameraSimulator:
         sensor = SensorSettings(
             noise=settings.noise, gain_drift=settings.gain_drift, blur=settings.blur
         )
-        size = settings.width, settings.height
-        self._sensor = Sensor(size, sensor, settings.seed)
-        self._disturbances: Disturbances | None = None
-        if disturbances is not None and disturbances != DisturbanceSettings():
-            self._disturbances = Disturbances(size, disturbances, settings.seed)
+        self._sensor = Sensor((settings.width, settings.height), sensor, settings.seed)
+        self.disturb(DisturbanceSettings() if disturbances is None else disturbances)
+
+    def disturb(self, settings: DisturbanceSettings) -> None:
+        """Let other things go wrong from now on."""
+        size = self.settings.width, self.settings.height
+        self._disturbances = Disturbances(size, settings, self.settings.seed)
+
+    @property
+    def disturbances(self) -> DisturbanceSettings:
+        """What goes wrong."""
+        return self._disturbances.settings
 
     def photograph(self) -> Image:
         """Return the desired image, taken from the goal."""
@@ -152,7 +159,7 @@ class CameraSimulator:
         """Return frame number ``frame``, shape (H, W), taken from ``pose``."""
         tilt, roll = floor_jitter(self.settings.jitter, self.settings.seed, frame)
         image = self.renderer.render(pose, tilt=tilt, roll=roll)
-        if self._disturbances is not None and frame != DESIRED_FRAME:
+        if frame != DESIRED_FRAME:
             image = self._disturbances.apply(image, frame)
         return self._sensor.capture(image, frame)
 

@@ -2,7 +2,8 @@
 What the world does to an image on its way to the sensor: light, shadow, things in the way, motion.
 
 Everything depends on settings, seed and frame index alone. Each disturbance is off at zero; the
-passing ones last from frame ``start`` on for ``duration`` frames, and come back each ``period``.
+passing ones begin with frame ``disturbed_from``, last for ``disturbed_for`` frames, and come back
+after ``disturbed_every``.
 """
 
 from dataclasses import dataclass
@@ -24,9 +25,9 @@ OPAQUE = 255
 class DisturbanceSettings(Settings):
     """What goes wrong, and when; nothing by default."""
 
-    start: int = setting(60, 'First disturbed frame', low=0, high=10**6)
-    duration: int = setting(33, 'Disturbed frames', low=1, high=10**6)
-    period: int = setting(
+    disturbed_from: int = setting(60, 'First disturbed frame', low=0, high=10**6)
+    disturbed_for: int = setting(33, 'Disturbed frames in a row', low=1, high=10**6)
+    disturbed_every: int = setting(
         0, 'Frames from one disturbance to the next; 0 = there is but one', low=0, high=10**6
     )
     light_step: float = setting(
@@ -51,16 +52,16 @@ class DisturbanceSettings(Settings):
     blur_angle: float = setting(
         0.0, 'Direction of the blur, from right to down [rad]', low=-math.pi, high=math.pi
     )
-    noise: float = setting(
+    extra_noise: float = setting(
         0.0, 'Extra noise, standard deviation [grey levels]', low=0.0, high=50.0
     )
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if 0 < self.period < self.duration:
+        if 0 < self.disturbed_every < self.disturbed_for:
             raise ValueError(
-                f'period must be 0 or at least duration, got {self.period} and {self.duration} '
-                'frames; a disturbance ends before the next one begins'
+                f'disturbed_every must be 0 or at least disturbed_for, got {self.disturbed_every} '
+                f'and {self.disturbed_for} frames; one disturbance ends before the next begins'
             )
 
 
@@ -98,7 +99,7 @@ class Disturbances:
                 passer.draw(image, now)
             if settings.motion_blur > 0.0:
                 image = np.asarray(cv2.filter2D(image, -1, self._kernel), dtype=np.uint8)
-            if settings.noise > 0.0:
+            if settings.extra_noise > 0.0:
                 image = self._noise.capture(image, frame)
         return image
 
@@ -117,10 +118,10 @@ class Disturbances:
 
     def _progress(self, frame: int) -> float | None:
         """Return how much of the duration has passed, in [0, 1); None before and after."""
-        settings, since = self.settings, frame - self.settings.start
-        if since > 0 and settings.period > 0:
-            since %= settings.period
-        share = since / settings.duration
+        settings, since = self.settings, frame - self.settings.disturbed_from
+        if since > 0 and settings.disturbed_every > 0:
+            since %= settings.disturbed_every
+        share = since / settings.disturbed_for
         return share if 0.0 <= share < 1.0 else None
 
     @cached_property
@@ -134,7 +135,7 @@ class Disturbances:
     @cached_property
     def _noise(self) -> Sensor:
         # A seed of its own: the sensor that takes the image has its field from the same one.
-        extra = SensorSettings(noise=self.settings.noise)
+        extra = SensorSettings(noise=self.settings.extra_noise)
         return Sensor(self._size, extra, int(self._chance(2).integers(2**31)))
 
     def _chance(self, number: int) -> np.random.Generator:
@@ -143,7 +144,7 @@ class Disturbances:
 
 def light(settings: DisturbanceSettings, frame: int) -> float:
     """Return the factor of the light in ``frame``: a step that stays, and a wave from frame 0."""
-    stepped = 1.0 + (settings.light_step if frame >= settings.start else 0.0)
+    stepped = 1.0 + (settings.light_step if frame >= settings.disturbed_from else 0.0)
     wave = math.sin(2.0 * math.pi * frame / settings.light_period)
     return stepped * (1.0 + settings.light_wave * wave)
 
