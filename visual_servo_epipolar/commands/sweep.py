@@ -1,0 +1,186 @@
+"""``visual_servo sweep``: many starts through the closed loop, here or on a cluster."""
+
+import argparse
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Executor
+from contextlib import contextmanager
+import hashlib
+import json
+from pathlib import Path
+import sys
+from typing import Any
+
+from visual_servo_epipolar.commands.arguments import add_run_options, scenario_of, write_json
+from visual_servo_epipolar.commands.console import Progress
+from visual_servo_epipolar.commands.tally import Tally
+from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.simulation.views import SOURCES
+from visual_servo_epipolar.sweeping.cluster import cluster_workers
+from visual_servo_epipolar.sweeping.drive import drive
+from visual_servo_epipolar.sweeping.local import cores, local_workers
+from visual_servo_epipolar.sweeping.plan import Plan
+from visual_servo_epipolar.sweeping.provenance import digest
+from visual_servo_epipolar.sweeping.regions import REGIONS
+from visual_servo_epipolar.sweeping.store import Store
+from visual_servo_epipolar.sweeping.verdict import defective, verdicts, wrong
+
+LAWS = ('paper', 'corrected', 'full')
+DEFAULT_FOLDER = 'sweep_out'
+MAX_RUNS = 1_000_000
+SHOWN = 3  # runs to look into that are named
+
+
+def add_to(kinds: Any) -> None:
+    """Add the subcommand."""
+    parser = kinds.add_parser(
+        'sweep',
+        help='many starts through the closed loop: arrivals, errors, maps',
+        description=__doc__,
+        epilog='Runs are kept in DIR as they end. The same command, given again after it was '
+        'interrupted or killed, goes on where it was; with more --runs it adds to them.',
+    )
+    parser.add_argument('--region', choices=REGIONS, required=True, help='where to start')
+    parser.add_argument(
+        '--runs', type=count, required=True, metavar='N', help='starts, for each law'
+    )
+    parser.add_argument(
+        '--source',
+        choices=SOURCES,
+        default='features',
+        help='what the servo sees: noisy point features, or rendered images (default features)',
+    )
+    add_run_options(parser)
+    parser.add_argument(
+        '--compare', type=laws, metavar='LAW,LAW', help='several laws from the same starts'
+    )
+    where = parser.add_mutually_exclusive_group()
+    where.add_argument(
+        '--jobs', type=count, metavar='J', help='worker processes (default one a core)'
+    )
+    where.add_argument(
+        '--scheduler', metavar='ADDRESS', help='Dask scheduler to use, such as tcp://host:8786'
+    )
+    parser.add_argument(
+        '--out',
+        metavar='DIR',
+        help=f'folder for runs, table and maps (default {DEFAULT_FOLDER}/ and a name made of '
+        'the parameters)',
+    )
+    parser.set_defaults(run=sweep)
+
+
+def count(text: str) -> int:
+    """Parse a number of runs or of processes."""
+    if not text.isdecimal() or not 1 <= int(text) <= MAX_RUNS:
+        raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 1 to {MAX_RUNS}')
+    return int(text)
+
+
+def laws(text: str) -> tuple[str, ...]:
+    """Parse a list of laws, each once."""
+    names = tuple(text.split(','))
+    if not set(names) <= set(LAWS) or len(set(names)) < len(names):
+        raise argparse.ArgumentTypeError(f'{text!r} must list some of {",".join(LAWS)}, each once')
+    return names
+
+
+def sweep(options: argparse.Namespace) -> int:
+    """Run what is missing, draw, print, write; return 0 unless a run raised."""
+    plan = _plan(options)
+    folder = Path(options.out or Path(DEFAULT_FOLDER, _name(plan)))
+    with Store(folder, plan) as store:
+        _work(plan, store, options)
+        documents = verdicts(plan, store)
+    document = documents if options.compare else documents[plan.laws[0]]
+    write_json(document, options.json)
+    text = _report(documents, folder)
+    if options.json != '-':
+        print(text)
+        print(f'written to {folder}: {", ".join(sorted(path.name for path in folder.iterdir()))}')
+    return _say_what_to_look_into(plan, documents)
+
+
+def _plan(options: argparse.Namespace) -> Plan:
+    if options.law and options.compare:
+        raise InputError('--law and --compare exclude each other; give one of them')
+    scenario = scenario_of(options)
+    return Plan(
+        region=options.region,
+        runs=options.runs,
+        source=options.source,
+        laws=options.compare or (scenario.servo.law,),
+        scenario=scenario,
+        seed=options.seed,
+        scenario_name=options.scenario,
+    )
+
+
+def _name(plan: Plan) -> str:
+    """Return a folder's name that no other sweep has, nor the same one by other code."""
+    identity = json.dumps([plan.identity(), digest()]).encode()
+    mark = hashlib.sha256(identity).hexdigest()[:8]
+    return '-'.join([plan.region, plan.source, *plan.laws, f'seed{plan.seed}', mark])
+
+
+def _work(plan: Plan, store: Store, options: argparse.Namespace) -> None:
+    keys = plan.keys()
+    before = [store.results[key] for key in keys if key in store.results]
+    if before:
+        print(
+            f'visual_servo sweep: {len(before)} of {len(keys)} runs are in {store.path} already',
+            file=sys.stderr,
+        )
+    if len(before) == len(keys):
+        return
+    progress = Progress()
+    progress.say('starting workers ...')
+    try:
+        with _workers(options) as (executor, workers):
+            tally = Tally(len(keys), before)
+
+            def watch(results: Sequence[Mapping[str, Any]]) -> None:
+                tally.add(results)
+                progress.say(tally.line())
+
+            drive(plan, store, executor, workers=workers, watch=watch)
+    finally:
+        progress.close()
+
+
+@contextmanager
+def _workers(options: argparse.Namespace) -> Iterator[tuple[Executor, int]]:
+    if options.scheduler:
+        with cluster_workers(options.scheduler) as found:
+            yield found
+    else:
+        jobs = options.jobs or cores()
+        with local_workers(jobs) as executor:
+            yield executor, jobs
+
+
+def _report(documents: Mapping[str, Mapping[str, Any]], folder: Path) -> str:
+    """Write tables and figures into ``folder`` and return the table."""
+    from visual_servo_epipolar.report import figures, sweep_histogram, sweep_map, sweep_table
+
+    text = sweep_table.table(documents)
+    (folder / 'table.md').write_text(text + '\n', encoding='utf-8')
+    (folder / 'convergence.md').write_text(
+        sweep_table.convergence(documents) + '\n', encoding='utf-8'
+    )
+    figures.save(sweep_map.starts(documents), folder / 'map.png')
+    figures.save(sweep_histogram.errors(documents), folder / 'histogram.png')
+    return text
+
+
+def _say_what_to_look_into(plan: Plan, documents: Mapping[str, Mapping[str, Any]]) -> int:
+    """Name defects and silent wrongs with the commands that repeat them; return the exit code."""
+    runs = [run for document in documents.values() for run in document['runs']]
+    defects = [run for run in runs if defective(run)]
+    for words, some in (('raised', defects), ('arrived but wrong', list(filter(wrong, runs)))):
+        for run in some[:SHOWN]:
+            print(
+                f'visual_servo sweep: {words} ({len(some)} in all), {run["reason"]}: '
+                f'{plan.command_of_run(run)}',
+                file=sys.stderr,
+            )
+    return 1 if defects else 0

@@ -1,0 +1,106 @@
+"""How the errors of a sweep are spread: position and heading, on logarithmic axes."""
+
+from collections.abc import Mapping, Sequence
+import math
+from types import MappingProxyType
+from typing import Any
+
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.report.style import FIGURE_SETTINGS, INK, UNKNOWN_COLOUR
+
+LAW_COLOURS: Mapping[str, str] = MappingProxyType(
+    {'paper': '#D55E00', 'corrected': '#E69F00', 'full': '#0072B2'}
+)
+BINS_A_DECADE = 8
+QUANTITIES = (  # key, label, unit, beyond that an arrival is wrong
+    ('position_error_m', 'position error [mm]', 1e3, 50.0),
+    ('heading_error_deg', 'heading error [deg]', 1.0, 2.0),
+)
+
+
+@rc_context(FIGURE_SETTINGS)
+def errors(documents: Mapping[str, Mapping[str, Any]]) -> Figure:
+    """
+    Draw histograms of the absolute errors of the runs that arrived, one outline a law.
+
+    Parameters
+    ----------
+    documents : mapping
+        Law -> document as `visual_servo sweep` writes it.
+
+    Returns
+    -------
+    Figure
+        Of 7.2 x 3.2 inches: position error [mm], heading error [deg].
+
+    """
+    figure = Figure(figsize=(7.2, 3.2), layout='constrained')
+    FigureCanvasAgg(figure)
+    panels = figure.subplots(1, len(QUANTITIES), squeeze=False)[0]
+    for axes, (name, label, unit, limit) in zip(panels, QUANTITIES, strict=True):
+        values = {law: _values(of['runs'], name, unit) for law, of in documents.items()}
+        _draw_panel(axes, values, limit)
+        axes.set(xscale='log', xlabel=label)
+    panels[0].set_ylabel('runs that arrived')
+    figure.legend(handles=_key(documents), loc='outside upper left', ncols=len(documents) + 2)
+    return figure
+
+
+def edges(values: FloatArray, limit: float) -> FloatArray:
+    """Return edges of bins over whole decades that hold ``values`` and ``limit``."""
+    seen = np.append(values[values > 0.0], limit)
+    low, high = math.floor(math.log10(seen.min())), math.ceil(math.log10(seen.max()))
+    return np.asarray(np.logspace(low, high, (high - low) * BINS_A_DECADE + 1), dtype=np.float64)
+
+
+def _draw_panel(axes: Axes, values: Mapping[str, FloatArray], limit: float) -> None:
+    bins = edges(np.concatenate(list(values.values())), limit)
+    for law, some in values.items():
+        if not len(some):
+            continue
+        colour = _colour(law)
+        # An error of nothing belongs into the first bin: there is no zero on this axis.
+        axes.hist(
+            np.clip(some, bins[0], None),
+            bins=bins,
+            histtype='stepfilled',
+            facecolor=f'{colour}30',
+            edgecolor=colour,
+            linewidth=1.3,
+        )
+        axes.axvline(float(np.quantile(some, 0.95)), color=colour, ls='--', lw=1.0)
+    axes.axvline(limit, color=INK, ls=':', lw=1.0)
+    axes.set_xlim(bins[0], bins[-1])
+    axes.yaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.grid(axis='x', which='minor', visible=False)
+
+
+def _values(runs: Sequence[Mapping[str, Any]], name: str, unit: float) -> FloatArray:
+    home = [abs(run[name]) for run in runs if run['outcome'] == 'arrived']
+    return unit * np.array(home, dtype=np.float64)
+
+
+def _key(documents: Mapping[str, Mapping[str, Any]]) -> list[Patch | Line2D]:
+    laws = [
+        Patch(
+            facecolor=f'{_colour(law)}30',
+            edgecolor=_colour(law),
+            label=f'law {law}, {document["arrived"]} runs',
+        )
+        for law, document in documents.items()
+    ]
+    lines = (('--', 'p95'), (':', 'wrong beyond'))
+    return laws + [Line2D([], [], color=INK, lw=1.0, ls=ls, label=label) for ls, label in lines]
+
+
+def _colour(law: str) -> str:
+    return LAW_COLOURS.get(law, UNKNOWN_COLOUR)

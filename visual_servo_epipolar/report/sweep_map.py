@@ -1,0 +1,165 @@
+"""Where runs started and what became of them: a map, one panel a law."""
+
+from collections.abc import Mapping, Sequence
+import math
+from typing import Any
+
+from matplotlib import rc_context
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PathCollection
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Polygon
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.motion import DESIRED_POSE, HALF_PI
+from visual_servo_epipolar.report.style import (
+    FIELD_OF_VIEW,
+    FIGURE_SETTINGS,
+    INK,
+    phase_colour,
+    robot_body,
+    robot_nose,
+    view_wedge,
+)
+
+Run = Mapping[str, Any]
+ERRORS_MM = (0.1, 50.0)  # ends of the colour scale; beyond the upper one a run is wrong
+COLOURS = 'viridis_r'
+FAILED_COLOUR = phase_colour('failed')
+WRONG_COLOUR = '#CC79A7'
+WEDGE_REACH = 1.0  # [m]
+PANEL_HEIGHT, PANEL_WIDTHS = 4.6, (2.5, 6.0)  # [in]; narrower ones have no room for a title
+LEAST_WIDTH = 5.0  # of the figure [in]: so wide is the key
+GHOST = '#8C8C8C'
+LIMIT_M, LIMIT_DEG = 0.05, 2.0
+
+
+@rc_context(FIGURE_SETTINGS)
+def starts(
+    documents: Mapping[str, Mapping[str, Any]], *, field_of_view: float = FIELD_OF_VIEW
+) -> Figure:
+    """
+    Draw the starts in the plane of the paper, in metres: colour for outcome and error.
+
+    Parameters
+    ----------
+    documents : mapping
+        Law -> document as `visual_servo sweep` writes it; one panel each, side by side.
+    field_of_view : float
+        Horizontal angle of the camera [rad], for the wedge at the goal.
+
+    Returns
+    -------
+    Figure
+        The first axes are the panels, in the order of ``documents``; then the colour bar.
+
+    """
+    figure = Figure(figsize=_size(documents), layout='constrained')
+    FigureCanvasAgg(figure)
+    panels = figure.subplots(1, len(documents), sharex=True, sharey=True, squeeze=False)[0]
+    for axes, (law, document) in zip(panels, documents.items(), strict=True):
+        coloured = _draw_panel(axes, document['runs'], field_of_view)
+        axes.set_title(_title(law, document), loc='left')
+        axes.set(xlabel='x [m]', aspect='equal')
+    panels[0].set_ylabel('y [m]')
+    bar = figure.colorbar(coloured, ax=list(panels), extend='min', shrink=0.8)
+    bar.set_label('position error of the runs that arrived [mm]')
+    figure.legend(handles=_key(), loc='outside lower center', ncols=2)
+    return figure
+
+
+def kind(run: Run) -> str:
+    """Return what became of a run: arrived, wrong (more than 5 cm or 2 deg), failed, raised."""
+    if 'traceback' in run:
+        return 'raised'
+    if run['outcome'] != 'arrived':
+        return 'failed'
+    off = run['position_error_m'] > LIMIT_M or abs(run['heading_error_deg']) > LIMIT_DEG
+    return 'wrong' if off else 'arrived'
+
+
+def _size(documents: Mapping[str, Mapping[str, Any]]) -> tuple[float, float]:
+    """Return width and height [in] that leave little white around panels of equal scale."""
+    places = np.concatenate([_places(of['runs']) for of in documents.values()])
+    low, high = places.min(axis=0), places.max(axis=0)
+    wide, tall = np.maximum(high, WEDGE_REACH) - np.minimum(low, -WEDGE_REACH)
+    panel = float(np.clip(PANEL_HEIGHT * wide / tall, *PANEL_WIDTHS))
+    return max(1.6 + panel * len(documents), LEAST_WIDTH), PANEL_HEIGHT + 1.3
+
+
+def _draw_panel(axes: Axes, runs: Sequence[Run], field_of_view: float) -> PathCollection:
+    _draw_goal(axes, field_of_view)
+    size = float(np.clip(900.0 / len(runs), 5.0, 30.0))  # of a marker [pt^2]
+    groups = {
+        name: [run for run in runs if kind(run) == name]
+        for name in ('failed', 'arrived', 'wrong', 'raised')
+    }
+    home, errors = groups['arrived'], [1e3 * run['position_error_m'] for run in groups['arrived']]
+    _draw_headings(axes, groups['failed'], FAILED_COLOUR)
+    coloured = axes.scatter(
+        *_places(home).T, s=size, c=errors, cmap=COLOURS, norm=LogNorm(*ERRORS_MM), zorder=3
+    )
+    _draw_headings(axes, home, coloured.to_rgba(np.array(errors)))
+    axes.scatter(*_places(groups['failed']).T, s=size, marker='x', c=FAILED_COLOUR, zorder=4)
+    axes.scatter(
+        *_places(groups['wrong']).T, s=4 * size, marker='s', c=WRONG_COLOUR, ec=INK, zorder=5
+    )
+    axes.scatter(*_places(groups['raised']).T, s=6 * size, marker='*', c=INK, zorder=6)
+    return coloured
+
+
+def _draw_headings(axes: Axes, runs: Sequence[Run], colour: Any) -> None:
+    if not runs:
+        return
+    theta = HALF_PI + np.radians([run['start'][2] for run in runs])
+    length = 1.2 / math.sqrt(len(runs) + 15.0)  # [m], shorter where there are many
+    axes.quiver(
+        *_places(runs).T,
+        length * np.cos(theta),
+        length * np.sin(theta),
+        color=colour,
+        angles='xy',
+        scale_units='xy',
+        scale=1.0,
+        units='inches',
+        width=0.008,
+        headwidth=4.0,
+        zorder=2,
+    )
+
+
+def _places(runs: Sequence[Run]) -> FloatArray:
+    return np.array([run['start'][:2] for run in runs], dtype=np.float64).reshape(-1, 2)
+
+
+def _draw_goal(axes: Axes, field_of_view: float) -> None:
+    wedge = view_wedge(DESIRED_POSE, angle=field_of_view, reach=WEDGE_REACH)
+    axes.add_patch(Polygon(wedge, facecolor=GHOST, alpha=0.15, edgecolor='none', zorder=1))
+    for shape, face in ((robot_body(DESIRED_POSE), 'none'), (robot_nose(DESIRED_POSE), GHOST)):
+        axes.add_patch(Polygon(shape, facecolor=face, edgecolor=GHOST, lw=1.1, zorder=1))
+    axes.update_datalim(wedge)
+
+
+def _title(law: str, document: Mapping[str, Any]) -> str:
+    runs, errors = document['runs'], document['position_error_m']
+    words = f'law {law}: {document["arrived"]} of {len(runs)} arrived'
+    if document['arrived']:
+        words += f'\nmedian {1e3 * errors["median"]:.2g} mm, p95 {1e3 * errors["p95"]:.2g} mm'
+    return words
+
+
+def _key() -> list[Line2D]:
+    words = (
+        ('o', FIGURE_SETTINGS['grid.color'], 'arrived, by its error'),
+        ('x', FAILED_COLOUR, 'failed, with a reason'),
+        ('s', WRONG_COLOUR, 'arrived but wrong: over 50 mm or 2 deg'),
+        ('*', INK, 'raised: a defect'),
+    )
+    return [
+        Line2D([], [], ls='', marker=marker, color=colour, label=label)
+        for marker, colour, label in words
+    ]

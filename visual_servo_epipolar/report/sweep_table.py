@@ -1,0 +1,135 @@
+"""A sweep in figures: one column a law for people, one row a law to collect in a document."""
+
+from collections.abc import Callable, Mapping
+import math
+from typing import Any
+
+Document = Mapping[str, Any]
+Documents = Mapping[str, Document]  # law -> what `visual_servo sweep` writes as JSON for it
+
+NOTE = (
+    'Errors over the runs that arrived, against ground truth, without their signs; intervals of '
+    '95 %: Wilson for rates, bootstrap for quantiles. Wrong: more than 50 mm or 2 deg off.'
+)
+COLUMNS = (
+    *('region', 'source', 'scenario', 'law', 'arrived [%]', 'wrong', 'median [mm]', 'p95 [mm]'),
+    *('heading p95 [deg]', 'd / d_0 p95', 'runs', 'seed', 'commit'),
+)
+
+
+def table(documents: Documents) -> str:
+    """Return a Markdown table of the sweep, one column a law, and one of why runs failed."""
+    rows = [[name, *map(cell, documents.values())] for name, cell in _rows().items()]
+    blocks = [
+        f'`{next(iter(documents.values()))["sweep"]["command"]}`',
+        '',
+        *_markdown(['', *documents], rows),
+    ]
+    failures = _failures(documents)
+    if failures:
+        blocks += ['', *_markdown(['why runs failed', *documents], failures)]
+    return '\n'.join([*blocks, '', NOTE])
+
+
+def convergence(documents: Documents) -> str:
+    """Return one Markdown row a law with its intervals, under a head, to collect and compare."""
+    rows = [_collected(document) for document in documents.values()]
+    sweep = next(iter(documents.values()))['sweep']
+    made = f'`{sweep["command"]}`, {_code(sweep)}, {sweep["begun"]}.'
+    return '\n'.join([*_markdown(COLUMNS, rows), '', f'{made} {NOTE}'])
+
+
+def _rows() -> Mapping[str, Callable[[Document], str]]:
+    return {
+        'arrived': _arrived,
+        'arrived, 95 % interval [%]': lambda d: _interval(d['success_interval'], 100.0, 2),
+        'arrived but wrong': lambda d: str(d['arrived_but_wrong']),
+        'raised': lambda d: str(d['defects']),
+        'position error, median / p95 / max [mm]': lambda d: _spread(d, 'position_error_m', 1e3),
+        'lateral [mm]': lambda d: _spread(d, 'lateral_error_m', 1e3),
+        'longitudinal [mm]': lambda d: _spread(d, 'longitudinal_error_m', 1e3),
+        'heading error [deg]': lambda d: _spread(d, 'heading_error_deg', 1.0),
+        'largest distance / start distance': lambda d: _spread(d, 'max_distance_ratio', 1.0),
+        'duration [s]': lambda d: _spread(d, 'duration_s', 1.0),
+        'path [m]': lambda d: _spread(d, 'path_length_m', 1.0),
+        'attempts': lambda d: _spread(d, 'attempts', 1.0),
+        'wall time of the sweep [s]': lambda d: _number(d['wall_s'], 1.0),
+    }
+
+
+def _failures(documents: Documents) -> list[list[str]]:
+    """Return reason and counts, those of the last law first."""
+    counts = [document['failure_reasons'] for document in documents.values()]
+    seen = sorted(
+        {reason for of in counts for reason in of},
+        key=lambda reason: [-of.get(reason, 0) for of in counts[::-1]],
+    )
+    return [[_cell(reason), *(str(of.get(reason, 0)) for of in counts)] for reason in seen]
+
+
+def _collected(document: Document) -> list[str]:
+    sweep = document['sweep']
+    position, heading, ratio = (
+        document[name] for name in ('position_error_m', 'heading_error_deg', 'max_distance_ratio')
+    )
+    rate = f'{100.0 * document["success_rate"]:.4g}'
+    return [
+        sweep['region'],
+        sweep['source'],
+        _cell(sweep['scenario'] or 'nominal'),
+        sweep['law'],
+        f'{rate} ({_interval(document["success_interval"], 100.0, 2)})',
+        str(document['arrived_but_wrong']),
+        _with_interval(position, 'median', 1e3),
+        _with_interval(position, 'p95', 1e3),
+        _with_interval(heading, 'p95', 1.0),
+        _with_interval(ratio, 'p95', 1.0),
+        str(len(document['runs'])),
+        str(sweep['seed']),
+        _code(sweep),
+    ]
+
+
+def _arrived(document: Document) -> str:
+    runs = len(document['runs'])
+    return f'{100.0 * document["success_rate"]:.4g} % ({document["arrived"]} of {runs})'
+
+
+def _spread(document: Document, name: str, unit: float) -> str:
+    return ' / '.join(_number(document[name][key], unit) for key in ('median', 'p95', 'max'))
+
+
+def _with_interval(spread: Mapping[str, Any], key: str, unit: float) -> str:
+    low, high = (_number(value, unit) for value in spread[f'{key}_interval'])
+    return f'{_number(spread[key], unit)} ({low} to {high})'
+
+
+def _interval(interval: tuple[float, float], unit: float, digits: int) -> str:
+    low, high = (f'{unit * value:.{digits}f}' for value in interval)
+    return f'{low} to {high}'
+
+
+def _number(value: float | None, unit: float) -> str:
+    """Say a number in three digits; a dash for one that there is not."""
+    if value is None or not math.isfinite(value):
+        return '-'
+    return f'{unit * value:.0f}' if abs(unit * value) >= 100.0 else f'{unit * value:#.3g}'
+
+
+def _code(sweep: Mapping[str, Any]) -> str:
+    return sweep['commit'] or f'version {sweep["version"]}'
+
+
+def _cell(text: str) -> str:
+    return ' '.join(text.split()).replace('|', '\\|')
+
+
+def _markdown(head: list[str] | tuple[str, ...], rows: list[list[str]]) -> list[str]:
+    """Return the lines of a table, columns padded so that it can be read as text too."""
+    widths = [max(len(line[k]) for line in (head, *rows)) for k in range(len(head))]
+
+    def line(cells: list[str] | tuple[str, ...]) -> str:
+        padded = [cell.ljust(width) for cell, width in zip(cells, widths, strict=True)]
+        return f'| {" | ".join(padded)} |'
+
+    return [line(head), f'|{"|".join("-" * (width + 2) for width in widths)}|', *map(line, rows)]

@@ -1,0 +1,64 @@
+"""What a worker does: a chunk of starts through the closed loop, a verdict on each."""
+
+from collections.abc import Sequence
+import traceback
+from typing import Any
+
+import cv2
+
+from visual_servo_epipolar.core.run_log import summarise
+from visual_servo_epipolar.simulation.closed_loop import run
+from visual_servo_epipolar.simulation.scenario import Scenario
+from visual_servo_epipolar.simulation.views import view_of
+from visual_servo_epipolar.sweeping.plan import Chunk, Plan
+from visual_servo_epipolar.sweeping.regions import start_in
+
+Start = tuple[float, float, float]
+Result = dict[str, Any]
+# What a run that raised cannot tell.
+UNKNOWN = (
+    *('position_error_m', 'lateral_error_m', 'longitudinal_error_m', 'heading_error_deg'),
+    *('duration_s', 'path_length_m', 'max_distance_ratio', 'min_visible_features'),
+    *('max_linear_speed', 'max_angular_speed'),
+)
+
+
+def work(plan: Plan, chunk: Chunk) -> list[Result]:
+    """Do the runs of ``chunk`` and return their results in its order."""
+    cv2.setNumThreads(1)  # there is a worker for each core
+    starts = [start_in(plan.region, plan.seed, index, plan.scenario) for index in chunk.indices]
+    seeds = [plan.run_seed(index) for index in chunk.indices]
+    scenario = plan.scenario.with_servo({'law': chunk.law})
+    return run_chunk(scenario, starts, seeds, plan.source)
+
+
+def run_chunk(
+    scenario: Scenario, starts: Sequence[Start], seeds: Sequence[int], source: str
+) -> list[Result]:
+    """
+    Drive from each start with its seed and return the verdicts, as ``simulate`` writes them.
+
+    A run that raises counts as failed; its result then has the key ``traceback`` as well.
+    """
+    return [
+        _verdict(scenario, start, seed, source) for start, seed in zip(starts, seeds, strict=True)
+    ]
+
+
+def _verdict(scenario: Scenario, start: Start, seed: int, source: str) -> Result:
+    seeded = scenario.seeded(seed)
+    try:
+        view = view_of(seeded, source, seed)
+        return summarise(run(seeded.loop(start, seed), view, seeded.camera.camera))
+    except Exception as error:  # a defect: one start must not take the other thousands along
+        return {
+            'outcome': 'failed',
+            'reason': f'defect: {type(error).__name__}: {error}',
+            'start': list(start),
+            'seed': seed,
+            'law': scenario.servo.law,
+            **dict.fromkeys(UNKNOWN),
+            'phases': [],
+            'attempts': 0,
+            'traceback': traceback.format_exc(),
+        }

@@ -1,0 +1,69 @@
+"""Workers on this machine: one process a core, each with one thread."""
+
+from collections.abc import Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
+from contextlib import contextmanager
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+import os
+import signal
+import threading
+
+# Read when numpy and OpenCV are loaded: workers are started afresh for that.
+THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
+
+
+def cores() -> int:
+    """Return how many cores this process may use."""
+    if hasattr(os, 'sched_getaffinity'):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
+@contextmanager
+def local_workers(jobs: int) -> Iterator[Executor]:
+    """
+    Yield ``jobs`` worker processes.
+
+    They end with the block, and at once if it raises or if this process is killed.
+    """
+    spawn = get_context('spawn')
+    ours, lifeline = spawn.Pipe(duplex=False)[::-1]
+    with _one_thread_each():
+        pool = ProcessPoolExecutor(jobs, spawn, _live_by, (lifeline,))
+        try:
+            yield pool
+        except BaseException:
+            ours.close()
+            raise
+        finally:
+            pool.shutdown(cancel_futures=True)
+            ours.close()
+            lifeline.close()
+
+
+def _live_by(lifeline: Connection) -> None:
+    """Leave Ctrl-C to the parent, and end when the other end of ``lifeline`` is gone."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
+
+
+def _end_with(lifeline: Connection) -> None:
+    try:
+        lifeline.recv()
+    except EOFError:
+        os._exit(1)
+
+
+@contextmanager
+def _one_thread_each() -> Iterator[None]:
+    before = {name: os.environ.get(name) for name in THREADS}
+    os.environ.update(dict.fromkeys(THREADS, '1'))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value

@@ -1,0 +1,103 @@
+"""What a sweep consists of: which starts, which laws, which world; and how to do it again."""
+
+from collections.abc import Collection, Iterator
+from dataclasses import asdict, dataclass
+import json
+import shlex
+from typing import Any
+
+import numpy as np
+
+from visual_servo_epipolar.simulation.scenario import Scenario
+
+RUN_STREAM = 6  # keeps the seeds of the runs apart from all else that is drawn from one seed
+CHUNK = {'features': 8, 'images': 1}  # runs handed to a worker at a time
+CHUNKS_A_WORKER = 4  # at least, so that no worker waits long for the last one
+
+Key = tuple[str, int]  # law and index of a run
+
+
+@dataclass(frozen=True, slots=True)
+class Chunk:
+    """Runs of one law that a worker does in one go, by their indices."""
+
+    law: str
+    indices: tuple[int, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """
+    A sweep. Each run follows from it and from the index of the run alone.
+
+    ``scenario_name`` is how the user called the scenario, if at all: for people, not for runs.
+    """
+
+    region: str
+    runs: int
+    source: str
+    laws: tuple[str, ...]
+    scenario: Scenario
+    seed: int = 0
+    scenario_name: str | None = None
+
+    def run_seed(self, index: int) -> int:
+        """Return the seed of run number ``index``, from 0 to 2^31 - 1; the same for each law."""
+        drawn = np.random.SeedSequence((self.seed, RUN_STREAM, index)).generate_state(1)
+        return int(drawn[0] >> 1)
+
+    def keys(self) -> list[Key]:
+        """Return law and index of all runs."""
+        return [(law, index) for law in self.laws for index in range(self.runs)]
+
+    def chunks(self, done: Collection[Key], workers: int) -> list[Chunk]:
+        """Share out the runs that are not ``done``: one law a chunk, enough for all workers."""
+        missing = [key for key in self.keys() if key not in done]
+        size = min(CHUNK[self.source], max(1, len(missing) // (CHUNKS_A_WORKER * workers)))
+        return [chunk for law in self.laws for chunk in _cut(law, missing, size)]
+
+    def identity(self) -> dict[str, Any]:
+        """Return, as plain JSON, all that decides what the runs are; not how many there are."""
+        scenario = asdict(self.scenario.seeded(0).with_servo({'law': self.laws[0]}))
+        document = {
+            'region': self.region,
+            'source': self.source,
+            'laws': list(self.laws),
+            'seed': self.seed,
+            'scenario': scenario,
+        }
+        plain: dict[str, Any] = json.loads(json.dumps(document))
+        return plain
+
+    def command(self) -> str:
+        """Return the command line of the whole sweep."""
+        laws = ('--compare', ','.join(self.laws)) if len(self.laws) > 1 else ('--law', *self.laws)
+        return shlex.join(
+            [
+                *('visual_servo', 'sweep', '--region', self.region, '--runs', str(self.runs)),
+                *('--source', self.source, *laws, *self._world(), '--seed', str(self.seed)),
+            ]
+        )
+
+    def command_of_run(self, result: dict[str, Any]) -> str:
+        """Return the command line that repeats the run with this ``result`` alone."""
+        # Never 1e-05: argparse takes that, with a minus, for an option.
+        start = [np.format_float_positional(value, trim='-') for value in result['start']]
+        return shlex.join(
+            [
+                *('visual_servo', 'simulate', '--start', *start, '--source', self.source),
+                *('--law', result['law'], *self._world(), '--seed', str(result['seed'])),
+            ]
+        )
+
+    def _world(self) -> list[str]:
+        chosen = [] if self.scenario_name is None else ['--scenario', self.scenario_name]
+        estimator = self.scenario.servo.estimator
+        default = Scenario().servo.estimator
+        return chosen if estimator == default else [*chosen, '--estimator', estimator]
+
+
+def _cut(law: str, missing: list[Key], size: int) -> Iterator[Chunk]:
+    indices = [index for of, index in missing if of == law]
+    for first in range(0, len(indices), size):
+        yield Chunk(law, tuple(indices[first : first + size]))

@@ -1,0 +1,45 @@
+"""Which code makes the runs: a digest that any copy of it has in common, and the commit."""
+
+from functools import cache
+import hashlib
+from pathlib import Path
+import subprocess
+
+PACKAGE = Path(__file__).resolve().parents[1]
+WHAT_DECIDES = ('core', 'simulation', 'sweeping')  # these layers make the runs what they are
+GIT_SECONDS = 5.0
+
+
+@cache
+def digest() -> str:
+    """Return twelve digits that change when the code of a run changes."""
+    seen = hashlib.sha256()
+    for layer in WHAT_DECIDES:
+        for path in sorted((PACKAGE / layer).rglob('*.py')):
+            seen.update(path.relative_to(PACKAGE).as_posix().encode())
+            seen.update(hashlib.sha256(path.read_bytes()).digest())
+    return seen.hexdigest()[:12]
+
+
+@cache
+def commit() -> str | None:
+    """Return the commit of the code, '+' if it was edited since; None outside a repository."""
+    if _git('ls-files', '--error-unmatch', '__init__.py') is None:
+        return None
+    name = _git('rev-parse', '--short', 'HEAD')
+    edited = _git('status', '--porcelain', '--', '.')
+    return None if name is None else name + ('+' if edited else '')
+
+
+def _git(*arguments: str) -> str | None:
+    try:
+        ran = subprocess.run(
+            ['git', '-C', str(PACKAGE), *arguments],
+            capture_output=True,
+            text=True,
+            timeout=GIT_SECONDS,
+            check=True,
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return ran.stdout.strip()

@@ -1,0 +1,46 @@
+"""How far a few hundred runs can be trusted: intervals for shares and for quantiles."""
+
+from collections.abc import Sequence
+import math
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray
+
+Z = 1.959963984540054  # of the standard normal: 95 % lie within
+RESAMPLES = 1000
+BOOTSTRAP_SEED = 7
+
+Interval = tuple[float, float]
+
+
+def wilson(successes: int, trials: int) -> Interval:
+    """Return Wilson's 95 % interval of the success rate (JASA 1927); all of [0, 1] if no trial."""
+    if trials == 0:
+        return 0.0, 1.0
+    share, z2 = successes / trials, Z * Z / trials
+    middle = (share + 0.5 * z2) / (1.0 + z2)
+    reach = Z / (1.0 + z2) * math.sqrt((share * (1.0 - share) + 0.25 * z2) / trials)
+    # Rounding must not exclude what was seen.
+    return min(max(0.0, middle - reach), share), max(min(1.0, middle + reach), share)
+
+
+def quantile(values: Sequence[float] | FloatArray, share: float) -> float:
+    """Return the quantile of ``values``, linear between two; nan if there are none."""
+    return float(np.quantile(values, share)) if len(values) else math.nan
+
+
+def quantile_interval(values: Sequence[float] | FloatArray, share: float) -> Interval:
+    """
+    Return the 95 % percentile-bootstrap interval of a quantile of ``values``; nan if none.
+
+    The resamples are drawn from a fixed seed: the same values give the same interval.
+    """
+    if not len(values):
+        return math.nan, math.nan
+    data, rng = np.asarray(values, dtype=np.float64), np.random.default_rng(BOOTSTRAP_SEED)
+    drawn = [
+        np.quantile(data[rng.integers(len(data), size=len(data))], share) for _ in range(RESAMPLES)
+    ]
+    low, high = np.quantile(drawn, (0.025, 0.975)).tolist()
+    return low, high

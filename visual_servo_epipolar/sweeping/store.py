@@ -1,0 +1,173 @@
+"""Results on disk as they come, so that a sweep that was killed goes on where it was."""
+
+from collections.abc import Mapping
+from datetime import date
+import fcntl
+import json
+import os
+from pathlib import Path
+import time
+from typing import Any
+
+from visual_servo_epipolar import __version__
+from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.sweeping.plan import Chunk, Key, Plan
+from visual_servo_epipolar.sweeping.provenance import commit, digest
+
+FILE = 'runs.jsonl'
+Header = dict[str, Any]
+
+
+class Store:
+    """
+    The file runs.jsonl of one sweep: a header, then one line a run in the order they ended.
+
+    It belongs to one process at a time. A last line that was cut off by a kill is dropped, and its
+    run is done again. ``results`` has what is known, ``wall_s`` how long that took [s].
+
+    Raises
+    ------
+    InputError
+        If the folder holds another sweep, or its file cannot be read or written, or is in use.
+
+    """
+
+    def __init__(self, folder: Path, plan: Plan) -> None:
+        self.path = folder / FILE
+        self.results: dict[Key, dict[str, Any]] = {}
+        self._before_s, self._session, self._began = 0.0, 0, time.monotonic()
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            self._file = os.open(self.path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
+        except OSError as error:
+            raise InputError(f'{self.path}: results cannot be kept: {error.strerror}') from None
+        try:
+            self._lock()
+            self.header = self._open(header_of(plan))
+        except BaseException:
+            self.close()
+            raise
+
+    @property
+    def wall_s(self) -> float:
+        """Time spent on the runs so far, over all sessions [s]."""
+        return self._before_s + time.monotonic() - self._began
+
+    def add(self, chunk: Chunk, results: list[dict[str, Any]]) -> None:
+        """Keep the results of ``chunk``; once this returns, no kill can take them away."""
+        lines = []
+        for index, result in zip(chunk.indices, results, strict=True):
+            self.results[chunk.law, index] = result
+            line = {
+                'law': chunk.law,
+                'index': index,
+                'session': self._session,
+                'elapsed_s': round(time.monotonic() - self._began, 3),
+                'result': result,
+            }
+            lines.append(json.dumps(line))
+        self._append(lines)
+
+    def close(self) -> None:
+        """Let go of the file."""
+        os.close(self._file)
+
+    def __enter__(self) -> 'Store':
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _lock(self) -> None:
+        try:
+            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise InputError(
+                f'{self.path}: another sweep is writing here; wait for it, or give another --out'
+            ) from None
+
+    def _open(self, wanted: Header) -> Header:
+        """Read what is there; return its header, or write the one that is wanted."""
+        content = self.path.read_bytes()
+        whole = content.rfind(b'\n') + 1
+        os.ftruncate(self._file, whole)
+        lines = content[:whole].splitlines()
+        if not lines:
+            self._append([json.dumps(wanted)])
+            return wanted
+        header = _parsed(lines[0], f'{self.path}:1')
+        _check(header, wanted, self.path)
+        self._read(lines[1:])
+        return header
+
+    def _read(self, lines: list[bytes]) -> None:
+        sessions: dict[int, float] = {}
+        for number, text in enumerate(lines, start=2):
+            line = _parsed(text, f'{self.path}:{number}')
+            try:
+                self.results[line['law'], line['index']] = line['result']
+                sessions[line['session']] = line['elapsed_s']
+            except KeyError as error:
+                raise InputError(f'{self.path}:{number}: no {error}; remove this line') from None
+        self._before_s = sum(sessions.values())
+        self._session = max(sessions, default=-1) + 1
+
+    def _append(self, lines: list[str]) -> None:
+        data = memoryview(''.join(f'{line}\n' for line in lines).encode())
+        try:
+            while data:
+                data = data[os.write(self._file, data) :]
+            os.fsync(self._file)
+        except OSError as error:
+            raise InputError(f'{self.path}: results cannot be kept: {error.strerror}') from None
+
+
+def header_of(plan: Plan) -> Header:
+    """Return the first line of the store of ``plan``."""
+    return {
+        'sweep': plan.identity(),
+        'version': __version__,
+        'code': digest(),
+        'commit': commit(),
+        'begun': date.today().isoformat(),
+    }
+
+
+def _parsed(text: bytes, where: str) -> dict[str, Any]:
+    try:
+        found = json.loads(text)
+    except ValueError:
+        found = None
+    if not isinstance(found, dict):
+        raise InputError(f'{where}: not a line of a sweep; remove it, or give another --out')
+    return found
+
+
+def _check(found: Header, wanted: Header, path: Path) -> None:
+    """Refuse to mix two sweeps in one folder."""
+    if not isinstance(found.get('sweep'), Mapping):
+        raise InputError(f'{path}: not the results of a sweep; give another --out')
+    differences = list(_differences(found['sweep'], wanted['sweep'], ''))
+    if found.get('code') != wanted['code']:
+        differences.append(
+            f'code {_code(found)} there, {_code(wanted)} here',
+        )
+    if differences:
+        more = f' and {len(differences) - 3} more' if len(differences) > 3 else ''
+        raise InputError(
+            f'{path} holds another sweep: {"; ".join(differences[:3])}{more}; give another --out, '
+            'or remove this one'
+        )
+
+
+def _differences(found: Any, wanted: Any, where: str) -> list[str]:
+    """Name the leaves in which two documents differ."""
+    if isinstance(found, Mapping) and isinstance(wanted, Mapping):
+        names = sorted(found.keys() | wanted.keys())
+        below = [(n, f'{where}.{n}' if where else n) for n in names]
+        return [d for n, name in below for d in _differences(found.get(n), wanted.get(n), name)]
+    return [] if found == wanted else [f'{where} {found!r} there, {wanted!r} here']
+
+
+def _code(header: Header) -> str:
+    return f'{header.get("code")} (commit {header.get("commit") or "unknown"})'

@@ -1,0 +1,94 @@
+"""The verdict on a sweep: the JSON document of the command line, for one law."""
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+import re
+from typing import Any
+
+from visual_servo_epipolar.sweeping.plan import Plan
+from visual_servo_epipolar.sweeping.statistics import quantile, quantile_interval, wilson
+from visual_servo_epipolar.sweeping.store import Store
+
+Result = Mapping[str, Any]
+ERRORS = (*('position_error_m', 'lateral_error_m', 'longitudinal_error_m', 'heading_error_deg'),)
+EFFORTS = ('max_distance_ratio', 'duration_s', 'path_length_m', 'attempts')
+# An arrival with more than that is wrong, and was so in silence.
+WRONG_POSITION_M, WRONG_HEADING_DEG = 0.05, 2.0
+
+
+def verdicts(plan: Plan, store: Store) -> dict[str, dict[str, Any]]:
+    """Return law -> document, each with its runs in the order of their indices."""
+    return {
+        law: {
+            **_verdict([store.results[law, index] for index in range(plan.runs)]),
+            'wall_s': store.wall_s,
+            'sweep': _described(plan, store, law),
+        }
+        for law in plan.laws
+    }
+
+
+def arrived(result: Result) -> bool:
+    """Whether the robot says so."""
+    return bool(result['outcome'] == 'arrived')
+
+
+def wrong(result: Result) -> bool:
+    """Whether a run says ``arrived`` and is more than 5 cm or 2 deg off."""
+    return arrived(result) and (
+        result['position_error_m'] > WRONG_POSITION_M
+        or abs(result['heading_error_deg']) > WRONG_HEADING_DEG
+    )
+
+
+def defective(result: Result) -> bool:
+    """Whether a run raised: a defect of the program, not a failure of the robot."""
+    return 'traceback' in result
+
+
+def _verdict(runs: Sequence[Result]) -> dict[str, Any]:
+    home = [run for run in runs if arrived(run)]
+    return {
+        'success_rate': len(home) / len(runs),
+        'success_interval': list(wilson(len(home), len(runs))),
+        'arrived': len(home),
+        'arrived_but_wrong': sum(map(wrong, runs)),
+        'defects': sum(map(defective, runs)),
+        'failure_reasons': reasons(run for run in runs if not arrived(run)),
+        **{name: _spread(home, name) for name in (*ERRORS, *EFFORTS)},
+        'runs': list(runs),
+    }
+
+
+def reasons(failures: Iterable[Result]) -> dict[str, int]:
+    """Count the reasons, most frequent first; those that differ in their numbers are one."""
+    # `23 features, 26 needed` and `25 features, 26 needed` become `N features, N needed`.
+    said = (re.sub(r'-?\d+(\.\d+)?', 'N', failure['reason']) for failure in failures)
+    return dict(sorted(Counter(said).items(), key=lambda item: (-item[1], item[0])))
+
+
+def _spread(runs: Sequence[Result], name: str) -> dict[str, Any]:
+    """Return the spread of a quantity's absolute value over ``runs``."""
+    values = [abs(run[name]) for run in runs if run[name] is not None]
+    return {
+        'median': quantile(values, 0.5),
+        'p95': quantile(values, 0.95),
+        'max': quantile(values, 1.0),
+        'median_interval': list(quantile_interval(values, 0.5)),
+        'p95_interval': list(quantile_interval(values, 0.95)),
+    }
+
+
+def _described(plan: Plan, store: Store, law: str) -> dict[str, Any]:
+    header = store.header
+    return {
+        'region': plan.region,
+        'source': plan.source,
+        'scenario': plan.scenario_name,
+        'law': law,
+        'seed': plan.seed,
+        'command': plan.command(),
+        'version': header['version'],
+        'commit': header['commit'],
+        'begun': header['begun'],
+    }
