@@ -14,13 +14,13 @@ from visual_servo_epipolar.commands.arguments import add_run_options, scenario_o
 from visual_servo_epipolar.commands.console import Progress
 from visual_servo_epipolar.commands.tally import Tally
 from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.simulation.regions import REGIONS
 from visual_servo_epipolar.simulation.views import SOURCES
 from visual_servo_epipolar.sweeping.cluster import cluster_workers
 from visual_servo_epipolar.sweeping.drive import drive
 from visual_servo_epipolar.sweeping.local import cores, local_workers
 from visual_servo_epipolar.sweeping.plan import Plan
 from visual_servo_epipolar.sweeping.provenance import digest
-from visual_servo_epipolar.sweeping.regions import REGIONS
 from visual_servo_epipolar.sweeping.store import Store
 from visual_servo_epipolar.sweeping.verdict import defective, verdicts, wrong
 

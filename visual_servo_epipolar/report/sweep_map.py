@@ -104,7 +104,9 @@ def _draw_panel(axes: Axes, runs: Sequence[Run], field_of_view: float) -> PathCo
         *_places(home).T, s=size, c=errors, cmap=COLOURS, norm=LogNorm(*ERRORS_MM), zorder=3
     )
     _draw_headings(axes, home, coloured.to_rgba(np.array(errors)))
-    axes.scatter(*_places(groups['failed']).T, s=size, marker='x', c=FAILED_COLOUR, zorder=4)
+    axes.scatter(
+        *_places(groups['failed']).T, s=size, marker='x', c=FAILED_COLOUR, lw=0.9, zorder=4
+    )
     axes.scatter(
         *_places(groups['wrong']).T, s=4 * size, marker='s', c=WRONG_COLOUR, ec=INK, zorder=5
     )
@@ -116,7 +118,7 @@ def _draw_headings(axes: Axes, runs: Sequence[Run], colour: Any) -> None:
     if not runs:
         return
     theta = HALF_PI + np.radians([run['start'][2] for run in runs])
-    length = 1.2 / math.sqrt(len(runs) + 15.0)  # [m], shorter where there are many
+    length = 2.2 / math.sqrt(len(runs) + 40.0)  # [m], shorter where there are many
     axes.quiver(
         *_places(runs).T,
         length * np.cos(theta),
@@ -125,8 +127,8 @@ def _draw_headings(axes: Axes, runs: Sequence[Run], colour: Any) -> None:
         angles='xy',
         scale_units='xy',
         scale=1.0,
-        units='inches',
-        width=0.008,
+        units='xy',
+        width=0.05 * length,
         headwidth=4.0,
         zorder=2,
     )

@@ -8,10 +8,10 @@ import cv2
 
 from visual_servo_epipolar.core.run_log import summarise
 from visual_servo_epipolar.simulation.closed_loop import run
+from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import Scenario
 from visual_servo_epipolar.simulation.views import view_of
 from visual_servo_epipolar.sweeping.plan import Chunk, Plan
-from visual_servo_epipolar.sweeping.regions import start_in
 
 Start = tuple[float, float, float]
 Result = dict[str, Any]
@@ -26,9 +26,12 @@ UNKNOWN = (
 def work(plan: Plan, chunk: Chunk) -> list[Result]:
     """Do the runs of ``chunk`` and return their results in its order."""
     cv2.setNumThreads(1)  # there is a worker for each core
-    starts = [start_in(plan.region, plan.seed, index, plan.scenario) for index in chunk.indices]
-    seeds = [plan.run_seed(index) for index in chunk.indices]
     scenario = plan.scenario.with_servo({'law': chunk.law})
+    seeds = [plan.run_seed(index) for index in chunk.indices]
+    starts = [
+        start_in(plan.region, plan.seed, index, scenario.seeded(seed), source=plan.source)
+        for index, seed in zip(chunk.indices, seeds, strict=True)
+    ]
     return run_chunk(scenario, starts, seeds, plan.source)
 
 

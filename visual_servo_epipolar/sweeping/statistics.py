@@ -10,6 +10,7 @@ from visual_servo_epipolar.core.arrays import FloatArray
 Z = 1.959963984540054  # of the standard normal: 95 % lie within
 RESAMPLES = 1000
 BOOTSTRAP_SEED = 7
+BLOCK = 1_000_000  # values drawn at a time: that many fit in memory whatever the sweep
 
 Interval = tuple[float, float]
 
@@ -39,8 +40,10 @@ def quantile_interval(values: Sequence[float] | FloatArray, share: float) -> Int
     if not len(values):
         return math.nan, math.nan
     data, rng = np.asarray(values, dtype=np.float64), np.random.default_rng(BOOTSTRAP_SEED)
+    block = max(1, BLOCK // len(data))
     drawn = [
-        np.quantile(data[rng.integers(len(data), size=len(data))], share) for _ in range(RESAMPLES)
+        np.quantile(data[rng.integers(len(data), size=(min(block, left), len(data)))], share, 1)
+        for left in range(RESAMPLES, 0, -block)
     ]
-    low, high = np.quantile(drawn, (0.025, 0.975)).tolist()
+    low, high = np.quantile(np.concatenate(drawn), (0.025, 0.975)).tolist()
     return low, high

@@ -1,0 +1,275 @@
+"""The sweep as its users meet it: JSON, folders, exit codes; killed, it goes on."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+import json
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+from typing import Any
+
+import cv2
+import psutil
+import pytest
+
+from visual_servo_epipolar.commands.main import main
+from visual_servo_epipolar.sweeping.store import FILE
+
+ROOT = Path(__file__).parents[2]
+TIMEOUT_SEC = 60.0
+BRIEF = 'run: {max_duration: 2.0}\n'  # too short to arrive
+SWEEP = ('sweep', '--region', 'front')
+
+
+@pytest.fixture
+def brief(tmp_path: Path) -> str:
+    path = tmp_path / 'brief.yaml'
+    path.write_text(BRIEF)
+    return str(path)
+
+
+@contextmanager
+def started(*arguments: str) -> 'Iterator[subprocess.Popen[str]]':
+    """Run the command in a process of its own, in a group of its own."""
+    path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get('PYTHONPATH')]))
+    process = subprocess.Popen(
+        [sys.executable, '-m', 'visual_servo_epipolar', *arguments],
+        env={**os.environ, 'PYTHONPATH': path},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+    try:
+        yield process
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.communicate(timeout=TIMEOUT_SEC)
+
+
+def wait_for_runs(folder: Path, runs: int, process: 'subprocess.Popen[str]') -> None:
+    """Wait until ``runs`` results are in the store while the sweep goes on."""
+    end, lines = time.monotonic() + TIMEOUT_SEC, 0
+    while time.monotonic() < end:
+        if (folder / FILE).exists():
+            lines = (folder / FILE).read_bytes().count(b'\n') - 1
+        if lines >= runs:
+            return
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(0.02)
+            pytest.fail(f'the sweep ended before {runs} runs: {process.stderr.read()}')
+    pytest.fail(f'waited {TIMEOUT_SEC:g} s for {runs} runs, {lines} came')
+
+
+def swept(capsys: Any, *arguments: str, code: int = 0) -> dict[str, Any]:
+    """Run a sweep in this process and return its JSON."""
+    assert main([*SWEEP, *arguments, '--json', '-']) == code
+    return json.loads(capsys.readouterr().out)
+
+
+def without_time(document: dict[str, Any]) -> dict[str, Any]:
+    return {key: value for key, value in document.items() if key not in ('wall_s', 'sweep')}
+
+
+def refused(capsys: Any, *arguments: str) -> str:
+    try:
+        code = main(arguments)
+    except SystemExit as end:
+        code = end.code
+    shown = capsys.readouterr()
+    assert (code, shown.out) == (2, '')
+    assert len(shown.err.splitlines()) == 1, shown.err
+    return shown.err
+
+
+def test_a_sweep_arrives_and_tells(tmp_path: Path, capsys: Any) -> None:
+    out = tmp_path / 'out'
+    assert main([*SWEEP, '--runs', '3', '--out', str(out), '--json', str(tmp_path / 'j')]) == 0
+    shown = capsys.readouterr()
+    assert '100 % (3 of 3)' in shown.out
+    assert shown.err == ''
+    document = json.loads((tmp_path / 'j').read_text())
+    assert document['success_rate'] == 1.0
+    assert len(document['runs']) == 3
+    for name in ('position_error_m', 'lateral_error_m', 'longitudinal_error_m'):
+        assert 0.0 <= document[name]['median'] <= document[name]['p95'] <= document[name]['max']
+        assert document[name]['max'] < 0.05
+    assert document['heading_error_deg']['max'] < 2.0
+    assert document['wall_s'] > 0.0
+    assert {path.name for path in out.iterdir()} == {
+        *('runs.jsonl', 'table.md', 'convergence.md', 'map.png', 'histogram.png'),
+    }
+    for name in ('map.png', 'histogram.png'):
+        assert cv2.imread(str(out / name)).std() > 0.0
+
+
+def test_a_run_of_a_sweep_is_that_of_simulate(tmp_path: Path, capsys: Any, brief: str) -> None:
+    world = ('--scenario', brief)
+    document = swept(capsys, '--runs', '2', *world, '--out', str(tmp_path / 'out'))
+    for found in document['runs']:
+        start = [str(value) for value in found['start']]
+        main(['simulate', '--start', *start, *world, '--seed', str(found['seed']), '--json', '-'])
+        assert json.loads(capsys.readouterr().out) == found
+
+
+def test_results_do_not_depend_on_the_number_of_processes(
+    tmp_path: Path, capsys: Any, brief: str
+) -> None:
+    common = ('--runs', '12', '--scenario', brief, '--compare', 'paper,full')
+    one, two = (
+        swept(capsys, *common, '--jobs', jobs, '--out', str(tmp_path / jobs))
+        for jobs in ('1', '2')
+    )
+    assert one.keys() == two.keys() == {'paper', 'full'}
+    for law in one:
+        assert without_time(one[law]) == without_time(two[law])
+        assert [run['law'] for run in one[law]['runs']] == [law] * 12
+
+
+def test_images_are_swept_too(tmp_path: Path, capsys: Any) -> None:
+    scenario = tmp_path / 'tiny.yaml'
+    scenario.write_text(
+        'camera: {width: 320, height: 240, focal_length: 192.0, principal_u: 159.5, '
+        'principal_v: 119.5}\nrun: {max_duration: 1.0}\n'
+    )
+    common = ('--source', 'images', '--scenario', str(scenario), '--out', str(tmp_path / 'out'))
+    (found,) = swept(capsys, '--runs', '1', *common)['runs']
+    assert 'not arrived within 1 s' in found['reason']
+    assert found['min_visible_features'] > 0
+
+
+def test_without_a_folder_each_sweep_gets_one_of_its_own(
+    tmp_path: Path, capsys: Any, brief: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    common = ('--runs', '1', '--jobs', '1', '--scenario', brief)
+    for seed in ('1', '2', '2'):
+        swept(capsys, *common, '--seed', seed)
+    folders = sorted(path.name for path in (tmp_path / 'sweep_out').iterdir())
+    assert len(folders) == 2
+    assert folders[0].startswith('front-features-full-seed1-')
+
+
+def test_a_sweep_killed_goes_on_where_it_was(tmp_path: Path, capsys: Any, brief: str) -> None:
+    folder = tmp_path / 'out'
+    common = ('--runs', '48', '--jobs', '2', '--scenario', brief)
+    arguments = (*common, '--out', str(folder))
+    with started(*SWEEP, *arguments) as process:
+        wait_for_runs(folder, 8, process)
+        workers = psutil.Process(process.pid).children(recursive=True)
+        process.kill()
+        process.wait(TIMEOUT_SEC)
+        gone, alive = psutil.wait_procs(workers, timeout=TIMEOUT_SEC)
+    assert workers and not alive
+    kept = (folder / FILE).read_bytes()
+    assert 8 <= kept.count(b'\n') - 1 < 48
+    resumed = swept(capsys, *arguments)
+    assert (folder / FILE).read_bytes().startswith(kept[: kept.rfind(b'\n') + 1])
+    whole = swept(capsys, *common, '--out', str(tmp_path / 'whole'))
+    assert without_time(resumed) == without_time(whole)
+
+
+def test_an_interrupted_sweep_ends_with_one_line_and_without_its_workers(
+    tmp_path: Path, brief: str
+) -> None:
+    folder = tmp_path / 'out'
+    arguments = ('--runs', '500', '--jobs', '2', '--scenario', brief, '--out', str(folder))
+    with started(*SWEEP, *arguments) as process:
+        wait_for_runs(folder, 1, process)
+        workers = psutil.Process(process.pid).children(recursive=True)
+        os.killpg(process.pid, signal.SIGINT)  # as Ctrl-C does: to all of them
+        _, said = process.communicate(timeout=TIMEOUT_SEC)
+        assert process.returncode == 130
+        assert not psutil.wait_procs(workers, timeout=TIMEOUT_SEC)[1]
+    assert said == 'visual_servo sweep: interrupted\n'
+
+
+def test_a_worker_that_was_killed_is_said_and_what_ended_is_kept(
+    tmp_path: Path, brief: str
+) -> None:
+    folder = tmp_path / 'out'
+    arguments = ('--runs', '500', '--jobs', '1', '--scenario', brief, '--out', str(folder))
+    with started(*SWEEP, *arguments) as process:
+        wait_for_runs(folder, 8, process)
+        # Beside the worker there is the tracker of shared resources.
+        for child in psutil.Process(process.pid).children():
+            if 'resource_tracker' not in ' '.join(child.cmdline()):
+                child.kill()
+        _, said = process.communicate(timeout=TIMEOUT_SEC)
+    assert process.returncode == 1
+    assert 'a worker process died' in said and str(folder / FILE) in said
+    assert len(said.splitlines()) == 1, said
+
+
+def test_another_sweep_in_the_same_folder_is_refused(
+    tmp_path: Path, capsys: Any, brief: str
+) -> None:
+    arguments = (*SWEEP, '--runs', '1', '--jobs', '1', '--scenario', brief, '--out', str(tmp_path))
+    assert main(arguments) == 0
+    capsys.readouterr()
+    said = refused(capsys, *arguments, '--seed', '1')
+    assert 'holds another sweep: seed 0 there, 1 here; give another --out' in said
+
+
+def test_a_sweep_grows(tmp_path: Path, capsys: Any, brief: str) -> None:
+    common = ('--jobs', '1', '--scenario', brief, '--out', str(tmp_path))
+    few = swept(capsys, *common, '--runs', '1')
+    assert main([*SWEEP, *common, '--runs', '3', '--json', '-']) == 0
+    shown = capsys.readouterr()
+    assert json.loads(shown.out)['runs'][:1] == few['runs']
+    assert f'1 of 3 runs are in {tmp_path / FILE} already' in shown.err
+
+
+def test_a_run_that_raised_is_named_and_the_sweep_ends_with_1(
+    tmp_path: Path, capsys: Any, brief: str
+) -> None:
+    arguments = (*SWEEP, '--runs', '2', '--jobs', '1', '--scenario', brief)
+    assert main([*arguments, '--out', str(tmp_path)]) == 0
+    capsys.readouterr()
+    # A defect is what the store says it is: no other code can be put into the workers.
+    header, first, second = (tmp_path / FILE).read_text().splitlines()
+    line = json.loads(second)
+    broken = line['result']
+    broken.update(reason='defect: ZeroDivisionError: x', traceback='...', position_error_m=None)
+    (tmp_path / FILE).write_text(f'{header}\n{first}\n{json.dumps(line)}\n')
+    assert main([*arguments, '--out', str(tmp_path)]) == 1
+    shown = capsys.readouterr()
+    start = ' '.join(f'{value}' for value in broken['start'])
+    assert f'visual_servo simulate --start {start} --source features' in shown.err
+    assert f'--scenario {brief} --seed {broken["seed"]}' in shown.err
+    assert 'defect: ZeroDivisionError' in shown.err
+
+
+@pytest.mark.parametrize(
+    ('options', 'reason'),
+    [
+        (['--runs', '0'], 'not a whole number from 1'),
+        (['--runs', 'x'], 'not a whole number from 1'),
+        (['--runs', '9999999999'], 'not a whole number from 1'),
+        ([], 'required: --runs'),
+        (['--runs', '1', '--jobs', '0'], 'not a whole number from 1'),
+        (['--runs', '1', '--region', 'behind'], 'invalid choice'),
+        (['--runs', '1', '--source', 'maps'], 'invalid choice'),
+        (['--runs', '1', '--compare', 'full,best'], 'must list some of paper,corrected,full'),
+        (['--runs', '1', '--compare', 'full,full'], 'each once'),
+        (['--runs', '1', '--compare', ''], 'must list some of'),
+        (['--runs', '1', '--law', 'full', '--compare', 'full'], 'exclude each other'),
+        (['--runs', '1', '--jobs', '1', '--scheduler', 'tcp://x'], 'not allowed with'),
+        (['--runs', '1', '--scenario', 'other'], 'no scenario file'),
+        (['--runs', '1', '--estimator', 'other'], 'estimator must be one of'),
+    ],
+)
+def test_bad_usage_is_refused(
+    tmp_path: Path,
+    capsys: Any,
+    options: list[str],
+    reason: str,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert reason in refused(capsys, *SWEEP, *options)
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,53 @@
+"""Whatever a run does, its chunk has a result for it; the same one in every company."""
+
+from typing import Any
+
+import pytest
+from sweeps import BRIEF, plan_of
+
+from visual_servo_epipolar.core.run_log import summarise
+from visual_servo_epipolar.simulation.closed_loop import run
+from visual_servo_epipolar.simulation.views import view_of
+from visual_servo_epipolar.sweeping import chunk as chunk_module
+from visual_servo_epipolar.sweeping.chunk import run_chunk, work
+from visual_servo_epipolar.sweeping.plan import Chunk
+
+STARTS = [(0.5, -3.0, 5.0), (-1.0, -4.0, 0.0)]
+
+
+def test_a_result_is_that_of_the_run_alone() -> None:
+    whole = run_chunk(BRIEF, STARTS, [3, 4], 'features')
+    for start, seed, found in zip(STARTS, [3, 4], whole, strict=True):
+        scenario = BRIEF.seeded(seed)
+        view = view_of(scenario, 'features', seed)
+        assert found == summarise(run(scenario.loop(start, seed), view, scenario.camera.camera))
+
+
+def test_results_do_not_depend_on_the_chunks() -> None:
+    plan = plan_of(4)
+    whole = work(plan, Chunk('full', (0, 1, 2, 3)))
+    assert [work(plan, Chunk('full', (index,)))[0] for index in range(4)] == whole
+    assert work(plan, Chunk('full', (3, 1))) == [whole[3], whole[1]]
+
+
+def test_all_laws_have_the_same_starts_and_seeds() -> None:
+    plan = plan_of(2, laws=('paper', 'full'))
+    paper, full = (work(plan, Chunk(law, (0, 1))) for law in plan.laws)
+    for one, other in zip(paper, full, strict=True):
+        assert (one['start'], one['seed']) == (other['start'], other['seed'])
+        assert (one['law'], other['law']) == ('paper', 'full')
+
+
+def test_a_run_that_raises_does_not_take_the_others_along(monkeypatch: pytest.MonkeyPatch) -> None:
+    def sometimes(settings: Any, *arguments: Any) -> Any:
+        if settings.seed == 3:
+            raise ZeroDivisionError('of all things')
+        return run(settings, *arguments)
+
+    monkeypatch.setattr(chunk_module, 'run', sometimes)
+    broken, sound = run_chunk(BRIEF, STARTS, [3, 4], 'features')
+    assert (broken['outcome'], broken['start'], broken['seed']) == ('failed', [0.5, -3.0, 5.0], 3)
+    assert broken['reason'] == 'defect: ZeroDivisionError: of all things'
+    assert 'in sometimes' in broken['traceback']
+    assert sound.keys() | {'traceback'} == broken.keys()
+    assert 'traceback' not in sound

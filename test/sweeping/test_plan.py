@@ -1,0 +1,100 @@
+"""A run follows from the plan and its index; chunks share out each run once."""
+
+import argparse
+import json
+import shlex
+from typing import Any
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+from sweeps import BRIEF, plan_of
+
+from visual_servo_epipolar.commands.main import parser
+
+LAWS = ('paper', 'corrected', 'full')
+WHOLE = st.integers(0, 2**31 - 1)
+
+
+def parsed(command: str) -> argparse.Namespace:
+    program, *arguments = shlex.split(command)
+    assert program == 'visual_servo'
+    return parser().parse_args(arguments)
+
+
+@given(
+    st.integers(1, 60),
+    st.sampled_from([('full',), LAWS]),
+    st.integers(1, 40),
+    st.sampled_from(['features', 'images']),
+    st.data(),
+)
+def test_chunks_hold_each_missing_run_once(
+    runs: int, laws: tuple[str, ...], workers: int, source: str, data: Any
+) -> None:
+    plan = plan_of(runs, laws=laws, source=source)
+    done = data.draw(st.sets(st.sampled_from(plan.keys())))
+    chunks = plan.chunks(done, workers)
+    shared = [(chunk.law, index) for chunk in chunks for index in chunk.indices]
+    assert len(shared) == len(set(shared))
+    assert set(shared) | done == set(plan.keys())
+    assert not set(shared) & done
+
+
+@given(WHOLE, st.integers(0, 10**6))
+def test_the_seed_of_a_run_is_one_that_simulate_takes(seed: int, index: int) -> None:
+    plan = plan_of(seed=seed)
+    assert 0 <= plan.run_seed(index) < 2**31
+    assert plan.run_seed(index) == plan.run_seed(index)
+
+
+def test_runs_and_sweeps_differ_in_their_seeds() -> None:
+    seeds = {plan_of(seed=seed).run_seed(index) for seed in range(20) for index in range(50)}
+    assert len(seeds) == 1000
+
+
+def test_the_identity_of_a_sweep_is_its_parameters_but_not_their_number_of_runs() -> None:
+    one = plan_of(10)
+    assert json.loads(json.dumps(one.identity())) == one.identity()
+    assert plan_of(20).identity() == one.identity()
+    others = [
+        plan_of(laws=('paper',)),
+        plan_of(laws=LAWS),
+        plan_of(source='images'),
+        plan_of(region='beside'),
+        plan_of(seed=1),
+        plan_of(scenario=BRIEF.with_servo({'k1': 0.09})),
+    ]
+    assert all(other.identity() != one.identity() for other in others)
+
+
+def test_the_identity_does_not_depend_on_how_the_law_came_in() -> None:
+    by_file = plan_of(laws=('paper',), scenario=BRIEF.with_servo({'law': 'paper'}).seeded(5))
+    assert by_file.identity() == plan_of(laws=('paper',)).identity()
+
+
+@pytest.mark.parametrize('laws', [('full',), LAWS])
+def test_the_command_of_a_sweep_asks_for_this_sweep(laws: tuple[str, ...]) -> None:
+    plan = plan_of(
+        7,
+        region='beside',
+        source='images',
+        laws=laws,
+        scenario=BRIEF.with_servo({'estimator': 'lmeds_8pt'}),
+        seed=3,
+        scenario_name='my scenario.yaml',
+    )
+    options = parsed(plan.command())
+    assert (options.region, options.runs, options.source) == ('beside', 7, 'images')
+    assert (options.compare or (options.law,), options.seed) == (laws, 3)
+    assert (options.estimator, options.scenario) == ('lmeds_8pt', 'my scenario.yaml')
+
+
+@given(st.tuples(*[st.floats(-9.0, 9.0)] * 3), WHOLE)
+def test_the_command_of_a_run_asks_for_this_start(
+    start: tuple[float, float, float], seed: int
+) -> None:
+    result = {'start': list(start), 'seed': seed, 'law': 'corrected'}
+    options = parsed(plan_of().command_of_run(result))
+    assert tuple(options.start) == start
+    assert (options.seed, options.law, options.source) == (seed, 'corrected', 'features')
