@@ -11,11 +11,12 @@ unexport PYTHONPATH PYTHONHOME LD_LIBRARY_PATH _ROS_WHEELS_BOOTSTRAP_COMPLETE AM
 PYTEST_ARGS ?=
 BENCH_ARGS ?=
 DEMO_OUT ?= demo_out
+SWEEP_ARGS ?= --region front --runs 200 --compare paper,corrected,full
 DEMO_ARGS ?= --out $(DEMO_OUT)
 REPRODUCE_OUT ?= reproduce_out
 
 .DEFAULT_GOAL := setup
-.PHONY: setup test test-colcon colcon lint format demo reproduce bench clean help
+.PHONY: setup test test-colcon colcon lint format demo sweep reproduce bench clean help
 
 setup: $(STAMP) ## make .venv with ROS 2 Jazzy, all tools and this package, editable (default)
 
@@ -51,12 +52,15 @@ demo: $(STAMP) ## four real nodes drive to the desired view; results in demo_out
 reproduce: $(STAMP) ## the figures of the paper and a table, paper against us; in reproduce_out/
 	@$(BIN)/visual_servo reproduce all --out $(REPRODUCE_OUT)
 
+sweep: $(STAMP) ## 200 starts, three laws: table and maps in sweep_out/; SWEEP_ARGS for others
+	@$(BIN)/visual_servo sweep $(SWEEP_ARGS)
+
 bench: $(STAMP) ## accuracy and speed beside the peers, minutes; BENCH_ARGS='estimation --quick'
 	@$(PIP) install --constraint constraints.txt --no-build-isolation --editable '.[bench]'
 	@$(BIN)/visual_servo bench $(BENCH_ARGS)
 
 clean: ## remove .venv and all that make, the tools and colcon left
-	rm -rf $(VENV) build install log dist demo_out reproduce_out *.egg-info
+	rm -rf $(VENV) build install log dist demo_out sweep_out reproduce_out *.egg-info
 	rm -rf .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 

@@ -60,9 +60,10 @@ setup(
             'ros-jazzy-rmw-fastrtps-cpp==8.4.3',
         ],
         # `colcon test` runs pytest only if this extra has this name and lists pytest.
-        'test': ['hypothesis', 'pytest>=7.4', 'scipy'],
+        'test': ['dask[distributed]', 'hypothesis', 'psutil', 'pytest>=7.4', 'scipy'],
         'lint': ['import-linter', 'mypy', 'ruff', 'types-PyYAML'],
         'bench': ['poselib'],  # a peer to measure against
+        'dask': ['dask[distributed]>=2023.1'],  # sweep --scheduler
         'colcon': ['colcon-common-extensions', 'setuptools<80'],
     },
     entry_points={
