@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
+    from bagmaker import Message
     from bench import Bench
 
 LOG_DIR = Path(tempfile.mkdtemp(prefix='visual_servo_test_log_'))
@@ -21,6 +22,15 @@ os.environ['ROS_LOG_DIR'] = str(LOG_DIR)
 
 def pytest_unconfigure() -> None:
     shutil.rmtree(LOG_DIR, ignore_errors=True)
+
+
+@pytest.fixture(scope='session')
+def small_run() -> 'list[Message]':
+    """Return all that the real nodes said in five seconds of a run."""
+    from bagmaker import drive, small_scenario
+
+    scenario = small_scenario(5.0)
+    return drive(scenario, scenario.loop((0.3, -2.2, 0.0), 0))
 
 
 @pytest.fixture

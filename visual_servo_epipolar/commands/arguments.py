@@ -72,6 +72,16 @@ def scenario_of(options: argparse.Namespace) -> Scenario:
     return scenario.seeded(options.seed).with_servo(changes)
 
 
+def made_folder(name: str) -> Path:
+    """Return the folder called ``name``, made if need be; raises InputError if it cannot."""
+    folder = Path(name)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f'{folder}: folder cannot be made: {error.strerror}') from None
+    return folder
+
+
 def write_json(document: Mapping[str, Any], target: str | None) -> None:
     """Write ``document`` to a file, by rename, or to standard output; nan becomes null."""
     if target is None:

@@ -1,0 +1,95 @@
+"""Bags for tests: a real run of the real nodes, every message as rclpy serialized it."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Twist
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.typesys import get_typestore, Stores
+from sensor_msgs.msg import CameraInfo, Image, JointState, PointCloud2
+from std_msgs.msg import String
+
+from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes.lockstep import Lockstep
+from visual_servo_epipolar.nodes.observer_node import ObserverNode
+from visual_servo_epipolar.simulation.closed_loop import LoopSettings, Referee
+from visual_servo_epipolar.simulation.scenario import from_document, Scenario
+
+TYPES = get_typestore(Stores.ROS2_JAZZY)
+DEEP = QoSProfile(depth=20)
+TOPICS: dict[str, tuple[Any, QoSProfile]] = {
+    '/image_raw': (Image, DEEP),
+    '/camera_info': (CameraInfo, DEEP),
+    '/desired/image_raw': (Image, qos.LATCHED),
+    '/tracker_node/desired/image_raw': (Image, qos.LATCHED),
+    '/tracker_node/settings': (String, qos.LATCHED),
+    '/servo_node/settings': (String, qos.LATCHED),
+    '/tracks': (PointCloud2, DEEP),
+    '/epipoles': (JointState, DEEP),
+    '/diagnostics': (DiagnosticArray, DEEP),
+    '/cmd_vel': (Twist, DEEP),
+    '/ground_truth': (Odometry, DEEP),
+}
+Message = tuple[str, int, bytes]  # topic, time of recording [ns], CDR
+
+
+def small_scenario(max_duration: float, **servo: Any) -> Scenario:
+    """Return a run through a camera of 320x256 px, the real one with its pixels binned."""
+    camera = {
+        'width': 320,
+        'height': 256,
+        'focal_length': 769.2307692307693 / 4.0,
+        'principal_u': 158.375,
+        'principal_v': 127.625,
+    }
+    document = {'camera': camera, 'run': {'max_duration': max_duration}, 'servo': servo}
+    return from_document(document, 'test')
+
+
+def drive(scenario: Scenario, settings: LoopSettings) -> list[Message]:
+    """Let the nodes drive, and return all they said in the order in which it was heard."""
+    heard: list[Message] = []
+    referee = Referee(settings)
+    with Lockstep(scenario, settings) as nodes:
+        ear = Node('ear', context=nodes.context)
+        for topic, (kind, profile) in TOPICS.items():
+            ear.create_subscription(
+                kind,
+                topic,
+                lambda raw, topic=topic: heard.append((topic, 1_000 + len(heard), bytes(raw))),
+                profile,
+                raw=True,
+            )
+        nodes.add(ear)
+        nodes.add(ObserverNode(referee, lambda *_: None, with_images=False, context=nodes.context))
+        nodes.run(lambda: referee.done)
+    return heard
+
+
+def kind_of(topic: str) -> str:
+    """Return the type of one of the topics above, as bags name it."""
+    kind = TOPICS[topic][0]
+    return f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
+
+
+def write_bag(
+    path: Path, messages: Sequence[Message], *, storage: StoragePlugin = StoragePlugin.MCAP
+) -> Path:
+    """Write a bag of ``messages`` and return its folder."""
+    writer = Writer(path, version=9, storage_plugin=storage)
+    writer.open()
+    try:
+        connections = {
+            topic: writer.add_connection(topic, kind_of(topic), typestore=TYPES)
+            for topic in dict.fromkeys(topic for topic, _, _ in messages)
+        }
+        for topic, log_ns, raw in messages:
+            writer.write(connections[topic], log_ns, raw)
+    finally:
+        writer.close()
+    return path

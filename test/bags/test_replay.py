@@ -1,0 +1,203 @@
+"""Replay: the same to the last bit with the same parameters, and told apart with others."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+import struct
+from typing import Any
+
+from bagmaker import kind_of, Message, TYPES, write_bag
+import numpy as np
+import pytest
+from rclpy.serialization import serialize_message
+from rosbags.rosbag2 import StoragePlugin
+
+from visual_servo_epipolar.bags.read import Bag
+from visual_servo_epipolar.bags.read_run import read_run, Recording
+from visual_servo_epipolar.bags.read_topics import assigned
+from visual_servo_epipolar.bags.replay import replay, Step
+from visual_servo_epipolar.bags.replay_compare import compare, Comparison
+from visual_servo_epipolar.bags.replay_plan import Moment, plan, Wishes
+from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.messages import read, write
+
+FIRST = ('/desired/image_raw', '/tracker_node/desired/image_raw', '/tracker_node/settings')
+
+
+def replayed(
+    path: Path, *, tolerance: float = 0.0, topics: Mapping[str, str] | None = None, **wishes: Any
+) -> tuple[Recording, list[Step], Comparison]:
+    """Replay the bag at ``path`` and compare."""
+    with Bag(path) as bag:
+        run = read_run(bag, assigned(bag, topics or {}))
+        made, _ = plan(bag, run, Wishes(**wishes))
+        steps = replay(bag, run, made)
+    return run, steps, compare(run, steps, tolerance)
+
+
+def without(messages: list[Message], *topics: str) -> list[Message]:
+    return [item for item in messages if item[0] not in topics]
+
+
+@pytest.fixture(scope='session')
+def bag(small_run, tmp_path_factory) -> Path:
+    return write_bag(tmp_path_factory.mktemp('bags') / 'small', small_run)
+
+
+@pytest.mark.parametrize('from_tracks', [False, True])
+def test_the_same_parameters_give_the_same_commands_to_the_last_bit(
+    bag, small_run, from_tracks
+) -> None:
+    _, steps, comparison = replayed(bag, from_tracks=from_tracks)
+    commands = [
+        TYPES.deserialize_cdr(raw, kind_of(t)) for t, _, raw in small_run if t == '/cmd_vel'
+    ]
+    published = [struct.pack('<2d', m.linear.x, m.angular.z) for m in commands]
+    again = [
+        struct.pack('<2d', s.numbers['linear_m_s'], s.numbers['angular_rad_s']) for s in steps
+    ]
+    assert again == published
+    assert len(steps) >= 50
+    assert comparison.equal
+    assert comparison.compared == len(steps)
+    assert {'phase', 'epipole_current_px', 'linear_m_s'} <= comparison.differences.keys()
+    assert all(item.largest == 0.0 for item in comparison.differences.values())
+
+
+def test_two_replays_with_other_parameters_are_the_same(bag) -> None:
+    first, second = (
+        replayed(bag, changes={'servo': {'k1': 0.1}, 'tracker': {'max_features': 45}})[1]
+        for _ in range(2)
+    )
+    assert repr(first) == repr(second)  # for nan is not equal to itself
+
+
+def test_other_parameters_part_from_the_recorded_run_where_they_first_matter(bag) -> None:
+    _, steps, comparison = replayed(bag, changes={'servo': {'turn_gain': 0.4}})
+    assert not comparison.equal
+    parting = comparison.parting
+    assert parting is not None
+    assert parting.stamp_ns <= steps[1].key[0]  # it turns from the start
+    before, now = parting.values['angular_rad_s']
+    assert before != now
+    assert comparison.differences['linear_m_s'].compared == len(steps)
+    assert comparison.unheard
+
+
+def test_other_settings_of_the_tracker_part_as_well(bag) -> None:
+    _, _, comparison = replayed(bag, changes={'tracker': {'max_features': 30, 'min_features': 20}})
+    assert comparison.parting is not None
+    assert 'features' in comparison.parting.values
+
+
+def test_a_tolerance_forgives_what_is_small(bag) -> None:
+    changes = {'servo': {'turn_gain': 0.8 + 1e-9}}
+    assert not replayed(bag, from_tracks=True, changes=changes)[2].equal
+    assert replayed(bag, from_tracks=True, changes=changes, tolerance=1e-6)[2].equal
+
+
+def test_another_phase_is_never_forgiven(bag) -> None:
+    changes = {'servo': {'displacement_tolerance': 0.3}}
+    _, _, comparison = replayed(bag, from_tracks=True, changes=changes, tolerance=1e9)
+    assert comparison.parting is not None
+    assert comparison.parting.values.keys() == {'phase'}
+
+
+def test_sqlite3_holds_the_same(small_run, tmp_path) -> None:
+    path = write_bag(tmp_path / 'small', small_run, storage=StoragePlugin.SQLITE3)
+    assert replayed(path)[2].equal
+    assert replayed(next(path.glob('*.db3')))[2].equal
+
+
+def test_a_bag_file_is_read_without_its_folder(bag) -> None:
+    assert replayed(next(bag.glob('*.mcap')))[2].equal
+
+
+def test_a_gain_changed_on_the_way_is_replayed_from_the_stamp_it_held_from(
+    small_run, tmp_path
+) -> None:
+    kept = without(small_run, '/servo_node/settings')
+    (said,) = (
+        TYPES.deserialize_cdr(raw, kind_of(topic)).data
+        for topic, _, raw in small_run
+        if topic == '/servo_node/settings'
+    )
+    changed = said.replace('turn_gain: 0.8', 'turn_gain: 0.4')
+    assert changed != said
+    period_ns = 90_909_091
+    texts = [said, f'# after_stamp_ns: {4 * period_ns}\n{changed}']
+    more = [('/servo_node/settings', 0, serialize_message(write.text(text))) for text in texts]
+    path = write_bag(tmp_path / 'changed', [*more, *kept])
+    _, steps, comparison = replayed(path, from_tracks=True)
+    assert comparison.parting is not None
+    assert comparison.parting.stamp_ns == 5 * period_ns
+    _, expected, _ = replayed(path, from_tracks=True, changes={'servo': {'turn_gain': 0.4}})
+    assert steps[5].numbers['angular_rad_s'] != expected[0].numbers['angular_rad_s']
+
+
+def test_an_image_that_the_tracker_dropped_is_not_replayed(small_run, tmp_path) -> None:
+    dropped = 20
+    period_ns = 90_909_091
+
+    def of_stamp(item: Message) -> bool:
+        topic, _, raw = item
+        if topic not in ('/tracks', '/epipoles', '/diagnostics'):
+            return False
+        return (
+            read.stamp_ns(TYPES.deserialize_cdr(raw, kind_of(topic)).header) == dropped * period_ns
+        )
+
+    path = write_bag(tmp_path / 'dropped', [m for m in small_run if not of_stamp(m)])
+    _, steps, _ = replayed(path)
+    assert dropped * period_ns not in {step.key[0] for step in steps}
+
+
+def test_a_recorded_step_without_its_image_is_missed(small_run, tmp_path) -> None:
+    images = [item for item in small_run if item[0] == '/image_raw']
+    path = write_bag(tmp_path / 'lost', [item for item in small_run if item is not images[-5]])
+    _, _, comparison = replayed(path)
+    assert comparison.missing == 1
+    assert not comparison.equal
+
+
+def test_tracks_alone_are_replayed_by_themselves(small_run, tmp_path) -> None:
+    path = write_bag(tmp_path / 'tracks', without(small_run, '/image_raw', *FIRST[:2]))
+    with Bag(path) as opened:
+        run = read_run(opened, assigned(opened, {}))
+        made, notes = plan(opened, run, Wishes())
+    assert made.from_tracks
+    assert any('recorded tracks are replayed' in note for note in notes)
+    assert replayed(path)[2].equal
+
+
+def test_the_photograph_may_come_from_the_simulator_alone(small_run, tmp_path) -> None:
+    path = write_bag(tmp_path / 'desired', without(small_run, '/tracker_node/desired/image_raw'))
+    assert replayed(path)[2].equal
+
+
+def test_the_photograph_may_be_an_image_of_the_bag(bag) -> None:
+    _, steps, _ = replayed(bag, desired=Moment(0, since_first=True))
+    assert steps[0].numbers['feature_error_px'] < 0.1
+    stamp_ns = steps[10].key[0]
+    _, steps, _ = replayed(bag, desired=Moment(stamp_ns + 1_000))
+    assert steps[10].numbers['feature_error_px'] < 0.1
+
+
+def test_a_photograph_of_another_time_is_refused(bag) -> None:
+    with pytest.raises(
+        InputError, match=r'no image was taken at 99.000 s; choose a stamp from 0.0'
+    ):
+        replayed(bag, desired=Moment(99_000_000_000))
+
+
+def test_the_path_of_ground_truth_is_that_of_the_recorded_run(bag) -> None:
+    from visual_servo_epipolar.bags.replay_result import document, has_truth, run_log
+
+    run, steps, _ = replayed(bag, from_tracks=True)
+    log = run_log(run, steps, seed=0, law='full')
+    assert has_truth(run, steps)
+    np.testing.assert_allclose(log.start, (0.3, -2.2, 0.0), atol=1e-12)
+    assert document(log, truth=True)['path_length_m'] > 0.01
+    blind = replace(run, poses={})
+    assert not has_truth(blind, steps)
+    assert document(run_log(blind, steps, seed=0, law='full'), truth=False)['start'] is None

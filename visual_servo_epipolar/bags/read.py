@@ -1,0 +1,197 @@
+"""
+Bags as they are: rosbag2 (mcap, sqlite3) of any distribution and ROS 1, whole or damaged.
+
+Whatever is wrong with a bag ends in one InputError: its bytes come from elsewhere, and the
+libraries that decode them answer damage with errors of every kind.
+"""
+
+from collections.abc import Collection, Iterator
+from contextlib import AbstractContextManager, contextmanager, ExitStack
+from dataclasses import dataclass
+from functools import cache
+import heapq
+from operator import itemgetter
+from pathlib import Path
+import struct
+from typing import Any
+
+import apsw
+from rosbags import rosbag1, rosbag2
+from rosbags.interfaces import Connection, MessageDefinitionFormat
+from rosbags.rosbag2.reader import zstd
+from rosbags.serde import SerdeError
+from rosbags.typesys import (
+    get_types_from_idl,
+    get_types_from_msg,
+    get_typestore,
+    Stores,
+    TypesysError,
+)
+from rosbags.typesys.store import Typestore
+
+from visual_servo_epipolar.core.errors import InputError
+
+STORAGE_SUFFIXES = ('.mcap', '.db3')
+DAMAGE = (
+    rosbag1.ReaderError,
+    rosbag2.ReaderError,
+    SerdeError,
+    TypesysError,
+    apsw.Error,
+    struct.error,
+    zstd.ZstdError,
+    ArithmeticError,
+    AssertionError,
+    AttributeError,
+    EOFError,
+    LookupError,
+    MemoryError,
+    OSError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+)
+ADVICE = 'the bag is damaged or was left open by a crash; try --repair'
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """A topic in a bag: its name, its type as package/msg/Name, how many messages it has."""
+
+    name: str
+    kind: str
+    count: int
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Recorded:
+    """One message as it was recorded at ``log_ns``; fields as in ROS, arrays by numpy."""
+
+    topic: str
+    log_ns: int
+    message: Any
+
+
+class Bag(AbstractContextManager['Bag']):
+    """
+    A bag open for reading: a rosbag2 folder, one of its .mcap or .db3 files, a ROS 1 .bag.
+
+    Raises
+    ------
+    InputError
+        Here and from every method, if the bag is missing, damaged, or of an unknown kind.
+
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._stack = ExitStack()
+        with intact(path):
+            self._readers = [self._stack.enter_context(_reader(item)) for item in _parts(path)]
+            self._connections = [item for reader in self._readers for item in reader.connections]
+        self._is_ros1 = path.suffix == '.bag'
+        self._types = _types(self._is_ros1)
+        self.topics = self._topics()
+
+    def __exit__(self, *_: object) -> None:
+        with intact(self.path):
+            self._stack.close()
+
+    def messages(self, names: Collection[str]) -> Iterator[Recorded]:
+        """Yield the messages of the topics called ``names`` in the order of recording."""
+        chosen = [item for item in self._connections if item.topic in names]
+        for connection in chosen:
+            with intact(self.path):
+                self._check_definition(connection)
+        streams = [self._stream(reader, chosen) for reader in self._readers]
+        yield from heapq.merge(*streams, key=lambda item: item.log_ns)
+
+    def _stream(self, reader: Any, chosen: Collection[Connection]) -> Iterator[Recorded]:
+        own = [item for item in chosen if item in reader.connections]
+        if not own:
+            return
+        raw_messages = reader.messages(own)
+        while True:
+            with intact(self.path):
+                try:
+                    connection, log_ns, raw = next(raw_messages)
+                except StopIteration:
+                    return
+                message = self._decoded(raw, connection.msgtype)
+            yield Recorded(connection.topic, log_ns, message)
+
+    def _decoded(self, raw: bytes, kind: str) -> Any:
+        if self._is_ros1:
+            return self._types.deserialize_ros1(raw, kind)
+        return self._types.deserialize_cdr(raw, kind)
+
+    def _check_definition(self, connection: Connection) -> None:
+        """Refuse a type that the bag itself defines otherwise than ROS does."""
+        text, kind = connection.msgdef.data, connection.msgtype
+        if connection.msgdef.format is MessageDefinitionFormat.MSG:
+            found = get_types_from_msg(text, kind)
+        elif connection.msgdef.format is MessageDefinitionFormat.IDL:
+            found = get_types_from_idl(text)
+        else:
+            return
+        for name, (_, fields) in found.items():
+            known = self._types.fielddefs.get(name)
+            if known is None or known[1] != fields:
+                raise InputError(
+                    f'{self.path}: {connection.topic}: {name} is defined otherwise than in ROS; '
+                    'the bag is damaged, or convert it'
+                )
+
+    def _topics(self) -> dict[str, Topic]:
+        topics: dict[str, Topic] = {}
+        for item in sorted(self._connections, key=itemgetter(1)):
+            before = topics.get(item.topic)
+            if before is not None and before.kind != item.msgtype:
+                raise InputError(
+                    f'{self.path}: {item.topic} has messages of {before.kind} and {item.msgtype}; '
+                    'a topic must have one type'
+                )
+            count = item.msgcount + (0 if before is None else before.count)
+            topics[item.topic] = Topic(item.topic, item.msgtype, count)
+        return topics
+
+
+@contextmanager
+def intact(path: Path) -> Iterator[None]:
+    """Turn whatever damage raises into one InputError that names the bag."""
+    try:
+        yield
+    except DAMAGE as error:
+        said = ' '.join(str(error).split()) or type(error).__name__
+        raise InputError(f'{path}: bag cannot be read: {said:.300}; {ADVICE}') from error
+
+
+@cache
+def _types(is_ros1: bool) -> Typestore:
+    """Return the types of ROS: what is read here is the same from dashing to today."""
+    return get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_JAZZY)
+
+
+def _parts(path: Path) -> list[Path]:
+    """Return what to open: the bag itself, or its files where metadata.yaml is missing."""
+    if not path.exists():
+        raise InputError(f'{path}: no such bag; give a rosbag2 folder, a .mcap, .db3 or .bag file')
+    if not path.is_dir():
+        if path.suffix not in (*STORAGE_SUFFIXES, '.bag'):
+            raise InputError(
+                f'{path}: not a bag; give a rosbag2 folder, a .mcap, .db3 or .bag file'
+            )
+        return [path]
+    if (path / 'metadata.yaml').is_file():
+        return [path]
+    files = sorted(item for item in path.iterdir() if item.suffix in STORAGE_SUFFIXES)
+    if not files:
+        raise InputError(
+            f'{path}: not a bag: it has neither metadata.yaml nor .mcap or .db3 files; give the '
+            'folder that was recorded'
+        )
+    return files
+
+
+def _reader(path: Path) -> Any:
+    return rosbag1.Reader(path) if path.suffix == '.bag' else rosbag2.Reader(path)

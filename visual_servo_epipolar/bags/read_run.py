@@ -1,0 +1,174 @@
+"""What a bag says of a run, but for the images: they are too many to be kept, and are streamed."""
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TypeVar
+
+from visual_servo_epipolar.bags.read import Bag, Recorded, Topic
+from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.camera import Camera
+from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.motion import Pose, Twist
+from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
+from visual_servo_epipolar.messages import read
+from visual_servo_epipolar.messages.settings_text import from_text, NodeSettings
+
+T = TypeVar('T')
+Key = tuple[int, int]  # stamp [ns], and how many messages of the topic had it before
+History = Sequence[tuple[int | None, T]]  # in force after a stamp [ns]; None: from the beginning
+
+MAX_GAP_S = 3600.0
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """A velocity command as recorded; ``stamp_ns`` is None where the type has none."""
+
+    log_ns: int
+    stamp_ns: int | None
+    twist: Twist
+
+
+@dataclass(kw_only=True)
+class Recording:
+    """
+    A run as recorded: what the nodes were told, what the servo said, what was true.
+
+    ``tracked`` and ``numbers`` are empty where tracker or servo was not recorded; ``numbers`` is
+    the telemetry of each step, ``diagnoses`` phase and reason by stamp. A camera that cannot be
+    used is the reason why.
+    """
+
+    topics: Mapping[str, Topic]
+    cameras: list[tuple[int | None, Camera | str]] = field(default_factory=list)
+    photographs: list[tuple[int | None, Image]] = field(default_factory=list)
+    tracker: list[tuple[int | None, NodeSettings]] = field(default_factory=list)
+    servo: list[tuple[int | None, NodeSettings]] = field(default_factory=list)
+    tracked: set[Key] = field(default_factory=set)
+    numbers: dict[Key, dict[str, float]] = field(default_factory=dict)
+    diagnoses: dict[int, dict[str, str]] = field(default_factory=dict)
+    commands: list[Command] = field(default_factory=list)
+    poses: dict[int, Pose] = field(default_factory=dict)
+
+
+class Order:
+    """Checks that the stamps of a topic advance, and tells messages of one stamp apart."""
+
+    def __init__(self, path: Path, topic: Topic) -> None:
+        self._where, self._seen = f'{path}: stamps of {topic.name}', Counter[int]()
+        self._last: int | None = None
+
+    def key(self, item: Recorded) -> Key:
+        """Return the key of the next message; raises InputError where time jumps."""
+        stamp_ns, last = read.stamp_ns(item.message.header), self._last
+        if last is not None and not 0.0 <= seconds_between(last, stamp_ns) <= MAX_GAP_S:
+            raise InputError(
+                f'{self._where} must not run backwards or leap by more than {MAX_GAP_S:g} s, got '
+                f'{stamp_ns / NANOSECONDS:.3f} s after {last / NANOSECONDS:.3f} s; a clock was '
+                'set while recording: cut the bag there'
+            )
+        self._last, number = stamp_ns, self._seen[stamp_ns]
+        self._seen[stamp_ns] += 1
+        return stamp_ns, number
+
+
+def in_force(history: History[T], stamp_ns: int) -> T | None:
+    """Return what of ``history`` holds for an image of ``stamp_ns``; None before the first."""
+    held = None
+    for after_ns, value in history:
+        if after_ns is None or after_ns < stamp_ns:
+            held = value
+    return held
+
+
+@contextmanager
+def usable(path: Path, item: Recorded) -> Iterator[None]:
+    """Turn a message that cannot be used into an InputError that names it."""
+    try:
+        yield
+    except ValueError as error:
+        raise InputError(f'{path}: a message of {item.topic} cannot be used: {error}') from None
+
+
+def read_run(bag: Bag, topics: Mapping[str, Topic]) -> Recording:
+    """Read all but the images of a bag; raises InputError for what cannot be used."""
+    run = Recording(topics=topics)
+    takers = {topics[role].name: take for role, take in TAKERS.items() if role in topics}
+    orders = {
+        topics[role].name: Order(bag.path, topics[role]) for role in ORDERED if role in topics
+    }
+    for item in bag.messages(takers.keys()):
+        with usable(bag.path, item):
+            order = orders.get(item.topic)
+            takers[item.topic](run, item, (0, 0) if order is None else order.key(item))
+    return run
+
+
+def _take_camera(run: Recording, item: Recorded, key: Key) -> None:
+    camera: Camera | str
+    try:
+        camera = read.camera(item.message)
+    except ValueError as error:
+        camera = str(error)
+    if not run.cameras or run.cameras[-1][1] != camera:
+        # That of an image has the very stamp of the image, so it holds from just before.
+        run.cameras.append(
+            (read.stamp_ns(item.message.header) - 1 if run.cameras else None, camera)
+        )
+
+
+def _take_photograph(run: Recording, item: Recorded, key: Key) -> None:
+    # The tracker states the stamp of the last image before, 0 if there was none.
+    after_ns = read.stamp_ns(item.message.header) or None
+    run.photographs.append((after_ns, read.gray(item.message)))
+
+
+def _take_tracker_settings(run: Recording, item: Recorded, key: Key) -> None:
+    settings = from_text(item.message.data)
+    run.tracker.append((settings.after_stamp_ns, settings))
+
+
+def _take_servo_settings(run: Recording, item: Recorded, key: Key) -> None:
+    settings = from_text(item.message.data)
+    run.servo.append((settings.after_stamp_ns, settings))
+
+
+def _take_tracks(run: Recording, item: Recorded, key: Key) -> None:
+    run.tracked.add(key)
+
+
+def _take_numbers(run: Recording, item: Recorded, key: Key) -> None:
+    run.numbers[key] = read.numbers(item.message)
+
+
+def _take_diagnosis(run: Recording, item: Recorded, key: Key) -> None:
+    said = read.diagnosis(item.message) if item.message.status else {}
+    if 'phase' in said:  # others talk here as well
+        run.diagnoses[read.stamp_ns(item.message.header)] = said
+
+
+def _take_command(run: Recording, item: Recorded, key: Key) -> None:
+    header = getattr(item.message, 'header', None)
+    stamp_ns = None if header is None else read.stamp_ns(header)
+    run.commands.append(Command(item.log_ns, stamp_ns, read.twist(item.message)))
+
+
+def _take_pose(run: Recording, item: Recorded, key: Key) -> None:
+    run.poses[key[0]] = read.pose(item.message)
+
+
+ORDERED = ('tracks', 'epipoles', 'ground_truth')
+TAKERS: Mapping[str, Callable[[Recording, Recorded, Key], None]] = {
+    'camera_info': _take_camera,
+    'desired': _take_photograph,
+    'tracker_settings': _take_tracker_settings,
+    'servo_settings': _take_servo_settings,
+    'tracks': _take_tracks,
+    'epipoles': _take_numbers,
+    'diagnostics': _take_diagnosis,
+    'cmd_vel': _take_command,
+    'ground_truth': _take_pose,
+}

@@ -1,0 +1,155 @@
+"""What a bag is replayed with: what was recorded, changed as the user says."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from typing import Any, TypeVar
+
+from visual_servo_epipolar.bags.read import Bag, Recorded
+from visual_servo_epipolar.bags.read_run import Recording, usable
+from visual_servo_epipolar.bags.replay import Plan
+from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.camera import Camera
+from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.servo_settings import ServoSettings
+from visual_servo_epipolar.core.settings import Settings, updated
+from visual_servo_epipolar.core.stamps import NANOSECONDS
+from visual_servo_epipolar.core.tracker_settings import TrackerSettings
+from visual_servo_epipolar.messages import read
+from visual_servo_epipolar.messages.settings_text import NodeSettings
+
+SettingsT = TypeVar('SettingsT', bound=Settings)
+NEAR_NS = NANOSECONDS // 2  # how far from the stamp asked for the photograph may be
+OWN_PHOTOGRAPH = 'tracker_node/desired/image_raw'
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """When an image was taken: its stamp [ns], or the time since the first image [ns]."""
+
+    time_ns: int
+    since_first: bool = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wishes:
+    """
+    What the user wants otherwise than recorded.
+
+    ``desired`` is a photograph, or when it was taken; ``changes`` are settings by section,
+    ``tracker`` and ``servo``.
+    """
+
+    from_tracks: bool = False
+    camera: Camera | None = None
+    desired: Image | Moment | None = None
+    changes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+
+
+def plan(bag: Bag, run: Recording, wishes: Wishes) -> tuple[Plan, list[str]]:
+    """
+    Return what to replay with, and notes on what had to be assumed.
+
+    Raises
+    ------
+    InputError
+        If the bag lacks what is needed, or a setting is not what it may be.
+
+    """
+    notes: list[str] = []
+    from_tracks = _from_tracks(bag, run, wishes, notes)
+    made = Plan(
+        from_tracks=from_tracks,
+        servo=_settings(ServoSettings(), run.servo, wishes.changes.get('servo', {}), notes),
+        tracker=_settings(
+            TrackerSettings(), run.tracker, wishes.changes.get('tracker', {}), notes
+        ),
+        cameras=_cameras(bag, run, wishes),
+        photographs=() if from_tracks else _photographs(bag, run, wishes),
+    )
+    return made, notes
+
+
+def _from_tracks(bag: Bag, run: Recording, wishes: Wishes, notes: list[str]) -> bool:
+    images, tracks = 'image' in run.topics, 'tracks' in run.topics
+    seen = bool(run.photographs) or wishes.desired is not None
+    if tracks and (wishes.from_tracks or not (images and seen)):
+        if not wishes.from_tracks:
+            notes.append('the bag has no images with a desired one: recorded tracks are replayed')
+        return True
+    if wishes.from_tracks or not images:
+        wanted = 'tracks' if wishes.from_tracks else 'images or tracks'
+        raise InputError(
+            f'{bag.path}: no {wanted} to replay; it has {", ".join(bag.topics) or "no topics"}: '
+            'name one with --topics image=NAME or tracks=NAME'
+        )
+    if not seen:
+        raise InputError(
+            f'{bag.path}: no desired image; give a file, or a stamp in the bag, by --desired'
+        )
+    return False
+
+
+def _settings(
+    default: SettingsT,
+    history: Sequence[tuple[int | None, NodeSettings]],
+    changes: Mapping[str, Any],
+    notes: list[str],
+) -> list[tuple[int | None, SettingsT]]:
+    """Return the settings in their time, each with ``changes`` in place."""
+    section = type(default).__name__.removesuffix('Settings').lower()
+    known = {item.name for item in fields(default)}
+    if not history:
+        notes.append(f'no parameters of the {section} in the bag: those not given are defaults')
+    found: list[tuple[int | None, SettingsT]] = []
+    try:
+        for after_ns, said in history:
+            values = {name: value for name, value in said.values.items() if name in known}
+            settings = updated(default, values, f'recorded {section}')
+            found.append((after_ns, updated(settings, changes, section)))
+        return found or [(None, updated(default, changes, section))]
+    except (TypeError, ValueError) as error:
+        raise InputError(str(error)) from None
+
+
+def _cameras(
+    bag: Bag, run: Recording, wishes: Wishes
+) -> Sequence[tuple[int | None, Camera | str]]:
+    if wishes.camera is not None:
+        return [(None, wishes.camera)]
+    if not run.cameras:
+        raise InputError(
+            f'{bag.path}: no camera_info; name its topic with --topics camera_info=NAME, or give '
+            'a camera file: --camera FILE.yaml'
+        )
+    return run.cameras
+
+
+def _photographs(bag: Bag, run: Recording, wishes: Wishes) -> Sequence[tuple[int | None, Image]]:
+    if isinstance(wishes.desired, Moment):
+        return [(None, _image_at(bag, run, wishes.desired))]
+    if wishes.desired is not None:
+        return [(None, wishes.desired)]
+    if run.topics['desired'].name.endswith(OWN_PHOTOGRAPH):
+        return run.photographs
+    # Not from the tracker: when it was taken over is not known, but surely before it was needed.
+    return [(None, run.photographs[0][1]), *run.photographs[1:]]
+
+
+def _image_at(bag: Bag, run: Recording, moment: Moment) -> Image:
+    """Return the image of the bag that was taken nearest to ``moment``."""
+    best: Recorded | None = None
+    first_ns, last_ns, off_ns, wanted_ns = 0, 0, 0, moment.time_ns
+    for number, item in enumerate(bag.messages([run.topics['image'].name])):
+        last_ns = read.stamp_ns(item.message.header)
+        if number == 0:
+            first_ns = last_ns
+            wanted_ns += first_ns if moment.since_first else 0
+        if best is None or abs(last_ns - wanted_ns) < off_ns:
+            best, off_ns = item, abs(last_ns - wanted_ns)
+    if best is None or off_ns > NEAR_NS:
+        raise InputError(
+            f'{bag.path}: no image was taken at {wanted_ns / NANOSECONDS:.3f} s; choose a stamp '
+            f'from {first_ns / NANOSECONDS:.3f} s to {last_ns / NANOSECONDS:.3f} s'
+        )
+    with usable(bag.path, best):
+        return read.gray(best.message)

@@ -1,0 +1,63 @@
+"""What a replay tells, in the form in which every run is told."""
+
+from collections.abc import Sequence
+import math
+from typing import Any
+
+from visual_servo_epipolar.bags.read_run import Recording
+from visual_servo_epipolar.bags.replay import Step
+from visual_servo_epipolar.core.motion import DESIRED_POSE, Pose
+from visual_servo_epipolar.core.phases import ENDED, Phase
+from visual_servo_epipolar.core.run_log import RunLog, summarise
+from visual_servo_epipolar.core.telemetry import sample
+
+FROM_TRUTH = (
+    'start',
+    'position_error_m',
+    'lateral_error_m',
+    'longitudinal_error_m',
+    'heading_error_deg',
+    'path_length_m',
+    'max_distance_ratio',
+)
+
+
+def has_truth(run: Recording, steps: Sequence[Step]) -> bool:
+    """Return whether ground truth was recorded for every step."""
+    return all(done.key[0] in run.poses for done in steps)
+
+
+def run_log(run: Recording, steps: Sequence[Step], *, seed: int, law: str) -> RunLog:
+    """
+    Return the replay as the record of a run; without ground truth all poses are the goal's.
+
+    The path is that of the recorded run: a replay moves nothing.
+    """
+    poses = [run.poses.get(done.key[0], DESIRED_POSE) for done in steps]
+    samples = tuple(
+        sample(done.key[0], pose, done.phase, done.numbers)
+        for done, pose in zip(steps, poses, strict=True)
+    )
+    last = steps[-1]
+    reason = last.reason
+    if last.phase not in ENDED:
+        reason = f'the bag ends in {last.phase.value}' + (f': {reason}' if reason else '')
+    return RunLog(
+        _start(poses[0]),
+        seed,
+        samples,
+        'arrived' if last.phase is Phase.ARRIVED else 'failed',
+        reason,
+        int(last.numbers['attempt']),
+        law,
+    )
+
+
+def document(log: RunLog, *, truth: bool) -> dict[str, Any]:
+    """Return the run JSON; what only ground truth could tell is null where there is none."""
+    result = summarise(log)
+    return result if truth else {**result, **dict.fromkeys(FROM_TRUTH)}
+
+
+def _start(pose: Pose) -> tuple[float, float, float]:
+    return (pose.x, pose.y, math.degrees(pose.heading_error))

@@ -1,0 +1,85 @@
+"""``visual_servo replay``: a bag through the same tracker and servo, with any parameters."""
+
+import argparse
+from typing import Any
+
+from visual_servo_epipolar.commands.arguments import finite
+from visual_servo_epipolar.core.errors import InputError
+
+NO_ROSBAGS = 'bags cannot be read: {}; pip install rosbags'
+ROLES = (
+    'image, camera_info, desired, tracks, cmd_vel, epipoles, diagnostics, ground_truth, '
+    'tracker_settings, servo_settings'
+)
+
+
+def add_to(kinds: Any) -> None:
+    """Add the subcommand."""
+    parser = kinds.add_parser(
+        'replay', help='a bag through the same tracker and servo', description=__doc__
+    )
+    add_bag_options(parser)
+    parser.add_argument(
+        '--out', metavar='DIR', help='folder for replay.json and a figure of both runs'
+    )
+    parser.add_argument(
+        '--tolerance',
+        type=_tolerance,
+        metavar='T',
+        help='how far numbers may differ, in their units and relative above 1 (default 0 where '
+        'the servo was recorded, otherwise any)',
+    )
+    parser.add_argument(
+        '--json', metavar='FILE', help='write the result as JSON to FILE, - for standard output'
+    )
+    parser.set_defaults(run=run)
+
+
+def add_bag_options(parser: argparse.ArgumentParser) -> None:
+    """Add what says which bag, and how to read and replay it."""
+    parser.add_argument('bag', metavar='BAG', help='rosbag2 folder, .mcap, .db3, or ROS 1 .bag')
+    parser.add_argument(
+        '--set',
+        nargs='+',
+        action='extend',
+        default=[],
+        metavar='SECTION.NAME=VALUE',
+        help='replay with other settings, such as servo.k1=0.1 or tracker.max_features=80',
+    )
+    parser.add_argument('--params', metavar='FILE', help='the same from a ROS parameter file')
+    parser.add_argument(
+        '--topics',
+        nargs='+',
+        action='extend',
+        default=[],
+        metavar='ROLE=NAME',
+        help=f'topics of other names; roles: {ROLES}',
+    )
+    parser.add_argument(
+        '--desired',
+        metavar='FILE|STAMP',
+        help='photograph of the goal: an image file, or the stamp [s] of an image in the bag; '
+        '+S counts from the first one',
+    )
+    parser.add_argument(
+        '--camera', metavar='FILE.yaml', help='camera file, for a bag without camera_info'
+    )
+    parser.add_argument(
+        '--tracks', action='store_true', help='replay the recorded tracks instead of the images'
+    )
+
+
+def run(options: argparse.Namespace) -> int:
+    """Replay, print, write; return 0 if nothing differs from what was recorded."""
+    try:
+        from visual_servo_epipolar.commands.replay_run import replay_and_tell
+    except ImportError as error:
+        raise InputError(NO_ROSBAGS.format(error)) from None
+    return 0 if replay_and_tell(options) else 1
+
+
+def _tolerance(text: str) -> float:
+    value = finite(text)
+    if value < 0.0:
+        raise argparse.ArgumentTypeError(f'{text!r} is negative')
+    return value

@@ -1,0 +1,97 @@
+"""Settings to replay with: ``--set servo.k1=0.1``, and parameter files as nodes take them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.servo_settings import ServoSettings
+from visual_servo_epipolar.core.tracker_settings import TrackerSettings
+from visual_servo_epipolar.messages.settings_text import sections
+
+Changes = dict[str, dict[str, Any]]
+
+KINDS = {'servo': ServoSettings, 'tracker': TrackerSettings}
+# What tells a node how it is connected says nothing to a replay.
+CONNECTION = frozenset(
+    {
+        'base_frame',
+        'camera_reliability',
+        'desired_image',
+        'enable_stamped_cmd_vel',
+        'use_sim_time',
+        'watchdog',
+    }
+)
+
+
+def changes_of(words: Sequence[str], params: str | None) -> Changes:
+    """
+    Return settings by section; what is set by a word overrules the file.
+
+    Raises
+    ------
+    InputError
+        If a word is not SECTION.NAME=VALUE, or the file is none of parameters. Whether the values
+        will do is not looked at.
+
+    """
+    changes: Changes = {} if params is None else _from_file(Path(params))
+    for word in words:
+        name, equals, value = word.partition('=')
+        section, dot, setting = name.partition('.')
+        if not (equals and dot and setting and section in KINDS):
+            raise InputError(
+                f'--set takes SECTION.NAME=VALUE with a section of {", ".join(KINDS)}, as in '
+                f'servo.k1=0.1, got {word!r}'
+            )
+        changes.setdefault(section, {})[setting] = _value(value)
+    return changes
+
+
+def _value(text: str) -> Any:
+    """Return what YAML makes of ``text``; 1e-3, a word to YAML, is a number as well."""
+    try:
+        value = yaml.safe_load(text)
+    except (yaml.YAMLError, ValueError):
+        return text
+    if isinstance(value, str):
+        try:
+            return float(value)
+        except ValueError:
+            pass
+    return value
+
+
+def _from_file(path: Path) -> Changes:
+    try:
+        found = sections(path.read_text(encoding='utf-8'))
+    except OSError as error:
+        raise InputError(f'{path}: parameters cannot be read: {error.strerror}') from None
+    except ValueError as error:
+        raise InputError(f'{path}: {error}') from None
+    changes: Changes = {}
+    for node, values in found.items():
+        for section, kind in KINDS.items():
+            known = {item.name for item in fields(kind)}
+            if node.rpartition('/')[2] == f'{section}_node':
+                _refuse_unknown(path, node, values, known)
+            elif node != '/**':
+                continue
+            fitting = {name: value for name, value in values.items() if name in known}
+            changes.setdefault(section, {}).update(fitting)
+    if not any(changes.values()):
+        raise InputError(f'{path}: no parameters of servo_node or tracker_node in this file')
+    return changes
+
+
+def _refuse_unknown(path: Path, node: str, values: Mapping[str, Any], known: set[str]) -> None:
+    unknown = sorted(values.keys() - known - CONNECTION)
+    if unknown:
+        raise InputError(
+            f'{path}: {node} has no parameter {", ".join(unknown)}; it has '
+            f'{", ".join(sorted(known))}'
+        )
