@@ -64,6 +64,25 @@ def test_what_passes_is_over_after_its_duration(kind: dict[str, Any]) -> None:
     np.testing.assert_array_equal(disturbed(**kind).apply(textured(), 30), textured())
 
 
+@pytest.mark.parametrize('kind', KINDS[2:])
+def test_what_passes_comes_back_when_told_to(kind: dict[str, Any]) -> None:
+    often = disturbed(**kind, disturbed_every=25)
+    image = textured()
+    assert [(often.apply(image, frame) != image).any() for frame in (9, 20, 34, 45, 59, 70)] == [
+        False,
+        True,
+        False,
+        True,
+        False,
+        True,
+    ]
+
+
+def test_one_disturbance_must_end_before_the_next_begins() -> None:
+    with pytest.raises(ValueError, match='0 or at least disturbed_for, got 19 and 20 frames'):
+        disturbed(disturbed_every=19)
+
+
 def test_the_light_stays_as_the_step_leaves_it() -> None:
     assert (disturbed(light_step=-0.3).apply(GREY, 400) == 70).all()
     assert (disturbed(light_step=2.0).apply(GREY, 10) == 255).all()  # saturated, not wrapped

@@ -1,17 +1,37 @@
 """The cloud of points: what a perfect tracker would see of it."""
 
+from dataclasses import replace
 import math
 
 from hypothesis import given, settings
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 from strategies import CAMERA, poses_behind_the_goal
 
 from visual_servo_epipolar.core.epipolar import fundamental_from_pose, sampson_distance
 from visual_servo_epipolar.core.motion import DESIRED_POSE, HALF_PI, Pose
+from visual_servo_epipolar.simulation.disturbances import Disturbances, DisturbanceSettings
+from visual_servo_epipolar.simulation.mounting import floor_jitter
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
+from visual_servo_epipolar.simulation.renderer import Renderer
+from visual_servo_epipolar.simulation.scenario import from_document
+from visual_servo_epipolar.simulation.surfaces import ROOM, Scene, Surface, Texture
+from visual_servo_epipolar.simulation.views import points_of
 
 EXACT = PointSettings(noise=0.0)
+FLOOR = Scene(
+    (
+        Surface(
+            'floor',
+            ROOM,
+            np.array([-5.0, 9.0, 0.0]),
+            np.array([10.0, 0.0, 0.0]),
+            np.array([0.0, -20.0, 0.0]),
+            Texture(np.zeros((4, 4), np.uint8)),
+        ),
+    )
+)
 BEHIND = Pose(1.0, -3.0, HALF_PI)
 
 
@@ -106,3 +126,92 @@ def test_points_lie_between_near_and_far() -> None:
     assert EXACT.near - 1e-6 <= depth.min()
     assert depth.max() <= EXACT.far + 1e-6
     assert math.isclose(depth.mean(), 5.5, rel_tol=0.15)  # uniform from 3 to 8 m
+
+
+@settings(max_examples=30)
+@given(poses_behind_the_goal(), st.integers(0, 10**6))
+def test_points_are_seen_as_a_camera_in_a_room_sees_them(pose: Pose, frame: int) -> None:
+    shaken = {'jitter': 0.01, 'tilt': 0.05, 'roll': -0.03, 'mount_forward': 0.2, 'mount_left': 0.1}
+    scenario = from_document({'camera': shaken}, 'test').seeded(5)
+    cloud, camera = points_of(scenario, 5), scenario.camera
+    renderer = Renderer(FLOOR, camera.camera, camera.mount)
+    tilt, roll = floor_jitter(camera.jitter, camera.seed, frame)
+    expected, visible = renderer.project(cloud.points, pose, tilt=tilt, roll=roll)
+    found, seen = cloud.project(pose, frame)
+    np.testing.assert_array_equal(seen, visible)
+    np.testing.assert_allclose(found[seen], expected[seen], atol=1e-9)
+
+
+def test_a_floor_that_shakes_moves_what_is_seen_from_the_goal() -> None:
+    shaken = PointWorld(EXACT, CAMERA, seed=0, jitter=0.002)
+    shift = [
+        (seen.current - seen.desired).mean(axis=0)
+        for seen in (shaken.observe(DESIRED_POSE, frame) for frame in range(200))
+    ]
+    # Tilt moves the image by 769 px a radian and, away from the middle, some more; the deviation
+    # of 200 numbers is known to 5 %. Roll moves left and right in opposite directions.
+    down = np.array(shift)[:, 1]
+    assert down.std() == pytest.approx(0.002 * CAMERA.fy, rel=0.3)
+    assert np.array(shift)[:, 0].std() < 0.3 * down.std()
+
+
+@pytest.mark.parametrize('ratio', [0.0, 0.2, 0.6])
+def test_as_many_features_are_mistaken_as_asked_for(ratio: float) -> None:
+    mistaken = world(replace(EXACT, outlier_ratio=ratio, max_features=240))
+    shares = [wrong(mistaken, frame).mean() for frame in range(0, 440, 11)]
+    # 40 frames of 240 features or fewer: the share is known to 0.8 % at worst.
+    assert np.mean(shares) == pytest.approx(ratio, abs=0.03)
+
+
+def wrong(cloud: PointWorld, frame: int) -> np.ndarray:
+    """Return which of the features seen in ``frame`` are not where their points are."""
+    seen = cloud.observe(BEHIND, frame)
+    return np.hypot(*(seen.current - cloud.project(BEHIND, frame)[0][seen.ids]).T) > 1.0
+
+
+def test_what_is_mistaken_stays_so_for_some_frames() -> None:
+    mistaken = world(replace(EXACT, outlier_ratio=0.3, outlier_frames=11))
+    first = wrong(mistaken, 22)
+    assert all((wrong(mistaken, frame) == first).all() for frame in range(23, 33))
+    assert not np.array_equal(mistaken.mistaken(33), mistaken.mistaken(32))
+
+
+def test_a_mistaken_feature_sits_on_another_point_in_view() -> None:
+    mistaken = world(replace(EXACT, outlier_ratio=0.5))
+    seen, (pixels, visible) = mistaken.observe(BEHIND, 0), mistaken.project(BEHIND, 0)
+    distance = np.linalg.norm(seen.current[:, None] - pixels[visible], axis=2).min(axis=1)
+    np.testing.assert_allclose(distance, 0.0, atol=1e-9)
+
+
+def test_who_passes_hides_points_and_gives_them_back() -> None:
+    passing = DisturbanceSettings(disturbed_from=5, disturbed_for=10, person=0.9)
+    passer = Disturbances((CAMERA.width, CAMERA.height), passing, 0)
+    everything = replace(EXACT, max_features=EXACT.candidates)
+    cloud = PointWorld(everything, CAMERA, seed=0, disturbances=passer)
+    before, during, after = (cloud.observe(BEHIND, frame) for frame in (4, 10, 15))
+    np.testing.assert_array_equal(before.ids, after.ids)
+    gone = np.setdiff1d(before.ids, during.ids)
+    assert 10 < len(gone) < 0.5 * len(before)
+    places = cloud.project(BEHIND, 10)[0]
+    assert passer.hides(places[gone], 10).all() and not passer.hides(places[during.ids], 10).any()
+
+
+def test_to_see_a_person_pass_costs_no_painting() -> None:
+    passing = DisturbanceSettings(disturbed_from=0, person=0.9, occlusion=0.3, shadow=0.5)
+    passer = Disturbances((CAMERA.width, CAMERA.height), passing, 0)
+    PointWorld(EXACT, CAMERA, seed=0, disturbances=passer).observe(BEHIND, 10)
+    painted = [vars(item) for item in (passer, *passer._passers)]
+    assert not any({'_board', '_clothes', '_shade'} & set(names) for names in painted)
+
+
+def test_a_believed_camera_is_not_the_one_that_sees() -> None:
+    believed = {'believed_focal_ratio': 0.5, 'believed_shift_u': 10.0, 'believed_shift_v': -4.0}
+    camera = from_document({'camera': believed}, 'test').camera
+    true, told = camera.camera, camera.believed
+    assert (told.fx, told.fy) == (0.5 * true.fx, 0.5 * true.fy)
+    assert (told.cx, told.cy) == (true.cx + 10.0, true.cy - 4.0)
+    plain, wrongly = (
+        points_of(from_document({'camera': item}, 'test'), 0).observe(BEHIND, 3)
+        for item in ({}, believed)
+    )
+    np.testing.assert_array_equal(plain.current, wrongly.current)

@@ -8,7 +8,6 @@ import pytest
 
 from visual_servo_epipolar.core.camera import Camera
 from visual_servo_epipolar.core.motion import DESIRED_POSE, Pose
-from visual_servo_epipolar.simulation.mounting import CameraMount
 from visual_servo_epipolar.simulation.raster import rasterize
 from visual_servo_epipolar.simulation.renderer import Renderer
 from visual_servo_epipolar.simulation.scene import room
@@ -83,16 +82,6 @@ def test_looking_down_lifts_the_image_and_a_clockwise_roll_turns_it_back() -> No
     rolled, _ = renderer.project(right, DESIRED_POSE, roll=0.1)
     assert tilted[0, 1] < level[0, 1] - 30.0
     assert rolled[0, 1] < level[0, 1] - 5.0
-
-
-def test_the_mount_carries_the_camera_ahead_of_the_axle() -> None:
-    centre = CameraMount(height=0.4, forward=0.2).centre(Pose(1.0, 2.0, math.pi))
-    np.testing.assert_allclose(centre, [0.8, 2.0, 0.4], atol=1e-12)
-
-
-def test_a_mount_that_looks_straight_down_is_refused() -> None:
-    with pytest.raises(ValueError, match='within'):
-        CameraMount(tilt=1.6)
 
 
 @pytest.mark.parametrize('camera', (CAMERA, LENS))

@@ -1,10 +1,14 @@
 """Scenario files: what they set, and how bad ones are refused."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.motion import Pose, Twist
+from visual_servo_epipolar.simulation.closed_loop import period_ns
+from visual_servo_epipolar.simulation.pioneer import Pioneer
 from visual_servo_epipolar.simulation.scenario import from_document, load, Scenario
 
 SCENARIOS = sorted((Path(__file__).parents[2] / 'config' / 'scenarios').glob('*.yaml'))
@@ -92,6 +96,45 @@ def test_the_scenarios_that_come_along_can_be_read(path: Path) -> None:
 def test_the_nominal_file_is_the_defaults() -> None:
     (nominal,) = (path for path in SCENARIOS if path.stem == 'nominal')
     assert load(nominal) == Scenario()
+
+
+@pytest.mark.parametrize('path', SCENARIOS, ids=lambda path: path.stem)
+def test_the_servo_knows_the_dead_zone_of_its_base(path: Path) -> None:
+    servo, base = load(path).servo, load(path).base
+    assert servo.dead_band_linear >= base.dead_zone_linear
+    assert servo.dead_band_angular >= base.dead_zone_angular
+
+
+@pytest.mark.parametrize(('name', 'frames'), [('nominal', 0), ('realistic', 1), ('harsh', 2)])
+def test_a_command_is_late_by_whole_frames(name: str, frames: int) -> None:
+    (path,) = (path for path in SCENARIOS if path.stem == name)
+    scenario, period = load(path), period_ns(load(path).camera.frame_rate)
+    start = Pose(0.0, 0.0, 0.0)
+    base = Pioneer(replace(scenario.base, dead_zone_linear=0.0), start, seed=0)
+    base.command(Twist(0.3, 0.0))
+    base.advance(frames * period)
+    assert base.pose == start
+    base.advance((frames + 1) * period)
+    # A full frame of speeding up is behind it.
+    full = (1.0 - scenario.base.slip) * scenario.base.acceleration * period / 1e9
+    assert base.twist.linear == pytest.approx(full, rel=0.02)
+
+
+def test_harsh_is_worse_than_realistic_and_realistic_than_nominal() -> None:
+    found = {path.stem: load(path) for path in SCENARIOS}
+    nominal, realistic, harsh = (found[name] for name in ('nominal', 'realistic', 'harsh'))
+    for part, names in WORSE.items():
+        for name in names:
+            values = [getattr(getattr(item, part), name) for item in (nominal, realistic, harsh)]
+            assert values[0] <= values[1] < values[2], (part, name)
+
+
+WORSE = {
+    'base': ('wheel_ratio', 'slip', 'dead_zone_linear', 'dead_zone_angular', 'command_delay'),
+    'camera': ('noise', 'gain_drift', 'jitter', 'tilt', 'roll', 'mount_forward'),
+    'points': ('noise', 'outlier_ratio'),
+    'disturbances': ('occlusion', 'person', 'shadow', 'light_wave'),
+}
 
 
 def test_a_seed_reaches_sensor_and_servo() -> None:
