@@ -173,7 +173,7 @@ def test_what_is_mistaken_stays_so_for_some_frames() -> None:
     mistaken = world(replace(EXACT, outlier_ratio=0.3, outlier_frames=11))
     first = wrong(mistaken, 22)
     assert all((wrong(mistaken, frame) == first).all() for frame in range(23, 33))
-    assert not np.array_equal(mistaken.mistaken(33), mistaken.mistaken(32))
+    assert not np.array_equal(mistaken.taken_for(33), mistaken.taken_for(32))
 
 
 def test_a_mistaken_feature_sits_on_another_point_in_view() -> None:

@@ -1,13 +1,16 @@
 """Where the camera sits on the robot, and what an uneven floor does to it."""
 
 from dataclasses import dataclass
+from functools import lru_cache
 import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.arrays import FloatArray, frozen
 from visual_servo_epipolar.core.motion import Pose
 from visual_servo_epipolar.simulation.sensor import DESIRED_FRAME
+
+BLOCK = 64  # frames whose chance is drawn at once: to begin a generator takes longer
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,5 +61,12 @@ def floor_jitter(deviation: float, seed: int, frame: int) -> tuple[float, float]
     """
     if deviation == 0.0:
         return 0.0, 0.0
-    tilt, roll = np.random.default_rng((seed, 4, frame - DESIRED_FRAME)).standard_normal(2)
-    return deviation * float(tilt), deviation * float(roll)
+    block, number = divmod(frame - DESIRED_FRAME, BLOCK)
+    tilt, roll = _bumps(seed, block)[number].tolist()
+    return deviation * tilt, deviation * roll
+
+
+@lru_cache(maxsize=1024)
+def _bumps(seed: int, block: int) -> FloatArray:
+    """Return tilt and roll in a block of frames, of unit deviation, shape (BLOCK, 2)."""
+    return frozen(np.random.default_rng((seed, 4, block)).standard_normal((BLOCK, 2)))

@@ -14,6 +14,7 @@ from visual_servo_epipolar.simulation.mounting import CameraMount, floor_jitter
 from visual_servo_epipolar.simulation.sensor import DESIRED_FRAME
 
 MIN_DEPTH_M = 0.3
+BLOCK = 32  # frames whose noise is drawn at once: to begin a generator takes longer
 MAX_RAY = 4.0  # farther from the axis no lens sees anything (76 deg)
 
 
@@ -60,6 +61,8 @@ class PointWorld:
         self.settings, self.camera, self.jitter, self._seed = settings, camera, jitter, seed
         self.mount = CameraMount() if mount is None else mount
         self._disturbances = disturbances
+        # Such a lens may show, folded back into the image, what it cannot see.
+        self._wide = camera.distorts or 0.5 * max(camera.width, camera.height) > camera.fx
         rng = np.random.default_rng((seed, 2))
         pixels = rng.random((settings.candidates, 2)) * [camera.width - 1, camera.height - 1]
         depth = settings.near + (settings.far - settings.near) * rng.random(settings.candidates)
@@ -67,18 +70,20 @@ class PointWorld:
         axes, centre = self._stance(DESIRED_POSE, DESIRED_FRAME)
         self.points: FloatArray = solid @ axes.T + centre  # in the world
         self._desired = pixels + settings.noise * rng.standard_normal(pixels.shape)
+        self._block, self._noises = -1, np.empty((0, *pixels.shape))
 
     def observe(self, pose: Pose, frame: int) -> Features:
-        """Return the features in view from ``pose``; ``frame`` fixes their noise."""
-        rng = np.random.default_rng((self._seed, 3, frame))
-        pixels, visible = self._mistaken(*self.project(pose, frame), frame)
+        """Return the features in view from ``pose``; ``frame``, 0, 1, ..., fixes their noise."""
+        pixels, visible = self.project(pose, frame)
+        taken_for = self.taken_for(frame)
+        if taken_for is not None:
+            pixels, visible = pixels[taken_for], visible[taken_for]
         if self._disturbances is not None:
-            visible = visible & ~self._disturbances.hides(pixels, frame)
-        noisy = pixels + self.settings.noise * rng.standard_normal(pixels.shape)
+            visible &= ~self._disturbances.hides(pixels, frame)
         ids = np.flatnonzero(visible)[: self.settings.max_features]
         return Features(
             ids=ids,
-            current=noisy[ids],
+            current=pixels[ids] + self._noise(frame)[ids],
             desired=self._desired[ids],
             ages=np.full(len(ids), frame),
             errors=np.zeros(len(ids)),
@@ -88,26 +93,32 @@ class PointWorld:
         """Return the true pixels, shape (N, 2), and which of them are in view, shape (N,)."""
         axes, centre = self._stance(pose, frame)
         seen = (self.points - centre) @ axes
-        ahead = seen[:, 2] > MIN_DEPTH_M
-        rays = seen[:, :2] / np.where(ahead, seen[:, 2], 1.0)[:, None]
-        ahead &= (np.abs(rays) < MAX_RAY).all(axis=1)
-        pixels = self.camera.pixels(np.clip(rays, -MAX_RAY, MAX_RAY))
-        return pixels, ahead & self.camera.contains(pixels)
+        depth = seen[:, 2]
+        rays = seen[:, :2] / np.maximum(depth, MIN_DEPTH_M)[:, None]
+        rays = np.clip(rays, -MAX_RAY, MAX_RAY)
+        pixels = self.camera.pixels(rays)
+        visible = (depth > MIN_DEPTH_M) & self.camera.contains(pixels)
+        if self._wide:
+            visible &= (np.abs(rays) < MAX_RAY).all(axis=1)
+        return pixels, visible
 
-    def mistaken(self, frame: int) -> IntArray:
-        """Return which point each feature is taken for in ``frame``, shape (N,); mostly itself."""
-        right = np.arange(len(self.points))
+    def taken_for(self, frame: int) -> IntArray | None:
+        """Return which point each feature is taken for, shape (N,); None: each for itself."""
         if self.settings.outlier_ratio == 0.0:
-            return right
+            return None
         rng = np.random.default_rng((self._seed, 7, frame // self.settings.outlier_frames))
-        wrong = rng.random(len(right)) < self.settings.outlier_ratio
-        return np.asarray(np.where(wrong, rng.permutation(len(right)), right))
+        count = len(self.points)
+        wrong = rng.random(count) < self.settings.outlier_ratio
+        return np.asarray(np.where(wrong, rng.permutation(count), np.arange(count)))
 
-    def _mistaken(
-        self, pixels: FloatArray, visible: BoolArray, frame: int
-    ) -> tuple[FloatArray, BoolArray]:
-        taken_for = self.mistaken(frame)
-        return pixels[taken_for], visible[taken_for]
+    def _noise(self, frame: int) -> FloatArray:
+        """Return the noise of ``frame``, shape (N, 2) [px]."""
+        block, number = divmod(frame, BLOCK)
+        if block != self._block:
+            rng = np.random.default_rng((self._seed, 3, block))
+            shape = (BLOCK, *self._desired.shape)
+            self._block, self._noises = block, self.settings.noise * rng.standard_normal(shape)
+        return np.asarray(self._noises[number])
 
     def _stance(self, pose: Pose, frame: int) -> tuple[FloatArray, FloatArray]:
         """Return the axes of the camera as columns, and its centre."""
