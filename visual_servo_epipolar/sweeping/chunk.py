@@ -52,7 +52,7 @@ def _verdict(scenario: Scenario, start: Start, seed: int, source: str) -> Result
     seeded = scenario.seeded(seed)
     try:
         view = view_of(seeded, source, seed)
-        return summarise(run(seeded.loop(start, seed), view, seeded.camera.camera))
+        return summarise(run(seeded.loop(start, seed), view, seeded.camera.believed))
     except Exception as error:  # a defect: one start must not take the other thousands along
         return {
             'outcome': 'failed',
