@@ -95,7 +95,7 @@ def test_another_sweep_is_refused_and_left_alone(
 
 def test_another_scenario_is_named_setting_by_setting(tmp_path: Path) -> None:
     plan = plan_of()
-    Store(tmp_path, plan).close()
+    filled(tmp_path, plan, RESULTS).close()
     said = refused(tmp_path, plan_of(scenario=plan.scenario.with_servo({'k1': 0.09})))
     assert 'scenario.servo.k1 0.08 there, 0.09 here' in said
 
@@ -103,9 +103,16 @@ def test_another_scenario_is_named_setting_by_setting(tmp_path: Path) -> None:
 def test_runs_of_other_code_are_not_mixed_in(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    Store(tmp_path, plan_of()).close()
+    filled(tmp_path, plan_of(), RESULTS).close()
     monkeypatch.setattr(store_module, 'digest', lambda: 'abcdef')
     assert 'abcdef' in refused(tmp_path, plan_of())
+
+
+def test_a_sweep_that_nothing_came_of_is_in_nobodys_way(tmp_path: Path) -> None:
+    Store(tmp_path, plan_of()).close()
+    filled(tmp_path, plan_of(seed=1), RESULTS).close()
+    with Store(tmp_path, plan_of(seed=1)) as store:
+        assert len(store.results) == 3
 
 
 def test_a_folder_has_one_writer(tmp_path: Path) -> None:

@@ -1,9 +1,8 @@
 """``visual_servo sweep``: many starts through the closed loop, here or on a cluster."""
 
 import argparse
-from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Executor
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 import hashlib
 import json
 from pathlib import Path
@@ -17,7 +16,7 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.simulation.regions import REGIONS
 from visual_servo_epipolar.simulation.views import SOURCES
 from visual_servo_epipolar.sweeping.cluster import cluster_workers
-from visual_servo_epipolar.sweeping.drive import drive
+from visual_servo_epipolar.sweeping.drive import drive, Workers
 from visual_servo_epipolar.sweeping.local import cores, local_workers
 from visual_servo_epipolar.sweeping.plan import Plan
 from visual_servo_epipolar.sweeping.provenance import digest
@@ -135,27 +134,22 @@ def _work(plan: Plan, store: Store, options: argparse.Namespace) -> None:
     progress = Progress()
     progress.say('starting workers ...')
     try:
-        with _workers(options) as (executor, workers):
+        with _workers(options) as workers:
             tally = Tally(len(keys), before)
 
             def watch(results: Sequence[Mapping[str, Any]]) -> None:
                 tally.add(results)
                 progress.say(tally.line())
 
-            drive(plan, store, executor, workers=workers, watch=watch)
+            drive(plan, store, workers, watch)
     finally:
         progress.close()
 
 
-@contextmanager
-def _workers(options: argparse.Namespace) -> Iterator[tuple[Executor, int]]:
-    if options.scheduler:
-        with cluster_workers(options.scheduler) as found:
-            yield found
-    else:
-        jobs = options.jobs or cores()
-        with local_workers(jobs) as executor:
-            yield executor, jobs
+def _workers(options: argparse.Namespace) -> AbstractContextManager[Workers]:
+    if options.scheduler is not None:
+        return cluster_workers(options.scheduler)
+    return local_workers(options.jobs or cores())
 
 
 def _report(documents: Mapping[str, Mapping[str, Any]], folder: Path) -> str:

@@ -150,7 +150,7 @@ def _title(law: str, document: Mapping[str, Any]) -> str:
     runs, errors = document['runs'], document['position_error_m']
     words = f'law {law}: {document["arrived"]} of {len(runs)} arrived'
     if document['arrived']:
-        words += f'\nmedian {1e3 * errors["median"]:.2g} mm, p95 {1e3 * errors["p95"]:.2g} mm'
+        words += f'\nmedian {1e3 * errors["median"]:.3g} mm, p95 {1e3 * errors["p95"]:.3g} mm'
     return words
 
 

@@ -1,33 +1,76 @@
 """Workers of an existing Dask cluster."""
 
-from collections.abc import Iterator
-from concurrent.futures import Executor
+from collections.abc import Callable, Iterator
+from concurrent.futures import CancelledError, Future
 from contextlib import contextmanager
+import logging
+import pickle
 from typing import Any
 
-from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.errors import InputError, VisualServoError
+from visual_servo_epipolar.sweeping.chunk import Result, work
+from visual_servo_epipolar.sweeping.plan import Chunk, Plan
 from visual_servo_epipolar.sweeping.provenance import digest
 
 CONNECT_S = 10.0
 NO_DASK = 'Dask cannot be imported ({}); pip install "visual_servo_epipolar[dask]"'
+KEPT = 'what had ended is kept, and the same command goes on from there'
+
+
+class ClusterWorkers:
+    """Threads of the workers of a cluster; ``count`` of them when the sweep begins."""
+
+    def __init__(self, client: Any) -> None:
+        self.count = sum(client.nthreads().values())
+        self._client = client
+        self._executor = client.get_executor(pure=False)
+        self._call = _by_value()
+
+    def submit(self, plan: Plan, chunk: Chunk) -> 'Future[list[Result]]':
+        """Have ``chunk`` done by one of them."""
+        # As bytes: the scheduler looks into what it hands on, and need not have this package.
+        future: Future[list[Result]] = self._executor.submit(
+            self._call, pickle.dumps((work_here, digest(), plan, chunk))
+        )
+        return future
+
+    def check(self) -> None:
+        """Raise VisualServoError if the cluster has no workers left."""
+        if not self._client.nthreads():
+            raise VisualServoError(f'the cluster has no workers any more; {KEPT}')
+
+
+def work_here(code: str, plan: Plan, chunk: Chunk) -> list[Result]:
+    """Do ``chunk`` on a worker that may have joined late; InputError if its code is not ours."""
+    if digest() != code:
+        raise InputError(f'a Dask worker that joined has other code ({digest()}, not {code})')
+    return work(plan, chunk)
 
 
 @contextmanager
-def cluster_workers(address: str) -> Iterator[tuple[Executor, int]]:
+def cluster_workers(address: str) -> Iterator[ClusterWorkers]:
     """
-    Yield an executor on the cluster whose scheduler is at ``address``, and its number of threads.
+    Yield the workers of the cluster whose scheduler is at ``address``.
 
     Raises
     ------
     InputError
         If Dask is not installed, no scheduler answers, there are no workers, or they lack this
         package or have another version of it.
+    VisualServoError
+        If scheduler or workers are lost on the way.
 
     """
     client = _client(address)
     try:
         _check(client, address)
-        yield client.get_executor(pure=False), sum(client.nthreads().values())
+        yield ClusterWorkers(client)
+    except ModuleNotFoundError as error:
+        raise InputError(f'a Dask worker that joined lacks this package ({error})') from None
+    except _losses() as error:
+        raise VisualServoError(
+            f'the cluster at {address} was lost ({_first_line(error)}); {KEPT}'
+        ) from None
     finally:
         client.close()
 
@@ -35,26 +78,22 @@ def cluster_workers(address: str) -> Iterator[tuple[Executor, int]]:
 def _client(address: str) -> Any:
     try:
         from distributed import Client
+        from distributed.comm import resolve_address
     except ImportError as error:
         raise InputError(NO_DASK.format(error)) from None
+    logging.getLogger('distributed').setLevel(logging.CRITICAL)  # it is said in one line here
     try:
+        resolve_address(address)
         return Client(address, timeout=CONNECT_S, set_as_default=False)
     except (OSError, ValueError) as error:
         raise InputError(
-            f'no Dask scheduler answers at {address!r} within {CONNECT_S:g} s '
-            f'({_first_line(error)}); start one with "dask scheduler", and workers with '
-            f'"dask worker {address}"'
+            f'no Dask scheduler answers at {address!r} ({_first_line(error)}); start one with '
+            '"dask scheduler", and give the address that it prints'
         ) from None
 
 
 def _check(client: Any, address: str) -> None:
-    """Ask each worker for the digest of its code, by a function that any worker can load."""
-
-    def code() -> str:
-        from visual_servo_epipolar.sweeping.provenance import digest
-
-        return digest()
-
+    """Ask each worker for the digest of its code."""
     try:
         client.wait_for_workers(1, timeout=CONNECT_S)
     except TimeoutError:
@@ -62,6 +101,12 @@ def _check(client: Any, address: str) -> None:
             f'the Dask scheduler at {address} has no workers; start some with '
             f'"dask worker {address}"'
         ) from None
+
+    def code() -> str:
+        from visual_servo_epipolar.sweeping.provenance import digest
+
+        return digest()
+
     for worker, found in client.run(code, on_error='return').items():
         if isinstance(found, Exception):
             raise InputError(
@@ -73,6 +118,25 @@ def _check(client: Any, address: str) -> None:
                 f'Dask worker {worker} has other code of visual_servo_epipolar ({found} there, '
                 f'{digest()} here); install this version of it there and restart the worker'
             )
+
+
+def _by_value() -> Callable[[bytes], Any]:
+    """Return a function that is pickled with its code, as it is nowhere to be imported from."""
+
+    def call(payload: bytes) -> Any:
+        import pickle
+
+        function, *arguments = pickle.loads(payload)
+        return function(*arguments)
+
+    return call
+
+
+def _losses() -> tuple[type[BaseException], ...]:
+    from distributed import KilledWorker
+    from distributed.comm import CommClosedError
+
+    return KilledWorker, CommClosedError, CancelledError
 
 
 def _first_line(error: BaseException) -> str:

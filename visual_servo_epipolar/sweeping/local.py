@@ -1,13 +1,18 @@
 """Workers on this machine: one process a core, each with one thread."""
 
 from collections.abc import Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import Future, ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 import os
 import signal
 import threading
+
+from visual_servo_epipolar.core.errors import VisualServoError
+from visual_servo_epipolar.sweeping.chunk import Result, work
+from visual_servo_epipolar.sweeping.plan import Chunk, Plan
 
 # Read when numpy and OpenCV are loaded: workers are started afresh for that.
 THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
@@ -20,19 +25,44 @@ def cores() -> int:
     return os.cpu_count() or 1
 
 
+class LocalWorkers:
+    """Processes of this machine; ``count`` of them."""
+
+    def __init__(self, pool: ProcessPoolExecutor, count: int) -> None:
+        self._pool, self.count = pool, count
+
+    def submit(self, plan: Plan, chunk: Chunk) -> 'Future[list[Result]]':
+        """Have ``chunk`` done by one of them."""
+        return self._pool.submit(work, plan, chunk)
+
+    def check(self) -> None:
+        """Leave it to the pool, which tells of a process that died by itself."""
+
+
 @contextmanager
-def local_workers(jobs: int) -> Iterator[Executor]:
+def local_workers(jobs: int) -> Iterator[LocalWorkers]:
     """
     Yield ``jobs`` worker processes.
 
     They end with the block, and at once if it raises or if this process is killed.
+
+    Raises
+    ------
+    VisualServoError
+        If one of them dies.
+
     """
     spawn = get_context('spawn')
-    ours, lifeline = spawn.Pipe(duplex=False)[::-1]
+    lifeline, ours = spawn.Pipe(duplex=False)
     with _one_thread_each():
         pool = ProcessPoolExecutor(jobs, spawn, _live_by, (lifeline,))
         try:
-            yield pool
+            yield LocalWorkers(pool, jobs)
+        except BrokenProcessPool:
+            raise VisualServoError(
+                'a worker process died (killed, or out of memory?); what had ended is kept, and '
+                'the same command goes on from there'
+            ) from None
         except BaseException:
             ours.close()
             raise

@@ -90,13 +90,16 @@ class Store:
         """Read what is there; return its header, or write the one that is wanted."""
         content = self.path.read_bytes()
         whole = content.rfind(b'\n') + 1
-        os.ftruncate(self._file, whole)
         lines = content[:whole].splitlines()
-        if not lines:
+        header = _parsed(lines[0], f'{self.path}:1') if lines else wanted
+        if 'sweep' not in header:
+            raise InputError(f'{self.path}: not the results of a sweep; give another --out')
+        if len(lines) < 2:  # nothing came of it
+            os.ftruncate(self._file, 0)
             self._append([json.dumps(wanted)])
             return wanted
-        header = _parsed(lines[0], f'{self.path}:1')
         _check(header, wanted, self.path)
+        os.ftruncate(self._file, whole)
         self._read(lines[1:])
         return header
 
@@ -145,8 +148,6 @@ def _parsed(text: bytes, where: str) -> dict[str, Any]:
 
 def _check(found: Header, wanted: Header, path: Path) -> None:
     """Refuse to mix two sweeps in one folder."""
-    if not isinstance(found.get('sweep'), Mapping):
-        raise InputError(f'{path}: not the results of a sweep; give another --out')
     differences = list(_differences(found['sweep'], wanted['sweep'], ''))
     if found.get('code') != wanted['code']:
         differences.append(

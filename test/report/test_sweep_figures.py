@@ -1,0 +1,145 @@
+"""The map, the histogram and the tables of a sweep hold its runs, with units, law by law."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.collections import PathCollection
+from matplotlib.figure import Figure
+import numpy as np
+import pytest
+from sweeps import filled, plan_of, result
+
+from visual_servo_epipolar.report import sweep_histogram, sweep_map, sweep_table
+from visual_servo_epipolar.sweeping.verdict import verdicts
+
+FAILED = {'outcome': 'failed', 'reason': 'ran | away in 3.5 s'}
+RUNS = {
+    'paper': [result(start=[0.1 * k, -2.0, 5.0 * k], **FAILED) for k in range(3)],
+    'full': [
+        result(start=[0.0, -2.0, 0.0], position_error_m=0.0),
+        result(start=[0.1, -2.0, 90.0], position_error_m=0.001),
+        result(start=[0.2, -2.0, 10.0], position_error_m=0.2),
+        result(start=[0.3, -2.0, 10.0], traceback='Traceback', **FAILED),
+    ],
+}
+UNSEEN = result(outcome='failed', reason='defect: x', position_error_m=None, traceback='x')
+Draw = Callable[[Any], Figure]
+DRAWINGS = [sweep_map.starts, sweep_histogram.errors]
+
+
+@pytest.fixture
+def documents(tmp_path: Path) -> dict[str, Any]:
+    found = {}
+    for law, runs in RUNS.items():
+        plan = plan_of(len(runs), laws=(law,))
+        with filled(tmp_path / law, plan, runs) as store:
+            found.update(verdicts(plan, store))
+    return found
+
+
+def drawn(axes: Axes, marker_points: int) -> list[list[float]]:
+    """Return the places of the groups of markers that have so many points."""
+    groups = [item for item in axes.collections if type(item) is PathCollection]
+    return [
+        np.asarray(group.get_offsets()).tolist()
+        for group in groups
+        if len(group.get_offsets()) == marker_points
+    ]
+
+
+def test_each_law_has_a_map_and_all_starts_are_on_it(documents: dict[str, Any]) -> None:
+    paper, full = sweep_map.starts(documents).axes[:2]
+    assert (paper.get_title(loc='left'), full.get_title(loc='left')) == (
+        'law paper: 0 of 3 arrived',
+        'law full: 3 of 4 arrived\nmedian 1 mm, p95 180 mm',
+    )
+    assert drawn(paper, 3) == [[run['start'][:2] for run in RUNS['paper']]]
+    # Two that are where they say, one that is not, one that raised.
+    assert drawn(full, 2) == [[[0.0, -2.0], [0.1, -2.0]]]
+    assert drawn(full, 1) == [[[0.2, -2.0]], [[0.3, -2.0]]]
+
+
+def test_arrows_point_along_the_heading(documents: dict[str, Any]) -> None:
+    full = sweep_map.starts(documents).axes[1]
+    (arrows,) = [item for item in full.collections if hasattr(item, 'U')]
+    along = np.stack([arrows.U, arrows.V], axis=1) / np.hypot(arrows.U, arrows.V)[:, None]
+    # Heading error nothing looks along +y, 90 deg to the left along -x.
+    np.testing.assert_allclose(along, [[0.0, 1.0], [-1.0, 0.0]], atol=1e-12)
+
+
+def test_colours_tell_the_error_in_millimetres(documents: dict[str, Any]) -> None:
+    figure = sweep_map.starts(documents)
+    arrived = next(item for item in figure.axes[1].collections if item.get_array() is not None)
+    assert arrived.get_array().tolist() == [0.0, 1.0]
+    assert '[mm]' in figure.axes[-1].get_ylabel()
+
+
+def test_maps_have_metres_and_a_common_scale(documents: dict[str, Any]) -> None:
+    paper, full = sweep_map.starts(documents).axes[:2]
+    assert (paper.get_xlabel(), paper.get_ylabel()) == ('x [m]', 'y [m]')
+    assert (paper.get_xlim(), paper.get_ylim()) == (full.get_xlim(), full.get_ylim())
+    assert paper.get_aspect() == 1.0
+
+
+def test_the_histogram_counts_every_run_that_arrived(documents: dict[str, Any]) -> None:
+    position, heading = sweep_histogram.errors(documents).axes
+    assert (position.get_xlabel(), heading.get_xlabel()) == (
+        'position error [mm]',
+        'heading error [deg]',
+    )
+    for axes in (position, heading):
+        assert axes.get_xscale() == 'log'
+        (outline,) = axes.patches  # nobody arrived with the other law
+        heights = outline.get_xy()[:, 1]
+        # Up and down once for each run, wherever it is: 3 in bins of their own, or in one.
+        assert np.abs(np.diff(heights)).sum() == pytest.approx(6.0)
+
+
+@pytest.mark.parametrize('values', [[], [0.0], [1e-7, 3.0], [5e4]])
+def test_bins_hold_every_error_and_the_limit(values: list[float]) -> None:
+    edges = sweep_histogram.edges(np.array(values), 50.0)
+    assert (np.diff(edges) > 0.0).all()
+    positive = [value for value in values if value > 0.0]
+    assert edges[0] <= min([*positive, 50.0]) and max([*positive, 50.0]) <= edges[-1]
+
+
+@pytest.mark.parametrize('draw', DRAWINGS)
+@pytest.mark.parametrize('runs', [[UNSEEN], [result()], [result(position_error_m=0.0)]])
+def test_the_smallest_of_sweeps_can_be_drawn(
+    tmp_path: Path, draw: Draw, runs: list[dict[str, Any]]
+) -> None:
+    plan = plan_of(1)
+    with filled(tmp_path, plan, runs) as store:
+        figure = draw(verdicts(plan, store))
+    figure.canvas.draw()
+
+
+def cells(text: str, first: str) -> list[str]:
+    """Return the cells of the row that begins with ``first``."""
+    row = next(line for line in text.splitlines() if line.startswith(f'| {first} '))
+    return [cell.strip() for cell in row.strip('|').replace('\\|', '!').split('|')][1:]
+
+
+def test_the_table_says_what_the_runs_say(documents: dict[str, Any]) -> None:
+    text = sweep_table.table(documents)
+    assert cells(text, 'arrived') == ['0 % (0 of 3)', '75 % (3 of 4)']
+    assert cells(text, 'arrived but wrong') == ['0', '1']
+    assert cells(text, 'raised') == ['0', '1']
+    assert cells(text, 'position error, median / p95 / max [mm]') == [
+        '- / - / -',
+        '1.00 / 180 / 200',
+    ]
+    assert cells(text, 'heading error [deg]')[1] == '0.0500 / 0.0500 / 0.0500'
+    assert cells(text, 'ran \\| away in N s') == ['3', '1']
+    assert documents['paper']['sweep']['command'] in text
+
+
+def test_rows_to_collect_have_all_columns_and_their_origin(documents: dict[str, Any]) -> None:
+    lines = sweep_table.convergence(documents).splitlines()
+    head, _, paper, full = lines[:4]
+    assert head.count('|') == paper.count('|') == full.count('|')
+    assert '75 (30.06 to 95.44)' in full
+    assert documents['paper']['sweep']['command'] in lines[-1]
+    assert documents['paper']['sweep']['begun'] in lines[-1]
