@@ -7,7 +7,7 @@ import re
 from setuptools import find_packages, setup
 
 NAME = 'visual_servo_epipolar'
-NODES = ('unicycle_node', 'camera_node', 'tracker_node', 'servo_node')
+NODES = ('unicycle_node', 'camera_node', 'tracker_node', 'servo_node', 'recorder_node')
 SHARE = f'share/{NAME}'
 
 
@@ -46,10 +46,11 @@ setup(
     # rclpy and the messages are no pip packages on a native ROS: never list them here.
     install_requires=[
         'matplotlib>=3.6',
+        'mcap>=1.2.1',
         'numpy>=1.23',
         'opencv-python-headless>=4.8',
         'PyYAML>=6.0',
-        'rosbags>=0.11.1',
+        'rosbags>=0.11.9,<0.12',  # bags/storage.py reaches below its promises
     ],
     extras_require={
         # ROS 2 Jazzy as wheels, for a machine without ROS. Exact, and always the three together:
@@ -60,7 +61,14 @@ setup(
             'ros-jazzy-rmw-fastrtps-cpp==8.4.3',
         ],
         # `colcon test` runs pytest only if this extra has this name and lists pytest.
-        'test': ['dask[distributed]', 'hypothesis', 'psutil', 'pytest>=7.4', 'scipy'],
+        'test': [
+            'dask[distributed]',
+            'hypothesis',
+            'mcap-ros2-support',
+            'psutil',
+            'pytest>=7.4',
+            'scipy',
+        ],
         'lint': ['import-linter', 'mypy', 'ruff', 'types-PyYAML'],
         'bench': ['poselib'],  # a peer to measure against
         'dask': ['dask[distributed]>=2023.1'],  # sweep --scheduler

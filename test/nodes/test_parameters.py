@@ -11,10 +11,12 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.parameter import Parameter
 import yaml
 
+from visual_servo_epipolar.bags.record_settings import RecordSettings
 from visual_servo_epipolar.core.servo_settings import ServoSettings
 from visual_servo_epipolar.core.settings import range_of
 from visual_servo_epipolar.core.tracking import TrackerSettings
 from visual_servo_epipolar.nodes.camera_node import CameraNode
+from visual_servo_epipolar.nodes.recorder_node import RecorderNode, RecorderNodeSettings
 from visual_servo_epipolar.nodes.servo_node import ServoNode, ServoNodeSettings
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode, TrackerNodeSettings
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode, UnicycleSettings
@@ -28,6 +30,7 @@ NODES = {
     'camera_node': (CameraNode, (CameraSettings, DisturbanceSettings)),
     'tracker_node': (TrackerNode, (TrackerNodeSettings, TrackerSettings)),
     'servo_node': (ServoNode, (ServoNodeSettings, ServoSettings)),
+    'recorder_node': (RecorderNode, (RecorderNodeSettings, RecordSettings)),
 }
 # Where a file shall differ from the defaults: our own camera is reliable, a driver may not be.
 MEANT_TO_DIFFER = {'camera_reliability'}
@@ -46,7 +49,8 @@ def plain(value):
 
 
 @pytest.fixture(params=NODES)
-def running(request, bench):
+def running(request, bench, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # the recorder begins a bag where it is started
     return request.param, bench, bench.start(NODES[request.param][0])
 
 

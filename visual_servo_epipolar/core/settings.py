@@ -89,10 +89,7 @@ def _checked(name: str, value: Any, item: 'Field[Any]') -> Any:
     if isinstance(default, tuple) and isinstance(value, list):
         value = tuple(value)
     if isinstance(default, tuple) and isinstance(value, tuple):
-        try:
-            value = tuple(float(number) for number in value)
-        except (TypeError, ValueError):
-            raise ValueError(f'{name} must be a list of numbers, got {value!r}') from None
+        value = _items(name, value, words=bool(default) and isinstance(default[0], str))
     if type(value) is not type(default):
         raise ValueError(
             f'{name} must be {type(default).__name__}, got {value!r} '
@@ -105,6 +102,18 @@ def _checked(name: str, value: Any, item: 'Field[Any]') -> Any:
         if isinstance(number, (int, float)) and not isinstance(number, bool):
             _check_number(name, float(number), limits)
     return value
+
+
+def _items(name: str, value: tuple[Any, ...], *, words: bool) -> tuple[Any, ...]:
+    """Return the items of a list as numbers, or as words where the default has words."""
+    if words:
+        if not all(isinstance(item, str) for item in value):
+            raise ValueError(f'{name} must be a list of words, got {value!r}')
+        return value
+    try:
+        return tuple(float(number) for number in value)
+    except (TypeError, ValueError):
+        raise ValueError(f'{name} must be a list of numbers, got {value!r}') from None
 
 
 def _check_number(name: str, value: float, limits: Range) -> None:

@@ -1,0 +1,54 @@
+"""Serialized messages to record, bags read back by rosbags, and a disk that ends."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+import os
+from pathlib import Path
+import resource
+import time
+
+import pytest
+from rosbags.highlevel import AnyReader
+from rosbags.typesys import get_typestore, Stores
+
+from visual_servo_epipolar.bags.storage import Topic
+
+STORE = get_typestore(Stores.ROS2_JAZZY)
+TEXT = 'std_msgs/msg/String'
+WORDS = Topic('/words', TEXT)
+
+
+def words(text: str) -> bytes:
+    """Return a serialized std_msgs/String."""
+    return bytes(STORE.serialize_cdr(STORE.types[TEXT](text), TEXT))
+
+
+def read_back(folder: Path) -> list[tuple[str, int, bytes]]:
+    """Return topic, stamp and bytes of all messages of a bag."""
+    with AnyReader([folder]) as reader:
+        return [(item.topic, stamp_ns, data) for item, stamp_ns, data in reader.messages()]
+
+
+def size_of(folder: Path) -> int:
+    """Return the bytes of all files below ``folder``."""
+    return sum(path.stat().st_size for path in folder.rglob('*') if path.is_file())
+
+
+def until(condition: Callable[[], bool], waiting_for: str, timeout_sec: float = 10.0) -> None:
+    """Wait until ``condition``; fail naming what was waited for if that takes too long."""
+    deadline = time.monotonic() + timeout_sec
+    while not condition():
+        if time.monotonic() > deadline:
+            pytest.fail(f'waited {timeout_sec:g} s in vain for {waiting_for}')
+        os.sched_yield()
+
+
+@contextmanager
+def files_of_at_most(size: int) -> Iterator[None]:
+    """Let no file of this process grow beyond ``size`` bytes: a disk that is full, to it."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))

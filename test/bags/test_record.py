@@ -1,0 +1,186 @@
+"""The recorder: what goes in comes out, as the readers of this world see it."""
+
+from pathlib import Path
+import re
+
+from bag_reading import files_of_at_most, read_back, size_of, STORE, TEXT, until, WORDS, words
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
+import pytest
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+import yaml
+
+from visual_servo_epipolar.bags.record import Recorder
+from visual_servo_epipolar.bags.record_settings import RecordSettings
+from visual_servo_epipolar.bags.storage import Topic
+from visual_servo_epipolar.core.errors import InputError
+
+FOREVER = QosTime(9223372036, 854775807)
+OFFERED = Qos(
+    QosHistory.UNKNOWN,
+    0,
+    QosReliability.BEST_EFFORT,
+    QosDurability.TRANSIENT_LOCAL,
+    FOREVER,
+    FOREVER,
+    QosLiveliness.AUTOMATIC,
+    FOREVER,
+    False,
+)
+
+
+def fill(folder: Path, count: int, size: int = 10, **settings: object) -> list:
+    """Record ``count`` messages a millisecond apart, and return them as they shall be read."""
+    recorder = Recorder(folder, RecordSettings(**settings))
+    recorder.add(WORDS)
+    texts = [words(f'{number:0{size}}') for number in range(count)]
+    sent = [(WORDS.name, number * 1_000_000, data) for number, data in enumerate(texts)]
+    for _, stamp_ns, data in sent:
+        recorder.put(WORDS, stamp_ns, data)
+    tally = recorder.close()
+    assert (tally.error, tally.dropped) == ('', {})
+    assert sum(tally.written.values()) == count
+    return sent
+
+
+@pytest.mark.parametrize('compression', ['none', 'zstd'])
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_every_message_is_read_back_byte_by_byte(tmp_path, storage, compression) -> None:
+    bag = tmp_path / 'bag'
+    sent = fill(bag, 500, storage=storage, compression=compression)
+    assert read_back(bag) == sent
+    suffix = {'mcap': '.mcap', 'sqlite3': '.db3'}[storage]
+    assert {path.name for path in bag.iterdir()} == {'metadata.yaml', f'bag_0{suffix}'}
+
+
+@pytest.mark.parametrize('compression', ['none', 'zstd'])
+def test_the_official_reader_of_mcap_decodes_every_message(tmp_path, compression) -> None:
+    fill(tmp_path / 'bag', 100, compression=compression)
+    with (tmp_path / 'bag/bag_0.mcap').open('rb') as file:
+        reader = make_reader(file, decoder_factories=[DecoderFactory()])
+        texts = [message.data for *_, message in reader.iter_decoded_messages()]
+    assert texts == [f'{number:010}' for number in range(100)]
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_definition_hash_and_qos_of_each_topic_are_kept(tmp_path, storage) -> None:
+    bag = tmp_path / 'bag'
+    recorder = Recorder(bag, RecordSettings(storage=storage))
+    kind = 'sensor_msgs/msg/PointCloud2'
+    recorder.add(Topic('/tracks', kind, qos=(OFFERED, OFFERED)))
+    recorder.close()
+    with AnyReader([bag]) as reader:
+        (connection,) = reader.connections
+    assert (connection.topic, connection.msgtype, connection.msgcount) == ('/tracks', kind, 0)
+    assert connection.ext.offered_qos_profiles == [OFFERED, OFFERED]
+    assert 'uint8[] data' in connection.msgdef.data
+    assert 'MSG: std_msgs/Header' in connection.msgdef.data
+    assert connection.digest == STORE.hash_rihs01(kind)
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_a_bag_is_split_by_size_into_files_that_are_one_bag(tmp_path, storage) -> None:
+    bag = tmp_path / 'bag'
+    sent = fill(bag, 40, 50_000, storage=storage, split_size=0.5, flush_period=0.05)
+    described = yaml.safe_load((bag / 'metadata.yaml').read_text())
+    entry = described['rosbag2_bagfile_information']
+    assert len(entry['files']) > 2
+    assert sum(item['message_count'] for item in entry['files']) == entry['message_count'] == 40
+    assert {item['path'] for item in entry['files']} == {
+        path.name for path in bag.iterdir() if path.suffix != '.yaml'
+    }
+    assert read_back(bag) == sent
+
+
+def test_a_bag_is_split_by_time(tmp_path) -> None:
+    bag = tmp_path / 'bag'
+    sent = fill(bag, 100, split_duration=0.02)
+    entry = yaml.safe_load((bag / 'metadata.yaml').read_text())['rosbag2_bagfile_information']
+    assert [item['message_count'] for item in entry['files']] == [20] * 5
+    starts = [item['starting_time']['nanoseconds_since_epoch'] for item in entry['files']]
+    assert starts == [0, 20_000_000, 40_000_000, 60_000_000, 80_000_000]
+    assert entry['duration']['nanoseconds'] == 99_000_000
+    assert read_back(bag) == sent
+
+
+def burst(folder: Path, when_full: str) -> tuple[int, int, int]:
+    """Offer far more than may wait; return how many were taken, written, dropped."""
+    recorder = Recorder(folder, RecordSettings(queue_size=0.001, when_full=when_full))
+    recorder.add(WORDS)
+    data = words('x' * 200_000)
+    taken = sum(recorder.put(WORDS, number, data) for number in range(300))
+    tally = recorder.close()
+    return taken, tally.written[WORDS.name], tally.dropped.get(WORDS.name, 0)
+
+
+def test_what_a_slow_disk_cannot_take_is_dropped_and_counted(tmp_path) -> None:
+    taken, written, dropped = burst(tmp_path / 'bag', 'drop')
+    assert taken == written == len(read_back(tmp_path / 'bag'))
+    assert (dropped, written + dropped) > (0, 0)
+    assert written + dropped == 300
+
+
+def test_where_time_waits_nothing_is_dropped(tmp_path) -> None:
+    assert burst(tmp_path / 'bag', 'wait') == (300, 300, 0)
+    assert len(read_back(tmp_path / 'bag')) == 300
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_a_disk_that_ends_leaves_a_bag_that_can_be_read(tmp_path, storage) -> None:
+    bag = tmp_path / 'bag'
+    recorder = Recorder(bag, RecordSettings(storage=storage, flush_period=0.05))
+    recorder.add(WORDS)
+    for number in range(100):
+        recorder.put(WORDS, number, words(f'{number:01000}'))
+    until(lambda: size_of(bag) > 100_000, 'the first messages to be flushed')
+    number = 100
+    with files_of_at_most(3_000_000):
+        while recorder.put(WORDS, number, words(f'{number:01000}')):
+            number += 1
+        tally = recorder.close()
+    assert re.fullmatch(r'recording ended: .*; .*/bag so far is whole', tally.error)
+    kept = read_back(bag)
+    assert kept == [(WORDS.name, item, words(f'{item:01000}')) for item in range(len(kept))]
+    assert len(kept) == tally.written[WORDS.name] >= 100
+    # The last one was refused, and counts among the dropped.
+    assert tally.written[WORDS.name] + tally.dropped[WORDS.name] == number + 1
+
+
+def test_too_little_space_is_refused_at_the_start(tmp_path) -> None:
+    with pytest.raises(InputError, match='MB are free .* must stay free; make room'):
+        Recorder(tmp_path / 'bag', RecordSettings(min_free=1e7))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_existing_folder_is_left_alone(tmp_path) -> None:
+    with pytest.raises(InputError, match='exists already; name another bag'):
+        Recorder(tmp_path)
+
+
+def test_a_folder_that_cannot_be_made_is_refused(tmp_path) -> None:
+    (tmp_path / 'file').write_text('')
+    with pytest.raises(InputError, match='bag cannot be written: Not a directory'):
+        Recorder(tmp_path / 'file' / 'bag')
+
+
+def test_a_message_type_that_nobody_defines_is_refused(tmp_path) -> None:
+    recorder = Recorder(tmp_path / 'bag')
+    with pytest.raises(InputError, match='no definition of our_msgs/msg/Own .* source the work'):
+        recorder.add(Topic('/own', 'our_msgs/msg/Own'))
+    with pytest.raises(InputError, match='no definition of std_msgs/msg/String RIHS01_00'):
+        recorder.add(Topic('/other', TEXT, 'RIHS01_00'))
+    recorder.close()
+    assert read_back(tmp_path / 'bag') == []
+
+
+def test_a_file_too_small_to_be_one_is_refused() -> None:
+    with pytest.raises(ValueError, match=r'split_size must be 0, or at least 0.1 MB, got 0.01'):
+        RecordSettings(split_size=0.01)

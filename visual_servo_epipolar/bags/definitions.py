@@ -1,0 +1,92 @@
+"""Message definitions and their hashes: what makes a bag readable where nobody has the package."""
+
+from collections.abc import Iterator, Mapping
+from functools import cache
+import os
+from pathlib import Path
+import sys
+from typing import Any
+
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import get_types_from_msg, get_typestore, Stores, TypesysError
+from rosbags.typesys.store import Typestore
+
+from visual_servo_epipolar.core.errors import InputError
+
+
+def definition(kind: str, type_hash: str = '') -> tuple[str, str]:
+    """
+    Return the definition of a message type, with all it is made of, and its RIHS01 hash.
+
+    Parameters
+    ----------
+    kind : str
+        Such as ``sensor_msgs/msg/Image``.
+    type_hash : str
+        What the publisher says its type hashes to; empty if it does not say.
+
+    Raises
+    ------
+    InputError
+        If no definition with this hash is known, or installed as a .msg file.
+
+    """
+    wanted = type_hash if type_hash.startswith('RIHS01_') else ''
+    for find in (_standard, _installed):
+        store = find(kind)
+        if store is not None:
+            found = str(store.hash_rihs01(kind))
+            if wanted in ('', found):
+                return store.generate_msgdef(kind, ros_version=2)[0], found
+    raise InputError(
+        f'no definition of {kind} {wanted} is known; source the workspace that defines it'
+    )
+
+
+@cache
+def _jazzy() -> Typestore:
+    return get_typestore(Stores.ROS2_JAZZY)
+
+
+def _standard(kind: str) -> Typestore | None:
+    """Return the types of a stock Jazzy if ``kind`` is one of them."""
+    return _jazzy() if kind in _jazzy().fielddefs else None
+
+
+def _installed(kind: str) -> Typestore | None:
+    """Return the types that installed .msg files make of ``kind``, or None."""
+    types: dict[str, Any] = {}
+    pending = [kind]
+    while pending:
+        name = pending.pop()
+        path = _message_file(name)
+        if path is None:
+            return None
+        try:
+            types |= get_types_from_msg(path.read_text(encoding='utf-8'), name)
+        except TypesysError:
+            return None
+        pending += [part for part in _parts(types[name][1]) if part not in types]
+    store = get_typestore(Stores.EMPTY)
+    store.register(types)
+    return store
+
+
+def _message_file(kind: str) -> Path | None:
+    """Return the .msg file of ``kind`` in the workspaces that are sourced."""
+    package, _, name = kind.partition('/msg/')
+    prefixes = filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
+    for prefix in (*prefixes, sys.prefix):
+        path = Path(prefix, 'share', package, 'msg', f'{name}.msg')
+        if path.is_file():
+            return path
+    return None
+
+
+def _parts(fields: Mapping[Any, Any] | list[Any]) -> Iterator[str]:
+    """Yield the names of the messages that the fields of a message are made of."""
+    for _, (kind, content) in fields:
+        if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+            kind, content = content[0]
+        if kind == Nodetype.NAME:
+            yield content

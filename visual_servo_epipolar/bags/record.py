@@ -1,0 +1,184 @@
+"""Records serialized messages into a rosbag2 folder, beside whoever has them: nothing decoded."""
+
+from collections import Counter, deque
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+import threading
+import time
+
+from visual_servo_epipolar.bags.bag_writer import BagWriter, DiskFullError, MB
+from visual_servo_epipolar.bags.definitions import definition
+from visual_servo_epipolar.bags.record_settings import RecordSettings
+from visual_servo_epipolar.bags.storage import FAULTS, Topic
+from visual_servo_epipolar.core.errors import InputError
+
+Item = tuple[Topic, int, bytes | None]  # without bytes: make the topic known
+
+
+@dataclass(frozen=True, slots=True)
+class Tally:
+    """How a recording stands; counts are of messages, by topic."""
+
+    written: Mapping[str, int] = field(default_factory=dict)
+    dropped: Mapping[str, int] = field(default_factory=dict)  # the disk was too slow, or full
+    waiting_bytes: int = 0
+    files: int = 1
+    error: str = ''
+
+
+class Recorder:
+    """
+    A bag being recorded: ``put`` does not wait for the disk, a thread of its own writes.
+
+    What came in more than ``flush_period`` ago survives a kill -9, as long as the disk keeps up.
+    When it fails, or is nearly full, the bag is ended as it is and ``tally().error`` says why.
+
+    Parameters
+    ----------
+    folder : Path
+        Of the bag; it is made, and must not exist.
+    settings : RecordSettings, optional
+
+    Raises
+    ------
+    InputError
+        If the bag cannot be begun.
+
+    """
+
+    def __init__(self, folder: Path, settings: RecordSettings | None = None) -> None:
+        self.folder, self._settings = folder, settings or RecordSettings()
+        self._queue: deque[Item] = deque()
+        self._waiting_bytes, self._files = 0, 1
+        self._written: Counter[str] = Counter()
+        self._dropped: Counter[str] = Counter()
+        self._error, self._closing, self._open = '', False, False
+        self._changed = threading.Condition()
+        self._thread = threading.Thread(target=self._run, name='recorder', daemon=True)
+        self._thread.start()
+        with self._changed:
+            self._changed.wait_for(lambda: self._open or self._error)
+        if not self._open:
+            self._thread.join()
+            raise InputError(self._error)
+
+    def add(self, topic: Topic) -> None:
+        """Make a topic known; raises InputError if nobody knows how its messages are defined."""
+        definition(topic.kind, topic.type_hash)
+        with self._changed:
+            self._queue.append((topic, 0, None))
+            self._changed.notify_all()
+
+    def put(self, topic: Topic, stamp_ns: int, data: bytes) -> bool:
+        """Take a serialized message of a known topic; return False if it had to be dropped."""
+        with self._changed:
+            if self._settings.when_full == 'wait':
+                self._changed.wait_for(lambda: self._has_room(len(data)) or not self._open)
+            if not (self._open and self._has_room(len(data))):
+                self._dropped[topic.name] += 1
+                return False
+            self._queue.append((topic, stamp_ns, data))
+            self._waiting_bytes += len(data)
+            self._changed.notify_all()
+        return True
+
+    def tally(self) -> Tally:
+        """Return how the recording stands."""
+        with self._changed:
+            return Tally(
+                dict(self._written),
+                dict(self._dropped),
+                self._waiting_bytes,
+                self._files,
+                self._error,
+            )
+
+    def close(self) -> Tally:
+        """Write what waits, complete the bag, and return how it came out."""
+        with self._changed:
+            self._closing = True
+            self._changed.notify_all()
+        self._thread.join()
+        return self.tally()
+
+    def _has_room(self, size: int) -> bool:
+        """Return whether a message fits; the first does, however large."""
+        limit = self._settings.queue_size * MB
+        return self._waiting_bytes == 0 or self._waiting_bytes + size <= limit
+
+    def _run(self) -> None:
+        """Write until closed, or until the disk fails: the life of the thread."""
+        writer: BagWriter | None = None
+        try:
+            writer = BagWriter(self.folder, self._settings)
+            self._tell(is_open=True)
+            self._write_all(writer)
+            writer.close()
+        except (*FAULTS, InputError, DiskFullError) as error:
+            self._fail(error, writer)
+        finally:
+            self._tell(is_open=False)
+
+    def _write_all(self, writer: BagWriter) -> None:
+        """Write what comes, and flush in time, until closed."""
+        period = self._settings.flush_period
+        due = time.monotonic() + period
+        while True:
+            item = self._next(due)
+            if item is not None:
+                self._write(writer, *item)
+            elif self._closing:
+                return
+            if time.monotonic() >= due:
+                writer.flush()
+                due = time.monotonic() + period
+
+    def _next(self, due: float) -> Item | None:
+        """Return what is to be written next; None when a flush is due before it comes."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._queue or self._closing, due - time.monotonic())
+            return self._queue[0] if self._queue else None
+
+    def _write(self, writer: BagWriter, topic: Topic, stamp_ns: int, data: bytes | None) -> None:
+        if data is None:
+            writer.add(topic)
+        else:
+            writer.write(topic.name, stamp_ns, data)
+        with self._changed:
+            self._queue.popleft()
+            self._files = 1 + len(writer.done)
+            if data is not None:
+                self._written[topic.name] += 1
+                self._waiting_bytes -= len(data)
+            self._changed.notify_all()
+
+    def _tell(self, *, is_open: bool) -> None:
+        with self._changed:
+            self._open = is_open
+            self._changed.notify_all()
+
+    def _fail(self, error: Exception, writer: BagWriter | None) -> None:
+        """End the bag, and count what did not come to lie in it."""
+        if writer is None:
+            self._error = str(error)
+            return
+        whole = writer.rescue(error)
+        kept = Counter[str]()
+        for part in writer.done:
+            kept.update({item.topic: part.counts[item.id] for item in part.connections})
+        state = 'is whole' if whole else 'must be repaired once there is room'
+        with self._changed:
+            lost = self._written - kept
+            lost.update(topic.name for topic, _, data in self._queue if data is not None)
+            self._dropped.update(lost)
+            self._written, self._waiting_bytes = kept, 0
+            self._queue.clear()
+            self._open = False  # here, or what came in between would be in no count
+            self._error = f'recording ended: {reason(error)}; {self.folder} so far {state}'
+
+
+def reason(error: Exception) -> str:
+    """Return what an error says, in one line without numbers of the system."""
+    said = getattr(error, 'strerror', None) or str(error) or type(error).__name__
+    return ' '.join(said.split())

@@ -1,0 +1,66 @@
+"""Settings of a recording."""
+
+from dataclasses import dataclass
+
+from visual_servo_epipolar.core.settings import setting, Settings
+
+MIN_SPLIT_MB = 0.1  # an empty sqlite3 file has 0.03 already
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordSettings(Settings):
+    """How a bag is stored, and what happens when the disk is slow or full. 1 MB is 10^6 bytes."""
+
+    storage: str = setting(
+        'mcap', 'Storage of the bag', choices=('mcap', 'sqlite3'), read_only=True
+    )
+    compression: str = setting(
+        'none',
+        'Compression: of chunks in mcap, of messages in sqlite3',
+        choices=('none', 'zstd'),
+        read_only=True,
+    )
+    split_size: float = setting(
+        0.0,
+        'Size of a file at which the next one begins; 0 = never [MB]',
+        low=0.0,
+        high=1e7,
+        read_only=True,
+    )
+    split_duration: float = setting(
+        0.0,
+        'Time in a file after which the next one begins; 0 = never [s]',
+        low=0.0,
+        high=1e7,
+        read_only=True,
+    )
+    queue_size: float = setting(
+        256.0, 'Messages that may wait for the disk [MB]', low=0.001, high=1e5, read_only=True
+    )
+    when_full: str = setting(
+        'drop',
+        'When that many wait: drop and count, or wait (only where time itself waits)',
+        choices=('drop', 'wait'),
+        read_only=True,
+    )
+    flush_period: float = setting(
+        0.5,
+        'Longest time after which what came in survives a kill -9 [s]',
+        low=0.05,
+        high=60.0,
+        read_only=True,
+    )
+    min_free: float = setting(
+        200.0,
+        'Free space on the disk at which recording ends [MB]',
+        low=0.0,
+        high=1e7,
+        read_only=True,
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if 0.0 < self.split_size < MIN_SPLIT_MB:
+            raise ValueError(
+                f'split_size must be 0, or at least {MIN_SPLIT_MB:g} MB, got {self.split_size:g}'
+            )

@@ -1,0 +1,136 @@
+"""Topics as they come: which are wanted, their types, and what their publishers offer."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from importlib import import_module
+from typing import Any
+
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rosbags.interfaces import (
+    Qos,
+    QosDurability,
+    QosHistory,
+    QosLiveliness,
+    QosReliability,
+    QosTime,
+)
+
+from visual_servo_epipolar.bags.storage import Topic
+from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.stamps import NANOSECONDS
+
+DEPTH = 100  # what may wait in DDS while this process does something else
+
+
+@dataclass(frozen=True, slots=True)
+class Wish:
+    """
+    Which topics are wanted: names, or patterns with * and ?, without those of ``but``.
+
+    A name without a leading / or * is one of the namespace of the node.
+    """
+
+    names: tuple[str, ...]
+    but: tuple[str, ...] = ()
+
+    def resolved(self, node: Node) -> 'Wish':
+        """Return the wish in full names, remapped as ``node`` is."""
+        return Wish(*(tuple(_full(node, item) for item in group) for group in self._groups()))
+
+    def wants(self, topic: str) -> bool:
+        """Return whether a topic, by its full name, is wanted."""
+        asked, refused = (
+            any(fnmatchcase(topic, item) for item in group) for group in self._groups()
+        )
+        return asked and not refused
+
+    @property
+    def named(self) -> frozenset[str]:
+        """The topics that are wanted by name."""
+        return frozenset(name for name in self.names if not _is_pattern(name))
+
+    def _groups(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        return self.names, self.but
+
+
+def published(node: Node, wish: Wish) -> Iterator[tuple[str, str]]:
+    """Yield name and type of every wanted topic that somebody publishes with one type."""
+    for name, kinds in node.get_topic_names_and_types():
+        if wish.wants(name) and len(kinds) == 1 and node.count_publishers(name):
+            yield name, kinds[0]
+
+
+def offered(node: Node, name: str, kind: str) -> Topic:
+    """Return a topic with the QoS that its publishers offer."""
+    infos = [item for item in node.get_publishers_info_by_topic(name) if item.topic_type == kind]
+    hashes = {str(item.topic_type_hash) for item in infos}
+    return Topic(
+        name,
+        kind,
+        hashes.pop() if len(hashes) == 1 else '',
+        tuple(_rosbags_qos(item.qos_profile) for item in infos),
+    )
+
+
+def suitable(profiles: Sequence[Qos]) -> QoSProfile:
+    """Return the strongest profile that every one of the offers satisfies."""
+    reliable = all(item.reliability == QosReliability.RELIABLE for item in profiles)
+    latched = all(item.durability == QosDurability.TRANSIENT_LOCAL for item in profiles)
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=DEPTH,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+def is_weaker(profile: QoSProfile, than: QoSProfile) -> bool:
+    """Return whether a profile asks for less, so that it connects to more publishers."""
+    return (profile.reliability, profile.durability) != (than.reliability, than.durability) and (
+        profile.reliability in (than.reliability, ReliabilityPolicy.BEST_EFFORT)
+        and profile.durability in (than.durability, DurabilityPolicy.VOLATILE)
+    )
+
+
+def message_class(kind: str) -> Any:
+    """Return the class of a message type such as std_msgs/msg/String, or raise InputError."""
+    package, _, name = kind.partition('/msg/')
+    try:
+        return getattr(import_module(f'{package}.msg'), name)
+    except (ImportError, AttributeError):
+        raise InputError(
+            f'{kind} cannot be imported; source the workspace that defines it'
+        ) from None
+
+
+def _is_pattern(name: str) -> bool:
+    return any(sign in name for sign in '*?[')
+
+
+def _full(node: Node, name: str) -> str:
+    if name.startswith(('/', '*')):
+        return name
+    if _is_pattern(name):
+        return f'{node.get_namespace().rstrip("/")}/{name}'
+    return node.resolve_topic_name(name)
+
+
+def _rosbags_qos(profile: QoSProfile) -> Qos:
+    return Qos(
+        QosHistory(int(profile.history)),
+        int(profile.depth),
+        QosReliability(int(profile.reliability)),
+        QosDurability(int(profile.durability)),
+        _time(profile.deadline),
+        _time(profile.lifespan),
+        QosLiveliness(int(profile.liveliness)),
+        _time(profile.liveliness_lease_duration),
+        bool(profile.avoid_ros_namespace_conventions),
+    )
+
+
+def _time(duration: Duration) -> QosTime:
+    return QosTime(*divmod(duration.nanoseconds, NANOSECONDS))

@@ -1,0 +1,279 @@
+"""The recorder: what is published, into a bag; nothing is decoded, nothing waits for a disk."""
+
+from collections import Counter
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+import sys
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from rclpy.clock import Clock, ClockType
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from std_srvs.srv import Trigger
+
+from visual_servo_epipolar.bags.bag_writer import MB
+from visual_servo_epipolar.bags.record import Recorder, Tally
+from visual_servo_epipolar.bags.record_settings import RecordSettings
+from visual_servo_epipolar.bags.storage import Topic
+from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.settings import setting, Settings
+from visual_servo_epipolar.messages import write
+from visual_servo_epipolar.nodes import discovery, parameters, qos
+from visual_servo_epipolar.nodes.discovery import Wish
+from visual_servo_epipolar.nodes.run import spin
+
+LOOK_PERIOD_S = 0.2
+LOOKS_A_REPORT = 5  # one report a second
+WARN_PERIOD_S = 5.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecorderNodeSettings(Settings):
+    """What is recorded, where to, and what becomes of the robot if that fails."""
+
+    bag: str = setting(
+        '', 'Folder of the bag; empty: rosbag2_ and the date, where it was started', read_only=True
+    )
+    topics: tuple[str, ...] = setting(
+        ('*',), 'Topics to record: names, or patterns with * and ?', read_only=True
+    )
+    exclude: tuple[str, ...] = setting(
+        ('*overlay/image_raw',), 'Topics not to record, likewise', read_only=True
+    )
+    autostart: bool = setting(True, 'Begin at once, not on ~/start', read_only=True)
+    report: bool = setting(True, 'Publish /diagnostics once a second', read_only=True)
+    on_error: str = setting(
+        'continue',
+        'When the disk fails or is full, the robot',
+        choices=('continue', 'stop_servo'),
+        read_only=True,
+    )
+    servo: str = setting('servo_node', 'Whose ~/stop is called by stop_servo', read_only=True)
+
+
+@dataclass(frozen=True, slots=True)
+class Ear:
+    """A subscription, and what is known of its topic."""
+
+    topic: Topic
+    profile: QoSProfile
+    subscription: Any
+
+
+class RecorderNode(Node):
+    """
+    Hosts a ``Recorder``; subscribes to every wanted topic as soon as somebody publishes it.
+
+    Messages pass as the bytes that came in, stamped with the time of the node's clock.
+    """
+
+    def __init__(self, **options: Any) -> None:
+        super().__init__('recorder_node', **options)
+        self._node_settings = parameters.declare(self, RecorderNodeSettings)
+        self._settings = parameters.declare(self, RecordSettings)
+        parameters.refuse_unknown(self)
+        settings = self._node_settings
+        self._wish = Wish(settings.topics, settings.exclude).resolved(self)
+        self._ears: dict[str, Ear] = {}
+        self._deaf: dict[str, str] = {}  # topics that cannot be recorded, and why
+        self._lost: Counter[str] = Counter()
+        self._recorder: Recorder | None = None
+        self._error, self._bags, self._looks = '', 0, 0
+        self._diagnostics_pub = self.create_publisher(
+            DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS
+        )
+        self.create_service(Trigger, '~/start', self._on_start)
+        self.create_service(Trigger, '~/stop', self._on_stop)
+        self._servo_stop = self.create_client(Trigger, f'{settings.servo}/stop')
+        if settings.autostart:
+            self._begin()
+        steady = Clock(clock_type=ClockType.STEADY_TIME)  # in simulated time as well
+        self.create_timer(LOOK_PERIOD_S, self._on_look, clock=steady)
+
+    @property
+    def ready(self) -> bool:
+        """Whether all topics that were asked for by name are being recorded."""
+        return self._wish.named <= self._ears.keys()
+
+    def stop(self) -> Tally:
+        """Complete the bag; return what is in it."""
+        for ear in self._ears.values():
+            self.destroy_subscription(ear.subscription)
+        self._ears.clear()
+        recorder, self._recorder = self._recorder, None
+        if recorder is None:
+            return Tally()
+        tally = recorder.close()
+        self.get_logger().info(f'{sum(tally.written.values())} messages in {recorder.folder}')
+        return tally
+
+    def destroy_node(self) -> None:
+        """Complete the bag before the node goes."""
+        self.stop()
+        super().destroy_node()
+
+    def _begin(self) -> Path:
+        """Begin a bag; raises InputError if it cannot be."""
+        folder = self._new_folder()
+        self._recorder = Recorder(folder, self._settings)
+        self._bags += 1
+        self._error = ''
+        self._lost.clear()
+        self._deaf.clear()
+        self.get_logger().info(f'recording to {folder}')
+        self._look()
+        return folder
+
+    def _new_folder(self) -> Path:
+        now_ns = Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds
+        name = self._node_settings.bag
+        if not name:
+            name = f'rosbag2_{datetime.fromtimestamp(now_ns / 1e9):%Y_%m_%d-%H_%M_%S}'
+        elif self._bags:
+            name = f'{name}_{self._bags}'
+        return Path(name).expanduser()
+
+    def _on_look(self) -> None:
+        tally = Tally() if self._recorder is None else self._recorder.tally()
+        if tally.error:
+            self._fail(tally)
+        elif self._recorder is not None:
+            self._look()
+        self._looks += 1
+        if self._looks % LOOKS_A_REPORT == 0:
+            self._report(tally)
+
+    def _look(self) -> None:
+        """Subscribe to what is new, and to what is offered with less than was expected."""
+        for name, kind in discovery.published(self, self._wish):
+            if name in self._deaf:
+                continue
+            topic = discovery.offered(self, name, kind)
+            profile, ear = discovery.suitable(topic.qos), self._ears.get(name)
+            if ear is None:
+                self._listen(topic, profile)
+            elif discovery.is_weaker(profile, ear.profile):
+                self.destroy_subscription(ear.subscription)
+                self._ears[name] = self._subscribed(ear.topic, profile)
+
+    def _listen(self, topic: Topic, profile: QoSProfile) -> None:
+        try:
+            ear = self._subscribed(topic, profile)
+            if self._recorder is not None:
+                self._recorder.add(topic)
+        except InputError as error:
+            self._deaf[topic.name] = str(error)
+            self.get_logger().warning(f'{topic.name} is not recorded: {error}')
+        else:
+            self._ears[topic.name] = ear
+
+    def _subscribed(self, topic: Topic, profile: QoSProfile) -> Ear:
+        def listen(data: bytes) -> None:
+            if self._recorder is not None:
+                self._recorder.put(topic, self.get_clock().now().nanoseconds, data)
+
+        def count_lost(info: Any) -> None:
+            self._lost[topic.name] += info.total_count_change
+
+        subscription = self.create_subscription(
+            discovery.message_class(topic.kind),
+            topic.name,
+            listen,
+            profile,
+            raw=True,
+            event_callbacks=SubscriptionEventCallbacks(message_lost=count_lost),
+        )
+        return Ear(topic, profile, subscription)
+
+    def _fail(self, tally: Tally) -> None:
+        """Say that the bag has ended before its time, and stop the robot if that is wanted."""
+        self._error = tally.error
+        self.get_logger().error(tally.error)
+        self.stop()
+        self._report(tally)
+        if self._node_settings.on_error == 'stop_servo':
+            self._stop_robot()
+
+    def _stop_robot(self) -> None:
+        service = self._servo_stop.srv_name
+        if not self._servo_stop.service_is_ready():
+            self.get_logger().error(f'the robot is not stopped: nobody serves {service}')
+            return
+        answer = self._servo_stop.call_async(Trigger.Request())
+        answer.add_done_callback(
+            lambda done: self.get_logger().warning(f'{service}: {done.result().message}')
+        )
+
+    def _report(self, tally: Tally) -> None:
+        """Publish how it goes, and complain about what was dropped."""
+        dropped, lost = sum(tally.dropped.values()), sum(self._lost.values())
+        if dropped and not tally.error:
+            self.get_logger().warning(
+                f'the disk does not keep up, {dropped} messages dropped so far: '
+                f'{_counts(tally.dropped)}',
+                throttle_duration_sec=WARN_PERIOD_S,
+            )
+        if not self._node_settings.report:
+            return
+        level, summary = DiagnosticStatus.OK, 'not recording'
+        if self._error:
+            level, summary = DiagnosticStatus.ERROR, self._error
+        elif self._recorder is not None:
+            level, summary = DiagnosticStatus.OK, f'recording to {self._recorder.folder}'
+            if dropped or lost or self._deaf:
+                level = DiagnosticStatus.WARN
+        message = write.diagnostics(
+            self.get_fully_qualified_name(),
+            level=level,
+            summary=summary,
+            values={
+                'recording': self._recorder is not None,
+                'files': tally.files,
+                'messages': sum(tally.written.values()),
+                'waiting_mb': round(tally.waiting_bytes / MB, 1),
+                'dropped': dropped,
+                'dropped_of': _counts(tally.dropped),
+                'lost_of': _counts(self._lost),
+                'not_recorded': ' '.join(sorted(self._deaf)),
+            },
+            stamp_ns=self.get_clock().now().nanoseconds,
+        )
+        self._diagnostics_pub.publish(message)
+
+    def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self._recorder is not None:
+            response.success = False
+            response.message = f'recording to {self._recorder.folder} already; call ~/stop first'
+            return response
+        try:
+            response.message = f'recording to {self._begin()}'
+            response.success = True
+        except InputError as error:
+            response.success, response.message = False, str(error)
+        return response
+
+    def _on_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        if self._recorder is None:
+            response.success, response.message = False, 'nothing is being recorded'
+            return response
+        folder, tally = self._recorder.folder, self.stop()
+        response.success = not tally.error
+        response.message = tally.error or f'{sum(tally.written.values())} messages in {folder}'
+        return response
+
+
+def _counts(counts: Mapping[str, int]) -> str:
+    return ', '.join(f'{count} of {name}' for name, count in sorted(counts.items()))
+
+
+def main() -> None:
+    """Run the node."""
+    sys.exit(spin(RecorderNode))
+
+
+if __name__ == '__main__':
+    main()
