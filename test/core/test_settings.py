@@ -18,6 +18,7 @@ class Sample(Settings):
     mode: str = setting('slow', 'How fast', choices=('slow', 'fast'))
     enabled: bool = setting(True, 'Whether at all', read_only=True)
     offset: tuple[float, ...] = setting((0.0, 1.0), 'Offset [m]', low=-5.0, high=5.0)
+    names: tuple[str, ...] = setting(('a',), 'Names')
 
 
 @pytest.mark.parametrize(
@@ -41,6 +42,8 @@ class Sample(Settings):
         ('offset', (0.0, 'a'), 'offset must be a list of numbers'),
         ('offset', [0.0, 6.0], r'offset must lie in \[-5, 5\], got 6'),
         ('offset', 1.0, 'offset must be tuple, got 1.0'),
+        ('names', ['a', 1], r"names must be a list of words, got \('a', 1\)"),
+        ('names', 'a', "names must be tuple, got 'a'"),
     ],
 )
 def test_a_bad_value_is_refused_by_name(name: str, value: Any, message: str) -> None:
@@ -57,6 +60,8 @@ def test_a_bad_value_is_refused_by_name(name: str, value: Any, message: str) -> 
         ('count', 9, 9),
         ('mode', 'fast', 'fast'),
         ('offset', [1, -5], (1.0, -5.0)),
+        ('names', ['b', 'c'], ('b', 'c')),
+        ('names', [], ()),
     ],
 )
 def test_the_ends_of_a_range_are_allowed_and_types_settled(

@@ -1,16 +1,262 @@
 """The recorder node: what is published lies in the bag, and the robot never waits for it."""
 
+from bag_reading import files_of_at_most, read_back, size_of
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from rosbags.highlevel import AnyReader
+from rosbags.interfaces import QosDurability, QosReliability
+from rosgraph_msgs.msg import Clock
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
 
+from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.messages import read, write
+from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.recorder_node import RecorderNode
 
 BEST_EFFORT = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 
-def start(bench, tmp_path, **values):
-    """Start a recorder of ``tmp_path / 'bag'`` that keeps a little of the disk free."""
-    return bench.start(RecorderNode, bag=str(tmp_path / 'bag'), **values)
+class Recording:
+    """A running recorder, and words to record."""
+
+    def __init__(self, bench, folder, **values) -> None:
+        self.bench, self.bag = bench, folder / 'bag'
+        self.node = bench.start(RecorderNode, bag=str(self.bag), **values)
+
+    def until_recorded(self, *topics: str) -> None:
+        self.bench.until(lambda: set(topics) <= self.node.recorded, f'{topics} to be recorded')
+
+    def until_not_recorded(self, topic: str) -> None:
+        self.bench.until(lambda: topic not in self.node.recorded, f'{topic} to be left')
+
+    def until_written(self, topic: str, count: int = 1) -> None:
+        self.bench.until(
+            lambda: self.node.tally().written.get(topic, 0) >= count,
+            f'{count} messages of {topic} to be written',
+        )
+
+    def bags(self) -> list[str]:
+        return sorted(path.name for path in self.bag.parent.iterdir())
 
 
-def wait_until_recorded(bench, node, *topics: str) -> None:
-    bench.until(lambda: set(topics) <= node.recorded, f'{", ".join(topics)} to be recorded')
+def heard(folder, topic: str) -> list[str]:
+    """Return the words of one topic in a bag."""
+    return [
+        deserialize_message(data, String).data
+        for name, _, data in read_back(folder)
+        if name == topic
+    ]
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_everything_published_is_in_the_bag(bench, tmp_path, storage) -> None:
+    say, late = bench.talk(String, 'words'), bench.talk(String, 'state', qos.LATCHED)
+    late(write.text('before anybody listened'))
+    recording = Recording(bench, tmp_path, storage=storage)
+    recording.until_recorded('/words', '/state', '/diagnostics')
+    for number in range(50):
+        say(write.text(str(number)))
+    recording.until_written('/words', 50)
+    recording.until_written('/state')
+    recording.node.stop()
+    assert heard(recording.bag, '/words') == [str(number) for number in range(50)]
+    assert heard(recording.bag, '/state') == ['before anybody listened']
+
+
+def test_hash_and_qos_are_those_of_the_publishers(bench, tmp_path) -> None:
+    bench.talk(String, 'state', qos.LATCHED)
+    bench.talk(JointState, 'numbers', BEST_EFFORT)
+    recording = Recording(bench, tmp_path, topics=('state', 'numbers'))
+    recording.until_recorded('/state', '/numbers')
+    told = bench.probe.get_publishers_info_by_topic('/numbers')[0].topic_type_hash
+    recording.node.stop()
+    with AnyReader([recording.bag]) as reader:
+        found = {item.topic: item for item in reader.connections}
+    (state,) = found['/state'].ext.offered_qos_profiles
+    (numbers,) = found['/numbers'].ext.offered_qos_profiles
+    assert (state.reliability, state.durability) == (
+        QosReliability.RELIABLE,
+        QosDurability.TRANSIENT_LOCAL,
+    )
+    assert (numbers.reliability, numbers.durability) == (
+        QosReliability.BEST_EFFORT,
+        QosDurability.VOLATILE,
+    )
+    assert found['/numbers'].digest == str(told)
+
+
+def test_numbers_without_velocities_are_read_by_rosbags(bench, tmp_path) -> None:
+    say = bench.talk(JointState, 'epipoles')
+    recording = Recording(bench, tmp_path, topics=('epipoles',))
+    recording.until_recorded('/epipoles')
+    say(write.numbers({'bearing': 0.5, 'sigma': -1.0}, 7, 'camera'))
+    recording.until_written('/epipoles')
+    recording.node.stop()
+    with AnyReader([recording.bag]) as reader:
+        (message,) = (
+            reader.deserialize(data, item.msgtype) for item, _, data in reader.messages()
+        )
+    assert read.numbers(message) == {'bearing': 0.5, 'sigma': -1.0}
+
+
+def test_only_what_is_wanted_is_recorded(bench, tmp_path) -> None:
+    for name in ('words', 'left/image_raw', 'left/overlay/image_raw', 'right/image_raw'):
+        bench.talk(String, name)
+    recording = Recording(bench, tmp_path, topics=('/left*', 'words'), exclude=('*overlay*',))
+    recording.until_recorded('/words', '/left/image_raw')
+    assert recording.node.recorded == {'/words', '/left/image_raw'}
+    assert recording.node.ready
+
+
+def test_a_topic_that_comes_late_is_recorded_from_then_on(bench, tmp_path) -> None:
+    recording = Recording(bench, tmp_path, topics=('words',))
+    assert not recording.node.ready
+    say = bench.talk(String, 'words')
+    recording.until_recorded('/words')
+    say(write.text('late'))
+    recording.until_written('/words')
+    recording.node.stop()
+    assert heard(recording.bag, '/words') == ['late']
+
+
+def test_a_publisher_that_offers_less_is_heard_as_well(bench, tmp_path) -> None:
+    bench.talk(String, 'words')
+    recording = Recording(bench, tmp_path, topics=('words',))
+    recording.until_recorded('/words')
+    weak = bench.probe.create_publisher(String, 'words', BEST_EFFORT)
+    bench.until(weak.get_subscription_count, 'the recorder to take what is offered')
+    weak.publish(write.text('best effort'))
+    recording.until_written('/words')
+    recording.node.stop()
+    assert heard(recording.bag, '/words') == ['best effort']
+
+
+def test_messages_carry_simulated_time(bench, tmp_path) -> None:
+    tick, say = bench.talk(Clock, '/clock', qos.CLOCK), bench.talk(String, 'words')
+    recording = Recording(bench, tmp_path, topics=('words',), use_sim_time=True)
+    recording.until_recorded('/words')
+    tick(write.clock(1_500_000_000))
+    now = recording.node.get_clock().now
+    bench.until(lambda: now().nanoseconds == 1_500_000_000, 'the clock to arrive')
+    say(write.text('then'))
+    recording.until_written('/words')
+    recording.node.stop()
+    assert [stamp_ns for _, stamp_ns, _ in read_back(recording.bag)] == [1_500_000_000]
+
+
+def test_start_and_stop_make_one_bag_after_the_other(bench, tmp_path) -> None:
+    say = bench.talk(String, 'words')
+    recording = Recording(bench, tmp_path, topics=('words',), autostart=False)
+    assert recording.bags() == []
+    for number in range(2):
+        answer = bench.call('recorder_node/start')
+        assert (answer.success, answer.message.split()[:2]) == (True, ['recording', 'to'])
+        assert not bench.call('recorder_node/start').success
+        recording.until_recorded('/words')
+        say(write.text(str(number)))
+        recording.until_written('/words')
+        answer = bench.call('recorder_node/stop')
+        assert (answer.success, answer.message.split()[:3]) == (True, ['1', 'messages', 'in'])
+        say(write.text('to nobody'))
+    assert not bench.call('recorder_node/stop').success
+    assert recording.bags() == ['bag', 'bag_1']
+    assert [heard(tmp_path / name, '/words') for name in recording.bags()] == [['0'], ['1']]
+
+
+def test_the_bag_is_completed_when_the_node_goes(bench, tmp_path) -> None:
+    say = bench.talk(String, 'words')
+    recording = Recording(bench, tmp_path, topics=('words',))
+    recording.until_recorded('/words')
+    say(write.text('last'))
+    recording.until_written('/words')
+    bench.nodes.remove(recording.node)
+    bench.executor.remove_node(recording.node)
+    recording.node.destroy_node()
+    assert heard(recording.bag, '/words') == ['last']
+
+
+def test_a_bag_that_cannot_be_begun_ends_the_node(bench, tmp_path) -> None:
+    (tmp_path / 'bag').mkdir()
+    with pytest.raises(InputError, match='bag exists already; name another bag'):
+        Recording(bench, tmp_path)
+    node = Recording(bench, tmp_path, autostart=False)
+    answer = bench.call('recorder_node/start')
+    assert (answer.success, 'exists already' in answer.message) == (False, True)
+    assert node.bags() == ['bag']
+
+
+class Failing(Recording):
+    """A recorder whose disk ends while it records, beside a servo."""
+
+    def __init__(self, bench, folder, **values) -> None:
+        say = bench.talk(String, 'words')
+        self.stopped = []
+        bench.probe.create_service(Trigger, 'servo_node/stop', self._on_stop)
+        self.diagnostics = bench.listen(DiagnosticArray, '/diagnostics')
+        super().__init__(bench, folder, topics=('words',), flush_period=0.05, **values)
+        self.until_recorded('/words')
+        empty = size_of(self.bag)
+        say(write.text('before'))
+        bench.until(lambda: size_of(self.bag) > empty, 'the first message to be flushed')
+        with files_of_at_most(100_000):
+            say(write.text('x' * 200_000))
+            self.until_not_recorded('/words')
+
+    def _on_stop(self, request, response):
+        self.stopped.append(request)
+        response.success, response.message = True, 'the robot stands'
+        return response
+
+    def errors(self) -> list[str]:
+        statuses = [message.status[0] for message in self.diagnostics]
+        return [item.message for item in statuses if item.level == DiagnosticStatus.ERROR]
+
+
+def test_a_disk_that_ends_is_one_error_and_the_robot_drives_on(bench, tmp_path) -> None:
+    failing = Failing(bench, tmp_path)
+    bench.until(failing.errors, 'an error in the diagnostics')
+    bench.until(lambda: bench.logged('recording ended'), 'an error to be logged')
+    bench.settle()
+    assert len(bench.logged('recording ended')) == 1
+    assert 'bag so far is whole' in failing.errors()[0]
+    assert failing.stopped == []
+    assert heard(failing.bag, '/words') == ['before']
+    assert bench.call('recorder_node/start').success  # into the next bag
+
+
+def test_a_disk_that_ends_stops_the_robot_where_that_is_wanted(bench, tmp_path) -> None:
+    failing = Failing(bench, tmp_path, on_error='stop_servo')
+    bench.until(lambda: failing.stopped, 'the servo to be stopped')
+    bench.until(lambda: bench.logged('the robot stands'), 'its answer to be logged')
+    assert len(failing.stopped) == 1
+
+
+def test_a_servo_that_is_not_there_is_an_error(bench, tmp_path) -> None:
+    Failing(bench, tmp_path, on_error='stop_servo', servo='other_servo')
+    bench.until(
+        lambda: bench.logged('the robot is not stopped: nobody serves /other_servo/stop'),
+        'an error that says so',
+    )
+
+
+def test_what_a_slow_disk_drops_is_told_by_topic(bench, tmp_path) -> None:
+    diagnostics = bench.listen(DiagnosticArray, '/diagnostics')
+    say = bench.talk(String, 'words')
+    recording = Recording(bench, tmp_path, topics=('words',), queue_size=0.001)
+    recording.until_recorded('/words')
+    big = write.text('x' * 3_000_000)
+
+    def dropped() -> int:
+        say(big)
+        told = [read.diagnosis(message) for message in diagnostics]
+        return int(told[-1]['dropped']) if told else 0
+
+    bench.until(lambda: bool(dropped()), 'a message to be dropped')
+    count, _, topic = read.diagnosis(diagnostics[-1])['dropped_of'].partition(' of ')
+    assert (int(count) > 0, topic) == (True, '/words')
+    assert diagnostics[-1].status[0].level == DiagnosticStatus.WARN
+    bench.until(lambda: bench.logged('the disk does not keep up'), 'a warning')

@@ -1,6 +1,5 @@
 """The recorder: what is published, into a bag; nothing is decoded, nothing waits for a disk."""
 
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
@@ -10,9 +9,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.clock import Clock, ClockType
-from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
-from rclpy.qos import QoSProfile
 from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.bags.bag_writer import MB
@@ -22,8 +19,9 @@ from visual_servo_epipolar.bags.storage import Topic
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.messages import write
-from visual_servo_epipolar.nodes import discovery, parameters, qos
+from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.discovery import Wish
+from visual_servo_epipolar.nodes.ears import Ears
 from visual_servo_epipolar.nodes.run import spin
 
 LOOK_PERIOD_S = 0.2
@@ -55,15 +53,6 @@ class RecorderNodeSettings(Settings):
     servo: str = setting('servo_node', 'Whose ~/stop is called by stop_servo', read_only=True)
 
 
-@dataclass(frozen=True, slots=True)
-class Ear:
-    """A subscription, and what is known of its topic."""
-
-    topic: Topic
-    profile: QoSProfile
-    subscription: Any
-
-
 class RecorderNode(Node):
     """
     Hosts a ``Recorder``; subscribes to every wanted topic as soon as somebody publishes it.
@@ -77,10 +66,8 @@ class RecorderNode(Node):
         self._settings = parameters.declare(self, RecordSettings)
         parameters.refuse_unknown(self)
         settings = self._node_settings
-        self._wish = Wish(settings.topics, settings.exclude).resolved(self)
-        self._ears: dict[str, Ear] = {}
-        self._deaf: dict[str, str] = {}  # topics that cannot be recorded, and why
-        self._lost: Counter[str] = Counter()
+        wish = Wish(settings.topics, settings.exclude).resolved(self)
+        self._ears = Ears(self, wish, self._begin_topic, self._take)
         self._recorder: Recorder | None = None
         self._error, self._bags, self._looks = '', 0, 0
         self._diagnostics_pub = self.create_publisher(
@@ -90,20 +77,27 @@ class RecorderNode(Node):
         self.create_service(Trigger, '~/stop', self._on_stop)
         self._servo_stop = self.create_client(Trigger, f'{settings.servo}/stop')
         if settings.autostart:
-            self._begin()
+            self._begin_or_go()
         steady = Clock(clock_type=ClockType.STEADY_TIME)  # in simulated time as well
         self.create_timer(LOOK_PERIOD_S, self._on_look, clock=steady)
 
     @property
+    def recorded(self) -> frozenset[str]:
+        """The topics that are being recorded, by their full names."""
+        return self._ears.heard
+
+    @property
     def ready(self) -> bool:
         """Whether all topics that were asked for by name are being recorded."""
-        return self._wish.named <= self._ears.keys()
+        return self._ears.all_heard
+
+    def tally(self) -> Tally:
+        """Return how the recording stands."""
+        return Tally() if self._recorder is None else self._recorder.tally()
 
     def stop(self) -> Tally:
         """Complete the bag; return what is in it."""
-        for ear in self._ears.values():
-            self.destroy_subscription(ear.subscription)
-        self._ears.clear()
+        self._ears.close()
         recorder, self._recorder = self._recorder, None
         if recorder is None:
             return Tally()
@@ -116,17 +110,30 @@ class RecorderNode(Node):
         self.stop()
         super().destroy_node()
 
+    def _begin_or_go(self) -> None:
+        try:
+            self._begin()
+        except InputError:
+            self.destroy_node()  # half a node would keep its name
+            raise
+
     def _begin(self) -> Path:
         """Begin a bag; raises InputError if it cannot be."""
         folder = self._new_folder()
         self._recorder = Recorder(folder, self._settings)
         self._bags += 1
         self._error = ''
-        self._lost.clear()
-        self._deaf.clear()
         self.get_logger().info(f'recording to {folder}')
-        self._look()
+        self._ears.look()
         return folder
+
+    def _begin_topic(self, topic: Topic) -> None:
+        if self._recorder is not None:
+            self._recorder.add(topic)
+
+    def _take(self, topic: Topic, data: bytes) -> None:
+        if self._recorder is not None:
+            self._recorder.put(topic, self.get_clock().now().nanoseconds, data)
 
     def _new_folder(self) -> Path:
         now_ns = Clock(clock_type=ClockType.SYSTEM_TIME).now().nanoseconds
@@ -138,56 +145,14 @@ class RecorderNode(Node):
         return Path(name).expanduser()
 
     def _on_look(self) -> None:
-        tally = Tally() if self._recorder is None else self._recorder.tally()
+        tally = self.tally()
         if tally.error:
             self._fail(tally)
         elif self._recorder is not None:
-            self._look()
+            self._ears.look()
         self._looks += 1
         if self._looks % LOOKS_A_REPORT == 0:
             self._report(tally)
-
-    def _look(self) -> None:
-        """Subscribe to what is new, and to what is offered with less than was expected."""
-        for name, kind in discovery.published(self, self._wish):
-            if name in self._deaf:
-                continue
-            topic = discovery.offered(self, name, kind)
-            profile, ear = discovery.suitable(topic.qos), self._ears.get(name)
-            if ear is None:
-                self._listen(topic, profile)
-            elif discovery.is_weaker(profile, ear.profile):
-                self.destroy_subscription(ear.subscription)
-                self._ears[name] = self._subscribed(ear.topic, profile)
-
-    def _listen(self, topic: Topic, profile: QoSProfile) -> None:
-        try:
-            ear = self._subscribed(topic, profile)
-            if self._recorder is not None:
-                self._recorder.add(topic)
-        except InputError as error:
-            self._deaf[topic.name] = str(error)
-            self.get_logger().warning(f'{topic.name} is not recorded: {error}')
-        else:
-            self._ears[topic.name] = ear
-
-    def _subscribed(self, topic: Topic, profile: QoSProfile) -> Ear:
-        def listen(data: bytes) -> None:
-            if self._recorder is not None:
-                self._recorder.put(topic, self.get_clock().now().nanoseconds, data)
-
-        def count_lost(info: Any) -> None:
-            self._lost[topic.name] += info.total_count_change
-
-        subscription = self.create_subscription(
-            discovery.message_class(topic.kind),
-            topic.name,
-            listen,
-            profile,
-            raw=True,
-            event_callbacks=SubscriptionEventCallbacks(message_lost=count_lost),
-        )
-        return Ear(topic, profile, subscription)
 
     def _fail(self, tally: Tally) -> None:
         """Say that the bag has ended before its time, and stop the robot if that is wanted."""
@@ -199,7 +164,7 @@ class RecorderNode(Node):
             self._stop_robot()
 
     def _stop_robot(self) -> None:
-        service = self._servo_stop.srv_name
+        service = self.resolve_service_name(f'{self._node_settings.servo}/stop')
         if not self._servo_stop.service_is_ready():
             self.get_logger().error(f'the robot is not stopped: nobody serves {service}')
             return
@@ -210,7 +175,7 @@ class RecorderNode(Node):
 
     def _report(self, tally: Tally) -> None:
         """Publish how it goes, and complain about what was dropped."""
-        dropped, lost = sum(tally.dropped.values()), sum(self._lost.values())
+        dropped, lost = sum(tally.dropped.values()), sum(self._ears.lost.values())
         if dropped and not tally.error:
             self.get_logger().warning(
                 f'the disk does not keep up, {dropped} messages dropped so far: '
@@ -224,7 +189,7 @@ class RecorderNode(Node):
             level, summary = DiagnosticStatus.ERROR, self._error
         elif self._recorder is not None:
             level, summary = DiagnosticStatus.OK, f'recording to {self._recorder.folder}'
-            if dropped or lost or self._deaf:
+            if dropped or lost or self._ears.refused:
                 level = DiagnosticStatus.WARN
         message = write.diagnostics(
             self.get_fully_qualified_name(),
@@ -237,8 +202,8 @@ class RecorderNode(Node):
                 'waiting_mb': round(tally.waiting_bytes / MB, 1),
                 'dropped': dropped,
                 'dropped_of': _counts(tally.dropped),
-                'lost_of': _counts(self._lost),
-                'not_recorded': ' '.join(sorted(self._deaf)),
+                'lost_of': _counts(self._ears.lost),
+                'not_recorded': ' '.join(sorted(self._ears.refused)),
             },
             stamp_ns=self.get_clock().now().nanoseconds,
         )

@@ -1,0 +1,105 @@
+"""Subscriptions that come and go with what is published, and hand on bytes."""
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from rclpy.event_handler import SubscriptionEventCallbacks
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+
+from visual_servo_epipolar.bags.storage import Topic
+from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.nodes import discovery
+from visual_servo_epipolar.nodes.discovery import Wish
+
+
+@dataclass(frozen=True, slots=True)
+class Ear:
+    """A subscription, and what is known of its topic."""
+
+    topic: Topic
+    profile: QoSProfile
+    subscription: Any
+
+
+class Ears:
+    """
+    Subscribes ``node`` to every topic of ``wish`` once somebody publishes it.
+
+    Parameters
+    ----------
+    begin : callable
+        Told of each topic before its first message; may raise InputError to refuse it.
+    take : callable
+        Given a topic and the bytes of a message.
+
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        wish: Wish,
+        begin: Callable[[Topic], None],
+        take: Callable[[Topic, bytes], None],
+    ) -> None:
+        self._node, self._wish, self._begin, self._take = node, wish, begin, take
+        self._ears: dict[str, Ear] = {}
+        self.refused: dict[str, str] = {}  # topics that cannot be heard, and why
+        self.lost: Counter[str] = Counter()  # messages that never arrived, by topic
+
+    @property
+    def heard(self) -> frozenset[str]:
+        """The topics that are subscribed, by their full names."""
+        return frozenset(self._ears)
+
+    @property
+    def all_heard(self) -> bool:
+        """Whether all topics that were wished for by name are subscribed."""
+        return self._wish.named <= self._ears.keys()
+
+    def look(self) -> None:
+        """Subscribe to what is new, and to what is offered with less than was expected."""
+        for name, kind in discovery.published(self._node, self._wish):
+            if name in self.refused:
+                continue
+            topic = discovery.offered(self._node, name, kind)
+            profile, ear = discovery.suitable(topic.qos), self._ears.get(name)
+            if ear is None:
+                self._open(topic, profile)
+            elif discovery.is_weaker(profile, ear.profile):
+                self._node.destroy_subscription(ear.subscription)
+                self._ears[name] = self._subscribed(ear.topic, profile)
+
+    def close(self) -> None:
+        """Hear no more; ``look`` begins anew."""
+        for ear in self._ears.values():
+            self._node.destroy_subscription(ear.subscription)
+        self._ears.clear()
+        self.refused.clear()
+        self.lost.clear()
+
+    def _open(self, topic: Topic, profile: QoSProfile) -> None:
+        try:
+            discovery.message_class(topic.kind)
+            self._begin(topic)
+        except InputError as error:
+            self.refused[topic.name] = str(error)
+            self._node.get_logger().warning(f'{topic.name} is not recorded: {error}')
+        else:
+            self._ears[topic.name] = self._subscribed(topic, profile)
+
+    def _subscribed(self, topic: Topic, profile: QoSProfile) -> Ear:
+        def count_lost(info: Any) -> None:
+            self.lost[topic.name] += info.total_count_change
+
+        subscription = self._node.create_subscription(
+            discovery.message_class(topic.kind),
+            topic.name,
+            lambda data: self._take(topic, data),
+            profile,
+            raw=True,
+            event_callbacks=SubscriptionEventCallbacks(message_lost=count_lost),
+        )
+        return Ear(topic, profile, subscription)
