@@ -16,7 +16,7 @@ DEMO_ARGS ?= --out $(DEMO_OUT)
 REPRODUCE_OUT ?= reproduce_out
 
 .DEFAULT_GOAL := setup
-.PHONY: setup test test-colcon colcon lint format demo sweep reproduce bench clean help
+.PHONY: setup test test-colcon colcon lint format demo sweep reproduce theory-figures bench clean help
 
 setup: $(STAMP) ## make .venv with ROS 2 Jazzy, all tools and this package, editable (default)
 
@@ -54,6 +54,9 @@ reproduce: $(STAMP) ## the figures of the paper and a table, paper against us; i
 
 sweep: $(STAMP) ## 200 starts, three laws: table and maps in sweep_out/; SWEEP_ARGS for others
 	@$(BIN)/visual_servo sweep $(SWEEP_ARGS)
+
+theory-figures: $(STAMP) ## the figures of docs/theory.md
+	@$(BIN)/python docs/theory_figures.py
 
 bench: $(STAMP) ## accuracy and speed beside the peers, minutes; BENCH_ARGS='estimation --quick'
 	@$(PIP) install --constraint constraints.txt --no-build-isolation --editable '.[bench]'

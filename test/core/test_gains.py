@@ -141,6 +141,7 @@ def tight() -> tuple[Circumstances, Pose]:
 def test_where_k1_breaks_the_inequality_the_epipole_meets_the_singularity() -> None:
     known, pose = tight()
     found = derive(known)
+    assert found.k1 * found.transient == pytest.approx(gains.largest_decay(known))
     assert sampled(pose, 5.0, known, found).verdict == 'landed'
     ends = [
         sampled(pose, 5.0, known, replace(found, k1=factor * found.k1)) for factor in (1.0, 3.0, 8)

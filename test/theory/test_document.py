@@ -1,0 +1,80 @@
+"""docs/theory.md: what it links exists, and each equation is named where it is computed."""
+
+from importlib import import_module
+import importlib.util
+from pathlib import Path
+import re
+import sys
+from types import ModuleType
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+DOCS = ROOT / 'docs'
+PAGE = DOCS / 'theory.md'
+TEXT = PAGE.read_text(encoding='utf-8')
+CODE = re.findall(r'\[`([\w.]+)`\]\(([^)]+)\)', TEXT)
+LINKS = re.findall(r'\]\(([^)]+)\)', TEXT)
+# Rows of the table: equations (or sections), name in the code, its file, the file of its test.
+ROWS = re.findall(r'^\| (.+?) \| \[`([\w.]+)`\]\((.+?)\) \| \[test\]\((.+?)\) \|$', TEXT, re.M)
+
+
+def resolve(name: str, path: str) -> Any:
+    """Return what ``module.name`` is, out of the file that the link leads to."""
+    file = (DOCS / path).resolve()
+    module, *names = name.split('.')
+    assert file.stem == module, f'{name} is linked to {path}'
+    found: Any = import_module('.'.join(file.relative_to(ROOT).with_suffix('').parts))
+    for part in names:
+        found = getattr(found, part)
+    return found
+
+
+@pytest.mark.parametrize('target', sorted(set(LINKS)))
+def test_what_is_linked_is_there(target: str) -> None:
+    assert (DOCS / target).is_file()
+
+
+@pytest.mark.parametrize(('name', 'path'), sorted(set(CODE)))
+def test_what_is_named_is_in_the_code(name: str, path: str) -> None:
+    assert resolve(name, path).__doc__
+
+
+@pytest.mark.parametrize(('equations', 'name', 'path', 'test'), ROWS)
+def test_an_equation_is_named_where_it_is_computed_and_held(
+    equations: str, name: str, path: str, test: str
+) -> None:
+    text = resolve(name, path).__doc__
+    for equation in equations.split(', '):
+        number = equation.strip('()')
+        assert re.search(rf'(?<![\w.]){re.escape(number)}(?![\w.]*\d)', text), (
+            f'the docstring of {name} does not name eq. {equation}'
+        )
+    function = name.split('.')[-1]
+    assert function in (DOCS / test).read_text(encoding='utf-8')
+
+
+def test_every_equation_of_the_paper_has_its_row() -> None:
+    numbers = [int(n) for row in ROWS for n in re.findall(r'\((\d+)\)', row[0])]
+    assert sorted(numbers) == list(range(1, 31))
+
+
+def figures() -> ModuleType:
+    spec = importlib.util.spec_from_file_location('theory_figures', DOCS / 'theory_figures.py')
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module  # dataclasses look their module up
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_every_figure_of_the_page_is_drawn_with_units_on_its_axes() -> None:
+    module = figures()
+    assert set(module.FIGURES) == {link for link in LINKS if link.endswith('.png')}
+    for draw in module.FIGURES.values():
+        for axes in draw().axes:
+            assert axes.get_xlabel()
+            assert axes.get_ylabel()
+            assert axes.get_lines() or axes.collections
