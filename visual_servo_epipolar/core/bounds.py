@@ -13,7 +13,22 @@ turning alone. The bounds on e_au follow from it; docs/theory.md has the proofs.
 
 import math
 
+from visual_servo_epipolar.core.epipolar import Bearings
 from visual_servo_epipolar.core.laws import signed_power
+from visual_servo_epipolar.core.motion import Twist
+
+
+def rates_in_bearings(twist: Twist, bearings: Bearings, distance: float) -> tuple[float, float]:
+    """
+    Return the rates of e_au (eq. 8) and e_du (eq. 7) at unit focal length.
+
+    They need no sign: ``laws.epipole_rates`` has the same in epipoles and sigma.
+    """
+    turn = twist.linear * math.sin(bearings.phi) / distance  # -psi', the baseline turning right
+    return (
+        (turn + twist.angular) / math.cos(bearings.phi) ** 2,
+        turn / math.sin(bearings.psi) ** 2,
+    )
 
 
 def closed_loop_rates(
@@ -52,7 +67,11 @@ def closed_loop_rates(
 
 
 def distance_scale(e_current: float, *, focal: float, guess: float) -> float:
-    """Return mu = d' / d_hat' (eq. 29), which lies in [1, f / f_hat] for f_hat <= f (eq. 30)."""
+    """
+    Return mu = d' / d_hat' (eq. 29), the ratio of (28) to (25).
+
+    It lies in [1, f / f_hat] for f_hat <= f (eq. 30).
+    """
     return focal / guess * math.hypot(e_current, guess) / math.hypot(e_current, focal)
 
 

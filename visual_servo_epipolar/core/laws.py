@@ -94,11 +94,7 @@ def epipole_rates(
     distance: float,
     focal: float = 1.0,
 ) -> tuple[float, float]:
-    """
-    Return the rates of e_au and e_du under ``twist`` (eqs. 9 and 10, with sigma corrected).
-
-    They are (8) and (7) with the bearings of the baseline written as epipoles.
-    """
+    """Return the rates of e_au and e_du under ``twist`` (eqs. 9 and 10, with sigma corrected)."""
     root = math.sqrt(e_current * e_current + focal * focal)
     pull = twist.linear * sigma / distance * e_current / focal
     return (
@@ -111,8 +107,7 @@ def distance_rate(linear: float, e_current: float, *, sigma: float, focal: float
     """
     Return d' = u_1 cos(psi - theta) [m/s] (eq. 18), which updates d_hat by the applied speed.
 
-    With the unsaturated u_1 of (16) this is eq. (13), and eq. (25) for a guessed focal length;
-    with the true focal length and the u_1 of a guessed one it is d' of eq. (28).
+    With the unsaturated u_1 of (16) this is eq. (13), and eq. (25) for a guessed focal length.
     """
     return linear * sigma * focal / math.hypot(e_current, focal)
 
