@@ -87,7 +87,7 @@ def test_7_to_10_are_the_derivatives_in_every_sign_case(
     tolerance = {'rel': 1e-6, 'abs': 2e-6}
     eight_and_seven = bounds.rates_in_bearings(twist, seen, distance)
     assert found == pytest.approx(eight_and_seven, **tolerance)
-    nine_and_ten = laws.epipole_rates(twist, *abscissae(seen), sigma=sigma, distance=d)
+    nine_and_ten = laws.epipole_rates(twist, *abscissae(seen), sigma=sigma, distance=distance)
     assert found == pytest.approx(nine_and_ten, **tolerance)
 
 
