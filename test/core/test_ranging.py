@@ -12,12 +12,16 @@ from visual_servo_epipolar.core.motion import (
     beyond_dead_band,
     integrate,
     Pose,
+    pulsed,
     ramped,
     STANDSTILL,
     Twist,
     wrap_angle,
 )
 from visual_servo_epipolar.core.ranging import Leg, MIN_TURN
+from visual_servo_epipolar.core.servo_settings import ServoSettings
+from visual_servo_epipolar.core.servo_state import ServoState
+from visual_servo_epipolar.core.steering import straightened
 
 SPEEDS = st.floats(-1.0, 1.0, allow_subnormal=False)
 
@@ -79,7 +83,7 @@ def test_following_the_line_removes_offset_and_heading_at_either_sign_of_speed(
 ) -> None:
     pose = Pose(0.05, -4.0 if speed > 0 else 0.0, math.pi / 2 - 0.03)
     for _ in range(900):
-        twist = laws.follow_line(speed, pose.x, pose.heading_error, look_ahead=0.5, curvature=0.0)
+        twist = laws.follow_line(speed, pose.x, pose.heading_error, look_ahead=0.5)
         pose = integrate(pose, twist, 0.01)
     # 3.6 m are 7 look-aheads: exp(-0.9 * 7) of 50 mm is 0.1 mm.
     assert abs(pose.x) < 2e-4
@@ -87,6 +91,21 @@ def test_following_the_line_removes_offset_and_heading_at_either_sign_of_speed(
 
 
 def test_a_known_curvature_is_steered_against() -> None:
-    assert laws.follow_line(0.4, 0.0, 0.0, look_ahead=0.5, curvature=0.02).angular == (
-        pytest.approx(-0.008)
-    )
+    state = ServoState(curvature=0.02)
+    assert straightened(Twist(0.4, 0.1), state, ServoSettings()).angular == pytest.approx(0.092)
+    assert straightened(Twist(0.4, 0.1), state, ServoSettings(law='paper')) == Twist(0.4, 0.1)
+
+
+def test_pulses_have_the_wanted_average() -> None:
+    owed, sent = STANDSTILL, []
+    for _ in range(1000):
+        twist, owed = pulsed(Twist(0.003, -0.007), owed, linear=0.01, angular=0.01)
+        sent.append(twist)
+    assert {twist.linear for twist in sent} == {0.0, 0.01}
+    assert sum(twist.linear for twist in sent) == pytest.approx(3.0, abs=0.01)
+    assert sum(twist.angular for twist in sent) == pytest.approx(-7.0, abs=0.01)
+
+
+@pytest.mark.parametrize('wanted', [Twist(0.01, -0.5), STANDSTILL])
+def test_what_the_motors_can_follow_is_left_alone(wanted: Twist) -> None:
+    assert pulsed(wanted, Twist(0.004, 0.004), linear=0.01, angular=0.01) == (wanted, STANDSTILL)

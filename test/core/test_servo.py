@@ -15,9 +15,10 @@ from visual_servo_epipolar.core.events import displacement
 from visual_servo_epipolar.core.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.perception import Observation, Sight
 from visual_servo_epipolar.core.phases import DRIVING, Phase
-from visual_servo_epipolar.core.servo import advance, command, step, stop
+from visual_servo_epipolar.core.servo import advance, step, stop
 from visual_servo_epipolar.core.servo_settings import ServoSettings
 from visual_servo_epipolar.core.servo_state import ServoState
+from visual_servo_epipolar.core.steering import command
 from visual_servo_epipolar.core.trust import fresh_memory
 
 # Accelerations as good as unlimited: what the laws ask for is seen at once.

@@ -12,6 +12,7 @@ from visual_servo_epipolar.core.servo_state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
 
 ENGAGE_DEVIATIONS, RELEASE_DEVIATIONS, NOISE_DEVIATIONS = 1.0, 4.0, 2.0
+FRAME_S = 0.1  # the shortest turn: one command, at the usual frame rate [s]
 
 
 def bearing_current(bearings: Bearings) -> float:
@@ -53,16 +54,29 @@ def is_sideways(sight: Sight, settings: ServoSettings) -> bool:
     return displacement(sight, settings) is None
 
 
+def _is_off_course(sight: Sight, settings: ServoSettings) -> bool:
+    """Return whether step 1, once begun, had better be given up: later than it would not begin."""
+    bearings = sight.bearings
+    if settings.law != 'full' or bearings is None:
+        return False
+    if not is_behind(bearings) or abs(bearing_desired(bearings)) > settings.sideways_bearing:
+        return True
+    return displacement(sight, settings, least_room=settings.least_room**2) is None
+
+
 def is_behind(bearings: Bearings) -> bool:
     """Return whether the robot stands behind the goal and has it ahead."""
     return bearings.sigma < 0.0 and math.sin(bearings.psi) < 0.0
 
 
-def displacement(sight: Sight, settings: ServoSettings) -> float | None:
+def displacement(
+    sight: Sight, settings: ServoSettings, *, least_room: float | None = None
+) -> float | None:
     """
     Return the bearing of e_au [rad] to hold in step 1, as far as the field of view allows.
 
-    None where that would end too near the goal: see ``laws.displaced_epipole``.
+    None where the spiral would leave less than ``least_room`` of the distance, that of the
+    settings if not given: see ``laws.displaced_epipole``.
     """
     bearings = sight.bearings
     if bearings is None:
@@ -79,7 +93,7 @@ def displacement(sight: Sight, settings: ServoSettings) -> float | None:
     found = min(max(wanted, here - right), here + left)
     if abs(chi) <= engage_bound(sight, settings) or found == wanted:
         return found
-    enough = abs(chi) / math.log(1.0 / settings.least_room)
+    enough = abs(chi) / math.log(1.0 / (least_room or settings.least_room))
     return found if found * wanted > 0.0 and math.tan(abs(found)) >= enough else None
 
 
@@ -108,12 +122,18 @@ def is_settled(state: ServoState, settings: ServoSettings) -> bool:
     if sight is None or sight.features < settings.min_features:
         return False
     if state.phase is Phase.ORIENTING:
-        return abs(sight.heading_error) <= settings.arrival_heading
+        return abs(sight.heading_error) <= facing_bound(settings)
     if state.phase is Phase.MATCHING_FEATURES:
         return abs(sight.difference) <= matched_bound(sight, settings)
     if state.phase is Phase.ZEROING_EPIPOLES and state.latched and sight.bearings is not None:
         return abs(bearing_current(sight.bearings)) <= settings.align_tolerance
     return False
+
+
+def facing_bound(settings: ServoSettings) -> float:
+    """Return the heading error [rad] that counts as zero: no less than the motors can turn."""
+    frames = 2.0 if settings.dead_band_mode == 'raise' else 0.5
+    return max(settings.arrival_heading, frames * FRAME_S * settings.dead_band_angular)
 
 
 def matched_bound(sight: Sight, settings: ServoSettings) -> float:
@@ -128,7 +148,7 @@ def has_parallax(sight: Sight, bound: float) -> bool:
 
 def is_at_goal(sight: Sight, settings: ServoSettings) -> bool:
     """Return whether the photograph could have been taken from here: heading, parallax and D."""
-    faces_it = abs(sight.heading_error) <= settings.arrival_heading
+    faces_it = abs(sight.heading_error) <= facing_bound(settings)
     matched = abs(sight.difference) <= matched_bound(sight, settings)
     return faces_it and matched and not has_parallax(sight, settings.goal_error)
 
@@ -192,7 +212,7 @@ def _zeroing(state: ServoState, sight: Sight, settings: ServoSettings) -> Event:
     bearing = bearing_desired(sight.bearings)
     if abs(bearing) >= settings.divergence:
         return Event.DIVERGED
-    if not state.latched and is_sideways(sight, settings):
+    if not state.latched and _is_off_course(sight, settings):
         return Event.SIDEWAYS
     if state.latched and abs(bearing) > release_bound(sight, settings):
         near = sight.difference > -settings.retreat_difference
@@ -207,7 +227,7 @@ def _matching(state: ServoState, sight: Sight, settings: ServoSettings) -> Event
         return Event.NOTHING
     if has_parallax(sight, settings.arrival_parallax):
         return Event.MISSED if state.attempts < settings.max_attempts else Event.EXHAUSTED
-    if settings.law == 'full' and not abs(sight.heading_error) <= settings.arrival_heading:
+    if settings.law == 'full' and not abs(sight.heading_error) <= facing_bound(settings):
         return Event.TURNED
     return Event.MATCHED
 

@@ -11,6 +11,7 @@ from visual_servo_epipolar.core.errors import DegenerateGeometryError
 
 ITERATIONS = 6
 MIN_POINTS = 3
+TRUSTED_SHARE = 0.6  # of the matches that make the parallax: the worst may be outliers
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +57,7 @@ def fit_rotation(current: FloatArray, desired: FloatArray) -> RotationFit:
         error = np.linalg.norm(to_desired - from_current @ rotation.T, axis=1)
         scale = max(float(np.median(error)) * 2.0, 1e-9)
         weights = 1.0 / (1.0 + (error / scale) ** 2) ** 2
-    trimmed = np.sort(error)[: max(MIN_POINTS, int(0.8 * len(error)))]
+    trimmed = np.sort(error)[: max(MIN_POINTS, int(TRUSTED_SHARE * len(error)))]
     return RotationFit(
         rotation,
         math.atan2(rotation[2, 0] - rotation[0, 2], rotation[0, 0] + rotation[2, 2]),

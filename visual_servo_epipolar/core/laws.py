@@ -163,7 +163,7 @@ def match_features(difference: float, *, k_t: float) -> Twist:
 
 
 def follow_line(
-    linear: float, lateral: float, heading_error: float, *, look_ahead: float, curvature: float
+    linear: float, lateral: float, heading_error: float, *, look_ahead: float
 ) -> Twist:
     """
     Return the second step on the y axis: u_1 as given, u_2 steers back onto the line.
@@ -182,12 +182,10 @@ def follow_line(
         alpha, left positive [rad].
     look_ahead : float
         L [m].
-    curvature : float
-        What the robot is known to turn by itself [rad/m], left positive.
 
     """
     damping = abs(linear) * 1.8 * heading_error / look_ahead
-    return Twist(linear, linear * (lateral / look_ahead**2 - curvature) - damping)
+    return Twist(linear, linear * lateral / look_ahead**2 - damping)
 
 
 def turn_to_heading(heading_error: float, *, gain: float) -> Twist:

@@ -117,6 +117,27 @@ def beyond_dead_band(twist: Twist, *, linear: float, angular: float, mode: str) 
     )
 
 
+def pulsed(wanted: Twist, owed: Twist, *, linear: float, angular: float) -> tuple[Twist, Twist]:
+    """
+    Return velocities beyond the thresholds whose average is the wanted one, and what is owed.
+
+    First-order sigma-delta modulation: what is below a threshold [m/s, rad/s] adds up, frame by
+    frame, until it is worth a pulse. Lifting every small command instead turns a proportional law
+    into a switch, and dropping it into one that never gets there.
+    """
+    first = _pulse(wanted.linear, owed.linear, linear)
+    second = _pulse(wanted.angular, owed.angular, angular)
+    return Twist(first[0], second[0]), Twist(first[1], second[1])
+
+
+def _pulse(wanted: float, owed: float, threshold: float) -> tuple[float, float]:
+    if wanted == 0.0 or abs(wanted) >= threshold:
+        return wanted, 0.0
+    owed += wanted
+    pulse = math.copysign(threshold, owed) if abs(owed) >= 0.5 * threshold else 0.0
+    return pulse, owed - pulse
+
+
 def _beyond(value: float, threshold: float, lift: bool) -> float:
     if value == 0.0 or abs(value) >= threshold:
         return value

@@ -176,6 +176,8 @@ def room_to_turn(
     """Return how far a camera may turn left and right [rad] until ``keep`` features are left."""
     bearings = np.sort(np.arctan(current[:, 0]))
     keep = min(keep, len(bearings))
+    if keep == 0:
+        return 0.0, 0.0
     # A left turn moves features to the right.
     left, right = edges[1] - bearings[keep - 1], bearings[-keep] - edges[0]
     return max(float(left), 0.0), max(float(right), 0.0)
@@ -224,8 +226,10 @@ def _with_bearings(
         return replace(seen, reason=str(error)), None
     reason = doubt(estimate, desired, memory, settings)
     noise = _noise(estimate, observation, memory.noise, settings.pixel_noise)
+    room = room_to_turn(current[estimate.inliers], observation.edges, settings.keep_features)
     found = replace(
         seen,
+        room=room,
         confidence=estimate.confidence,
         inliers=int(estimate.inliers.sum()),
         deviation=deviation(estimate),

@@ -71,7 +71,7 @@ TRANSITIONS: Mapping[tuple[Phase, Event], Phase] = MappingProxyType(
         (Phase.ZEROING_EPIPOLES, Event.ALIGNED): Phase.MATCHING_FEATURES,
         (Phase.ZEROING_EPIPOLES, Event.SIDEWAYS): Phase.RETREATING,
         (Phase.ZEROING_EPIPOLES, Event.ESCAPED): Phase.DISPLACING,
-        (Phase.ZEROING_EPIPOLES, Event.NO_BASELINE): Phase.MATCHING_FEATURES,
+        (Phase.ZEROING_EPIPOLES, Event.NO_BASELINE): Phase.ORIENTING,
         (Phase.MATCHING_FEATURES, Event.MATCHED): Phase.ARRIVED,
         (Phase.MATCHING_FEATURES, Event.TURNED): Phase.ORIENTING,
         (Phase.MATCHING_FEATURES, Event.MISSED): Phase.RETREATING,

@@ -2,31 +2,36 @@
 One control step: ``step(state, observation, settings)``.
 
 The live node, the replay of a bag and the simulation in memory all call it. What was seen becomes
-an event (``events.classify``), the event a phase (``phases.next_phase``), the phase a law.
+an event (``events.classify``), the event a phase (``phases.next_phase``), the phase a law
+(``steering.command``).
 """
 
 from dataclasses import replace
 import math
 
-from visual_servo_epipolar.core import laws
-from visual_servo_epipolar.core.epipolar import Bearings
 from visual_servo_epipolar.core.events import (
-    bearing_current,
     bearing_desired,
     classify,
     displacement,
 )
-from visual_servo_epipolar.core.motion import beyond_dead_band, ramped, saturate, STANDSTILL, Twist
+from visual_servo_epipolar.core.motion import (
+    beyond_dead_band,
+    pulsed,
+    ramped,
+    saturate,
+    STANDSTILL,
+    Twist,
+)
 from visual_servo_epipolar.core.perception import Observation, perceive, Sight
 from visual_servo_epipolar.core.phases import DRIVING, Event, next_phase, Phase
 from visual_servo_epipolar.core.ranging import Leg
-from visual_servo_epipolar.core.recollection import interval, lateral_offset, remember
+from visual_servo_epipolar.core.recollection import interval, remember
 from visual_servo_epipolar.core.servo_settings import ServoSettings
 from visual_servo_epipolar.core.servo_state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
+from visual_servo_epipolar.core.steering import command, straightened
 
 USUAL_STEP_S = 0.1  # to accelerate over, when no image came before
-CREEP = 0.02  # braking never asks for less, lest noise in the rate stop the robot [m/s]
 
 
 def step(state: ServoState, observation: Observation, settings: ServoSettings) -> ServoState:
@@ -44,8 +49,10 @@ def advance(state: ServoState, sight: Sight, settings: ServoSettings) -> ServoSt
     if before is not None and sight.stamp_ns <= before.stamp_ns:
         state, event = _out_of_time(state, sight)
     state = _switch(state, state.sight or sight, event, settings)
-    twist = _feasible(command(state, settings), last, dt or USUAL_STEP_S, state, settings)
-    return replace(state, twist=twist, frame=state.frame + 1)
+    wanted = straightened(command(state, settings), state, settings)
+    wanted = _within_limits(wanted, last, dt or USUAL_STEP_S, state, settings)
+    twist, owed = _beyond_dead_band(wanted, state, settings)
+    return replace(state, twist=twist, owed=owed, frame=state.frame + 1)
 
 
 def _out_of_time(state: ServoState, sight: Sight) -> tuple[ServoState, Event]:
@@ -64,129 +71,37 @@ def lost(state: ServoState, reason: str) -> ServoState:
     return replace(state, phase=phase, twist=STANDSTILL, settled=0, reason=reason)
 
 
-def _feasible(
+def _within_limits(
     wanted: Twist, last: Twist, dt: float, state: ServoState, settings: ServoSettings
 ) -> Twist:
-    """Return what the base can do of ``wanted``: limits, accelerations, dead band."""
+    """Return what limits and accelerations leave of ``wanted``."""
     twist = saturate(wanted, max_linear=settings.max_linear, max_angular=settings.max_angular)
-    if settings.law == 'full' and state.phase in DRIVING:
-        twist = ramped(
-            twist,
-            last,
-            dt,
-            linear=settings.max_acceleration,
-            angular=settings.max_angular_acceleration,
-        )
-    return beyond_dead_band(
+    if settings.law != 'full' or state.phase not in DRIVING:
+        return twist
+    return ramped(
         twist,
-        linear=settings.dead_band_linear,
-        angular=settings.dead_band_angular,
-        # Where nothing is left to do, lifting a small command would only undo it.
-        mode='zero' if state.settled else settings.dead_band_mode,
+        last,
+        dt,
+        linear=settings.max_acceleration,
+        angular=settings.max_angular_acceleration,
     )
+
+
+def _beyond_dead_band(
+    wanted: Twist, state: ServoState, settings: ServoSettings
+) -> tuple[Twist, Twist]:
+    """Return what the motors can follow of ``wanted``, and what they owe then."""
+    bounds = {'linear': settings.dead_band_linear, 'angular': settings.dead_band_angular}
+    # Where nothing is left to do, a small command made larger would only undo it.
+    mode = 'zero' if state.settled else settings.dead_band_mode
+    if mode == 'pulse':
+        return pulsed(wanted, state.owed, **bounds)
+    return beyond_dead_band(wanted, mode=mode, **bounds), STANDSTILL
 
 
 def stop(state: ServoState) -> ServoState:
     """Return the state of a servo that was told to stop: waiting, at a standstill."""
     return ServoState(phase=next_phase(state.phase, Event.STOPPED), frame=state.frame)
-
-
-def command(state: ServoState, settings: ServoSettings) -> Twist:
-    """Return the law of the phase, before saturation."""
-    sight = state.sight
-    if sight is None:
-        return STANDSTILL
-    if state.phase is Phase.ORIENTING:
-        return laws.turn_to_heading(sight.heading_error, gain=settings.turn_gain)
-    if state.phase is Phase.RETREATING:
-        return _retreat(sight, settings)
-    if state.phase is Phase.MATCHING_FEATURES:
-        return _second_step(state, sight, settings)
-    if sight.bearings is None:
-        return STANDSTILL
-    if state.phase is Phase.DISPLACING:
-        return laws.turn_epipole(
-            sight.bearings.epipole_current, state.target, k1=settings.turn_gain
-        )
-    if state.phase is Phase.ZEROING_EPIPOLES:
-        return _first_step(state, sight, settings)
-    return STANDSTILL
-
-
-def _retreat(sight: Sight, settings: ServoSettings) -> Twist:
-    """Turn to the goal's heading as far as the view allows, then back off."""
-    left, right = sight.room
-    left_to_turn = -sight.heading_error
-    allowed = min(max(left_to_turn, -right), left)
-    turning = abs(allowed) > settings.retreat_heading
-    turn = laws.turn_to_heading(-allowed, gain=settings.turn_gain)
-    return replace(turn, linear=0.0 if turning else -settings.retreat_speed)
-
-
-def _held_epipole(state: ServoState, sight: Sight) -> float:
-    """Return where to hold e_au: at the target, but never so that features leave the view."""
-    if sight.bearings is None:
-        return state.target
-    here, (left, right) = bearing_current(sight.bearings), sight.room
-    wanted = math.atan(state.target)
-    return math.tan(min(max(wanted, here - right), here + left))
-
-
-def _first_step(state: ServoState, sight: Sight, settings: ServoSettings) -> Twist:
-    """Return eqs. (16)-(17); ``full`` holds e_au at the target until e_du is latched."""
-    bearings = _bearings(state)
-    e_current, e_desired = bearings.epipole_current, bearings.epipole_desired
-    full = settings.law == 'full'
-    gains = {
-        'k1': settings.turn_gain if full else settings.k1,
-        'k2': settings.k2,
-        'exponent': settings.exponent,
-    }
-    if settings.finite_time:
-        nu = laws.finite_time_controls(e_current, e_desired, **gains)
-    else:
-        target = _held_epipole(state, sight) if full and not state.latched else 0.0
-        nu = laws.auxiliary_controls(e_current, e_desired, e_target=target, **gains)
-    twist = laws.linearizing_control(
-        e_current,
-        e_desired,
-        sigma=_sigma(state, settings),
-        distance=state.distance,
-        nu=(nu[0], 0.0) if state.latched else nu,
-    )
-    if not full:
-        return twist
-    bearing = bearing_desired(bearings)
-    speed = laws.braking_speed(bearing, state.desired_rate, deceleration=settings.braking)
-    return saturate(twist, max_linear=max(speed, CREEP), max_angular=math.inf)
-
-
-def _second_step(state: ServoState, sight: Sight, settings: ServoSettings) -> Twist:
-    """Return eqs. (21)-(22); ``full`` steers along the axis of the goal instead of u_2 = 0."""
-    twist = laws.match_features(sight.difference, k_t=settings.k_t)
-    if settings.law != 'full' or not settings.line_following:
-        return twist
-    linear = min(max(twist.linear, -settings.max_linear), settings.max_linear)
-    return laws.follow_line(
-        linear,
-        lateral_offset(state, sight),
-        sight.heading_error,
-        look_ahead=settings.look_ahead,
-        curvature=state.curvature,
-    )
-
-
-def _bearings(state: ServoState) -> Bearings:
-    if state.sight is None or state.sight.bearings is None:
-        raise ValueError('the first step needs bearings; classify should have said lost')
-    return state.sight.bearings
-
-
-def _sigma(state: ServoState, settings: ServoSettings) -> float:
-    bearings = _bearings(state)
-    if settings.law == 'paper':
-        return laws.printed_sigma(bearings.epipole_current, bearings.epipole_desired)
-    return bearings.sigma
 
 
 def _switch(state: ServoState, sight: Sight, event: Event, settings: ServoSettings) -> ServoState:

@@ -42,6 +42,12 @@ class ServoSettings(Settings):
     k_t: float = setting(
         16.0, 'Gain k_t of eq. (21), D at unit focal length [m/s]', low=0, high=200
     )
+    approach_rate: float = setting(
+        1.0,
+        'Law full: rate at which step 2 closes in at most, as the slope of D has it [1/s]',
+        low=0.01,
+        high=50.0,
+    )
     turn_gain: float = setting(
         0.8, 'Gain of turns in place and of holding e_au [1/s]', low=0, high=5
     )
@@ -54,8 +60,11 @@ class ServoSettings(Settings):
         True, "Law full: steer along the goal's axis in step 2 instead of u_2 = 0"
     )
     look_ahead: float = setting(0.6, 'Look-ahead of line following [m]', low=0.05, high=10.0)
-    curvature_gain: float = setting(
-        1.5, 'Gain of learning the curvature that was not commanded [1/m]', low=0.0, high=20.0
+    curvature_drift: float = setting(
+        0.01,
+        'Law full: change in a metre of the turn that was not commanded [rad/m]',
+        low=0.0,
+        high=1.0,
     )
     max_acceleration: float = setting(
         0.25, 'Law full: linear acceleration; slowing down twice that [m/s^2]', low=0.01, high=20.0
@@ -131,7 +140,7 @@ class ServoSettings(Settings):
         0.1, 'Heading error above which the robot turns before it backs off [rad]', low=0, high=1
     )
     retreat_difference: float = setting(
-        0.04, '|D| at unit focal length to back off to at least', low=0.001, high=1.0
+        0.06, '|D| at unit focal length to back off to at least', low=0.001, high=1.0
     )
     retreat_speed: float = setting(0.2, 'Speed of backing off [m/s]', low=0.01, high=2.0)
     divergence: float = setting(
@@ -173,7 +182,10 @@ class ServoSettings(Settings):
         0.0, 'Angular speed that the base cannot follow [rad/s]', low=0.0, high=2.0
     )
     dead_band_mode: str = setting(
-        'raise', 'What becomes of slower commands', choices=('raise', 'zero')
+        'pulse',
+        'What becomes of slower commands: raise (the paper), zero, pulse (now and then the '
+        'threshold, so that the average is right)',
+        choices=('raise', 'zero', 'pulse'),
     )
     phase_timeout: float = setting(120.0, 'Longest stay in one phase [s]', low=1.0, high=3600.0)
     run_timeout: float = setting(600.0, 'Longest run [s]', low=1.0, high=86400.0)
@@ -181,7 +193,7 @@ class ServoSettings(Settings):
     stale_timeout: float = setting(
         0.5, 'Age of the last tracks at which the robot is stopped [s]', low=0.05, high=60.0
     )
-    max_attempts: int = setting(3, 'Attempts before a miss is a failure', low=1, high=20)
+    max_attempts: int = setting(5, 'Attempts before a miss is a failure', low=1, high=20)
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -17,9 +17,12 @@ class ServoState:
     ``distance`` is d_hat [m], nan before the first image; ``target`` the abscissa at which e_au is
     held while e_du is zeroed, ``side`` the sign of e_du when that began, ``latched`` whether e_du
     counts as zero since, ``desired_rate`` how fast its bearing changes [rad/s], smoothed;
-    ``leg`` is the way since step 1 began, ``range`` the distance that it shows [m], ``curvature``
-    the turn that the robot adds by itself [rad/m]; ``settled`` counts frames in a row that fulfil
-    the aim of the phase.
+    ``leg`` is the way since step 1 began, ``range`` the distance that it shows [m]; ``curvature``
+    the turn that the robot adds by itself [rad/m], with its variance; ``unrest`` how much the
+    angular velocity changed lately, ``last_angular`` that before the last [rad/s]; ``slope`` is
+    dD/dy [1/m], as driving in step 2 shows it, ``slope_weight`` the squared way it rests on [m^2];
+    ``owed`` is what the dead band of the base still owes; ``settled`` counts frames in a row that
+    fulfil the aim of the phase.
     """
 
     phase: Phase = Phase.WAITING
@@ -35,10 +38,21 @@ class ServoState:
     leg: Leg | None = None
     range: float = math.nan
     curvature: float = 0.0
+    curvature_variance: float = 0.0025
+    unrest: float = 0.0
+    last_angular: float = 0.0
+    slope: float = math.nan
+    slope_weight: float = 0.0
+    owed: Twist = STANDSTILL
     settled: int = 0
     attempts: int = 1
     frame: int = 0
     reason: str = ''
+
+    @property
+    def longitudinal_error(self) -> float:
+        """Return y by D [m], negative short of the goal; nan while unknown."""
+        return self.sight.difference / self.slope if self.sight is not None else math.nan
 
     @property
     def ended(self) -> bool:

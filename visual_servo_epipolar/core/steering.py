@@ -1,0 +1,128 @@
+"""
+What each phase does: its law, with the cures of law ``full`` around the paper's equations.
+
+All of it is pure: the state in, the wanted twist out, before limits, ramps and the dead band.
+"""
+
+from dataclasses import replace
+import math
+
+from visual_servo_epipolar.core import laws
+from visual_servo_epipolar.core.epipolar import Bearings
+from visual_servo_epipolar.core.events import bearing_current, bearing_desired
+from visual_servo_epipolar.core.motion import saturate, STANDSTILL, Twist
+from visual_servo_epipolar.core.perception import Sight
+from visual_servo_epipolar.core.phases import Phase
+from visual_servo_epipolar.core.recollection import lateral_offset
+from visual_servo_epipolar.core.servo_settings import ServoSettings
+from visual_servo_epipolar.core.servo_state import ServoState
+
+CREEP = 0.02  # braking never asks for less, lest noise in the rate stop the robot [m/s]
+
+
+def command(state: ServoState, settings: ServoSettings) -> Twist:
+    """Return the law of the phase, before saturation."""
+    sight = state.sight
+    if sight is None:
+        return STANDSTILL
+    if state.phase is Phase.ORIENTING:
+        return laws.turn_to_heading(sight.heading_error, gain=settings.turn_gain)
+    if state.phase is Phase.RETREATING:
+        return _retreat(sight, settings)
+    if state.phase is Phase.MATCHING_FEATURES:
+        return _second_step(state, sight, settings)
+    if sight.bearings is None:
+        return STANDSTILL
+    if state.phase is Phase.DISPLACING:
+        return laws.turn_epipole(
+            sight.bearings.epipole_current, state.target, k1=settings.turn_gain
+        )
+    if state.phase is Phase.ZEROING_EPIPOLES:
+        return _first_step(state, sight, settings)
+    return STANDSTILL
+
+
+def straightened(wanted: Twist, state: ServoState, settings: ServoSettings) -> Twist:
+    """Return ``wanted`` without the turn that unequal wheels are known to add to it."""
+    if settings.law != 'full':
+        return wanted
+    return replace(wanted, angular=wanted.angular - state.curvature * wanted.linear)
+
+
+def _retreat(sight: Sight, settings: ServoSettings) -> Twist:
+    """Turn to the goal's heading as far as the view allows, then back off."""
+    left, right = sight.room
+    left_to_turn = -sight.heading_error
+    allowed = min(max(left_to_turn, -right), left)
+    turning = abs(allowed) > settings.retreat_heading
+    turn = laws.turn_to_heading(-allowed, gain=settings.turn_gain)
+    return replace(turn, linear=0.0 if turning else -settings.retreat_speed)
+
+
+def _held_epipole(state: ServoState, sight: Sight) -> float:
+    """Return where to hold e_au: at the target, but never so that features leave the view."""
+    if sight.bearings is None:
+        return state.target
+    here, (left, right) = bearing_current(sight.bearings), sight.room
+    wanted = math.atan(state.target)
+    return math.tan(min(max(wanted, here - right), here + left))
+
+
+def _first_step(state: ServoState, sight: Sight, settings: ServoSettings) -> Twist:
+    """Return eqs. (16)-(17); ``full`` holds e_au at the target until e_du is latched."""
+    bearings = _bearings(state)
+    e_current, e_desired = bearings.epipole_current, bearings.epipole_desired
+    full = settings.law == 'full'
+    gains = {
+        'k1': settings.turn_gain if full else settings.k1,
+        'k2': settings.k2,
+        'exponent': settings.exponent,
+    }
+    if settings.finite_time:
+        nu = laws.finite_time_controls(e_current, e_desired, **gains)
+    else:
+        target = _held_epipole(state, sight) if full and not state.latched else 0.0
+        nu = laws.auxiliary_controls(e_current, e_desired, e_target=target, **gains)
+    twist = laws.linearizing_control(
+        e_current,
+        e_desired,
+        sigma=_sigma(state, settings),
+        distance=state.distance,
+        nu=(nu[0], 0.0) if state.latched else nu,
+    )
+    if not full:
+        return twist
+    bearing = bearing_desired(bearings)
+    speed = laws.braking_speed(bearing, state.desired_rate, deceleration=settings.braking)
+    return saturate(twist, max_linear=max(speed, CREEP), max_angular=math.inf)
+
+
+def _second_step(state: ServoState, sight: Sight, settings: ServoSettings) -> Twist:
+    """Return eqs. (21)-(22); ``full`` steers along the axis of the goal instead of u_2 = 0."""
+    full = settings.law == 'full'
+    k_t = settings.k_t
+    if full and state.slope > 0.0:
+        k_t = min(k_t, settings.approach_rate / state.slope)
+    twist = laws.match_features(sight.difference, k_t=k_t)
+    if not full or not settings.line_following:
+        return twist
+    linear = min(max(twist.linear, -settings.max_linear), settings.max_linear)
+    return laws.follow_line(
+        linear,
+        lateral_offset(state, sight),
+        sight.heading_error,
+        look_ahead=settings.look_ahead,
+    )
+
+
+def _bearings(state: ServoState) -> Bearings:
+    if state.sight is None or state.sight.bearings is None:
+        raise ValueError('the first step needs bearings; classify should have said lost')
+    return state.sight.bearings
+
+
+def _sigma(state: ServoState, settings: ServoSettings) -> float:
+    bearings = _bearings(state)
+    if settings.law == 'paper':
+        return laws.printed_sigma(bearings.epipole_current, bearings.epipole_desired)
+    return bearings.sigma
