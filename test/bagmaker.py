@@ -1,7 +1,9 @@
 """Bags for tests: a real run of the real nodes, every message as rclpy serialized it."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -9,7 +11,8 @@ from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags import rosbag1
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import get_typestore, Stores
 from sensor_msgs.msg import CameraInfo, Image, JointState, PointCloud2
 from std_msgs.msg import String
@@ -21,6 +24,7 @@ from visual_servo_epipolar.simulation.closed_loop import LoopSettings, Referee
 from visual_servo_epipolar.simulation.scenario import from_document, Scenario
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
+TYPES_1 = get_typestore(Stores.ROS1_NOETIC)
 DEEP = QoSProfile(depth=20)
 TOPICS: dict[str, tuple[Any, QoSProfile]] = {
     '/image_raw': (Image, DEEP),
@@ -77,15 +81,29 @@ def kind_of(topic: str) -> str:
     return f'{kind.__module__.split(".")[0]}/msg/{kind.__name__}'
 
 
+def decoded(message: Message) -> Any:
+    """Return a message as rosbags reads it."""
+    return TYPES.deserialize_cdr(message[2], kind_of(message[0]))
+
+
 def write_bag(
-    path: Path, messages: Sequence[Message], *, storage: StoragePlugin = StoragePlugin.MCAP
+    path: Path,
+    messages: Sequence[Message],
+    *,
+    storage: StoragePlugin = StoragePlugin.MCAP,
+    compression: CompressionMode = CompressionMode.NONE,
+    kinds: Mapping[str, str] = MappingProxyType({}),
 ) -> Path:
-    """Write a bag of ``messages`` and return its folder."""
+    """Write a bag of ``messages`` and return its folder; ``kinds`` are types of other topics."""
     writer = Writer(path, version=9, storage_plugin=storage)
+    if compression is not CompressionMode.NONE:
+        writer.set_compression(compression, CompressionFormat.ZSTD)
     writer.open()
     try:
         connections = {
-            topic: writer.add_connection(topic, kind_of(topic), typestore=TYPES)
+            topic: writer.add_connection(
+                topic, kinds.get(topic) or kind_of(topic), typestore=TYPES
+            )
             for topic in dict.fromkeys(topic for topic, _, _ in messages)
         }
         for topic, log_ns, raw in messages:
@@ -93,3 +111,37 @@ def write_bag(
     finally:
         writer.close()
     return path
+
+
+def write_ros1(path: Path, messages: Sequence[Message]) -> Path:
+    """Write the same as a ROS 1 bag, and return it."""
+    with rosbag1.Writer(path) as writer:
+        connections = {
+            topic: writer.add_connection(topic, kind_of(topic), typestore=TYPES_1)
+            for topic in dict.fromkeys(topic for topic, _, _ in messages)
+        }
+        for message in messages:
+            topic, log_ns, _ = message
+            raw = TYPES_1.serialize_ros1(as_ros1(decoded(message)), kind_of(topic))
+            writer.write(connections[topic], log_ns, bytes(raw))
+    return path
+
+
+def as_ros1(value: Any) -> Any:
+    """Return a message as ROS 1 has it: with seq in headers, and K in capitals."""
+    if isinstance(value, list):
+        return [as_ros1(item) for item in value]
+    name = getattr(value, '__msgtype__', None)
+    if name is None:
+        return value
+    kind = TYPES_1.types[name]
+    values = {
+        item.name: 0 if item.name == 'seq' else as_ros1(_field(value, item.name))
+        for item in fields(kind)
+        if item.name != '__msgtype__'
+    }
+    return kind(**values)
+
+
+def _field(value: Any, name: str) -> Any:
+    return getattr(value, name) if hasattr(value, name) else getattr(value, name.lower())

@@ -6,7 +6,6 @@ Every function raises ValueError for a message that cannot be used.
 
 from typing import Any
 
-import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import Image
@@ -14,8 +13,8 @@ from visual_servo_epipolar.core.camera import Camera
 from visual_servo_epipolar.core.features import Features
 from visual_servo_epipolar.core.motion import Pose, Twist, yaw_from_quaternion
 from visual_servo_epipolar.core.stamps import NANOSECONDS
+from visual_servo_epipolar.messages.encodings import gray_from_compressed, gray_from_raw
 
-CHANNELS = {'mono8': 1, '8UC1': 1, 'bgr8': 3, 'rgb8': 3, '8UC3': 3}
 NUMPY_TYPES = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 8: 'f8'}
 TRACK_FIELDS = ('id', 'u', 'v', 'desired_u', 'desired_v', 'age', 'error')
 
@@ -26,32 +25,18 @@ def stamp_ns(header: Any) -> int:
 
 
 def gray(message: Any) -> Image:
-    """Return the grey image of a sensor_msgs/Image, uint8 of shape (H, W)."""
-    channels = CHANNELS.get(message.encoding)
-    if channels is None:
-        raise ValueError(
-            f'image encoding must be one of {", ".join(CHANNELS)}, got {message.encoding!r}; '
-            'convert it before it gets here'
-        )
-    height, width, row = int(message.height), int(message.width), int(message.step)
-    if height < 1 or width < 1:
-        raise ValueError(f'image is empty, {width}x{height}; check the camera driver')
-    if row < width * channels or len(message.data) != height * row:
-        raise ValueError(
-            f'image data must hold {height} rows of {row} bytes, at least {width * channels} '
-            f'each, got {len(message.data)} bytes in all; the message is truncated or mislabelled'
-        )
-    rows = np.frombuffer(message.data, np.uint8).reshape(height, row)[:, : width * channels]
-    if channels == 1:
-        return np.ascontiguousarray(rows)
-    colour = rows.reshape(height, width, 3)
-    code = cv2.COLOR_RGB2GRAY if message.encoding == 'rgb8' else cv2.COLOR_BGR2GRAY
-    return np.asarray(cv2.cvtColor(colour, code))
+    """
+    Return the grey image of a sensor_msgs/Image or CompressedImage, uint8 of shape (H, W).
+
+    See ``encodings`` for what is understood.
+    """
+    return gray_from_compressed(message) if hasattr(message, 'format') else gray_from_raw(message)
 
 
 def camera(message: Any) -> Camera:
-    """Return the camera of a sensor_msgs/CameraInfo."""
-    k = [float(value) for value in message.k]
+    """Return the camera of a sensor_msgs/CameraInfo, of ROS 1 as well, where K is a capital."""
+    matrix, distortion = _calibration(message)
+    k = [float(value) for value in matrix]
     if k[1] != 0.0:
         raise ValueError(f'CameraInfo must have no skew, got K[1] = {k[1]}; calibrate again')
     return Camera(
@@ -61,9 +46,13 @@ def camera(message: Any) -> Camera:
         k[4],
         k[2],
         k[5],
-        tuple(float(value) for value in message.d),
+        tuple(float(value) for value in distortion),
         message.distortion_model,
     )
+
+
+def _calibration(message: Any) -> tuple[Any, Any]:
+    return (message.k, message.d) if hasattr(message, 'k') else (message.K, message.D)
 
 
 def twist(message: Any) -> Twist:

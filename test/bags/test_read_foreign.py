@@ -1,0 +1,277 @@
+"""Bags of others: another robot's names and encodings, other distributions, ROS 1."""
+
+from collections.abc import Callable
+from pathlib import Path
+import sqlite3
+
+from bagmaker import decoded, kind_of, Message, write_bag, write_ros1
+import cv2
+import numpy as np
+import pytest
+from rclpy.serialization import serialize_message
+from rosbags.rosbag2 import CompressionMode, StoragePlugin
+from sensor_msgs.msg import CompressedImage
+import yaml
+
+from visual_servo_epipolar.bags.read import Bag
+from visual_servo_epipolar.bags.read_run import read_run
+from visual_servo_epipolar.bags.read_topics import assigned
+from visual_servo_epipolar.bags.replay import replay, Step
+from visual_servo_epipolar.bags.replay_compare import compare
+from visual_servo_epipolar.bags.replay_plan import Moment, plan, Wishes
+from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.messages import read, write
+
+DRIVER = ('/image_raw', '/camera_info')
+
+
+def commands(path: Path, told: dict[str, str] | None = None, **wishes: object) -> list[Step]:
+    with Bag(path) as bag:
+        run = read_run(bag, assigned(bag, told or {}))
+        made, _ = plan(bag, run, Wishes(**wishes))
+        return replay(bag, run, made)
+
+
+def recorded(messages: list[Message]) -> list[tuple[float, float]]:
+    found = [decoded(item) for item in messages if item[0] == '/cmd_vel']
+    return [(item.linear.x, item.angular.z) for item in found]
+
+
+def twists(steps: list[Step]) -> list[tuple[float, float]]:
+    return [(step.numbers['linear_m_s'], step.numbers['angular_rad_s']) for step in steps]
+
+
+@pytest.fixture(scope='module')
+def photograph(small_run):
+    return read.gray(next(decoded(item) for item in small_run if item[0] == '/desired/image_raw'))
+
+
+@pytest.fixture(scope='module')
+def driver(small_run) -> list[Message]:
+    """What a camera driver alone would have recorded of the first steps."""
+    return [item for item in small_run if item[0] in DRIVER][:40]
+
+
+def renamed(messages: list[Message], change: Callable[[Message], object]) -> list[Message]:
+    """Return the images as ``change`` makes them, and the rest as it was, under /front."""
+    return [
+        (
+            '/front/camera_info' if topic == '/camera_info' else '/front/picture',
+            log_ns,
+            raw if topic == '/camera_info' else serialize_message(change((topic, log_ns, raw))),
+        )
+        for topic, log_ns, raw in messages
+    ]
+
+
+def as_png(message: Message) -> CompressedImage:
+    image = decoded(message)
+    made = CompressedImage(format='mono8; png compressed mono8')
+    made.header = write.header(read.stamp_ns(image.header), 'front')
+    made.data.frombytes(cv2.imencode('.png', read.gray(image))[1].tobytes())
+    return made
+
+
+def as_encoding(encoding: str, convert: Callable[[np.ndarray], np.ndarray]):
+    def change(message: Message):
+        image = decoded(message)
+        pixels = convert(read.gray(image))
+        made = write.image(pixels.view(np.uint8), encoding, read.stamp_ns(image.header), 'front')
+        made.width = image.width
+        return made
+
+    return change
+
+
+FRONT = {'/front/camera_info': 'sensor_msgs/msg/CameraInfo'}
+RAW = {**FRONT, '/front/picture': 'sensor_msgs/msg/Image'}
+
+
+def test_a_camera_driver_and_a_photograph_in_a_file_give_the_commands_of_the_robot(
+    driver, small_run, photograph, tmp_path
+) -> None:
+    path = write_bag(tmp_path / 'driver', driver)
+    steps = commands(path, desired=photograph)
+    assert twists(steps) == recorded(small_run)[: len(steps)]
+    assert len(steps) == 20
+
+
+def test_compressed_images_of_another_robot_give_them_as_well(
+    driver, small_run, photograph, tmp_path
+) -> None:
+    kinds = {**FRONT, '/front/picture': 'sensor_msgs/msg/CompressedImage'}
+    path = write_bag(tmp_path / 'png', renamed(driver, as_png), kinds=kinds)
+    for told in ({}, {'image': '/front/picture', 'camera_info': 'front/camera_info'}):
+        steps = commands(path, told, desired=photograph)
+        assert twists(steps) == recorded(small_run)[: len(steps)]
+
+
+@pytest.mark.parametrize(
+    ('encoding', 'convert'),
+    [
+        ('bgr8', lambda gray: np.repeat(gray[..., None], 3, axis=2)),
+        ('rgba8', lambda gray: np.repeat(gray[..., None], 4, axis=2)),
+        ('mono16', lambda gray: gray.astype('<u2') << 8),
+        ('yuyv', lambda gray: np.stack([gray, np.full_like(gray, 128)], axis=2)),
+    ],
+)
+def test_every_encoding_of_the_same_scene_gives_them(
+    driver, small_run, photograph, tmp_path, encoding, convert
+) -> None:
+    change = as_encoding(encoding, convert)
+    path = write_bag(tmp_path / encoding, renamed(driver[:12], change), kinds=RAW)
+    steps = commands(path, desired=photograph)
+    assert twists(steps) == recorded(small_run)[:6]
+
+
+def test_a_mosaic_is_tracked(driver, photograph, tmp_path) -> None:
+    change = as_encoding('bayer_rggb8', lambda gray: gray)
+    path = write_bag(tmp_path / 'bayer', renamed(driver, change), kinds=RAW)
+    steps = commands(path, desired=photograph)
+    assert min(step.numbers['features'] for step in steps) >= 20
+
+
+def test_the_photograph_may_be_taken_from_the_bag(driver, tmp_path) -> None:
+    path = write_bag(tmp_path / 'driver', driver)
+    assert commands(path, desired=Moment(0, since_first=True))[0].numbers['trusted'] == 0.0
+
+
+def test_a_ros_1_bag_gives_the_same_commands(small_run, tmp_path) -> None:
+    steps = commands(write_ros1(tmp_path / 'run.bag', small_run))
+    assert twists(steps) == recorded(small_run)[: len(steps)]
+    assert len(steps) >= 50
+
+
+def test_compressed_chunks_and_messages_give_them(driver, small_run, photograph, tmp_path) -> None:
+    for storage, mode in (
+        (StoragePlugin.MCAP, CompressionMode.STORAGE),
+        (StoragePlugin.SQLITE3, CompressionMode.MESSAGE),
+        (StoragePlugin.SQLITE3, CompressionMode.FILE),
+    ):
+        path = tmp_path / f'{storage.name}_{mode.name}'
+        write_bag(path, driver, storage=storage, compression=mode)
+        steps = commands(path, desired=photograph)
+        assert twists(steps) == recorded(small_run)[: len(steps)]
+
+
+def write_humble(path: Path, messages: list[Message]) -> Path:
+    """Write a bag as humble does: sqlite3, no definitions, QoS as text, no hashes."""
+    path.mkdir()
+    names = list(dict.fromkeys(topic for topic, _, _ in messages))
+    with sqlite3.connect(path / 'run_0.db3') as base:
+        base.execute(
+            'CREATE TABLE topics(id INTEGER PRIMARY KEY, name TEXT NOT NULL, type TEXT NOT NULL, '
+            'serialization_format TEXT NOT NULL, offered_qos_profiles TEXT NOT NULL)'
+        )
+        base.execute(
+            'CREATE TABLE messages(id INTEGER PRIMARY KEY, topic_id INTEGER NOT NULL, '
+            'timestamp INTEGER NOT NULL, data BLOB NOT NULL)'
+        )
+        rows = [(n, name, kind_of(name), 'cdr', '') for n, name in enumerate(names, start=1)]
+        base.executemany('INSERT INTO topics VALUES (?, ?, ?, ?, ?)', rows)
+        base.executemany(
+            'INSERT INTO messages(topic_id, timestamp, data) VALUES (?, ?, ?)',
+            [(names.index(topic) + 1, log_ns, raw) for topic, log_ns, raw in messages],
+        )
+    base.close()
+    topics = [
+        {
+            'message_count': sum(topic == name for topic, _, _ in messages),
+            'topic_metadata': {
+                'name': name,
+                'type': kind_of(name),
+                'serialization_format': 'cdr',
+                'offered_qos_profiles': '',
+            },
+        }
+        for name in names
+    ]
+    information = {
+        'version': 5,
+        'storage_identifier': 'sqlite3',
+        'duration': {'nanoseconds': messages[-1][1] - messages[0][1]},
+        'starting_time': {'nanoseconds_since_epoch': messages[0][1]},
+        'message_count': len(messages),
+        'topics_with_message_count': topics,
+        'compression_format': '',
+        'compression_mode': '',
+        'relative_file_paths': ['run_0.db3'],
+    }
+    text = yaml.safe_dump({'rosbag2_bagfile_information': information})
+    (path / 'metadata.yaml').write_text(text)
+    return path
+
+
+def test_a_bag_of_humble_gives_the_same_commands(small_run, tmp_path) -> None:
+    steps = commands(write_humble(tmp_path / 'humble', small_run))
+    assert twists(steps) == recorded(small_run)[: len(steps)]
+
+
+def test_stamped_commands_of_another_robot_are_compared(
+    driver, small_run, photograph, tmp_path
+) -> None:
+    stamps = [read.stamp_ns(decoded(item).header) for item in driver if item[0] == '/image_raw']
+    sent = zip(stamps, recorded(small_run), strict=False)
+    more = [
+        (
+            '/base/command',
+            10_000 + number,
+            serialize_message(
+                write.twist_stamped(write_twist(linear + (number == 7), angular), stamp_ns, 'base')
+            ),
+        )
+        for number, (stamp_ns, (linear, angular)) in enumerate(sent)
+    ]
+    kinds = {'/base/command': 'geometry_msgs/msg/TwistStamped'}
+    path = write_bag(tmp_path / 'base', [*driver, *more], kinds=kinds)
+    with Bag(path) as bag:
+        run = read_run(bag, assigned(bag, {'cmd_vel': '/base/command'}))
+        steps = replay(bag, run, plan(bag, run, Wishes(desired=photograph))[0])
+    comparison = compare(run, steps, 0.0)
+    assert comparison.compared == len(steps)
+    assert comparison.differences['linear_m_s'].apart == 1
+    assert comparison.parting is not None
+    assert comparison.parting.stamp_ns == stamps[7]
+
+
+def write_twist(linear: float, angular: float):
+    from visual_servo_epipolar.core.motion import Twist
+
+    return Twist(linear, angular)
+
+
+@pytest.mark.parametrize(
+    ('told', 'reason'),
+    [
+        ({'image': '/nowhere'}, "no topic '/nowhere'; it has /camera_info, /image_raw"),
+        ({'image': '/camera_info'}, 'but /camera_info is sensor_msgs/msg/CameraInfo'),
+    ],
+)
+def test_a_name_that_will_not_do_is_refused(driver, tmp_path, told, reason) -> None:
+    path = write_bag(tmp_path / 'driver', driver)
+    with pytest.raises(InputError, match=reason):
+        commands(path, told)
+
+
+def test_two_cameras_are_a_choice(driver, tmp_path) -> None:
+    both = [(f'/{side}{topic}', log, raw) for side in ('a', 'b') for topic, log, raw in driver]
+    kinds = {f'/{side}{topic}': kind_of(topic) for side in ('a', 'b') for topic in DRIVER}
+    path = write_bag(tmp_path / 'both', both, kinds=kinds)
+    with pytest.raises(InputError, match='image may be /a/image_raw, /b/image_raw; say which'):
+        commands(path)
+    with Bag(path) as bag:  # the camera_info beside the image is the one that is meant
+        assert assigned(bag, {'image': '/b/image_raw'})['camera_info'].name == '/b/camera_info'
+
+
+@pytest.mark.parametrize(
+    ('missing', 'reason'),
+    [
+        ('/camera_info', 'no camera_info; name its topic'),
+        ('/image_raw', 'no images or tracks to replay; it has /camera_info'),
+        ('', 'no desired image; give a file'),
+    ],
+)
+def test_what_is_missing_is_named(driver, tmp_path, missing, reason) -> None:
+    path = write_bag(tmp_path / 'driver', [item for item in driver if item[0] != missing])
+    with pytest.raises(InputError, match=reason):
+        commands(path, desired=Moment(0, since_first=True) if missing == '/camera_info' else None)

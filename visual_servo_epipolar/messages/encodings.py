@@ -1,0 +1,133 @@
+"""
+What cameras send, as grey levels: the encodings of sensor_msgs/Image, and JPEG and PNG.
+
+16 bits become 8 by their upper half, as cv_bridge does it: a sensor of 10 or 12 bits that does not
+use the upper ones looks dark. The mosaic of a colour sensor is interpolated.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import cv2
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import Image
+
+LARGEST = 2**26  # pixels of a compressed image: a damaged header must not cost gigabytes
+PNG, PNG_END = b'\x89PNG\r\n\x1a\n', b'IEND'
+JPEG, JPEG_END = b'\xff\xd8', b'\xff\xd9'
+FRAME_HEADERS = frozenset({*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC})  # of JPEG, with the size
+
+
+@dataclass(frozen=True, slots=True)
+class Encoding:
+    """``channels`` of ``depth`` bytes a pixel; ``to_gray`` is cv2's conversion, None for grey."""
+
+    channels: int
+    to_gray: int | None = None
+    depth: int = 1
+    luminance: int | None = None  # the byte that holds it, of two a pixel
+
+
+_MOSAICS = {  # OpenCV calls a mosaic by its second row and column
+    'rggb': cv2.COLOR_BayerBG2GRAY,
+    'bggr': cv2.COLOR_BayerRG2GRAY,
+    'gbrg': cv2.COLOR_BayerGR2GRAY,
+    'grbg': cv2.COLOR_BayerGB2GRAY,
+}
+ENCODINGS: Mapping[str, Encoding] = MappingProxyType(
+    {
+        'mono8': Encoding(1),
+        '8UC1': Encoding(1),
+        'bgr8': Encoding(3, cv2.COLOR_BGR2GRAY),
+        'rgb8': Encoding(3, cv2.COLOR_RGB2GRAY),
+        '8UC3': Encoding(3, cv2.COLOR_BGR2GRAY),
+        'bgra8': Encoding(4, cv2.COLOR_BGRA2GRAY),
+        'rgba8': Encoding(4, cv2.COLOR_RGBA2GRAY),
+        '8UC4': Encoding(4, cv2.COLOR_BGRA2GRAY),
+        'mono16': Encoding(1, depth=2),
+        '16UC1': Encoding(1, depth=2),
+        **{f'bayer_{name}8': Encoding(1, code) for name, code in _MOSAICS.items()},
+        **{f'bayer_{name}16': Encoding(1, code, depth=2) for name, code in _MOSAICS.items()},
+        **{name: Encoding(2, luminance=1) for name in ('yuv422', 'uyvy')},
+        **{name: Encoding(2, luminance=0) for name in ('yuv422_yuy2', 'yuyv')},
+    }
+)
+
+
+def gray_from_raw(message: Any) -> Image:
+    """Return the grey image of a sensor_msgs/Image, uint8 of shape (H, W), or raise ValueError."""
+    encoding = ENCODINGS.get(message.encoding)
+    if encoding is None:
+        raise ValueError(
+            f'image encoding must be one of {", ".join(ENCODINGS)}, got {message.encoding!r:.40}; '
+            'convert it before it gets here'
+        )
+    rows = _rows(message, encoding.channels * encoding.depth)
+    if encoding.depth == 2:
+        order = '>u2' if message.is_bigendian else '<u2'
+        rows = (np.ascontiguousarray(rows).view(order) >> 8).astype(np.uint8)
+    if encoding.luminance is not None:
+        rows = rows[:, encoding.luminance :: 2]
+    if encoding.to_gray is None:
+        return np.ascontiguousarray(rows)
+    if encoding.channels > 1:
+        rows = rows.reshape(len(rows), -1, encoding.channels)
+    return np.asarray(cv2.cvtColor(np.ascontiguousarray(rows), encoding.to_gray), dtype=np.uint8)
+
+
+def _rows(message: Any, pixel_bytes: int) -> Image:
+    """Return the bytes of the image row by row, without padding, shape (H, W * pixel_bytes)."""
+    height, width, row = int(message.height), int(message.width), int(message.step)
+    if height < 1 or width < 1:
+        raise ValueError(f'image is empty, {width}x{height}; check the camera driver')
+    if row < width * pixel_bytes or len(message.data) != height * row:
+        raise ValueError(
+            f'image data must hold {height} rows of {row} bytes, at least {width * pixel_bytes} '
+            f'each, got {len(message.data)} bytes in all; the message is truncated or mislabelled'
+        )
+    rows = np.frombuffer(message.data, np.uint8).reshape(height, row)
+    return np.asarray(rows[:, : width * pixel_bytes])
+
+
+def gray_from_compressed(message: Any) -> Image:
+    """Return the grey image of a sensor_msgs/CompressedImage, or raise ValueError."""
+    data = bytes(message.data)
+    size = _picture_size(data) if _is_whole(data) else None
+    if size is None:
+        raise ValueError(
+            f'a compressed image must be a whole JPEG or PNG, got {message.format!r:.40} of '
+            f'{len(data)} bytes; decompress it before it gets here'
+        )
+    if not 0 < size[0] * size[1] <= LARGEST:
+        raise ValueError(
+            f'a compressed image must have 1 to {LARGEST} pixels, got {size[0]}x{size[1]}; the '
+            'message is damaged'
+        )
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
+    except cv2.error as error:
+        raise ValueError(f'a compressed image cannot be decoded: {error.err}') from None
+    if image is None:
+        raise ValueError('a compressed image cannot be decoded; the message is damaged')
+    return np.asarray(image, dtype=np.uint8)
+
+
+def _is_whole(data: bytes) -> bool:
+    """Return whether the picture has its end: decoders only mumble when it has not."""
+    return data.rstrip(b'\0').endswith(JPEG_END) or PNG_END in data[-12:]
+
+
+def _picture_size(data: bytes) -> tuple[int, int] | None:
+    """Return width and height as a JPEG or PNG states them, None for anything else."""
+    if data.startswith(PNG) and len(data) >= 24:
+        return int.from_bytes(data[16:20], 'big'), int.from_bytes(data[20:24], 'big')
+    at = 2 if data.startswith(JPEG) else len(data)
+    while at + 9 <= len(data) and data[at] == 0xFF:
+        if data[at + 1] in FRAME_HEADERS:
+            height, width = data[at + 5 : at + 7], data[at + 7 : at + 9]
+            return int.from_bytes(width, 'big'), int.from_bytes(height, 'big')
+        at += 1 if data[at + 1] == 0xFF else 2 + int.from_bytes(data[at + 2 : at + 4], 'big')
+    return None
