@@ -101,7 +101,7 @@ def of_file(name: str, pattern: str) -> Callable[..., Path]:
             return path.with_suffix(source.suffix)
         shutil.copytree(source, path)
         damaged(next(path.glob(pattern)), rng)
-        return path if rng.integers(2) else next(path.glob(pattern))
+        return path if pattern == 'metadata.yaml' or rng.integers(2) else next(path.glob(pattern))
 
     return make
 

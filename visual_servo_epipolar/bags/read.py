@@ -51,6 +51,7 @@ DAMAGE = (
     TypeError,
     ValueError,
 )
+NAMELESS: dict[type[Exception], str] = {MemoryError: 'it states sizes beyond all memory'}
 ADVICE = 'the bag is damaged or was left open by a crash; try --repair'
 
 
@@ -162,7 +163,7 @@ def intact(path: Path) -> Iterator[None]:
     try:
         yield
     except DAMAGE as error:
-        said = ' '.join(str(error).split()) or type(error).__name__
+        said = ' '.join(str(error).split()) or NAMELESS.get(type(error), type(error).__name__)
         raise InputError(f'{path}: bag cannot be read: {said:.300}; {ADVICE}') from error
 
 

@@ -1,0 +1,185 @@
+"""``visual_servo replay`` as its users meet it."""
+
+from dataclasses import fields
+import json
+from pathlib import Path
+
+from bagmaker import decoded, write_bag
+import cv2
+import numpy as np
+import pytest
+
+from visual_servo_epipolar.commands.main import main
+from visual_servo_epipolar.commands.replay_settings import CONNECTION
+from visual_servo_epipolar.messages import read
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope='module')
+def bag(small_run, tmp_path_factory) -> str:
+    return str(write_bag(tmp_path_factory.mktemp('bags') / 'run', small_run))
+
+
+@pytest.fixture(scope='module')
+def driver(small_run, tmp_path_factory) -> str:
+    """Return a bag of the camera alone."""
+    heard = [item for item in small_run if item[0] in ('/image_raw', '/camera_info')]
+    return str(write_bag(tmp_path_factory.mktemp('bags') / 'driver', heard[:30]))
+
+
+def shown_json(capsys, *arguments: str) -> tuple[int, dict]:
+    code = main(['replay', *arguments, '--json', '-'])
+    return code, json.loads(capsys.readouterr().out)
+
+
+def refused(capsys, *arguments: str) -> str:
+    try:
+        code = main(['replay', *arguments])
+    except SystemExit as end:
+        code = end.code
+    shown = capsys.readouterr()
+    assert (code, shown.out, len(shown.err.splitlines())) == (2, '', 1), shown
+    return shown.err
+
+
+def test_the_recorded_parameters_give_the_same_and_exit_0(bag, capsys) -> None:
+    assert main(['replay', bag]) == 0
+    said = capsys.readouterr().out
+    assert 'the same to the last bit' in said
+    assert 'x real time' in said
+    assert 'displacing' in said
+
+
+def test_other_parameters_exit_1_and_say_where_they_part(bag, capsys) -> None:
+    assert main(['replay', bag, '--set', 'servo.turn_gain=0.4']) == 1
+    said = capsys.readouterr().out
+    assert 'servo.turn_gain = 0.4' in said
+    assert 'recorded and replayed part at 0.0' in said
+    assert 'angular_rad_s: recorded ' in said
+    assert 'quantity' in said
+
+
+def test_the_json_is_that_of_a_run_with_the_comparison(bag, capsys) -> None:
+    code, result = shown_json(capsys, bag, '--tracks', '--set', 'servo.k1=0.1', 'servo.k_t=1e1')
+    assert result['source'] == 'tracks'
+    assert result['changes'] == {'servo': {'k1': 0.1, 'k_t': 10.0}}
+    assert {'outcome', 'phases', 'position_error_m', 'start', 'attempts'} <= result.keys()
+    assert result['start'] == pytest.approx([0.3, -2.2, 0.0])
+    assert result['comparison']['compared_steps'] == result['steps']
+    assert code == (0 if result['comparison']['equal'] else 1)
+
+
+def test_result_and_figure_are_written(bag, tmp_path, capsys) -> None:
+    out = tmp_path / 'out ä'
+    assert (
+        main(['replay', bag, '--tracks', '--set', 'servo.turn_gain=0.4', '--out', str(out)]) == 1
+    )
+    assert json.loads((out / 'replay.json').read_text())['comparison']['equal'] is False
+    assert cv2.imread(str(out / 'replay.png')).shape[1] > 800
+    assert sorted(path.name for path in out.iterdir()) == ['replay.json', 'replay.png']
+
+
+def test_a_parameter_file_of_a_node_is_taken_and_overruled(bag, tmp_path, capsys) -> None:
+    path = tmp_path / 'parameters.yaml'
+    path.write_text(
+        '/**:\n  ros__parameters: {max_features: 50, k1: 0.2, use_sim_time: true}\n'
+        'servo_node:\n  ros__parameters: {turn_gain: 0.4, watchdog: false}\n'
+    )
+    _, result = shown_json(
+        capsys, bag, '--tracks', '--params', str(path), '--set', 'servo.turn_gain=0.8'
+    )
+    assert result['changes'] == {
+        'servo': {'k1': 0.2, 'turn_gain': 0.8},
+        'tracker': {'max_features': 50},
+    }
+
+
+def test_the_files_that_come_with_the_package_are_the_defaults(bag, capsys) -> None:
+    for name in ('servo_node', 'tracker_node'):
+        assert main(['replay', bag, '--params', str(ROOT / f'config/{name}.yaml')]) == 0
+    capsys.readouterr()
+
+
+def test_what_tells_a_node_how_it_is_connected_is_known_to_say_nothing() -> None:
+    from visual_servo_epipolar.nodes.servo_node import ServoNodeSettings
+    from visual_servo_epipolar.nodes.tracker_node import TrackerNodeSettings
+
+    names = {
+        item.name for kind in (ServoNodeSettings, TrackerNodeSettings) for item in fields(kind)
+    }
+    assert names | {'use_sim_time'} == CONNECTION
+
+
+def test_a_driver_with_a_photograph_in_a_file(driver, small_run, tmp_path, capsys) -> None:
+    path = tmp_path / 'goal.png'
+    photograph = next(decoded(item) for item in small_run if item[0] == '/desired/image_raw')
+    cv2.imwrite(str(path), read.gray(photograph))
+    code, result = shown_json(capsys, driver, '--desired', str(path))
+    assert code == 0
+    assert result['comparison']['compared_steps'] == 0
+    assert result['position_error_m'] is None
+    assert len(result['notes']) == 2
+    assert result['steps'] == 15
+
+
+def test_a_driver_with_a_photograph_out_of_the_bag_and_a_camera_file(
+    driver, small_run, tmp_path, capsys
+) -> None:
+    heard = [item for item in small_run if item[0] == '/image_raw'][:10]
+    path = write_bag(tmp_path / 'images', heard)
+    camera = tmp_path / 'camera.yaml'
+    camera.write_text(
+        'image_width: 320\nimage_height: 256\n'
+        'camera_matrix: {data: [192.3, 0, 158.375, 0, 192.3, 127.625, 0, 0, 1]}\n'
+    )
+    assert main(['replay', str(path), '--desired', '+0.5', '--camera', str(camera)]) == 0
+    assert 'nothing was recorded to compare with' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'reason'),
+    [
+        (['--set', 'k1=0.1'], '--set takes SECTION.NAME=VALUE'),
+        (['--set', 'camera.width=3'], '--set takes SECTION.NAME=VALUE'),
+        (['--set', 'servo.k1'], '--set takes SECTION.NAME=VALUE'),
+        (['--set', 'servo.k_1=0.1'], 'servo has no setting k_1; it knows law'),
+        (['--set', 'servo.k1=often'], "k1 must be float, got 'often'"),
+        (['--set', 'servo.k1=-1'], 'k1 must lie in [0, 5], got -1'),
+        (['--set', 'servo.k1={a'], 'k1 must be float'),
+        (['--set', 'tracker.min_features=500'], 'min_features must not exceed max_features'),
+        (['--params', 'nowhere.yaml'], 'nowhere.yaml: parameters cannot be read'),
+        (['--params', str(ROOT / 'config/camera_node.yaml')], 'no parameters of servo_node or'),
+        (['--params', str(ROOT / 'setup.py')], 'parameters'),
+        (['--topics', 'picture=/image_raw'], '--topics takes ROLE=NAME with a role of image'),
+        (['--desired', 'nowhere.png'], "--desired must be an image file or a stamp [s], got 'now"),
+        (['--desired', 'nan'], '--desired must be'),
+        (['--desired', '77'], 'no image was taken at 77.000 s'),
+        (['--tolerance', '-1'], "'-1' is negative"),
+        (['--camera', 'nowhere.yaml'], 'nowhere.yaml: camera file cannot be read'),
+        (['--out', __file__], 'folder cannot be made'),
+    ],
+)
+def test_bad_input_is_one_line(bag, capsys, arguments, reason) -> None:
+    assert reason in refused(capsys, bag, *arguments)
+
+
+def test_a_misspelt_parameter_in_a_file_is_refused(bag, tmp_path, capsys) -> None:
+    path = tmp_path / 'parameters.yaml'
+    path.write_text('servo_node:\n  ros__parameters: {turn_gian: 0.4}\n')
+    assert 'servo_node has no parameter turn_gian' in refused(capsys, bag, '--params', str(path))
+
+
+def test_a_desired_image_of_another_size_is_refused(driver, tmp_path, capsys) -> None:
+    path = tmp_path / 'other.png'
+    cv2.imwrite(str(path), cv2.resize(cv2.imread(str(ROOT / 'docs/demo.jpg'), 0), (400, 300)))
+    assert 'must have the size of the desired one' in refused(
+        capsys, driver, '--desired', str(path)
+    )
+
+
+def test_a_blank_desired_image_is_refused(driver, tmp_path, capsys) -> None:
+    path = tmp_path / 'blank.png'
+    blank = np.full((256, 320), 90, 'u1')
+    cv2.imwrite(str(path), blank)
+    assert 'the desired image cannot be used' in refused(capsys, driver, '--desired', str(path))
