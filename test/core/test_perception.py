@@ -9,16 +9,11 @@ import pytest
 from strategies import CAMERA, floats, matches, poses_behind_the_goal
 
 from visual_servo_epipolar.core.epipolar import Bearings, rotation_desired_current
+from visual_servo_epipolar.core.estimators.by_name import ESTIMATORS
 from visual_servo_epipolar.core.features import Features
+from visual_servo_epipolar.core.measures import feature_difference, turned
 from visual_servo_epipolar.core.motion import HALF_PI, Pose, wrap_angle
-from visual_servo_epipolar.core.perception import (
-    ESTIMATORS,
-    feature_difference,
-    Observation,
-    observe,
-    perceive,
-    turned,
-)
+from visual_servo_epipolar.core.perception import Observation, observe, perceive
 from visual_servo_epipolar.core.servo_settings import ServoSettings
 from visual_servo_epipolar.core.trust import fresh_memory, leap, Memory
 

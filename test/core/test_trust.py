@@ -20,6 +20,7 @@ from visual_servo_epipolar.core.trust import (
     leap,
     Memory,
     remembered,
+    spreads,
     STRIKES,
 )
 
@@ -38,7 +39,9 @@ GOOD = Estimate(
 
 
 def reason(memory: Memory = FRESH, rays: np.ndarray = RAYS, **changes: object) -> str:
-    return doubt(replace(GOOD, **changes), rays, memory, SETTINGS)  # type: ignore[arg-type]
+    estimate = replace(GOOD, **changes)  # type: ignore[arg-type]
+    spread = float(spreads(rays[None], estimate.inliers[None])[0])
+    return doubt(estimate, spread, memory, SETTINGS)
 
 
 def some(count: int) -> np.ndarray:

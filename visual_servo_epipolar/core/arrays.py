@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 FloatArray: TypeAlias = NDArray[np.float64]
 IntArray: TypeAlias = NDArray[np.int64]
 BoolArray: TypeAlias = NDArray[np.bool_]
+ComplexArray: TypeAlias = NDArray[np.complex128]
 Image: TypeAlias = NDArray[np.uint8]
 
 
@@ -29,6 +30,12 @@ def frozen(array: NDArray[Any]) -> NDArray[Any]:
     copy = array.copy()
     copy.flags.writeable = False
     return copy
+
+
+def median_of_sorted(values: FloatArray) -> FloatArray:
+    """Return the median of ``values``, shape (..., N), ascending along the last axis: (...,)."""
+    count = values.shape[-1]
+    return np.asarray(0.5 * (values[..., (count - 1) // 2] + values[..., count // 2]))
 
 
 def as_gray(image: Any, name: str = 'image') -> Image:

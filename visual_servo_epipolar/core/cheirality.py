@@ -9,7 +9,7 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.arrays import BoolArray, ComplexArray, FloatArray
 from visual_servo_epipolar.core.epipolar import Bearings, epipoles
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.motion import wrap_angle
@@ -81,16 +81,44 @@ def cheirality(
     weighted by its parallax angle over ``noise``, squared and saturated at three, so that an
     outlier counts no more than a good match. With too little parallax the confidence is near zero.
     """
-    alpha = bearings.heading_error
-    cosine, sine = math.cos(alpha), math.sin(alpha)
-    turned_x = cosine * current[:, 0] - sine
-    turned_z = sine * current[:, 0] + cosine
-    cross = desired[:, 0] * turned_z - turned_x  # h_d x h_r
-    c_x, c_z = math.cos(bearings.psi), math.sin(bearings.psi)
-    depth_current = -cross * (desired[:, 0] * c_z - c_x)
-    depth_desired = -cross * (turned_x * c_z - turned_z * c_x)
-    parallax = np.abs(cross) / np.sqrt((1.0 + desired[:, 0] ** 2) * (turned_x**2 + turned_z**2))
-    weight = np.minimum(parallax / noise, VOTE_SATURATION) ** 2
-    score = float((weight * (np.sign(depth_current) + np.sign(depth_desired))).sum())
-    total = 2.0 * VOTE_SATURATION**2 * max(len(current), 1)
-    return Vote(bearings if score >= 0.0 else bearings.reversed(), min(abs(score) / total, 1.0))
+    numbers = np.exp(1j * np.array([[bearings.psi, bearings.phi]]))
+    voting = np.ones((1, len(current)), bool)
+    rays = current[None, :, 0], desired[None, :, 0]
+    balance = float(balances(numbers, *rays, voting, np.array([noise]))[0])
+    return Vote(oriented(bearings.psi, bearings.phi, balance), abs(balance))
+
+
+def oriented(psi: float, phi: float, balance: float) -> Bearings:
+    """Return the bearings, or their reverse where ``balance`` is negative."""
+    bearings = Bearings(psi, phi)
+    return bearings.reversed() if balance < 0.0 else bearings
+
+
+def balances(
+    numbers: ComplexArray,
+    u_current: FloatArray,
+    u_desired: FloatArray,
+    voting: BoolArray,
+    noise: FloatArray,
+) -> FloatArray:
+    """
+    Return by how much the matches vote for the bearings, 1, or for their reverse, -1; shape (B,).
+
+    ``numbers`` are exp(i psi) and exp(i phi), shape (B, 2); abscissae of the rays have shape
+    (B, N), as has ``voting``, which says who votes; ``noise`` is of shape (B,).
+    """
+    psi = numbers[:, :1]
+    turn = psi * numbers[:, 1:].conj()  # exp(i (alpha + pi / 2))
+    cosine, sine = turn.imag, -turn.real
+    turned_x = cosine * u_current - sine
+    turned_z = sine * u_current + cosine
+    cross = u_desired * turned_z - turned_x  # h_d x h_r
+    depth_current = cross * (psi.real - u_desired * psi.imag)
+    depth_desired = cross * (turned_z * psi.real - turned_x * psi.imag)
+    size = (1.0 + u_desired * u_desired) * (turned_x * turned_x + turned_z * turned_z)
+    weight = cross * cross / (size * (noise * noise)[:, None])
+    np.minimum(weight, VOTE_SATURATION**2, out=weight)
+    weight *= voting
+    score = (weight * (np.sign(depth_current) + np.sign(depth_desired))).sum(axis=1)
+    total = 2.0 * VOTE_SATURATION**2 * np.maximum(voting.sum(axis=1), 1)
+    return np.asarray(np.clip(score / total, -1.0, 1.0))

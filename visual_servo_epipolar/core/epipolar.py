@@ -12,7 +12,7 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import as_points, FloatArray
+from visual_servo_epipolar.core.arrays import as_points, ComplexArray, FloatArray
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.motion import HALF_PI, Pose, wrap_angle
 
@@ -86,11 +86,34 @@ def rotation_desired_current(heading_error: float) -> FloatArray:
     return np.array([[cosine, 0.0, -sine], [0.0, 1.0, 0.0], [sine, 0.0, cosine]])
 
 
+def rotations_desired_current(heading_errors: FloatArray) -> FloatArray:
+    """Return the same for many heading errors, shape (B,): shape (B, 3, 3)."""
+    turn = np.exp(1j * heading_errors)
+    made = np.zeros((len(heading_errors), 3, 3))
+    made[:, 0, 0] = made[:, 2, 2] = turn.real
+    made[:, 0, 2], made[:, 2, 0], made[:, 1, 1] = -turn.imag, turn.imag, 1.0
+    return made
+
+
 def fundamental_from_bearings(bearings: Bearings) -> FloatArray:
     """Return F of a planar motion at unit focal length, shape (3, 3), Frobenius norm sqrt(2)."""
     cos_psi, sin_psi = math.cos(bearings.psi), math.sin(bearings.psi)
     cos_phi, sin_phi = math.cos(bearings.phi), math.sin(bearings.phi)
     return np.array([[0.0, -sin_psi, 0.0], [cos_phi, 0.0, sin_phi], [0.0, cos_psi, 0.0]])
+
+
+def fundamentals(numbers: ComplexArray, balance: FloatArray) -> FloatArray:
+    """
+    Return F of many planar motions at unit focal length, shape (B, 3, 3).
+
+    ``numbers`` are exp(i psi) and exp(i phi), shape (B, 2), of the bearings where ``balance``,
+    shape (B,), is not negative, of their reverse where it is.
+    """
+    psi, phi = np.where(balance < 0.0, -1.0, 1.0) * numbers.T
+    made = np.zeros((len(numbers), 3, 3))
+    made[:, 0, 1], made[:, 2, 1] = -psi.imag, psi.real
+    made[:, 1, 0], made[:, 1, 2] = phi.real, phi.imag
+    return made
 
 
 def in_pixels(
@@ -146,19 +169,28 @@ def homogeneous(points: FloatArray) -> FloatArray:
     return np.column_stack([points, np.ones(len(points))])
 
 
+def columns(points: FloatArray) -> FloatArray:
+    """Return ``points``, shape (..., N, 2), as homogeneous columns, shape (..., 3, N)."""
+    made = np.ones((*points.shape[:-2], 3, points.shape[-2]))
+    made[..., :2, :] = np.swapaxes(points, -1, -2)
+    return made
+
+
 def sampson_distance(
     fundamental: FloatArray, current: FloatArray, desired: FloatArray
 ) -> FloatArray:
     """
     Return the first-order distance of each match from F, shape (..., N), in the points' unit.
 
-    ``fundamental`` may have leading axes, shape (..., 3, 3). Hartley and Zisserman, eq. 11.9.
+    ``fundamental``, shape (..., 3, 3), and points, shape (..., N, 2), may have leading axes.
+    Hartley and Zisserman, eq. 11.9.
     """
-    p_current, p_desired = homogeneous(current), homogeneous(desired)
-    lines_desired = p_current @ np.swapaxes(fundamental, -1, -2)  # F p_a, (..., N, 3)
-    lines_current = p_desired @ fundamental  # F^T p_d
-    residual = np.einsum('...ni,ni->...n', lines_desired, p_desired)
-    gradient = (lines_desired[..., :2] ** 2).sum(-1) + (lines_current[..., :2] ** 2).sum(-1)
+    p_current, p_desired = columns(current), columns(desired)
+    lines_desired = fundamental @ p_current  # F p_a, (..., 3, N)
+    lines_current = np.swapaxes(fundamental, -1, -2) @ p_desired
+    residual = (lines_desired * p_desired).sum(axis=-2)
+    gradient = (lines_desired[..., :2, :] ** 2).sum(axis=-2)
+    gradient += (lines_current[..., :2, :] ** 2).sum(axis=-2)
     return np.asarray(residual / np.sqrt(np.maximum(gradient, 1e-300)))
 
 

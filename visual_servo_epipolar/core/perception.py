@@ -1,31 +1,31 @@
 """From matched features to what the servo acts on: bearings, parallax, rotation, D."""
 
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field
 import math
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray, frozen
+from visual_servo_epipolar.core.arrays import FloatArray, frozen, median_of_sorted
 from visual_servo_epipolar.core.camera import Camera
 from visual_servo_epipolar.core.epipolar import (
     Bearings,
-    homogeneous,
-    rotation_desired_current,
+    rotations_desired_current,
     sampson_distance,
 )
-from visual_servo_epipolar.core.errors import DegenerateGeometryError
-from visual_servo_epipolar.core.estimators.base import (
-    Estimate,
-    Estimator,
-    Prior,
-    UNKNOWN_COVARIANCE,
-)
-from visual_servo_epipolar.core.estimators.lmeds_8pt import lmeds_8pt
-from visual_servo_epipolar.core.estimators.planar_2dof import planar_2dof
-from visual_servo_epipolar.core.estimators.planar_3dof import planar_3dof
-from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
+from visual_servo_epipolar.core.estimators.base import Estimate, Prior, UNKNOWN_COVARIANCE
+from visual_servo_epipolar.core.estimators.by_name import estimates
 from visual_servo_epipolar.core.features import Features
-from visual_servo_epipolar.core.homography import fit_rotation
+from visual_servo_epipolar.core.homography import fit_rotations, RotationFits
+from visual_servo_epipolar.core.measures import (
+    difference_deviation,
+    distances,
+    feature_difference,
+    room_to_turn,
+    turned,
+    usual_difference,
+)
 from visual_servo_epipolar.core.motion import HALF_PI
 from visual_servo_epipolar.core.servo_settings import ServoSettings
 from visual_servo_epipolar.core.trust import (
@@ -34,15 +34,10 @@ from visual_servo_epipolar.core.trust import (
     fresh_memory,
     Memory,
     remembered,
+    spreads,
 )
 
-ESTIMATORS: dict[str, Estimator] = {
-    'lmeds_8pt': lmeds_8pt,
-    'planar_3dof': planar_3dof,
-    'planar_2dof': planar_2dof,
-    'soft_planar': soft_planar,
-}
-APART, NEGLIGIBLE = 6.0, 5e-4  # times the median distance of features, plus rad
+STACK = 32  # views that are perceived at once: more would not stay in the cache
 NOISE_ADAPTION = 0.1
 NOISE_RANGE = (0.2, 5.0)  # of the noise that the settings give to begin with
 
@@ -118,136 +113,280 @@ class Sight:
         return self.parallax * self.focal
 
 
+class Glimpse(NamedTuple):
+    """
+    What is needed to perceive: matches, and what was known before them.
+
+    ``frame`` numbers the observations of a run: with the seed it fixes every random choice.
+    ``memory`` is that of the last Sight, None before the first.
+    """
+
+    observation: Observation
+    settings: ServoSettings
+    frame: int
+    memory: Memory | None = None
+
+    @classmethod
+    def after(
+        cls, sight: Sight | None, observation: Observation, settings: ServoSettings, frame: int
+    ) -> 'Glimpse':
+        """Return the glimpse that follows the last Sight, None before the first."""
+        return cls(observation, settings, frame, None if sight is None else sight.memory)
+
+
+Finding: TypeAlias = tuple[Sight, FloatArray | None]
+
+
 def perceive(
     observation: Observation, settings: ServoSettings, frame: int, memory: Memory | None = None
 ) -> Sight:
     """
     Measure what the servo needs; never raises on degenerate views, says so in the Sight.
 
-    See ``geometry``.
+    See ``Glimpse``.
     """
     return geometry(observation, settings, frame, memory)[0]
 
 
+def perceive_each(glimpses: Sequence[Glimpse]) -> list[Sight]:
+    """
+    Perceive many views, of as many robots, side by side.
+
+    Each Sight is, bit by bit, what it would be alone.
+    """
+    return [sight for sight, _ in geometries(glimpses)]
+
+
 def geometry(
     observation: Observation, settings: ServoSettings, frame: int, memory: Memory | None
-) -> tuple[Sight, FloatArray | None]:
-    """
-    Return what one observation tells, and F for rays, shape (3, 3), where one was estimated.
-
-    ``frame`` numbers the observations of a run: with the seed it fixes every random choice.
-    ``memory`` is that of the last Sight, None before the first.
-    """
-    current, desired = observation.current, observation.desired
-    count, focal = len(current), observation.focal
-    blank = Sight(
-        observation.stamp_ns, count, focal, fresh_memory(settings) if memory is None else memory
-    )
-    if count < settings.min_features:
-        return replace(blank, reason=f'{count} features, {settings.min_features} needed'), None
-    rotation = fit_rotation(current, desired)
-    seen = replace(
-        blank,
-        parallax=rotation.parallax,
-        heading_error=rotation.heading_error,
-        feature_error=float(np.median(np.hypot(*(current - desired).T))),
-        room=room_to_turn(current, observation.edges, settings.keep_features),
-    )
-    fundamental = None
-    if seen.parallax_px < settings.min_parallax:
-        reason = f'a parallax of {seen.parallax_px:.2f} px is too small for epipoles'
-        seen = replace(seen, reason=reason)
-    else:
-        seen, fundamental = _with_bearings(seen, observation, settings, frame)
-    difference = feature_difference(current, desired)
-    if settings.compensates:
-        # Pitch and roll of an uneven floor are those of the best rotation, the heading is better.
-        heading = rotation_desired_current(seen.heading_error - rotation.heading_error)
-        difference = _compensated_difference(current, desired, heading @ rotation.rotation)
-    # Of |p_a|^2 - |p_d|^2 with noise in both views, on the average of N features.
-    size = math.sqrt(8.0 * float((desired**2).sum()))
-    deviation = size * seen.noise / count
-    return replace(seen, difference=difference, difference_deviation=deviation), fundamental
+) -> Finding:
+    """Return what one observation tells, and F for rays, (3, 3), where one was estimated."""
+    return geometries([Glimpse(observation, settings, frame, memory)])[0]
 
 
-def room_to_turn(
-    current: FloatArray, edges: tuple[float, float], keep: int
-) -> tuple[float, float]:
-    """Return how far a camera may turn left and right [rad] until ``keep`` features are left."""
-    bearings = np.sort(np.arctan(current[:, 0]))
-    keep = min(keep, len(bearings))
-    if keep == 0:
-        return 0.0, 0.0
-    # A left turn moves features to the right.
-    left, right = edges[1] - bearings[keep - 1], bearings[-keep] - edges[0]
-    return max(float(left), 0.0), max(float(right), 0.0)
+def geometries(glimpses: Sequence[Glimpse]) -> list[Finding]:
+    """Return what each glimpse tells, and F for rays, shape (3, 3), where one was estimated."""
+    found: list[Finding | None] = [None] * len(glimpses)
+    equal: dict[tuple[int, str], list[int]] = {}  # stacks need equally many features
+    for k, (observation, settings, _, memory) in enumerate(glimpses):
+        count = len(observation.current)
+        if count < settings.min_features:
+            reason = f'{count} features, {settings.min_features} needed'
+            blank = memory or fresh_memory(settings)
+            found[k] = Sight(
+                observation.stamp_ns, count, observation.focal, blank, reason=reason
+            ), None
+        else:
+            equal.setdefault((count, settings.estimator), []).append(k)
+    for places in equal.values():
+        for first in range(0, len(places), STACK):
+            some = places[first : first + STACK]
+            for k, finding in zip(some, _stacked([glimpses[k] for k in some]), strict=True):
+                found[k] = finding
+    return [finding for finding in found if finding is not None]
 
 
-def _compensated_difference(
-    current: FloatArray, desired: FloatArray, rotation: FloatArray
-) -> float:
-    """Return D of features turned by ``rotation``, without those that stand apart."""
-    level = turned(current, rotation)
-    distance = np.hypot(*(level - desired).T)
-    usual = distance <= APART * float(np.median(distance)) + NEGLIGIBLE
-    return feature_difference(level[usual], desired[usual])
+class _Stack(NamedTuple):
+    """Glimpses of equally many features: rays, shape (B, N, 2), and their best rotations."""
 
+    glimpses: Sequence[Glimpse]
+    current: FloatArray
+    desired: FloatArray
+    rotations: RotationFits
 
-def feature_difference(current: FloatArray, desired: FloatArray) -> float:
-    """Return D = mean(|p_a|^2 - |p_d|^2) over the features (eq. 23)."""
-    return float(((current**2).sum(axis=1) - (desired**2).sum(axis=1)).mean())
-
-
-def turned(rays: FloatArray, rotation: FloatArray) -> FloatArray:
-    """
-    Return ``rays``, shape (N, 2), as a camera sees them that is turned by ``rotation``, (3, 3).
-
-    A heading error of 0.1 deg otherwise shifts the zero of D by centimetres, unless the features
-    lie evenly to the left and right; a bump of 0.1 deg in the floor does so by millimetres.
-    """
-    solid = homogeneous(rays) @ rotation.T
-    return np.asarray(solid[:, :2] / solid[:, 2:])
-
-
-def _with_bearings(
-    seen: Sight, observation: Observation, settings: ServoSettings, frame: int
-) -> tuple[Sight, FloatArray | None]:
-    current, desired, memory = observation.current, observation.desired, seen.memory
-    prior = Prior(memory.attitude, memory.bearings, settings.max_leap)
-    try:
-        estimate = ESTIMATORS[settings.estimator](
-            current,
-            desired,
-            noise=memory.noise / observation.focal,
-            prior=prior,
-            rng=np.random.default_rng((settings.seed, frame)),
+    def take(self, rows: Sequence[int]) -> '_Stack':
+        """Return the glimpses in ``rows``, which ascend."""
+        if len(rows) == len(self.glimpses):
+            return self
+        chosen = np.array(rows)
+        return _Stack(
+            [self.glimpses[row] for row in rows],
+            self.current[chosen],
+            self.desired[chosen],
+            RotationFits(*(part[chosen] for part in self.rotations)),
         )
-    except DegenerateGeometryError as error:
-        return replace(seen, reason=str(error)), None
-    reason = doubt(estimate, desired, memory, settings)
-    noise = _noise(estimate, observation, memory.noise, settings.pixel_noise)
-    room = room_to_turn(current[estimate.inliers], observation.edges, settings.keep_features)
-    found = replace(
-        seen,
-        room=room,
-        confidence=estimate.confidence,
-        inliers=int(estimate.inliers.sum()),
-        deviation=deviation(estimate),
-        covariance=estimate.covariance,
-        jump=estimate.jump,
-        memory=remembered(memory, estimate, reason, noise=noise, parallax=seen.parallax_px),
-        reason=reason,
+
+
+class _Verdict(NamedTuple):
+    """What is believed of the geometry of one glimpse, and F; ``bearings`` if there is no reason."""
+
+    memory: Memory
+    reason: str
+    estimate: Estimate | None = None
+
+    @property
+    def bearings(self) -> Bearings | None:
+        """The bearings, if they can be trusted."""
+        return None if self.reason or self.estimate is None else self.estimate.bearings
+
+
+def _stacked(glimpses: Sequence[Glimpse]) -> list[Finding]:
+    """Return what glimpses of equally many features tell, by the one estimator of their settings."""
+    current = np.array([glimpse.observation.current for glimpse in glimpses])
+    desired = np.array([glimpse.observation.desired for glimpse in glimpses])
+    stack = _Stack(glimpses, current, desired, fit_rotations(current, desired))
+    verdicts = _verdicts(stack)
+    headings = stack.rotations.heading_error.tolist()
+    for k, verdict in enumerate(verdicts):
+        if verdict.bearings is not None:
+            headings[k] = verdict.bearings.heading_error
+    measured = _measured(stack, verdicts, headings)
+    return [
+        (_sight(glimpse, verdict, row), verdict.estimate and verdict.estimate.fundamental)
+        for glimpse, verdict, row in zip(glimpses, verdicts, measured, strict=True)
+    ]
+
+
+class _Measured(NamedTuple):
+    """The fields of a Sight that need no estimate but the heading."""
+
+    parallax: float
+    heading_error: float
+    difference: float
+    difference_deviation: float
+    feature_error: float
+    room_left: float
+    room_right: float
+
+
+def _measured(
+    stack: _Stack, verdicts: Sequence[_Verdict], headings: Sequence[float]
+) -> list[_Measured]:
+    """Return what is measured under the ``headings``."""
+    error = median_of_sorted(np.sort(distances(stack.current, stack.desired), axis=1))
+    noise = np.array([verdict.memory.noise for verdict in verdicts])
+    focal = np.array([glimpse.observation.focal for glimpse in stack.glimpses])
+    rooms = room_to_turn(
+        stack.current,
+        np.array([glimpse.observation.edges for glimpse in stack.glimpses]),
+        np.array([glimpse.settings.keep_features for glimpse in stack.glimpses]),
     )
-    if not reason:
-        bearings = estimate.bearings
-        found = replace(found, bearings=bearings, heading_error=bearings.heading_error)
-    return found, estimate.fundamental
+    columns = (
+        stack.rotations.parallax,
+        headings,
+        _differences(stack, np.array(headings)),
+        difference_deviation(stack.desired, noise / focal),
+        error,
+        *rooms.T,
+    )
+    return [_Measured(*row) for row in np.array(columns).T.tolist()]
 
 
-def _noise(estimate: Estimate, observation: Observation, before: float, first: float) -> float:
-    """Return the deviation of a coordinate [px], slowly following the median residual."""
-    distance = sampson_distance(estimate.fundamental, observation.current, observation.desired)
-    spare = max(len(distance) - 2, 1)
-    now = 1.4826 * (1.0 + 5.0 / spare) * float(np.median(np.abs(distance))) * observation.focal
+def _verdicts(stack: _Stack) -> list[_Verdict]:
+    """Return what is believed of each geometry; a small parallax shows none."""
+    found, wide = [], []
+    parallax = stack.rotations.parallax.tolist()
+    for k, (observation, settings, _, memory) in enumerate(stack.glimpses):
+        parallax_px, reason = parallax[k] * observation.focal, ''
+        if parallax_px < settings.min_parallax:
+            reason = f'a parallax of {parallax_px:.2f} px is too small for epipoles'
+        else:
+            wide.append(k)
+        found.append(_Verdict(memory or fresh_memory(settings), reason))
+    if wide:
+        memories = [found[k].memory for k in wide]
+        for k, verdict in zip(wide, _judged(stack.take(wide), memories), strict=True):
+            found[k] = verdict
+    return found
+
+
+def _judged(stack: _Stack, memories: Sequence[Memory]) -> list[_Verdict]:
+    """Return what is believed of geometries that show parallax."""
+    glimpses = stack.glimpses
+    focal = np.array([glimpse.observation.focal for glimpse in glimpses])
+    noise = np.array([memory.noise for memory in memories])
+    answers = estimates(
+        glimpses[0].settings.estimator,
+        stack.current,
+        stack.desired,
+        noise=noise / focal,
+        priors=[
+            Prior(memory.attitude, memory.bearings, glimpse.settings.max_leap)
+            for memory, glimpse in zip(memories, glimpses, strict=True)
+        ],
+        seeds=[(glimpse.settings.seed, glimpse.frame) for glimpse in glimpses],
+    )
+    seen = {k: answer for k, answer in enumerate(answers) if isinstance(answer, Estimate)}
+    evidence = iter(_evidence(stack.take(list(seen)), list(seen.values())) if seen else [])
+    return [
+        _verdict(glimpse, memory, answer, next(evidence))
+        if isinstance(answer, Estimate)
+        else _Verdict(memory, str(answer))
+        for glimpse, memory, answer in zip(glimpses, memories, answers, strict=True)
+    ]
+
+
+class _Evidence(NamedTuple):
+    """What speaks for an estimate: spread of its inliers, median residual, both as rays, parallax."""
+
+    spread: float
+    residual: float
+    parallax: float
+
+
+def _evidence(stack: _Stack, estimates: Sequence[Estimate]) -> list[_Evidence]:
+    inliers = np.array([estimate.inliers for estimate in estimates])
+    fundamental = np.array([estimate.fundamental for estimate in estimates])
+    residual = np.abs(sampson_distance(fundamental, stack.current, stack.desired))
+    median = median_of_sorted(np.sort(residual, axis=1))
+    rows = np.array([spreads(stack.desired, inliers), median, stack.rotations.parallax])
+    return [_Evidence(*row) for row in rows.T.tolist()]
+
+
+def _verdict(
+    glimpse: Glimpse, memory: Memory, estimate: Estimate, evidence: _Evidence
+) -> _Verdict:
+    """Return whether ``estimate`` is believed, and what is remembered of it."""
+    observation, settings = glimpse.observation, glimpse.settings
+    reason = doubt(estimate, evidence.spread, memory, settings)
+    after = remembered(
+        memory,
+        estimate,
+        reason,
+        noise=_noise(evidence.residual, observation, memory.noise, settings.pixel_noise),
+        parallax=evidence.parallax * observation.focal,
+    )
+    return _Verdict(after, reason, estimate)
+
+
+def _differences(stack: _Stack, headings: FloatArray) -> FloatArray:
+    """Return D of each glimpse, of features turned as the goal is where settings say so."""
+    made = feature_difference(stack.current, stack.desired)
+    compensated = np.array([glimpse.settings.compensates for glimpse in stack.glimpses])
+    if compensated.any():
+        # Pitch and roll of an uneven floor are those of the best rotation, the heading is better.
+        better = rotations_desired_current(headings - stack.rotations.heading_error)
+        level = turned(stack.current, better @ stack.rotations.rotation)
+        made = np.where(compensated, usual_difference(level, stack.desired), made)
+    return made
+
+
+def _sight(glimpse: Glimpse, verdict: _Verdict, measured: _Measured) -> Sight:
+    observation, estimate = glimpse.observation, verdict.estimate
+    return Sight(
+        observation.stamp_ns,
+        len(observation.current),
+        observation.focal,
+        verdict.memory,
+        bearings=verdict.bearings,
+        deviation=math.nan if estimate is None else deviation(estimate),
+        covariance=UNKNOWN_COVARIANCE if estimate is None else estimate.covariance,
+        jump=0.0 if estimate is None else estimate.jump,
+        confidence=0.0 if estimate is None else estimate.confidence,
+        inliers=0 if estimate is None else int(np.count_nonzero(estimate.inliers)),
+        parallax=measured.parallax,
+        heading_error=measured.heading_error,
+        difference=measured.difference,
+        difference_deviation=measured.difference_deviation,
+        feature_error=measured.feature_error,
+        room=(measured.room_left, measured.room_right),
+        reason=verdict.reason,
+    )
+
+
+def _noise(residual: float, observation: Observation, before: float, first: float) -> float:
+    """Return the deviation of a coordinate [px], slowly following the median ``residual``."""
+    spare = max(len(observation.current) - 2, 1)
+    now = 1.4826 * (1.0 + 5.0 / spare) * residual * observation.focal
     followed = before + NOISE_ADAPTION * (now - before)
     return min(max(followed, NOISE_RANGE[0] * first), NOISE_RANGE[1] * first)

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.epipolar import Bearings
 from visual_servo_epipolar.core.estimators.base import Attitude, Estimate
 from visual_servo_epipolar.core.servo_settings import ServoSettings
@@ -47,15 +47,34 @@ def leap(bearings: Bearings, before: Bearings) -> float:
 
 def deviation(estimate: Estimate) -> float:
     """Return the larger standard deviation of psi and phi [rad], nan if there is none."""
-    return math.sqrt(max(float(np.diag(estimate.covariance).max()), 0.0))
+    variance = max(float(estimate.covariance[0, 0]), float(estimate.covariance[1, 1]))
+    return math.sqrt(max(variance, 0.0))
 
 
-def doubt(estimate: Estimate, desired: FloatArray, memory: Memory, settings: ServoSettings) -> str:
-    """Return why ``estimate`` is not to be trusted, in words; empty if it is."""
-    inliers, count = int(estimate.inliers.sum()), len(estimate.inliers)
+def spreads(rays: FloatArray, inliers: BoolArray) -> FloatArray:
+    """
+    Return how far apart the ``inliers``, shape (B, N), among ``rays``, (B, N, 2), are, shape (B,).
+
+    It is the fourth root of the determinant of their covariance: the geometric mean of their
+    deviations along two axes.
+    """
+    count = np.maximum(inliers.sum(axis=1), 2)
+    x, y = np.where(inliers, rays[:, :, 0], 0.0), np.where(inliers, rays[:, :, 1], 0.0)
+    x = np.where(inliers, x - (x.sum(axis=1) / count)[:, None], 0.0)
+    y = np.where(inliers, y - (y.sum(axis=1) / count)[:, None], 0.0)
+    determinant = (x * x).sum(axis=1) * (y * y).sum(axis=1) - (x * y).sum(axis=1) ** 2
+    return np.asarray((np.maximum(determinant, 0.0) / (count - 1.0) ** 2) ** 0.25)
+
+
+def doubt(estimate: Estimate, spread: float, memory: Memory, settings: ServoSettings) -> str:
+    """
+    Return why ``estimate`` is not to be trusted, in words; empty if it is.
+
+    ``spread`` [rad] is that of its inliers.
+    """
+    inliers, count = int(np.count_nonzero(estimate.inliers)), len(estimate.inliers)
     if inliers < max(MIN_INLIERS, MIN_INLIER_SHARE * count):
         return f'only {inliers} of {count} matches agree on one geometry'
-    spread = max(float(np.linalg.det(np.cov(desired[estimate.inliers].T))), 0.0) ** 0.25
     if spread < settings.min_spread:
         return f'the features are clustered within {math.degrees(spread):.1f} deg'
     if estimate.confidence < settings.min_confidence:

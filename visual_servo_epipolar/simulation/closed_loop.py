@@ -1,16 +1,16 @@
 """One run in memory: world, tracker and servo in one loop, without ROS and without a clock."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
 from visual_servo_epipolar.core.camera import Camera
 from visual_servo_epipolar.core.features import Features
 from visual_servo_epipolar.core.motion import Pose, quaternion_from_yaw, yaw_from_quaternion
-from visual_servo_epipolar.core.perception import observe
+from visual_servo_epipolar.core.perception import Glimpse, observe, perceive_each, Sight
 from visual_servo_epipolar.core.phases import ENDED, Phase
 from visual_servo_epipolar.core.run_log import RunLog, Sample
-from visual_servo_epipolar.core.servo import step
+from visual_servo_epipolar.core.servo import advance
 from visual_servo_epipolar.core.servo_settings import ServoSettings
 from visual_servo_epipolar.core.servo_state import ServoState
 from visual_servo_epipolar.core.stamps import NANOSECONDS
@@ -95,6 +95,36 @@ class Referee:
         )
 
 
+class Loop:
+    """One closed loop, step by step: what it sees is perceived outside, alone or beside others."""
+
+    def __init__(self, settings: LoopSettings, view: View, camera: Camera) -> None:
+        self.settings = settings
+        self.referee = Referee(settings)
+        self._view, self._camera = view, camera
+        self._base = Pioneer(
+            settings.base, Pose.from_start(*settings.start), seed=settings.seed
+        )
+        self._state, self._period_ns = ServoState(), period_ns(settings.frame_rate)
+        self._pose = self._base.pose
+
+    def look(self) -> Glimpse:
+        """Return what is seen from where the robot is now."""
+        self._pose = published(self._base.pose)
+        features = self._view.observe(self._pose, len(self.referee.samples))
+        observation = observe(features, self._camera, self._base.now_ns)
+        return Glimpse.after(self._state.sight, observation, self.settings.servo, self._state.frame)
+
+    def act(self, sight: Sight) -> Sample:
+        """Take in what was perceived, and drive for one period."""
+        state = self._state = advance(self._state, sight, self.settings.servo)
+        taken = sample(self._base.now_ns, self._pose, state.phase, telemetry(state))
+        self.referee.add(taken, reason=state.reason, attempts=state.attempts)
+        self._base.command(state.twist)
+        self._base.advance(self._base.now_ns + self._period_ns)
+        return taken
+
+
 def run(
     settings: LoopSettings,
     view: View,
@@ -108,16 +138,25 @@ def run(
     ``watch`` is called after each step. The order of events is that of the nodes in lockstep:
     ground truth, image, tracks, command, and only then does the base move for one period.
     """
-    base = Pioneer(settings.base, Pose.from_start(*settings.start), seed=settings.seed)
-    state, referee = ServoState(), Referee(settings)
-    while not referee.done:
-        pose = published(base.pose)
-        features = view.observe(pose, len(referee.samples))
-        state = step(state, observe(features, camera, base.now_ns), settings.servo)
-        step_sample = sample(base.now_ns, pose, state.phase, telemetry(state))
-        referee.add(step_sample, reason=state.reason, attempts=state.attempts)
+    loop = Loop(settings, view, camera)
+    while not loop.referee.done:
+        taken = loop.act(perceive_each([loop.look()])[0])
         if watch is not None:
-            watch(step_sample)
-        base.command(state.twist)
-        base.advance(base.now_ns + period_ns(settings.frame_rate))
-    return referee.log()
+            watch(taken)
+    return loop.referee.log()
+
+
+def run_many(runs: Sequence[tuple[LoopSettings, View, Camera]]) -> list[RunLog]:
+    """
+    Drive many robots side by side, which is faster, and return their records in this order.
+
+    Each record is, bit by bit, what ``run`` returns.
+    """
+    loops = [Loop(*each) for each in runs]
+    going = [loop for loop in loops if not loop.referee.done]
+    while going:
+        sights = perceive_each([loop.look() for loop in going])
+        for loop, sight in zip(going, sights, strict=True):
+            loop.act(sight)
+        going = [loop for loop in going if not loop.referee.done]
+    return [loop.referee.log() for loop in loops]

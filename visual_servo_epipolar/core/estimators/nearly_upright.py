@@ -7,8 +7,7 @@ the generator S_x beside F, those by roll put S_z beside E; both are linear.
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.estimators.planar import ComplexArray
+from visual_servo_epipolar.core.arrays import ComplexArray, FloatArray
 from visual_servo_epipolar.core.estimators.planar_2dof import FAMILIES
 
 PSI, PHI, TILT, TILT_JUMP, ROLL, ROLL_JUMP = range(6)
@@ -47,13 +46,13 @@ def matrices(parameters: FloatArray) -> FloatArray:
     count = len(parameters)
     numbers = np.exp(1j * (parameters @ TO_CAMERAS))
     inner = (numbers.view(np.float64)[:, :4] @ INNER).reshape(count, 5, 3, 3)
-    cameras = _cameras(numbers[:, 2::2], numbers[:, 3::2])
-    made = np.swapaxes(cameras[:, :1], 2, 3) @ inner @ cameras[:, 1:]
+    both = cameras(numbers[:, 2::2], numbers[:, 3::2])
+    made = np.swapaxes(both[:, :1], 2, 3) @ inner @ both[:, 1:]
     made = made.reshape(count, 5, 9)
     return np.concatenate([made, (made[:, 0] @ ROLLS).reshape(count, 2, 9)], axis=1)
 
 
-def _cameras(tilt: ComplexArray, roll: ComplexArray) -> FloatArray:
+def cameras(tilt: ComplexArray, roll: ComplexArray) -> FloatArray:
     """Return R_x(tilt) R_z(roll) of exp(i tilt), exp(i roll), shape (..., 3, 3)."""
     made = np.zeros((*tilt.shape, 3, 3))
     made[..., 0, 0], made[..., 0, 1] = roll.real, -roll.imag

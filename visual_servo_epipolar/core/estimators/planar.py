@@ -14,12 +14,17 @@ scored by two matrix products. Functions of rays take leading axes: one geometry
 
 from functools import lru_cache
 import math
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, frozen, IntArray
+from visual_servo_epipolar.core.arrays import (
+    BoolArray,
+    ComplexArray,
+    FloatArray,
+    frozen,
+    IntArray,
+)
 from visual_servo_epipolar.core.epipolar import Bearings
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Prior
@@ -33,8 +38,6 @@ MARGIN = 0.25  # of the mean truncated cost: modes worse by more are no rivals
 GRADIENT = 1e-12  # squared, the least one that is divided by
 TINY = 1e-30
 
-ComplexArray: TypeAlias = NDArray[np.complex128]
-
 
 class Rays(NamedTuple):
     """Coordinates of the matches at unit focal length, each of shape (..., N)."""
@@ -47,10 +50,11 @@ class Rays(NamedTuple):
 
 def rays_of(current: FloatArray, desired: FloatArray) -> Rays:
     """Return the columns of ``current`` and ``desired``, shape (..., N, 2) each."""
-    return Rays(current[..., 0], current[..., 1], desired[..., 0], desired[..., 1])
+    both = np.array([np.moveaxis(current, -1, 0), np.moveaxis(desired, -1, 0)])
+    return Rays(both[0, 0], both[0, 1], both[1, 0], both[1, 1])
 
 
-def plausible(rays: Rays, slack: float) -> BoolArray:
+def plausible(rays: Rays, slack: FloatArray | float) -> BoolArray:
     """Return where v_a and v_d have one sign or are within ``slack`` of the horizon, (..., N)."""
     return np.asarray(rays.v_a * rays.v_d > -slack * slack)
 
@@ -179,28 +183,41 @@ def chosen_mode(
     return best, Bearings(float(psi), float(phi))
 
 
-def fused(parameters: FloatArray, covariance: FloatArray, prior: Prior) -> FloatArray:
+def fused(
+    parameters: FloatArray, covariance: FloatArray, before: FloatArray, deviation: FloatArray
+) -> tuple[FloatArray, BoolArray]:
     """
-    Return ``parameters``, shape (P,), psi and phi first, drawn towards ``prior.bearings``.
+    Return ``parameters``, shape (B, P), psi and phi first, drawn towards ``before``, and which.
 
     By as much as the matches leave open: where they fix the bearings this changes nothing, where
-    a plane nearly hides them it helps.
-
-    Raises
-    ------
-    DegenerateGeometryError
-        If the matches leave a bearing open altogether.
-
+    a plane nearly hides them it helps. ``covariance`` has shape (B, P, P); ``before``, shape
+    (B, 2), is nan where nothing is known, and is known to ``deviation``, (B,). The second array,
+    (B,), says where the matches determine the bearings at all.
     """
-    variances = covariance.diagonal().tolist()
-    if not (min(variances) > 0.0 and max(variances[:2]) < UNDETERMINED**2):
-        raise DegenerateGeometryError(
-            'the matches leave the bearings open: there is no baseline, or all of them lie on the '
-            "horizon or on one line; track features above and below the camera's height"
-        )
-    if prior.bearings is None:
-        return parameters
-    before = np.array([prior.bearings.psi, prior.bearings.phi])
-    change = np.remainder(before - parameters[:2] + HALF_PI, np.pi) - HALF_PI
-    together = covariance[:2, :2] + prior.deviation**2 * np.eye(2)
-    return np.asarray(parameters + covariance[:, :2] @ np.linalg.solve(together, change))
+    variances = covariance.diagonal(axis1=1, axis2=2)
+    determined = (variances > 0.0).all(axis=1)
+    determined &= (variances[:, :2] < UNDETERMINED**2).all(axis=1)
+    change = np.remainder(before - parameters[:, :2] + HALF_PI, np.pi) - HALF_PI
+    change[np.isnan(change)] = 0.0
+    # (covariance + deviation^2 I)^-1 change, by the adjugate
+    spare = (deviation * deviation)[:, None]
+    own, both = variances[:, :2] + spare, covariance[:, 0, 1][:, None]
+    pull = own[:, ::-1] * change - both * change[:, ::-1]
+    pull /= own[:, :1] * own[:, 1:] - both * both
+    return parameters + (covariance[:, :, :2] @ pull[:, :, None])[:, :, 0], determined
+
+
+def undetermined() -> DegenerateGeometryError:
+    """Return what is raised where the matches leave a bearing open altogether."""
+    return DegenerateGeometryError(
+        'the matches leave the bearings open: there is no baseline, or all of them lie on the '
+        "horizon or on one line; track features above and below the camera's height"
+    )
+
+
+def too_few(count: int, total: int, needed: int) -> DegenerateGeometryError:
+    """Return what is raised where ``count`` plausible matches of ``total`` are too few."""
+    return DegenerateGeometryError(
+        f'bearings need {needed} matches on one side of the horizon in both views, got '
+        f'{count} of {total}; track more features'
+    )

@@ -1,11 +1,12 @@
 """Two degrees of freedom: planar motion, known focal length, upright camera."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
-from visual_servo_epipolar.core.cheirality import cheirality
-from visual_servo_epipolar.core.epipolar import Bearings, fundamental_from_bearings
-from visual_servo_epipolar.core.errors import DegenerateGeometryError
+from visual_servo_epipolar.core.cheirality import balances, oriented
+from visual_servo_epipolar.core.epipolar import Bearings, fundamentals
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior
 from visual_servo_epipolar.core.estimators.planar import (
     chosen_mode,
@@ -14,16 +15,26 @@ from visual_servo_epipolar.core.estimators.planar import (
     modes,
     plausible,
     Rays,
-    rays_of,
     scores,
     two_point_hypotheses,
+    undetermined,
 )
 from visual_servo_epipolar.core.estimators.sampson import (
     Belief,
     Fit,
+    followed,
     NEGLIGIBLE,
+    problem,
     refined,
     table_of,
+)
+from visual_servo_epipolar.core.estimators.side_by_side import (
+    alone,
+    Answer,
+    answers,
+    Method,
+    Views,
+    views_of,
 )
 
 MIN_MATCHES = 3
@@ -69,24 +80,38 @@ def planar_2dof(
 
     """
     del rng
-    rays = rays_of(current, desired)
-    kept = plausible(rays, INLIER_DEVIATIONS * noise)
-    if not kept.all():
-        rays = Rays(*(coordinate[kept] for coordinate in rays))
-    if len(rays.u_a) < MIN_MATCHES:
-        raise DegenerateGeometryError(
-            f'bearings need {MIN_MATCHES} matches on one side of the horizon in both views, got '
-            f'{len(rays.u_a)} of {len(kept)}; track more features'
-        )
-    table = table_of(rays, noise)
-    if prior.bearings is not None:
-        before = np.array([[prior.bearings.psi, prior.bearings.phi]])
-        found = _refined(before, table, noise)
-        if found.goes_on(prior):
-            return _estimate(found, 0, None, rays, kept, noise, prior)
-    found = _refined(_candidates(rays, noise), table, noise)
+    return alone(current, desired, noise, prior, METHOD)
+
+
+def planar_2dof_each(
+    current: FloatArray, desired: FloatArray, *, noise: FloatArray, priors: Sequence[Prior]
+) -> list[Answer]:
+    """Do the same for many pairs of views, rays of shape (B, N, 2) each; errors are answers."""
+    return answers(views_of(current, desired, noise, priors), METHOD)
+
+
+def _keep(views: Views) -> BoolArray:
+    return plausible(views.rays, INLIER_DEVIATIONS * views.noise[:, None])
+
+
+def _follow(views: Views, kept: BoolArray) -> Fit:
+    shape = views.before.shape
+    belief = Belief(np.zeros(shape), np.zeros(shape))
+    return followed(
+        views.before,
+        problem(_model, table_of(views.rays, views.noise, kept), belief),
+        negligible=NEGLIGIBLE * views.noise,
+        scale=np.ones(len(views.noise)),
+    )
+
+
+def _search(rays: Rays, noise: float, prior: Prior) -> tuple[Fit, int, Bearings | None]:
+    start = _candidates(rays, noise)
+    found = refined(
+        start, problem(_model, table_of(rays, noise), NOTHING), negligible=NEGLIGIBLE * noise
+    )
     best, rival = chosen_mode(found.parameters, found.costs, prior)
-    return _estimate(found, best, rival, rays, kept, noise, prior)
+    return found, best, rival
 
 
 def _candidates(rays: Rays, noise: float) -> FloatArray:
@@ -103,26 +128,29 @@ def _model(angles: FloatArray) -> FloatArray:
     return np.asarray(parts @ FAMILIES).reshape(-1, 3, 9)
 
 
-def _refined(start: FloatArray, table: FloatArray, noise: float) -> Fit:
-    return refined(start, _model, table, NOTHING, negligible=NEGLIGIBLE * noise)
+def _conclude(
+    views: Views, kept: BoolArray, fit: Fit, rivals: Sequence[Bearings | None]
+) -> list[Answer]:
+    covariance = np.linalg.inv(fit.information)
+    angles, determined = fused(fit.parameters, covariance, views.before, views.deviation)
+    agree = kept & (fit.squared <= INLIER_DEVIATIONS**2)
+    numbers = np.exp(1j * angles)
+    balance = balances(numbers, views.rays.u_a, views.rays.u_d, agree, views.noise)
+    fundamental = fundamentals(numbers, balance)
+    rows = zip(angles.tolist(), balance.tolist(), determined.tolist(), rivals, strict=True)
+    return [
+        Estimate(
+            oriented(psi, phi, vote),
+            fundamental[k],
+            agree[k],
+            abs(vote),
+            covariance[k],
+            rival=rival,
+        )
+        if sure
+        else undetermined()
+        for k, ((psi, phi), vote, sure, rival) in enumerate(rows)
+    ]
 
 
-def _estimate(
-    found: Fit,
-    best: int,
-    rival: Bearings | None,
-    rays: Rays,
-    kept: BoolArray,
-    noise: float,
-    prior: Prior,
-) -> Estimate:
-    covariance = found.covariance(best)
-    psi, phi = fused(found.parameters[best], covariance, prior).tolist()
-    agree = found.squared[best] <= INLIER_DEVIATIONS**2
-    inliers = kept.copy()
-    inliers[kept] = agree
-    u_a, v_a, u_d, v_d = np.array(rays)[:, agree]
-    current, desired = np.array([u_a, v_a]).T, np.array([u_d, v_d]).T
-    vote = cheirality(Bearings(psi, phi), current, desired, noise=noise)
-    fundamental = fundamental_from_bearings(vote.bearings)
-    return Estimate(vote.bearings, fundamental, inliers, vote.confidence, covariance, rival=rival)
+METHOD = Method(MIN_MATCHES, _keep, _follow, _search, _conclude)

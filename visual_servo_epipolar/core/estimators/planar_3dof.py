@@ -2,13 +2,11 @@
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+from visual_servo_epipolar.core.arrays import BoolArray, ComplexArray, FloatArray
 from visual_servo_epipolar.core.cheirality import cheirality
 from visual_servo_epipolar.core.epipolar import Bearings
-from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior
 from visual_servo_epipolar.core.estimators.planar import (
-    ComplexArray,
     fused,
     INLIER_DEVIATIONS,
     modes,
@@ -16,12 +14,15 @@ from visual_servo_epipolar.core.estimators.planar import (
     Rays,
     rays_of,
     TINY,
+    too_few,
+    undetermined,
 )
 from visual_servo_epipolar.core.estimators.planar_2dof import FAMILIES
 from visual_servo_epipolar.core.estimators.sampson import (
     Belief,
     Fit,
     NEGLIGIBLE,
+    problem,
     refined,
     table_of,
 )
@@ -32,7 +33,7 @@ MODES = 3
 PSI, PHI, RATIO = range(3)  # the last is log(|q| / |p|)
 LARGEST_RATIO = 3.0
 BELIEF = Belief(np.zeros(3), np.zeros(3))  # nothing is known beforehand
-NO_PRIOR = Prior()
+UNKNOWN = np.full((1, 2), np.nan)
 
 
 def planar_3dof(
@@ -61,14 +62,11 @@ def planar_3dof(
     kept = plausible(rays, INLIER_DEVIATIONS * noise)
     rays = Rays(*(coordinate[kept] for coordinate in rays))
     if len(rays.u_a) < MIN_MATCHES:
-        raise DegenerateGeometryError(
-            f'bearings need {MIN_MATCHES} matches on one side of the horizon in both views, got '
-            f'{len(rays.u_a)} of {len(kept)}; track more features'
-        )
+        raise too_few(len(rays.u_a), len(kept), MIN_MATCHES)
     table = table_of(rays, noise)
     hypotheses = _three_point_hypotheses(rays, rng)
     start = _best(hypotheses, table)
-    found = refined(start, _model, table, BELIEF, negligible=NEGLIGIBLE * noise)
+    found = refined(start, problem(_model, table, BELIEF), negligible=NEGLIGIBLE * noise)
     inliers = kept.copy()
     best = int(found.costs.argmin())
     inliers[kept] = found.squared[best] <= INLIER_DEVIATIONS**2
@@ -124,8 +122,13 @@ def _estimate(
     inliers: BoolArray,
     noise: float,
 ) -> Estimate:
-    covariance = found.covariance(best)
-    parameters = fused(found.parameters[best], covariance, NO_PRIOR)
+    covariance = np.linalg.inv(found.information[best])
+    parameters, (determined,) = fused(
+        found.parameters[best : best + 1], covariance[None], UNKNOWN, np.ones(1)
+    )
+    if not determined:
+        raise undetermined()
+    parameters = parameters[0]
     bearings = Bearings(float(parameters[PSI]), float(parameters[PHI]))
     vote = cheirality(bearings, current[inliers], desired[inliers], noise=noise)
     fundamental = _model(parameters[None])[0, 0].reshape(3, 3)

@@ -7,14 +7,13 @@ a table of the matches gives them all, whatever the parameters mean.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+import math
 from typing import NamedTuple
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
-from visual_servo_epipolar.core.estimators.base import Prior
 from visual_servo_epipolar.core.estimators.planar import (
     INLIER_DEVIATIONS,
     MARGIN,
@@ -36,32 +35,36 @@ GOOD_COST = 1.8  # of a match, in squared deviations: noise, and outliers fewer 
 Model = Callable[[FloatArray], FloatArray]
 
 
-def table_of(rays: Rays, noise: float) -> FloatArray:
+def table_of(rays: Rays, noise: FloatArray | float, kept: BoolArray | None = None) -> FloatArray:
     """
-    Return the matches as columns for products with matrices, shape (9, 5 N).
+    Return the matches as columns for products with matrices, shape (..., 9, 5 N).
 
-    The five are the residual p_d^T E p_a in deviations of ``noise``, two components of E p_a, and
-    two of E^T p_d.
+    The five are the residual p_d^T E p_a in deviations of ``noise``, shape (...,), two components
+    of E p_a, and two of E^T p_d. A match that is not ``kept`` is a column of zeros: it costs and
+    pulls nothing, and the number of columns stays the same for all geometries of a stack.
     """
-    count = len(rays.u_a)
-    p_a, p_d = np.ones((3, count)), np.ones((3, count))
-    p_a[0], p_a[1], p_d[0], p_d[1] = rays
-    table = np.zeros((3, 3, 5, count))
-    table[:, :, 0] = (p_d / noise)[:, None] * p_a
-    table[0, :, 1] = table[1, :, 2] = p_a
-    table[:, 0, 3] = table[:, 1, 4] = p_d
-    return table.reshape(9, 5 * count)
+    *leading, count = rays.u_a.shape
+    p_a, p_d = np.ones((*leading, 3, count)), np.ones((*leading, 3, count))
+    p_a[..., 0, :], p_a[..., 1, :], p_d[..., 0, :], p_d[..., 1, :] = rays
+    if kept is not None:
+        p_a *= kept[..., None, :]
+        p_d *= kept[..., None, :]
+    table = np.zeros((*leading, 3, 3, 5, count))
+    scaled = p_d / np.asarray(noise)[..., None, None]
+    np.multiply(scaled[..., :, None, :], p_a[..., None, :, :], out=table[..., 0, :])
+    table[..., 0, :, 1, :] = table[..., 1, :, 2, :] = p_a
+    table[..., :, 0, 3, :] = table[..., :, 1, 4, :] = p_d
+    return table.reshape(*leading, 9, 5 * count)
 
 
 class Belief(NamedTuple):
-    """What is known of the parameters beforehand: mean and information, shape (P,) each."""
+    """What is known of the parameters beforehand: mean and information, shape (..., P) each."""
 
     mean: FloatArray
     information: FloatArray
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Fit:
+class Fit(NamedTuple):
     """
     Refined parameters, (K, P), their information, (K, P, P), and their costs, (K,).
 
@@ -74,13 +77,9 @@ class Fit:
     costs: FloatArray
     squared: FloatArray
 
-    def goes_on(self, prior: Prior) -> bool:
-        """Return whether the first fit, made from ``prior``, leaves nothing to look for."""
-        if prior.bearings is None or self.costs[0] > GOOD_COST * self.squared.shape[1]:
-            return False
-        psi, phi = self.parameters[0, :2].tolist()
-        change = max(abs(psi - prior.bearings.psi), abs(phi - prior.bearings.phi))
-        return bool(change < prior.deviation)
+    def take(self, rows: IntArray | BoolArray) -> 'Fit':
+        """Return the fits chosen by index or mask."""
+        return Fit(*(part[rows] for part in self))
 
     def winnowed(self) -> FloatArray:
         """Return the parameters of the best different modes among those that may still win."""
@@ -90,64 +89,161 @@ class Fit:
         best = modes(numbers, self.costs / worst, MODES, spread=0.25 * SPREAD, margin=margin)
         return np.asarray(self.parameters[best])
 
-    def covariance(self, place: int) -> FloatArray:
-        """Return the covariance of the parameters of one fit, shape (P, P)."""
-        return np.asarray(np.linalg.inv(self.information[place]))
+
+class Problem(NamedTuple):
+    """What is minimised: ``model`` on the ``table`` of matches, and the ``belief``."""
+
+    model: Model
+    table: FloatArray  # shape (9, 5 N), or (B, 9, 5 N) for as many geometries
+    belief: Belief
+    ridge: FloatArray  # shape (P, P) or (B, P, P): the information of the belief, never zero
+
+    def take(self, rows: BoolArray) -> 'Problem':
+        """Return the geometries chosen by a mask."""
+        belief = Belief(self.belief.mean[rows], self.belief.information[rows])
+        return Problem(self.model, self.table[rows], belief, self.ridge[rows])
+
+
+def problem(model: Model, table: FloatArray, belief: Belief) -> Problem:
+    """Return what ``refined`` and ``followed`` minimise."""
+    ridge = (belief.information + RIDGE)[..., None] * np.eye(belief.information.shape[-1])
+    return Problem(model, table, belief, ridge)
 
 
 def refined(
-    start: FloatArray,
-    model: Model,
-    table: FloatArray,
-    belief: Belief,
-    *,
-    negligible: float,
-    scale: float = 1.0,
+    start: FloatArray, problem: Problem, *, negligible: float, scale: float = 1.0
 ) -> Fit:
     """
     Minimise the robust Sampson distance from each ``start``, shape (K, P), by Gauss-Newton.
 
-    The first steps take the noise for ``scale`` times larger: they must not lose matches that
-    the other parameters will bring back. Then only the best different modes go on, until a step
-    is ``negligible``.
+    All are of one geometry. The first steps take the noise for ``scale`` times larger: they must
+    not lose matches that the other parameters will bring back. Then only the best different modes
+    go on, until a step is ``negligible``.
+
+    Raises
+    ------
+    DegenerateGeometryError
+        If the normal equations are singular.
+
     """
-    parameters, ridge = start, np.diag(belief.information + RIDGE)
-    first = ROUGH if scale > 1.0 else 1
+    parameters, first = start, ROUGH if scale > 1.0 else 1
     for iteration in range(1, ITERATIONS + 1):
-        width = 1.0 + (scale - 1.0) * max(0.0, 1.0 - (iteration - 1) / ANNEALING)
-        rows, squared_gradient = _linearised(model(parameters), table)
-        squared = rows[:, 0] * rows[:, 0] / squared_gradient
-        weight = np.maximum(1.0 - squared * (TUKEY * width) ** -2.0, 0.0)
-        weight *= weight
-        weight /= squared_gradient
-        normal = (rows * weight[:, None]) @ rows.swapaxes(1, 2)
-        information = normal[:, 1:, 1:] + ridge
-        away = parameters - belief.mean
-        pull = normal[:, 1:, 0] + belief.information * away
-        step = _solved(information, pull)
-        largest = float(np.abs(step).max())
-        if largest > LARGEST_STEP:
-            step = np.clip(step, -LARGEST_STEP, LARGEST_STEP)
-        parameters = parameters - step
-        done = iteration == ITERATIONS or (width == 1.0 and largest < negligible)
-        if done or (len(parameters) > 1 and iteration >= first):
-            costs = np.minimum(squared / width**2, INLIER_DEVIATIONS**2).sum(axis=1)
-            costs += away * away @ belief.information
-            fit = Fit(parameters, information, costs, squared)
-            if done:
-                break
-            parameters = fit.winnowed()
-    return fit
+        width = 1.0 + (scale - 1.0) * _annealing(iteration)
+        step = _step(problem, parameters, width)
+        longest = float(step.length.max())
+        if math.isnan(longest):
+            raise DegenerateGeometryError(
+                'the normal equations of the matches are singular; check the camera matrix, the '
+                'rays are far from unit focal length'
+            )
+        done = iteration == ITERATIONS or (width == 1.0 and longest < negligible)
+        if done:
+            break
+        many = len(parameters) > 1 and iteration >= first
+        parameters = _fit(step, problem, width).winnowed() if many else step.parameters
+    return _fit(step, problem, width)
+
+
+def followed(
+    start: FloatArray, problem: Problem, *, negligible: FloatArray, scale: FloatArray
+) -> Fit:
+    """
+    Do the same for many geometries side by side, from one ``start`` each, shape (B, P).
+
+    ``negligible`` and ``scale`` have shape (B,). Each goes its own way and ends when its own step
+    is negligible: nothing depends on what is beside it. Singular equations give nan.
+    """
+    left, ended = np.arange(len(start)), []
+    for iteration in range(1, ITERATIONS + 1):
+        width = 1.0 + (scale - 1.0) * _annealing(iteration)
+        step = _step(problem, start, width[:, None])
+        going = (width > 1.0) | (step.length >= negligible)
+        if iteration == ITERATIONS or not going.any():
+            ended.append((left, _fit(step, problem, width[:, None])))
+            break
+        start = step.parameters
+        if not going.all():
+            done = ~going
+            fit = _fit(Step(*(part[done] for part in step)), problem.take(done), width[done, None])
+            ended.append((left[done], fit))
+            left, start, problem = left[going], start[going], problem.take(going)
+            negligible, scale = negligible[going], scale[going]
+    return _in_order(ended)
+
+
+def _in_order(ended: list[tuple[IntArray, Fit]]) -> Fit:
+    if len(ended) == 1:
+        return ended[0][1]
+    order = np.concatenate([places for places, _ in ended]).argsort()
+    parts = zip(*(fit for _, fit in ended), strict=True)
+    return Fit(*(np.concatenate(part)[order] for part in parts))
+
+
+def goes_on(fit: Fit, before: FloatArray, deviation: FloatArray, counts: IntArray) -> BoolArray:
+    """
+    Return which fits of ``counts`` matches, made from ``before``, leave nothing to look for.
+
+    ``before``, shape (B, 2), is psi and phi; they may have moved by ``deviation``; both, and
+    ``counts``, have shape (B,).
+    """
+    change = np.abs(fit.parameters[:, :2] - before).max(axis=1)
+    return np.asarray((fit.costs <= GOOD_COST * counts) & (change < deviation))
+
+
+class Step(NamedTuple):
+    """
+    One step of Gauss-Newton: new parameters, (K, P), and what it saw before.
+
+    Information, (K, P, P), ``squared`` distances, (K, N), how far the belief was ``away``, (K, P);
+    ``length`` is the largest change of a parameter, (K,).
+    """
+
+    parameters: FloatArray
+    information: FloatArray
+    squared: FloatArray
+    away: FloatArray
+    length: FloatArray
+
+
+def _step(problem: Problem, parameters: FloatArray, width: FloatArray | float) -> Step:
+    """Return the step from ``parameters``, (K, P), with the noise ``width`` times larger."""
+    belief = problem.belief
+    rows, squared_gradient = _linearised(problem.model(parameters), problem.table)
+    squared = rows[:, 0] * rows[:, 0] / squared_gradient
+    weight = np.maximum(1.0 - squared * (TUKEY * width) ** -2.0, 0.0)
+    weight *= weight
+    weight /= squared_gradient
+    normal = (rows * weight[:, None]) @ rows.swapaxes(1, 2)
+    away = parameters - belief.mean
+    information = normal[:, 1:, 1:] + problem.ridge
+    change = _solved(information, normal[:, 1:, 0] + belief.information * away)
+    length = np.abs(change).max(axis=1)
+    if length.max() > LARGEST_STEP:
+        change = np.clip(change, -LARGEST_STEP, LARGEST_STEP)
+    return Step(parameters - change, information, squared, away, length)
+
+
+def _fit(step: Step, problem: Problem, width: FloatArray | float) -> Fit:
+    """Return the fits after ``step``, with the costs before it."""
+    costs = np.minimum(step.squared / (width * width), INLIER_DEVIATIONS**2).sum(axis=1)
+    costs += (step.away * step.away * problem.belief.information).sum(axis=1)
+    return Fit(step.parameters, step.information, costs, step.squared)
+
+
+def _annealing(iteration: int) -> float:
+    """Return how much of a wide start is left in iteration 1, 2, ..."""
+    return max(0.0, 1.0 - (iteration - 1) / ANNEALING)
 
 
 def _solved(information: FloatArray, pull: FloatArray) -> FloatArray:
+    """Return the solutions of stacked normal equations, shape (K, P), nan where singular."""
     try:
         return np.asarray(np.linalg.solve(information, pull[:, :, None])[:, :, 0])
-    except np.linalg.LinAlgError as error:
-        raise DegenerateGeometryError(
-            'the normal equations of the matches are singular; check the camera matrix, the rays '
-            'are far from unit focal length'
-        ) from error
+    except np.linalg.LinAlgError:
+        if len(pull) == 1:
+            return np.full_like(pull, np.nan)
+    alone = [_solved(information[k : k + 1], pull[k : k + 1]) for k in range(len(pull))]
+    return np.concatenate(alone)
 
 
 def _linearised(stack: FloatArray, table: FloatArray) -> tuple[FloatArray, FloatArray]:
@@ -157,7 +253,8 @@ def _linearised(stack: FloatArray, table: FloatArray) -> tuple[FloatArray, Float
     g is the norm of the gradient of r, so that r / g is the Sampson distance.
     """
     count, size, _ = stack.shape
-    values = (stack.reshape(-1, 9) @ table).reshape(count, size, 5, -1)
+    made = stack.reshape(-1, 9) @ table if table.ndim == 2 else stack @ table
+    values = made.reshape(count, size, 5, -1)
     lines = values[:, :, 1:]
     products = (lines[:, :1] * lines).sum(axis=2)  # g^2, and half its derivatives
     squared_gradient = products[:, 0] + 1e-12

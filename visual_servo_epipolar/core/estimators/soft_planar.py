@@ -1,16 +1,18 @@
 """Planar motion with a camera that is nearly upright: tilt, roll and floor jitter have priors."""
 
+from collections.abc import Sequence
 import math
+from typing import Any
 
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
-from visual_servo_epipolar.core.cheirality import cheirality
-from visual_servo_epipolar.core.epipolar import Bearings, fundamental_from_bearings
-from visual_servo_epipolar.core.errors import DegenerateGeometryError
-from visual_servo_epipolar.core.estimators.attitude import level, rotation_level_camera
+from visual_servo_epipolar.core.cheirality import balances, oriented
+from visual_servo_epipolar.core.epipolar import Bearings, fundamentals
+from visual_servo_epipolar.core.estimators.attitude import Attitudes, attitudes_of, level
 from visual_servo_epipolar.core.estimators.base import Attitude, Estimate, Prior
 from visual_servo_epipolar.core.estimators.nearly_upright import (
+    cameras,
     matrices,
     PHI,
     PSI,
@@ -18,6 +20,7 @@ from visual_servo_epipolar.core.estimators.nearly_upright import (
     ROLL_JUMP,
     TILT,
     TILT_JUMP,
+    TO_CAMERAS,
 )
 from visual_servo_epipolar.core.estimators.planar import (
     chosen_mode,
@@ -26,17 +29,27 @@ from visual_servo_epipolar.core.estimators.planar import (
     modes,
     plausible,
     Rays,
-    rays_of,
     scores,
     SPREAD,
     two_point_hypotheses,
+    undetermined,
 )
 from visual_servo_epipolar.core.estimators.sampson import (
     Belief,
     Fit,
+    followed,
     NEGLIGIBLE,
+    problem,
     refined,
     table_of,
+)
+from visual_servo_epipolar.core.estimators.side_by_side import (
+    alone,
+    Answer,
+    answers,
+    Method,
+    Views,
+    views_of,
 )
 
 MIN_MATCHES = 5
@@ -74,41 +87,53 @@ def soft_planar(
 
     """
     del rng
-    attitude = prior.attitude
-    rays = rays_of(current, desired)
-    kept = _kept(rays, noise, attitude)
-    if not kept.all():
-        rays = Rays(*(coordinate[kept] for coordinate in rays))
-    if len(rays.u_a) < MIN_MATCHES:
-        raise DegenerateGeometryError(
-            f'bearings need {MIN_MATCHES} matches on one side of the horizon in both views, got '
-            f'{len(rays.u_a)} of {len(kept)}; track more features'
-        )
-    table = table_of(rays, noise)
-    if prior.bearings is not None:
-        found = _refined(_start(prior.bearings, attitude), table, noise, attitude)
-        if found.goes_on(prior):
-            return _estimate(found, 0, None, rays, kept, noise, prior)
-    cold = attitude.tilt_deviation > COLD
+    return alone(current, desired, noise, prior, METHOD)
+
+
+def soft_planar_each(
+    current: FloatArray, desired: FloatArray, *, noise: FloatArray, priors: Sequence[Prior]
+) -> list[Answer]:
+    """Do the same for many pairs of views, rays of shape (B, N, 2) each; errors are answers."""
+    return answers(views_of(current, desired, noise, priors), METHOD)
+
+
+def _keep(views: Views) -> BoolArray:
+    """Return the matches that lie on the same side of the horizon, as far as that is known."""
+    known, rays = attitudes_of(views.priors), views.rays
+    u_a, v_a = level(rays.u_a, rays.v_a, known.tilt, known.roll)
+    u_d, v_d = level(rays.u_d, rays.v_d, known.tilt, known.roll)
+    slack = 2.0 * (known.tilt_deviation + known.roll_deviation)
+    slack += _threshold(views.noise[:, None], known.jitter)
+    return plausible(Rays(u_a, v_a, u_d, v_d), slack)
+
+
+def _threshold(noise: Any, jitter: Any) -> Any:
+    """Return the distance within which a match agrees with a rigid hypothesis."""
+    return INLIER_DEVIATIONS * np.hypot(noise, 0.7 * jitter)
+
+
+def _follow(views: Views, kept: BoolArray) -> Fit:
+    known = attitudes_of(views.priors)
+    belief = _belief(known)
+    start = belief.mean.copy()
+    start[:, [PSI, PHI]] = views.before
+    return followed(
+        start,
+        problem(matrices, table_of(views.rays, views.noise, kept), belief),
+        negligible=NEGLIGIBLE * views.noise,
+        scale=np.maximum(1.0, 0.7 * known.jitter[:, 0] / views.noise),
+    )
+
+
+def _search(rays: Rays, noise: float, prior: Prior) -> tuple[Fit, int, Bearings | None]:
+    """Return refined fits, the best one's place, and a rival; a cold camera costs more."""
+    table, cold = table_of(rays, noise), prior.attitude.tilt_deviation > COLD
     found = _solutions(rays, table, noise, prior, NO_JUMP if cold else JUMPS)
     if cold and found.costs.min() > POOR * INLIER_DEVIATIONS**2 * len(rays.u_a):
         # Few matches agree: the floor may have tilted the camera more than hypotheses bear.
         found = _solutions(rays, table, noise, prior, JUMPS)
     best, rival = chosen_mode(found.parameters[:, : PHI + 1], found.costs, prior)
-    return _estimate(found, best, rival, rays, kept, noise, prior)
-
-
-def _kept(rays: Rays, noise: float, attitude: Attitude) -> BoolArray:
-    """Return the matches that lie on the same side of the horizon, as far as that is known."""
-    u_a, v_a = level(rays.u_a, rays.v_a, attitude.tilt, attitude.roll)
-    u_d, v_d = level(rays.u_d, rays.v_d, attitude.tilt, attitude.roll)
-    attitude_slack = attitude.tilt_deviation + attitude.roll_deviation
-    return plausible(Rays(u_a, v_a, u_d, v_d), 2.0 * attitude_slack + _threshold(noise, attitude))
-
-
-def _threshold(noise: float, attitude: Attitude) -> float:
-    """Return the distance within which a match agrees with a rigid hypothesis."""
-    return INLIER_DEVIATIONS * math.hypot(noise, 0.7 * attitude.jitter)
+    return found, best, rival
 
 
 def _solutions(
@@ -116,17 +141,18 @@ def _solutions(
 ) -> Fit:
     """Return the refined best modes of the hypotheses, and of the last bearings."""
     attitude = prior.attitude
+    belief = _belief(attitudes_of([prior]))
+    belief = Belief(belief.mean[0], belief.information[0])
     start = _candidates(rays, noise, attitude, jumps)
     if prior.bearings is not None:
-        start = np.vstack([start, _start(prior.bearings, attitude)])
-    return _refined(start, table, noise, attitude)
-
-
-def _start(before: Bearings, attitude: Attitude) -> FloatArray:
-    """Return the parameters of the last bearings, shape (1, 6)."""
-    start = _belief(attitude).mean[None].copy()
-    start[0, PSI], start[0, PHI] = before.psi, before.phi
-    return start
+        start = np.vstack([start, belief.mean])
+        start[-1, [PSI, PHI]] = prior.bearings.psi, prior.bearings.phi
+    return refined(
+        start,
+        problem(matrices, table, belief),
+        negligible=NEGLIGIBLE * noise,
+        scale=max(1.0, 0.7 * attitude.jitter / noise),
+    )
 
 
 def _candidates(rays: Rays, noise: float, attitude: Attitude, jumps: FloatArray) -> FloatArray:
@@ -140,7 +166,7 @@ def _candidates(rays: Rays, noise: float, attitude: Attitude, jumps: FloatArray)
         *level(rays.u_d, rays.v_d, tilt, attitude.roll),
     )
     hypotheses = two_point_hypotheses(upright, PAIRS)
-    costs = scores(hypotheses, upright, _threshold(noise, attitude)).ravel()
+    costs = scores(hypotheses, upright, float(_threshold(noise, attitude.jitter))).ravel()
     each = hypotheses.shape[-1]
     hypotheses = hypotheses.swapaxes(0, 1).reshape(2, -1)
     best = modes(hypotheses, costs, MODES, spread=0.5 * SPREAD)
@@ -151,65 +177,63 @@ def _candidates(rays: Rays, noise: float, attitude: Attitude, jumps: FloatArray)
     return start
 
 
-def _belief(attitude: Attitude) -> Belief:
-    """Return what is known of the six parameters."""
-    mean, information = np.zeros(6), np.zeros(6)
-    mean[TILT], mean[ROLL] = attitude.tilt, attitude.roll
-    information[TILT] = attitude.tilt_deviation**-2.0
-    information[ROLL] = attitude.roll_deviation**-2.0
-    jump = max(JITTER_DEVIATIONS * attitude.jitter, LEAST_JITTER)
-    information[[TILT_JUMP, ROLL_JUMP]] = jump**-2.0
+def _belief(known: Attitudes) -> Belief:
+    """Return what is known of the six parameters, shape (B, 6) each."""
+    mean, information = np.zeros((2, len(known.tilt), 6))
+    mean[:, TILT], mean[:, ROLL] = known.tilt[:, 0], known.roll[:, 0]
+    information[:, TILT] = known.tilt_deviation[:, 0] ** -2.0
+    information[:, ROLL] = known.roll_deviation[:, 0] ** -2.0
+    jump = np.maximum(JITTER_DEVIATIONS * known.jitter[:, 0], LEAST_JITTER)
+    information[:, TILT_JUMP] = information[:, ROLL_JUMP] = jump**-2.0
     return Belief(mean, information)
 
 
-def _refined(start: FloatArray, table: FloatArray, noise: float, attitude: Attitude) -> Fit:
-    return refined(
-        start,
-        matrices,
-        table,
-        _belief(attitude),
-        negligible=NEGLIGIBLE * noise,
-        scale=max(1.0, 0.7 * attitude.jitter / noise),
+def _conclude(
+    views: Views, kept: BoolArray, fit: Fit, rivals: Sequence[Bearings | None]
+) -> list[Answer]:
+    covariance = np.linalg.inv(fit.information)
+    found, determined = fused(fit.parameters, covariance, views.before, views.deviation)
+    numbers = np.exp(1j * (found @ TO_CAMERAS))  # of psi, phi, tilt and roll of both views
+    rays = _levelled(views.rays, found)
+    agree = kept & (fit.squared <= INLIER_DEVIATIONS**2)
+    agree &= plausible(rays, INLIER_DEVIATIONS * views.noise[:, None])
+    balance = balances(numbers[:, :2], rays.u_a, rays.u_d, agree, views.noise)
+    both = cameras(numbers[:, 2::2], numbers[:, 3::2])
+    fundamental = both[:, 0].swapaxes(1, 2) @ fundamentals(numbers[:, :2], balance) @ both[:, 1]
+    rows = zip(found.tolist(), balance.tolist(), views.priors, rivals, strict=True)
+    return [
+        Estimate(
+            oriented(row[PSI], row[PHI], vote),
+            fundamental[k],
+            agree[k],
+            abs(vote),
+            covariance[k, :2, :2],
+            attitude=_attitude(row, covariance[k], prior),
+            rival=rival,
+            jump=math.hypot(row[TILT_JUMP], row[ROLL_JUMP]),
+        )
+        if determined[k]
+        else undetermined()
+        for k, (row, vote, prior, rival) in enumerate(rows)
+    ]
+
+
+def _levelled(rays: Rays, found: FloatArray) -> Rays:
+    """Return ``rays``, (B, N), as upright cameras would see them, after ``found``, (B, 6)."""
+    tilt, roll = found[:, TILT, None], found[:, ROLL, None]
+    tilt_now, roll_now = tilt + found[:, TILT_JUMP, None], roll + found[:, ROLL_JUMP, None]
+    u_a, v_a = level(rays.u_a, rays.v_a, tilt_now, roll_now)
+    return Rays(u_a, v_a, *level(rays.u_d, rays.v_d, tilt, roll))
+
+
+def _attitude(row: list[float], covariance: FloatArray, prior: Prior) -> Attitude:
+    return Attitude(
+        row[TILT],
+        row[ROLL],
+        math.sqrt(covariance[TILT, TILT]),
+        math.sqrt(covariance[ROLL, ROLL]),
+        prior.attitude.jitter,
     )
 
 
-def _estimate(
-    found: Fit,
-    best: int,
-    rival: Bearings | None,
-    rays: Rays,
-    kept: BoolArray,
-    noise: float,
-    prior: Prior,
-) -> Estimate:
-    covariance = found.covariance(best)
-    psi, phi, tilt, tilt_jump, roll, roll_jump = fused(
-        found.parameters[best], covariance, prior
-    ).tolist()
-    agree = found.squared[best] <= INLIER_DEVIATIONS**2
-    u_a, v_a = level(rays.u_a, rays.v_a, tilt + tilt_jump, roll + roll_jump)
-    u_d, v_d = level(rays.u_d, rays.v_d, tilt, roll)
-    agree &= plausible(Rays(u_a, v_a, u_d, v_d), INLIER_DEVIATIONS * noise)
-    inliers = kept.copy()
-    inliers[kept] = agree
-    current = np.array([u_a[agree], v_a[agree]]).T
-    desired = np.array([u_d[agree], v_d[agree]]).T
-    vote = cheirality(Bearings(psi, phi), current, desired, noise=noise)
-    to_desired = rotation_level_camera(tilt, roll)
-    to_current = rotation_level_camera(tilt + tilt_jump, roll + roll_jump)
-    return Estimate(
-        vote.bearings,
-        to_desired.T @ fundamental_from_bearings(vote.bearings) @ to_current,
-        inliers,
-        vote.confidence,
-        covariance[:2, :2],
-        attitude=Attitude(
-            tilt,
-            roll,
-            math.sqrt(covariance[TILT, TILT]),
-            math.sqrt(covariance[ROLL, ROLL]),
-            prior.attitude.jitter,
-        ),
-        rival=rival,
-        jump=math.hypot(tilt_jump, roll_jump),
-    )
+METHOD = Method(MIN_MATCHES, _keep, _follow, _search, _conclude)
