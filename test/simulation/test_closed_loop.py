@@ -1,5 +1,6 @@
 """Whole runs in memory on point features: arrivals, honest failures, repeatability."""
 
+from dataclasses import replace
 from functools import cache
 import math
 
@@ -17,6 +18,7 @@ from visual_servo_epipolar.simulation.closed_loop import (
     published,
     Referee,
     run,
+    run_many,
     SETTLE_FRAMES,
 )
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
@@ -205,3 +207,37 @@ def test_a_pose_survives_its_message() -> None:
     pose = Pose(1.0, -3.0, 2.5)
     assert published(pose).theta == pytest.approx(2.5, abs=1e-15)
     assert (published(pose).x, published(pose).y) == (1.0, -3.0)
+
+
+MANY = [*STARTS, (-0.4, -2.6, 12.0), (1.4, -4.8, -14.0), (0.0, 0.0, 10.0)]
+
+
+def side_by_side(numbers: list[int], **changes: object) -> list[RunLog]:
+    """Return the first seconds of the runs from MANY with these numbers, driven side by side."""
+    runs = []
+    for k in numbers:
+        servo = replace(ServoSettings(seed=k), **changes)  # type: ignore[arg-type]
+        settings = LoopSettings(start=MANY[k], seed=k, max_duration=5.0, servo=servo)
+        runs.append((settings, PointWorld(PointSettings(), CAMERA, seed=k), CAMERA))
+    return run_many(runs)
+
+
+@pytest.mark.parametrize('changes', [{}, {'estimator': 'planar_2dof'}, {'law': 'corrected'}])
+def test_a_run_is_the_same_alone_and_beside_others(changes: dict[str, object]) -> None:
+    numbers = [3, 6, 0, 5, 1, 4, 2]
+    together = side_by_side(numbers, **changes)
+    # By text, as what could not be seen is nan; every digit counts.
+    for k, log in zip(numbers, together, strict=True):
+        assert repr(log) == repr(side_by_side([k], **changes)[0])
+
+
+def test_runs_side_by_side_end_each_in_its_own_time() -> None:
+    settings = [LoopSettings(start=MANY[0], max_duration=limit) for limit in (1.0, 3.0, 2.0)]
+    logs = run_many(
+        [(each, PointWorld(PointSettings(), CAMERA, seed=0), CAMERA) for each in settings]
+    )
+    assert [len(log.samples) for log in logs] == [11, 33, 22]
+
+
+def test_no_runs_are_no_records() -> None:
+    assert run_many([]) == []

@@ -97,9 +97,7 @@ def fit_rotations(current: FloatArray, desired: FloatArray) -> RotationFits:
     kept = max(MIN_POINTS, int(SHARE * count))
     return RotationFits(
         rotation,
-        np.arctan2(
-            rotation[:, 2, 0] - rotation[:, 0, 2], rotation[:, 0, 0] + rotation[:, 2, 2]
-        ),
+        np.arctan2(rotation[:, 2, 0] - rotation[:, 0, 2], rotation[:, 0, 0] + rotation[:, 2, 2]),
         np.sqrt(ordered[:, :kept].sum(axis=1) / kept),
     )
 

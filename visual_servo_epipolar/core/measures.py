@@ -8,7 +8,7 @@ APART, NEGLIGIBLE = 6.0, 5e-4  # times the median distance of features, plus rad
 
 
 def feature_difference(current: FloatArray, desired: FloatArray) -> FloatArray:
-    """Return D = mean(|p_a|^2 - |p_d|^2) over features, shape (..., N, 2): shape (...) (eq. 23)."""
+    """Return D = mean(|p_a|^2 - |p_d|^2), shape (...), of features, shape (..., N, 2) (eq. 23)."""
     return np.asarray((_squares(current) - _squares(desired)).mean(axis=-1))
 
 
@@ -49,8 +49,8 @@ def room_to_turn(current: FloatArray, edges: FloatArray, keep: IntArray) -> Floa
     """
     Return how far cameras may turn left and right until ``keep`` features are left, (B, 2) [rad].
 
-    ``current`` rays have shape (B, N, 2); ``edges``, shape (B, 2), are the bearings of the left and
-    the right edge of the image [rad], right positive; ``keep`` has shape (B,).
+    ``current`` rays have shape (B, N, 2); ``edges``, shape (B, 2), are the bearings of the left
+    and the right edge of the image [rad], right positive; ``keep`` has shape (B,).
     """
     ordered, rows = np.sort(current[:, :, 0], axis=1), np.arange(len(current))
     keep = np.minimum(keep, current.shape[1])

@@ -173,9 +173,10 @@ def geometries(glimpses: Sequence[Glimpse]) -> list[Finding]:
         if count < settings.min_features:
             reason = f'{count} features, {settings.min_features} needed'
             blank = memory or fresh_memory(settings)
-            found[k] = Sight(
-                observation.stamp_ns, count, observation.focal, blank, reason=reason
-            ), None
+            found[k] = (
+                Sight(observation.stamp_ns, count, observation.focal, blank, reason=reason),
+                None,
+            )
         else:
             equal.setdefault((count, settings.estimator), []).append(k)
     for places in equal.values():
@@ -208,7 +209,7 @@ class _Stack(NamedTuple):
 
 
 class _Verdict(NamedTuple):
-    """What is believed of the geometry of one glimpse, and F; ``bearings`` if there is no reason."""
+    """What is believed of the geometry of one glimpse, or why nothing is, and the memory of it."""
 
     memory: Memory
     reason: str
@@ -221,7 +222,7 @@ class _Verdict(NamedTuple):
 
 
 def _stacked(glimpses: Sequence[Glimpse]) -> list[Finding]:
-    """Return what glimpses of equally many features tell, by the one estimator of their settings."""
+    """Return what glimpses of equally many features tell, by one estimator."""
     current = np.array([glimpse.observation.current for glimpse in glimpses])
     desired = np.array([glimpse.observation.desired for glimpse in glimpses])
     stack = _Stack(glimpses, current, desired, fit_rotations(current, desired))
@@ -232,7 +233,10 @@ def _stacked(glimpses: Sequence[Glimpse]) -> list[Finding]:
             headings[k] = verdict.bearings.heading_error
     measured = _measured(stack, verdicts, headings)
     return [
-        (_sight(glimpse, verdict, row), verdict.estimate and verdict.estimate.fundamental)
+        (
+            _sight(glimpse, verdict, row),
+            None if verdict.estimate is None else verdict.estimate.fundamental,
+        )
         for glimpse, verdict, row in zip(glimpses, verdicts, measured, strict=True)
     ]
 
@@ -317,7 +321,7 @@ def _judged(stack: _Stack, memories: Sequence[Memory]) -> list[_Verdict]:
 
 
 class _Evidence(NamedTuple):
-    """What speaks for an estimate: spread of its inliers, median residual, both as rays, parallax."""
+    """What speaks for an estimate: spread of its inliers, median residual, parallax [rad]."""
 
     spread: float
     residual: float

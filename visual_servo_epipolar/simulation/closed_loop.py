@@ -102,9 +102,7 @@ class Loop:
         self.settings = settings
         self.referee = Referee(settings)
         self._view, self._camera = view, camera
-        self._base = Pioneer(
-            settings.base, Pose.from_start(*settings.start), seed=settings.seed
-        )
+        self._base = Pioneer(settings.base, Pose.from_start(*settings.start), seed=settings.seed)
         self._state, self._period_ns = ServoState(), period_ns(settings.frame_rate)
         self._pose = self._base.pose
 
@@ -113,7 +111,9 @@ class Loop:
         self._pose = published(self._base.pose)
         features = self._view.observe(self._pose, len(self.referee.samples))
         observation = observe(features, self._camera, self._base.now_ns)
-        return Glimpse.after(self._state.sight, observation, self.settings.servo, self._state.frame)
+        return Glimpse.after(
+            self._state.sight, observation, self.settings.servo, self._state.frame
+        )
 
     def act(self, sight: Sight) -> Sample:
         """Take in what was perceived, and drive for one period."""

@@ -195,8 +195,8 @@ def fused(
     (B,), says where the matches determine the bearings at all.
     """
     variances = covariance.diagonal(axis1=1, axis2=2)
-    determined = (variances > 0.0).all(axis=1)
-    determined &= (variances[:, :2] < UNDETERMINED**2).all(axis=1)
+    spanned = (variances > 0.0).all(axis=1)
+    determined = np.asarray(spanned & (variances[:, :2] < UNDETERMINED**2).all(axis=1))
     change = np.remainder(before - parameters[:, :2] + HALF_PI, np.pi) - HALF_PI
     change[np.isnan(change)] = 0.0
     # (covariance + deviation^2 I)^-1 change, by the adjugate

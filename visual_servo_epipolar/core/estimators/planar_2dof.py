@@ -131,7 +131,7 @@ def _model(angles: FloatArray) -> FloatArray:
 def _conclude(
     views: Views, kept: BoolArray, fit: Fit, rivals: Sequence[Bearings | None]
 ) -> list[Answer]:
-    covariance = np.linalg.inv(fit.information)
+    covariance = fit.covariance()
     angles, determined = fused(fit.parameters, covariance, views.before, views.deviation)
     agree = kept & (fit.squared <= INLIER_DEVIATIONS**2)
     numbers = np.exp(1j * angles)

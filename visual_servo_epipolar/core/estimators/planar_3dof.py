@@ -122,7 +122,7 @@ def _estimate(
     inliers: BoolArray,
     noise: float,
 ) -> Estimate:
-    covariance = np.linalg.inv(found.information[best])
+    covariance = found.covariance()[best]
     parameters, (determined,) = fused(
         found.parameters[best : best + 1], covariance[None], UNKNOWN, np.ones(1)
     )

@@ -81,6 +81,10 @@ class Fit(NamedTuple):
         """Return the fits chosen by index or mask."""
         return Fit(*(part[rows] for part in self))
 
+    def covariance(self) -> FloatArray:
+        """Return the covariance of the parameters, shape (K, P, P)."""
+        return np.asarray(np.linalg.inv(self.information), dtype=np.float64)
+
     def winnowed(self) -> FloatArray:
         """Return the parameters of the best different modes among those that may still win."""
         worst = INLIER_DEVIATIONS**2 * self.squared.shape[1]
@@ -110,9 +114,7 @@ def problem(model: Model, table: FloatArray, belief: Belief) -> Problem:
     return Problem(model, table, belief, ridge)
 
 
-def refined(
-    start: FloatArray, problem: Problem, *, negligible: float, scale: float = 1.0
-) -> Fit:
+def refined(start: FloatArray, problem: Problem, *, negligible: float, scale: float = 1.0) -> Fit:
     """
     Minimise the robust Sampson distance from each ``start``, shape (K, P), by Gauss-Newton.
 

@@ -191,7 +191,7 @@ def _belief(known: Attitudes) -> Belief:
 def _conclude(
     views: Views, kept: BoolArray, fit: Fit, rivals: Sequence[Bearings | None]
 ) -> list[Answer]:
-    covariance = np.linalg.inv(fit.information)
+    covariance = fit.covariance()
     found, determined = fused(fit.parameters, covariance, views.before, views.deviation)
     numbers = np.exp(1j * (found @ TO_CAMERAS))  # of psi, phi, tilt and roll of both views
     rays = _levelled(views.rays, found)
