@@ -65,20 +65,26 @@ STANDSTILL = Twist(0.0, 0.0)
 
 
 def integrate(pose: Pose, twist: Twist, dt: float) -> Pose:
+    """Move ``pose`` by a constant ``twist`` for ``dt`` [s]: the exact arc of eq. (4)."""
+    return Pose(*arc(pose.x, pose.y, pose.theta, twist.linear, twist.angular, dt))
+
+
+def arc(
+    x: float, y: float, theta: float, linear: float, angular: float, dt: float
+) -> tuple[float, float, float]:
     """
-    Move ``pose`` by a constant ``twist`` for ``dt`` [s]: the exact arc of eq. (4).
+    Return x, y and theta after ``dt`` [s] at constant velocities.
 
     The chord of the arc is v dt sinc(w dt / 2) long and points half-way between the two headings;
     written so, the straight line is no special case.
     """
-    half = 0.5 * twist.angular * dt
+    half = 0.5 * angular * dt
     sinc = math.sin(half) / half if abs(half) > 1e-8 else 1.0 - half * half / 6.0
-    chord = twist.linear * dt * sinc
-    middle = pose.theta + half
-    return Pose(
-        pose.x + chord * math.cos(middle),
-        pose.y + chord * math.sin(middle),
-        wrap_angle(pose.theta + twist.angular * dt),
+    chord, middle = linear * dt * sinc, theta + half
+    return (
+        x + chord * math.cos(middle),
+        y + chord * math.sin(middle),
+        wrap_angle(theta + angular * dt),
     )
 
 

@@ -1,12 +1,13 @@
 """A simulated Pioneer 3-DX: limits of speed and acceleration, wheels, drifting odometry."""
 
+from array import array
 from collections import deque
 from dataclasses import dataclass
 import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.motion import integrate, Pose, saturate, STANDSTILL, Twist
+from visual_servo_epipolar.core.motion import arc, integrate, Pose, saturate, STANDSTILL, Twist
 from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 
@@ -57,13 +58,14 @@ class Pioneer:
         self.settings = settings
         self.pose = pose
         self.twist = STANDSTILL
-        self.odometry = Pose(0.0, 0.0, 0.0)
         self.now_ns = now_ns
         self.wanted = STANDSTILL
-        self._wheels = STANDSTILL  # what the motors turn, as seen by nominal wheels
+        self._wheels = (0.0, 0.0)  # what the motors turn, as seen by nominal wheels
         self._pending: deque[tuple[int, Twist]] = deque()
         self._command_ns: int | None = None
         self._rng = np.random.default_rng((seed, 1))
+        self._odometry = Pose(0.0, 0.0, 0.0)
+        self._unread = array('d')  # wheels, time and noise of each step that odometry lacks
 
     def command(self, twist: Twist) -> None:
         """Take a command now; it reaches the motors ``command_delay`` later."""
@@ -89,59 +91,77 @@ class Pioneer:
         """Whether the robot moves."""
         return self.twist != STANDSTILL
 
+    @property
+    def odometry(self) -> Pose:
+        """Where the wheels say the robot is, added up when it is asked for."""
+        steps = np.array(self._unread).reshape(-1, 4)
+        chance = self._rng.standard_normal((len(steps), 2)).tolist()
+        for (linear, angular, dt, noise), (ahead, aside) in zip(
+            steps.tolist(), chance, strict=True
+        ):
+            # A random walk: the variance grows with the way, so that the step does not matter.
+            way, turn = abs(linear) * dt, abs(angular) * dt
+            measured = Twist(
+                linear + noise * math.sqrt(way) * ahead / dt,
+                angular + noise * math.sqrt(way + turn) * aside / dt,
+            )
+            self._odometry = integrate(self._odometry, measured, dt)
+        del self._unread[:]
+        return self._odometry
+
     def advance(self, now_ns: int) -> None:
         """Move until ``now_ns``; a time that is not later moves nothing."""
         duration = (now_ns - self.now_ns) / NANOSECONDS
         if duration <= 0.0:
             return
         steps = math.ceil(duration / SUBSTEP_S)
-        start_ns = self.now_ns
+        start_ns, dt = self.now_ns, duration / steps
+        noise = self.settings.odometry_noise
+        pose, linear, angular = (self.pose.x, self.pose.y, self.pose.theta), 0.0, 0.0
+        wanted, aim = STANDSTILL, (0.0, 0.0)
         for number in range(1, steps + 1):
-            self._substep(duration / steps)
+            if wanted is not self._received():
+                wanted, aim = self.wanted, self._limited(self.wanted)
+            wheels = self._wheels = self._accelerated(*aim, dt)
+            linear, angular = self._true(*wheels)
+            if linear or angular:
+                pose = arc(*pose, linear, angular, dt)
+            self._unread.extend((*wheels, dt, noise))
             self.now_ns = start_ns + (now_ns - start_ns) * number // steps
+        self.pose, self.twist = Pose(*pose), Twist(linear, angular)
 
-    def _substep(self, dt: float) -> None:
+    def _received(self) -> Twist:
+        """Return the command that the motors obey now."""
         while self._pending and self._pending[0][0] <= self.now_ns:
             self.wanted = self._pending.popleft()[1]
         if self.timed_out:
             self.halt()
-        self._wheels = self._accelerate(self._limited(self.wanted), dt)
-        self.twist = self._true_twist(self._wheels)
-        self.pose = integrate(self.pose, self.twist, dt)
-        self.odometry = integrate(self.odometry, self._measured_twist(dt), dt)
+        return self.wanted
 
-    def _limited(self, twist: Twist) -> Twist:
+    def _accelerated(self, aim: float, turn: float, dt: float) -> tuple[float, float]:
+        """Return the wheels after ``dt`` on their way to ``aim`` and ``turn``."""
+        limits, (linear, angular) = self.settings, self._wheels
+        slower = abs(aim) < abs(linear) or aim * linear < 0.0
+        change = (limits.deceleration if slower else limits.acceleration) * dt
+        turning = limits.angular_acceleration * dt
+        return (
+            linear + min(max(aim - linear, -change), change),
+            angular + min(max(turn - angular, -turning), turning),
+        )
+
+    def _limited(self, twist: Twist) -> tuple[float, float]:
         limits = self.settings
         twist = saturate(twist, max_linear=limits.max_linear, max_angular=limits.max_angular)
-        return Twist(
+        return (
             0.0 if abs(twist.linear) < limits.dead_zone_linear else twist.linear,
             0.0 if abs(twist.angular) < limits.dead_zone_angular else twist.angular,
         )
 
-    def _accelerate(self, wanted: Twist, dt: float) -> Twist:
-        limits, now = self.settings, self._wheels
-        slower = abs(wanted.linear) < abs(now.linear) or wanted.linear * now.linear < 0.0
-        linear = (limits.deceleration if slower else limits.acceleration) * dt
-        angular = limits.angular_acceleration * dt
-        return Twist(
-            now.linear + min(max(wanted.linear - now.linear, -linear), linear),
-            now.angular + min(max(wanted.angular - now.angular, -angular), angular),
-        )
-
-    def _true_twist(self, wheels: Twist) -> Twist:
+    def _true(self, linear: float, angular: float) -> tuple[float, float]:
+        """Return the true velocities of wheels that are unequal and slip."""
         half = 0.5 * self.settings.track
-        left, right = wheels.linear - half * wheels.angular, wheels.linear + half * wheels.angular
+        left, right = linear - half * angular, linear + half * angular
         ratio = math.sqrt(self.settings.wheel_ratio)
         left, right = left / ratio, right * ratio
         grip = 1.0 - self.settings.slip
-        return Twist(grip * 0.5 * (left + right), grip * (right - left) / self.settings.track)
-
-    def _measured_twist(self, dt: float) -> Twist:
-        # A random walk: the variance grows with the way, so that the step does not matter.
-        noise = self.settings.odometry_noise
-        linear, angular = self._rng.standard_normal(2)
-        way, turn = abs(self._wheels.linear) * dt, abs(self._wheels.angular) * dt
-        return Twist(
-            self._wheels.linear + noise * math.sqrt(way) * linear / dt,
-            self._wheels.angular + noise * math.sqrt(way + turn) * angular / dt,
-        )
+        return grip * 0.5 * (left + right), grip * (right - left) / self.settings.track
