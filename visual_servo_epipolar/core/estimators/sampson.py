@@ -27,6 +27,7 @@ TUKEY = 4.685  # 95 % efficient for Gaussian noise
 LARGEST_STEP = 0.2  # a longer one leaves where the linearisation means anything [rad]
 NEGLIGIBLE = 0.3  # step that ends the iterations, in deviations of the noise: the next is tiny
 ANNEALING = 3  # steps until a wide start has narrowed to the noise
+SHORT_ANNEALING = 2  # the same where the start is near the truth
 ITERATIONS = 9
 ROUGH, MODES = 3, 3  # steps with all modes, and how many may go on
 RIDGE = 1e-3  # information that keeps normal matrices regular: a deviation of 30 rad
@@ -130,7 +131,7 @@ def refined(start: FloatArray, problem: Problem, *, negligible: float, scale: fl
     """
     parameters, first = start, ROUGH if scale > 1.0 else 1
     for iteration in range(1, ITERATIONS + 1):
-        width = 1.0 + (scale - 1.0) * _annealing(iteration)
+        width = 1.0 + (scale - 1.0) * _left(iteration, ANNEALING)
         step = _step(problem, parameters, width)
         longest = float(step.length.max())
         if math.isnan(longest):
@@ -157,7 +158,7 @@ def followed(
     """
     left, ended = np.arange(len(start)), []
     for iteration in range(1, ITERATIONS + 1):
-        width = 1.0 + (scale - 1.0) * _annealing(iteration)
+        width = 1.0 + (scale - 1.0) * _left(iteration, SHORT_ANNEALING)
         step = _step(problem, start, width[:, None])
         going = (width > 1.0) | (step.length >= negligible)
         if iteration == ITERATIONS or not going.any():
@@ -232,9 +233,9 @@ def _fit(step: Step, problem: Problem, width: FloatArray | float) -> Fit:
     return Fit(step.parameters, step.information, costs, step.squared)
 
 
-def _annealing(iteration: int) -> float:
+def _left(iteration: int, annealing: int) -> float:
     """Return how much of a wide start is left in iteration 1, 2, ..."""
-    return max(0.0, 1.0 - (iteration - 1) / ANNEALING)
+    return max(0.0, 1.0 - (iteration - 1) / annealing)
 
 
 def _solved(information: FloatArray, pull: FloatArray) -> FloatArray:
@@ -258,7 +259,7 @@ def _linearised(stack: FloatArray, table: FloatArray) -> tuple[FloatArray, Float
     made = stack.reshape(-1, 9) @ table if table.ndim == 2 else stack @ table
     values = made.reshape(count, size, 5, -1)
     lines = values[:, :, 1:]
-    products = (lines[:, :1] * lines).sum(axis=2)  # g^2, and half its derivatives
+    products = np.einsum('kln,kpln->kpn', lines[:, 0], lines)  # g^2, and half its derivatives
     squared_gradient = products[:, 0] + 1e-12
     products *= (values[:, 0, 0] / squared_gradient)[:, None]
     products[:, 0] = 0.0
