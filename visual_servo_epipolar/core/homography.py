@@ -11,7 +11,7 @@ from visual_servo_epipolar.core.errors import DegenerateGeometryError
 
 ITERATIONS = 6
 MIN_POINTS = 3
-SHARE = 0.8  # of the matches, those that agree best: what the parallax is taken from
+TRUSTED_SHARE = 0.6  # of the matches that make the parallax: the worst may be outliers
 SMALLEST = 1e-18  # squared distance by which weights are scaled at least [rad^2]
 RIDGE = 1e-12  # keeps the equations of a turn regular where all matches coincide
 # What turns a vector w into the matrix of w x, row by row.
@@ -94,7 +94,7 @@ def fit_rotations(current: FloatArray, desired: FloatArray) -> RotationFits:
         weights = 1.0 + squared / scale[:, None]
         weights *= weights
         rotation = _turned(rotation, (target / weights[:, None]) @ found.swapaxes(1, 2))
-    kept = max(MIN_POINTS, int(SHARE * count))
+    kept = max(MIN_POINTS, int(TRUSTED_SHARE * count))
     return RotationFits(
         rotation,
         np.arctan2(rotation[:, 2, 0] - rotation[:, 0, 2], rotation[:, 0, 0] + rotation[:, 2, 2]),

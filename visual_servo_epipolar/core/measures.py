@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray, IntArray, median_of_sorted
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray, median_of_sorted
 
 APART, NEGLIGIBLE = 6.0, 5e-4  # times the median distance of features, plus rad
 
@@ -45,19 +45,25 @@ def turned(rays: FloatArray, rotation: FloatArray) -> FloatArray:
     return np.asarray(solid[..., :2] / solid[..., 2:])
 
 
-def room_to_turn(current: FloatArray, edges: FloatArray, keep: IntArray) -> FloatArray:
+def room_to_turn(
+    current: FloatArray, right: BoolArray, edges: FloatArray, keep: IntArray
+) -> FloatArray:
     """
     Return how far cameras may turn left and right until ``keep`` features are left, (B, 2) [rad].
 
-    ``current`` rays have shape (B, N, 2); ``edges``, shape (B, 2), are the bearings of the left
-    and the right edge of the image [rad], right positive; ``keep`` has shape (B,).
+    ``current`` rays have shape (B, N, 2), and ``right``, shape (B, N), says which of them count;
+    ``edges``, shape (B, 2), are the bearings of the left and the right edge of the image [rad],
+    right positive; ``keep`` has shape (B,).
     """
-    ordered, rows = np.sort(current[:, :, 0], axis=1), np.arange(len(current))
-    keep = np.minimum(keep, current.shape[1])
+    counts, rows = right.sum(axis=1), np.arange(len(current))
+    keep = np.minimum(keep, counts)
+    ordered = np.sort(np.where(right, current[:, :, 0], np.inf), axis=1)
     # A left turn moves features to the right.
-    left = edges[:, 1] - np.arctan(ordered[rows, keep - 1])
-    right = np.arctan(ordered[rows, -keep]) - edges[:, 0]
-    return np.maximum(np.stack([left, right], axis=1), 0.0)
+    first = np.arctan(ordered[rows, np.maximum(keep, 1) - 1])
+    last = np.arctan(ordered[rows, np.maximum(counts - keep, 0)])
+    room = np.maximum(np.stack([edges[:, 1] - first, last - edges[:, 0]], axis=1), 0.0)
+    room[keep == 0] = 0.0
+    return np.asarray(room)
 
 
 def _squares(points: FloatArray) -> FloatArray:

@@ -260,8 +260,10 @@ def _measured(
     error = median_of_sorted(np.sort(distances(stack.current, stack.desired), axis=1))
     noise = np.array([verdict.memory.noise for verdict in verdicts])
     focal = np.array([glimpse.observation.focal for glimpse in stack.glimpses])
+    everything = np.ones(stack.current.shape[1], bool)
     rooms = room_to_turn(
         stack.current,
+        np.array([everything if v.estimate is None else v.estimate.inliers for v in verdicts]),
         np.array([glimpse.observation.edges for glimpse in stack.glimpses]),
         np.array([glimpse.settings.keep_features for glimpse in stack.glimpses]),
     )
