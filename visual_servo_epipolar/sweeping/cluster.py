@@ -1,5 +1,6 @@
 """Workers of an existing Dask cluster."""
 
+import asyncio
 from collections.abc import Callable, Iterator
 from concurrent.futures import CancelledError, Future
 from contextlib import contextmanager
@@ -96,7 +97,7 @@ def _check(client: Any, address: str) -> None:
     """Ask each worker for the digest of its code."""
     try:
         client.wait_for_workers(1, timeout=CONNECT_S)
-    except TimeoutError:
+    except asyncio.TimeoutError:  # not yet the builtin one in Python 3.10
         raise InputError(
             f'the Dask scheduler at {address} has no workers; start some with '
             f'"dask worker {address}"'
