@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 import hashlib
 import json
+import math
 from pathlib import Path
 import sys
 from typing import Any
@@ -92,7 +93,7 @@ def sweep(options: argparse.Namespace) -> int:
         documents = verdicts(plan, store)
     document = documents if options.compare else documents[plan.laws[0]]
     write_json(document, options.json)
-    text = _report(documents, folder)
+    text = _report(documents, folder, _field_of_view(plan))
     if options.json != '-':
         print(text)
         print(f'written to {folder}: {", ".join(sorted(path.name for path in folder.iterdir()))}')
@@ -152,7 +153,12 @@ def _workers(options: argparse.Namespace) -> AbstractContextManager[Workers]:
     return local_workers(options.jobs or cores())
 
 
-def _report(documents: Mapping[str, Mapping[str, Any]], folder: Path) -> str:
+def _field_of_view(plan: Plan) -> float:
+    camera = plan.scenario.camera
+    return 2.0 * math.atan(0.5 * camera.width / camera.focal_length)
+
+
+def _report(documents: Mapping[str, Mapping[str, Any]], folder: Path, field_of_view: float) -> str:
     """Write tables and figures into ``folder`` and return the table."""
     from visual_servo_epipolar.report import figures, sweep_histogram, sweep_map, sweep_table
 
@@ -161,7 +167,8 @@ def _report(documents: Mapping[str, Mapping[str, Any]], folder: Path) -> str:
     (folder / 'convergence.md').write_text(
         sweep_table.convergence(documents) + '\n', encoding='utf-8'
     )
-    figures.save(sweep_map.starts(documents), folder / 'map.png')
+    plan_view = sweep_map.starts(documents, field_of_view=field_of_view)
+    figures.save(plan_view, folder / 'map.png')
     figures.save(sweep_histogram.errors(documents), folder / 'histogram.png')
     return text
 

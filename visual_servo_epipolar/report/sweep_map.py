@@ -118,7 +118,8 @@ def _draw_headings(axes: Axes, runs: Sequence[Run], colour: Any) -> None:
     if not runs:
         return
     theta = HALF_PI + np.radians([run['start'][2] for run in runs])
-    length = 2.2 / math.sqrt(len(runs) + 40.0)  # [m], shorter where there are many
+    wide, tall = np.maximum(np.ptp(_places(runs), axis=0), 2.0 * WEDGE_REACH)
+    length = 0.6 * math.sqrt(wide * tall / (len(runs) + 40.0))  # [m], shorter if they are dense
     axes.quiver(
         *_places(runs).T,
         length * np.cos(theta),
