@@ -136,10 +136,15 @@ def test_images_are_swept_too(tmp_path: Path, capsys: Any) -> None:
         'camera: {width: 320, height: 240, focal_length: 192.0, principal_u: 159.5, '
         'principal_v: 119.5}\nrun: {max_duration: 1.0}\n'
     )
-    common = ('--source', 'images', '--scenario', str(scenario), '--out', str(tmp_path / 'out'))
-    (found,) = swept(capsys, '--runs', '1', *common)['runs']
-    assert 'not arrived within 1 s' in found['reason']
-    assert found['min_visible_features'] > 0
+    common = ('--source', 'images', '--scenario', str(scenario))
+    one, two = swept(
+        capsys, '--runs', '2', *common, '--scenes', '7-8', '--out', str(tmp_path / 'out')
+    )['runs']
+    assert 'not arrived within 1 s' in one['reason']
+    start = [str(value) for value in two['start']]
+    seeds = ('--scene', '8', '--seed', str(two['seed']))
+    main(['simulate', '--start', *start, *common, *seeds, '--json', '-'])
+    assert json.loads(capsys.readouterr().out) == two
 
 
 def test_without_a_folder_each_sweep_gets_one_of_its_own(
@@ -260,6 +265,9 @@ def test_a_run_that_raised_is_named_and_the_sweep_ends_with_1(
         (['--runs', '1', '--compare', ''], 'must list some of'),
         (['--runs', '1', '--law', 'full', '--compare', 'full'], 'exclude each other'),
         (['--runs', '1', '--jobs', '1', '--scheduler', 'tcp://x'], 'not allowed with'),
+        (['--runs', '1', '--scenes', '7-8'], '--scenes is for --source images'),
+        (['--runs', '1', '--scenes', '8-7'], 'not a range'),
+        (['--runs', '1', '--scenes', '7,x'], 'not a whole number'),
         (['--runs', '1', '--scenario', 'other'], 'no scenario file'),
         (['--runs', '1', '--estimator', 'other'], 'estimator must be one of'),
     ],

@@ -10,7 +10,9 @@ from hypothesis import strategies as st
 import pytest
 from sweeps import BRIEF, plan_of
 
+from visual_servo_epipolar.commands.arguments import scenario_of
 from visual_servo_epipolar.commands.main import parser
+from visual_servo_epipolar.simulation.scenario import Scenario
 
 LAWS = ('paper', 'corrected', 'full')
 WHOLE = st.integers(0, 2**31 - 1)
@@ -82,19 +84,31 @@ def test_the_command_of_a_sweep_asks_for_this_sweep(laws: tuple[str, ...]) -> No
         laws=laws,
         scenario=BRIEF.with_servo({'estimator': 'lmeds_8pt'}),
         seed=3,
+        scenes=(5, 101),
         scenario_name='my scenario.yaml',
     )
     options = parsed(plan.command())
     assert (options.region, options.runs, options.source) == ('beside', 7, 'images')
     assert (options.compare or (options.law,), options.seed) == (laws, 3)
     assert (options.estimator, options.scenario) == ('lmeds_8pt', 'my scenario.yaml')
+    assert options.scenes == (5, 101)
 
 
-@given(st.tuples(*[st.floats(-9.0, 9.0)] * 3), WHOLE)
-def test_the_command_of_a_run_asks_for_this_start(
-    start: tuple[float, float, float], seed: int
+@given(st.tuples(*[st.floats(-9.0, 9.0)] * 3), st.integers(0, 999), st.sampled_from([(), (4, 8)]))
+def test_the_command_of_a_run_asks_for_this_run(
+    start: tuple[float, float, float], index: int, scenes: tuple[int, ...]
 ) -> None:
-    result = {'start': list(start), 'seed': seed, 'law': 'corrected'}
-    options = parsed(plan_of().command_of_run(result))
+    plan = plan_of(1000, scenes=scenes, scenario=Scenario())
+    options = parsed(plan.command_of_run('corrected', index, start))
     assert tuple(options.start) == start
-    assert (options.seed, options.law, options.source) == (seed, 'corrected', 'features')
+    assert options.source == 'features'
+    # What simulate makes of these options is what the sweep runs.
+    assert scenario_of(options) == plan.world('corrected', index)
+    assert options.seed == plan.run_seed(index)
+
+
+def test_runs_take_turns_in_the_scenes() -> None:
+    plan = plan_of(scenes=(4, 8, 9))
+    rooms = [plan.world('full', index).camera.scene_seed for index in range(4)]
+    assert rooms == [4, 8, 9, 4]
+    assert plan.identity() != plan_of().identity()

@@ -2,6 +2,7 @@
 
 import argparse
 from collections.abc import Mapping
+from dataclasses import replace
 import json
 import math
 from pathlib import Path
@@ -49,11 +50,14 @@ def add_start(parser: argparse.ArgumentParser, default: tuple[float, float, floa
 
 
 def add_run_options(parser: argparse.ArgumentParser) -> None:
-    """Add what every closed loop takes: --law, --estimator, --scenario, --seed, --json."""
+    """Add what every closed loop takes: law, estimator, scenario, scene, seed, --json."""
     parser.add_argument('--law', choices=('paper', 'corrected', 'full'), help='control law')
     parser.add_argument('--estimator', metavar='NAME', help='estimator of the epipoles')
     parser.add_argument(
         '--scenario', metavar='FILE', help='scenario file, or the name of one that is installed'
+    )
+    parser.add_argument(
+        '--scene', type=seed, metavar='N', help='seed of the room in images (default 1)'
     )
     parser.add_argument('--seed', type=seed, default=0, metavar='N', help='seed (default 0)')
     parser.add_argument(
@@ -69,6 +73,8 @@ def scenario_of(options: argparse.Namespace) -> Scenario:
         for name in ('law', 'estimator')
         if getattr(options, name) is not None
     }
+    if options.scene is not None:
+        scenario = replace(scenario, camera=replace(scenario.camera, scene_seed=options.scene))
     return scenario.seeded(options.seed).with_servo(changes)
 
 

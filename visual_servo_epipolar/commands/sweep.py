@@ -10,7 +10,12 @@ from pathlib import Path
 import sys
 from typing import Any
 
-from visual_servo_epipolar.commands.arguments import add_run_options, scenario_of, write_json
+from visual_servo_epipolar.commands.arguments import (
+    add_run_options,
+    scenario_of,
+    seed,
+    write_json,
+)
 from visual_servo_epipolar.commands.console import Progress
 from visual_servo_epipolar.commands.tally import Tally
 from visual_servo_epipolar.core.errors import InputError
@@ -26,7 +31,7 @@ from visual_servo_epipolar.sweeping.verdict import defective, verdicts, wrong
 
 LAWS = ('paper', 'corrected', 'full')
 DEFAULT_FOLDER = 'sweep_out'
-MAX_RUNS = 1_000_000
+MAX_RUNS, MAX_SCENES = 1_000_000, 10_000
 SHOWN = 3  # runs to look into that are named
 
 
@@ -52,6 +57,9 @@ def add_to(kinds: Any) -> None:
     add_run_options(parser)
     parser.add_argument(
         '--compare', type=laws, metavar='LAW,LAW', help='several laws from the same starts'
+    )
+    parser.add_argument(
+        '--scenes', type=scenes, metavar='N-M', help='rooms to take turns in, such as 101-110'
     )
     where = parser.add_mutually_exclusive_group()
     where.add_argument(
@@ -84,6 +92,18 @@ def laws(text: str) -> tuple[str, ...]:
     return names
 
 
+def scenes(text: str) -> tuple[int, ...]:
+    """Parse seeds of rooms: single ones and ranges, with commas between."""
+    found: list[int] = []
+    for part in text.split(','):
+        first, dash, last = part.partition('-')
+        ends = seed(first), seed(last if dash else first)
+        if not 0 <= ends[1] - ends[0] < MAX_SCENES:
+            raise argparse.ArgumentTypeError(f'{part!r} is not a range of up to {MAX_SCENES}')
+        found += range(ends[0], ends[1] + 1)
+    return tuple(found)
+
+
 def sweep(options: argparse.Namespace) -> int:
     """Run what is missing, draw, print, write; return 0 unless a run raised."""
     plan = _plan(options)
@@ -103,6 +123,8 @@ def sweep(options: argparse.Namespace) -> int:
 def _plan(options: argparse.Namespace) -> Plan:
     if options.law and options.compare:
         raise InputError('--law and --compare exclude each other; give one of them')
+    if options.scenes and (options.scene is not None or options.source != 'images'):
+        raise InputError('--scenes is for --source images, without --scene; leave one of them out')
     scenario = scenario_of(options)
     return Plan(
         region=options.region,
@@ -111,6 +133,7 @@ def _plan(options: argparse.Namespace) -> Plan:
         laws=options.compare or (scenario.servo.law,),
         scenario=scenario,
         seed=options.seed,
+        scenes=options.scenes or (),
         scenario_name=options.scenario,
     )
 
@@ -167,21 +190,25 @@ def _report(documents: Mapping[str, Mapping[str, Any]], folder: Path, field_of_v
     (folder / 'convergence.md').write_text(
         sweep_table.convergence(documents) + '\n', encoding='utf-8'
     )
-    plan_view = sweep_map.starts(documents, field_of_view=field_of_view)
-    figures.save(plan_view, folder / 'map.png')
+    where = sweep_map.starts(documents, field_of_view=field_of_view)
+    figures.save(where, folder / 'map.png')
     figures.save(sweep_histogram.errors(documents), folder / 'histogram.png')
     return text
 
 
 def _say_what_to_look_into(plan: Plan, documents: Mapping[str, Mapping[str, Any]]) -> int:
     """Name defects and silent wrongs with the commands that repeat them; return the exit code."""
-    runs = [run for document in documents.values() for run in document['runs']]
-    defects = [run for run in runs if defective(run)]
-    for words, some in (('raised', defects), ('arrived but wrong', list(filter(wrong, runs)))):
-        for run in some[:SHOWN]:
+    runs = [
+        (law, index, run)
+        for law, document in documents.items()
+        for index, run in enumerate(document['runs'])
+    ]
+    for words, fits in (('raised', defective), ('arrived but wrong', wrong)):
+        some = [one for one in runs if fits(one[2])]
+        for law, index, run in some[:SHOWN]:
             print(
                 f'visual_servo sweep: {words} ({len(some)} in all), {run["reason"]}: '
-                f'{plan.command_of_run(run)}',
+                f'{plan.command_of_run(law, index, run["start"])}',
                 file=sys.stderr,
             )
-    return 1 if defects else 0
+    return 1 if any(defective(run) for *_, run in runs) else 0

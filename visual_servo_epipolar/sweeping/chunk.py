@@ -1,6 +1,8 @@
 """What a worker does: a chunk of starts through the closed loop, a verdict on each."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+from operator import itemgetter
 import traceback
 from typing import Any
 
@@ -26,13 +28,22 @@ UNKNOWN = (
 def work(plan: Plan, chunk: Chunk) -> list[Result]:
     """Do the runs of ``chunk`` and return their results in its order."""
     cv2.setNumThreads(1)  # there is a worker for each core
-    scenario = plan.scenario.with_servo({'law': chunk.law})
-    seeds = [plan.run_seed(index) for index in chunk.indices]
-    starts = [
-        start_in(plan.region, plan.seed, index, scenario.seeded(seed), source=plan.source)
-        for index, seed in zip(chunk.indices, seeds, strict=True)
-    ]
-    return run_chunk(scenario, starts, seeds, plan.source)
+    results = []
+    for world, indices in _by_world(plan, chunk):
+        seeds = [plan.run_seed(index) for index in indices]
+        starts = [
+            start_in(plan.region, plan.seed, index, world.seeded(seed), source=plan.source)
+            for index, seed in zip(indices, seeds, strict=True)
+        ]
+        results += run_chunk(world, starts, seeds, plan.source)
+    return results
+
+
+def _by_world(plan: Plan, chunk: Chunk) -> Iterator[tuple[Scenario, list[int]]]:
+    """Yield stretches of the chunk in one scenario; only the seeds of its runs differ."""
+    worlds = [(plan.world(chunk.law, index).seeded(0), index) for index in chunk.indices]
+    for world, stretch in groupby(worlds, key=itemgetter(0)):
+        yield world, [index for _, index in stretch]
 
 
 def run_chunk(

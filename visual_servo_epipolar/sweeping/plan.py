@@ -1,7 +1,7 @@
 """What a sweep consists of: which starts, which laws, which world; and how to do it again."""
 
 from collections.abc import Collection, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 import json
 import shlex
 from typing import Any
@@ -30,6 +30,7 @@ class Plan:
     """
     A sweep. Each run follows from it and from the index of the run alone.
 
+    Runs in images take turns in the rooms with the seeds ``scenes``, if there are any.
     ``scenario_name`` is how the user called the scenario, if at all: for people, not for runs.
     """
 
@@ -39,12 +40,21 @@ class Plan:
     laws: tuple[str, ...]
     scenario: Scenario
     seed: int = 0
+    scenes: tuple[int, ...] = ()
     scenario_name: str | None = None
 
     def run_seed(self, index: int) -> int:
         """Return the seed of run number ``index``, from 0 to 2^31 - 1; the same for each law."""
         drawn = np.random.SeedSequence((self.seed, RUN_STREAM, index)).generate_state(1)
         return int(drawn[0] >> 1)
+
+    def world(self, law: str, index: int) -> Scenario:
+        """Return the scenario of run number ``index``."""
+        scenario = self.scenario.with_servo({'law': law}).seeded(self.run_seed(index))
+        if not self.scenes:
+            return scenario
+        scene = self.scenes[index % len(self.scenes)]
+        return replace(scenario, camera=replace(scenario.camera, scene_seed=scene))
 
     def keys(self) -> list[Key]:
         """Return law and index of all runs."""
@@ -64,6 +74,7 @@ class Plan:
             'source': self.source,
             'laws': list(self.laws),
             'seed': self.seed,
+            'scenes': list(self.scenes),
             'scenario': scenario,
         }
         plain: dict[str, Any] = json.loads(json.dumps(document))
@@ -72,29 +83,38 @@ class Plan:
     def command(self) -> str:
         """Return the command line of the whole sweep."""
         laws = ('--compare', ','.join(self.laws)) if len(self.laws) > 1 else ('--law', *self.laws)
+        world = self._world(self.scenario.camera.scene_seed)
+        if self.scenes:
+            world += ['--scenes', ','.join(map(str, self.scenes))]
         return shlex.join(
             [
                 *('visual_servo', 'sweep', '--region', self.region, '--runs', str(self.runs)),
-                *('--source', self.source, *laws, *self._world(), '--seed', str(self.seed)),
+                *('--source', self.source, *laws, *world, '--seed', str(self.seed)),
             ]
         )
 
-    def command_of_run(self, result: dict[str, Any]) -> str:
-        """Return the command line that repeats the run with this ``result`` alone."""
+    def command_of_run(self, law: str, index: int, start: tuple[float, float, float]) -> str:
+        """Return the command line that repeats run number ``index`` alone, from its ``start``."""
         # Never 1e-05: argparse takes that, with a minus, for an option.
-        start = [np.format_float_positional(value, trim='-') for value in result['start']]
+        x_y_deg = [np.format_float_positional(value, trim='-') for value in start]
+        world = self._world(self.world(law, index).camera.scene_seed)
         return shlex.join(
             [
-                *('visual_servo', 'simulate', '--start', *start, '--source', self.source),
-                *('--law', result['law'], *self._world(), '--seed', str(result['seed'])),
+                *('visual_servo', 'simulate', '--start', *x_y_deg, '--source', self.source),
+                *('--law', law, *world, '--seed', str(self.run_seed(index))),
             ]
         )
 
-    def _world(self) -> list[str]:
-        chosen = [] if self.scenario_name is None else ['--scenario', self.scenario_name]
-        estimator = self.scenario.servo.estimator
-        default = Scenario().servo.estimator
-        return chosen if estimator == default else [*chosen, '--estimator', estimator]
+    def _world(self, scene: int) -> list[str]:
+        """Return the options that differ from their defaults."""
+        default, options = Scenario(), []
+        if self.scenario_name is not None:
+            options += ['--scenario', self.scenario_name]
+        if self.scenario.servo.estimator != default.servo.estimator:
+            options += ['--estimator', self.scenario.servo.estimator]
+        if scene != default.camera.scene_seed:
+            options += ['--scene', str(scene)]
+        return options
 
 
 def _cut(law: str, missing: list[Key], size: int) -> Iterator[Chunk]:
