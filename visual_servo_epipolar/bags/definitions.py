@@ -43,6 +43,16 @@ def definition(kind: str, type_hash: str = '') -> tuple[str, str]:
     )
 
 
+def hash_of(kind: str, text: str) -> str:
+    """Return the RIHS01 hash of a message type by its definition, '' where that says nothing."""
+    store = get_typestore(Stores.EMPTY)
+    try:
+        store.register(get_types_from_msg(text, kind))
+        return str(store.hash_rihs01(kind))
+    except TypesysError:
+        return ''
+
+
 @cache
 def _jazzy() -> Typestore:
     return get_typestore(Stores.ROS2_JAZZY)

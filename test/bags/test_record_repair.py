@@ -1,0 +1,169 @@
+"""Repair: whatever is whole in a bag that was left open, or is damaged, can be read again."""
+
+from pathlib import Path
+
+from bag_reading import read_back, STORE, TEXT, WORDS, words
+from mcap.reader import make_reader
+import pytest
+from rosbags.highlevel import AnyReader
+import yaml
+
+from visual_servo_epipolar.bags.record import Recorder
+from visual_servo_epipolar.bags.record_settings import RecordSettings
+from visual_servo_epipolar.bags.repair import repair
+from visual_servo_epipolar.core.errors import InputError
+
+EVERY_KIND = [
+    pytest.param(storage, compression, id=f'{storage}-{compression}')
+    for storage in ('mcap', 'sqlite3')
+    for compression in ('none', 'zstd')
+]
+
+
+def made(folder: Path, **settings: object) -> tuple[Path, list]:
+    """Make a bag of three files, and return it with its messages."""
+    bag = folder / 'bag'
+    recorder = Recorder(bag, RecordSettings(split_duration=40e-9, **settings))
+    recorder.add(WORDS)
+    for number in range(100):
+        recorder.put(WORDS, number, words(f'{number:05000}'))
+    recorder.close()
+    return bag, read_back(bag)
+
+
+def storage_file(bag: Path, number: int) -> Path:
+    return next(bag.glob(f'bag_{number}.*'))
+
+
+def left_open(bag: Path) -> None:
+    """Bring a bag into the state in which a crash leaves it."""
+    (bag / 'metadata.yaml').unlink()
+    last = storage_file(bag, 2)
+    (bag / last.stem).mkdir()
+    last.rename(bag / last.stem / last.name)
+
+
+@pytest.mark.parametrize(('storage', 'compression'), EVERY_KIND)
+def test_a_whole_bag_stays_as_it_is(tmp_path, storage, compression) -> None:
+    bag, sent = made(tmp_path, storage=storage, compression=compression)
+    before = {path: path.read_bytes() for path in bag.iterdir()}
+    report = repair(bag)
+    assert (report.messages, report.files, report.rewritten) == (100, 3, ())
+    assert str(report) == f'{bag}: 100 messages in 3 files, all whole'
+    assert {path: path.read_bytes() for path in bag.iterdir()} == before
+
+
+@pytest.mark.parametrize(('storage', 'compression'), EVERY_KIND)
+def test_metadata_is_completed_as_it_was(tmp_path, storage, compression) -> None:
+    bag, sent = made(tmp_path, storage=storage, compression=compression)
+    before = yaml.safe_load((bag / 'metadata.yaml').read_text())
+    left_open(bag)
+    assert (
+        str(repair(bag)) == f'{bag}: 100 messages in 3 files, all whole, metadata.yaml completed'
+    )
+    assert yaml.safe_load((bag / 'metadata.yaml').read_text()) == before
+    assert read_back(bag) == sent
+
+
+@pytest.mark.parametrize(('storage', 'compression'), EVERY_KIND)
+def test_a_file_that_was_cut_off_keeps_what_is_whole(tmp_path, storage, compression) -> None:
+    bag, sent = made(tmp_path, storage=storage, compression=compression)
+    left_open(bag)
+    file = bag / 'bag_2' / f'bag_2{".mcap" if storage == "mcap" else ".db3"}'
+    data = file.read_bytes()
+    file.write_bytes(data[: len(data) * 9 // 10])
+    report = repair(bag)
+    assert report.rewritten == (file.name,)
+    assert report.lost_bytes > 0
+    kept = read_back(bag)
+    assert kept == sent[: len(kept)]
+    assert 80 <= len(kept) == report.messages
+    assert {path.suffix for path in bag.iterdir()} == {'.yaml', file.suffix}
+
+
+@pytest.mark.parametrize('cut', [0.0, 0.1, 0.5, 0.99])
+def test_a_single_file_is_repaired_and_indexed(tmp_path, cut) -> None:
+    bag, sent = made(tmp_path)
+    file = tmp_path / 'alone.mcap'
+    data = storage_file(bag, 0).read_bytes()
+    file.write_bytes(data[: len(data) - 1 - int(cut * len(data))])
+    report = repair(file)
+    assert report.rewritten == ('alone.mcap',)
+    assert read_back(file) == sent[: report.messages]
+    with file.open('rb') as stream:
+        assert make_reader(stream).get_summary() is not None
+
+
+def test_a_file_without_index_gets_one(tmp_path) -> None:
+    from visual_servo_epipolar.bags.storage import Part
+
+    part = Part(tmp_path, 0, storage='mcap', compression='none')
+    part.add(WORDS)
+    part.write(WORDS.name, 5, words('flushed'))
+    part.flush()
+    part.write(WORDS.name, 6, words('not flushed'))
+    part.abandon()
+    file = next(tmp_path.glob('*.mcap'))
+    assert read_back(file) == [(WORDS.name, 5, words('flushed'))]
+    assert repair(file).rewritten == (file.name,)
+    assert read_back(file) == [(WORDS.name, 5, words('flushed'))]
+
+
+def test_definitions_hash_and_qos_survive(tmp_path) -> None:
+    bag, _ = made(tmp_path)
+    with AnyReader([bag]) as reader:
+        (before,) = reader.connections
+    left_open(bag)
+    file = bag / 'bag_2/bag_2.mcap'
+    file.write_bytes(file.read_bytes()[:-5])
+    repair(bag)
+    with AnyReader([bag]) as reader:
+        (after,) = reader.connections
+        texts = [reader.deserialize(data, TEXT).data for _, _, data in reader.messages()]
+    assert after._replace(owner=None) == before._replace(owner=None)
+    assert after.digest == STORE.hash_rihs01(TEXT)
+    assert texts == [f'{number:05000}' for number in range(100)]
+
+
+def test_a_chunk_that_is_damaged_is_left_out(tmp_path) -> None:
+    bag, sent = made(tmp_path, compression='zstd')
+    file = storage_file(bag, 1)
+    data = bytearray(file.read_bytes())
+    data[data.index(b'\x28\xb5\x2f\xfd') + 20] ^= 0xFF
+    file.write_bytes(data)
+    report = repair(bag)
+    assert report.rewritten == (file.name,)
+    assert read_back(bag) == sent[:40] + sent[80:]
+
+
+def test_nothing_is_touched_where_the_disk_is_full(tmp_path) -> None:
+    from bag_reading import files_of_at_most
+
+    bag, sent = made(tmp_path)
+    left_open(bag)
+    file = bag / 'bag_2/bag_2.mcap'
+    file.write_bytes(file.read_bytes()[:-5])
+    with (
+        files_of_at_most(1000),
+        pytest.raises(InputError, match='cannot be repaired: File too la'),
+    ):
+        repair(bag)
+    assert repair(bag).messages == 100
+    assert read_back(bag) == sent
+
+
+@pytest.mark.parametrize('name', ['nothing', 'empty', 'text.txt'])
+def test_what_is_no_bag_is_refused(tmp_path, name) -> None:
+    (tmp_path / 'empty').mkdir()
+    (tmp_path / 'text.txt').write_text('no bag')
+    with pytest.raises(InputError, match='not a bag to repair; give a rosbag2 folder'):
+        repair(tmp_path / name)
+
+
+@pytest.mark.parametrize('suffix', ['.mcap', '.db3'])
+@pytest.mark.parametrize('content', [b'', b'\x89MCAP0\r\n', b'SQLite format 3\x00', bytes(5000)])
+def test_a_file_with_nothing_in_it_becomes_an_empty_bag(tmp_path, suffix, content) -> None:
+    file = tmp_path / f'x{suffix}'
+    file.write_bytes(content)
+    assert repair(file).messages == 0
+    assert read_back(file) == []

@@ -1,0 +1,197 @@
+"""Completes a bag that a crash left open, or that is damaged: all that is whole in it is kept."""
+
+from contextlib import closing, suppress
+from dataclasses import dataclass
+import os
+from pathlib import Path
+import re
+import shutil
+import sqlite3
+from tempfile import TemporaryDirectory
+
+from mcap.reader import make_reader
+from rosbags.interfaces import Connection
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, Reader, Writer, WriterError
+from rosbags.rosbag2.metadata import parse_qos
+
+from visual_servo_epipolar.bags import metadata
+from visual_servo_epipolar.bags.definitions import hash_of
+from visual_servo_epipolar.bags.metadata import PartInfo, SUFFIXES, VERSION
+from visual_servo_epipolar.bags.read import DAMAGE
+from visual_servo_epipolar.bags.salvage import Line, Salvage
+from visual_servo_epipolar.bags.storage import PLUGINS
+from visual_servo_epipolar.core.errors import InputError
+
+STORAGES = {suffix: storage for storage, suffix in SUFFIXES.items()}
+ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'  # no serialized message begins like this
+SCRATCH = '.repair_'
+
+
+@dataclass(frozen=True, slots=True)
+class RepairReport:
+    """What was found, and what was done."""
+
+    path: Path
+    messages: int
+    files: int
+    rewritten: tuple[str, ...]  # names of the files that were not whole
+    lost_bytes: int  # of those, what could not be read
+    described: bool  # whether metadata.yaml was written
+
+    def __str__(self) -> str:
+        found = f'{self.path}: {self.messages} messages in {self.files} files'
+        if not self.rewritten:
+            return f'{found}, all whole' + (', metadata.yaml completed' if self.described else '')
+        return (
+            f'{found}; completed {", ".join(self.rewritten)}, {self.lost_bytes} bytes could not '
+            'be read'
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Mended:
+    """A file that is whole now, and what it took."""
+
+    info: PartInfo
+    rewritten: bool
+    lost_bytes: int
+    compressed: bool  # message by message
+
+
+def repair(path: Path) -> RepairReport:
+    """
+    Make a rosbag2 folder, or one of its .mcap or .db3 files, readable again.
+
+    Every byte is read. Files that are whole stay as they are; what is left of the others is
+    written anew, with an index, and takes their place only when it is complete: that needs as
+    much free space.
+
+    Raises
+    ------
+    InputError
+        If there is nothing to repair, or no space to do it in.
+
+    """
+    files = _storage_files(path)
+    folder = path if path.is_dir() else path.parent
+    try:
+        for stale in folder.glob(f'{SCRATCH}*'):
+            shutil.rmtree(stale)
+        with TemporaryDirectory(dir=folder, prefix=SCRATCH) as scratch:
+            parts = [_mend(file, folder, Path(scratch)) for file in files]
+        described = path.is_dir() and _describe(folder, parts)
+    except (*DAMAGE, WriterError) as error:
+        said = getattr(error, 'strerror', None) or error
+        raise InputError(f'{path}: bag cannot be repaired: {said}; nothing was lost') from None
+    return RepairReport(
+        path,
+        sum(part.info.count for part in parts),
+        len(parts),
+        tuple(part.info.file for part in parts if part.rewritten),
+        sum(part.lost_bytes for part in parts),
+        described,
+    )
+
+
+def _storage_files(path: Path) -> list[Path]:
+    """Return the storage files of a bag in their order; one being recorded has its own folder."""
+    if path.is_dir():
+        found = [
+            item
+            for pattern in ('*', '*/*')
+            for item in path.glob(pattern)
+            if item.suffix in STORAGES and not item.parent.name.startswith(SCRATCH)
+        ]
+    else:
+        found = [path] if path.is_file() and path.suffix in STORAGES else []
+    if not found or len({item.suffix for item in found}) > 1:
+        raise InputError(
+            f'{path}: not a bag to repair; give a rosbag2 folder with .mcap or .db3 files, or '
+            'one of these'
+        )
+    return sorted(found, key=_number)
+
+
+def _number(path: Path) -> tuple[int, str]:
+    digits = re.search(r'(\d+)$', path.stem)
+    return (int(digits[1]) if digits else 0, path.name)
+
+
+def _mend(file: Path, folder: Path, scratch: Path) -> _Mended:
+    """Bring one file to where it belongs, written anew if it is not whole."""
+    salvage, home = Salvage(file), folder / file.name
+    compressed = False
+    for _, _, data in salvage.messages():
+        compressed = compressed or data[:4] == ZSTD_MAGIC
+    whole = not salvage.lost_bytes and _is_sound(file)
+    os.replace(file if whole else _rewritten(salvage, scratch), home)
+    if file.parent != folder:
+        shutil.rmtree(file.parent)
+    return _Mended(_info(home), not whole, salvage.lost_bytes, compressed)
+
+
+def _is_sound(file: Path) -> bool:
+    """Return whether a file can be read by those who jump about in it."""
+    with suppress(*DAMAGE, sqlite3.Error):
+        with Reader(file):
+            pass
+        if file.suffix == '.mcap':
+            with file.open('rb') as stream:
+                return make_reader(stream).get_summary() is not None
+        with closing(sqlite3.connect(file)) as db:
+            return bool(db.execute('PRAGMA quick_check').fetchall() == [('ok',)])
+    return False
+
+
+def _rewritten(salvage: Salvage, scratch: Path) -> Path:
+    """Write all that is left of a file to a new one, and return its path."""
+    suffix = salvage.path.suffix
+    again = Salvage(salvage.path)
+    writer = Writer(
+        scratch / salvage.path.stem, version=VERSION, storage_plugin=PLUGINS[STORAGES[suffix]]
+    )
+    if salvage.compression:
+        writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
+    known: dict[Line, Connection] = {}
+    writer.open()
+    try:
+        for line, stamp_ns, data in again.messages():
+            if line not in known:
+                known[line] = _connection(writer, line)
+            writer.write(known[line], stamp_ns, data)
+        writer.close()
+    except BaseException:
+        writer.abort()
+        raise
+    return writer.path / f'{writer.path.name}{suffix}'
+
+
+def _connection(writer: Writer, line: Line) -> Connection:
+    return writer.add_connection(
+        line.topic,
+        line.kind,
+        msgdef=line.definition,
+        rihs01=line.type_hash or hash_of(line.kind, line.definition) or 'unknown',
+        serialization_format=line.encoding or 'cdr',
+        offered_qos_profiles=parse_qos(line.qos),
+    )
+
+
+def _info(file: Path) -> PartInfo:
+    with Reader(file) as reader:
+        connections = tuple(
+            item._replace(digest=item.digest or hash_of(item.msgtype, item.msgdef.data))
+            for item in reader.connections
+        )
+        counts = {item.id: item.msgcount for item in connections}
+        return PartInfo(file.name, connections, counts, reader.start_time, reader.end_time - 1)
+
+
+def _describe(folder: Path, parts: list[_Mended]) -> bool:
+    """Write metadata.yaml where it is missing, or says what is no longer true."""
+    if (folder / metadata.FILE).is_file() and not any(part.rewritten for part in parts):
+        return False
+    storage = STORAGES[Path(parts[0].info.file).suffix]
+    mode = 'message' if any(part.compressed for part in parts) else ''
+    metadata.write(folder, metadata.document([part.info for part in parts], storage, mode))
+    return True
