@@ -1,0 +1,172 @@
+"""The recorder as a process of its own: killed, interrupted, out of space."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+import itertools
+import os
+from pathlib import Path
+import random
+import re
+import signal
+import subprocess
+import sys
+import time
+
+from bag_reading import read_back, size_of
+from bench import Bench, next_domain
+import pytest
+from rclpy.serialization import deserialize_message
+from std_msgs.msg import String
+
+from visual_servo_epipolar.bags.repair import repair
+from visual_servo_epipolar.messages import write
+
+ROOT = Path(__file__).parents[2]
+KILLS = int(os.environ.get('RECORDER_KILLS', '3'))  # `make faults` asks for 20
+START_SEC, END_SEC = 60.0, 30.0
+LOSS_S = 1.0  # what a kill -9 may cost
+KINDS = (
+    ('-p', 'storage:=mcap'),
+    ('-p', 'storage:=sqlite3'),
+    ('-p', 'split_duration:=0.7', '-p', 'compression:=zstd'),
+)
+
+
+class Stand:
+    """A recorder in a process, and words that are published to it."""
+
+    def __init__(self, stack: ExitStack, folder: Path) -> None:
+        self._stack, self._folder, self._domain = stack, folder, next_domain()
+        self.bench = stack.enter_context(Bench(self._domain))
+        self._publisher = self.bench.probe.create_publisher(String, 'words', 50)
+        self.sent: list[float] = []  # when, by number
+
+    def record(self, bag: Path, *more: str) -> 'subprocess.Popen[bytes]':
+        """Start a recorder of ``words``."""
+        command = [sys.executable, '-m', 'visual_servo_epipolar.nodes.recorder_node']
+        command += ['--ros-args', '-p', 'topics:=[words]', '-p', f'bag:={bag}', *more]
+        log = self._stack.enter_context((self._folder / f'{bag.name}.log').open('w'))
+        process = self._stack.enter_context(
+            subprocess.Popen(
+                command, env=environment(self._domain), stderr=log, start_new_session=True
+            )
+        )
+        self._stack.callback(process.kill)
+        return process
+
+    def until_heard_by(self, count: int) -> None:
+        self.bench.until(
+            lambda: self._publisher.get_subscription_count() >= count,
+            f'{count} recorders to listen',
+            START_SEC,
+        )
+
+    def say(self, text: str) -> None:
+        self._publisher.publish(write.text(text))
+
+    def say_until(self, end_s: float) -> None:
+        """Publish numbers at some 200 Hz until the steady clock shows ``end_s``."""
+        while time.monotonic() < end_s:
+            self.sent.append(time.monotonic())
+            self.say(str(len(self.sent) - 1))
+            self.bench.executor.spin_once(timeout_sec=0.005)
+
+    def output(self, bag: Path) -> str:
+        return (self._folder / f'{bag.name}.log').read_text()
+
+
+def environment(domain: int) -> dict[str, str]:
+    return {
+        **os.environ,
+        'PYTHONPATH': os.pathsep.join(filter(None, [str(ROOT), os.environ.get('PYTHONPATH')])),
+        'ROS_DOMAIN_ID': str(domain),
+        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+    }
+
+
+def numbers(bag: Path) -> list[int]:
+    texts = (deserialize_message(data, String).data for _, _, data in read_back(bag))
+    return [int(text[-9:]) for text in texts]
+
+
+@pytest.fixture
+def stand(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Stand]:
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    with ExitStack() as stack:
+        yield Stand(stack, tmp_path)
+
+
+@pytest.mark.parametrize('first', range(0, KILLS, len(KINDS)))
+def test_a_killed_recorder_loses_a_second_at_most(stand, tmp_path, first) -> None:
+    chance = random.Random(first)
+    bags = [tmp_path / f'bag{number}' for number in range(first, min(first + 3, KILLS))]
+    processes = [stand.record(bag, *kind) for bag, kind in zip(bags, KINDS, strict=False)]
+    stand.until_heard_by(len(bags))
+    for bag, process in zip(bags, processes, strict=True):
+        stand.say_until(time.monotonic() + LOSS_S + chance.uniform(0.0, 1.0))
+        killed_s = time.monotonic()
+        process.kill()
+        process.wait(END_SEC)
+        repair(bag)
+        due = [item for item, sent_s in enumerate(stand.sent) if sent_s < killed_s - LOSS_S][-1]
+        found = numbers(bag)
+        assert found == list(range(len(found))), f'holes in {bag}'
+        assert found[-1] >= due > 0, f'{due - found[-1]} messages too few in {bag}'
+
+
+def test_an_interrupted_recorder_completes_its_bag(stand, tmp_path) -> None:
+    bag = tmp_path / 'bag'
+    process = stand.record(bag)
+    stand.until_heard_by(1)
+    stand.say_until(time.monotonic() + 0.5)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(END_SEC) == 0, stand.output(bag)
+    assert 'Traceback' not in stand.output(bag)
+    found = numbers(bag)
+    assert found == list(range(len(found)))
+    assert f'{len(found)} messages in {bag}' in stand.output(bag)
+
+
+def test_a_bag_that_exists_ends_the_recorder_with_one_line(stand, tmp_path) -> None:
+    bag = tmp_path / 'bag'
+    bag.mkdir()
+    assert stand.record(bag).wait(END_SEC) == 2
+    assert re.fullmatch(
+        r'recorder_node.*: .*bag exists already; name another bag\n', stand.output(bag)
+    )
+
+
+@pytest.fixture
+def small_disk(tmp_path: Path) -> Iterator[Path]:
+    """Yield a folder on a disk of 4 MB of its own."""
+    folder = tmp_path / 'disk'
+    folder.mkdir()
+    mounted = subprocess.run(
+        ['mount', '-t', 'tmpfs', '-o', 'size=4m', 'none', str(folder)], capture_output=True
+    )
+    if mounted.returncode:
+        pytest.skip('a disk of its own can be mounted by root alone')
+    yield folder
+    subprocess.run(['umount', str(folder)], check=True)
+
+
+@pytest.mark.parametrize(('storage', 'min_free'), [('mcap', 0.0), ('sqlite3', 0.0), ('mcap', 1.0)])
+def test_a_full_disk_is_one_error_and_a_bag_that_can_be_read(
+    stand, small_disk, storage, min_free
+) -> None:
+    bag = small_disk / 'bag'
+    stand.record(bag, '-p', f'storage:={storage}', '-p', f'min_free:={min_free}')
+    stand.until_heard_by(1)
+    said = itertools.count()
+
+    def ended() -> bool:
+        stand.say(f'{next(said):050000}')
+        return 'recording ended' in stand.output(bag)
+
+    stand.bench.until(ended, 'the disk to be full', END_SEC)
+    errors = [line for line in stand.output(bag).splitlines() if '[ERROR]' in line]
+    assert len(errors) == 1, errors
+    assert 'so far is whole' in errors[0]
+    found = numbers(bag)
+    assert found == list(range(len(found)))
+    assert size_of(bag) > 2_000_000
