@@ -16,7 +16,7 @@ DEMO_ARGS ?= --out $(DEMO_OUT)
 REPRODUCE_OUT ?= reproduce_out
 
 .DEFAULT_GOAL := setup
-.PHONY: setup test test-colcon colcon lint format demo sweep reproduce theory-figures bench clean help
+.PHONY: setup test test-colcon colcon lint format demo sweep reproduce theory-figures bench faults clean help
 
 setup: $(STAMP) ## make .venv with ROS 2 Jazzy, all tools and this package, editable (default)
 
@@ -61,6 +61,9 @@ theory-figures: $(STAMP) ## the figures of docs/theory.md
 bench: $(STAMP) ## accuracy and speed beside the peers, minutes; BENCH_ARGS='estimation --quick'
 	@$(PIP) install --constraint constraints.txt --no-build-isolation --editable '.[bench]'
 	@$(BIN)/visual_servo bench $(BENCH_ARGS)
+
+faults: $(STAMP) ## kill -9 the recorder at 20 random moments: each bag loses a second at most
+	@RECORDER_KILLS=20 $(BIN)/python -m pytest -ra test/nodes/test_recorder_process.py -k killed
 
 clean: ## remove .venv and all that make, the tools and colcon left
 	rm -rf $(VENV) build install log dist demo_out sweep_out reproduce_out *.egg-info
