@@ -5,21 +5,19 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-import numpy as np
-
 from visual_servo_epipolar.commands.arguments import (
     add_run_options,
     add_start,
+    made_folder,
     scenario_of,
     write_json,
 )
 from visual_servo_epipolar.commands.console import Progress, summary
+from visual_servo_epipolar.commands.run_folder import write_run
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.core.camera import Camera
-from visual_servo_epipolar.core.epipolar import Bearings, fundamental_from_bearings, in_pixels
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.features import Features
-from visual_servo_epipolar.core.motion import HALF_PI, Pose, wrap_angle
+from visual_servo_epipolar.core.motion import Pose
 from visual_servo_epipolar.core.run_log import RunLog, Sample, summarise
 from visual_servo_epipolar.simulation.closed_loop import LoopSettings, Referee
 from visual_servo_epipolar.simulation.scenario import Scenario
@@ -61,25 +59,15 @@ def demo(options: argparse.Namespace) -> int:
     """Run, print, write; return 0 if the robot arrived."""
     scenario = scenario_of(options)
     settings = scenario.loop(tuple(options.start), options.seed)
-    folder = _folder(options.out)
+    folder = made_folder(options.out)
     log = _drive(scenario, settings, folder, options)
     result = summarise(log)
-    write_json(result, str(folder / 'result.json'))
     write_json(result, options.json)
-    _draw(log, folder)
+    write_run(log, scenario, folder)
     if options.json != '-':
         print(summary(result))
         print(f'written to {folder}: {", ".join(sorted(path.name for path in folder.iterdir()))}')
     return 0 if log.outcome == 'arrived' else 1
-
-
-def _folder(name: str) -> Path:
-    folder = Path(name)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f'{folder}: folder cannot be made: {error.strerror}') from None
-    return folder
 
 
 def _drive(
@@ -88,6 +76,7 @@ def _drive(
     try:
         from visual_servo_epipolar.nodes.lockstep import Lockstep
         from visual_servo_epipolar.nodes.observer_node import ObserverNode
+        from visual_servo_epipolar.report.picture import picture
     except ImportError as error:
         raise InputError(NO_ROS.format(error)) from None
     progress, referee = Progress(), Referee(settings)
@@ -97,7 +86,7 @@ def _drive(
         def watch(sample: Sample, image: Image | None, features: Features | None) -> None:
             progress(sample)
             if film is not None and image is not None and features is not None:
-                film.add(_picture(image, features, sample, scenario.camera.believed), sample)
+                film.add(picture(image, features, sample, scenario.camera.believed), sample)
 
         progress.say('starting four nodes ...')
         open_to = 'LOCALHOST' if options.visible else 'OFF'
@@ -123,32 +112,3 @@ def _film(scenario: Scenario, settings: LoopSettings, folder: Path) -> 'VideoWri
         image_size=(camera.width, camera.height),
         bounds=Bounds.around(Pose.from_start(*settings.start)),
     )
-
-
-def _picture(image: Image, features: Features, sample: Sample, camera: Camera) -> Image:
-    """Draw features, epipole and epipolar lines as the servo saw them."""
-    from visual_servo_epipolar.report.overlay import draw_overlay
-
-    seen = bool(np.isfinite(sample.bearing_current))
-    return draw_overlay(
-        image,
-        features.current,
-        features.desired,
-        phase=sample.phase.value,
-        epipole_current=camera.cx + sample.epipole_current if seen else None,
-        horizon=camera.cy,
-        fundamental=_fundamental(sample, camera) if seen else None,
-    )
-
-
-def _fundamental(sample: Sample, camera: Camera) -> np.ndarray:
-    psi = HALF_PI - sample.bearing_desired
-    phi = wrap_angle(np.pi - sample.bearing_current)
-    return in_pixels(fundamental_from_bearings(Bearings(psi, phi)), camera.matrix, camera.matrix)
-
-
-def _draw(log: RunLog, folder: Path) -> None:
-    from visual_servo_epipolar.report import figures
-
-    figures.save(figures.trajectory(log), folder / 'trajectory.png')
-    figures.save(figures.signals(log), folder / 'signals.png')

@@ -6,11 +6,20 @@ import sys
 from typing import NoReturn
 
 from visual_servo_epipolar import __version__
-from visual_servo_epipolar.commands import bench, demo, inspect, replay, reproduce, simulate, sweep
+from visual_servo_epipolar.commands import (
+    bench,
+    demo,
+    inspect,
+    replay,
+    report,
+    reproduce,
+    simulate,
+    sweep,
+)
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
 
 SUCCESS, FAILURE, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
-COMMANDS = (demo, simulate, sweep, inspect, replay, reproduce, bench)
+COMMANDS = (demo, simulate, sweep, inspect, replay, report, reproduce, bench)
 
 
 class Parser(argparse.ArgumentParser):

@@ -7,6 +7,7 @@ from visual_servo_epipolar.commands.arguments import finite
 from visual_servo_epipolar.core.errors import InputError
 
 NO_ROSBAGS = 'bags cannot be read: {}; pip install rosbags'
+BAG_KINDS = 'rosbag2 folder, .mcap, .db3, or ROS 1 .bag'
 ROLES = (
     'image, camera_info, desired, tracks, cmd_vel, epipoles, diagnostics, ground_truth, '
     'tracker_settings, servo_settings'
@@ -35,9 +36,11 @@ def add_to(kinds: Any) -> None:
     parser.set_defaults(run=run)
 
 
-def add_bag_options(parser: argparse.ArgumentParser) -> None:
+def add_bag_options(
+    parser: argparse.ArgumentParser, *, metavar: str = 'BAG', text: str = BAG_KINDS
+) -> None:
     """Add what says which bag, and how to read and replay it."""
-    parser.add_argument('bag', metavar='BAG', help='rosbag2 folder, .mcap, .db3, or ROS 1 .bag')
+    parser.add_argument('bag', metavar=metavar, help=text)
     parser.add_argument(
         '--set',
         nargs='+',

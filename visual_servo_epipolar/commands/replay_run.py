@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import math
 from pathlib import Path
 import time
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
@@ -31,6 +31,9 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.run_log import RunLog
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
 
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
 
 @dataclass(frozen=True, kw_only=True)
 class Replayed:
@@ -53,13 +56,15 @@ class Replayed:
 def replay_and_tell(options: argparse.Namespace) -> bool:
     """Replay, print, write; return whether nothing differs from what was recorded."""
     progress = Progress()
-    done = replayed(options, tolerance=options.tolerance, watch=_shown(progress))
+    done = replayed(options, tolerance=options.tolerance, watch=shown(progress))
     progress.close()
     result = result_of(done, options)
     if options.out is not None:
+        from visual_servo_epipolar.report.figures import save
+
         folder = made_folder(options.out)
         write_json(result, str(folder / 'replay.json'))
-        draw(done, folder / 'replay.png')
+        save(figure_of(done), folder / 'replay.png')
     if options.json != '-':
         print(in_words(result))
     write_json(result, options.json)
@@ -110,10 +115,9 @@ def result_of(done: Replayed, options: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def draw(done: Replayed, path: Path) -> None:
-    """Write the figure of what was recorded and what was replayed."""
+def figure_of(done: Replayed) -> 'Figure':
+    """Return the figure of what was recorded and what was replayed."""
     from visual_servo_epipolar.report.comparison import columns, comparison, PANELS, Track
-    from visual_servo_epipolar.report.figures import save
 
     names = [name for name, _ in PANELS]
     first = done.steps[0].key[0]
@@ -123,13 +127,10 @@ def draw(done: Replayed, path: Path) -> None:
     now = [item.numbers for item in done.steps]
     phases = [item.phase.value for item in done.steps]
     parting = done.comparison.parting
-    save(
-        comparison(
-            recorded,
-            Track(times, phases, columns(now, names)),
-            None if parting is None else parting.time_s,
-        ),
-        path,
+    return comparison(
+        recorded,
+        Track(times, phases, columns(now, names)),
+        None if parting is None else parting.time_s,
     )
 
 
@@ -146,7 +147,7 @@ def _desired(text: str | None) -> Image | Moment | None:
     return Moment(time_ns, since_first=text.startswith('+'))
 
 
-def _shown(progress: Progress) -> Watch:
+def shown(progress: Progress) -> Watch:
     """Return what shows how far the replay is."""
 
     def watch(done: Step, seen: Sighting) -> None:

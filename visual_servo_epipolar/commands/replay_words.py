@@ -33,10 +33,11 @@ def in_words(result: Mapping[str, Any]) -> str:
         f'  {phase["start_s"]:6.1f} - {phase["end_s"]:6.1f} s  {phase["name"]}'
         for phase in result['phases']
     ]
-    return '\n'.join([*lines, *_compared(result['comparison'])])
+    return '\n'.join([*lines, *compared_words(result['comparison'])])
 
 
-def _compared(comparison: Mapping[str, Any]) -> list[str]:
+def compared_words(comparison: Mapping[str, Any]) -> list[str]:
+    """Return how recorded and replayed compare, line by line."""
     if not comparison['compared_steps']:
         return ['nothing was recorded to compare with']
     lines = [*_lost(comparison), _verdict(comparison)]

@@ -6,10 +6,12 @@ from typing import Any
 from visual_servo_epipolar.commands.arguments import (
     add_run_options,
     add_start,
+    made_folder,
     scenario_of,
     write_json,
 )
 from visual_servo_epipolar.commands.console import Progress, summary
+from visual_servo_epipolar.commands.run_folder import write_run
 from visual_servo_epipolar.core.run_log import summarise
 from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.views import SOURCES, view_of
@@ -27,6 +29,7 @@ def add_to(kinds: Any) -> None:
         default='features',
         help='what the servo sees: noisy point features, or rendered images (default features)',
     )
+    parser.add_argument('--out', metavar='DIR', help='folder for result, samples and figures')
     add_run_options(parser)
     parser.set_defaults(run=simulate)
 
@@ -40,6 +43,8 @@ def simulate(options: argparse.Namespace) -> int:
     log = run(settings, view, scenario.camera.believed, watch=progress)
     progress.close()
     result = summarise(log)
+    if options.out is not None:
+        write_run(log, scenario, made_folder(options.out))
     if options.json != '-':
         print(summary(result))
     write_json(result, options.json)

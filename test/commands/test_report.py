@@ -1,0 +1,186 @@
+"""``visual_servo report``: one page that needs nothing else, opened in a real browser."""
+
+from html.parser import HTMLParser
+import json
+from pathlib import Path
+import re
+import shutil
+import subprocess
+
+from bagmaker import write_bag
+import pytest
+
+from visual_servo_epipolar.commands.main import main
+
+BROWSERS = ('chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stable')
+BROWSER = next(filter(None, map(shutil.which, BROWSERS)), None)
+FLAGS = (
+    *('--headless', '--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run'),
+    *('--disable-background-networking', '--disable-component-update', '--disable-sync'),
+    *('--disable-dev-shm-usage', '--enable-logging=stderr', '--virtual-time-budget=10000'),
+)
+PATIENCE_S = 60.0
+# Written into a copy of the page: what the browser made of it.
+PROBE = """
+<pre id="probe"></pre>
+<script>
+addEventListener('load', () => {
+  const images = [...document.images];
+  document.getElementById('probe').textContent = JSON.stringify({
+    widths: images.map((image) => image.naturalWidth),
+    broken: images.filter((image) => !image.complete || !image.alt).length,
+    requests: performance.getEntriesByType('resource').map((entry) => entry.name),
+    verdict: document.querySelector('.verdict').innerText,
+    wide: document.documentElement.scrollWidth > window.innerWidth,
+  });
+});
+</script>
+</body>"""
+
+
+class References(HTMLParser):
+    """Collects what a page would load."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.found: list[str] = []
+        self.tags: list[str] = []
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.found += [value or '' for name, value in attrs if name in ('src', 'href', 'srcset')]
+
+
+def open_in_browser(page: Path, folder: Path) -> tuple[str, str]:
+    """Return the document as the browser has it in the end, and what it logged."""
+    ended = subprocess.run(
+        [
+            str(BROWSER),
+            *FLAGS,
+            f'--user-data-dir={folder / "profile"}',
+            '--dump-dom',
+            page.as_uri(),
+        ],
+        capture_output=True,
+        text=True,
+        timeout=PATIENCE_S,
+        check=True,
+    )
+    return ended.stdout, ended.stderr
+
+
+@pytest.fixture(scope='module')
+def run_page(tmp_path_factory) -> Path:
+    """Return the report on a simulated run."""
+    folder = tmp_path_factory.mktemp('run')
+    main(['simulate', '--start', '1', '-3', '0', '--seed', '1', '--out', str(folder / 'run')])
+    assert main(['report', str(folder / 'run'), '--out', str(folder / 'page')]) == 0
+    return folder / 'page' / 'report.html'
+
+
+@pytest.fixture(scope='module')
+def bag(small_run, tmp_path_factory) -> Path:
+    return write_bag(tmp_path_factory.mktemp('bags') / 'run <b>&', small_run)
+
+
+@pytest.fixture(scope='module')
+def bag_page(bag, tmp_path_factory) -> Path:
+    """Return the report on a recorded run."""
+    folder = tmp_path_factory.mktemp('page')
+    assert main(['report', str(bag), '--out', str(folder)]) == 0
+    return folder / 'report.html'
+
+
+@pytest.mark.parametrize('kind', ['run_page', 'bag_page'])
+def test_a_page_loads_nothing_from_anywhere(kind, request) -> None:
+    references = References()
+    references.feed(request.getfixturevalue(kind).read_text(encoding='utf-8'))
+    assert len(references.found) >= 3
+    assert all(item.startswith('data:') for item in references.found)
+    assert 'script' not in references.tags
+
+
+@pytest.mark.skipif(BROWSER is None, reason=f'none of {", ".join(BROWSERS)} is installed')
+@pytest.mark.parametrize(('kind', 'figures'), [('run_page', 2), ('bag_page', 6)])
+def test_a_browser_shows_it_without_errors_and_without_network(
+    kind, figures, request, tmp_path
+) -> None:
+    page = request.getfixturevalue(kind)
+    _, logged = open_in_browser(page, tmp_path)
+    assert 'CONSOLE' not in logged
+    text = page.read_text(encoding='utf-8')
+    probed = tmp_path / 'probed.html'
+    policy = re.compile(r'<meta http-equiv="Content-Security-Policy"[^>]*>')
+    probed.write_text(policy.sub('', text).replace('</body>', PROBE), encoding='utf-8')
+    shown, logged = open_in_browser(probed, tmp_path)
+    assert 'CONSOLE' not in logged
+    found = json.loads(re.search(r'<pre id="probe">(.*?)</pre>', shown, re.DOTALL)[1])
+    assert len(found['widths']) >= figures
+    assert min(found['widths']) > 100
+    assert (found['broken'], found['requests'], found['wide']) == (0, [], False)
+    assert found['verdict']
+    assert found['verdict'] in text
+
+
+def test_the_page_on_a_run_says_first_how_it_ended(run_page) -> None:
+    text = run_page.read_text(encoding='utf-8')
+    verdict = text.index('Arrived after')
+    assert verdict < text.index('<h2>Result')
+    for heading in ('Path', 'Signals', 'Phases', 'Parameters', 'Versions'):
+        assert f'<h2>{heading}</h2>' in text
+    assert 'Gain k1 of eq. (12)' in text
+    assert 'class="changed"' in text  # the seed
+    assert 'visual_servo_epipolar' in text
+
+
+def test_the_page_on_a_bag_compares_and_shows_what_was_seen(bag_page) -> None:
+    text = bag_page.read_text(encoding='utf-8')
+    assert 'the same to the last bit' in text
+    assert 'Bag run &lt;b&gt;&amp;, ' in text  # a name is no markup
+    assert text.count('data:image/jpeg') >= 6
+    assert 'sensor_msgs/msg/PointCloud2' in text
+    assert 'Not arrived' not in text
+
+
+def test_a_bag_can_be_reported_with_other_parameters(bag, tmp_path) -> None:
+    assert (
+        main(['report', str(bag), '--tracks', '--set', 'servo.k1=0.2', '--out', str(tmp_path)])
+        == 0
+    )
+    text = (tmp_path / 'report.html').read_text(encoding='utf-8')
+    assert 'servo: 1 of ' in text
+    assert 'data:image/jpeg' not in text
+
+
+def test_two_reports_on_a_run_are_the_same(run_page, tmp_path) -> None:
+    source = run_page.parents[1] / 'run'
+    assert main(['report', str(source), '--out', str(tmp_path)]) == 0
+    assert (tmp_path / 'report.html').read_text() == run_page.read_text()
+
+
+def refused(capsys, *arguments: str) -> str:
+    try:
+        code = main(['report', *arguments])
+    except SystemExit as end:
+        code = end.code
+    shown = capsys.readouterr()
+    assert (code, shown.out, len(shown.err.splitlines())) == (2, '', 1), shown
+    return shown.err
+
+
+def test_what_is_neither_run_nor_bag_is_refused_and_leaves_nothing(tmp_path, capsys) -> None:
+    (tmp_path / 'empty').mkdir()
+    for name in ('empty', 'nowhere'):
+        said = refused(capsys, str(tmp_path / name), '--out', str(tmp_path / 'out'))
+        assert 'bag' in said
+    assert not (tmp_path / 'out').exists()
+
+
+def test_a_run_cannot_be_changed_afterwards(run_page, tmp_path, capsys) -> None:
+    source = str(run_page.parents[1] / 'run')
+    said = refused(capsys, source, '--set', 'servo.k1=0.2', '--out', str(tmp_path))
+    assert 'is a run, not a bag: --set cannot change what it did' in said
+
+
+def test_a_place_to_write_to_is_asked_for(run_page, capsys) -> None:
+    assert '--out' in refused(capsys, str(run_page.parents[1] / 'run'))

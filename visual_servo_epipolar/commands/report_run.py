@@ -1,0 +1,110 @@
+"""The report on a run: from the folder that demo or simulate left."""
+
+from collections.abc import Mapping
+import math
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from visual_servo_epipolar.commands.report_tables import (
+    parameter_section,
+    phase_table,
+    result_table,
+    version_section,
+)
+from visual_servo_epipolar.commands.run_folder import versions
+from visual_servo_epipolar.core.run_log import phase_spans, RunLog, seconds, summarise
+from visual_servo_epipolar.report import figures
+from visual_servo_epipolar.report.page import drawn, jpeg, Section, strip, Verdict, write_page
+from visual_servo_epipolar.report.run_file import load_run
+from visual_servo_epipolar.report.style import phase_label
+
+MOST_PICTURES = 12
+VIDEOS = ('video.webm', 'video.mp4', 'video.avi')
+
+
+def report_run(folder: Path, path: Path) -> None:
+    """Write the page on the run in ``folder``; raises InputError if it cannot be."""
+    found = load_run(folder)
+    log, result = found.log, summarise(found.log)
+    sections = [
+        Section('Result', result_table(result)),
+        *path_sections(log),
+        *_pictures(folder, log),
+        Section('Phases', phase_table(result)),
+        parameter_section(found.settings),
+        version_section(found.versions, versions()),
+    ]
+    write_page(path, title_of(log), verdict_of(result), sections, footer=FOOTER)
+
+
+FOOTER = (
+    'Plane of the paper: the goal lies in the origin and looks along +y; x to the right. Errors '
+    'are against ground truth, which the servo never sees.'
+)
+
+
+def title_of(log: RunLog) -> str:
+    """Return the heading of the page: where the run began, and by which law."""
+    x, y, heading = log.start
+    return f'Run from x {x:g} m, y {y:g} m, heading {heading:+g} deg, law {log.law}'
+
+
+def verdict_of(result: Mapping[str, Any]) -> Verdict:
+    """Return what is said first of a run."""
+    arrived = result['outcome'] == 'arrived'
+    text = f'{result["outcome"].capitalize()} after {result["duration_s"]:.1f} s'
+    if result['position_error_m'] is not None and math.isfinite(result['position_error_m']):
+        text += (
+            f', {1e3 * result["position_error_m"]:.1f} mm and '
+            f'{result["heading_error_deg"]:+.2f} deg from the goal'
+        )
+    return Verdict(text, arrived, '' if arrived else result['reason'])
+
+
+def path_sections(log: RunLog) -> list[Section]:
+    """Return the map and the signals of a run with ground truth."""
+    return [
+        Section('Path', drawn(figures.trajectory(log), 'The path seen from above.')),
+        Section('Signals', drawn(figures.signals(log), 'What was measured and commanded.')),
+    ]
+
+
+def chosen(log: RunLog) -> list[int]:
+    """Return the samples worth a picture: where phases begin, and evenly in between."""
+    times = seconds(log)
+    starts = [int(np.searchsorted(times, span.start_s)) for span in phase_spans(log)]
+    starts = starts[:MOST_PICTURES]
+    rest = MOST_PICTURES - len(set(starts))
+    even = np.linspace(0, len(times) - 1, rest + 2)[1:].round().astype(int).tolist()[: rest + 1]
+    return sorted({*starts, *even})[: MOST_PICTURES + 1]
+
+
+def caption_of(log: RunLog, number: int) -> str:
+    """Return time and phase of a sample."""
+    return f'{seconds(log)[number]:.1f} s, {phase_label(log.samples[number].phase.value)}'
+
+
+def _pictures(folder: Path, log: RunLog) -> list[Section]:
+    video = next((folder / name for name in VIDEOS if (folder / name).is_file()), None)
+    if video is None:
+        return []
+    capture = cv2.VideoCapture(str(video))
+    count = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+    wanted = {_frame_of(number, len(log.samples), count): number for number in chosen(log)}
+    pictures: list[tuple[bytes, str]] = []
+    for frame in range(count):
+        done, picture = capture.read()
+        if not done:
+            break
+        if frame in wanted:
+            pictures.append((jpeg(picture), caption_of(log, wanted[frame])))
+    capture.release()
+    return [Section('What was seen', strip(pictures))] if pictures else []
+
+
+def _frame_of(number: int, samples: int, frames: int) -> int:
+    """Return the frame of a video that shows a sample, whatever its stride was."""
+    return round(number * max(frames - 1, 0) / max(samples - 1, 1))

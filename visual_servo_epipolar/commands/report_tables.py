@@ -1,0 +1,117 @@
+"""The tables of a report: result, phases, parameters, versions."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import fields
+from typing import Any
+
+from visual_servo_epipolar.commands.console import WORDS
+from visual_servo_epipolar.core.servo_settings import ServoSettings
+from visual_servo_epipolar.core.settings import range_of, Settings
+from visual_servo_epipolar.core.tracker_settings import TrackerSettings
+from visual_servo_epipolar.report.page import Cell, folded, Section, table
+from visual_servo_epipolar.simulation.scenario import Scenario
+
+QUANTITIES = (  # key, words, unit, factor to that unit
+    ('position_error_m', 'distance from the goal', 'mm', 1e3),
+    ('lateral_error_m', 'lateral error', 'mm', 1e3),
+    ('longitudinal_error_m', 'longitudinal error', 'mm', 1e3),
+    ('heading_error_deg', 'heading error', 'deg', 1.0),
+    ('duration_s', 'duration', 's', 1.0),
+    ('path_length_m', 'length of the path', 'm', 1.0),
+    ('max_distance_ratio', 'largest distance, of that at the start', '', 1.0),
+    ('max_linear_speed', 'largest linear speed', 'm/s', 1.0),
+    ('max_angular_speed', 'largest angular speed', 'rad/s', 1.0),
+    ('min_visible_features', 'fewest features in view', '', 1),
+    ('attempts', 'attempts', '', 1),
+    ('seed', 'seed', '', 1),
+)
+KINDS: Mapping[str, type[Settings]] = {
+    **{item.name: item.default_factory for item in fields(Scenario)},  # type: ignore[misc]
+    'servo': ServoSettings,
+    'tracker': TrackerSettings,
+}
+
+
+def result_table(result: Mapping[str, Any]) -> str:
+    """Return the figures of a run with their units."""
+    rows: list[Sequence[Cell]] = []
+    for key, words, unit, factor in QUANTITIES:
+        value = result.get(key)
+        rows.append([words, cell(value, factor), unit])
+    return table(['quantity', 'value', 'unit'], rows)
+
+
+def cell(value: Any, factor: float) -> str:
+    """Return a number in its unit, or a dash for what is not known."""
+    if value is None:
+        return '\N{EN DASH}'
+    return f'{value * factor:.4g}' if isinstance(value, float) else str(value)
+
+
+def phase_table(result: Mapping[str, Any]) -> str:
+    """Return the phases of a run one after the other."""
+    return table(
+        ['from [s]', 'to [s]', 'phase', 'what it does'],
+        [
+            [f'{item["start_s"]:.2f}', f'{item["end_s"]:.2f}', item['name'], WORDS[item['name']]]
+            for item in result['phases']
+        ],
+    )
+
+
+def parameter_section(settings: Mapping[str, Mapping[str, Any]]) -> Section:
+    """Return the settings part by part; those that are not the default stand out."""
+    parts = [
+        folded(_title(part, values), _parameters(part, values))
+        for part, values in settings.items()
+    ]
+    return Section('Parameters', '\n'.join(parts) or '<p>none were recorded</p>')
+
+
+def _title(part: str, values: Mapping[str, Any]) -> str:
+    changed = sum(_is_changed(part, name, value) for name, value in values.items())
+    return f'{part}: {changed} of {len(values)} other than the default'
+
+
+def _parameters(part: str, values: Mapping[str, Any]) -> str:
+    texts = (
+        {item.name: range_of(item).text for item in fields(KINDS[part])} if part in KINDS else {}
+    )
+    return table(
+        ['name', 'value', 'default', 'meaning [unit]'],
+        [
+            [name, _shown(value), _shown(_default(part, name)), texts.get(name, '')]
+            for name, value in values.items()
+        ],
+        changed=[_is_changed(part, name, value) for name, value in values.items()],
+    )
+
+
+def _default(part: str, name: str) -> Any:
+    if part not in KINDS:
+        return None
+    return next((item.default for item in fields(KINDS[part]) if item.name == name), None)
+
+
+def _is_changed(part: str, name: str, value: Any) -> bool:
+    default = _default(part, name)
+    return default is not None and _shown(value) != _shown(default)
+
+
+def _shown(value: Any) -> str:
+    if value is None:
+        return '\N{EN DASH}'
+    if isinstance(value, (list, tuple)):
+        return '[' + ', '.join(_shown(item) for item in value) + ']'
+    if isinstance(value, float):
+        return repr(value)
+    return str(value)
+
+
+def version_section(ran_with: Mapping[str, str], made_with: Mapping[str, str]) -> Section:
+    """Return the versions that the run had, and those of this report."""
+    rows: list[Sequence[Cell]] = [
+        [name, ran_with.get(name, '\N{EN DASH}'), made_with.get(name, '\N{EN DASH}')]
+        for name in dict.fromkeys([*ran_with, *made_with])
+    ]
+    return Section('Versions', table(['of', 'when it ran', 'of this report'], rows))

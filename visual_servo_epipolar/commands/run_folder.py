@@ -1,0 +1,42 @@
+"""What a run leaves in its folder: result.json, run.json with every sample, and figures."""
+
+from collections.abc import Mapping
+from dataclasses import asdict, fields
+from importlib import metadata
+from pathlib import Path
+import platform
+from typing import Any
+
+from visual_servo_epipolar import __version__
+from visual_servo_epipolar.commands.arguments import write_json
+from visual_servo_epipolar.core.run_log import RunLog, summarise
+from visual_servo_epipolar.report.run_file import RunFile, save_run
+from visual_servo_epipolar.simulation.scenario import Scenario
+
+LIBRARIES = ('numpy', 'opencv-python-headless', 'opencv-python', 'matplotlib', 'rclpy', 'rosbags')
+
+
+def write_run(log: RunLog, scenario: Scenario, folder: Path) -> None:
+    """Write what is known of a run into ``folder``, which must be there."""
+    from visual_servo_epipolar.report import figures
+
+    write_json(summarise(log), str(folder / 'result.json'))
+    save_run(RunFile(log, settings_of(scenario), versions()), folder)
+    figures.save(figures.trajectory(log), folder / 'trajectory.png')
+    figures.save(figures.signals(log), folder / 'signals.png')
+
+
+def settings_of(scenario: Scenario) -> Mapping[str, Mapping[str, Any]]:
+    """Return the settings of each part of a scenario."""
+    return {item.name: asdict(getattr(scenario, item.name)) for item in fields(scenario)}
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of this package, of Python, and of the libraries that matter."""
+    found = {'visual_servo_epipolar': __version__, 'Python': platform.python_version()}
+    for name in LIBRARIES:
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            continue
+    return found

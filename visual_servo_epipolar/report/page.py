@@ -1,0 +1,138 @@
+"""One HTML page that needs nothing but itself: figures, tables and pictures are inside."""
+
+import base64
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+import io
+from pathlib import Path
+from string import Template
+
+import cv2
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+
+from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.report.style import FIGURE_SETTINGS
+
+FILE = 'report.html'
+PICTURE_WIDTH = 640  # [px]
+QUALITY = 80  # of a JPEG
+Cell = str | float | int | None
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What is said first: a line, whether it is good news, and a few words more."""
+
+    text: str
+    good: bool
+    more: str = ''
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """A heading, and the HTML below it."""
+
+    title: str
+    body: str
+
+
+def write_page(
+    path: Path, title: str, verdict: Verdict, sections: Sequence[Section], *, footer: str = ''
+) -> Path:
+    """Write the page, by rename, and return its path; raises InputError if it cannot be."""
+    template = Template(Path(__file__).with_name('page.html').read_text(encoding='utf-8'))
+    tone = 'good' if verdict.good else 'bad'
+    text = template.substitute(
+        title=escape(title),
+        verdict=f'<p class="verdict {tone}">{escape(verdict.text)}</p>'
+        + (f'<p class="lead">{escape(verdict.more)}</p>' if verdict.more else ''),
+        body='\n'.join(f'<h2>{escape(item.title)}</h2>\n{item.body}' for item in sections),
+        footer=escape(footer),
+    )
+    partial = path.with_name(path.name + '.partial')
+    try:
+        partial.write_text(text, encoding='utf-8')
+        partial.replace(path)
+    except OSError as error:
+        raise InputError(f'{path}: report cannot be written: {error.strerror}') from None
+    finally:
+        partial.unlink(missing_ok=True)
+    return path
+
+
+def drawn(figure: Figure, caption: str) -> str:
+    """Return a matplotlib figure as HTML: vectors, so that it stays sharp."""
+    buffer = io.BytesIO()
+    with rc_context({**FIGURE_SETTINGS, 'svg.hashsalt': 'visual_servo'}):  # twice the same
+        figure.savefig(buffer, format='svg', metadata={'Date': None})
+    return _figure('image/svg+xml', buffer.getvalue(), caption)
+
+
+def strip(pictures: Sequence[tuple[bytes, str]]) -> str:
+    """Return JPEGs with their captions, side by side."""
+    shown = [_figure('image/jpeg', data, caption) for data, caption in pictures]
+    return '<div class="strip">' + '\n'.join(shown) + '</div>'
+
+
+def jpeg(picture: Image) -> bytes:
+    """Return ``picture`` as JPEG, no wider than it is shown."""
+    scale = PICTURE_WIDTH / picture.shape[1]
+    if scale < 1.0:
+        picture = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+    done, encoded = cv2.imencode('.jpg', picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+    if not done:
+        raise ValueError(f'picture of shape {picture.shape} cannot be encoded as JPEG')
+    return bytes(encoded)
+
+
+def table(
+    head: Sequence[str], rows: Sequence[Sequence[Cell]], *, changed: Sequence[bool] = ()
+) -> str:
+    """Return a table; numbers stand to the right, ``changed`` rows in bold."""
+    marks = changed or [False] * len(rows)
+    numeric = [bool(rows) and isinstance(rows[0][k], (int, float)) for k in range(len(head))]
+    lines = [
+        '<tr>'
+        + ''.join(
+            f'<th{_right(right)}>{escape(name)}</th>'
+            for name, right in zip(head, numeric, strict=True)
+        )
+        + '</tr>'
+    ]
+    for row, mark in zip(rows, marks, strict=True):
+        cells = ''.join(
+            f'<td{_right(right)}>{escape(cell_text(cell))}</td>'
+            for cell, right in zip(row, numeric, strict=True)
+        )
+        lines.append(f'<tr class="changed">{cells}</tr>' if mark else f'<tr>{cells}</tr>')
+    return '<table>\n' + '\n'.join(lines) + '\n</table>'
+
+
+def folded(title: str, body: str) -> str:
+    """Return ``body`` behind a line that unfolds it."""
+    return f'<details><summary>{escape(title)}</summary>\n{body}\n</details>'
+
+
+def paragraph(text: str) -> str:
+    """Return ``text`` as a paragraph."""
+    return f'<p>{escape(text)}</p>'
+
+
+def cell_text(value: Cell) -> str:
+    """Return what stands in a cell."""
+    if value is None:
+        return '\N{EN DASH}'
+    return f'{value:.6g}' if isinstance(value, float) else str(value)
+
+
+def _right(right: bool) -> str:
+    return ' class="number"' if right else ''
+
+
+def _figure(kind: str, data: bytes, caption: str) -> str:
+    source = f'data:{kind};base64,{base64.b64encode(data).decode("ascii")}'
+    text = escape(caption)
+    return f'<figure><img src="{source}" alt="{text}"><figcaption>{text}</figcaption></figure>'

@@ -1,0 +1,32 @@
+"""The camera picture with what the servo made of it: features, epipole, epipolar lines."""
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray, Image
+from visual_servo_epipolar.core.camera import Camera
+from visual_servo_epipolar.core.epipolar import Bearings, fundamental_from_bearings, in_pixels
+from visual_servo_epipolar.core.features import Features
+from visual_servo_epipolar.core.motion import HALF_PI, wrap_angle
+from visual_servo_epipolar.core.run_log import Sample
+from visual_servo_epipolar.report.overlay import draw_overlay
+
+
+def picture(image: Image, features: Features, sample: Sample, camera: Camera) -> Image:
+    """Return ``image``, grey of shape (H, W), with features, epipole and lines as seen."""
+    seen = bool(np.isfinite(sample.bearing_current))
+    return draw_overlay(
+        image,
+        features.current,
+        features.desired,
+        phase=sample.phase.value,
+        epipole_current=camera.cx + sample.epipole_current if seen else None,
+        horizon=camera.cy,
+        fundamental=fundamental(sample, camera) if seen else None,
+    )
+
+
+def fundamental(sample: Sample, camera: Camera) -> FloatArray:
+    """Return F in pixels, shape (3, 3), of an upright camera with the bearings of ``sample``."""
+    psi = HALF_PI - sample.bearing_desired
+    phi = wrap_angle(np.pi - sample.bearing_current)
+    return in_pixels(fundamental_from_bearings(Bearings(psi, phi)), camera.matrix, camera.matrix)
