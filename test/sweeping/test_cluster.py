@@ -26,6 +26,7 @@ distributed = pytest.importorskip('distributed')
 
 ROOT = Path(__file__).parents[2]
 START_SEC = 30.0
+MANY = 4000  # runs, never to end before something happens to them
 HIDDEN = "import sys; sys.modules['visual_servo_epipolar'] = None"
 OTHER = (
     'from visual_servo_epipolar.sweeping import provenance; provenance.digest = lambda: "other"'
@@ -150,15 +151,15 @@ def test_a_sweep_outlives_a_worker_but_not_the_last_one(
             real.stop(crew.pop())
 
     with pytest.raises(VisualServoError, match='has no workers any more; what had ended is kept'):
-        swept_on(real.address, tmp_path / 'out', 200, watch)
-    with Store(tmp_path / 'out', plan_of(200)) as store:
+        swept_on(real.address, tmp_path / 'out', MANY, watch)
+    with Store(tmp_path / 'out', plan_of(MANY)) as store:
         assert len(seen) >= 5 and len(store.results) == sum(seen)
 
 
 def test_a_scheduler_that_dies_is_said(tmp_path: Path, real: Cluster) -> None:
     real.worker()
     with pytest.raises(VisualServoError, match='the cluster at .* was lost'):
-        swept_on(real.address, tmp_path / 'out', 200, lambda _: real.scheduler.kill())
+        swept_on(real.address, tmp_path / 'out', MANY, lambda _: real.scheduler.kill())
 
 
 @pytest.mark.parametrize('address', ['nonsense', 'http://127.0.0.1:80', 'tcp://127.0.0.1:1', ''])
