@@ -13,14 +13,13 @@ from visual_servo_epipolar.core.epipolar import Bearings
 from visual_servo_epipolar.core.estimators.base import Attitude, Estimate, UNKNOWN_COVARIANCE
 from visual_servo_epipolar.core.servo_settings import ServoSettings
 from visual_servo_epipolar.core.trust import (
-    deviation,
     doubt,
+    evidence,
     fresh_memory,
     KNOWN_DEVIATION,
     leap,
     Memory,
     remembered,
-    spreads,
     STRIKES,
 )
 
@@ -40,8 +39,7 @@ GOOD = Estimate(
 
 def reason(memory: Memory = FRESH, rays: np.ndarray = RAYS, **changes: object) -> str:
     estimate = replace(GOOD, **changes)  # type: ignore[arg-type]
-    spread = float(spreads(rays[None], estimate.inliers[None])[0])
-    return doubt(estimate, spread, memory, SETTINGS)
+    return doubt(estimate, evidence([estimate], rays[None], rays[None])[0], memory, SETTINGS)
 
 
 def some(count: int) -> np.ndarray:
@@ -76,7 +74,8 @@ def test_nine_of_thirty_that_agree_are_enough() -> None:
 
 def test_an_estimator_without_covariance_is_not_doubted_for_it() -> None:
     assert reason(covariance=UNKNOWN_COVARIANCE) == ''
-    assert math.isnan(deviation(replace(GOOD, covariance=UNKNOWN_COVARIANCE)))
+    blind = replace(GOOD, covariance=UNKNOWN_COVARIANCE)
+    assert math.isnan(evidence([blind], RAYS[None], RAYS[None])[0].deviation)
 
 
 def test_a_rival_is_no_doubt_where_the_last_bearings_decide() -> None:

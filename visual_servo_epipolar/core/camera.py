@@ -84,9 +84,7 @@ class Camera:
                 points.reshape(-1, 1, 2), self.matrix, np.array(self.distortion), criteria=criteria
             )
             return np.asarray(undistorted, dtype=np.float64).reshape(-1, 2)
-        return np.stack(
-            [(points[:, 0] - self.cx) / self.fx, (points[:, 1] - self.cy) / self.fy], axis=1
-        )
+        return np.asarray((points - [self.cx, self.cy]) / [self.fx, self.fy])
 
     def pixels(self, rays: FloatArray) -> FloatArray:
         """Project ``rays`` (x/z, y/z), shape (N, 2), to pixels, shape (N, 2), with distortion."""

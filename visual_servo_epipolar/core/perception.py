@@ -7,12 +7,11 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray, frozen, median_of_sorted
+from visual_servo_epipolar.core.arrays import FloatArray, median_of_sorted
 from visual_servo_epipolar.core.camera import Camera
 from visual_servo_epipolar.core.epipolar import (
     Bearings,
     rotations_desired_current,
-    sampson_distance,
 )
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior, UNKNOWN_COVARIANCE
 from visual_servo_epipolar.core.estimators.by_name import estimates
@@ -29,15 +28,15 @@ from visual_servo_epipolar.core.measures import (
 from visual_servo_epipolar.core.motion import HALF_PI
 from visual_servo_epipolar.core.servo_settings import ServoSettings
 from visual_servo_epipolar.core.trust import (
-    deviation,
     doubt,
+    Evidence,
+    evidence,
     fresh_memory,
     Memory,
     remembered,
-    spreads,
 )
 
-STACK = 32  # views that are perceived at once: more would not stay in the cache
+STACK = 64  # views that are perceived at once: more would not stay in the cache
 NOISE_ADAPTION = 0.1
 NOISE_RANGE = (0.2, 5.0)  # of the noise that the settings give to begin with
 
@@ -60,13 +59,23 @@ class Observation:
 
 def observe(features: Features, camera: Camera, stamp_ns: int) -> Observation:
     """Back-project tracked features to rays, with the distortion of the camera removed."""
-    return Observation(
-        stamp_ns,
-        frozen(camera.rays(features.current)),
-        frozen(camera.rays(features.desired)),
-        math.sqrt(camera.fx * camera.fy),
-        camera.edges,
-    )
+    return observe_each([features], camera, [stamp_ns])[0]
+
+
+def observe_each(
+    features: Sequence[Features], camera: Camera, stamps_ns: Sequence[int]
+) -> list[Observation]:
+    """Do the same for many views through alike cameras."""
+    both = [pixels for each in features for pixels in (each.current, each.desired)]
+    rays = camera.rays(np.concatenate(both)) if both else np.empty((0, 2))
+    rays.flags.writeable = False
+    focal, first, made = math.sqrt(camera.fx * camera.fy), 0, []
+    for each, stamp_ns in zip(features, stamps_ns, strict=True):
+        middle, last = first + len(each), first + 2 * len(each)
+        views = rays[first:middle], rays[middle:last]
+        made.append(Observation(stamp_ns, *views, focal, camera.edges))
+        first = last
+    return made
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -214,6 +223,7 @@ class _Verdict(NamedTuple):
     memory: Memory
     reason: str
     estimate: Estimate | None = None
+    shown: Evidence | None = None
 
     @property
     def bearings(self) -> Bearings | None:
@@ -313,46 +323,36 @@ def _judged(stack: _Stack, memories: Sequence[Memory]) -> list[_Verdict]:
         seeds=[(glimpse.settings.seed, glimpse.frame) for glimpse in glimpses],
     )
     seen = {k: answer for k, answer in enumerate(answers) if isinstance(answer, Estimate)}
-    evidence = iter(_evidence(stack.take(list(seen)), list(seen.values())) if seen else [])
+    shown: dict[int, Evidence] = {}
+    if seen:
+        some = stack.take(list(seen))
+        found = evidence(list(seen.values()), some.current, some.desired)
+        shown = dict(zip(seen, found, strict=True))
+    parallax = stack.rotations.parallax.tolist()
     return [
-        _verdict(glimpse, memory, answer, next(evidence))
+        _verdict(glimpse, memory, answer, shown[k], parallax[k])
         if isinstance(answer, Estimate)
         else _Verdict(memory, str(answer))
-        for glimpse, memory, answer in zip(glimpses, memories, answers, strict=True)
+        for k, (glimpse, memory, answer) in enumerate(
+            zip(glimpses, memories, answers, strict=True)
+        )
     ]
 
 
-class _Evidence(NamedTuple):
-    """What speaks for an estimate: spread of its inliers, median residual, parallax [rad]."""
-
-    spread: float
-    residual: float
-    parallax: float
-
-
-def _evidence(stack: _Stack, estimates: Sequence[Estimate]) -> list[_Evidence]:
-    inliers = np.array([estimate.inliers for estimate in estimates])
-    fundamental = np.array([estimate.fundamental for estimate in estimates])
-    residual = np.abs(sampson_distance(fundamental, stack.current, stack.desired))
-    median = median_of_sorted(np.sort(residual, axis=1))
-    rows = np.array([spreads(stack.desired, inliers), median, stack.rotations.parallax])
-    return [_Evidence(*row) for row in rows.T.tolist()]
-
-
 def _verdict(
-    glimpse: Glimpse, memory: Memory, estimate: Estimate, evidence: _Evidence
+    glimpse: Glimpse, memory: Memory, estimate: Estimate, shown: Evidence, parallax: float
 ) -> _Verdict:
     """Return whether ``estimate`` is believed, and what is remembered of it."""
     observation, settings = glimpse.observation, glimpse.settings
-    reason = doubt(estimate, evidence.spread, memory, settings)
+    reason = doubt(estimate, shown, memory, settings)
     after = remembered(
         memory,
         estimate,
         reason,
-        noise=_noise(evidence.residual, observation, memory.noise, settings.pixel_noise),
-        parallax=evidence.parallax * observation.focal,
+        noise=_noise(shown.residual, observation, memory.noise, settings.pixel_noise),
+        parallax=parallax * observation.focal,
     )
-    return _Verdict(after, reason, estimate)
+    return _Verdict(after, reason, estimate, shown)
 
 
 def _differences(stack: _Stack, headings: FloatArray) -> FloatArray:
@@ -368,18 +368,18 @@ def _differences(stack: _Stack, headings: FloatArray) -> FloatArray:
 
 
 def _sight(glimpse: Glimpse, verdict: _Verdict, measured: _Measured) -> Sight:
-    observation, estimate = glimpse.observation, verdict.estimate
+    observation, estimate, shown = glimpse.observation, verdict.estimate, verdict.shown
     return Sight(
         observation.stamp_ns,
         len(observation.current),
         observation.focal,
         verdict.memory,
         bearings=verdict.bearings,
-        deviation=math.nan if estimate is None else deviation(estimate),
+        deviation=math.nan if shown is None else shown.deviation,
         covariance=UNKNOWN_COVARIANCE if estimate is None else estimate.covariance,
         jump=0.0 if estimate is None else estimate.jump,
         confidence=0.0 if estimate is None else estimate.confidence,
-        inliers=0 if estimate is None else int(np.count_nonzero(estimate.inliers)),
+        inliers=0 if shown is None else shown.inliers,
         parallax=measured.parallax,
         heading_error=measured.heading_error,
         difference=measured.difference,

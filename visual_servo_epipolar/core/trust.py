@@ -1,12 +1,14 @@
 """When an estimate is worth nothing: the reasons not to act on it."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 import math
+from typing import NamedTuple
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
-from visual_servo_epipolar.core.epipolar import Bearings
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, median_of_sorted
+from visual_servo_epipolar.core.epipolar import Bearings, sampson_distance
 from visual_servo_epipolar.core.estimators.base import Attitude, Estimate
 from visual_servo_epipolar.core.servo_settings import ServoSettings
 
@@ -45,10 +47,38 @@ def leap(bearings: Bearings, before: Bearings) -> float:
     return max(psi, abs(math.remainder(bearings.phi - before.phi, 2.0 * math.pi)))
 
 
-def deviation(estimate: Estimate) -> float:
-    """Return the larger standard deviation of psi and phi [rad], nan if there is none."""
-    variance = max(float(estimate.covariance[0, 0]), float(estimate.covariance[1, 1]))
-    return math.sqrt(max(variance, 0.0))
+class Evidence(NamedTuple):
+    """
+    What speaks for an estimate.
+
+    Number of ``inliers``, their ``spread`` [rad], the larger ``deviation`` of psi and phi [rad],
+    nan if there is none, and the median ``residual`` of all matches as rays.
+    """
+
+    inliers: int
+    spread: float
+    deviation: float
+    residual: float
+
+
+def evidence(
+    estimates: Sequence[Estimate], current: FloatArray, desired: FloatArray
+) -> list[Evidence]:
+    """Return what speaks for ``estimates`` from as many pairs of views, rays of (B, N, 2)."""
+    inliers = np.array([estimate.inliers for estimate in estimates])
+    fundamental = np.array([estimate.fundamental for estimate in estimates])
+    covariance = np.array([estimate.covariance for estimate in estimates])
+    variance = np.maximum(covariance[:, 0, 0], covariance[:, 1, 1])
+    residual = np.sort(np.abs(sampson_distance(fundamental, current, desired)), axis=1)
+    return list(
+        map(
+            Evidence,
+            np.count_nonzero(inliers, axis=1).tolist(),
+            spreads(desired, inliers).tolist(),
+            np.sqrt(np.maximum(variance, 0.0)).tolist(),
+            median_of_sorted(residual).tolist(),
+        )
+    )
 
 
 def spreads(rays: FloatArray, inliers: BoolArray) -> FloatArray:
@@ -66,13 +96,9 @@ def spreads(rays: FloatArray, inliers: BoolArray) -> FloatArray:
     return np.asarray((np.maximum(determinant, 0.0) / (count - 1.0) ** 2) ** 0.25)
 
 
-def doubt(estimate: Estimate, spread: float, memory: Memory, settings: ServoSettings) -> str:
-    """
-    Return why ``estimate`` is not to be trusted, in words; empty if it is.
-
-    ``spread`` [rad] is that of its inliers.
-    """
-    inliers, count = int(np.count_nonzero(estimate.inliers)), len(estimate.inliers)
+def doubt(estimate: Estimate, shown: Evidence, memory: Memory, settings: ServoSettings) -> str:
+    """Return why ``estimate`` is not to be trusted, in words; empty if it is."""
+    inliers, count, spread = shown.inliers, len(estimate.inliers), shown.spread
     if inliers < max(MIN_INLIERS, MIN_INLIER_SHARE * count):
         return f'only {inliers} of {count} matches agree on one geometry'
     if spread < settings.min_spread:
@@ -81,7 +107,7 @@ def doubt(estimate: Estimate, spread: float, memory: Memory, settings: ServoSett
         return f'the cheirality vote is undecided ({estimate.confidence:.3f})'
     if estimate.jump > MAX_JUMP * settings.floor_jitter:
         return f'the camera tilted by {math.degrees(estimate.jump):.1f} deg between the views'
-    uncertain = deviation(estimate)
+    uncertain = shown.deviation
     if uncertain > settings.max_deviation:
         return f'the bearings are uncertain by {math.degrees(uncertain):.1f} deg'
     if memory.bearings is None:

@@ -7,7 +7,13 @@ from typing import Protocol
 from visual_servo_epipolar.core.camera import Camera
 from visual_servo_epipolar.core.features import Features
 from visual_servo_epipolar.core.motion import Pose, quaternion_from_yaw, yaw_from_quaternion
-from visual_servo_epipolar.core.perception import Glimpse, observe, perceive_each, Sight
+from visual_servo_epipolar.core.perception import (
+    Glimpse,
+    Observation,
+    observe_each,
+    perceive_each,
+    Sight,
+)
 from visual_servo_epipolar.core.phases import ENDED, Phase
 from visual_servo_epipolar.core.run_log import RunLog, Sample
 from visual_servo_epipolar.core.servo import advance
@@ -15,7 +21,9 @@ from visual_servo_epipolar.core.servo_settings import ServoSettings
 from visual_servo_epipolar.core.servo_state import ServoState
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.telemetry import sample, telemetry
+from visual_servo_epipolar.simulation import point_world
 from visual_servo_epipolar.simulation.pioneer import BaseSettings, Pioneer
+from visual_servo_epipolar.simulation.point_world import PointWorld
 
 SETTLE_FRAMES = 6  # the base may still be braking when the servo says that it has arrived
 
@@ -99,30 +107,60 @@ class Loop:
     """One closed loop, step by step: what it sees is perceived outside, alone or beside others."""
 
     def __init__(self, settings: LoopSettings, view: View, camera: Camera) -> None:
-        self.settings = settings
+        self.view, self.camera = view, camera
         self.referee = Referee(settings)
-        self._view, self._camera = view, camera
+        self._servo = settings.servo
         self._base = Pioneer(settings.base, Pose.from_start(*settings.start), seed=settings.seed)
         self._state, self._period_ns = ServoState(), period_ns(settings.frame_rate)
-        self._pose = self._base.pose
+        self.pose = published(self._base.pose)
 
-    def look(self) -> Glimpse:
-        """Return what is seen from where the robot is now."""
-        self._pose = published(self._base.pose)
-        features = self._view.observe(self._pose, len(self.referee.samples))
-        observation = observe(features, self._camera, self._base.now_ns)
-        return Glimpse.after(
-            self._state.sight, observation, self.settings.servo, self._state.frame
-        )
+    @property
+    def frame(self) -> int:
+        """Number of the frame that comes next: 0, 1, ..."""
+        return len(self.referee.samples)
+
+    @property
+    def now_ns(self) -> int:
+        """Time of the next frame."""
+        return self._base.now_ns
+
+    def glimpse(self, observation: Observation) -> Glimpse:
+        """Return what is to be perceived."""
+        return Glimpse.after(self._state.sight, observation, self._servo, self._state.frame)
 
     def act(self, sight: Sight) -> Sample:
         """Take in what was perceived, and drive for one period."""
-        state = self._state = advance(self._state, sight, self.settings.servo)
-        taken = sample(self._base.now_ns, self._pose, state.phase, telemetry(state))
+        state = self._state = advance(self._state, sight, self._servo)
+        taken = sample(self._base.now_ns, self.pose, state.phase, telemetry(state))
         self.referee.add(taken, reason=state.reason, attempts=state.attempts)
         self._base.command(state.twist)
         self._base.advance(self._base.now_ns + self._period_ns)
+        self.pose = published(self._base.pose)
         return taken
+
+
+def look(loops: Sequence[Loop]) -> list[Glimpse]:
+    """Return what each loop sees from where its robot is now, those with one camera at once."""
+    found: list[Glimpse | None] = [None] * len(loops)
+    alike: dict[Camera, list[int]] = {}
+    for k, loop in enumerate(loops):
+        alike.setdefault(loop.camera, []).append(k)
+    for camera, places in alike.items():
+        some = [loops[k] for k in places]
+        observations = observe_each(_features(some), camera, [loop.now_ns for loop in some])
+        for k, observation in zip(places, observations, strict=True):
+            found[k] = loops[k].glimpse(observation)
+    return [glimpse for glimpse in found if glimpse is not None]
+
+
+def _features(loops: Sequence[Loop]) -> list[Features]:
+    """Return the features in each view; clouds of points are projected together."""
+    worlds = [loop.view for loop in loops if isinstance(loop.view, PointWorld)]
+    if len(worlds) < len(loops):
+        return [loop.view.observe(loop.pose, loop.frame) for loop in loops]
+    return point_world.observe_each(
+        worlds, [loop.pose for loop in loops], [loop.frame for loop in loops]
+    )
 
 
 def run(
@@ -140,7 +178,7 @@ def run(
     """
     loop = Loop(settings, view, camera)
     while not loop.referee.done:
-        taken = loop.act(perceive_each([loop.look()])[0])
+        taken = loop.act(perceive_each(look([loop]))[0])
         if watch is not None:
             watch(taken)
     return loop.referee.log()
@@ -155,7 +193,7 @@ def run_many(runs: Sequence[tuple[LoopSettings, View, Camera]]) -> list[RunLog]:
     loops = [Loop(*each) for each in runs]
     going = [loop for loop in loops if not loop.referee.done]
     while going:
-        sights = perceive_each([loop.look() for loop in going])
+        sights = perceive_each(look(going))
         for loop, sight in zip(going, sights, strict=True):
             loop.act(sight)
         going = [loop for loop in going if not loop.referee.done]

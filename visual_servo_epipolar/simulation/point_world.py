@@ -1,5 +1,6 @@
 """Point features without images: a seeded cloud seen by a noisy camera, for fast closed loops."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,19 +63,22 @@ class PointWorld:
         self.mount = CameraMount() if mount is None else mount
         self._disturbances = disturbances
         # Such a lens may show, folded back into the image, what it cannot see.
-        self._wide = camera.distorts or 0.5 * max(camera.width, camera.height) > camera.fx
+        self.wide = camera.distorts or 0.5 * max(camera.width, camera.height) > camera.fx
         rng = np.random.default_rng((seed, 2))
         pixels = rng.random((settings.candidates, 2)) * [camera.width - 1, camera.height - 1]
         depth = settings.near + (settings.far - settings.near) * rng.random(settings.candidates)
         solid = np.column_stack([camera.rays(pixels) * depth[:, None], depth])
-        axes, centre = self._stance(DESIRED_POSE, DESIRED_FRAME)
+        axes, centre = self.stance(DESIRED_POSE, DESIRED_FRAME)
         self.points: FloatArray = solid @ axes.T + centre  # in the world
         self._desired = pixels + settings.noise * rng.standard_normal(pixels.shape)
         self._block, self._noises = -1, np.empty((0, *pixels.shape))
 
     def observe(self, pose: Pose, frame: int) -> Features:
         """Return the features in view from ``pose``; ``frame``, 0, 1, ..., fixes their noise."""
-        pixels, visible = self.project(pose, frame)
+        return observe_each([self], [pose], [frame])[0]
+
+    def tracked(self, pixels: FloatArray, visible: BoolArray, frame: int) -> Features:
+        """Return what a tracker makes of true ``pixels``, (N, 2), where ``visible``, (N,)."""
         taken_for = self.taken_for(frame)
         if taken_for is not None:
             pixels, visible = pixels[taken_for], visible[taken_for]
@@ -91,16 +95,8 @@ class PointWorld:
 
     def project(self, pose: Pose, frame: int = DESIRED_FRAME) -> tuple[FloatArray, BoolArray]:
         """Return the true pixels, shape (N, 2), and which of them are in view, shape (N,)."""
-        axes, centre = self._stance(pose, frame)
-        seen = (self.points - centre) @ axes
-        depth = seen[:, 2]
-        rays = seen[:, :2] / np.maximum(depth, MIN_DEPTH_M)[:, None]
-        rays = np.clip(rays, -MAX_RAY, MAX_RAY)
-        pixels = self.camera.pixels(rays)
-        visible = (depth > MIN_DEPTH_M) & self.camera.contains(pixels)
-        if self._wide:
-            visible &= (np.abs(rays) < MAX_RAY).all(axis=1)
-        return pixels, visible
+        pixels, visible = project_each([self], [pose], [frame])
+        return pixels[0], visible[0]
 
     def taken_for(self, frame: int) -> IntArray | None:
         """Return which point each feature is taken for, shape (N,); None: each for itself."""
@@ -120,7 +116,47 @@ class PointWorld:
             self._block, self._noises = block, self.settings.noise * rng.standard_normal(shape)
         return np.asarray(self._noises[number])
 
-    def _stance(self, pose: Pose, frame: int) -> tuple[FloatArray, FloatArray]:
+    def stance(self, pose: Pose, frame: int) -> tuple[FloatArray, FloatArray]:
         """Return the axes of the camera as columns, and its centre."""
         tilt, roll = floor_jitter(self.jitter, self._seed, frame)
         return self.mount.R_world_camera(pose, tilt=tilt, roll=roll), self.mount.centre(pose)
+
+
+def observe_each(
+    worlds: Sequence[PointWorld], poses: Sequence[Pose], frames: Sequence[int]
+) -> list[Features]:
+    """Return what each world shows from its pose in its frame, alike worlds at once."""
+    found: list[Features | None] = [None] * len(worlds)
+    alike: dict[tuple[Camera, int], list[int]] = {}
+    for k, world in enumerate(worlds):
+        alike.setdefault((world.camera, len(world.points)), []).append(k)
+    for places in alike.values():
+        some = [worlds[k] for k in places]
+        pixels, visible = project_each(
+            some, [poses[k] for k in places], [frames[k] for k in places]
+        )
+        for row, k in enumerate(places):
+            found[k] = worlds[k].tracked(pixels[row], visible[row], frames[k])
+    return [features for features in found if features is not None]
+
+
+def project_each(
+    worlds: Sequence[PointWorld], poses: Sequence[Pose], frames: Sequence[int]
+) -> tuple[FloatArray, BoolArray]:
+    """
+    Return the true pixels, shape (B, N, 2), and which of them are in view, shape (B, N).
+
+    The worlds have equally many points and the same camera.
+    """
+    stances = [w.stance(pose, k) for w, pose, k in zip(worlds, poses, frames, strict=True)]
+    axes = np.array([axes for axes, _ in stances])
+    centres = np.array([centre for _, centre in stances])
+    seen = (np.array([world.points for world in worlds]) - centres[:, None]) @ axes
+    depth, camera = seen[..., 2], worlds[0].camera
+    rays = seen[..., :2] / np.maximum(depth, MIN_DEPTH_M)[..., None]
+    rays = np.minimum(np.maximum(rays, -MAX_RAY), MAX_RAY).reshape(-1, 2)
+    pixels = camera.pixels(rays)
+    visible = camera.contains(pixels)
+    if worlds[0].wide:
+        visible &= (np.abs(rays) < MAX_RAY).all(axis=1)
+    return pixels.reshape(*depth.shape, 2), visible.reshape(depth.shape) & (depth > MIN_DEPTH_M)

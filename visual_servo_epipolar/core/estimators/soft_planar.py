@@ -200,7 +200,8 @@ def _conclude(
     balance = balances(numbers[:, :2], rays.u_a, rays.u_d, agree, views.noise)
     both = cameras(numbers[:, 2::2], numbers[:, 3::2])
     fundamental = both[:, 0].swapaxes(1, 2) @ fundamentals(numbers[:, :2], balance) @ both[:, 1]
-    rows = zip(found.tolist(), balance.tolist(), views.priors, rivals, strict=True)
+    deviations = np.sqrt(covariance[:, [TILT, ROLL], [TILT, ROLL]]).tolist()
+    rows = zip(found.tolist(), balance.tolist(), deviations, views.priors, rivals, strict=True)
     return [
         Estimate(
             oriented(row[PSI], row[PHI], vote),
@@ -208,13 +209,13 @@ def _conclude(
             agree[k],
             abs(vote),
             covariance[k, :2, :2],
-            attitude=_attitude(row, covariance[k], prior),
+            attitude=Attitude(row[TILT], row[ROLL], known[0], known[1], prior.attitude.jitter),
             rival=rival,
             jump=math.hypot(row[TILT_JUMP], row[ROLL_JUMP]),
         )
         if determined[k]
         else undetermined()
-        for k, (row, vote, prior, rival) in enumerate(rows)
+        for k, (row, vote, known, prior, rival) in enumerate(rows)
     ]
 
 
@@ -224,16 +225,6 @@ def _levelled(rays: Rays, found: FloatArray) -> Rays:
     tilt_now, roll_now = tilt + found[:, TILT_JUMP, None], roll + found[:, ROLL_JUMP, None]
     u_a, v_a = level(rays.u_a, rays.v_a, tilt_now, roll_now)
     return Rays(u_a, v_a, *level(rays.u_d, rays.v_d, tilt, roll))
-
-
-def _attitude(row: list[float], covariance: FloatArray, prior: Prior) -> Attitude:
-    return Attitude(
-        row[TILT],
-        row[ROLL],
-        math.sqrt(covariance[TILT, TILT]),
-        math.sqrt(covariance[ROLL, ROLL]),
-        prior.attitude.jitter,
-    )
 
 
 METHOD = Method(MIN_MATCHES, _keep, _follow, _search, _conclude)
