@@ -14,6 +14,7 @@ MIN_POINTS = 3
 TRUSTED_SHARE = 0.6  # of the matches that make the parallax: the worst may be outliers
 SMALLEST = 1e-18  # squared distance by which weights are scaled at least [rad^2]
 RIDGE = 1e-12  # keeps the equations of a turn regular where all matches coincide
+IDENTITY = np.eye(3)
 # What turns a vector w into the matrix of w x, row by row.
 CROSS = np.zeros((3, 9))
 CROSS[0, [5, 7]] = CROSS[1, [6, 2]] = CROSS[2, [1, 3]] = -1.0, 1.0
@@ -119,8 +120,8 @@ def _turned(rotation: FloatArray, product: FloatArray) -> FloatArray:
     transposed = product.swapaxes(1, 2)
     pull = (product - transposed)[:, [2, 0, 1], [1, 2, 0]]  # the sum of w (R source) x target
     trace = product.trace(axis1=1, axis2=2)[:, None, None]
-    stiffness = (1.0 + RIDGE) * trace * np.eye(3) - 0.5 * (product + transposed)
+    stiffness = (1.0 + RIDGE) * trace * IDENTITY - 0.5 * (product + transposed)
     half = 0.5 * np.linalg.solve(stiffness, pull[:, :, None])
     cross = (half.swapaxes(1, 2) @ CROSS).reshape(-1, 3, 3)
     # Cayley's map is a rotation whatever the length of the step.
-    return np.asarray(np.linalg.solve(np.eye(3) - cross, (np.eye(3) + cross) @ rotation))
+    return np.asarray(np.linalg.solve(IDENTITY - cross, (IDENTITY + cross) @ rotation))

@@ -36,7 +36,7 @@ from visual_servo_epipolar.core.trust import (
     remembered,
 )
 
-STACK = 64  # views that are perceived at once: more would not stay in the cache
+STACK = 32  # views that are perceived at once: more would not stay in the cache
 NOISE_ADAPTION = 0.1
 NOISE_RANGE = (0.2, 5.0)  # of the noise that the settings give to begin with
 

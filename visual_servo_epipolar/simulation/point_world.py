@@ -87,7 +87,7 @@ class PointWorld:
         ids = np.flatnonzero(visible)[: self.settings.max_features]
         return Features(
             ids=ids,
-            current=pixels[ids] + self._noise(frame)[ids],
+            current=pixels[ids] + self._noise(frame)[: len(ids)],
             desired=self._desired[ids],
             ages=np.full(len(ids), frame),
             errors=np.zeros(len(ids)),
@@ -108,11 +108,11 @@ class PointWorld:
         return np.asarray(np.where(wrong, rng.permutation(count), np.arange(count)))
 
     def _noise(self, frame: int) -> FloatArray:
-        """Return the noise of ``frame``, shape (N, 2) [px]."""
+        """Return the noise of ``frame`` [px], a row for each feature that may be handed on."""
         block, number = divmod(frame, BLOCK)
         if block != self._block:
             rng = np.random.default_rng((self._seed, 3, block))
-            shape = (BLOCK, *self._desired.shape)
+            shape = (BLOCK, min(self.settings.max_features, len(self.points)), 2)
             self._block, self._noises = block, self.settings.noise * rng.standard_normal(shape)
         return np.asarray(self._noises[number])
 

@@ -24,6 +24,8 @@ from visual_servo_epipolar.core.estimators.sampson import (
     NEGLIGIBLE,
     problem,
     refined,
+    squared_distances,
+    Table,
     table_of,
 )
 
@@ -90,7 +92,7 @@ def _three_point_hypotheses(rays: Rays, rng: np.random.Generator) -> FloatArray:
     return found
 
 
-def _best(hypotheses: FloatArray, table: FloatArray) -> FloatArray:
+def _best(hypotheses: FloatArray, table: Table) -> FloatArray:
     """Return psi, phi and ratio of the best hypotheses of different modes, shape (K, 3)."""
     numbers: ComplexArray = hypotheses.view(np.complex128) + TINY
     size = np.abs(numbers)
@@ -98,9 +100,7 @@ def _best(hypotheses: FloatArray, table: FloatArray) -> FloatArray:
     ratio = np.minimum(np.maximum(ratio, -LARGEST_RATIO), LARGEST_RATIO)
     numbers = numbers / size
     parameters = np.column_stack([np.angle(numbers), ratio])
-    values = (_model(parameters)[:, 0] @ table).reshape(len(numbers), 5, -1)
-    squares = values * values
-    squared = squares[:, 0] / (squares[:, 1:].sum(axis=1) + TINY)
+    squared = squared_distances(_model(parameters)[:, 0], table)
     costs = np.minimum(squared / INLIER_DEVIATIONS**2, 1.0).mean(axis=1)
     return np.asarray(parameters[modes(numbers.T, costs, MODES)])
 

@@ -21,6 +21,7 @@ from visual_servo_epipolar.core.estimators.planar import (
     Rays,
     RIVAL_COST,
     SPREAD,
+    TINY,
 )
 
 TUKEY = 4.685  # 95 % efficient for Gaussian noise
@@ -36,26 +37,39 @@ GOOD_COST = 1.8  # of a match, in squared deviations: noise, and outliers fewer 
 Model = Callable[[FloatArray], FloatArray]
 
 
-def table_of(rays: Rays, noise: FloatArray | float, kept: BoolArray | None = None) -> FloatArray:
+class Table(NamedTuple):
     """
-    Return the matches as columns for products with matrices, shape (..., 9, 5 N).
+    The matches as columns for products with matrices, shape (..., 9, N) and (..., 3, N) twice.
 
-    The five are the residual p_d^T E p_a in deviations of ``noise``, shape (...,), two components
-    of E p_a, and two of E^T p_d. A match that is not ``kept`` is a column of zeros: it costs and
-    pulls nothing, and the number of columns stays the same for all geometries of a stack.
+    ``products`` p_d p_a^T give the residual p_d^T E p_a in deviations of the noise; ``current``
+    p_a and ``desired`` p_d give the lines E p_a and E^T p_d.
+    """
+
+    products: FloatArray
+    current: FloatArray
+    desired: FloatArray
+
+    def take(self, rows: BoolArray) -> 'Table':
+        """Return the geometries chosen by a mask."""
+        return Table(*(part[rows] for part in self))
+
+
+def table_of(rays: Rays, noise: FloatArray | float, kept: BoolArray | None = None) -> Table:
+    """
+    Return the table of ``rays``, shape (..., N), with ``noise`` of shape (...,).
+
+    A match that is not ``kept`` is a column of zeros: it costs and pulls nothing, and the number
+    of columns stays the same for all geometries of a stack.
     """
     *leading, count = rays.u_a.shape
-    p_a, p_d = np.ones((*leading, 3, count)), np.ones((*leading, 3, count))
+    p_a, p_d = np.ones((2, *leading, 3, count))
     p_a[..., 0, :], p_a[..., 1, :], p_d[..., 0, :], p_d[..., 1, :] = rays
     if kept is not None:
         p_a *= kept[..., None, :]
         p_d *= kept[..., None, :]
-    table = np.zeros((*leading, 3, 3, 5, count))
     scaled = p_d / np.asarray(noise)[..., None, None]
-    np.multiply(scaled[..., :, None, :], p_a[..., None, :, :], out=table[..., 0, :])
-    table[..., 0, :, 1, :] = table[..., 1, :, 2, :] = p_a
-    table[..., :, 0, 3, :] = table[..., :, 1, 4, :] = p_d
-    return table.reshape(*leading, 9, 5 * count)
+    products = scaled[..., :, None, :] * p_a[..., None, :, :]
+    return Table(products.reshape(*leading, 9, count), p_a, p_d)
 
 
 class Belief(NamedTuple):
@@ -99,17 +113,17 @@ class Problem(NamedTuple):
     """What is minimised: ``model`` on the ``table`` of matches, and the ``belief``."""
 
     model: Model
-    table: FloatArray  # shape (9, 5 N), or (B, 9, 5 N) for as many geometries
+    table: Table  # of one geometry, or stacked, of as many
     belief: Belief
     ridge: FloatArray  # shape (P, P) or (B, P, P): the information of the belief, never zero
 
     def take(self, rows: BoolArray) -> 'Problem':
         """Return the geometries chosen by a mask."""
         belief = Belief(self.belief.mean[rows], self.belief.information[rows])
-        return Problem(self.model, self.table[rows], belief, self.ridge[rows])
+        return Problem(self.model, self.table.take(rows), belief, self.ridge[rows])
 
 
-def problem(model: Model, table: FloatArray, belief: Belief) -> Problem:
+def problem(model: Model, table: Table, belief: Belief) -> Problem:
     """Return what ``refined`` and ``followed`` minimise."""
     ridge = (belief.information + RIDGE)[..., None] * np.eye(belief.information.shape[-1])
     return Problem(model, table, belief, ridge)
@@ -249,18 +263,37 @@ def _solved(information: FloatArray, pull: FloatArray) -> FloatArray:
     return np.concatenate(alone)
 
 
-def _linearised(stack: FloatArray, table: FloatArray) -> tuple[FloatArray, FloatArray]:
+def squared_distances(matrices: FloatArray, table: Table) -> FloatArray:
+    """Return the squared Sampson distances from E by rows, shape (K, 9): (K, N)."""
+    solid = matrices.reshape(-1, 3, 3)
+    residual = matrices @ table.products
+    lines = solid[:, :2].reshape(-1, 3) @ table.current
+    others = solid.swapaxes(1, 2)[:, :2].reshape(-1, 3) @ table.desired
+    squares = (lines * lines + others * others).reshape(len(matrices), 2, -1)
+    return np.asarray(residual * residual / (squares.sum(axis=1) + TINY))
+
+
+def _linearised(stack: FloatArray, table: Table) -> tuple[FloatArray, FloatArray]:
     """
     Return residuals r and g times the derivatives of r / g, (K, 1 + P, N), and g^2, (K, N).
 
     g is the norm of the gradient of r, so that r / g is the Sampson distance.
     """
     count, size, _ = stack.shape
-    made = stack.reshape(-1, 9) @ table if table.ndim == 2 else stack @ table
-    values = made.reshape(count, size, 5, -1)
-    lines = values[:, :, 1:]
-    products = np.einsum('kln,kpln->kpn', lines[:, 0], lines)  # g^2, and half its derivatives
+    solid = stack.reshape(count, size, 3, 3)
+    residual = stack @ table.products
+    # The first two components of E p_a and of E^T p_d, by parameter.
+    rows, columns = solid[:, :, :2], solid.swapaxes(2, 3)[:, :, :2]
+    products = _with_first(rows.reshape(count, -1, 3) @ table.current)
+    products += _with_first(columns.reshape(count, -1, 3) @ table.desired)
     squared_gradient = products[:, 0] + 1e-12
-    products *= (values[:, 0, 0] / squared_gradient)[:, None]
+    products *= (residual[:, 0] / squared_gradient)[:, None]
     products[:, 0] = 0.0
-    return values[:, :, 0] - products, squared_gradient
+    residual -= products
+    return residual, squared_gradient
+
+
+def _with_first(lines: FloatArray) -> FloatArray:
+    """Return the scalar products of vectors, (K, 2 P, N), with the first: (K, P, N)."""
+    pairs = lines.reshape(len(lines), -1, 2, lines.shape[-1])
+    return np.asarray(np.einsum('kln,kpln->kpn', pairs[:, 0], pairs))

@@ -41,6 +41,7 @@ from visual_servo_epipolar.core.estimators.sampson import (
     NEGLIGIBLE,
     problem,
     refined,
+    Table,
     table_of,
 )
 from visual_servo_epipolar.core.estimators.side_by_side import (
@@ -136,9 +137,7 @@ def _search(rays: Rays, noise: float, prior: Prior) -> tuple[Fit, int, Bearings 
     return found, best, rival
 
 
-def _solutions(
-    rays: Rays, table: FloatArray, noise: float, prior: Prior, jumps: FloatArray
-) -> Fit:
+def _solutions(rays: Rays, table: Table, noise: float, prior: Prior, jumps: FloatArray) -> Fit:
     """Return the refined best modes of the hypotheses, and of the last bearings."""
     attitude = prior.attitude
     belief = _belief(attitudes_of([prior]))
