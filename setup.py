@@ -37,7 +37,7 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{NAME}']),
         (SHARE, ['package.xml']),
-        (f'{SHARE}/config', sorted(glob('config/*.yaml'))),
+        (f'{SHARE}/config', sorted(glob('config/*.*'))),
         (f'{SHARE}/config/scenarios', sorted(glob('config/scenarios/*.yaml'))),
     ],
     # For pip alone. On a native ROS these come from rosdep (package.xml), and apt's cv2 has no

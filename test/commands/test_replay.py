@@ -3,6 +3,7 @@
 from dataclasses import fields
 import json
 from pathlib import Path
+import shutil
 
 from bagmaker import decoded, write_bag
 import cv2
@@ -135,6 +136,21 @@ def test_a_driver_with_a_photograph_out_of_the_bag_and_a_camera_file(
     )
     assert main(['replay', str(path), '--desired', '+0.5', '--camera', str(camera)]) == 0
     assert 'nothing was recorded to compare with' in capsys.readouterr().out
+
+
+def test_a_bag_cut_short_is_refused_and_replayed_once_it_is_repaired(
+    bag, tmp_path, capsys
+) -> None:
+    path = shutil.copytree(bag, tmp_path / 'cut')
+    (path / 'metadata.yaml').unlink()
+    file = next(path.glob('*.mcap'))
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    assert 'was left open by a crash; try --repair' in refused(capsys, str(path))
+    code, result = shown_json(capsys, str(path), '--repair')
+    assert code == 0
+    assert 'completed' in result['notes'][0]
+    assert 10 < result['steps'] < 50
+    assert main(['replay', str(path)]) == 0  # and it stays so
 
 
 @pytest.mark.parametrize(

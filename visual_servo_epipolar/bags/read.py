@@ -15,10 +15,10 @@ from pathlib import Path
 import struct
 from typing import Any
 
-import apsw
 from rosbags import rosbag1, rosbag2
 from rosbags.interfaces import Connection, MessageDefinitionFormat
 from rosbags.rosbag2.reader import zstd
+from rosbags.rosbag2.storage_sqlite3 import apsw
 from rosbags.serde import SerdeError
 from rosbags.typesys import (
     get_types_from_idl,
@@ -189,7 +189,7 @@ def _parts(path: Path) -> list[Path]:
     if not files:
         raise InputError(
             f'{path}: not a bag: it has neither metadata.yaml nor .mcap or .db3 files; give the '
-            'folder that was recorded'
+            'folder that was recorded, with --repair if a crash left it so'
         )
     return files
 

@@ -70,6 +70,11 @@ def add_bag_options(
     parser.add_argument(
         '--tracks', action='store_true', help='replay the recorded tracks instead of the images'
     )
+    parser.add_argument(
+        '--repair',
+        action='store_true',
+        help='first complete a bag that a crash left open: what is whole in it is kept',
+    )
 
 
 def run(options: argparse.Namespace) -> int:

@@ -12,6 +12,7 @@ import numpy as np
 from visual_servo_epipolar.bags.read import Bag
 from visual_servo_epipolar.bags.read_run import read_run, Recording
 from visual_servo_epipolar.bags.read_topics import assigned, parse
+from visual_servo_epipolar.bags.repair import repair
 from visual_servo_epipolar.bags.replay import Plan, replay, Sighting, Step, Watch
 from visual_servo_epipolar.bags.replay_compare import (
     as_document,
@@ -77,6 +78,7 @@ def replayed(
     """Replay the bag that ``options`` name; without a tolerance own bags must be met exactly."""
     told, changes = parse(options.topics), changes_of(options.set, options.params)
     camera = None if options.camera is None else read_camera(Path(options.camera))
+    repaired = [str(repair(Path(options.bag)))] if options.repair else []
     began = time.perf_counter()
     with Bag(Path(options.bag)) as bag:
         run = read_run(bag, assigned(bag, told))
@@ -96,7 +98,7 @@ def replayed(
         plan=made,
         steps=steps,
         comparison=compare(run, steps, tolerance),
-        notes=notes,
+        notes=[*repaired, *notes],
         wall_s=wall_s,
     )
 

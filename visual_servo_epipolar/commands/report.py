@@ -46,7 +46,7 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _refuse_bag_options(options: argparse.Namespace) -> None:
-    names = ('set', 'params', 'topics', 'desired', 'camera', 'tracks')
+    names = ('set', 'params', 'topics', 'desired', 'camera', 'tracks', 'repair')
     given = [f'--{name}' for name in names if getattr(options, name)]
     if given:
         raise InputError(

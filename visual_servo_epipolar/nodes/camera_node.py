@@ -7,9 +7,12 @@ import cv2
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image
+from visualization_msgs.msg import MarkerArray
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
+from visual_servo_epipolar.core.motion import Pose
 from visual_servo_epipolar.messages import read, write
+from visual_servo_epipolar.messages.frames import Frame, frames, upright
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.run import spin
 from visual_servo_epipolar.simulation.camera_simulator import CameraSettings, CameraSimulator
@@ -39,7 +42,9 @@ class CameraNode(Node):
         self._image_pub = self.create_publisher(Image, 'image_raw', qos.STREAM)
         self._info_pub = self.create_publisher(CameraInfo, 'camera_info', qos.STREAM)
         self._desired_pub = self.create_publisher(Image, 'desired/image_raw', qos.LATCHED)
+        self._frames_pub = self.create_publisher(MarkerArray, '~/frames', qos.STREAM)
         self.create_subscription(Odometry, 'ground_truth', self._on_truth, qos.STREAM)
+        self.create_subscription(Odometry, 'odom', self._on_odometry, qos.STREAM)
         self._desired_pub.publish(self._message(self._simulator.photograph(), 0))
 
     def _use(self, settings: Any) -> None:
@@ -63,6 +68,22 @@ class CameraNode(Node):
         info = write.camera_info(self._settings.believed, stamp_ns, FRAME_ID)
         self._info_pub.publish(info)
         self._image_pub.publish(self._message(image, stamp_ns))
+
+    def _on_odometry(self, message: Odometry) -> None:
+        if not self._frames_pub.get_subscription_count():
+            return
+        try:
+            stamp_ns, pose = read.stamp_ns(message.header), read.pose(message)
+        except ValueError as error:
+            self.get_logger().error(str(error), throttle_duration_sec=WARN_PERIOD_S)
+            return
+        mount, odom = self._settings.mount, message.header.frame_id
+        shown = (
+            upright(odom, Pose(0.0, 0.0, 0.0)),
+            upright(message.child_frame_id, pose),
+            Frame(FRAME_ID, mount.R_world_camera(pose), mount.centre(pose)),
+        )
+        self._frames_pub.publish(frames(shown, stamp_ns, odom))
 
     def _is_due(self, stamp_ns: int) -> bool:
         """Return whether a frame has passed; time running backwards starts anew."""

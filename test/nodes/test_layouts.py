@@ -1,0 +1,145 @@
+"""The layouts for Foxglove and RViz: every topic in them is one that the nodes publish."""
+
+from collections.abc import Iterator, Mapping
+from importlib import import_module
+import json
+from pathlib import Path
+import re
+from typing import Any
+
+from nav_msgs.msg import Odometry
+import numpy as np
+import pytest
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from visualization_msgs.msg import MarkerArray
+import yaml
+
+from visual_servo_epipolar.core.motion import Pose, STANDSTILL
+from visual_servo_epipolar.messages import write
+from visual_servo_epipolar.nodes.camera_node import CameraNode
+from visual_servo_epipolar.nodes.lockstep import Lockstep
+from visual_servo_epipolar.simulation.scenario import from_document
+
+CONFIG = Path(__file__).parents[2] / 'config'
+FOXGLOVE = json.loads((CONFIG / 'foxglove_layout.json').read_text(encoding='utf-8'))
+RVIZ = yaml.safe_load((CONFIG / 'visual_servo.rviz').read_text(encoding='utf-8'))
+PATH = re.compile(r'(?P<topic>/[\w/]+)\.(?P<fields>[\w.]+)(\[(?P<index>\d+)\])?')
+TINY = {
+    'width': 160,
+    'height': 128,
+    'focal_length': 96.0,
+    'principal_u': 79.0,
+    'principal_v': 63.0,
+}
+SHOWN_IN_3D = {'visualization_msgs/msg/MarkerArray', 'nav_msgs/msg/Odometry'}
+DISPLAYS = {
+    'MarkerArray': 'visualization_msgs/msg/MarkerArray',
+    'Odometry': 'nav_msgs/msg/Odometry',
+    'Image': 'sensor_msgs/msg/Image',
+}
+
+
+@pytest.fixture(scope='module')
+def run() -> tuple[dict[str, str], JointState]:
+    """Return the topics of the running nodes with their types, and what epipoles looks like."""
+    scenario = from_document({'camera': TINY}, 'tiny')
+    with Lockstep(scenario, scenario.loop((0.2, -1.5, 0.0), 0)) as nodes:
+        looker, heard = Node('looker', context=nodes.context), list[JointState]()
+        looker.create_subscription(JointState, 'epipoles', heard.append, 10)
+        nodes.add(looker)
+        nodes.run(lambda: bool(heard))
+        topics = {name: kinds[0] for name, kinds in looker.get_topic_names_and_types()}
+    return topics, heard[0]
+
+
+def plotted() -> Iterator[Mapping[str, Any]]:
+    for panel in FOXGLOVE['configById'].values():
+        yield from panel.get('paths', [])
+
+
+def test_what_is_plotted_is_a_number_of_a_published_message(run) -> None:
+    topics, _ = run
+    paths = [PATH.fullmatch(item['value']) for item in plotted()]
+    assert len(paths) >= 10
+    for path in paths:
+        package, _, name = topics[path['topic']].split('/')
+        value = getattr(import_module(f'{package}.msg'), name)()
+        for field in path['fields'].split('.'):
+            value = getattr(value, field)  # an AttributeError names the field
+        assert path['index'] or isinstance(value, (float, str))
+
+
+def test_numbers_of_epipoles_stand_where_the_layout_looks_for_them(run) -> None:
+    found = [
+        (int(match['index']), item['label'])
+        for item in plotted()
+        if (match := PATH.fullmatch(item['value']))['topic'] == '/epipoles'
+    ]
+    assert len(found) >= 4
+    assert [run[1].name[index] for index, _ in found] == [label for _, label in found]
+
+
+def test_pictures_and_markers_of_foxglove_are_published(run) -> None:
+    topics, _ = run
+    panels = FOXGLOVE['configById']
+    for name, panel in panels.items():
+        if name.startswith('Image!'):
+            assert topics[panel['imageMode']['imageTopic']] == 'sensor_msgs/msg/Image'
+        if name.startswith('3D!'):
+            assert {topics[topic] for topic in panel['topics']} <= SHOWN_IN_3D
+        if name.startswith('DiagnosticSummary!'):
+            assert topics[panel['topicToRender']] == 'diagnostic_msgs/msg/DiagnosticArray'
+    info = panels['Image!camera']['imageMode']['calibrationTopic']
+    assert topics[info] == 'sensor_msgs/msg/CameraInfo'
+
+
+def test_foxglove_shows_each_panel_once() -> None:
+    def leaves(node: Any) -> Iterator[str]:
+        if isinstance(node, str):
+            yield node
+        else:
+            assert node['direction'] in ('row', 'column')
+            assert 0 < node['splitPercentage'] < 100
+            yield from leaves(node['first'])
+            yield from leaves(node['second'])
+
+    assert sorted(leaves(FOXGLOVE['layout'])) == sorted(FOXGLOVE['configById'])
+    assert {'globalVariables', 'userNodes', 'playbackConfig'} <= FOXGLOVE.keys()
+
+
+def test_what_rviz_displays_is_published(run) -> None:
+    topics, _ = run
+    shown = [item for item in RVIZ['Visualization Manager']['Displays'] if 'Topic' in item]
+    assert len(shown) >= 5
+    for item in shown:
+        kind = DISPLAYS[item['Class'].removeprefix('rviz_default_plugins/')]
+        assert topics[item['Topic']['Value']] == kind
+
+
+def test_the_frames_are_where_odometry_and_mount_put_them(bench) -> None:
+    seen = bench.listen(MarkerArray, 'camera_node/frames')
+    drive = bench.talk(Odometry, 'odom')
+    bench.start(CameraNode, **TINY, mount_height=0.5, mount_forward=0.2)
+    drive(write.odometry(Pose(1.0, 2.0, np.pi / 2), STANDSTILL, 7, 'odom', 'base_link'))
+    bench.until(lambda: seen, 'the frames')
+    markers = seen[0].markers
+    assert {marker.header.frame_id for marker in markers} == {'odom'}
+    axes, names = markers[::2], [marker.text for marker in markers[1::2]]
+    assert names == ['odom', 'base_link', 'camera_optical_frame']
+    origins = [(m.points[0].x, m.points[0].y, m.points[0].z) for m in axes]
+    np.testing.assert_allclose(origins, [(0, 0, 0), (1, 2, 0), (1, 2.2, 0.5)], atol=1e-12)
+    ahead, forward = axes[1].points[1], axes[2].points[5]  # x of the base is z of the camera
+    np.testing.assert_allclose((ahead.x, ahead.y), (1.0, 2.3), atol=1e-12)
+    np.testing.assert_allclose((forward.x, forward.y, forward.z), (1.0, 2.5, 0.5), atol=1e-12)
+
+
+def test_frames_cost_nothing_when_nobody_looks(bench, monkeypatch) -> None:
+    def made(*_: object) -> None:
+        raise AssertionError('frames were made for nobody')
+
+    monkeypatch.setattr('visual_servo_epipolar.nodes.camera_node.frames', made)
+    drive = bench.talk(Odometry, 'odom')
+    bench.start(CameraNode, **TINY)
+    drive(write.odometry(Pose(1.0, 2.0, 0.0), STANDSTILL, 7, 'odom', 'base_link'))
+    bench.settle()
