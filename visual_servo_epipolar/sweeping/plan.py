@@ -11,7 +11,8 @@ import numpy as np
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 RUN_STREAM = 6  # keeps the seeds of the runs apart from all else that is drawn from one seed
-CHUNK = {'features': 8, 'images': 1}  # runs handed to a worker at a time
+# Runs handed to a worker at a time: on features it drives them side by side.
+CHUNK = {'features': 64, 'images': 1}
 CHUNKS_A_WORKER = 4  # at least, so that no worker waits long for the last one
 
 Key = tuple[str, int]  # law and index of a run
