@@ -9,6 +9,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist
 from nav_msgs.msg import Odometry
+from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rosbags import rosbag1
@@ -33,6 +34,8 @@ TOPICS: dict[str, tuple[Any, QoSProfile]] = {
     '/tracker_node/desired/image_raw': (Image, qos.LATCHED),
     '/tracker_node/settings': (String, qos.LATCHED),
     '/servo_node/settings': (String, qos.LATCHED),
+    '/tracker_node/events': (String, DEEP),
+    '/servo_node/events': (String, DEEP),
     '/tracks': (PointCloud2, DEEP),
     '/epipoles': (JointState, DEEP),
     '/diagnostics': (DiagnosticArray, DEEP),
@@ -57,22 +60,28 @@ def small_scenario(max_duration: float, **servo: Any) -> Scenario:
 
 def drive(scenario: Scenario, settings: LoopSettings) -> list[Message]:
     """Let the nodes drive, and return all they said in the order in which it was heard."""
-    heard: list[Message] = []
     referee = Referee(settings)
     with Lockstep(scenario, settings) as nodes:
-        ear = Node('ear', context=nodes.context)
-        for topic, (kind, profile) in TOPICS.items():
-            ear.create_subscription(
-                kind,
-                topic,
-                lambda raw, topic=topic: heard.append((topic, 1_000 + len(heard), bytes(raw))),
-                profile,
-                raw=True,
-            )
+        ear, heard = new_ear(nodes.context)
         nodes.add(ear)
         nodes.add(ObserverNode(referee, lambda *_: None, with_images=False, context=nodes.context))
         nodes.run(lambda: referee.done)
     return heard
+
+
+def new_ear(context: Context) -> tuple[Node, list[Message]]:
+    """Return a node that hears all topics, and what it has heard."""
+    heard: list[Message] = []
+    ear = Node('ear', context=context)
+    for topic, (kind, profile) in TOPICS.items():
+        ear.create_subscription(
+            kind,
+            topic,
+            lambda raw, topic=topic: heard.append((topic, 1_000 + len(heard), bytes(raw))),
+            profile,
+            raw=True,
+        )
+    return ear, heard
 
 
 def kind_of(topic: str) -> str:

@@ -1,6 +1,6 @@
 """What a bag says of a run, but for the images: they are too many to be kept, and are streamed."""
 
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -13,7 +13,8 @@ from visual_servo_epipolar.core.camera import Camera
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.motion import Pose, Twist
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
-from visual_servo_epipolar.messages import read
+from visual_servo_epipolar.messages import journal, read
+from visual_servo_epipolar.messages.journal import Entry
 from visual_servo_epipolar.messages.settings_text import from_text, NodeSettings
 
 T = TypeVar('T')
@@ -47,6 +48,8 @@ class Recording:
     photographs: list[tuple[int | None, Image]] = field(default_factory=list)
     tracker: list[tuple[int | None, NodeSettings]] = field(default_factory=list)
     servo: list[tuple[int | None, NodeSettings]] = field(default_factory=list)
+    tracker_events: list[Entry] = field(default_factory=list)
+    servo_events: list[Entry] = field(default_factory=list)
     tracked: set[Key] = field(default_factory=set)
     numbers: dict[Key, dict[str, float]] = field(default_factory=dict)
     diagnoses: dict[int, dict[str, str]] = field(default_factory=dict)
@@ -73,6 +76,21 @@ class Order:
         self._last, number = stamp_ns, self._seen[stamp_ns]
         self._seen[stamp_ns] += 1
         return stamp_ns, number
+
+
+class Events:
+    """Events of a node in their order, each due before the first image after its stamp."""
+
+    def __init__(self, entries: Sequence[Entry]) -> None:
+        self._waiting = deque(entries)
+
+    def due(self, stamp_ns: int) -> Iterator[Entry]:
+        """Yield what happened before the image of ``stamp_ns``."""
+        while self._waiting:
+            after_ns = self._waiting[0].after_stamp_ns
+            if after_ns is not None and after_ns >= stamp_ns:
+                return
+            yield self._waiting.popleft()
 
 
 def in_force(history: History[T], stamp_ns: int) -> T | None:
@@ -136,6 +154,14 @@ def _take_servo_settings(run: Recording, item: Recorded, key: Key) -> None:
     run.servo.append((settings.after_stamp_ns, settings))
 
 
+def _take_tracker_event(run: Recording, item: Recorded, key: Key) -> None:
+    run.tracker_events.append(journal.from_text(item.message.data))
+
+
+def _take_servo_event(run: Recording, item: Recorded, key: Key) -> None:
+    run.servo_events.append(journal.from_text(item.message.data))
+
+
 def _take_tracks(run: Recording, item: Recorded, key: Key) -> None:
     run.tracked.add(key)
 
@@ -166,6 +192,8 @@ TAKERS: Mapping[str, Callable[[Recording, Recorded, Key], None]] = {
     'desired': _take_photograph,
     'tracker_settings': _take_tracker_settings,
     'servo_settings': _take_servo_settings,
+    'tracker_events': _take_tracker_event,
+    'servo_events': _take_servo_event,
     'tracks': _take_tracks,
     'epipoles': _take_numbers,
     'diagnostics': _take_diagnosis,

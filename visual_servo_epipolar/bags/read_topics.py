@@ -33,6 +33,8 @@ ROLES: Mapping[str, Role] = MappingProxyType(
         'ground_truth': Role(('ground_truth',), ('nav_msgs/msg/Odometry',)),
         'tracker_settings': Role(('tracker_node/settings',), ('std_msgs/msg/String',)),
         'servo_settings': Role(('servo_node/settings',), ('std_msgs/msg/String',)),
+        'tracker_events': Role(('tracker_node/events',), ('std_msgs/msg/String',)),
+        'servo_events': Role(('servo_node/events',), ('std_msgs/msg/String',)),
     }
 )
 SEEN_BY_OTHERS = ('desired/', 'overlay/')  # images that no camera took just now

@@ -10,11 +10,12 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from visual_servo_epipolar.bags.read import Bag, Recorded
-from visual_servo_epipolar.bags.read_run import History, in_force, Key, Order, Recording
+from visual_servo_epipolar.bags.read_run import Events, History, in_force, Key, Order, Recording
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.camera import Camera
 from visual_servo_epipolar.core.errors import InputError, TrackingError
 from visual_servo_epipolar.core.features import Features
+from visual_servo_epipolar.core.interruptions import interrupted, Interruption
 from visual_servo_epipolar.core.perception import observe
 from visual_servo_epipolar.core.phases import Phase
 from visual_servo_epipolar.core.servo import step
@@ -24,6 +25,7 @@ from visual_servo_epipolar.core.telemetry import telemetry
 from visual_servo_epipolar.core.tracker_settings import TrackerSettings
 from visual_servo_epipolar.core.tracking import Tracker
 from visual_servo_epipolar.messages import intake
+from visual_servo_epipolar.messages.journal import Entry, REDETECTED
 
 T = TypeVar('T')
 
@@ -83,12 +85,15 @@ def replay(bag: Bag, run: Recording, plan: Plan, *, watch: Watch | None = None) 
 
     """
     state, steps, refused = ServoState(), list[Step](), ''
+    events = Events(run.servo_events)
     for seen in sightings(bag, run, plan):
         if isinstance(seen.camera, str):
             refused = f'camera_info cannot be used: {seen.camera}'
             continue
         if run.numbers and seen.key not in run.numbers:
             continue  # the servo was not started
+        for entry in events.due(seen.key[0]):
+            state = _after(state, entry)
         observation = observe(seen.features, seen.camera, seen.key[0])
         state = step(state, observation, held(plan.servo, seen.key[0]))
         done = Step(seen.key, seen.log_ns, state.phase, state.reason, telemetry(state))
@@ -104,7 +109,8 @@ def replay(bag: Bag, run: Recording, plan: Plan, *, watch: Watch | None = None) 
 def sightings(bag: Bag, run: Recording, plan: Plan) -> Iterator[Sighting]:
     """Yield the features of each image: as they were tracked then, or tracked now."""
     topic = run.topics['tracks' if plan.from_tracks else 'image']
-    order, see = Order(bag.path, topic), _as_tracked if plan.from_tracks else Eye(plan).see
+    order = Order(bag.path, topic)
+    see = _as_tracked if plan.from_tracks else Eye(plan, Events(run.tracker_events)).see
     for item in bag.messages([topic.name]):
         key = order.key(item)
         if not plan.from_tracks and run.tracked and key not in run.tracked:
@@ -115,8 +121,8 @@ def sightings(bag: Bag, run: Recording, plan: Plan) -> Iterator[Sighting]:
 class Eye:
     """A tracker that is told what the one of the run was told, when it was told."""
 
-    def __init__(self, plan: Plan) -> None:
-        self._plan, self._tracker = plan, Tracker(plan.tracker[0][1])
+    def __init__(self, plan: Plan, events: Events) -> None:
+        self._plan, self._tracker, self._events = plan, Tracker(plan.tracker[0][1]), events
         self._photograph: Image | None = None
 
     def see(self, item: Recorded, key: Key, camera: Camera | str) -> Sighting:
@@ -125,6 +131,9 @@ class Eye:
         photograph = in_force(self._plan.photographs, key[0])
         if photograph is not None and photograph is not self._photograph:
             self._take(photograph)
+        for entry in self._events.due(key[0]):
+            if entry.event == REDETECTED:
+                self._tracker.redetect()
         found = intake.track(self._tracker, item.message, camera)
         features, complaint = found.features, found.complaint
         if not isinstance(camera, str):
@@ -138,6 +147,13 @@ class Eye:
             self._tracker.set_desired(photograph)
         except (ValueError, TrackingError) as error:
             raise InputError(f'the desired image cannot be used: {error}') from None
+
+
+def _after(state: ServoState, entry: Entry) -> ServoState:
+    try:
+        return interrupted(state, Interruption(entry.event), entry.reason)
+    except ValueError:
+        return state  # of a servo that knows more than this one
 
 
 def _as_tracked(item: Recorded, key: Key, camera: Camera | str) -> Sighting:

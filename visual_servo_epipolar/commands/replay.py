@@ -10,7 +10,7 @@ NO_ROSBAGS = 'bags cannot be read: {}; pip install rosbags'
 BAG_KINDS = 'rosbag2 folder, .mcap, .db3, or ROS 1 .bag'
 ROLES = (
     'image, camera_info, desired, tracks, cmd_vel, epipoles, diagnostics, ground_truth, '
-    'tracker_settings, servo_settings'
+    'tracker_settings, servo_settings, tracker_events, servo_events'
 )
 
 

@@ -1,6 +1,6 @@
 """The servo: features in, velocity commands out; what to do about them is decided in the core."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import sys
 from typing import Any
 
@@ -16,16 +16,24 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from visual_servo_epipolar.core.camera import Camera
+from visual_servo_epipolar.core.interruptions import interrupted, Interruption
 from visual_servo_epipolar.core.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.perception import observe
 from visual_servo_epipolar.core.phases import DRIVING
-from visual_servo_epipolar.core.servo import lost, step, stop
+from visual_servo_epipolar.core.servo import step
 from visual_servo_epipolar.core.servo_settings import ServoSettings
 from visual_servo_epipolar.core.servo_state import ServoState
 from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.telemetry import telemetry
-from visual_servo_epipolar.messages import intake, read, servo_report, settings_text, write
+from visual_servo_epipolar.messages import (
+    intake,
+    journal,
+    read,
+    servo_report,
+    settings_text,
+    write,
+)
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.run import spin
 
@@ -81,7 +89,7 @@ class ServoNode(Node):
 
     def stop(self) -> None:
         """Stop the robot, and wait until it has heard it."""
-        self._active, self._state = False, stop(self._state)
+        self._active, self._state = False, self._interrupted(Interruption.STOPPED)
         self._command(STANDSTILL, self.get_clock().now().nanoseconds)
         self._command_pub.wait_for_all_acked(Duration(seconds=FAREWELL_S))
 
@@ -96,6 +104,7 @@ class ServoNode(Node):
         )
         self._markers_pub = self.create_publisher(MarkerArray, '~/markers', qos.STREAM)
         self._settings_pub = self.create_publisher(String, '~/settings', qos.LATCHED)
+        self._events_pub = self.create_publisher(String, '~/events', qos.DIAGNOSTICS)
 
     def _create_subscriptions(self) -> None:
         info = qos.IMAGES[self._node_settings.camera_reliability]
@@ -172,8 +181,14 @@ class ServoNode(Node):
     def _halt(self) -> None:
         """Stop a robot that may be moving; the state remembers that it stands."""
         if self._state.twist != STANDSTILL:
-            self._state = replace(self._state, twist=STANDSTILL)
+            self._state = self._interrupted(Interruption.HALTED)
             self._command(STANDSTILL, self.get_clock().now().nanoseconds)
+
+    def _interrupted(self, kind: Interruption, reason: str = '') -> ServoState:
+        """Return the state after an interruption, and say so: a replay must do the same."""
+        entry = journal.Entry(kind.value, self._stamp_ns, reason)
+        self._events_pub.publish(write.text(journal.to_text(entry)))
+        return interrupted(self._state, kind, reason)
 
     def _on_watch(self) -> None:
         if self._state.phase not in DRIVING or not self._is_stale():
@@ -181,7 +196,7 @@ class ServoNode(Node):
         reason = f'no new tracks for {self._age():.2f} s'
         self.get_logger().warning(f'{reason}, the robot is stopped')
         self._halt()
-        self._follow(lost(self._state, reason))
+        self._follow(self._interrupted(Interruption.LOST, reason))
         self._phase_pub.publish(write.text(self._state.phase.value))
 
     def _is_stale(self) -> bool:
@@ -195,7 +210,7 @@ class ServoNode(Node):
 
     def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if self._state.ended:
-            self._state = ServoState()
+            self._state = self._interrupted(Interruption.RESET)
         self._active = response.success = True
         response.message = 'started' if self._camera else 'started; waits for camera_info'
         return response
@@ -208,7 +223,7 @@ class ServoNode(Node):
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._halt()
-        self._state = ServoState()  # one that was stopped waits for ~/start
+        self._state = self._interrupted(Interruption.RESET)  # stopped, it waits for ~/start
         self._phase_pub.publish(write.text(self._state.phase.value))
         response.success, response.message = True, 'ready for a new run'
         return response

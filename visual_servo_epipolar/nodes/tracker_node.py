@@ -21,7 +21,7 @@ from visual_servo_epipolar.core.features import Features
 from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.core.tracker_settings import TrackerSettings
 from visual_servo_epipolar.core.tracking import Tracker
-from visual_servo_epipolar.messages import intake, read, settings_text, write
+from visual_servo_epipolar.messages import intake, journal, read, settings_text, write
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.run import spin
 from visual_servo_epipolar.report.overlay import draw_overlay
@@ -83,6 +83,7 @@ class TrackerNode(Node):
         self._overlay_pub = self.create_publisher(Image, 'overlay/image_raw', qos.STREAM)
         self._desired_pub = self.create_publisher(Image, '~/desired/image_raw', qos.LATCHED)
         self._settings_pub = self.create_publisher(String, '~/settings', qos.LATCHED)
+        self._events_pub = self.create_publisher(String, '~/events', qos.DIAGNOSTICS)
 
     def _create_subscriptions(self) -> None:
         images = qos.IMAGES[self._node_settings.camera_reliability]
@@ -165,6 +166,8 @@ class TrackerNode(Node):
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
         self._tracker.redetect()
+        entry = journal.Entry(journal.REDETECTED, self._stamp_ns)
+        self._events_pub.publish(write.text(journal.to_text(entry)))
         response.success, response.message = True, 'the next image is matched anew'
         return response
 

@@ -1,0 +1,113 @@
+"""A run that is interrupted as on a robot: orders, silence, new gains; its replay is the same."""
+
+from bagmaker import decoded, Message, new_ear, write_bag
+import pytest
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from std_srvs.srv import Trigger
+
+from visual_servo_epipolar.bags.read import Bag
+from visual_servo_epipolar.bags.read_run import read_run
+from visual_servo_epipolar.bags.read_topics import assigned
+from visual_servo_epipolar.bags.replay import replay, Step
+from visual_servo_epipolar.bags.replay_compare import compare, Comparison
+from visual_servo_epipolar.bags.replay_plan import plan, Wishes
+from visual_servo_epipolar.nodes.servo_node import ServoNode
+from visual_servo_epipolar.nodes.tracker_node import TrackerNode
+
+
+class Robot:
+    """Servo, tracker or both in wall time, fed with the messages of a run one by one."""
+
+    def __init__(self, bench, run: list[Message], topic: str, *kinds: object) -> None:
+        self.bench = bench
+        ear, self.heard = new_ear(bench.context)
+        bench.add(ear)
+        self.talk = bench.talk({'/tracks': PointCloud2, '/image_raw': Image}[topic], topic)
+        self.calibrate = bench.talk(CameraInfo, '/camera_info')
+        self.nodes = [
+            bench.start(kind, **values)
+            for kind, values in zip(kinds[::2], kinds[1::2], strict=True)
+        ]
+        self.messages = [item[2] for item in run if item[0] == topic]
+        self.calibrate(next(item[2] for item in run if item[0] == '/camera_info'))
+        bench.settle()
+
+    def see(self, first: int, end: int) -> None:
+        for raw in self.messages[first:end]:
+            self.talk(raw)
+            self.bench.settle()
+
+    def call(self, service: str) -> None:
+        assert self.bench.call(service, Trigger).success
+        self.bench.settle()
+
+
+def replayed(path, **wishes: object) -> tuple[list[Step], Comparison]:
+    with Bag(path) as bag:
+        run = read_run(bag, assigned(bag, {}))
+        steps = replay(bag, run, plan(bag, run, Wishes(**wishes))[0])
+    return steps, compare(run, steps, 0.0)
+
+
+@pytest.fixture
+def servo(bench, small_run) -> Robot:
+    return Robot(bench, small_run, '/tracks', ServoNode, {'stale_timeout': 60.0})
+
+
+def test_stop_start_and_reset_are_replayed_where_they_happened(servo, tmp_path) -> None:
+    servo.see(0, 5)
+    servo.call('servo_node/stop')
+    servo.see(5, 7)  # heard, not acted on
+    servo.call('servo_node/start')
+    servo.see(7, 12)
+    servo.call('servo_node/reset')
+    servo.see(12, 16)
+    servo.nodes[0].set_parameters([Parameter('turn_gain', value=0.5)])
+    servo.see(16, 20)
+    steps, comparison = replayed(write_bag(tmp_path / 'orders', servo.heard))
+    assert len(steps) == 18
+    assert comparison.equal, comparison.parting
+    kept = [item for item in servo.heard if item[0] != '/servo_node/events']
+    assert not replayed(write_bag(tmp_path / 'untold', kept))[1].equal
+
+
+def test_silence_is_replayed_where_it_fell(bench, small_run, tmp_path) -> None:
+    servo = Robot(bench, small_run, '/tracks', ServoNode, {'stale_timeout': 60.0})
+    servo.see(0, 5)
+    servo.nodes[0].set_parameters([Parameter('stale_timeout', value=0.05)])
+    bench.until(lambda: servo.nodes[0]._state.phase.value == 'holding', 'the watchdog')
+    servo.nodes[0].set_parameters([Parameter('stale_timeout', value=60.0)])
+    servo.see(5, 12)
+    events = [decoded(item).data for item in servo.heard if item[0] == '/servo_node/events']
+    assert any('"lost"' in text and 'no new tracks for' in text for text in events)
+    steps, comparison = replayed(write_bag(tmp_path / 'silence', servo.heard))
+    assert len(steps) == 12
+    assert comparison.equal, comparison.parting
+
+
+def test_a_photograph_taken_on_the_way_and_redetection_are_replayed(
+    bench, small_run, tmp_path
+) -> None:
+    robot = Robot(
+        bench,
+        small_run,
+        '/image_raw',
+        TrackerNode,
+        {'camera_reliability': 'reliable'},
+        ServoNode,
+        {'stale_timeout': 60.0, 'camera_reliability': 'reliable'},
+    )
+    robot.calibrate(next(item[2] for item in small_run if item[0] == '/camera_info'))
+    bench.settle()
+    robot.see(40, 42)  # nothing to come back to yet
+    robot.call('tracker_node/capture_desired')
+    robot.see(42, 46)
+    robot.call('tracker_node/redetect')
+    robot.see(46, 50)
+    path = write_bag(tmp_path / 'taught', robot.heard)
+    steps, comparison = replayed(path)
+    assert len(steps) == 10
+    assert [step.numbers['features'] > 20 for step in steps] == [False] * 2 + [True] * 8
+    assert comparison.equal, comparison.parting
+    assert replayed(path, from_tracks=True)[1].equal

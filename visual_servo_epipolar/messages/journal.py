@@ -1,0 +1,39 @@
+"""
+What happened to a node between two images, as text on ``~/events``: JSON, a line an event.
+
+Images and settings alone do not say that somebody called ``~/stop``; a replay must know.
+"""
+
+from dataclasses import asdict, dataclass
+import json
+
+REDETECTED = 'redetected'  # of the tracker; those of the servo are its interruptions
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """An event, after the image of ``after_stamp_ns``; None means before the first image."""
+
+    event: str
+    after_stamp_ns: int | None = None
+    reason: str = ''
+
+
+def to_text(entry: Entry) -> str:
+    """Return an entry as JSON."""
+    return json.dumps(asdict(entry))
+
+
+def from_text(text: str) -> Entry:
+    """Return what ``to_text`` wrote; raises ValueError for any other text."""
+    try:
+        found = json.loads(text)
+        after_ns = found['after_stamp_ns']
+        return Entry(
+            str(found['event']), None if after_ns is None else int(after_ns), str(found['reason'])
+        )
+    except (LookupError, OverflowError, RecursionError, TypeError, ValueError):
+        raise ValueError(
+            f'an event must be JSON with event, after_stamp_ns and reason, got {text!r:.80}; '
+            'connect ~/events of a node'
+        ) from None
