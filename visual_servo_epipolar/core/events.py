@@ -7,11 +7,14 @@ from visual_servo_epipolar.core import laws
 from visual_servo_epipolar.core.epipolar import Bearings
 from visual_servo_epipolar.core.perception import Sight
 from visual_servo_epipolar.core.phases import DRIVING, ENDED, Event, Phase
+from visual_servo_epipolar.core.ranging import look_ahead, UNKNOWN_RANGE
 from visual_servo_epipolar.core.servo_settings import ServoSettings
 from visual_servo_epipolar.core.servo_state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
 
 ENGAGE_DEVIATIONS, RELEASE_DEVIATIONS, NOISE_DEVIATIONS = 1.0, 4.0, 2.0
+FOLLOWED = 1e-3  # offset that line following may leave [m]
+LARGEST_ESCAPE = 0.1  # [rad]
 FRAME_S = 0.1  # the shortest turn: one command, at the usual frame rate [s]
 
 
@@ -33,6 +36,27 @@ def engage_bound(sight: Sight, settings: ServoSettings) -> float:
 def release_bound(sight: Sight, settings: ServoSettings) -> float:
     """Return the bearing of e_du [rad] that has left zero, and not by noise alone."""
     return max(settings.latch_release, RELEASE_DEVIATIONS * _deviation(sight))
+
+
+def escape_bound(state: ServoState, sight: Sight, settings: ServoSettings) -> float:
+    """
+    Return the bearing of e_du [rad] at which step 1 has to begin anew.
+
+    Line following shrinks an offset x by exp(0.9 d / L) on the way d that is left: what it brings
+    below a millimetre need not be zeroed first, as when a camera ahead of the axle swings aside
+    while the robot turns.
+    """
+    bound = release_bound(sight, settings)
+    if settings.law != 'full' or not settings.line_following:
+        return bound
+    way = state.range if state.range > 0.0 else min(state.distance, UNKNOWN_RANGE)
+    follows = min(0.9 * way / look_ahead(way, settings.look_ahead), 9.0)
+    return max(bound, min(FOLLOWED * math.exp(follows) / way, LARGEST_ESCAPE))
+
+
+def align_bound(sight: Sight, settings: ServoSettings) -> float:
+    """Return the bearing of e_au [rad] that counts as zero: it cannot be less than its noise."""
+    return max(settings.align_tolerance, ENGAGE_DEVIATIONS * _deviation(sight))
 
 
 def _deviation(sight: Sight) -> float:
@@ -126,7 +150,7 @@ def is_settled(state: ServoState, settings: ServoSettings) -> bool:
     if state.phase is Phase.MATCHING_FEATURES:
         return abs(sight.difference) <= matched_bound(sight, settings)
     if state.phase is Phase.ZEROING_EPIPOLES and state.latched and sight.bearings is not None:
-        return abs(bearing_current(sight.bearings)) <= settings.align_tolerance
+        return abs(bearing_current(sight.bearings)) <= align_bound(sight, settings)
     return False
 
 
@@ -162,7 +186,7 @@ def _survey(state: ServoState, sight: Sight, settings: ServoSettings) -> Event:
     if is_sideways(sight, settings):
         return Event.SIDEWAYS
     aligned = abs(bearing_desired(sight.bearings)) <= engage_bound(sight, settings)
-    if aligned and abs(bearing_current(sight.bearings)) <= settings.align_tolerance:
+    if aligned and abs(bearing_current(sight.bearings)) <= align_bound(sight, settings):
         return Event.ALIGNED
     return Event.APART
 
@@ -214,7 +238,7 @@ def _zeroing(state: ServoState, sight: Sight, settings: ServoSettings) -> Event:
         return Event.DIVERGED
     if not state.latched and _is_off_course(sight, settings):
         return Event.SIDEWAYS
-    if state.latched and abs(bearing) > release_bound(sight, settings):
+    if state.latched and abs(bearing) > escape_bound(state, sight, settings):
         near = sight.difference > -settings.retreat_difference
         return Event.SIDEWAYS if near and settings.law == 'full' else Event.ESCAPED
     return Event.ALIGNED if state.settled >= settings.align_frames else Event.NOTHING

@@ -17,6 +17,16 @@ from visual_servo_epipolar.core.epipolar import Bearings
 
 MIN_TURN = 0.04  # of the line of sight, before it says anything about the distance [rad]
 
+UNKNOWN_RANGE = 2.0  # of d_hat at most, where the distance was never measured [m]
+LOOK_AHEADS, LEAST_LOOK_AHEAD = 4.0, 0.25  # in the way that is left, and [m]
+
+
+def look_ahead(distance: float, largest: float) -> float:
+    """Return L of line following [m]: some of them fit into the ``distance``, if it is known."""
+    if not distance > 0.0:
+        return largest
+    return min(max(distance / LOOK_AHEADS, LEAST_LOOK_AHEAD), largest)
+
 
 @dataclass(frozen=True, slots=True)
 class Leg:
@@ -31,8 +41,8 @@ class Leg:
         theta = bearings.psi - bearings.phi
         return replace(self, x=self.x + way * math.cos(theta), y=self.y + way * math.sin(theta))
 
-    def distance(self, psi: float) -> float | None:
-        """Return the distance to the goal now, seen under ``psi``; None before it shows."""
+    def distance(self, psi: float, *, min_turn: float = MIN_TURN) -> float | None:
+        """Return the distance now to the goal, seen under ``psi``; None before it shows."""
         cos_0, sin_0, cos_1, sin_1 = (
             math.cos(self.psi),
             math.sin(self.psi),
@@ -40,7 +50,7 @@ class Leg:
             math.sin(psi),
         )
         turn = cos_0 * sin_1 - sin_0 * cos_1
-        if abs(turn) < math.sin(MIN_TURN):
+        if abs(turn) < math.sin(min_turn):
             return None
         first = -(self.x * sin_1 - self.y * cos_1) / turn
         now = (first * cos_0 + self.x) * cos_1 + (first * sin_0 + self.y) * sin_1

@@ -7,7 +7,7 @@ from visual_servo_epipolar.core import laws
 from visual_servo_epipolar.core.events import bearing_desired, engage_bound, is_settled
 from visual_servo_epipolar.core.perception import Sight
 from visual_servo_epipolar.core.phases import Phase
-from visual_servo_epipolar.core.ranging import Leg
+from visual_servo_epipolar.core.ranging import Leg, MIN_TURN, UNKNOWN_RANGE
 from visual_servo_epipolar.core.servo_settings import ServoSettings
 from visual_servo_epipolar.core.servo_state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
@@ -19,7 +19,8 @@ LATENCY_S = 0.2  # from a command to what the next image shows of it
 UNREST_DECAY = 0.5  # in one frame
 LEAST_HEADING_VARIANCE = 5e-4**2  # [rad^2]
 SLOPE_WAY = 0.5  # over which the past is forgotten [m]
-UNKNOWN_RANGE = 2.0  # of d_hat at most, where the distance was never measured [m]
+MIN_SPEED = 0.05  # below, the way says nothing about the range [m/s]
+TURN_DEVIATIONS = 8.0  # of a bearing, that the line of sight must have turned by
 
 
 def interval(earlier_ns: int, later_ns: int) -> float:
@@ -80,9 +81,12 @@ def _range(state: ServoState, sight: Sight, leg: Leg | None, dt: float) -> float
     driven = state.range
     if before is not None and before.bearings is not None:
         driven += state.twist.linear * math.cos(before.bearings.phi) * dt
-    measured = None
+    measured, moving = None, abs(state.twist.linear) >= MIN_SPEED
     if leg is not None and sight.bearings is not None and state.phase is Phase.ZEROING_EPIPOLES:
-        measured = leg.distance(sight.bearings.psi)
+        # At a standstill nothing new is learnt, and noise would be taken for news.
+        uncertain = 0.0 if math.isnan(sight.deviation) else sight.deviation
+        least = max(MIN_TURN, TURN_DEVIATIONS * uncertain)
+        measured = leg.distance(sight.bearings.psi, min_turn=least) if moving else None
     if measured is None:
         return driven if math.isnan(driven) else max(driven, 0.0)
     return measured if math.isnan(driven) else driven + RANGE_SMOOTHING * (measured - driven)

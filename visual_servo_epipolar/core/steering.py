@@ -13,6 +13,7 @@ from visual_servo_epipolar.core.events import bearing_current, bearing_desired
 from visual_servo_epipolar.core.motion import saturate, STANDSTILL, Twist
 from visual_servo_epipolar.core.perception import Sight
 from visual_servo_epipolar.core.phases import Phase
+from visual_servo_epipolar.core.ranging import look_ahead
 from visual_servo_epipolar.core.recollection import lateral_offset
 from visual_servo_epipolar.core.servo_settings import ServoSettings
 from visual_servo_epipolar.core.servo_state import ServoState
@@ -111,7 +112,7 @@ def _second_step(state: ServoState, sight: Sight, settings: ServoSettings) -> Tw
         linear,
         lateral_offset(state, sight),
         sight.heading_error,
-        look_ahead=settings.look_ahead,
+        look_ahead=look_ahead(state.range, settings.look_ahead),
     )
 
 
