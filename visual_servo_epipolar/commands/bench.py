@@ -13,6 +13,7 @@ from visual_servo_epipolar.core.errors import InputError
 BENCHMARKS: Mapping[str, str] = {
     'estimation': 'visual_servo_epipolar.benchmarks.estimation',
     'tracking': 'visual_servo_epipolar.benchmarks.tracking',
+    'sweep': 'visual_servo_epipolar.benchmarks.sweep',
 }
 
 

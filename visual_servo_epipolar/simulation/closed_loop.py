@@ -25,6 +25,7 @@ from visual_servo_epipolar.simulation import point_world
 from visual_servo_epipolar.simulation.pioneer import BaseSettings, Pioneer
 from visual_servo_epipolar.simulation.point_world import PointWorld
 
+PARTS = ('world', 'perception', 'servo', 'record', 'base')  # of a round of many runs
 SETTLE_FRAMES = 6  # the base may still be braking when the servo says that it has arrived
 
 
@@ -128,15 +129,22 @@ class Loop:
         """Return what is to be perceived."""
         return Glimpse.after(self._state.sight, observation, self._servo, self._state.frame)
 
-    def act(self, sight: Sight) -> Sample:
-        """Take in what was perceived, and drive for one period."""
-        state = self._state = advance(self._state, sight, self._servo)
+    def decide(self, sight: Sight) -> None:
+        """Take in what was perceived."""
+        self._state = advance(self._state, sight, self._servo)
+
+    def record(self) -> Sample:
+        """Note the step that was decided."""
+        state = self._state
         taken = sample(self._base.now_ns, self.pose, state.phase, telemetry(state))
         self.referee.add(taken, reason=state.reason, attempts=state.attempts)
-        self._base.command(state.twist)
+        return taken
+
+    def drive(self) -> None:
+        """Obey for one period."""
+        self._base.command(self._state.twist)
         self._base.advance(self._base.now_ns + self._period_ns)
         self.pose = published(self._base.pose)
-        return taken
 
 
 def look(loops: Sequence[Loop]) -> list[Glimpse]:
@@ -178,23 +186,40 @@ def run(
     """
     loop = Loop(settings, view, camera)
     while not loop.referee.done:
-        taken = loop.act(perceive_each(look([loop]))[0])
+        loop.decide(perceive_each(look([loop]))[0])
+        taken = loop.record()
         if watch is not None:
             watch(taken)
+        loop.drive()
     return loop.referee.log()
 
 
-def run_many(runs: Sequence[tuple[LoopSettings, View, Camera]]) -> list[RunLog]:
+def run_many(
+    runs: Sequence[tuple[LoopSettings, View, Camera]],
+    *,
+    lap: Callable[[str], None] = lambda part: None,
+) -> list[RunLog]:
     """
     Drive many robots side by side, which is faster, and return their records in this order.
 
-    Each record is, bit by bit, what ``run`` returns.
+    Each record is, bit by bit, what ``run`` returns. ``lap`` is told when a part of each round is
+    over, one of PARTS.
     """
     loops = [Loop(*each) for each in runs]
     going = [loop for loop in loops if not loop.referee.done]
     while going:
-        sights = perceive_each(look(going))
+        glimpses = look(going)
+        lap('world')
+        sights = perceive_each(glimpses)
+        lap('perception')
         for loop, sight in zip(going, sights, strict=True):
-            loop.act(sight)
+            loop.decide(sight)
+        lap('servo')
+        for loop in going:
+            loop.record()
+        lap('record')
+        for loop in going:
+            loop.drive()
+        lap('base')
         going = [loop for loop in going if not loop.referee.done]
     return [loop.referee.log() for loop in loops]
