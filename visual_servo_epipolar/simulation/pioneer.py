@@ -114,40 +114,29 @@ class Pioneer:
         duration = (now_ns - self.now_ns) / NANOSECONDS
         if duration <= 0.0:
             return
-        steps = math.ceil(duration / SUBSTEP_S)
-        start_ns, dt = self.now_ns, duration / steps
-        noise = self.settings.odometry_noise
-        pose, linear, angular = (self.pose.x, self.pose.y, self.pose.theta), 0.0, 0.0
-        wanted, aim = STANDSTILL, (0.0, 0.0)
+        steps, start_ns = math.ceil(duration / SUBSTEP_S), self.now_ns
+        dt, noise = duration / steps, self.settings.odometry_noise
+        x, y, theta = self.pose.x, self.pose.y, self.pose.theta
+        twist, aim = (0.0, 0.0), self._limited(self.wanted)
         for number in range(1, steps + 1):
-            if wanted is not self._received():
-                wanted, aim = self.wanted, self._limited(self.wanted)
+            if self._receive():
+                aim = self._limited(self.wanted)
             wheels = self._wheels = self._accelerated(*aim, dt)
-            linear, angular = self._true(*wheels)
-            if linear or angular:
-                pose = arc(*pose, linear, angular, dt)
+            twist = self._true(*wheels)
+            if twist != (0.0, 0.0):
+                x, y, theta = arc(x, y, theta, *twist, dt)
             self._unread.extend((*wheels, dt, noise))
             self.now_ns = start_ns + (now_ns - start_ns) * number // steps
-        self.pose, self.twist = Pose(*pose), Twist(linear, angular)
+        self.pose, self.twist = Pose(x, y, theta), Twist(*twist)
 
-    def _received(self) -> Twist:
-        """Return the command that the motors obey now."""
+    def _receive(self) -> bool:
+        """Take what reaches the motors now, and return whether that changed their aim."""
+        before = self.wanted
         while self._pending and self._pending[0][0] <= self.now_ns:
             self.wanted = self._pending.popleft()[1]
         if self.timed_out:
             self.halt()
-        return self.wanted
-
-    def _accelerated(self, aim: float, turn: float, dt: float) -> tuple[float, float]:
-        """Return the wheels after ``dt`` on their way to ``aim`` and ``turn``."""
-        limits, (linear, angular) = self.settings, self._wheels
-        slower = abs(aim) < abs(linear) or aim * linear < 0.0
-        change = (limits.deceleration if slower else limits.acceleration) * dt
-        turning = limits.angular_acceleration * dt
-        return (
-            linear + min(max(aim - linear, -change), change),
-            angular + min(max(turn - angular, -turning), turning),
-        )
+        return self.wanted is not before
 
     def _limited(self, twist: Twist) -> tuple[float, float]:
         limits = self.settings
@@ -157,11 +146,23 @@ class Pioneer:
             0.0 if abs(twist.angular) < limits.dead_zone_angular else twist.angular,
         )
 
+    def _accelerated(self, aim: float, turn: float, dt: float) -> tuple[float, float]:
+        """Return the wheels after ``dt`` on their way to ``aim`` and ``turn``."""
+        limits, (linear, angular) = self.settings, self._wheels
+        if aim == linear and turn == angular:
+            return self._wheels
+        slower = abs(aim) < abs(linear) or aim * linear < 0.0
+        change = (limits.deceleration if slower else limits.acceleration) * dt
+        turning = limits.angular_acceleration * dt
+        return (
+            linear + min(max(aim - linear, -change), change),
+            angular + min(max(turn - angular, -turning), turning),
+        )
+
     def _true(self, linear: float, angular: float) -> tuple[float, float]:
         """Return the true velocities of wheels that are unequal and slip."""
-        half = 0.5 * self.settings.track
-        left, right = linear - half * angular, linear + half * angular
-        ratio = math.sqrt(self.settings.wheel_ratio)
-        left, right = left / ratio, right * ratio
-        grip = 1.0 - self.settings.slip
-        return grip * 0.5 * (left + right), grip * (right - left) / self.settings.track
+        settings = self.settings
+        half, grip = 0.5 * settings.track, 1.0 - settings.slip
+        ratio = math.sqrt(settings.wheel_ratio)
+        left, right = (linear - half * angular) / ratio, (linear + half * angular) * ratio
+        return grip * 0.5 * (left + right), grip * (right - left) / settings.track
