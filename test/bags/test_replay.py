@@ -3,6 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+import re
 import struct
 from typing import Any
 
@@ -188,6 +189,17 @@ def test_a_photograph_of_another_time_is_refused(bag) -> None:
         InputError, match=r'no image was taken at 99.000 s; choose a stamp from 0.0'
     ):
         replayed(bag, desired=Moment(99_000_000_000))
+
+
+def test_a_bag_of_another_version_is_noted(small_run, tmp_path) -> None:
+    texts = [
+        (topic, log_ns, raw.replace(b'_epipolar: 0.', b'_epipolar: 9.'))
+        for topic, log_ns, raw in small_run
+    ]
+    with Bag(write_bag(tmp_path / 'later', texts)) as opened:
+        _, notes = plan(opened, read_run(opened, assigned(opened, {})), Wishes())
+    assert len(notes) == 1
+    assert re.fullmatch(r'recorded with version 9\.\S+, replayed with 0\.\S+', notes[0])
 
 
 def test_the_path_of_ground_truth_is_that_of_the_recorded_run(bag) -> None:

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, TypeVar
 
+from visual_servo_epipolar import __version__
 from visual_servo_epipolar.bags.read import Bag, Recorded
 from visual_servo_epipolar.bags.read_run import Recording, usable
 from visual_servo_epipolar.bags.replay import Plan
@@ -104,11 +105,18 @@ def _settings(
     try:
         for after_ns, said in history:
             values = {name: value for name, value in said.values.items() if name in known}
+            _note_version(said, notes)
             settings = updated(default, values, f'recorded {section}')
             found.append((after_ns, updated(settings, changes, section)))
         return found or [(None, updated(default, changes, section))]
     except (TypeError, ValueError) as error:
         raise InputError(str(error)) from None
+
+
+def _note_version(said: NodeSettings, notes: list[str]) -> None:
+    note = f'recorded with version {said.version}, replayed with {__version__}'
+    if said.version not in ('', __version__) and note not in notes:
+        notes.append(note)
 
 
 def _cameras(

@@ -97,7 +97,7 @@ def report_bag(options: argparse.Namespace, place: Callable[[], Path]) -> None:
             {'servo': asdict(done.plan.servo[-1][1]), 'tracker': asdict(done.plan.tracker[-1][1])}
         ),
         _topics(Path(options.bag)),
-        version_section({}, versions()),
+        version_section(_recorded_versions(done), versions()),
     ]
     title = f'Bag {Path(options.bag).name}, {len(done.steps)} steps from {result["source"]}'
     write_page(place(), title, verdict_of(result), sections, footer=FOOTER)
@@ -108,6 +108,12 @@ def _comparison(done: Replayed) -> Section:
     words = f'<pre>{escape(chr(10).join(lines))}</pre>'
     caption = 'Phases, epipoles and commands as recorded, and as replayed with these parameters.'
     return Section('Recorded and replayed', words + drawn(figure_of(done), caption))
+
+
+def _recorded_versions(done: Replayed) -> dict[str, str]:
+    said = [*done.run.servo, *done.run.tracker]
+    found = {item.version for _, item in said if item.version}
+    return {'visual_servo_epipolar': ', '.join(sorted(found))} if found else {}
 
 
 def _topics(path: Path) -> Section:

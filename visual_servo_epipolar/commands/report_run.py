@@ -76,10 +76,9 @@ def chosen(log: RunLog) -> list[int]:
     """Return the samples worth a picture: where phases begin, and evenly in between."""
     times = seconds(log)
     starts = [int(np.searchsorted(times, span.start_s)) for span in phase_spans(log)]
-    starts = starts[:MOST_PICTURES]
-    rest = MOST_PICTURES - len(set(starts))
-    even = np.linspace(0, len(times) - 1, rest + 2)[1:].round().astype(int).tolist()[: rest + 1]
-    return sorted({*starts, *even})[: MOST_PICTURES + 1]
+    starts = sorted({*starts, len(times) - 1})[-MOST_PICTURES:]
+    even = np.linspace(0, len(times) - 1, MOST_PICTURES - len(starts) + 2)[1:-1]
+    return sorted({*starts, *even.round().astype(int).tolist()})
 
 
 def caption_of(log: RunLog, number: int) -> str:
@@ -102,7 +101,7 @@ def _pictures(folder: Path, log: RunLog) -> list[Section]:
         if frame in wanted:
             pictures.append((jpeg(picture), caption_of(log, wanted[frame])))
     capture.release()
-    return [Section('What was seen', strip(pictures))] if pictures else []
+    return [Section('What was seen', strip(pictures, wide=True))] if pictures else []
 
 
 def _frame_of(number: int, samples: int, frames: int) -> int:

@@ -11,8 +11,10 @@ from typing import Any
 
 import yaml
 
+from visual_servo_epipolar import __version__
 from visual_servo_epipolar.core.settings import Settings
 
+VERSION = re.compile(r'^# visual_servo_epipolar: (\S{1,40})$', re.MULTILINE)
 AFTER = re.compile(r'^# after_stamp_ns: (-?\d{1,19})$', re.MULTILINE)
 
 
@@ -27,6 +29,7 @@ class NodeSettings:
     node: str
     values: dict[str, Any] = field(default_factory=dict)
     after_stamp_ns: int | None = None
+    version: str = ''  # of this package
 
 
 def to_text(node: str, groups: Iterable[Settings], after_stamp_ns: int | None = None) -> str:
@@ -36,7 +39,9 @@ def to_text(node: str, groups: Iterable[Settings], after_stamp_ns: int | None = 
         for group in groups
         for name, value in asdict(group).items()
     }
-    head = '' if after_stamp_ns is None else f'# after_stamp_ns: {after_stamp_ns}\n'
+    head = f'# visual_servo_epipolar: {__version__}\n'
+    if after_stamp_ns is not None:
+        head += f'# after_stamp_ns: {after_stamp_ns}\n'
     return head + str(yaml.safe_dump({node: {'ros__parameters': values}}, sort_keys=False))
 
 
@@ -56,8 +61,10 @@ def from_text(text: str) -> NodeSettings:
             f'settings must be those of one node, got {len(found)}; connect ~/settings of a node'
         )
     ((node, values),) = found.items()
-    after = AFTER.search(text)
-    return NodeSettings(node, values, int(after[1]) if after else None)
+    after, version = AFTER.search(text), VERSION.search(text)
+    return NodeSettings(
+        node, values, int(after[1]) if after else None, version[1] if version else ''
+    )
 
 
 def sections(text: str) -> dict[str, dict[str, Any]]:

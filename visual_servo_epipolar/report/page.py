@@ -17,7 +17,7 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.report.style import FIGURE_SETTINGS
 
 FILE = 'report.html'
-PICTURE_WIDTH = 640  # [px]
+PICTURE_WIDTH = 800  # [px]
 QUALITY = 80  # of a JPEG
 Cell = str | float | int | None
 
@@ -71,10 +71,10 @@ def drawn(figure: Figure, caption: str) -> str:
     return _figure('image/svg+xml', buffer.getvalue(), caption)
 
 
-def strip(pictures: Sequence[tuple[bytes, str]]) -> str:
-    """Return JPEGs with their captions, side by side."""
+def strip(pictures: Sequence[tuple[bytes, str]], *, wide: bool = False) -> str:
+    """Return JPEGs with their captions, three beside each other, or two that are ``wide``."""
     shown = [_figure('image/jpeg', data, caption) for data, caption in pictures]
-    return '<div class="strip">' + '\n'.join(shown) + '</div>'
+    return f'<div class="strip{" wide" if wide else ""}">' + '\n'.join(shown) + '</div>'
 
 
 def jpeg(picture: Image) -> bytes:
