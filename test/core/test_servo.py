@@ -387,10 +387,14 @@ def test_the_latch_holds_all_the_way_up_to_its_release(parts: list[float]) -> No
     assert state.twist.linear == 0.0
 
 
+EXACT = replace(SETTINGS, line_following=False)
+
+
 @pytest.mark.parametrize('sign', [-1.0, 1.0])
 def test_beyond_its_release_the_first_step_begins_anew(sign: float) -> None:
     latched = in_phase(Phase.ZEROING_EPIPOLES, latched=True)
-    state = after(sight(0.1, desired=sign * 1.01 * SETTINGS.latch_release), state=latched)
+    escaped = sight(0.1, desired=sign * 1.01 * SETTINGS.latch_release)
+    state = after(escaped, state=latched, settings=EXACT)
     assert state.phase is Phase.DISPLACING
     assert not state.latched
 
@@ -399,8 +403,16 @@ def test_the_latch_does_not_take_noise_for_an_escape() -> None:
     latched = in_phase(Phase.ZEROING_EPIPOLES, latched=True)
     outside = sight(0.1, desired=2.0 * SETTINGS.latch_release)
     uncertain = replace(outside, deviation=SETTINGS.latch_release)
-    assert after(outside, state=latched).phase is Phase.DISPLACING
-    assert after(uncertain, state=latched).phase is Phase.ZEROING_EPIPOLES
+    assert after(outside, state=latched, settings=EXACT).phase is Phase.DISPLACING
+    assert after(uncertain, state=latched, settings=EXACT).phase is Phase.ZEROING_EPIPOLES
+
+
+def test_what_line_following_makes_up_for_is_no_escape() -> None:
+    outside = sight(0.1, desired=2.0 * SETTINGS.latch_release)
+    far = in_phase(Phase.ZEROING_EPIPOLES, latched=True, range=2.0)
+    near = in_phase(Phase.ZEROING_EPIPOLES, latched=True, range=0.25)
+    assert after(outside, state=far).phase is Phase.ZEROING_EPIPOLES
+    assert after(outside, state=near).phase is Phase.DISPLACING
 
 
 def test_law_full_brakes_before_the_desired_epipole_is_zero() -> None:
