@@ -16,7 +16,7 @@ DEMO_ARGS ?= --out $(DEMO_OUT)
 REPRODUCE_OUT ?= reproduce_out
 
 .DEFAULT_GOAL := setup
-.PHONY: setup test test-colcon colcon lint format demo sweep reproduce theory-figures bench faults clean help
+.PHONY: setup test test-colcon colcon lint format demo sweep reproduce peers-figure theory-figures bench faults clean help
 
 setup: $(STAMP) ## make .venv with ROS 2 Jazzy, all tools and this package, editable (default)
 
@@ -54,6 +54,9 @@ reproduce: $(STAMP) ## the figures of the paper and a table, paper against us; i
 
 sweep: $(STAMP) ## 200 starts, three laws: table and maps in sweep_out/; SWEEP_ARGS for others
 	@$(BIN)/visual_servo sweep $(SWEEP_ARGS)
+
+peers-figure: $(STAMP) ## the figure and the table of docs/peers.md, minutes
+	@$(BIN)/python docs/peers_figure.py
 
 theory-figures: $(STAMP) ## the figures of docs/theory.md
 	@$(BIN)/python docs/theory_figures.py

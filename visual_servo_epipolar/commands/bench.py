@@ -14,6 +14,7 @@ BENCHMARKS: Mapping[str, str] = {
     'estimation': 'visual_servo_epipolar.benchmarks.estimation',
     'tracking': 'visual_servo_epipolar.benchmarks.tracking',
     'sweep': 'visual_servo_epipolar.benchmarks.sweep',
+    'laws': 'visual_servo_epipolar.benchmarks.laws',
 }
 
 

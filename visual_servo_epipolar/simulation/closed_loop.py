@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.perception import (
 )
 from visual_servo_epipolar.core.phases import ENDED, Phase
 from visual_servo_epipolar.core.run_log import RunLog, Sample
-from visual_servo_epipolar.core.servo import advance
+from visual_servo_epipolar.core.servo import advance, step
 from visual_servo_epipolar.core.servo_settings import ServoSettings
 from visual_servo_epipolar.core.servo_state import ServoState
 from visual_servo_epipolar.core.stamps import NANOSECONDS
@@ -24,6 +24,8 @@ from visual_servo_epipolar.core.telemetry import sample, telemetry
 from visual_servo_epipolar.simulation import point_world
 from visual_servo_epipolar.simulation.pioneer import BaseSettings, Pioneer
 from visual_servo_epipolar.simulation.point_world import PointWorld
+
+Step = Callable[[ServoState, Observation, ServoSettings], ServoState]
 
 PARTS = ('world', 'perception', 'servo', 'record', 'base')  # of a round of many runs
 SETTLE_FRAMES = 6  # the base may still be braking when the servo says that it has arrived
@@ -133,6 +135,11 @@ class Loop:
         """Take in what was perceived."""
         self._state = advance(self._state, sight, self._servo)
 
+    def decide_by(self, control: Step) -> None:
+        """Look, and let ``control`` take it in."""
+        observation = look([self])[0].observation
+        self._state = control(self._state, observation, self._servo)
+
     def record(self) -> Sample:
         """Note the step that was decided."""
         state = self._state
@@ -177,16 +184,18 @@ def run(
     camera: Camera,
     *,
     watch: Callable[[Sample], None] | None = None,
+    control: Step = step,
 ) -> RunLog:
     """
     Drive from the start until the servo ends, and return the record.
 
-    ``watch`` is called after each step. The order of events is that of the nodes in lockstep:
-    ground truth, image, tracks, command, and only then does the base move for one period.
+    ``watch`` is called after each step; another law may stand in for the servo as ``control``. The
+    order of events is that of the nodes in lockstep: ground truth, image, tracks, command, and
+    only then does the base move for one period.
     """
     loop = Loop(settings, view, camera)
     while not loop.referee.done:
-        loop.decide(perceive_each(look([loop]))[0])
+        loop.decide_by(control)
         taken = loop.record()
         if watch is not None:
             watch(taken)

@@ -1,0 +1,1 @@
+"""Other laws behind the servo's own door: same images, same base, same judge."""
