@@ -1,10 +1,11 @@
 """All nodes in one process, in lockstep: deterministic, and as fast as the machine allows."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict, fields
 import os
+from pathlib import Path
 import time
 from typing import Any
 
@@ -13,10 +14,12 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
+from visual_servo_epipolar.bags.record_settings import RecordSettings
 from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.nodes import parameters
 from visual_servo_epipolar.nodes.camera_node import CameraNode
+from visual_servo_epipolar.nodes.recorder_node import RecorderNode
 from visual_servo_epipolar.nodes.run import tune_transport
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
@@ -25,6 +28,7 @@ from visual_servo_epipolar.simulation.closed_loop import LoopSettings
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 STALL_S = 60.0
+QUIET_SPINS = 20  # of 10 ms, without a message: everything has arrived
 DISCOVERY = ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_LOCALHOST_ONLY', 'ROS_STATIC_PEERS')
 
 
@@ -49,6 +53,7 @@ class Lockstep(AbstractContextManager['Lockstep']):
         rclpy.init(args=[], context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.nodes: list[Node] = []
+        self.recorder: RecorderNode | None = None
         try:
             self._populate(scenario, loop)
         except BaseException:
@@ -72,6 +77,21 @@ class Lockstep(AbstractContextManager['Lockstep']):
         self.nodes.append(node)
         self.executor.add_node(node)
 
+    def record(self, folder: Path, *, exclude: Sequence[str] = ()) -> None:
+        """
+        Record every message of every topic, but for those that match a pattern of ``exclude``.
+
+        Time waits for the disk; the bag is complete after ``run``.
+        """
+        topics = {item.topic_name for node in self.nodes for item in node.publishers}
+        wanted = {
+            'bag': str(folder),
+            'topics': tuple(sorted(topics - {'/parameter_events'})),
+            'exclude': tuple(exclude) or ('',),
+            'report': False,
+        }
+        self.recorder = self._add(RecorderNode, RecordSettings(when_full='wait'), wanted)
+
     def run(self, done: Callable[[], bool]) -> None:
         """
         Set the chain going, and spin until ``done``.
@@ -85,6 +105,20 @@ class Lockstep(AbstractContextManager['Lockstep']):
         self._spin_until(self._connected, 'every node to find its peers and the photograph')
         self.unicycle.begin()
         self._spin_until(done, 'the run to end')
+        if self.recorder is not None:
+            self._finish(self.recorder)
+
+    def _finish(self, recorder: RecorderNode) -> None:
+        """Let the last step run out, and complete the bag."""
+        self.executor.remove_node(self.unicycle)  # no command moves it any more
+        quiet, heard = 0, recorder.heard
+        while quiet < QUIET_SPINS:
+            self.executor.spin_once(timeout_sec=0.01)
+            quiet = quiet + 1 if recorder.heard == heard else 0
+            heard = recorder.heard
+        tally = recorder.stop()
+        if tally.error:
+            raise LockstepError(tally.error)
 
     def __exit__(self, *_: object) -> None:
         for node in self.nodes:
@@ -118,7 +152,7 @@ class Lockstep(AbstractContextManager['Lockstep']):
     def _connected(self) -> bool:
         """Return whether all who publish know all who listen, and the photograph is there."""
         heard = Counter(item.topic_name for node in self.nodes for item in node.subscriptions)
-        return self.tracker.ready and all(
+        return all(getattr(node, 'ready', True) for node in self.nodes) and all(
             item.get_subscription_count() >= heard[item.topic_name]
             for node in self.nodes
             for item in node.publishers

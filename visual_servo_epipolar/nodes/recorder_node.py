@@ -70,6 +70,7 @@ class RecorderNode(Node):
         self._ears = Ears(self, wish, self._begin_topic, self._take)
         self._recorder: Recorder | None = None
         self._error, self._bags, self._looks = '', 0, 0
+        self.heard = 0  # messages
         self._diagnostics_pub = self.create_publisher(
             DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS
         )
@@ -132,6 +133,7 @@ class RecorderNode(Node):
             self._recorder.add(topic)
 
     def _take(self, topic: Topic, data: bytes) -> None:
+        self.heard += 1
         if self._recorder is not None:
             self._recorder.put(topic, self.get_clock().now().nanoseconds, data)
 
