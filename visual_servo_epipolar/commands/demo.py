@@ -1,8 +1,10 @@
-"""``visual_servo demo``: the four real nodes in lockstep; leaves result, figures and a video."""
+"""``visual_servo demo``: the four real nodes in lockstep; leaves result, figures, video, bag."""
 
 import argparse
 from contextlib import ExitStack
 from pathlib import Path
+import re
+import shutil
 from typing import Any, TYPE_CHECKING
 
 from visual_servo_epipolar.commands.arguments import (
@@ -27,6 +29,9 @@ if TYPE_CHECKING:
 
 DEFAULT_START = (1.0, -3.5, 8.0)
 DEFAULT_FOLDER = 'demo_out'
+BAG = 'bag'
+# What a bag leaves out. Images have 1.3 MB each; a bag without them is replayed from tracks.
+EXCLUDED = {'tracks': ('*image_raw',), 'images': ('*overlay/image_raw',)}
 NO_ROS = (
     'ROS 2 cannot be imported ({}); source your ROS 2 Jazzy, or run "make setup" and use .venv'
 )
@@ -42,9 +47,16 @@ def add_to(kinds: Any) -> None:
         '--out',
         metavar='DIR',
         default=DEFAULT_FOLDER,
-        help=f'folder for result.json, figures and video (default {DEFAULT_FOLDER})',
+        help=f'folder for result.json, figures, video and bag (default {DEFAULT_FOLDER})',
     )
     parser.add_argument('--no-video', action='store_true', help='leave out the video')
+    parser.add_argument(
+        '--bag',
+        choices=('none', *EXCLUDED),
+        default='tracks',
+        help='what to record: tracks is everything but images, images is both, 400 MB '
+        '(default tracks)',
+    )
     parser.add_argument(
         '--visible',
         action='store_true',
@@ -95,10 +107,27 @@ def _drive(
         lockstep.add(
             ObserverNode(referee, watch, with_images=with_images, context=lockstep.context)
         )
+        bag = _cleared(folder / BAG)
+        if options.bag != 'none':
+            lockstep.record(bag, exclude=EXCLUDED[options.bag])
         lockstep.run(lambda: referee.done)
         progress.say('finishing the video ...')
     progress.close()
     return referee.log()
+
+
+def _cleared(bag: Path) -> Path:
+    """Remove the bag of an earlier run, and nothing else."""
+    if bag.is_dir():
+        known = re.compile(rf'metadata\.yaml|{bag.name}_\d+(\.mcap)?')
+        strange = [item.name for item in bag.iterdir() if not known.fullmatch(item.name)]
+        if strange:
+            raise InputError(
+                f'{bag} must be the bag of an earlier run, to be replaced, but has '
+                f'{", ".join(sorted(strange))}; name another folder by --out'
+            )
+        shutil.rmtree(bag)
+    return bag
 
 
 def _film(scenario: Scenario, settings: LoopSettings, folder: Path) -> 'VideoWriter':

@@ -38,7 +38,9 @@ class Wish:
 
     def resolved(self, node: Node) -> 'Wish':
         """Return the wish in full names, remapped as ``node`` is."""
-        return Wish(*(tuple(_full(node, item) for item in group) for group in self._groups()))
+        return Wish(
+            *(tuple(_full(node, item) for item in group if item) for group in self._groups())
+        )
 
     def wants(self, topic: str) -> bool:
         """Return whether a topic, by its full name, is wanted."""
@@ -50,7 +52,7 @@ class Wish:
     @property
     def named(self) -> frozenset[str]:
         """The topics that are wanted by name."""
-        return frozenset(name for name in self.names if not _is_pattern(name))
+        return frozenset(name for name in self.names if not _is_pattern(name) and self.wants(name))
 
     def _groups(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
         return self.names, self.but

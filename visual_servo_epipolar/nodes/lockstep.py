@@ -28,7 +28,8 @@ from visual_servo_epipolar.simulation.closed_loop import LoopSettings
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 STALL_S = 60.0
-QUIET_SPINS = 20  # of 10 ms, without a message: everything has arrived
+SPIN_S = 0.05  # one for all: with another the executor forgets what was ready
+QUIET_SPINS = 6  # without a message: everything has arrived
 DISCOVERY = ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_LOCALHOST_ONLY', 'ROS_STATIC_PEERS')
 
 
@@ -87,7 +88,7 @@ class Lockstep(AbstractContextManager['Lockstep']):
         wanted = {
             'bag': str(folder),
             'topics': tuple(sorted(topics - {'/parameter_events'})),
-            'exclude': tuple(exclude) or ('',),
+            'exclude': tuple(exclude),
             'report': False,
         }
         self.recorder = self._add(RecorderNode, RecordSettings(when_full='wait'), wanted)
@@ -110,10 +111,12 @@ class Lockstep(AbstractContextManager['Lockstep']):
 
     def _finish(self, recorder: RecorderNode) -> None:
         """Let the last step run out, and complete the bag."""
-        self.executor.remove_node(self.unicycle)  # no command moves it any more
+        # The command of the last step is on its way, its successor is not: without an image the
+        # chain ends where it does each time.
+        self.executor.remove_node(self.camera)
         quiet, heard = 0, recorder.heard
         while quiet < QUIET_SPINS:
-            self.executor.spin_once(timeout_sec=0.01)
+            self.executor.spin_once(timeout_sec=SPIN_S)
             quiet = quiet + 1 if recorder.heard == heard else 0
             heard = recorder.heard
         tally = recorder.stop()
@@ -161,7 +164,7 @@ class Lockstep(AbstractContextManager['Lockstep']):
     def _spin_until(self, condition: Callable[[], bool], waited_for: str) -> None:
         progress, seen = time.monotonic(), -1
         while not condition():
-            self.executor.spin_once(timeout_sec=0.05)
+            self.executor.spin_once(timeout_sec=SPIN_S)
             steps = self.unicycle.steps
             if steps != seen:
                 progress, seen = time.monotonic(), steps
