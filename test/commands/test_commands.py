@@ -229,6 +229,7 @@ def test_the_demo_can_do_without_a_video(tmp_path, scenario) -> None:
     )
     assert ended.returncode == 1
     assert {path.name for path in (tmp_path / 'out').iterdir()} == {
+        'bag',
         'result.json',
         'run.json',
         'trajectory.png',

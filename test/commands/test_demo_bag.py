@@ -1,0 +1,69 @@
+"""The bag that a demo leaves: it is replayed to the commands that were given."""
+
+from pathlib import Path
+
+from bag_reading import read_back
+import pytest
+
+from visual_servo_epipolar.commands.main import main
+
+pytest.importorskip('rclpy')
+
+TINY = """
+camera: {width: 320, height: 240, focal_length: 192.0, principal_u: 159.5, principal_v: 119.5}
+run: {max_duration: 1.0}
+"""
+
+
+def demo(folder: Path, *more: str) -> int:
+    """Run a demo of one second into ``folder``; it fails, for that is too short."""
+    (folder / 'tiny.yaml').write_text(TINY)
+    start = ('--start', '0.3', '-2.2', '0', '--scenario', str(folder / 'tiny.yaml'))
+    return main(['demo', *start, '--no-video', '--out', str(folder / 'out'), *more])
+
+
+def earlier(folder: Path) -> Path:
+    """Leave what an earlier demo has left: a bag, and one that it was killed in."""
+    bag = folder / 'out/bag'
+    (bag / 'bag_7').mkdir(parents=True)
+    for name in ('metadata.yaml', 'bag_0.mcap', 'bag_7/bag_7.mcap'):
+        (bag / name).touch()
+    return bag
+
+
+def topics(bag: Path) -> set[str]:
+    return {topic for topic, _, _ in read_back(bag)}
+
+
+def test_a_bag_without_images_is_the_default_and_replaces_the_one_before(tmp_path) -> None:
+    bag = earlier(tmp_path)
+    assert demo(tmp_path) == 1
+    assert {path.name for path in bag.iterdir()} == {'metadata.yaml', 'bag_0.mcap'}
+    assert topics(bag) >= {'/tracks', '/camera_info', '/cmd_vel', '/epipoles', '/ground_truth'}
+    assert not any(topic.endswith('image_raw') for topic in topics(bag))
+    assert main(['replay', str(bag), '--out', str(tmp_path / 'replayed')]) == 0
+
+
+def test_a_bag_with_images_is_replayed_from_images(tmp_path, capsys) -> None:
+    assert demo(tmp_path, '--bag', 'images') == 1
+    bag = tmp_path / 'out/bag'
+    assert topics(bag) >= {'/image_raw', '/desired/image_raw', '/tracks'}
+    capsys.readouterr()
+    assert main(['replay', str(bag), '--out', str(tmp_path / 'replayed')]) == 0
+    assert 'image' in capsys.readouterr().out
+
+
+def test_a_demo_can_do_without_a_bag_and_leaves_none_of_before(tmp_path) -> None:
+    bag = earlier(tmp_path)
+    assert demo(tmp_path, '--bag', 'none') == 1
+    assert not bag.exists()
+
+
+def test_a_folder_that_is_no_bag_is_left_alone(tmp_path, capsys) -> None:
+    mine = tmp_path / 'out/bag/mine.txt'
+    mine.parent.mkdir(parents=True)
+    mine.write_text('kept')
+    assert demo(tmp_path) == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert 'must be the bag of an earlier run, to be replaced, but has mine.txt' in said
+    assert mine.read_text() == 'kept'
