@@ -15,6 +15,7 @@ BENCHMARKS: Mapping[str, str] = {
     'tracking': 'visual_servo_epipolar.benchmarks.tracking',
     'sweep': 'visual_servo_epipolar.benchmarks.sweep',
     'laws': 'visual_servo_epipolar.benchmarks.laws',
+    'recording': 'visual_servo_epipolar.benchmarks.recording',
 }
 
 
