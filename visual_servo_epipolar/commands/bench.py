@@ -43,10 +43,19 @@ def run(options: argparse.Namespace) -> int:
     say: Callable[[str], None] = Progress().say
     results = {}
     for name in options.which or BENCHMARKS:
-        benchmark = import_module(BENCHMARKS[name])
+        benchmark = _benchmark(name)
         results[name] = benchmark.run(seed=options.seed, quick=options.quick, say=say)
         say('')
         if options.json != '-':
             print(benchmark.table(results[name]))
     write_json(results, options.json)
     return 0
+
+
+def _benchmark(name: str) -> Any:
+    try:
+        return import_module(BENCHMARKS[name])
+    except ImportError as error:
+        raise InputError(
+            f'benchmark {name} cannot be run: {error}; install what it needs'
+        ) from None
