@@ -13,6 +13,7 @@ from visual_servo_epipolar.core.servo_state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
 
 ENGAGE_DEVIATIONS, RELEASE_DEVIATIONS, NOISE_DEVIATIONS = 1.0, 4.0, 2.0
+RESIDUAL = 1.25  # parallax of a standstill, in deviations of the noise: see ``fit_rotation``
 FOLLOWED = 1e-3  # offset that line following may leave [m]
 LARGEST_ESCAPE = 0.1  # [rad]
 FRAME_S = 0.1  # the shortest turn: one command, at the usual frame rate [s]
@@ -165,21 +166,24 @@ def matched_bound(sight: Sight, settings: ServoSettings) -> float:
     return max(settings.arrival_difference, NOISE_DEVIATIONS * sight.difference_deviation)
 
 
-def has_parallax(sight: Sight, bound: float) -> bool:
-    """Return whether the features show more parallax than ``bound`` [rad] and noise explain."""
-    return not sight.parallax <= math.hypot(bound, NOISE_DEVIATIONS * sight.noise)
+def has_parallax(state: ServoState, sight: Sight, settings: ServoSettings) -> bool:
+    """Return whether the features show parallax that noise does not explain: not at the goal."""
+    seen = sight.parallax if state.settled < 2 else state.settled_parallax
+    # The root of a mean square over N features varies by 0.5 / sqrt(N) and more.
+    noise = RESIDUAL * sight.noise * (1.0 + 1.5 / math.sqrt(max(sight.features, 1)))
+    return not seen <= math.hypot(settings.arrival_parallax, noise)
 
 
-def is_at_goal(sight: Sight, settings: ServoSettings) -> bool:
+def is_at_goal(state: ServoState, sight: Sight, settings: ServoSettings) -> bool:
     """Return whether the photograph could have been taken from here: heading, parallax and D."""
     faces_it = abs(sight.heading_error) <= facing_bound(settings)
     matched = abs(sight.difference) <= matched_bound(sight, settings)
-    return faces_it and matched and not has_parallax(sight, settings.goal_error)
+    return faces_it and matched and not has_parallax(state, sight, settings)
 
 
 def _survey(state: ServoState, sight: Sight, settings: ServoSettings) -> Event:
     """Decide how to begin, or to begin again after the tracks came back."""
-    if is_at_goal(sight, settings):
+    if is_at_goal(state, sight, settings):
         return Event.MATCHED
     if sight.bearings is None:
         return Event.NO_BASELINE if sight.parallax <= settings.near_parallax else Event.LOST
@@ -194,7 +198,7 @@ def _survey(state: ServoState, sight: Sight, settings: ServoSettings) -> Event:
 def _orienting(state: ServoState, sight: Sight, settings: ServoSettings) -> Event:
     if state.settled < settings.align_frames:
         return Event.NOTHING
-    if is_at_goal(sight, settings):
+    if is_at_goal(state, sight, settings):
         return Event.MATCHED
     if is_sideways(sight, settings):
         return Event.SIDEWAYS
@@ -249,7 +253,7 @@ def _matching(state: ServoState, sight: Sight, settings: ServoSettings) -> Event
         return Event.LOST
     if state.settled < settings.arrival_frames:
         return Event.NOTHING
-    if has_parallax(sight, settings.arrival_parallax):
+    if has_parallax(state, sight, settings):
         return Event.MISSED if state.attempts < settings.max_attempts else Event.EXHAUSTED
     if settings.law == 'full' and not abs(sight.heading_error) <= facing_bound(settings):
         return Event.TURNED

@@ -44,7 +44,12 @@ def remember(state: ServoState, sight: Sight, settings: ServoSettings) -> ServoS
     )
     state = _with_slope(state, before, dt)
     state = replace(state, latched=_latch(state, sight, settings))
-    return replace(state, settled=state.settled + 1 if is_settled(state, settings) else 0)
+    if not is_settled(state, settings):
+        return replace(state, settled=0)
+    settled = state.settled + 1
+    earlier = state.settled_parallax if state.settled else 0.0
+    square = earlier**2 + (sight.parallax**2 - earlier**2) / settled
+    return replace(state, settled=settled, settled_parallax=math.sqrt(max(square, 0.0)))
 
 
 def lateral_offset(state: ServoState, sight: Sight) -> float:

@@ -117,13 +117,13 @@ class ServoSettings(Settings):
         6e-4, 'Heading error at which the robot faces as the goal does [rad]', low=1e-5, high=0.1
     )
     arrival_parallax: float = setting(
-        6e-4, 'Parallax above which an end of step 2 is a miss [rad]', low=0, high=1
+        1.5e-4,
+        'Parallax beyond noise above which the robot is not at the goal [rad]',
+        low=0,
+        high=1,
     )
     arrival_frames: int = setting(5, 'Frames in a row that must match', low=1, high=100)
 
-    goal_error: float = setting(
-        3e-4, 'Parallax up to which the robot is at the goal already [rad]', low=0, high=1
-    )
     near_parallax: float = setting(
         0.02, 'Parallax below which a goal without trusted bearings is near [rad]', low=0, high=1
     )
@@ -167,7 +167,7 @@ class ServoSettings(Settings):
         0.03, 'Least spread of the features that agree [rad]', low=0.0, high=1.0
     )
     pixel_noise: float = setting(
-        0.3, 'Deviation of a tracked coordinate before residuals show it [px]', low=0.01, high=10
+        0.2, 'Deviation of a tracked coordinate before residuals show it [px]', low=0.01, high=10
     )
     floor_jitter: float = setting(
         0.0017, 'Deviation of tilt and of roll by the floor, view by view [rad]', low=0, high=0.1

@@ -22,7 +22,8 @@ class ServoState:
     angular velocity changed lately, ``last_angular`` that before the last [rad/s]; ``slope`` is
     dD/dy [1/m], as driving in step 2 shows it, ``slope_weight`` the squared way it rests on [m^2];
     ``owed`` is what the dead band of the base still owes; ``settled`` counts frames in a row that
-    fulfil the aim of the phase.
+    fulfil the aim of the phase, and ``settled_parallax`` is the root mean square of the parallax
+    over them.
     """
 
     phase: Phase = Phase.WAITING
@@ -45,6 +46,7 @@ class ServoState:
     slope_weight: float = 0.0
     owed: Twist = STANDSTILL
     settled: int = 0
+    settled_parallax: float = math.nan
     attempts: int = 1
     frame: int = 0
     reason: str = ''
