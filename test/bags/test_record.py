@@ -184,3 +184,11 @@ def test_a_message_type_that_nobody_defines_is_refused(tmp_path) -> None:
 def test_a_file_too_small_to_be_one_is_refused() -> None:
     with pytest.raises(ValueError, match=r'split_size must be 0, or at least 0.1 MB, got 0.01'):
         RecordSettings(split_size=0.01)
+
+
+@pytest.mark.filterwarnings('ignore::pytest.PytestUnhandledThreadExceptionWarning')
+def test_a_mistake_of_ours_is_not_passed_over_in_silence(tmp_path) -> None:
+    recorder = Recorder(tmp_path / 'bag')
+    recorder.put(WORDS, 0, words('of a topic that nobody made known'))
+    tally = recorder.close()
+    assert 'broke off; see above, and repair it' in tally.error

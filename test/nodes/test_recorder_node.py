@@ -113,8 +113,11 @@ def test_only_what_is_wanted_is_recorded(bench, tmp_path) -> None:
 
 
 def test_a_topic_that_comes_late_is_recorded_from_then_on(bench, tmp_path) -> None:
+    diagnostics = bench.listen(DiagnosticArray, '/diagnostics')
     recording = Recording(bench, tmp_path, topics=('words',))
     assert not recording.node.ready
+    bench.until(lambda: bool(diagnostics), 'a report')
+    assert read.diagnosis(diagnostics[-1])['not_published'] == '/words'
     say = bench.talk(String, 'words')
     recording.until_recorded('/words')
     say(write.text('late'))

@@ -110,14 +110,19 @@ class Recorder:
     def _run(self) -> None:
         """Write until closed, or until the disk fails: the life of the thread."""
         writer: BagWriter | None = None
+        whole = False
         try:
             writer = BagWriter(self.folder, self._settings)
             self._tell(is_open=True)
             self._write_all(writer)
             writer.close()
+            whole = True
         except (*FAULTS, InputError, DiskFullError) as error:
             self._fail(error, writer)
         finally:
+            with self._changed:
+                if not (whole or self._error):  # a mistake of ours: not in silence
+                    self._error = f'recording to {self.folder} broke off; see above, and repair it'
             self._tell(is_open=False)
 
     def _write_all(self, writer: BagWriter) -> None:

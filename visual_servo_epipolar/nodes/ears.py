@@ -57,7 +57,12 @@ class Ears:
     @property
     def all_heard(self) -> bool:
         """Whether all topics that were wished for by name are subscribed."""
-        return self._wish.named <= self._ears.keys()
+        return not self.missing
+
+    @property
+    def missing(self) -> frozenset[str]:
+        """The topics that are wished for by name, but that nobody publishes."""
+        return self._wish.named - self._ears.keys()
 
     def look(self) -> None:
         """Subscribe to what is new, and to what is offered with less than was expected."""

@@ -206,6 +206,7 @@ class RecorderNode(Node):
                 'dropped_of': _counts(tally.dropped),
                 'lost_of': _counts(self._ears.lost),
                 'not_recorded': ' '.join(sorted(self._ears.refused)),
+                'not_published': ' '.join(sorted(self._ears.missing)),
             },
             stamp_ns=self.get_clock().now().nanoseconds,
         )
