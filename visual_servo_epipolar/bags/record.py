@@ -120,9 +120,8 @@ class Recorder:
         except (*FAULTS, InputError, DiskFullError) as error:
             self._fail(error, writer)
         finally:
-            with self._changed:
-                if not (whole or self._error):  # a mistake of ours: not in silence
-                    self._error = f'recording to {self.folder} broke off; see above, and repair it'
+            if not (whole or self._error):  # not in silence
+                self._fail(RuntimeError('a mistake in the recorder, see above'), writer)
             self._tell(is_open=False)
 
     def _write_all(self, writer: BagWriter) -> None:
