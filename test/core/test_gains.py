@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 import math
 
-from hypothesis import assume, given, settings
+from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
@@ -12,10 +12,11 @@ from strategies import floats, pose_with
 from visual_servo_epipolar.core import bounds, gains, laws
 from visual_servo_epipolar.core.epipolar import Bearings
 from visual_servo_epipolar.core.gains import Circumstances, derive, Gains
+from visual_servo_epipolar.core.landing import longest_landing
 from visual_servo_epipolar.core.motion import integrate, Pose, saturate, STANDSTILL
 
 SIGNS = st.sampled_from([-1.0, 1.0])
-LONGEST = 4000  # samples
+LONGEST = 600.0  # that a run may take by the bound on it [s]
 
 
 @dataclass(frozen=True)
@@ -24,6 +25,7 @@ class Outcome:
 
     verdict: str  # 'landed', 'singular' (e_au changed sign), 'overshot' (e_du did), 'slow'
     least: float  # bearing of e_au [rad]
+    duration: float = math.inf  # [s]
 
 
 def sampled(pose: Pose, estimate: float, known: Circumstances, found: Gains) -> Outcome:
@@ -33,11 +35,11 @@ def sampled(pose: Pose, estimate: float, known: Circumstances, found: Gains) -> 
     first = Bearings.from_pose(pose)
     side, other = first.epipole_current, first.epipole_desired
     least = math.inf
-    for _ in range(LONGEST):
+    for i in range(math.ceil(LONGEST * known.rate)):
         seen = Bearings.from_pose(pose)
         e_current, e_desired = seen.epipole_current, seen.epipole_desired
         if abs(math.atan(e_desired)) <= known.landing:
-            return Outcome('landed', least)
+            return Outcome('landed', least, i * dt)
         if e_desired * other < 0.0:
             return Outcome('overshot', least)
         least = min(least, abs(math.atan(e_current)))
@@ -92,15 +94,33 @@ def concordant_cases(draw: st.DrawFn) -> tuple[Circumstances, Pose]:
     return known, pose
 
 
+def slow_base() -> tuple[Circumstances, Pose]:
+    """Return a start from which the robot backs away by 32 m at 0.125 m/s before e_du lands."""
+    known = Circumstances(
+        concordant=True,
+        current=0.5,
+        desired=0.5,
+        farthest=8.0,
+        nearest=8.0,
+        max_linear=0.125,
+        rate=20.0,
+    )
+    return known, Pose(x=3.8354043088336245, y=-7.020660495122981, theta=1.5707963267948966)
+
+
 @settings(max_examples=150)
 @given(concordant_cases())
+@example(slow_base())
 def test_concordant_epipoles_under_the_derived_gains_never_meet_the_singularity(
     case: tuple[Circumstances, Pose],
 ) -> None:
     known, pose = case
     found = derive(known)
+    longest = longest_landing(known, found)
+    assume(longest <= LONGEST)
     run = sampled(pose, known.farthest, known, found)
     assert run.verdict == 'landed'
+    assert run.duration <= longest
     # The floor itself is that of continuous time; the period has its part of SAMPLES_LEFT.
     assert run.least >= found.floor * (1.0 - 0.5 / gains.SAMPLES_LEFT)
 
@@ -125,8 +145,36 @@ def test_discordant_epipoles_land_without_passing_zero_or_infinity(data: st.Data
     found = derive(known)
     run = sampled(pose, known.farthest, known, found)
     assert run.verdict == 'landed'
+    assert run.duration <= longest_landing(known, found)
     # Sampling: the first-order error of e^(-k1 t) over one period is far below the tenth.
     assert run.least >= 0.9 * found.floor
+
+
+@pytest.mark.parametrize(
+    ('current', 'desired', 'ratio'), [(0.5, 0.3, 1.0), (0.9, 0.6, 1.5), (0.6, 0.2, 2.0)]
+)
+def test_the_longest_landing_time_is_met_by_the_worst_of_the_starts_on_a_slow_base(
+    current: float, desired: float, ratio: float
+) -> None:
+    known = Circumstances(
+        concordant=True,
+        current=current,
+        desired=desired,
+        nearest=8.0 / ratio,
+        max_linear=0.1,
+        max_angular=10.0,
+        rate=60.0,
+    )
+    found = derive(known)
+    durations = []
+    for distance in np.linspace(known.nearest, known.farthest, 5):
+        pose = pose_with(
+            math.tan(current), math.tan(desired), sigma=-1.0, distance=float(distance)
+        )
+        durations.append(sampled(pose, known.farthest, known, found).duration)
+    longest = longest_landing(known, found)
+    # Turning and driving add up in the bound, and only just overlap in the run.
+    assert 0.95 * longest <= max(durations) <= longest
 
 
 def tight() -> tuple[Circumstances, Pose]:
