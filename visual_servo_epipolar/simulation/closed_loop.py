@@ -4,6 +4,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Protocol
 
+import numpy as np
+
 from visual_servo_epipolar.core.camera import Camera
 from visual_servo_epipolar.core.features import Features
 from visual_servo_epipolar.core.motion import Pose, quaternion_from_yaw, yaw_from_quaternion
@@ -28,6 +30,7 @@ from visual_servo_epipolar.simulation.point_world import PointWorld
 Step = Callable[[ServoState, Observation, ServoSettings], ServoState]
 
 PARTS = ('world', 'perception', 'servo', 'record', 'base')  # of a round of many runs
+LARGEST_BLOCK = 16 * 2**20  # bytes, more than any array of a stack takes
 SETTLE_FRAMES = 6  # the base may still be braking when the servo says that it has arrived
 
 
@@ -214,6 +217,7 @@ def run_many(
     Each record is, bit by bit, what ``run`` returns. ``lap`` is told when a part of each round is
     over, one of PARTS.
     """
+    _keep_memory()
     loops = [Loop(*each) for each in runs]
     going = [loop for loop in loops if not loop.referee.done]
     while going:
@@ -232,3 +236,13 @@ def run_many(
         lap('base')
         going = [loop for loop in going if not loop.referee.done]
     return [loop.referee.log() for loop in loops]
+
+
+def _keep_memory() -> None:
+    """
+    Let the allocator keep what it frees: stacked arrays are larger than it keeps at first.
+
+    The GNU one takes the size of the largest block that was freed for the usual size. Otherwise
+    each array of a stack comes as new pages, which cost as much as what is computed in it.
+    """
+    np.empty(LARGEST_BLOCK, np.uint8)

@@ -18,16 +18,14 @@ from visual_servo_epipolar.core.estimators.planar import (
     undetermined,
 )
 from visual_servo_epipolar.core.estimators.planar_2dof import FAMILIES
-from visual_servo_epipolar.core.estimators.sampson import (
+from visual_servo_epipolar.core.estimators.refinement import (
     Belief,
     Fit,
     NEGLIGIBLE,
     problem,
     refined,
-    squared_distances,
-    Table,
-    table_of,
 )
+from visual_servo_epipolar.core.estimators.sampson import squared_distances, Table, table_of
 
 MIN_MATCHES = 4
 TRIPLES = 400

@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.epipolar import Bearings
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior
 from visual_servo_epipolar.core.estimators.planar import Rays, rays_of, too_few
-from visual_servo_epipolar.core.estimators.sampson import Fit, goes_on
+from visual_servo_epipolar.core.estimators.refinement import Fit, goes_on
 
 Answer: TypeAlias = Estimate | DegenerateGeometryError
 

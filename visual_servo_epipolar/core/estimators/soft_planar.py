@@ -34,16 +34,15 @@ from visual_servo_epipolar.core.estimators.planar import (
     two_point_hypotheses,
     undetermined,
 )
-from visual_servo_epipolar.core.estimators.sampson import (
+from visual_servo_epipolar.core.estimators.refinement import (
     Belief,
     Fit,
     followed,
     NEGLIGIBLE,
     problem,
     refined,
-    Table,
-    table_of,
 )
+from visual_servo_epipolar.core.estimators.sampson import Table, table_of
 from visual_servo_epipolar.core.estimators.side_by_side import (
     alone,
     Answer,

@@ -1,0 +1,93 @@
+"""What is seen of the goal: the values that perception takes and gives."""
+
+from dataclasses import dataclass, field
+import math
+from typing import NamedTuple
+
+from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.epipolar import Bearings
+from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
+from visual_servo_epipolar.core.motion import HALF_PI
+from visual_servo_epipolar.core.servo_settings import ServoSettings
+from visual_servo_epipolar.core.trust import Memory
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observation:
+    """
+    One set of matches as rays, shape (N, 2) each, taken at ``stamp_ns``.
+
+    ``focal`` [px] only turns pixel thresholds into angles and back. ``edges`` are the bearings of
+    the left and the right edge of the image [rad], right positive.
+    """
+
+    stamp_ns: int
+    current: FloatArray
+    desired: FloatArray
+    focal: float
+    edges: tuple[float, float] = (-HALF_PI, HALF_PI)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sight:
+    """
+    What one observation tells about the goal, at unit focal length.
+
+    ``bearings`` is None where they cannot be trusted, and ``reason`` says why. ``difference`` is D
+    of eq. (23), averaged over the features, ``difference_deviation`` its noise; ``feature_error``
+    the median distance of current from desired features; ``parallax`` what the best rotation
+    leaves unexplained; ``heading_error`` comes from the bearings where there are any, else from
+    that rotation. ``deviation`` is the larger one of psi and phi, ``covariance`` that of both,
+    shape (2, 2), ``jump`` the change of tilt and roll between the views [rad]; ``room`` is how far
+    the robot may turn to the left and to the right before the features run out of the image [rad];
+    ``memory`` is for the next frame.
+    """
+
+    stamp_ns: int
+    features: int
+    focal: float
+    memory: Memory
+    bearings: Bearings | None = None
+    deviation: float = math.nan
+    covariance: FloatArray = field(default_factory=lambda: UNKNOWN_COVARIANCE)
+    jump: float = 0.0
+    confidence: float = 0.0
+    inliers: int = 0
+    parallax: float = math.nan
+    heading_error: float = math.nan
+    difference: float = math.nan
+    difference_deviation: float = math.nan
+    feature_error: float = math.nan
+    room: tuple[float, float] = (math.inf, math.inf)
+    reason: str = ''
+
+    @property
+    def noise(self) -> float:
+        """Deviation of a coordinate at unit focal length, as the residuals show it."""
+        return self.memory.noise / self.focal
+
+    @property
+    def parallax_px(self) -> float:
+        """Parallax in pixels."""
+        return self.parallax * self.focal
+
+
+class Glimpse(NamedTuple):
+    """
+    What is needed to perceive: matches, and what was known before them.
+
+    ``frame`` numbers the observations of a run: with the seed it fixes every random choice.
+    ``memory`` is that of the last Sight, None before the first.
+    """
+
+    observation: Observation
+    settings: ServoSettings
+    frame: int
+    memory: Memory | None = None
+
+    @classmethod
+    def after(
+        cls, sight: Sight | None, observation: Observation, settings: ServoSettings, frame: int
+    ) -> 'Glimpse':
+        """Return the glimpse that follows the last Sight, None before the first."""
+        return cls(observation, settings, frame, None if sight is None else sight.memory)
