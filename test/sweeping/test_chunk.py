@@ -1,13 +1,10 @@
 """Whatever a run does, its chunk has a result for it; the same one in every company."""
 
-from typing import Any
-
 import pytest
 from sweeps import BRIEF, plan_of
 
-from visual_servo_epipolar.core.run_log import summarise
-from visual_servo_epipolar.simulation import closed_loop
-from visual_servo_epipolar.simulation.closed_loop import run
+from visual_servo_epipolar.core.run_log import Sample, summarise
+from visual_servo_epipolar.simulation.closed_loop import Loop, run
 from visual_servo_epipolar.simulation.views import view_of
 from visual_servo_epipolar.sweeping.chunk import run_chunk, work
 from visual_servo_epipolar.sweeping.plan import Chunk
@@ -45,14 +42,14 @@ def test_a_chunk_may_span_scenes() -> None:
 
 
 def test_a_run_that_raises_does_not_take_the_others_along(monkeypatch: pytest.MonkeyPatch) -> None:
-    advance = closed_loop.advance
+    record = Loop.record
 
-    def sometimes(state: Any, sight: Any, settings: Any) -> Any:
-        if settings.seed == 3 and state.frame == 5:
+    def sometimes(loop: Loop) -> Sample:
+        if loop.referee.settings.seed == 3 and loop.frame == 5:
             raise ZeroDivisionError('of all things')
-        return advance(state, sight, settings)
+        return record(loop)
 
-    monkeypatch.setattr(closed_loop, 'advance', sometimes)
+    monkeypatch.setattr(Loop, 'record', sometimes)
     broken, sound = run_chunk(BRIEF, STARTS, [3, 4], 'features')
     assert (broken['outcome'], broken['start'], broken['seed']) == ('failed', [0.5, -3.0, 5.0], 3)
     assert broken['reason'] == 'defect: ZeroDivisionError: of all things'
