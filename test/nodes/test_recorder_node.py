@@ -15,6 +15,7 @@ from std_srvs.srv import Trigger
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes.discovery import DEPTH
 from visual_servo_epipolar.nodes.recorder_node import RecorderNode
 
 BEST_EFFORT = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -263,3 +264,22 @@ def test_what_a_slow_disk_drops_is_told_by_topic(bench, tmp_path) -> None:
     assert (int(count) > 0, topic) == (True, '/words')
     assert diagnostics[-1].status[0].level == DiagnosticStatus.WARN
     bench.until(lambda: bench.logged('the disk does not keep up'), 'a warning')
+
+
+def test_what_is_lost_on_the_way_is_told_by_topic(bench, tmp_path) -> None:
+    diagnostics = bench.listen(DiagnosticArray, '/diagnostics')
+    say = bench.talk(String, 'words', BEST_EFFORT)
+    recording = Recording(bench, tmp_path, topics=('words',))
+    recording.until_recorded('/words')
+    say(write.text('first'))
+    recording.until_written('/words')
+    for _ in range(10 * DEPTH):  # more than may wait, for nobody listens meanwhile
+        say(write.text('too fast'))
+
+    def lost() -> str:
+        return read.diagnosis(diagnostics[-1])['lost_of'] if diagnostics else ''
+
+    bench.until(lambda: bool(lost()), 'losses to be reported')
+    recording.node.stop()
+    kept = len(read_back(recording.bag))
+    assert lost() == f'{1 + 10 * DEPTH - kept} of /words'

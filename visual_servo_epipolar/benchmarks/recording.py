@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from rosbags.highlevel import AnyReader
 
-from visual_servo_epipolar.benchmarks.recording_loop import Loop, memory_mb
+from visual_servo_epipolar.benchmarks.recording_loop import Loop, memory_mb, processor_s
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.motion import Pose
 from visual_servo_epipolar.core.stamps import NANOSECONDS
@@ -65,9 +65,9 @@ def _recorded(loop: Loop, folder: Path, seconds: float) -> dict[str, Any]:
     bag = Path(loop.call('recorder_node/start').partition('recording to ')[2])
     loop.wait_for_listeners(2)
     recorder = loop.processes['recorder_node']
-    before = memory_mb(recorder)
+    before, began_s = memory_mb(recorder), processor_s(recorder)
     drive = loop.drive(seconds, RATE)
-    after = memory_mb(recorder)
+    after, ended_s = memory_mb(recorder), processor_s(recorder)
     loop.call('recorder_node/stop')
     found = stamps(folder / bag, '/image_raw')
     size = sum(path.stat().st_size for path in (folder / bag).iterdir()) / 1e6
@@ -78,6 +78,7 @@ def _recorded(loop: Loop, folder: Path, seconds: float) -> dict[str, Any]:
         'missing': len(drive.sent.keys() - set(found)),
         'in_order': found == sorted(found),
         'mb': size,
+        'processor': (ended_s - began_s) / seconds,
         'memory_before_mb': before,
         'memory_after_mb': after,
     }
@@ -118,10 +119,14 @@ def table(document: Mapping[str, Any]) -> str:
         )
     growth = {key: document['with'][key] / document['without'][key] - 1.0 for key in QUANTILES}
     lines.append(f'{"growth":<34}' + ''.join(f'{growth[key]:+8.0%}' for key in QUANTILES))
-    lines += ['', f'{"bag":<6}{"images":>8}{"missing":>9}{"MB":>8}{"memory MB":>18}']
+    lines += [
+        '',
+        f'{"bag":<6}{"images":>8}{"missing":>9}{"MB":>8}{"processor":>11}{"memory MB":>14}',
+    ]
     for number, it in enumerate(document['bags']):
         memory = f'{it["memory_before_mb"]:.0f} -> {it["memory_after_mb"]:.0f}'
         lines.append(
-            f'{number:<6}{it["published"]:8d}{it["missing"]:9d}{it["mb"]:8.0f}{memory:>18}'
+            f'{number:<6}{it["published"]:8d}{it["missing"]:9d}{it["mb"]:8.0f}'
+            f'{it["processor"]:11.1%}{memory:>14}'
         )
     return '\n'.join(lines)

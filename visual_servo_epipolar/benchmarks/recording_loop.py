@@ -141,6 +141,13 @@ def memory_mb(process: 'subprocess.Popen[bytes]') -> float:
     return pages * os.sysconf('SC_PAGE_SIZE') / 1e6
 
 
+def processor_s(process: 'subprocess.Popen[bytes]') -> float:
+    """Return the processor time that a process has taken [s]."""
+    # User and system time are fields 14 and 15; the name before them may hold blanks.
+    fields = Path(f'/proc/{process.pid}/stat').read_text().rpartition(')')[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf('SC_CLK_TCK')
+
+
 def _started(stack: ExitStack, name: str, folder: Path) -> 'subprocess.Popen[bytes]':
     command = [sys.executable, '-m', f'visual_servo_epipolar.nodes.{name}', '--ros-args']
     process = stack.enter_context(

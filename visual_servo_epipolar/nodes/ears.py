@@ -1,7 +1,7 @@
 """Subscriptions that come and go with what is published, and hand on bytes."""
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,13 +15,21 @@ from visual_servo_epipolar.nodes import discovery
 from visual_servo_epipolar.nodes.discovery import Wish
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Ear:
-    """A subscription, and what is known of its topic."""
+    """A subscription, what is known of its topic, and the gaps in what was heard."""
 
     topic: Topic
     profile: QoSProfile
-    subscription: Any
+    subscription: Any = None
+    last: int | None = None  # number of the last message, as its publisher counts them
+    gaps: int = 0  # messages missing since the last look
+
+    def notice(self, number: int) -> None:
+        """Take note of the number of a message."""
+        if self.last is not None and number > self.last:
+            self.gaps += number - self.last - 1
+        self.last = number
 
 
 class Ears:
@@ -73,7 +81,9 @@ class Ears:
             profile, ear = discovery.suitable(topic.qos), self._ears.get(name)
             if ear is None:
                 self._open(topic, profile)
-            elif discovery.is_weaker(profile, ear.profile):
+                continue
+            self._count(ear, alone=len(topic.qos) == 1)
+            if discovery.is_weaker(profile, ear.profile):
                 self._node.destroy_subscription(ear.subscription)
                 self._ears[name] = self._subscribed(ear.topic, profile)
 
@@ -95,16 +105,26 @@ class Ears:
         else:
             self._ears[topic.name] = self._subscribed(topic, profile)
 
-    def _subscribed(self, topic: Topic, profile: QoSProfile) -> Ear:
-        def count_lost(info: Any) -> None:
-            self.lost[topic.name] += info.total_count_change
+    def _count(self, ear: Ear, *, alone: bool) -> None:
+        """Count what was lost; of several publishers each has its numbers, and none is told."""
+        if alone and ear.gaps:
+            self.lost[ear.topic.name] += ear.gaps
+        ear.gaps = 0
 
-        subscription = self._node.create_subscription(
+    def _subscribed(self, topic: Topic, profile: QoSProfile) -> Ear:
+        ear = Ear(topic, profile)
+
+        def listen(data: bytes, info: Mapping[str, int]) -> None:
+            ear.notice(info['publication_sequence_number'])
+            self._take(topic, data)
+
+        ear.subscription = self._node.create_subscription(
             discovery.message_class(topic.kind),
             topic.name,
-            lambda data: self._take(topic, data),
+            listen,
             profile,
             raw=True,
-            event_callbacks=SubscriptionEventCallbacks(message_lost=count_lost),
+            # rclpy looks at each event of each topic for each message: a third of its time.
+            event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
         )
-        return Ear(topic, profile, subscription)
+        return ear
