@@ -1,6 +1,6 @@
 """Topics as they come: which are wanted, their types, and what their publishers offer."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from importlib import import_module
@@ -58,10 +58,12 @@ class Wish:
         return self.names, self.but
 
 
-def published(node: Node, wish: Wish) -> Iterator[tuple[str, str]]:
-    """Yield name and type of every wanted topic that somebody publishes with one type."""
+def published(node: Node, wish: Wish, known: Collection[str]) -> Iterator[tuple[str, str]]:
+    """Yield name and type of every wanted topic that somebody publishes, but for those known."""
     for name, kinds in node.get_topic_names_and_types():
-        if wish.wants(name) and len(kinds) == 1 and node.count_publishers(name):
+        if name in known or len(kinds) != 1 or not wish.wants(name):
+            continue
+        if node.count_publishers(name):
             yield name, kinds[0]
 
 

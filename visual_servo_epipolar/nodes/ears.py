@@ -23,7 +23,7 @@ class Ear:
     profile: QoSProfile
     subscription: Any = None
     last: int | None = None  # number of the last message, as its publisher counts them
-    gaps: int = 0  # messages missing since the last look
+    gaps: int = 0  # messages missing since the last check
 
     def notice(self, number: int) -> None:
         """Take note of the number of a message."""
@@ -73,17 +73,20 @@ class Ears:
         return self._wish.named - self._ears.keys()
 
     def look(self) -> None:
-        """Subscribe to what is new, and to what is offered with less than was expected."""
-        for name, kind in discovery.published(self._node, self._wish):
-            if name in self.refused:
-                continue
-            topic = discovery.offered(self._node, name, kind)
-            profile, ear = discovery.suitable(topic.qos), self._ears.get(name)
-            if ear is None:
-                self._open(topic, profile)
-                continue
-            self._count(ear, alone=len(topic.qos) == 1)
-            if discovery.is_weaker(profile, ear.profile):
+        """Subscribe to what is new."""
+        known = self._ears.keys() | self.refused.keys()
+        for name, kind in discovery.published(self._node, self._wish, known):
+            self._open(discovery.offered(self._node, name, kind))
+
+    def check(self) -> None:
+        """Ask for less where less is offered now, and count what was lost."""
+        for name, ear in self._ears.items():
+            offers = discovery.offered(self._node, name, ear.topic.kind).qos
+            if len(offers) == 1:  # each of several publishers counts for itself
+                self.lost[name] += ear.gaps
+            ear.gaps = 0
+            profile = discovery.suitable(offers)
+            if offers and discovery.is_weaker(profile, ear.profile):
                 self._node.destroy_subscription(ear.subscription)
                 self._ears[name] = self._subscribed(ear.topic, profile)
 
@@ -95,7 +98,7 @@ class Ears:
         self.refused.clear()
         self.lost.clear()
 
-    def _open(self, topic: Topic, profile: QoSProfile) -> None:
+    def _open(self, topic: Topic) -> None:
         try:
             discovery.message_class(topic.kind)
             self._begin(topic)
@@ -103,13 +106,8 @@ class Ears:
             self.refused[topic.name] = str(error)
             self._node.get_logger().warning(f'{topic.name} is not recorded: {error}')
         else:
+            profile = discovery.suitable(topic.qos)
             self._ears[topic.name] = self._subscribed(topic, profile)
-
-    def _count(self, ear: Ear, *, alone: bool) -> None:
-        """Count what was lost; of several publishers each has its numbers, and none is told."""
-        if alone and ear.gaps:
-            self.lost[ear.topic.name] += ear.gaps
-        ear.gaps = 0
 
     def _subscribed(self, topic: Topic, profile: QoSProfile) -> Ear:
         ear = Ear(topic, profile)

@@ -154,6 +154,7 @@ class RecorderNode(Node):
             self._ears.look()
         self._looks += 1
         if self._looks % LOOKS_A_REPORT == 0:
+            self._ears.check()
             self._report(tally)
 
     def _fail(self, tally: Tally) -> None:
@@ -204,7 +205,7 @@ class RecorderNode(Node):
                 'waiting_mb': round(tally.waiting_bytes / MB, 1),
                 'dropped': dropped,
                 'dropped_of': _counts(tally.dropped),
-                'lost_of': _counts(self._ears.lost),
+                'lost_of': _counts(+self._ears.lost),
                 'not_recorded': ' '.join(sorted(self._ears.refused)),
                 'not_published': ' '.join(sorted(self._ears.missing)),
             },
