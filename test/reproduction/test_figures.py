@@ -8,7 +8,11 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.reproduction.canvas import figure_data, thinned
-from visual_servo_epipolar.reproduction.chapters import Chapter, chapter_1, chapter_2
+from visual_servo_epipolar.reproduction.chapters import (
+    calibrated,
+    Chapter,
+    partially_calibrated,
+)
 from visual_servo_epipolar.reproduction.publish import data
 
 # Of the largest value of each line: what another BLAS and another compiler may change.
@@ -17,8 +21,8 @@ REFERENCE = json.loads(Path(__file__).with_name('figures.json').read_text(encodi
 
 
 @pytest.fixture(scope='module')
-def chapters() -> dict[str, Chapter]:
-    return {'sim1': chapter_1(lambda _: None), 'sim2': chapter_2(lambda _: None)}
+def chapters(runs_1, runs_2) -> dict[str, Chapter]:
+    return {'sim1': calibrated(runs_1), 'sim2': partially_calibrated(runs_2)}
 
 
 @pytest.fixture(scope='module')

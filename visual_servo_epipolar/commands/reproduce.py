@@ -9,7 +9,7 @@ from visual_servo_epipolar.commands.arguments import write_json
 from visual_servo_epipolar.commands.console import Progress
 from visual_servo_epipolar.core.errors import InputError
 
-PARTS = ('sim1', 'sim2')
+PARTS = ('sim1', 'sim2', 'experiment')
 SUCCESS, FAILURE = 0, 1
 
 

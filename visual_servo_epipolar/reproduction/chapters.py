@@ -6,10 +6,20 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
+from visual_servo_epipolar.core.run_log import summarise
+from visual_servo_epipolar.reproduction import experiment_figures, sensitivity
 from visual_servo_epipolar.reproduction import simulation_figures as figures
+from visual_servo_epipolar.reproduction.experiment import experiment, scenario
+from visual_servo_epipolar.reproduction.experiment_claims import claims, ERROR_OF_THE_PAPER_M
 from visual_servo_epipolar.reproduction.sign_figure import printed_sign
 from visual_servo_epipolar.reproduction.simulation_claims import claims_1, claims_2
-from visual_servo_epipolar.reproduction.simulations import numbers, simulation_1, simulation_2
+from visual_servo_epipolar.reproduction.simulations import (
+    numbers,
+    Simulation1,
+    Simulation2,
+    simulation_1,
+    simulation_2,
+)
 from visual_servo_epipolar.reproduction.statements import Statement
 
 Say = Callable[[str], None]
@@ -17,19 +27,24 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Chapter:
-    """What came of one part: figures by name, statements, numbers; whether the run succeeded."""
+    """What came of one part: figures by name, statements, numbers, a further table."""
 
     title: str
     figures: Mapping[str, Figure]
     statements: list[Statement]
     numbers: Mapping[str, Any] = field(default_factory=dict)
     succeeded: bool = True
+    more: str = ''
 
 
 def chapter_1(say: Say) -> Chapter:
     """Run simulation 1 and draw figures 7 to 13."""
     say('simulation 1 ...')
-    runs = simulation_1()
+    return calibrated(simulation_1())
+
+
+def calibrated(runs: Simulation1) -> Chapter:
+    """Return what came of simulation 1."""
     course = runs.course
     drawn = {
         'figure_07': figures.epipoles(course, 7),
@@ -54,7 +69,11 @@ def chapter_1(say: Say) -> Chapter:
 def chapter_2(say: Say) -> Chapter:
     """Run simulation 2 and draw figures 14 and 15."""
     say('simulation 2 ...')
-    runs = simulation_2()
+    return partially_calibrated(simulation_2())
+
+
+def partially_calibrated(runs: Simulation2) -> Chapter:
+    """Return what came of simulation 2."""
     drawn = {
         'figure_14': figures.epipoles(runs.course, 14),
         'figure_15': figures.path(runs.course, 15, 1),
@@ -66,4 +85,41 @@ def chapter_2(say: Say) -> Chapter:
     )
 
 
-CHAPTERS: Mapping[str, Callable[[Say], Chapter]] = {'sim1': chapter_1, 'sim2': chapter_2}
+def chapter_3(say: Say) -> Chapter:
+    """Run the experiment with images, draw figures 17 to 20, perturb it with point features."""
+    found = experiment(say)
+    say('sensitivity of the experiment ...')
+    rows = sensitivity.sensitivities()
+    behind = {
+        law: sensitivity.from_points(scenario(law=law), sensitivity.BEHIND, 0)
+        for law in ('paper', 'corrected')
+    }
+    drawn = {
+        'figure_17': experiment_figures.epipoles(found),
+        'figure_18': experiment_figures.difference(found),
+        'figure_19': experiment_figures.snapshots(found, 19),
+        'figure_20': experiment_figures.snapshots(found, 20),
+    }
+    verdict = summarise(found.log)
+    numbers = {
+        'run': verdict,
+        'difference_rate_per_s': experiment_figures.difference_decay(found.log).rate,
+        'sensitivity': sensitivity.document(rows),
+        'behind': behind,
+    }
+    near = verdict['position_error_m'] < ERROR_OF_THE_PAPER_M
+    return Chapter(
+        'Experiment',
+        drawn,
+        claims(found, rows, behind),
+        numbers,
+        verdict['outcome'] == 'arrived' and near,
+        sensitivity.markdown(rows),
+    )
+
+
+CHAPTERS: Mapping[str, Callable[[Say], Chapter]] = {
+    'sim1': chapter_1,
+    'sim2': chapter_2,
+    'experiment': chapter_3,
+}

@@ -20,6 +20,7 @@ def publish(chapters: Mapping[str, Chapter], folder: Path) -> None:
             save(figure, folder / f'{name}.png')
     _write(folder / 'figures.json', _one_line_each(data(chapters)))
     tables = [statements.markdown(c.title, c.statements) for c in chapters.values()]
+    tables += [chapter.more for chapter in chapters.values() if chapter.more]
     _write(folder / 'table.md', '\n'.join(tables))
 
 

@@ -36,7 +36,8 @@ def document(statements: Sequence[Statement]) -> list[dict[str, Any]]:
 def markdown(title: str, statements: Sequence[Statement]) -> str:
     """Return the statements as a table in Markdown under a heading."""
     lines = [f'## {title}', '', '| | the paper | ours | agrees |', '|---|---|---|---|']
-    lines += [f'| {s.place} | {s.paper} | {s.ours} | {s.verdict} |' for s in statements]
+    rows = [(s.place, s.paper, s.ours, s.verdict) for s in statements]
+    lines += ['| ' + ' | '.join(cell.replace('|', '\\|') for cell in row) + ' |' for row in rows]
     return '\n'.join(lines) + '\n'
 
 

@@ -1,0 +1,186 @@
+"""The experiment: its beginning with images, all of it with point features, its figures."""
+
+from dataclasses import replace
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from visual_servo_epipolar.core.features import Features
+from visual_servo_epipolar.core.phases import Phase
+from visual_servo_epipolar.core.run_log import summarise
+from visual_servo_epipolar.reproduction import experiment_figures as figures
+from visual_servo_epipolar.reproduction import sensitivity
+from visual_servo_epipolar.reproduction.canvas import figure_data, thinned
+from visual_servo_epipolar.reproduction.experiment import (
+    chosen,
+    drive,
+    Experiment,
+    experiment,
+    FEATURES,
+    FOCAL_PX,
+    PRINTED_K_T,
+    scenario,
+    servo,
+    START,
+)
+from visual_servo_epipolar.reproduction.experiment_claims import claims
+from visual_servo_epipolar.reproduction.publish import POINTS
+from visual_servo_epipolar.simulation.point_world import PointWorld
+
+HERE = Path(__file__).parent
+# Point features: arithmetic alone, but 900 steps of a closed loop, in which LMedS decides.
+TOLERANCE = 1e-3
+# Images: another OpenCV draws and tracks a little differently, and LMedS is noisy.
+IMAGE_TOLERANCE, IMAGE_TOLERANCE_PX = 0.05, 20.0
+SHORT_S = 11.0
+
+
+@pytest.fixture(scope='module')
+def found() -> Experiment:
+    world = scenario(0)
+    view = PointWorld(world.points, world.camera.camera, seed=0, jitter=world.camera.jitter)
+    blank = np.full((world.camera.height, world.camera.width), 200, np.uint8)
+    return drive(world, view, blank, lambda _: None)
+
+
+def test_settings_are_those_of_the_paper() -> None:
+    world = scenario()
+    assert (world.camera.width, world.camera.height, FEATURES) == (1280, 1024, 26)
+    assert (world.camera.principal_u, world.camera.principal_v) == (635.0, 512.0)
+    assert 1.0 / world.camera.frame_rate == pytest.approx(0.09)
+    gains = world.servo
+    assert (gains.k1, gains.exponent, gains.initial_distance) == (0.08, 7 / 9, 12.0)
+    # k2 = 1 for epipoles in pixels: f (f e)^(7/9) / f = k2 e^(7/9).
+    assert gains.k2 * FOCAL_PX ** (2 / 9) == pytest.approx(1.0)
+    assert (gains.law, gains.estimator, gains.dead_band_mode) == ('paper', 'lmeds_8pt', 'raise')
+    assert PRINTED_K_T == 4e-4
+    assert servo(k_t=PRINTED_K_T * FOCAL_PX**2).k_t == pytest.approx(236.7, abs=0.1)
+
+
+def test_images_begin_as_in_the_stored_figure() -> None:
+    found = experiment(lambda _: None, longest=SHORT_S)
+    shown = figure_data(figures.epipoles(found))
+    stored = json.loads((HERE / 'figures.json').read_text(encoding='utf-8'))['figure_17']
+    for line in ('0: actual $e_{au}$', '0: desired $e_{du}$'):
+        time, expected = np.array(stored[line]).T
+        rows = time < SHORT_S - 1.0
+        assert rows.sum() > 10
+        values = np.interp(time[rows], *shown[line].T)
+        limit = IMAGE_TOLERANCE * np.abs(expected[rows]) + IMAGE_TOLERANCE_PX
+        assert (np.abs(values - expected[rows]) < limit).all(), line
+    assert all(len(features) == FEATURES for features in found.features)
+    # e_du is zero, and the robot does not move on: it turns.
+    last = found.log.samples[-1]
+    assert abs(last.epipole_desired) < 10.0
+    assert last.twist.linear == 0.0 and last.twist.angular < 0.0
+
+
+def test_the_robot_arrives_within_the_four_centimetres_of_the_paper(found: Experiment) -> None:
+    verdict = summarise(found.log)
+    assert verdict['outcome'] == 'arrived'
+    assert verdict['position_error_m'] < 0.04
+    assert verdict['max_linear_speed'] <= 0.2 + 1e-9
+
+
+def test_difference_decays_exponentially(found: Experiment) -> None:
+    fit = figures.difference_decay(found.log)
+    assert 0.05 < fit.rate < 1.0
+    assert fit.misfit < 0.3
+
+
+@pytest.mark.parametrize('number', [17, 18, 19, 20])
+def test_the_data_behind_a_figure_are_those_stored(found: Experiment, number: int) -> None:
+    draw = {17: figures.epipoles, 18: figures.difference}
+    figure = draw[number](found) if number in draw else figures.snapshots(found, number)
+    assert figure.get_suptitle().startswith(f'Fig. {number} ')
+    for axes in figure.axes:
+        assert axes.get_xlabel().endswith(']') and axes.get_ylabel().endswith(']')
+    shown = thinned(figure_data(figure), POINTS)
+    path = HERE / 'figures_points.json'
+    stored = json.loads(path.read_text(encoding='utf-8'))[f'figure_{number}']
+    assert shown.keys() == stored.keys()
+    for line, points in shown.items():
+        expected = np.array(stored[line])
+        assert np.shape(points) == expected.shape, line
+        scale = np.abs(expected).max(axis=0)
+        assert (np.abs(np.array(points) - expected) <= TOLERANCE * scale).all(), line
+
+
+def test_snapshots_are_of_their_step_and_begin_and_end_with_it(found: Experiment) -> None:
+    count = figures.split(found.log)
+    for rows in (range(count), range(count, len(found.log.samples))):
+        moments = figures.evenly_moved(found.log, rows)
+        assert len(moments) == 6 and moments == sorted(moments)
+        assert moments[0] == rows[0] and moments[-1] in rows
+
+
+def test_claims_say_where_the_printed_numbers_do_not_work(found: Experiment) -> None:
+    some = sensitivity.Sensitivity('', 3, 3, 0.02, 0.03, 0.01, 0.2, '')
+    rows = [replace(some, name=name, runs=3) for name, _, _ in sensitivity.ROWS]
+    verdict = {'reason': 'lost', 'max_distance_ratio': 3.0}
+    found_claims = claims(found, rows, {'paper': verdict, 'corrected': verdict})
+    wrong = [s for s in found_claims if s.agrees is False]
+    assert [s.place for s in wrong] == ['Fig. 18']
+    assert 'k_t = 0.0004' in wrong[0].paper
+
+
+def test_from_behind_the_printed_sign_fails() -> None:
+    verdict = sensitivity.from_points(scenario(law='paper'), sensitivity.BEHIND, 0)
+    assert verdict['outcome'] == 'failed'
+    assert 'ran away' in verdict['reason']
+
+
+def test_a_row_tells_arrivals_and_worst_errors() -> None:
+    results = [
+        {
+            'outcome': 'arrived',
+            'position_error_m': e,
+            'lateral_error_m': -e,
+            'reason': 'matched',
+            'heading_error_deg': 10.0 * e,
+        }
+        for e in (0.03, 0.01, 0.02)
+    ]
+    failed = {**results[0], 'outcome': 'failed', 'reason': 'time'}
+    row = sensitivity._row('name', [*results, failed])
+    assert (row.runs, row.arrived, row.reason) == (4, 3, 'time')
+    assert (row.median_error_m, row.worst_error_m, row.worst_lateral_m) == (0.02, 0.03, 0.03)
+    none = sensitivity._row('name', [failed])
+    assert none.arrived == 0 and math.isnan(none.worst_error_m)
+    assert '| name | 0/1 | - | - | - | - |' in sensitivity.markdown([none])
+
+
+def test_every_row_names_settings_that_exist() -> None:
+    for _, everything, changes in sensitivity.ROWS:
+        world = scenario() if everything else sensitivity.without(scenario())
+        for change in changes:
+            assert change(world) != world
+            world = change(world)
+
+
+def test_chosen_features_stay_and_lie_far_apart() -> None:
+    rng = np.random.default_rng(0)
+    places = rng.random((100, 2)) * 1000.0
+    rest = {'ages': np.zeros(100), 'errors': np.zeros(100)}
+    features = Features(np.arange(100), places, places + rng.random((100, 2)), **rest)
+    first = chosen(features, np.empty(0, int), 26)
+    assert len(first) == 26
+    gaps = np.linalg.norm(first.current[:, None] - first.current[None], axis=2)
+    assert gaps[~np.eye(26, dtype=bool)].min() > 70.0  # a grid of 26 in the square: 196
+    kept = chosen(features, first.ids[:20], 26)
+    assert set(first.ids[:20]) < set(kept.ids) and len(kept) == 26
+    assert len(chosen(Features(), first.ids, 26)) == 0
+
+
+def test_phases_of_the_experiment_are_the_two_steps(found: Experiment) -> None:
+    phases = {sample.phase for sample in found.log.samples}
+    assert phases <= {
+        Phase.DISPLACING,
+        Phase.ZEROING_EPIPOLES,
+        Phase.MATCHING_FEATURES,
+        Phase.ARRIVED,
+    }
+    assert found.log.start == START
