@@ -1,9 +1,11 @@
 """The experiment: its beginning with images, all of it with point features, its figures."""
 
 from dataclasses import replace
+import importlib.util
 import json
 import math
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -16,7 +18,6 @@ from visual_servo_epipolar.reproduction import sensitivity
 from visual_servo_epipolar.reproduction.canvas import figure_data, thinned
 from visual_servo_epipolar.reproduction.experiment import (
     chosen,
-    drive,
     Experiment,
     experiment,
     FEATURES,
@@ -28,7 +29,6 @@ from visual_servo_epipolar.reproduction.experiment import (
 )
 from visual_servo_epipolar.reproduction.experiment_claims import claims
 from visual_servo_epipolar.reproduction.publish import POINTS
-from visual_servo_epipolar.simulation.point_world import PointWorld
 
 HERE = Path(__file__).parent
 # Point features: arithmetic alone, but 900 steps of a closed loop, in which LMedS decides.
@@ -39,11 +39,16 @@ SHORT_S = 11.0
 
 
 @pytest.fixture(scope='module')
-def found() -> Experiment:
-    world = scenario(0)
-    view = PointWorld(world.points, world.camera.camera, seed=0, jitter=world.camera.jitter)
-    blank = np.full((world.camera.height, world.camera.width), 200, np.uint8)
-    return drive(world, view, blank, lambda _: None)
+def points() -> ModuleType:
+    spec = importlib.util.spec_from_file_location('points', HERE / 'points.py')
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+@pytest.fixture(scope='module')
+def found(points) -> Experiment:
+    return points.experiment_with_points()
 
 
 def test_settings_are_those_of_the_paper() -> None:
@@ -91,22 +96,27 @@ def test_difference_decays_exponentially(found: Experiment) -> None:
     assert fit.misfit < 0.3
 
 
-@pytest.mark.parametrize('number', [17, 18, 19, 20])
-def test_the_data_behind_a_figure_are_those_stored(found: Experiment, number: int) -> None:
-    draw = {17: figures.epipoles, 18: figures.difference}
-    figure = draw[number](found) if number in draw else figures.snapshots(found, number)
-    assert figure.get_suptitle().startswith(f'Fig. {number} ')
-    for axes in figure.axes:
-        assert axes.get_xlabel().endswith(']') and axes.get_ylabel().endswith(']')
-    shown = thinned(figure_data(figure), POINTS)
-    path = HERE / 'figures_points.json'
-    stored = json.loads(path.read_text(encoding='utf-8'))[f'figure_{number}']
-    assert shown.keys() == stored.keys()
-    for line, points in shown.items():
-        expected = np.array(stored[line])
-        assert np.shape(points) == expected.shape, line
-        scale = np.abs(expected).max(axis=0)
-        assert (np.abs(np.array(points) - expected) <= TOLERANCE * scale).all(), line
+def test_the_data_behind_the_figures_are_those_stored(points, found: Experiment) -> None:
+    reference = json.loads(points.STORED.read_text(encoding='utf-8'))
+    drawn = points.drawn(found)
+    assert drawn.keys() == reference.keys()
+    for name, figure in drawn.items():
+        shown, stored = thinned(figure_data(figure), POINTS), reference[name]
+        assert shown.keys() == stored.keys()
+        for line in shown:
+            expected = np.array(stored[line])
+            assert np.shape(shown[line]) == expected.shape, (name, line)
+            limit = TOLERANCE * np.abs(expected).max(axis=0)
+            assert (np.abs(np.array(shown[line]) - expected) <= limit).all(), (name, line)
+
+
+def test_figures_have_units_and_the_number_of_the_paper(points, found: Experiment) -> None:
+    for name, figure in points.drawn(found).items():
+        assert figure.get_suptitle().startswith(f'Fig. {name[-2:]} ')
+        assert figure.get_size_inches()[0] <= 7.2
+        for axes in figure.axes:
+            assert axes.get_xlabel().endswith(']') and axes.get_ylabel().endswith(']')
+            assert axes.xaxis.label.get_fontsize() >= 7.0
 
 
 def test_snapshots_are_of_their_step_and_begin_and_end_with_it(found: Experiment) -> None:

@@ -129,7 +129,7 @@ def _second_step(found: Experiment) -> list[Statement]:
         Statement(
             'Fig. 18',
             'D does not decrease exactly to zero, by floor irregularities and wheel slippage',
-            f'in the end it scatters by {scatter:.0f} px^2, by the floor: slip alone ends at zero',
+            f'in the end it scatters by {scatter:.0f} px^2 from frame to frame',
             scatter > 0.0,
         ),
         Statement(

@@ -18,7 +18,7 @@ def publish(chapters: Mapping[str, Chapter], folder: Path) -> None:
     for chapter in chapters.values():
         for name, figure in chapter.figures.items():
             save(figure, folder / f'{name}.png')
-    _write(folder / 'figures.json', _one_line_each(data(chapters)))
+    _write(folder / 'figures.json', one_line_each(data(chapters)))
     tables = [statements.markdown(c.title, c.statements) for c in chapters.values()]
     tables += [chapter.more for chapter in chapters.values() if chapter.more]
     _write(folder / 'table.md', '\n'.join(tables))
@@ -50,7 +50,7 @@ def text(chapters: Mapping[str, Chapter]) -> str:
     return '\n'.join(statements.plain(c.title, c.statements) for c in chapters.values())
 
 
-def _one_line_each(figures: Mapping[str, Any]) -> str:
+def one_line_each(figures: Mapping[str, Any]) -> str:
     """Return JSON with one line of text for each line of a figure."""
     blocks = []
     for name, lines in figures.items():

@@ -38,7 +38,7 @@ def _with(part: str, **changes: Any) -> Change:
 # raised, as in the paper, unless said.
 ROWS: Sequence[tuple[str, bool, tuple[Change, ...]]] = (
     ('points exact, floor even, no slip', False, (_with('points', noise=0.0),)),
-    ('points to 0.2 px, and below besides:', False, ()),
+    ('points to 0.2 px, as in all rows below', False, ()),
     ('points to 0.5 px', False, (_with('points', noise=0.5),)),
     ('uneven floor, 0.1 deg', False, (_with('camera', jitter=math.radians(0.1)),)),
     ('uneven floor, 0.3 deg', False, (_with('camera', jitter=math.radians(0.3)),)),
