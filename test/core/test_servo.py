@@ -11,13 +11,13 @@ from strategies import bearings, CAMERA, floats, matches, twists
 
 from visual_servo_epipolar.core import laws
 from visual_servo_epipolar.core.epipolar import Bearings
-from visual_servo_epipolar.core.events import displacement
 from visual_servo_epipolar.core.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.perception import Observation, Sight
 from visual_servo_epipolar.core.phases import DRIVING, Phase
 from visual_servo_epipolar.core.servo import advance, step, stop
 from visual_servo_epipolar.core.servo_settings import ServoSettings
 from visual_servo_epipolar.core.servo_state import ServoState
+from visual_servo_epipolar.core.situation import displacement
 from visual_servo_epipolar.core.steering import command
 from visual_servo_epipolar.core.trust import fresh_memory
 

@@ -4,12 +4,12 @@ from dataclasses import replace
 import math
 
 from visual_servo_epipolar.core import laws
-from visual_servo_epipolar.core.events import bearing_desired, engage_bound, is_settled
 from visual_servo_epipolar.core.perception import Sight
 from visual_servo_epipolar.core.phases import Phase
 from visual_servo_epipolar.core.ranging import Leg, MIN_TURN, UNKNOWN_RANGE
 from visual_servo_epipolar.core.servo_settings import ServoSettings
 from visual_servo_epipolar.core.servo_state import ServoState
+from visual_servo_epipolar.core.situation import bearing_desired, engage_bound, is_settled
 from visual_servo_epipolar.core.stamps import seconds_between
 
 MAX_STEP_S = 1.0  # a longer gap between two images is not integrated over

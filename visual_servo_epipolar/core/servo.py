@@ -9,11 +9,7 @@ an event (``events.classify``), the event a phase (``phases.next_phase``), the p
 from dataclasses import replace
 import math
 
-from visual_servo_epipolar.core.events import (
-    bearing_desired,
-    classify,
-    displacement,
-)
+from visual_servo_epipolar.core.events import classify
 from visual_servo_epipolar.core.motion import (
     beyond_dead_band,
     pulsed,
@@ -28,6 +24,7 @@ from visual_servo_epipolar.core.ranging import Leg
 from visual_servo_epipolar.core.recollection import interval, remember
 from visual_servo_epipolar.core.servo_settings import ServoSettings
 from visual_servo_epipolar.core.servo_state import ServoState
+from visual_servo_epipolar.core.situation import bearing_desired, displacement
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.steering import command, straightened
 

@@ -9,7 +9,6 @@ import math
 
 from visual_servo_epipolar.core import laws
 from visual_servo_epipolar.core.epipolar import Bearings
-from visual_servo_epipolar.core.events import bearing_current, bearing_desired
 from visual_servo_epipolar.core.motion import saturate, STANDSTILL, Twist
 from visual_servo_epipolar.core.perception import Sight
 from visual_servo_epipolar.core.phases import Phase
@@ -17,6 +16,7 @@ from visual_servo_epipolar.core.ranging import look_ahead
 from visual_servo_epipolar.core.recollection import lateral_offset
 from visual_servo_epipolar.core.servo_settings import ServoSettings
 from visual_servo_epipolar.core.servo_state import ServoState
+from visual_servo_epipolar.core.situation import bearing_current, bearing_desired
 
 CREEP = 0.02  # braking never asks for less, lest noise in the rate stop the robot [m/s]
 
