@@ -88,7 +88,7 @@ def _displacing(state: ServoState, sight: Sight, settings: ServoSettings) -> Eve
     bearing = bearing_current(sight.bearings)
     if abs(bearing_desired(sight.bearings)) <= engage_bound(sight, settings):
         return Event.DISPLACED  # e_du is zero already: no need for e_au to be anywhere
-    if settings.law != 'full':
+    if settings.law != 'full' and not settings.derives:
         return Event.DISPLACED if abs(bearing) > settings.singular_epipole else Event.NOTHING
     near = abs(bearing - math.atan(state.target)) <= settings.displacement_tolerance
     return Event.DISPLACED if near else Event.NOTHING

@@ -72,7 +72,7 @@ class Gains:
 
     ``k1_alone`` [1/s] may replace ``k1`` once e_du is zero, or where e_au is held; ``transient``
     is the longest time to zero e_du [s] at speeds without limit; ``floor`` the bearing of e_au
-    [rad] that is kept until then.
+    [rad] that is kept until then. ``rate`` [1/s] is that of step 2, which k_t has at the goal.
     """
 
     k1: float
@@ -83,6 +83,7 @@ class Gains:
     k1_alone: float
     transient: float
     floor: float
+    rate: float
 
     @property
     def exponent(self) -> float:
@@ -118,6 +119,7 @@ def derive(known: Circumstances) -> Gains:
         k1_alone=alone,
         transient=transient,
         floor=floor,
+        rate=closing_rate(known),
     )
 
 
@@ -203,12 +205,20 @@ def largest_decay(known: Circumstances) -> float:
     return decay
 
 
+def closing_rate(known: Circumstances) -> float:
+    """
+    Return the rate of step 2 [1/s]: no overshoot by delay, no more braking than the base can do.
+
+    At max_linear it asks for the deceleration rate * max_linear.
+    """
+    return min(UNHURRIED / known.period, known.deceleration / known.max_linear)
+
+
 def matching_gain(known: Circumstances) -> float:
     """
-    Return k_t of (21) for D in rays: no overshoot by delay, no more braking than the base can do.
+    Return k_t of (21) for D in rays, from the depth of the scene.
 
     Near the goal (23) is D = -2 mean|p_d|^2 / Z d~ at most, so that k_t 2 mean|p_d|^2 / Z is the
-    rate; at max_linear it asks for the deceleration rate * max_linear.
+    rate.
     """
-    rate = min(UNHURRIED / known.period, known.deceleration / known.max_linear)
-    return rate * known.depth / (2.0 * known.spread)
+    return closing_rate(known) * known.depth / (2.0 * known.spread)

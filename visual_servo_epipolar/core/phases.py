@@ -34,6 +34,7 @@ class Event(str, Enum):
     MISSED = 'missed'  # at the end of step 2, but not at the goal
     LOST = 'lost'  # too few features, or a geometry that cannot be trusted
     EXHAUSTED = 'exhausted'  # missed, and no attempt is left
+    NO_GAIN = 'no gain'  # none is legal from here (section IV-C)
     DIVERGED = 'diverged'  # an epipole ran away
     TIMED_OUT = 'timed out'
     STOPPED = 'stopped'
@@ -72,6 +73,9 @@ TRANSITIONS: Mapping[tuple[Phase, Event], Phase] = MappingProxyType(
         (Phase.ZEROING_EPIPOLES, Event.SIDEWAYS): Phase.RETREATING,
         (Phase.ZEROING_EPIPOLES, Event.ESCAPED): Phase.DISPLACING,
         (Phase.ZEROING_EPIPOLES, Event.NO_BASELINE): Phase.ORIENTING,
+        (Phase.ZEROING_EPIPOLES, Event.NO_GAIN): Phase.DISPLACING,
+        (Phase.DISPLACING, Event.NO_GAIN): Phase.FAILED,
+        (Phase.MATCHING_FEATURES, Event.NO_GAIN): Phase.FAILED,
         (Phase.MATCHING_FEATURES, Event.MATCHED): Phase.ARRIVED,
         (Phase.MATCHING_FEATURES, Event.TURNED): Phase.ORIENTING,
         (Phase.MATCHING_FEATURES, Event.MISSED): Phase.RETREATING,

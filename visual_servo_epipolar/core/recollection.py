@@ -15,6 +15,7 @@ from visual_servo_epipolar.core.stamps import seconds_between
 MAX_STEP_S = 1.0  # a longer gap between two images is not integrated over
 RATE_SMOOTHING = 0.4
 RANGE_SMOOTHING = 0.2
+PERIOD_SMOOTHING = 0.1
 LATENCY_S = 0.2  # from a command to what the next image shows of it
 UNREST_DECAY = 0.5  # in one frame
 LEAST_HEADING_VARIANCE = 5e-4**2  # [rad^2]
@@ -38,6 +39,7 @@ def remember(state: ServoState, sight: Sight, settings: ServoSettings) -> ServoS
         state,
         distance=_distance(state, dt, settings),
         leg=leg,
+        period=_period(state, dt),
         range=_range(state, sight, leg, dt),
         desired_rate=_desired_rate(state, sight, dt),
         sight=sight,
@@ -72,6 +74,13 @@ def _distance(state: ServoState, dt: float, settings: ServoSettings) -> float:
         state.twist.linear, before.bearings.epipole_current, sigma=before.bearings.sigma
     )
     return max(state.distance + rate * dt, settings.min_distance)
+
+
+def _period(state: ServoState, dt: float) -> float:
+    """Return the time between two images [s], smoothed."""
+    if math.isnan(state.period):
+        return dt or math.nan
+    return state.period + PERIOD_SMOOTHING * (dt - state.period)
 
 
 def _leg(state: ServoState, dt: float) -> Leg | None:

@@ -9,6 +9,7 @@ an event (``events.classify``), the event a phase (``phases.next_phase``), the p
 from dataclasses import replace
 import math
 
+from visual_servo_epipolar.core.derivation import gains_here, legal_target
 from visual_servo_epipolar.core.events import classify
 from visual_servo_epipolar.core.motion import (
     beyond_dead_band,
@@ -120,8 +121,20 @@ def _switch(state: ServoState, sight: Sight, event: Event, settings: ServoSettin
         side = math.copysign(1.0, bearing)
         leg = Leg(sight.bearings.psi)
         state = replace(state, side=side, latched=False, leg=leg)
-    if phase is Phase.DISPLACING:
-        state = replace(state, target=_target(sight, settings))
+    try:
+        return _prepared(state, sight, settings)
+    except ValueError as error:
+        refused = _switch(state, sight, Event.NO_GAIN, settings)
+        return replace(refused, reason=str(error))
+
+
+def _prepared(state: ServoState, sight: Sight, settings: ServoSettings) -> ServoState:
+    """Return ``state`` with the target or the gains of its phase; raises if none are legal."""
+    if state.phase is Phase.DISPLACING:
+        target = legal_target(state, sight, settings) if settings.derives else None
+        return replace(state, target=_target(sight, settings) if target is None else target)
+    if settings.derives and state.phase in (Phase.ZEROING_EPIPOLES, Phase.MATCHING_FEATURES):
+        return replace(state, gains=gains_here(state, sight, settings))
     return state
 
 

@@ -29,6 +29,23 @@ class ServoSettings(Settings):
     seed: int = setting(0, 'Seed of the random subsets', low=0, high=2**31 - 1, read_only=True)
     autostart: bool = setting(True, 'Start by itself once there are tracks', read_only=True)
 
+    gains: str = setting(
+        'given',
+        'Where gains come from: given (as set below), derived (section IV-C, where step 1 begins)',
+        choices=('given', 'derived'),
+    )
+    nearest_distance: float = setting(
+        1.0, 'Derived gains: lower bound of the distance at the start [m]', low=0.05, high=100.0
+    )
+    scene_depth: float = setting(
+        3.0,
+        'Derived gains: depth of the nearest features, until D shows its slope [m]',
+        low=0.1,
+        high=99,
+    )
+    latency: float = setting(
+        0.1, 'Derived gains: time from an image to the motion it causes [s]', low=0.0, high=2.0
+    )
     k1: float = setting(
         0.08, 'Gain k1 of eq. (12) on the current epipole [1/s]', low=0.0, high=5.0
     )
@@ -213,8 +230,27 @@ class ServoSettings(Settings):
                 f'min_displacement must not exceed max_displacement, got '
                 f'{self.min_displacement:g} and {self.max_displacement:g} rad'
             )
+        if self.derives:
+            self._check_derivation()
+
+    @property
+    def derives(self) -> bool:
+        """Whether gains are derived where step 1 begins."""
+        return self.gains == 'derived'
 
     @property
     def compensates(self) -> bool:
         """Whether D is taken from features turned to the desired heading."""
         return self.law == 'full' and self.compensate_rotation
+
+    def _check_derivation(self) -> None:
+        if self.finite_time:
+            raise ValueError(
+                'gains cannot be derived for finite_time, eq. (20); set gains to given, '
+                'or finite_time to false'
+            )
+        if self.nearest_distance > self.initial_distance:
+            raise ValueError(
+                f'nearest_distance must not exceed initial_distance, got '
+                f'{self.nearest_distance:g} and {self.initial_distance:g} m'
+            )

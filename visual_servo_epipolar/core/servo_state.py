@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 import math
 
+from visual_servo_epipolar.core.gains import Gains
 from visual_servo_epipolar.core.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.perception import Sight
 from visual_servo_epipolar.core.phases import ENDED, Phase
@@ -17,7 +18,9 @@ class ServoState:
     ``distance`` is d_hat [m], nan before the first image; ``target`` the abscissa at which e_au is
     held while e_du is zeroed, ``side`` the sign of e_du when that began, ``latched`` whether e_du
     counts as zero since, ``desired_rate`` how fast its bearing changes [rad/s], smoothed;
-    ``leg`` is the way since step 1 began, ``range`` the distance that it shows [m]; ``curvature``
+    ``leg`` is the way since step 1 began, ``range`` the distance that it shows [m];
+    ``period`` is the time between two images [s], smoothed; ``gains`` are those derived when the
+    phase began, None where they are given; ``curvature``
     the turn that the robot adds by itself [rad/m], with its variance; ``unrest`` how much the
     angular velocity changed lately, ``last_angular`` that before the last [rad/s]; ``slope`` is
     dD/dy [1/m], as driving in step 2 shows it, ``slope_weight`` the squared way it rests on [m^2];
@@ -38,6 +41,8 @@ class ServoState:
     desired_rate: float = 0.0
     leg: Leg | None = None
     range: float = math.nan
+    period: float = math.nan
+    gains: Gains | None = None
     curvature: float = 0.0
     curvature_variance: float = 0.0025
     unrest: float = 0.0

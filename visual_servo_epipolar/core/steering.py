@@ -74,11 +74,7 @@ def _first_step(state: ServoState, sight: Sight, settings: ServoSettings) -> Twi
     bearings = _bearings(state)
     e_current, e_desired = bearings.epipole_current, bearings.epipole_desired
     full = settings.law == 'full'
-    gains = {
-        'k1': settings.turn_gain if full else settings.k1,
-        'k2': settings.k2,
-        'exponent': settings.exponent,
-    }
+    gains = _first_gains(state, settings)
     if settings.finite_time:
         nu = laws.finite_time_controls(e_current, e_desired, **gains)
     else:
@@ -101,10 +97,7 @@ def _first_step(state: ServoState, sight: Sight, settings: ServoSettings) -> Twi
 def _second_step(state: ServoState, sight: Sight, settings: ServoSettings) -> Twist:
     """Return eqs. (21)-(22); ``full`` steers along the axis of the goal instead of u_2 = 0."""
     full = settings.law == 'full'
-    k_t = settings.k_t
-    if full and state.slope > 0.0:
-        k_t = min(k_t, settings.approach_rate / state.slope)
-    twist = laws.match_features(sight.difference, k_t=k_t)
+    twist = laws.match_features(sight.difference, k_t=_matching_gain(state, settings))
     if not full or not settings.line_following:
         return twist
     linear = min(max(twist.linear, -settings.max_linear), settings.max_linear)
@@ -114,6 +107,27 @@ def _second_step(state: ServoState, sight: Sight, settings: ServoSettings) -> Tw
         sight.heading_error,
         look_ahead=look_ahead(state.range, settings.look_ahead),
     )
+
+
+def _first_gains(state: ServoState, settings: ServoSettings) -> dict[str, float]:
+    """Return k1, k2 and the exponent of (12), given or derived."""
+    k1 = settings.turn_gain if settings.law == 'full' else settings.k1
+    found = state.gains
+    if found is None:
+        return {'k1': k1, 'k2': settings.k2, 'exponent': settings.exponent}
+    k1 = min(k1, found.k1_alone) if settings.law == 'full' else found.k1
+    if state.latched and settings.law != 'full':
+        k1 = found.k1_alone
+    return {'k1': k1, 'k2': found.k2, 'exponent': found.exponent}
+
+
+def _matching_gain(state: ServoState, settings: ServoSettings) -> float:
+    """Return k_t of (21); ``full`` closes in at a rate, once it knows the slope of D."""
+    k_t, rate = settings.k_t, settings.approach_rate
+    measured = settings.law == 'full' and state.slope > 0.0
+    if state.gains is None:
+        return min(k_t, rate / state.slope) if measured else k_t
+    return min(state.gains.rate, rate) / state.slope if measured else state.gains.k_t
 
 
 def _bearings(state: ServoState) -> Bearings:
