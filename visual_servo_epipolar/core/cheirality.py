@@ -85,7 +85,7 @@ def cheirality(
     voting = np.ones((1, len(current)), bool)
     rays = current[None, :, 0], desired[None, :, 0]
     balance = float(balances(numbers, *rays, voting, np.array([noise]))[0])
-    return Vote(oriented(bearings.psi, bearings.phi, balance), abs(balance))
+    return Vote(oriented(bearings.psi, bearings.phi, balance), min(abs(balance), 1.0))
 
 
 def oriented(psi: float, phi: float, balance: float) -> Bearings:
@@ -121,4 +121,4 @@ def balances(
     weight *= voting
     score = (weight * (np.sign(depth_current) + np.sign(depth_desired))).sum(axis=1)
     total = 2.0 * VOTE_SATURATION**2 * np.maximum(voting.sum(axis=1), 1)
-    return np.asarray(np.clip(score / total, -1.0, 1.0))
+    return np.asarray(score / total)

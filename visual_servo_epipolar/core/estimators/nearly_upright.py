@@ -38,7 +38,16 @@ def _rolls() -> FloatArray:
     return np.stack([jump - S_Z @ plain, jump], axis=1).reshape(9, 18)
 
 
-INNER, ROLLS = _inner(), _rolls()
+def _products() -> FloatArray:
+    """Return what turns (ct, st, 1) times (cr, sr, 1) into R_x(tilt) R_z(roll), shape (9, 9)."""
+    made = np.zeros((3, 3, 3, 3))
+    made[2, 0, 0, 0] = made[0, 1, 1, 0] = made[0, 0, 1, 1] = made[1, 2, 1, 2] = 1.0
+    made[2, 1, 0, 1] = made[1, 1, 2, 0] = made[1, 0, 2, 1] = -1.0
+    made[0, 2, 2, 2] = 1.0
+    return made.reshape(9, 9)
+
+
+INNER, ROLLS, PRODUCTS = _inner(), _rolls(), _products()
 
 
 def matrices(parameters: FloatArray) -> FloatArray:
@@ -46,17 +55,20 @@ def matrices(parameters: FloatArray) -> FloatArray:
     count = len(parameters)
     numbers = np.exp(1j * (parameters @ TO_CAMERAS))
     inner = (numbers.view(np.float64)[:, :4] @ INNER).reshape(count, 5, 3, 3)
-    both = cameras(numbers[:, 2::2], numbers[:, 3::2])
-    made = np.swapaxes(both[:, :1], 2, 3) @ inner @ both[:, 1:]
-    made = made.reshape(count, 5, 9)
-    return np.concatenate([made, (made[:, 0] @ ROLLS).reshape(count, 2, 9)], axis=1)
-
-
-def cameras(tilt: ComplexArray, roll: ComplexArray) -> FloatArray:
-    """Return R_x(tilt) R_z(roll) of exp(i tilt), exp(i roll), shape (..., 3, 3)."""
-    made = np.zeros((*tilt.shape, 3, 3))
-    made[..., 0, 0], made[..., 0, 1] = roll.real, -roll.imag
-    made[..., 1, 0], made[..., 1, 1] = tilt.real * roll.imag, tilt.real * roll.real
-    made[..., 2, 0], made[..., 2, 1] = -tilt.imag * roll.imag, -tilt.imag * roll.real
-    made[..., 1, 2], made[..., 2, 2] = tilt.imag, tilt.real
+    both, made = cameras(numbers), np.empty((count, 7, 9))
+    solid = made.reshape(count, 7, 3, 3)
+    np.matmul(both[:, :1].swapaxes(2, 3) @ inner, both[:, 1:], out=solid[:, :5])
+    made[:, 5:] = (made[:, 0] @ ROLLS).reshape(count, 2, 9)
     return made
+
+
+def cameras(numbers: ComplexArray) -> FloatArray:
+    """
+    Return R_x(tilt) R_z(roll) of the desired and of the current camera, shape (K, 2, 3, 3).
+
+    ``numbers``, shape (K, 6), are exp(i angle) in the order of TO_CAMERAS.
+    """
+    factors = np.ones((len(numbers), 2, 2, 3))
+    factors[..., :2] = numbers[:, 2:].view(np.float64).reshape(-1, 2, 2, 2)
+    products = factors[:, :, 0, :, None] * factors[:, :, 1, None]
+    return np.asarray((products.reshape(-1, 2, 9) @ PRODUCTS).reshape(-1, 2, 3, 3))

@@ -50,8 +50,8 @@ class Rays(NamedTuple):
 
 def rays_of(current: FloatArray, desired: FloatArray) -> Rays:
     """Return the columns of ``current`` and ``desired``, shape (..., N, 2) each."""
-    both = np.array([np.moveaxis(current, -1, 0), np.moveaxis(desired, -1, 0)])
-    return Rays(both[0, 0], both[0, 1], both[1, 0], both[1, 1])
+    both = [current[..., 0], current[..., 1], desired[..., 0], desired[..., 1]]
+    return Rays(*np.array(both))
 
 
 def plausible(rays: Rays, slack: FloatArray | float) -> BoolArray:
@@ -195,8 +195,8 @@ def fused(
     (B,), says where the matches determine the bearings at all.
     """
     variances = covariance.diagonal(axis1=1, axis2=2)
-    spanned = (variances > 0.0).all(axis=1)
-    determined = np.asarray(spanned & (variances[:, :2] < UNDETERMINED**2).all(axis=1))
+    determined = np.minimum.reduce(variances, axis=1) > 0.0
+    determined &= np.maximum.reduce(variances[:, :2], axis=1) < UNDETERMINED**2
     change = np.remainder(before - parameters[:, :2] + HALF_PI, np.pi) - HALF_PI
     change[np.isnan(change)] = 0.0
     # (covariance + deviation^2 I)^-1 change, by the adjugate

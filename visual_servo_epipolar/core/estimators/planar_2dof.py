@@ -143,7 +143,7 @@ def _conclude(
             oriented(psi, phi, vote),
             fundamental[k],
             agree[k],
-            abs(vote),
+            min(abs(vote), 1.0),
             covariance[k],
             rival=rival,
         )

@@ -25,7 +25,7 @@ from visual_servo_epipolar.core.estimators.refinement import (
     problem,
     refined,
 )
-from visual_servo_epipolar.core.estimators.sampson import squared_distances, Table, table_of
+from visual_servo_epipolar.core.estimators.sampson import squared_distances, table_of
 
 MIN_MATCHES = 4
 TRIPLES = 400
@@ -90,7 +90,7 @@ def _three_point_hypotheses(rays: Rays, rng: np.random.Generator) -> FloatArray:
     return found
 
 
-def _best(hypotheses: FloatArray, table: Table) -> FloatArray:
+def _best(hypotheses: FloatArray, table: FloatArray) -> FloatArray:
     """Return psi, phi and ratio of the best hypotheses of different modes, shape (K, 3)."""
     numbers: ComplexArray = hypotheses.view(np.complex128) + TINY
     size = np.abs(numbers)

@@ -19,7 +19,7 @@ from visual_servo_epipolar.core.estimators.planar import (
     RIVAL_COST,
     SPREAD,
 )
-from visual_servo_epipolar.core.estimators.sampson import linearised, Table
+from visual_servo_epipolar.core.estimators.sampson import linearised
 
 TUKEY = 4.685  # 95 % efficient for Gaussian noise
 LARGEST_STEP = 0.2  # a longer one leaves where the linearisation means anything [rad]
@@ -75,17 +75,17 @@ class Problem(NamedTuple):
     """What is minimised: ``model`` on the ``table`` of matches, and the ``belief``."""
 
     model: Model
-    table: Table  # of one geometry, or stacked, of as many
+    table: FloatArray  # shape (9, 5 N), or (B, 9, 5 N) for as many geometries
     belief: Belief
     ridge: FloatArray  # shape (P, P) or (B, P, P): the information of the belief, never zero
 
     def take(self, rows: BoolArray) -> 'Problem':
         """Return the geometries chosen by a mask."""
         belief = Belief(self.belief.mean[rows], self.belief.information[rows])
-        return Problem(self.model, self.table.take(rows), belief, self.ridge[rows])
+        return Problem(self.model, self.table[rows], belief, self.ridge[rows])
 
 
-def problem(model: Model, table: Table, belief: Belief) -> Problem:
+def problem(model: Model, table: FloatArray, belief: Belief) -> Problem:
     """Return what ``refined`` and ``followed`` minimise."""
     ridge = (belief.information + RIDGE)[..., None] * np.eye(belief.information.shape[-1])
     return Problem(model, table, belief, ridge)
@@ -109,7 +109,7 @@ def refined(start: FloatArray, problem: Problem, *, negligible: float, scale: fl
     for iteration in range(1, ITERATIONS + 1):
         width = 1.0 + (scale - 1.0) * _left(iteration, ANNEALING)
         step = _step(problem, parameters, width)
-        longest = float(step.length.max())
+        longest = float(np.maximum.reduce(step.length))
         if math.isnan(longest):
             raise DegenerateGeometryError(
                 'the normal equations of the matches are singular; check the camera matrix, the '
@@ -132,21 +132,22 @@ def followed(
     ``negligible`` and ``scale`` have shape (B,). Each goes its own way and ends when its own step
     is negligible: nothing depends on what is beside it. Singular equations give nan.
     """
-    left, ended = np.arange(len(start)), []
+    left, ended, wide = np.arange(len(start)), [], scale - 1.0
     for iteration in range(1, ITERATIONS + 1):
-        width = 1.0 + (scale - 1.0) * _left(iteration, SHORT_ANNEALING)
-        step = _step(problem, start, width[:, None])
-        going = (width > 1.0) | (step.length >= negligible)
-        if iteration == ITERATIONS or not going.any():
-            ended.append((left, _fit(step, problem, width[:, None])))
+        width = (1.0 + wide * _left(iteration, SHORT_ANNEALING))[:, None]
+        step = _step(problem, start, width)
+        going = (width[:, 0] > 1.0) | (step.length >= negligible)
+        count = np.count_nonzero(going)
+        if iteration == ITERATIONS or not count:
+            ended.append((left, _fit(step, problem, width)))
             break
         start = step.parameters
-        if not going.all():
+        if count < len(going):
             done = ~going
-            fit = _fit(Step(*(part[done] for part in step)), problem.take(done), width[done, None])
+            fit = _fit(Step(*(part[done] for part in step)), problem.take(done), width[done])
             ended.append((left[done], fit))
             left, start, problem = left[going], start[going], problem.take(going)
-            negligible, scale = negligible[going], scale[going]
+            negligible, wide = negligible[going], wide[going]
     return _in_order(ended)
 
 
@@ -189,15 +190,15 @@ def _step(problem: Problem, parameters: FloatArray, width: FloatArray | float) -
     belief = problem.belief
     rows, squared_gradient = linearised(problem.model(parameters), problem.table)
     squared = rows[:, 0] * rows[:, 0] / squared_gradient
-    weight = np.maximum(1.0 - squared * (TUKEY * width) ** -2.0, 0.0)
+    weight = np.maximum(1.0 - squared / (TUKEY * TUKEY * width * width), 0.0)
     weight *= weight
     weight /= squared_gradient
     normal = (rows * weight[:, None]) @ rows.swapaxes(1, 2)
     away = parameters - belief.mean
     information = normal[:, 1:, 1:] + problem.ridge
     change = _solved(information, normal[:, 1:, 0] + belief.information * away)
-    length = np.abs(change).max(axis=1)
-    if length.max() > LARGEST_STEP:
+    length = np.maximum.reduce(np.abs(change), axis=1)
+    if np.maximum.reduce(length) > LARGEST_STEP:
         change = np.clip(change, -LARGEST_STEP, LARGEST_STEP)
     return Step(parameters - change, information, squared, away, length)
 

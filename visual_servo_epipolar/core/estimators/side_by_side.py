@@ -110,14 +110,15 @@ def _followed(
     known = [k for k, prior in enumerate(views.priors) if prior.bearings and enough[k]]
     if not known:
         return []
-    some, possible = views.take(known), kept[known]
-    fit = method.follow(some, possible)
-    on = np.flatnonzero(goes_on(fit, some.before, some.deviation, counts[known])).tolist()
+    if len(known) < len(enough):
+        views, kept, counts = views.take(known), kept[known], counts[known]
+    fit = method.follow(views, kept)
+    on = np.flatnonzero(goes_on(fit, views.before, views.deviation, counts)).tolist()
     if not on:
         return []
     if len(on) < len(known):
-        some, possible, fit = some.take(on), possible[on], fit.take(np.array(on))
-    made = method.conclude(some, possible, fit, [None] * len(on))
+        views, kept, fit = views.take(on), kept[on], fit.take(np.array(on))
+    made = method.conclude(views, kept, fit, [None] * len(on))
     return [(known[k], answer) for k, answer in zip(on, made, strict=True)]
 
 

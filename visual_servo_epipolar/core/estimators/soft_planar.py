@@ -42,7 +42,7 @@ from visual_servo_epipolar.core.estimators.refinement import (
     problem,
     refined,
 )
-from visual_servo_epipolar.core.estimators.sampson import Table, table_of
+from visual_servo_epipolar.core.estimators.sampson import table_of
 from visual_servo_epipolar.core.estimators.side_by_side import (
     alone,
     Answer,
@@ -100,8 +100,8 @@ def soft_planar_each(
 def _keep(views: Views) -> BoolArray:
     """Return the matches that lie on the same side of the horizon, as far as that is known."""
     known, rays = attitudes_of(views.priors), views.rays
-    u_a, v_a = level(rays.u_a, rays.v_a, known.tilt, known.roll)
-    u_d, v_d = level(rays.u_d, rays.v_d, known.tilt, known.roll)
+    u, v = np.array([rays.u_a, rays.u_d]), np.array([rays.v_a, rays.v_d])
+    (u_a, u_d), (v_a, v_d) = level(u, v, known.tilt, known.roll)
     slack = 2.0 * (known.tilt_deviation + known.roll_deviation)
     slack += _threshold(views.noise[:, None], known.jitter)
     return plausible(Rays(u_a, v_a, u_d, v_d), slack)
@@ -136,7 +136,9 @@ def _search(rays: Rays, noise: float, prior: Prior) -> tuple[Fit, int, Bearings 
     return found, best, rival
 
 
-def _solutions(rays: Rays, table: Table, noise: float, prior: Prior, jumps: FloatArray) -> Fit:
+def _solutions(
+    rays: Rays, table: FloatArray, noise: float, prior: Prior, jumps: FloatArray
+) -> Fit:
     """Return the refined best modes of the hypotheses, and of the last bearings."""
     attitude = prior.attitude
     belief = _belief(attitudes_of([prior]))
@@ -196,7 +198,7 @@ def _conclude(
     agree = kept & (fit.squared <= INLIER_DEVIATIONS**2)
     agree &= plausible(rays, INLIER_DEVIATIONS * views.noise[:, None])
     balance = balances(numbers[:, :2], rays.u_a, rays.u_d, agree, views.noise)
-    both = cameras(numbers[:, 2::2], numbers[:, 3::2])
+    both = cameras(numbers)
     fundamental = both[:, 0].swapaxes(1, 2) @ fundamentals(numbers[:, :2], balance) @ both[:, 1]
     deviations = np.sqrt(covariance[:, [TILT, ROLL], [TILT, ROLL]]).tolist()
     rows = zip(found.tolist(), balance.tolist(), deviations, views.priors, rivals, strict=True)
@@ -205,7 +207,7 @@ def _conclude(
             oriented(row[PSI], row[PHI], vote),
             fundamental[k],
             agree[k],
-            abs(vote),
+            min(abs(vote), 1.0),
             covariance[k, :2, :2],
             attitude=Attitude(row[TILT], row[ROLL], known[0], known[1], prior.attitude.jitter),
             rival=rival,
@@ -219,10 +221,13 @@ def _conclude(
 
 def _levelled(rays: Rays, found: FloatArray) -> Rays:
     """Return ``rays``, (B, N), as upright cameras would see them, after ``found``, (B, 6)."""
-    tilt, roll = found[:, TILT, None], found[:, ROLL, None]
-    tilt_now, roll_now = tilt + found[:, TILT_JUMP, None], roll + found[:, ROLL_JUMP, None]
-    u_a, v_a = level(rays.u_a, rays.v_a, tilt_now, roll_now)
-    return Rays(u_a, v_a, *level(rays.u_d, rays.v_d, tilt, roll))
+    # Of the current and of the desired camera, (2, B, 1).
+    tilt, roll = (np.array([now, now])[..., None] for now in (found[:, TILT], found[:, ROLL]))
+    tilt[0, :, 0] += found[:, TILT_JUMP]
+    roll[0, :, 0] += found[:, ROLL_JUMP]
+    u, v = np.array([rays.u_a, rays.u_d]), np.array([rays.v_a, rays.v_d])
+    (u_a, u_d), (v_a, v_d) = level(u, v, tilt, roll)
+    return Rays(u_a, v_a, u_d, v_d)
 
 
 METHOD = Method(MIN_MATCHES, _keep, _follow, _search, _conclude)
