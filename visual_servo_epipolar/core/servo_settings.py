@@ -184,7 +184,7 @@ class ServoSettings(Settings):
         0.03, 'Least spread of the features that agree [rad]', low=0.0, high=1.0
     )
     pixel_noise: float = setting(
-        0.2, 'Deviation of a tracked coordinate before residuals show it [px]', low=0.01, high=10
+        0.3, 'Deviation of a tracked coordinate before residuals show it [px]', low=0.01, high=10
     )
     floor_jitter: float = setting(
         0.0017, 'Deviation of tilt and of roll by the floor, view by view [rad]', low=0, high=0.1
