@@ -173,6 +173,31 @@ def test_the_second_step_closes_in_at_its_rate_once_the_slope_of_d_is_known() ->
     assert closing.twist.linear == pytest.approx(0.01 * rate / 0.4, rel=1e-3)
 
 
+def speed_in_step_2(difference: float, **changes: Any) -> float:
+    """Return the speed of law full in step 2 [m/s], D rising by 0.4 in a metre."""
+    settings = replace(ServoSettings(max_acceleration=20.0, line_following=False), **changes)
+    state = ServoState(phase=Phase.MATCHING_FEATURES, distance=2.0, slope=0.4, slope_weight=1e6)
+    for frame in range(2):
+        state = advance(state, seen(frame, 0.0, 0.0, difference=difference), settings)
+    return state.twist.linear
+
+
+def test_the_gain_of_step_2_may_rise_towards_the_goal() -> None:
+    constant = {'gain_at_goal': 1.0}
+    brisk = {'gain_at_goal': 1.5, 'gain_slope': 20.0}
+    assert speed_in_step_2(-0.01, **constant) == pytest.approx(0.01 / 0.4, rel=1e-3)
+    factor = 1.0 + 0.5 * math.exp(-20.0 * 0.01 / 0.5)
+    assert speed_in_step_2(-0.01, **brisk) == pytest.approx(factor * 0.01 / 0.4, rel=1e-3)
+
+
+def test_it_rises_no_further_than_the_delay_lets_it_not_overshoot() -> None:
+    brisk = {'gain_at_goal': 10.0, 'gain_slope': 0.0}
+    limit = 1.0 / math.e / (PERIOD + 0.1)
+    assert speed_in_step_2(-0.01, latency=0.1, **brisk) == pytest.approx(limit * 0.01 / 0.4)
+    # A delay beyond that leaves the rate as it was set.
+    assert speed_in_step_2(-0.01, latency=1.0, **brisk) == pytest.approx(0.01 / 0.4)
+
+
 def test_a_step_2_without_a_step_1_has_a_derived_k_t_too() -> None:
     settings = replace(DERIVED, scene_depth=6.0)
     start = ServoState(phase=Phase.ORIENTING)

@@ -4,7 +4,7 @@ from collections.abc import Callable
 import math
 from typing import Any
 
-from hypothesis import given, settings
+from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 import numpy as np
 import pytest
@@ -428,6 +428,27 @@ def test_the_difference_decreases_exponentially_near_the_goal(y: float) -> None:
     # D = alpha y to first order: 1 % at 10 mm.
     expected = start * math.exp(-k_t * slope * dt * steps)
     assert difference_at(pose.y) == pytest.approx(expected, rel=0.01)
+
+
+@given(floats(0.1, 20.0), floats(0.1, 20.0), floats(0.1, 50.0))
+def test_the_adaptive_gain_runs_from_one_value_to_the_other(
+    at_zero: float, far: float, slope: float
+) -> None:
+    def gain(size: float) -> float:
+        return laws.adaptive_gain(size, at_zero=at_zero, far=far, slope=slope)
+
+    span = abs(at_zero - far)
+    assume(span > 0.01)
+    assert gain(0.0) == pytest.approx(at_zero)
+    assert gain(-0.1) == gain(0.1)
+    assert gain(40.0 * span / slope) == pytest.approx(far, rel=1e-9)
+    # The slope at zero is the one that was asked for, by a difference quotient.
+    step = 1e-5 * span / slope
+    assert abs(gain(step) - gain(0.0)) / step == pytest.approx(slope, rel=1e-3)
+
+
+def test_an_adaptive_gain_of_equal_ends_is_constant() -> None:
+    assert laws.adaptive_gain(0.3, at_zero=2.0, far=2.0, slope=0.0) == 2.0
 
 
 @given(floats(-1.5, 1.5), floats(0.1, 2.0))

@@ -9,6 +9,7 @@ from visual_servo_epipolar import __version__
 from visual_servo_epipolar.commands import (
     bench,
     demo,
+    gains,
     inspect,
     replay,
     report,
@@ -19,7 +20,7 @@ from visual_servo_epipolar.commands import (
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
 
 SUCCESS, FAILURE, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
-COMMANDS = (demo, simulate, sweep, inspect, replay, report, reproduce, bench)
+COMMANDS = (demo, simulate, sweep, inspect, replay, report, reproduce, bench, gains)
 
 
 class Parser(argparse.ArgumentParser):

@@ -162,6 +162,20 @@ def match_features(difference: float, *, k_t: float) -> Twist:
     return Twist(-k_t * difference, 0.0)
 
 
+def adaptive_gain(size: float, *, at_zero: float, far: float, slope: float) -> float:
+    """
+    Return the gain for an error of ``size``: ``at_zero`` at zero, ``far`` for a large one.
+
+    (k_0 - k_inf) exp(-k'_0 |e| / (k_0 - k_inf)) + k_inf with the slope k'_0 at zero, as
+    vpAdaptiveGain of ViSP has it: gentle where limits of speed and braking count, brisk where the
+    error is nearly gone and a constant gain would take its time.
+    """
+    span = at_zero - far
+    if span == 0.0:
+        return far
+    return span * math.exp(-slope * abs(size) / abs(span)) + far
+
+
 def follow_line(
     linear: float, lateral: float, heading_error: float, *, look_ahead: float
 ) -> Twist:

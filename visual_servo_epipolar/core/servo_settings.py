@@ -44,7 +44,7 @@ class ServoSettings(Settings):
         high=99,
     )
     latency: float = setting(
-        0.1, 'Derived gains: time from an image to the motion it causes [s]', low=0.0, high=2.0
+        0.1, 'Time from an image to the motion it causes, for gains [s]', low=0.0, high=2.0
     )
     k1: float = setting(
         0.08, 'Gain k1 of eq. (12) on the current epipole [1/s]', low=0.0, high=5.0
@@ -64,6 +64,12 @@ class ServoSettings(Settings):
         'Law full: rate at which step 2 closes in at most, as the slope of D has it [1/s]',
         low=0.01,
         high=50.0,
+    )
+    gain_at_goal: float = setting(
+        1.0, 'Law full: factor of the gain of step 2 at D = 0; 1 is constant', low=0.1, high=10.0
+    )
+    gain_slope: float = setting(
+        20.0, 'Law full: how fast that factor falls with |D| at first', low=0.0, high=1e4
     )
     turn_gain: float = setting(
         0.8, 'Gain of turns in place and of holding e_au [1/s]', low=0, high=5

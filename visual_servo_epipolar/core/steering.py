@@ -9,6 +9,7 @@ import math
 
 from visual_servo_epipolar.core import laws
 from visual_servo_epipolar.core.epipolar import Bearings
+from visual_servo_epipolar.core.gains import UNHURRIED
 from visual_servo_epipolar.core.motion import saturate, STANDSTILL, Twist
 from visual_servo_epipolar.core.perception import Sight
 from visual_servo_epipolar.core.phases import Phase
@@ -97,7 +98,7 @@ def _first_step(state: ServoState, sight: Sight, settings: ServoSettings) -> Twi
 def _second_step(state: ServoState, sight: Sight, settings: ServoSettings) -> Twist:
     """Return eqs. (21)-(22); ``full`` steers along the axis of the goal instead of u_2 = 0."""
     full = settings.law == 'full'
-    twist = laws.match_features(sight.difference, k_t=_matching_gain(state, settings))
+    twist = laws.match_features(sight.difference, k_t=_matching_gain(state, sight, settings))
     if not full or not settings.line_following:
         return twist
     linear = min(max(twist.linear, -settings.max_linear), settings.max_linear)
@@ -121,13 +122,24 @@ def _first_gains(state: ServoState, settings: ServoSettings) -> dict[str, float]
     return {'k1': k1, 'k2': found.k2, 'exponent': found.exponent}
 
 
-def _matching_gain(state: ServoState, settings: ServoSettings) -> float:
+def _matching_gain(state: ServoState, sight: Sight, settings: ServoSettings) -> float:
     """Return k_t of (21); ``full`` closes in at a rate, once it knows the slope of D."""
-    k_t, rate = settings.k_t, settings.approach_rate
-    measured = settings.law == 'full' and state.slope > 0.0
-    if state.gains is None:
-        return min(k_t, rate / state.slope) if measured else k_t
-    return min(state.gains.rate, rate) / state.slope if measured else state.gains.k_t
+    found = state.gains
+    k_t = settings.k_t if found is None else found.k_t
+    if settings.law != 'full' or not state.slope > 0.0:
+        return k_t
+    factor = laws.adaptive_gain(
+        sight.difference, at_zero=settings.gain_at_goal, far=1.0, slope=settings.gain_slope
+    )
+    rate = settings.approach_rate
+    rate = min(k_t * state.slope, rate) if found is None else min(found.rate, rate)
+    return _unhurried(factor * rate, rate, state, settings) / state.slope
+
+
+def _unhurried(wanted: float, least: float, state: ServoState, settings: ServoSettings) -> float:
+    """Return the rate ``wanted`` [1/s] as far as the delay allows, ``least`` at least."""
+    delay = settings.latency + (state.period if state.period > 0.0 else 0.0)
+    return min(wanted, max(least, UNHURRIED / max(delay, 1e-3)))
 
 
 def _bearings(state: ServoState) -> Bearings:

@@ -1,0 +1,117 @@
+"""
+``visual_servo gains``: the gains of section IV-C from what is known before the robot moves.
+
+A table of the gains and of what they promise, and lines to paste into the file of servo_node.
+"""
+
+import argparse
+from dataclasses import asdict, Field, fields
+import math
+from typing import Any
+
+from visual_servo_epipolar.commands.arguments import finite, write_json
+from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.gains import Circumstances, derive, Gains
+from visual_servo_epipolar.core.landing import longest_landing
+from visual_servo_epipolar.core.servo_settings import ServoSettings
+from visual_servo_epipolar.core.settings import range_of
+
+
+def add_to(kinds: Any) -> None:
+    """Add the subcommand."""
+    parser = kinds.add_parser(
+        'gains', help='gains derived from distance, rate and limits', description=__doc__
+    )
+    for item in fields(Circumstances):
+        limits, option = range_of(item), f'--{item.name.replace("_", "-")}'
+        if isinstance(item.default, bool):
+            parser.add_argument(option, action='store_true', help=limits.text)
+            continue
+        parser.add_argument(
+            option,
+            type=finite,
+            default=item.default,
+            metavar=item.name.upper(),
+            help=f'{limits.text}, {limits.low:g} to {limits.high:g} (default {item.default:g})',
+        )
+    parser.add_argument(
+        '--json', metavar='FILE', help='write the result as JSON to FILE, - for standard output'
+    )
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Derive, print, write; return 0. InputError where no gain is legal."""
+    try:
+        known = Circumstances(
+            **{item.name: getattr(options, item.name) for item in fields(Circumstances)}
+        )
+        found = derive(known)
+    except ValueError as error:
+        raise InputError(str(error)) from None
+    if options.json != '-':
+        print(f'{in_words(known, found)}\n\n{as_yaml(known, found)}')
+    write_json(document(known, found), options.json)
+    return 0
+
+
+def document(known: Circumstances, found: Gains) -> dict[str, Any]:
+    """Return gains and circumstances as the JSON document of the command line; SI but degrees."""
+    return {
+        'k1': found.k1,
+        'k1_alone': found.k1_alone,
+        'k2': found.k2,
+        'beta': found.beta,
+        'gamma': found.gamma,
+        'exponent': found.exponent,
+        'k_t': found.k_t,
+        'closing_rate': found.rate,
+        't_max_s': found.transient,
+        'longest_landing_s': longest_landing(known, found),
+        'floor_deg': math.degrees(found.floor),
+        'circumstances': asdict(known),
+    }
+
+
+def in_words(known: Circumstances, found: Gains) -> str:
+    """Return the table for a person."""
+    rows = [
+        ('k1', f'{found.k1:.4g}', '1/s', 'eq. (12), on the current epipole'),
+        ('k1 alone', f'{found.k1_alone:.4g}', '1/s', 'once e_du is zero, or where e_au is held'),
+        ('k2', f'{found.k2:.4g}', '', 'eq. (12), on the desired epipole'),
+        ('beta/gamma', f'{found.beta}/{found.gamma}', '', 'exponent of eq. (12)'),
+        ('k_t', f'{found.k_t:.4g}', 'm/s', 'eq. (21), D at unit focal length'),
+        ('rate', f'{found.rate:.4g}', '1/s', 'at which k_t closes in, near the goal'),
+        ('t_max', f'{found.transient:.4g}', 's', 'until e_du is zero, at any speed'),
+        ('', f'{longest_landing(known, found):.4g}', 's', 'the same within the limits of speed'),
+        ('floor', f'{math.degrees(found.floor):.4g}', 'deg', 'that |atan e_au| keeps until then'),
+    ]
+    return '\n'.join(f'{name:<11}{value:>9} {unit:<4} {text}' for name, value, unit, text in rows)
+
+
+def as_yaml(known: Circumstances, found: Gains) -> str:
+    """Return the lines of servo_node.yaml that say the same, in its order and its ranges."""
+    values = {
+        'k1': found.k1,
+        'k2': found.k2,
+        'exponent': found.exponent,
+        'initial_distance': known.farthest,
+        'k_t': found.k_t,
+        'approach_rate': found.rate,
+        'turn_gain': min(found.k1_alone, ServoSettings.turn_gain),
+        'latch_engage': known.landing,
+        'max_linear': known.max_linear,
+        'max_angular': known.max_angular,
+    }
+    lines = [
+        _line(item, values[item.name]) for item in fields(ServoSettings) if item.name in values
+    ]
+    return '\n'.join(['servo_node:', '  ros__parameters:', *lines])
+
+
+def _line(item: 'Field[Any]', value: float) -> str:
+    """Return one parameter; a gain beyond its range is the largest one, and says so."""
+    largest = range_of(item).high
+    if largest is not None and value > largest:
+        return f'    {item.name}: {float(largest)!r}  # derived: {value:.6g}, beyond the range'
+    return f'    {item.name}: {float(f"{value:.6g}")!r}'
