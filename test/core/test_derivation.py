@@ -4,7 +4,7 @@ from dataclasses import replace
 import math
 from typing import Any
 
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 import pytest
 from strategies import bearings, floats
@@ -228,6 +228,13 @@ def anything() -> st.SearchStrategy[Sight]:
     )
 
 
+UNDERFLOW = [
+    seen(frame, 0.0, 0.1, bearings=None, difference=difference, parallax=0.0)
+    for frame, difference in enumerate([1e-200, 0.0])
+]
+
+
+@example(UNDERFLOW, Phase.MATCHING_FEATURES, 'paper', 1.0, 0.0)
 @given(
     st.lists(anything(), min_size=1, max_size=6),
     st.sampled_from(Phase),

@@ -19,6 +19,7 @@ PERIOD_SMOOTHING = 0.1
 LATENCY_S = 0.2  # from a command to what the next image shows of it
 UNREST_DECAY = 0.5  # in one frame
 LEAST_HEADING_VARIANCE = 5e-4**2  # [rad^2]
+LEAST_WAY = 1e-9  # from which D may show a slope; its square must not vanish [m]
 SLOPE_WAY = 0.5  # over which the past is forgotten [m]
 MIN_SPEED = 0.05  # below, the way says nothing about the range [m/s]
 TURN_DEVIATIONS = 8.0  # of a bearing, that the line of sight must have turned by
@@ -154,7 +155,7 @@ def _with_slope(state: ServoState, before: Sight | None, dt: float) -> ServoStat
     if state.phase is not Phase.MATCHING_FEATURES or before is None or state.sight is None:
         return state
     change = state.sight.difference - before.difference
-    if not math.isfinite(change) or way == 0.0:
+    if not math.isfinite(change) or abs(way) < LEAST_WAY:
         return state
     weight = state.slope_weight * math.exp(-abs(way) / SLOPE_WAY) + way * way
     slope = 0.0 if math.isnan(state.slope) else state.slope
