@@ -12,6 +12,7 @@ from strategies import bearings, floats
 from visual_servo_epipolar.core.derivation import circumstances
 from visual_servo_epipolar.core.epipolar import Bearings
 from visual_servo_epipolar.core.gains import derive
+from visual_servo_epipolar.core.learning import Slope
 from visual_servo_epipolar.core.perception import Sight
 from visual_servo_epipolar.core.phases import Phase
 from visual_servo_epipolar.core.servo import advance
@@ -167,7 +168,7 @@ def test_the_second_step_closes_in_at_its_rate_once_the_slope_of_d_is_known() ->
     plain = advance(step_2, seen(3, 0.0, 0.0, difference=-0.01), DERIVED)
     assert plain.twist.linear == pytest.approx(0.01 * known.k_t)
     full = replace(DERIVED, law='full', max_acceleration=20.0)
-    sloped = replace(step_2, slope=0.4, slope_weight=1e6)
+    sloped = replace(step_2, slope=Slope(0.4, 1e6))
     closing = advance(sloped, seen(3, 0.0, 0.0, difference=-0.01), full)
     rate = min(known.rate, full.approach_rate)
     assert closing.twist.linear == pytest.approx(0.01 * rate / 0.4, rel=1e-3)
@@ -176,7 +177,7 @@ def test_the_second_step_closes_in_at_its_rate_once_the_slope_of_d_is_known() ->
 def speed_in_step_2(difference: float, **changes: Any) -> float:
     """Return the speed of law full in step 2 [m/s], D rising by 0.4 in a metre."""
     settings = replace(ServoSettings(max_acceleration=20.0, line_following=False), **changes)
-    state = ServoState(phase=Phase.MATCHING_FEATURES, distance=2.0, slope=0.4, slope_weight=1e6)
+    state = ServoState(phase=Phase.MATCHING_FEATURES, distance=2.0, slope=Slope(0.4, 1e6))
     for frame in range(2):
         state = advance(state, seen(frame, 0.0, 0.0, difference=difference), settings)
     return state.twist.linear

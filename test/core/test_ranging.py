@@ -8,6 +8,7 @@ import pytest
 
 from visual_servo_epipolar.core import laws
 from visual_servo_epipolar.core.epipolar import Bearings
+from visual_servo_epipolar.core.learning import Curvature
 from visual_servo_epipolar.core.motion import (
     beyond_dead_band,
     integrate,
@@ -91,7 +92,7 @@ def test_following_the_line_removes_offset_and_heading_at_either_sign_of_speed(
 
 
 def test_a_known_curvature_is_steered_against() -> None:
-    state = ServoState(curvature=0.02)
+    state = ServoState(curvature=Curvature(0.02))
     assert straightened(Twist(0.4, 0.1), state, ServoSettings()).angular == pytest.approx(0.092)
     assert straightened(Twist(0.4, 0.1), state, ServoSettings(law='paper')) == Twist(0.4, 0.1)
 

@@ -4,6 +4,7 @@ from dataclasses import replace
 import math
 
 from visual_servo_epipolar.core import laws
+from visual_servo_epipolar.core.learning import Slope
 from visual_servo_epipolar.core.perception import Sight
 from visual_servo_epipolar.core.phases import Phase
 from visual_servo_epipolar.core.ranging import Leg, MIN_TURN, UNKNOWN_RANGE
@@ -16,11 +17,6 @@ MAX_STEP_S = 1.0  # a longer gap between two images is not integrated over
 RATE_SMOOTHING = 0.4
 RANGE_SMOOTHING = 0.2
 PERIOD_SMOOTHING = 0.1
-LATENCY_S = 0.2  # from a command to what the next image shows of it
-UNREST_DECAY = 0.5  # in one frame
-LEAST_HEADING_VARIANCE = 5e-4**2  # [rad^2]
-LEAST_WAY = 1e-9  # from which D may show a slope; its square must not vanish [m]
-SLOPE_WAY = 0.5  # over which the past is forgotten [m]
 MIN_SPEED = 0.05  # below, the way says nothing about the range [m/s]
 TURN_DEVIATIONS = 8.0  # of a bearing, that the line of sight must have turned by
 
@@ -35,7 +31,6 @@ def remember(state: ServoState, sight: Sight, settings: ServoSettings) -> ServoS
     before = state.sight
     dt = 0.0 if before is None else interval(before.stamp_ns, sight.stamp_ns)
     leg = _leg(state, dt)
-    state = _with_curvature(state, sight, dt, settings)
     state = replace(
         state,
         distance=_distance(state, dt, settings),
@@ -43,12 +38,20 @@ def remember(state: ServoState, sight: Sight, settings: ServoSettings) -> ServoS
         period=_period(state, dt),
         range=_range(state, sight, leg, dt),
         desired_rate=_desired_rate(state, sight, dt),
+        curvature=state.curvature.learnt(
+            before, sight, state.twist, dt, drift=settings.curvature_drift
+        ),
+        slope=_slope(state, sight, dt),
+        latched=_latch(state, sight, settings),
         sight=sight,
     )
-    state = _with_slope(state, before, dt)
-    state = replace(state, latched=_latch(state, sight, settings))
+    return _with_settled(state, sight, settings)
+
+
+def _with_settled(state: ServoState, sight: Sight, settings: ServoSettings) -> ServoState:
+    """Count the frames that fulfil the aim of the phase, and average their parallax."""
     if not is_settled(state, settings):
-        return replace(state, settled=0)
+        return replace(state, settled=0) if state.settled else state
     settled = state.settled + 1
     earlier = state.settled_parallax if state.settled else 0.0
     square = earlier**2 + (sight.parallax**2 - earlier**2) / settled
@@ -115,52 +118,10 @@ def _desired_rate(state: ServoState, sight: Sight, dt: float) -> float:
     return state.desired_rate + RATE_SMOOTHING * (rate - state.desired_rate)
 
 
-def _with_curvature(
-    state: ServoState, sight: Sight, dt: float, settings: ServoSettings
-) -> ServoState:
-    """
-    Learn by how much the robot turns beyond what it was told, per metre: a scalar Kalman filter.
-
-    The command reaches the wheels late by an unknown part of LATENCY_S, so that a change of the
-    angular velocity is as good as noise in the heading.
-    """
-    before, twist = state.sight, state.twist
-    unrest = max(abs(twist.angular - state.last_angular), UNREST_DECAY * state.unrest)
-    state = replace(state, unrest=unrest, last_angular=twist.angular)
-    if before is None or before.bearings is None or sight.bearings is None or dt == 0.0:
-        return state
-    way = twist.linear * dt
-    turned = math.remainder(sight.heading_error - before.heading_error, 2.0 * math.pi)
-    surplus = turned - twist.angular * dt - state.curvature * way
-    variance = state.curvature_variance + settings.curvature_drift**2 * abs(way)
-    noise = (LATENCY_S * unrest) ** 2 + _heading_variance(before) + _heading_variance(sight)
-    gain = variance * way / (variance * way * way + noise)
-    return replace(
-        state,
-        curvature=state.curvature + gain * surplus,
-        curvature_variance=variance * (1.0 - gain * way),
-    )
-
-
-def _heading_variance(sight: Sight) -> float:
-    """Return the variance of alpha = psi - phi - pi/2 [rad^2], never too good to be true."""
-    (psi, both), (_, phi) = sight.covariance.tolist()
-    variance = psi + phi - 2.0 * both
-    return LEAST_HEADING_VARIANCE if math.isnan(variance) else variance + LEAST_HEADING_VARIANCE
-
-
-def _with_slope(state: ServoState, before: Sight | None, dt: float) -> ServoState:
-    """Learn dD/dy by least squares over the last half metre of step 2."""
-    way = state.twist.linear * dt
-    if state.phase is not Phase.MATCHING_FEATURES or before is None or state.sight is None:
-        return state
-    change = state.sight.difference - before.difference
-    if not math.isfinite(change) or abs(way) < LEAST_WAY:
-        return state
-    weight = state.slope_weight * math.exp(-abs(way) / SLOPE_WAY) + way * way
-    slope = 0.0 if math.isnan(state.slope) else state.slope
-    slope += way * (change - slope * way) / weight
-    return replace(state, slope=slope, slope_weight=weight)
+def _slope(state: ServoState, sight: Sight, dt: float) -> Slope:
+    if state.phase is not Phase.MATCHING_FEATURES or state.sight is None:
+        return state.slope
+    return state.slope.learnt(sight.difference - state.sight.difference, state.twist.linear * dt)
 
 
 def _latch(state: ServoState, sight: Sight, settings: ServoSettings) -> bool:

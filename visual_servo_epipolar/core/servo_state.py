@@ -4,6 +4,7 @@ from dataclasses import dataclass
 import math
 
 from visual_servo_epipolar.core.gains import Gains
+from visual_servo_epipolar.core.learning import Curvature, Slope
 from visual_servo_epipolar.core.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.perception import Sight
 from visual_servo_epipolar.core.phases import ENDED, Phase
@@ -18,15 +19,11 @@ class ServoState:
     ``distance`` is d_hat [m], nan before the first image; ``target`` the abscissa at which e_au is
     held while e_du is zeroed, ``side`` the sign of e_du when that began, ``latched`` whether e_du
     counts as zero since, ``desired_rate`` how fast its bearing changes [rad/s], smoothed;
-    ``leg`` is the way since step 1 began, ``range`` the distance that it shows [m];
-    ``period`` is the time between two images [s], smoothed; ``gains`` are those derived when the
-    phase began, None where they are given; ``curvature``
-    the turn that the robot adds by itself [rad/m], with its variance; ``unrest`` how much the
-    angular velocity changed lately, ``last_angular`` that before the last [rad/s]; ``slope`` is
-    dD/dy [1/m], as driving in step 2 shows it, ``slope_weight`` the squared way it rests on [m^2];
-    ``owed`` is what the dead band of the base still owes; ``settled`` counts frames in a row that
-    fulfil the aim of the phase, and ``settled_parallax`` is the root mean square of the parallax
-    over them.
+    ``leg`` is the way since step 1 began, ``range`` the distance that it shows [m]; ``period`` is
+    the time between two images [s], smoothed; ``gains`` are those derived when the phase began,
+    None where they are given; ``curvature`` and ``slope`` are what driving taught; ``owed`` is
+    what the dead band of the base still owes; ``settled`` counts frames in a row that fulfil the
+    aim of the phase, ``settled_parallax`` is the root mean square of the parallax over them.
     """
 
     phase: Phase = Phase.WAITING
@@ -43,12 +40,8 @@ class ServoState:
     range: float = math.nan
     period: float = math.nan
     gains: Gains | None = None
-    curvature: float = 0.0
-    curvature_variance: float = 0.0025
-    unrest: float = 0.0
-    last_angular: float = 0.0
-    slope: float = math.nan
-    slope_weight: float = 0.0
+    curvature: Curvature = Curvature()
+    slope: Slope = Slope()
     owed: Twist = STANDSTILL
     settled: int = 0
     settled_parallax: float = math.nan
@@ -59,7 +52,7 @@ class ServoState:
     @property
     def longitudinal_error(self) -> float:
         """Return y by D [m], negative short of the goal; nan while unknown."""
-        return self.sight.difference / self.slope if self.sight is not None else math.nan
+        return self.sight.difference / self.slope.value if self.sight is not None else math.nan
 
     @property
     def ended(self) -> bool:

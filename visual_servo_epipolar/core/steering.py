@@ -48,7 +48,7 @@ def straightened(wanted: Twist, state: ServoState, settings: ServoSettings) -> T
     """Return ``wanted`` without the turn that unequal wheels are known to add to it."""
     if settings.law != 'full':
         return wanted
-    return replace(wanted, angular=wanted.angular - state.curvature * wanted.linear)
+    return replace(wanted, angular=wanted.angular - state.curvature.value * wanted.linear)
 
 
 def _retreat(sight: Sight, settings: ServoSettings) -> Twist:
@@ -126,14 +126,14 @@ def _matching_gain(state: ServoState, sight: Sight, settings: ServoSettings) -> 
     """Return k_t of (21); ``full`` closes in at a rate, once it knows the slope of D."""
     found = state.gains
     k_t = settings.k_t if found is None else found.k_t
-    if settings.law != 'full' or not state.slope > 0.0:
+    if settings.law != 'full' or not state.slope.value > 0.0:
         return k_t
     factor = laws.adaptive_gain(
         sight.difference, at_zero=settings.gain_at_goal, far=1.0, slope=settings.gain_slope
     )
     rate = settings.approach_rate
-    rate = min(k_t * state.slope, rate) if found is None else min(found.rate, rate)
-    return _unhurried(factor * rate, rate, state, settings) / state.slope
+    rate = min(k_t * state.slope.value, rate) if found is None else min(found.rate, rate)
+    return _unhurried(factor * rate, rate, state, settings) / state.slope.value
 
 
 def _unhurried(wanted: float, least: float, state: ServoState, settings: ServoSettings) -> float:

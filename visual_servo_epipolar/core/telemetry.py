@@ -43,6 +43,8 @@ def telemetry(state: ServoState) -> dict[str, float]:
         'feature_difference_px2': sight.difference * focal**2,
         'feature_error_px': sight.feature_error * focal,
         'distance_estimate_m': state.distance,
+        'longitudinal_error_m': state.longitudinal_error,
+        'curvature_rad_m': state.curvature.value,
         'linear_m_s': state.twist.linear,
         'angular_rad_s': state.twist.angular,
         'attempt': float(state.attempts),
