@@ -12,6 +12,7 @@ from visual_servo_epipolar.core.epipolar import rotations_desired_current
 from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
 from visual_servo_epipolar.core.features import Features
 from visual_servo_epipolar.core.homography import fit_rotations
+from visual_servo_epipolar.core.lens import change, for_wrong_rays
 from visual_servo_epipolar.core.measures import (
     difference_deviation,
     distances,
@@ -93,7 +94,9 @@ def geometry(
 def geometries(glimpses: Sequence[Glimpse]) -> list[Finding]:
     """Return what each glimpse tells, and F for rays, shape (3, 3), where one was estimated."""
     found: list[Finding | None] = [None] * len(glimpses)
-    equal: dict[tuple[int, str], list[int]] = {}  # stacks need equally many features
+    # Stacks need equally many features and one estimator.
+    equal: dict[tuple[int, str, bool], list[int]] = {}
+    glimpses = [glimpse.corrected(glimpse.lens) for glimpse in glimpses]
     for k, (observation, settings, _, memory) in enumerate(glimpses):
         count = len(observation.current)
         if count < settings.min_features:
@@ -104,7 +107,8 @@ def geometries(glimpses: Sequence[Glimpse]) -> list[Finding]:
                 None,
             )
         else:
-            equal.setdefault((count, settings.estimator), []).append(k)
+            method = settings.estimator, settings.focal_deviation > 0.0
+            equal.setdefault((count, *method), []).append(k)
     for places in equal.values():
         for first in range(0, len(places), STACK):
             some = places[first : first + STACK]
@@ -115,22 +119,44 @@ def geometries(glimpses: Sequence[Glimpse]) -> list[Finding]:
 
 def _stacked(glimpses: Sequence[Glimpse]) -> list[Finding]:
     """Return what glimpses of equally many features tell, by one estimator."""
-    current = np.array([glimpse.observation.current for glimpse in glimpses])
-    desired = np.array([glimpse.observation.desired for glimpse in glimpses])
-    stack = Stack(glimpses, current, desired, fit_rotations(current, desired))
+    stack = _stack_of(glimpses)
     believed = verdicts(stack)
+    if glimpses[0].settings.focal_deviation > 0.0:
+        stack = _corrected(stack, believed)
     headings = stack.rotations.heading_error.tolist()
     for k, verdict in enumerate(believed):
         if verdict.bearings is not None:
             headings[k] = verdict.bearings.heading_error
     measured = _measured(stack, believed, headings)
     return [
-        (
-            _sight(glimpse, verdict, row),
-            None if verdict.estimate is None else verdict.estimate.fundamental,
-        )
-        for glimpse, verdict, row in zip(glimpses, believed, measured, strict=True)
+        (_sight(glimpse, verdict, row), _fundamental(glimpse, verdict))
+        for glimpse, verdict, row in zip(stack.glimpses, believed, measured, strict=True)
     ]
+
+
+def _stack_of(glimpses: Sequence[Glimpse]) -> Stack:
+    current = np.array([glimpse.observation.current for glimpse in glimpses])
+    desired = np.array([glimpse.observation.desired for glimpse in glimpses])
+    return Stack(glimpses, current, desired, fit_rotations(current, desired))
+
+
+def _corrected(stack: Stack, believed: Sequence[Verdict]) -> Stack:
+    """Return ``stack`` through the cameras as they are ``believed`` to be now."""
+    changes = [
+        change(verdict.memory.lens, glimpse.lens)
+        for glimpse, verdict in zip(stack.glimpses, believed, strict=True)
+    ]
+    if all(lens.corrects_nothing for lens in changes):
+        return stack
+    pairs = zip(stack.glimpses, changes, strict=True)
+    return _stack_of([glimpse.corrected(lens) for glimpse, lens in pairs])
+
+
+def _fundamental(glimpse: Glimpse, verdict: Verdict) -> FloatArray | None:
+    """Return F for rays as they came, if there is an estimate."""
+    if verdict.estimate is None:
+        return None
+    return for_wrong_rays(verdict.estimate.fundamental, glimpse.lens)
 
 
 class _Measured(NamedTuple):

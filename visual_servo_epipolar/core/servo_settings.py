@@ -196,6 +196,15 @@ class ServoSettings(Settings):
         0.0017, 'Deviation of tilt and of roll by the floor, view by view [rad]', low=0, high=0.1
     )
 
+    focal_deviation: float = setting(
+        0.0,
+        'Estimator soft_planar: deviation of the logarithm of the focal length in camera_info; 0 '
+        'for a calibrated camera, 1 where it may be anything',
+        low=0.0,
+        high=3.0,
+        read_only=True,
+    )
+
     max_linear: float = setting(0.4, 'Largest linear speed [m/s]', low=0.01, high=5.0)
     max_angular: float = setting(0.5, 'Largest angular speed [rad/s]', low=0.01, high=10.0)
     dead_band_linear: float = setting(

@@ -1,12 +1,15 @@
 """What is seen of the goal: the values that perception takes and gives."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 import math
 from typing import NamedTuple
+
+import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.epipolar import Bearings
 from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
+from visual_servo_epipolar.core.lens import CALIBRATED, Lens
 from visual_servo_epipolar.core.motion import HALF_PI
 from visual_servo_epipolar.core.servo_settings import ServoSettings
 from visual_servo_epipolar.core.trust import Memory
@@ -26,6 +29,20 @@ class Observation:
     desired: FloatArray
     focal: float
     edges: tuple[float, float] = (-HALF_PI, HALF_PI)
+
+    def corrected(self, lens: Lens) -> 'Observation':
+        """Return the observation without what is wrong with the camera matrix."""
+        if lens.corrects_nothing:
+            return self
+        ratio, shift = math.exp(lens.log_ratio), np.array([lens.shift, 0.0])
+        left, right = (math.atan(ratio * math.tan(edge) + lens.shift) for edge in self.edges)
+        return replace(
+            self,
+            current=ratio * self.current + shift,
+            desired=ratio * self.desired + shift,
+            focal=self.focal / ratio,
+            edges=(left, right),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,6 +101,17 @@ class Glimpse(NamedTuple):
     settings: ServoSettings
     frame: int
     memory: Memory | None = None
+
+    @property
+    def lens(self) -> Lens:
+        """What was known of the camera matrix."""
+        return CALIBRATED if self.memory is None else self.memory.lens
+
+    def corrected(self, lens: Lens) -> 'Glimpse':
+        """Return the same as it would be without what is wrong with the camera matrix."""
+        if lens.corrects_nothing:
+            return self
+        return self._replace(observation=self.observation.corrected(lens))
 
     @classmethod
     def after(

@@ -1,7 +1,7 @@
 """When an estimate is worth nothing: the reasons not to act on it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 from typing import NamedTuple
 
@@ -10,6 +10,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, median_of_sorted
 from visual_servo_epipolar.core.epipolar import Bearings, sampson_distance
 from visual_servo_epipolar.core.estimators.base import Attitude, Estimate
+from visual_servo_epipolar.core.lens import CALIBRATED, learnt, Lens, unknown_lens
 from visual_servo_epipolar.core.servo_settings import ServoSettings
 
 MIN_INLIERS = 8
@@ -27,18 +28,24 @@ class Memory:
 
     ``attitude`` is the camera's, calibrated while driving; ``bearings`` the last trusted ones;
     ``noise`` the deviation of a tracked coordinate [px] as the residuals show it; ``strikes``
-    counts estimates in a row that contradict ``bearings``.
+    counts estimates in a row that contradict ``bearings``; ``lens`` is what was learnt of
+    the camera matrix.
     """
 
     attitude: Attitude
     noise: float
     bearings: Bearings | None = None
     strikes: int = 0
+    lens: Lens = CALIBRATED
 
 
 def fresh_memory(settings: ServoSettings) -> Memory:
     """Return the memory of a servo that has seen nothing yet."""
-    return Memory(Attitude(jitter=settings.floor_jitter), settings.pixel_noise)
+    return Memory(
+        Attitude(jitter=settings.floor_jitter),
+        settings.pixel_noise,
+        lens=unknown_lens(settings.focal_deviation),
+    )
 
 
 def leap(bearings: Bearings, before: Bearings) -> float:
@@ -129,8 +136,10 @@ def remembered(
     ``noise`` is the deviation [px] that its residuals show, ``parallax`` in pixels.
     """
     if reason:
-        return Memory(memory.attitude, memory.noise, memory.bearings, memory.strikes + 1)
-    attitude = memory.attitude
+        return replace(memory, strikes=memory.strikes + 1)
+    attitude, lens = memory.attitude, memory.lens
+    if parallax > INFORMATIVE_PARALLAX * noise:
+        lens = learnt(lens, estimate.lens)
     if estimate.attitude is not None and parallax > INFORMATIVE_PARALLAX * noise:
         found = estimate.attitude
         attitude = Attitude(
@@ -140,4 +149,4 @@ def remembered(
             max(found.roll_deviation, KNOWN_DEVIATION),
             attitude.jitter,
         )
-    return Memory(attitude, noise, estimate.bearings)
+    return Memory(attitude, noise, estimate.bearings, lens=lens)

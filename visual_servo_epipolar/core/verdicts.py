@@ -88,7 +88,7 @@ def _judged(stack: Stack, memories: Sequence[Memory]) -> list[Verdict]:
         stack.desired,
         noise=noise / focal,
         priors=[
-            Prior(memory.attitude, memory.bearings, glimpse.settings.max_leap)
+            Prior(memory.attitude, memory.bearings, glimpse.settings.max_leap, memory.lens)
             for memory, glimpse in zip(memories, glimpses, strict=True)
         ],
         seeds=[(glimpse.settings.seed, glimpse.frame) for glimpse in glimpses],

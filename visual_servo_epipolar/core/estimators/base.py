@@ -8,6 +8,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.epipolar import Bearings
+from visual_servo_epipolar.core.lens import CALIBRATED, Lens
 
 COLD_DEVIATION = math.radians(2.0)  # of tilt and roll of a camera that nobody calibrated
 
@@ -29,11 +30,16 @@ class Attitude:
 
 @dataclass(frozen=True, slots=True)
 class Prior:
-    """What is known before a pair of views is looked at."""
+    """
+    What is known before a pair of views is looked at.
+
+    Of ``lens`` the deviations count: rays come as right as is known.
+    """
 
     attitude: Attitude = Attitude()
     bearings: Bearings | None = None  # the last trusted ones, carried along
     deviation: float = math.radians(3.0)  # how far the bearings may have moved since [rad]
+    lens: Lens = CALIBRATED
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,6 +62,7 @@ class Estimate:
     attitude: Attitude | None = None
     rival: Bearings | None = None
     jump: float = 0.0
+    lens: Lens = CALIBRATED
 
 
 UNKNOWN_COVARIANCE = np.full((2, 2), np.nan)

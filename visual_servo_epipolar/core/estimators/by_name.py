@@ -12,6 +12,7 @@ from visual_servo_epipolar.core.estimators.planar_2dof import planar_2dof, plana
 from visual_servo_epipolar.core.estimators.planar_3dof import planar_3dof
 from visual_servo_epipolar.core.estimators.side_by_side import Answer
 from visual_servo_epipolar.core.estimators.soft_planar import soft_planar, soft_planar_each
+from visual_servo_epipolar.core.estimators.soft_uncalibrated import soft_uncalibrated_each
 
 ESTIMATORS: dict[str, Estimator] = {
     'lmeds_8pt': lmeds_8pt,
@@ -24,6 +25,8 @@ EACH: dict[str, Callable[..., list[Answer]]] = {
     'planar_2dof': planar_2dof_each,
     'soft_planar': soft_planar_each,
 }
+# The same where the focal length is not known.
+EACH_UNCALIBRATED = {'soft_planar': soft_uncalibrated_each}
 
 
 def estimates(
@@ -38,8 +41,11 @@ def estimates(
     """
     Return what estimator ``name`` finds in each pair of views, or the error that says why not.
 
-    Rays have shape (B, N, 2), ``noise`` (B,); the ``seeds`` fix every random choice.
+    Rays have shape (B, N, 2), ``noise`` (B,); the ``seeds`` fix every random choice. Either all
+    cameras are calibrated or none is.
     """
+    if not priors[0].lens.calibrated and name in EACH_UNCALIBRATED:
+        return EACH_UNCALIBRATED[name](current, desired, noise=noise, priors=priors)
     if name in EACH:
         return EACH[name](current, desired, noise=noise, priors=priors)
     found: list[Answer] = []

@@ -1,8 +1,8 @@
 """Planar motion with a camera that is nearly upright: tilt, roll and floor jitter have priors."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -98,23 +98,31 @@ def soft_planar_each(
 
 
 def _keep(views: Views) -> BoolArray:
-    """Return the matches that lie on the same side of the horizon, as far as that is known."""
+    return kept(views, 1.0)
+
+
+def kept(views: Views, stretch: FloatArray | float) -> BoolArray:
+    """
+    Return the matches that lie on the same side of the horizon, as far as that is known.
+
+    Rays may be longer by ``stretch``, shape (B, 1), and so is then what a tilt makes of them.
+    """
     known, rays = attitudes_of(views.priors), views.rays
     u, v = np.array([rays.u_a, rays.u_d]), np.array([rays.v_a, rays.v_d])
     (u_a, u_d), (v_a, v_d) = level(u, v, known.tilt, known.roll)
     slack = 2.0 * (known.tilt_deviation + known.roll_deviation)
-    slack += _threshold(views.noise[:, None], known.jitter)
-    return plausible(Rays(u_a, v_a, u_d, v_d), slack)
+    slack += threshold_of(views.noise[:, None], known.jitter)
+    return plausible(Rays(u_a, v_a, u_d, v_d), stretch * slack)
 
 
-def _threshold(noise: Any, jitter: Any) -> Any:
+def threshold_of(noise: Any, jitter: Any) -> Any:
     """Return the distance within which a match agrees with a rigid hypothesis."""
     return INLIER_DEVIATIONS * np.hypot(noise, 0.7 * jitter)
 
 
 def _follow(views: Views, kept: BoolArray) -> Fit:
     known = attitudes_of(views.priors)
-    belief = _belief(known)
+    belief = belief_of(known)
     start = belief.mean.copy()
     start[:, [PSI, PHI]] = views.before
     return followed(
@@ -126,12 +134,23 @@ def _follow(views: Views, kept: BoolArray) -> Fit:
 
 
 def _search(rays: Rays, noise: float, prior: Prior) -> tuple[Fit, int, Bearings | None]:
-    """Return refined fits, the best one's place, and a rival; a cold camera costs more."""
-    table, cold = table_of(rays, noise), prior.attitude.tilt_deviation > COLD
-    found = _solutions(rays, table, noise, prior, NO_JUMP if cold else JUMPS)
+    table = table_of(rays, noise)
+    return searched(lambda jumps: _solutions(rays, table, noise, prior, jumps), prior, rays)
+
+
+def searched(
+    solutions: Callable[[FloatArray], Fit], prior: Prior, rays: Rays
+) -> tuple[Fit, int, Bearings | None]:
+    """
+    Return refined fits, the best one's place, and a rival; a cold camera costs more.
+
+    ``solutions`` refines hypotheses with jumps of the tilt, in jitters.
+    """
+    cold = prior.attitude.tilt_deviation > COLD
+    found = solutions(NO_JUMP if cold else JUMPS)
     if cold and found.costs.min() > POOR * INLIER_DEVIATIONS**2 * len(rays.u_a):
         # Few matches agree: the floor may have tilted the camera more than hypotheses bear.
-        found = _solutions(rays, table, noise, prior, JUMPS)
+        found = solutions(JUMPS)
     best, rival = chosen_mode(found.parameters[:, : PHI + 1], found.costs, prior)
     return found, best, rival
 
@@ -141,9 +160,9 @@ def _solutions(
 ) -> Fit:
     """Return the refined best modes of the hypotheses, and of the last bearings."""
     attitude = prior.attitude
-    belief = _belief(attitudes_of([prior]))
+    belief = belief_of(attitudes_of([prior]))
     belief = Belief(belief.mean[0], belief.information[0])
-    start = _candidates(rays, noise, attitude, jumps)
+    start = candidates(rays, noise, attitude, jumps)
     if prior.bearings is not None:
         start = np.vstack([start, belief.mean])
         start[-1, [PSI, PHI]] = prior.bearings.psi, prior.bearings.phi
@@ -155,7 +174,7 @@ def _solutions(
     )
 
 
-def _candidates(rays: Rays, noise: float, attitude: Attitude, jumps: FloatArray) -> FloatArray:
+def candidates(rays: Rays, noise: float, attitude: Attitude, jumps: FloatArray) -> FloatArray:
     """Return the best hypotheses of different modes as parameters, shape (K, 6)."""
     cold = attitude.tilt_deviation > COLD
     tilts = attitude.tilt + (attitude.tilt_deviation * TILTS if cold else np.zeros(1))
@@ -166,7 +185,7 @@ def _candidates(rays: Rays, noise: float, attitude: Attitude, jumps: FloatArray)
         *level(rays.u_d, rays.v_d, tilt, attitude.roll),
     )
     hypotheses = two_point_hypotheses(upright, PAIRS)
-    costs = scores(hypotheses, upright, float(_threshold(noise, attitude.jitter))).ravel()
+    costs = scores(hypotheses, upright, float(threshold_of(noise, attitude.jitter))).ravel()
     each = hypotheses.shape[-1]
     hypotheses = hypotheses.swapaxes(0, 1).reshape(2, -1)
     best = modes(hypotheses, costs, MODES, spread=0.5 * SPREAD)
@@ -177,7 +196,7 @@ def _candidates(rays: Rays, noise: float, attitude: Attitude, jumps: FloatArray)
     return start
 
 
-def _belief(known: Attitudes) -> Belief:
+def belief_of(known: Attitudes) -> Belief:
     """Return what is known of the six parameters, shape (B, 6) each."""
     mean, information = np.zeros((2, len(known.tilt), 6))
     mean[:, TILT], mean[:, ROLL] = known.tilt[:, 0], known.roll[:, 0]
@@ -193,10 +212,26 @@ def _conclude(
 ) -> list[Answer]:
     covariance = fit.covariance()
     found, determined = fused(fit.parameters, covariance, views.before, views.deviation)
+    agree = kept & (fit.squared <= INLIER_DEVIATIONS**2)
+    return concluded(views, agree, Fused(found, covariance, determined), rivals)
+
+
+class Fused(NamedTuple):
+    """Parameters, (B, 6), their covariance, (B, 6, 6), and where they are determined, (B,)."""
+
+    parameters: FloatArray
+    covariance: FloatArray
+    determined: BoolArray
+
+
+def concluded(
+    views: Views, agree: BoolArray, fit: Fused, rivals: Sequence[Bearings | None]
+) -> list[Answer]:
+    """Return the estimates, of matches that ``agree`` with them, (B, N)."""
+    found, covariance, determined = fit
     numbers = np.exp(1j * (found @ TO_CAMERAS))  # of psi, phi, tilt and roll of both views
     rays = _levelled(views.rays, found)
-    agree = kept & (fit.squared <= INLIER_DEVIATIONS**2)
-    agree &= plausible(rays, INLIER_DEVIATIONS * views.noise[:, None])
+    agree = agree & plausible(rays, INLIER_DEVIATIONS * views.noise[:, None])
     balance = balances(numbers[:, :2], rays.u_a, rays.u_d, agree, views.noise)
     both = cameras(numbers)
     fundamental = both[:, 0].swapaxes(1, 2) @ fundamentals(numbers[:, :2], balance) @ both[:, 1]

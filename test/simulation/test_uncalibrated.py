@@ -1,0 +1,71 @@
+"""Closed loops with a camera that nobody calibrated (section VI of the paper)."""
+
+import math
+
+import pytest
+
+from visual_servo_epipolar.core.perception import perceive_each, Sight
+from visual_servo_epipolar.core.run_log import RunLog, summarise
+from visual_servo_epipolar.simulation.closed_loop import look, Loop, run_many
+from visual_servo_epipolar.simulation.scenario import from_document, Scenario
+from visual_servo_epipolar.simulation.views import view_of
+
+STARTS = [(0.78, -2.67, -10.5), (0.36, -4.86, 4.9), (-1.2, -1.0, 8.0)]
+
+
+def scenario(ratio: float, deviation: float = 1.0) -> Scenario:
+    camera = {'believed_focal_ratio': ratio, 'believed_shift_u': 10.0, 'believed_shift_v': 10.0}
+    return from_document({'camera': camera, 'servo': {'focal_deviation': deviation}}, 'test')
+
+
+def driven(numbers: list[tuple[float, int, float]]) -> list[RunLog]:
+    """Return the records of runs with these ratios, starts, and deviations of the ratio."""
+    runs = []
+    for ratio, k, deviation in numbers:
+        seeded = scenario(ratio, deviation).seeded(k)
+        runs.append(
+            (seeded.loop(STARTS[k], k), view_of(seeded, 'features', k), seeded.camera.believed)
+        )
+    return run_many(runs)
+
+
+@pytest.mark.parametrize('ratio', [0.17, 0.5, 1.0, 1.5])
+def test_a_robot_with_a_wrong_focal_length_arrives(ratio: float) -> None:
+    for log in driven([(ratio, k, 1.0) for k in range(len(STARTS))]):
+        verdict = summarise(log)
+        assert verdict['outcome'] == 'arrived'
+        # As with a calibrated camera; the principal point alone would cost 5 to 10 mm.
+        assert verdict['position_error_m'] < 0.004
+        assert abs(verdict['heading_error_deg']) < 0.15
+
+
+def seen(ratio: float, start: tuple[float, float, float]) -> list[Sight]:
+    """Return what the servo saw on its way."""
+    seeded, sights = scenario(ratio).seeded(1), []
+    loop = Loop(seeded.loop(start, 1), view_of(seeded, 'features', 1), seeded.camera.believed)
+    while not loop.referee.done:
+        sights.append(perceive_each(look([loop]))[0])
+        loop.decide(sights[-1])
+        loop.record()
+        loop.drive()
+    return sights
+
+
+def test_focal_length_and_principal_point_are_learnt_on_the_way() -> None:
+    sights = seen(0.5, STARTS[1])
+    first, last = sights[0].memory.lens, sights[-1].memory.lens
+    assert first.ratio_deviation > 0.1  # from near the axis one pair says little
+    assert last.ratio_deviation < 0.03
+    assert last.log_ratio == pytest.approx(math.log(0.5), abs=3.0 * last.ratio_deviation)
+    assert last.shift == pytest.approx(10.0 / 769.0, abs=0.003)
+    assert sights[-1].focal == pytest.approx(769.0, rel=0.1)
+    # Near the goal nothing is learnt, and nothing forgotten.
+    near = [sight.memory.lens for sight in sights if sight.bearings is None]
+    assert len(near) > 10
+    assert set(near) == {last}
+
+
+def test_a_run_is_the_same_alone_and_beside_others_of_any_camera() -> None:
+    numbers = [(0.5, 0, 1.0), (1.0, 1, 0.0), (0.17, 2, 1.0), (0.5, 1, 1.0), (1.0, 2, 0.0)]
+    for number, log in zip(numbers, driven(numbers), strict=True):
+        assert repr(log) == repr(driven([number])[0])
