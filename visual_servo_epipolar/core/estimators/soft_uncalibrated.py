@@ -23,15 +23,15 @@ from visual_servo_epipolar.core.estimators.planar import (
     INLIER_DEVIATIONS,
     Rays,
 )
-from visual_servo_epipolar.core.estimators.sampson import (
+from visual_servo_epipolar.core.estimators.refinement import (
     Belief,
     Fit,
     followed,
     NEGLIGIBLE,
     problem,
     refined,
-    table_of,
 )
+from visual_servo_epipolar.core.estimators.sampson import table_of
 from visual_servo_epipolar.core.estimators.side_by_side import (
     Answer,
     answers,
