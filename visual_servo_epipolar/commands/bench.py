@@ -16,6 +16,7 @@ BENCHMARKS: Mapping[str, str] = {
     'sweep': 'visual_servo_epipolar.benchmarks.sweep',
     'laws': 'visual_servo_epipolar.benchmarks.laws',
     'recording': 'visual_servo_epipolar.benchmarks.recording',
+    'calibration': 'visual_servo_epipolar.benchmarks.calibration',
 }
 
 

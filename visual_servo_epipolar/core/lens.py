@@ -8,6 +8,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 
 SHIFT_DEVIATION = 0.02  # of a principal point that nobody measured, in focal lengths
+SHY = 0.3  # part of the variance before above which what one pair says is taken over slowly
 LEAST_VARIANCE = np.diag([0.003, 0.0005]) ** 2  # of ratio and shift: lenses are no pinholes
 
 
@@ -109,7 +110,7 @@ def _learnt(value: float, left: float) -> tuple[float, float]:
     if not 0.0 < left < 1.0:
         return 0.0, 1.0
     alone = left / (1.0 - left)  # the variance of what this pair alone says
-    gain = 1.0 / (1.0 + alone * max(1.0, alone) ** 2)
+    gain = 1.0 / (1.0 + alone * max(1.0, alone / SHY) ** 2)
     return value * gain * (1.0 + alone), max(1.0 - gain, min(alone, 1.0))
 
 

@@ -217,7 +217,7 @@ def _sight(glimpse: Glimpse, verdict: Verdict, measured: _Measured) -> Sight:
         verdict.memory,
         bearings=verdict.bearings,
         deviation=math.nan if shown is None else shown.deviation,
-        covariance=UNKNOWN_COVARIANCE if estimate is None else estimate.covariance,
+        covariance=UNKNOWN_COVARIANCE if estimate is None else estimate.whole_covariance,
         jump=0.0 if estimate is None else estimate.jump,
         confidence=0.0 if estimate is None else estimate.confidence,
         inliers=0 if shown is None else shown.inliers,

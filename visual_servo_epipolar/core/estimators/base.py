@@ -63,6 +63,14 @@ class Estimate:
     rival: Bearings | None = None
     jump: float = 0.0
     lens: Lens = CALIBRATED
+    lens_covariance: FloatArray | None = None
+
+    @property
+    def whole_covariance(self) -> FloatArray:
+        """Covariance of (psi, phi) with a lens that is not known, shape (2, 2) [rad^2]."""
+        if self.lens_covariance is None:
+            return self.covariance
+        return self.covariance + self.lens_covariance
 
 
 UNKNOWN_COVARIANCE = np.full((2, 2), np.nan)

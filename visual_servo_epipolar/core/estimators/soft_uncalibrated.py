@@ -17,7 +17,7 @@ from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.epipolar import Bearings
 from visual_servo_epipolar.core.estimators.attitude import attitudes_of
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior
-from visual_servo_epipolar.core.estimators.nearly_upright import matrices, PHI, PSI
+from visual_servo_epipolar.core.estimators.nearly_upright import matrices, PHI, PSI, ROLL, TILT
 from visual_servo_epipolar.core.estimators.planar import (
     fused,
     INLIER_DEVIATIONS,
@@ -164,20 +164,33 @@ def _conclude(
         Fused(found[:, :RATIO], given, determined),
         rivals,
     )
-    # Of log r and h, by the covariance of log r and h - k log r.
-    turned = np.zeros((len(found), 2, 2))
-    turned[:, 0, 0] = turned[:, 1, 1] = 1.0
-    turned[:, 1, 0] = tie
-    both = turned @ covariance[:, RATIO:TIE, RATIO:TIE] @ turned.swapaxes(1, 2)
-    lenses = zip(log_ratio.tolist(), shift.tolist(), both, strict=True)
-    return [_with_lens(answer, Lens.of(*lens)) for answer, lens in zip(made, lenses, strict=True)]
+    lenses = map(_lens, log_ratio.tolist(), shift.tolist(), tie, covariance)
+    spare = covariance[:, :RATIO, :RATIO] - given
+    return [_with_lens(*row) for row in zip(made, lenses, spare, strict=True)]
 
 
-def _with_lens(answer: Answer, lens: Lens) -> Answer:
-    """Return the estimate with its lens, and F for the rays as they were given."""
-    if not isinstance(answer, Estimate):
+def _lens(log_ratio: float, shift: float, tie: float, covariance: FloatArray) -> Lens:
+    """Return the lens found, with its part of the ``covariance`` of the parameters, (9, 9)."""
+    to_lens = np.array([[1.0, 0.0], [tie, 1.0]])  # h is the rest and k log r
+    return Lens.of(log_ratio, shift, to_lens @ covariance[RATIO:TIE, RATIO:TIE] @ to_lens.T)
+
+
+def _with_lens(answer: Answer, lens: Lens, spare: FloatArray) -> Answer:
+    """Return the estimate with its lens, and what not knowing it adds to covariances, (6, 6)."""
+    if not isinstance(answer, Estimate) or answer.attitude is None:
         return answer
-    return replace(answer, lens=lens, fundamental=for_wrong_rays(answer.fundamental, lens))
+    attitude = answer.attitude
+    return replace(
+        answer,
+        lens=lens,
+        lens_covariance=spare[: PHI + 1, : PHI + 1],
+        fundamental=for_wrong_rays(answer.fundamental, lens),
+        attitude=replace(
+            attitude,
+            tilt_deviation=math.sqrt(attitude.tilt_deviation**2 + spare[TILT, TILT]),
+            roll_deviation=math.sqrt(attitude.roll_deviation**2 + spare[ROLL, ROLL]),
+        ),
+    )
 
 
 METHOD = Method(MIN_MATCHES, _keep, _follow, _search, _conclude)
