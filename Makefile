@@ -16,7 +16,7 @@ DEMO_ARGS ?= --out $(DEMO_OUT)
 REPRODUCE_OUT ?= reproduce_out
 
 .DEFAULT_GOAL := setup
-.PHONY: setup test test-colcon colcon lint format demo sweep reproduce peers-figure theory-figures bench faults clean help
+.PHONY: setup test test-colcon colcon lint format demo sweep reproduce peers-figure theory-figures calibration-figure bench faults clean help
 
 setup: $(STAMP) ## make .venv with ROS 2 Jazzy, all tools and this package, editable (default)
 
@@ -60,6 +60,9 @@ peers-figure: $(STAMP) ## the figure and the table of docs/peers.md, minutes
 
 theory-figures: $(STAMP) ## the figures of docs/theory.md
 	@$(BIN)/python docs/theory_figures.py
+
+calibration-figure: $(STAMP) ## the figure and the tables of docs/calibration.md, minutes
+	@$(BIN)/python docs/calibration_figure.py
 
 bench: $(STAMP) ## accuracy and speed beside the peers, minutes; BENCH_ARGS='estimation --quick'
 	@$(PIP) install --constraint constraints.txt --no-build-isolation --editable '.[bench]'

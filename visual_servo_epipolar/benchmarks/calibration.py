@@ -1,4 +1,4 @@
-"""Closed loops with a camera matrix that is wrong (section VI): arrivals and errors by f_hat / f."""
+"""Closed loops with wrong camera matrices (section VI): arrivals and errors by f_hat / f."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

@@ -9,6 +9,7 @@ from visual_servo_epipolar.core.arrays import FloatArray
 
 SHIFT_DEVIATION = 0.02  # of a principal point that nobody measured, in focal lengths
 SHY = 0.3  # part of the variance before above which what one pair says is taken over slowly
+FEIGNED_DEVIATIONS = 2.0
 LEAST_VARIANCE = np.diag([0.003, 0.0005]) ** 2  # of ratio and shift: lenses are no pinholes
 
 
@@ -112,6 +113,20 @@ def _learnt(value: float, left: float) -> tuple[float, float]:
     alone = left / (1.0 - left)  # the variance of what this pair alone says
     gain = 1.0 / (1.0 + alone * max(1.0, alone / SHY) ** 2)
     return value * gain * (1.0 + alone), max(1.0 - gain, min(alone, 1.0))
+
+
+def feigned_parallax(rays: FloatArray, headings: FloatArray, roots: FloatArray) -> FloatArray:
+    """
+    Return the parallax that a turn by ``headings``, (B,), shows through lenses not known, (B,).
+
+    A turn by alpha moves ``rays`` (u, v), shape (B, N, 2), by alpha (1 + u^2) to the side. If the
+    ratio is wrong by e and the shift by h, 2 alpha (e u^2 + h u) of it look like no rotation.
+    ``roots`` are those of the lenses, shape (B, 2, 2).
+    """
+    u = rays[:, :, 0]
+    moves = 2.0 * np.stack([np.std(u * u, axis=1), np.std(u, axis=1)], axis=1)
+    deviation = np.sqrt(((moves[:, None] @ roots)[:, 0] ** 2).sum(axis=1))
+    return np.asarray(FEIGNED_DEVIATIONS * np.abs(headings) * deviation)
 
 
 def for_wrong_rays(fundamental: FloatArray, lens: Lens) -> FloatArray:

@@ -12,7 +12,7 @@ from visual_servo_epipolar.core.epipolar import rotations_desired_current
 from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
 from visual_servo_epipolar.core.features import Features
 from visual_servo_epipolar.core.homography import fit_rotations
-from visual_servo_epipolar.core.lens import change, for_wrong_rays
+from visual_servo_epipolar.core.lens import change, feigned_parallax, for_wrong_rays
 from visual_servo_epipolar.core.measures import (
     difference_deviation,
     distances,
@@ -186,7 +186,7 @@ def _measured(
         np.array([glimpse.settings.keep_features for glimpse in stack.glimpses]),
     )
     columns = (
-        stack.rotations.parallax,
+        _parallaxes(stack, believed, np.array(headings)),
         headings,
         _differences(stack, np.array(headings)),
         difference_deviation(stack.desired, noise / focal),
@@ -194,6 +194,17 @@ def _measured(
         *rooms.T,
     )
     return [_Measured(*row) for row in np.array(columns).T.tolist()]
+
+
+def _parallaxes(stack: Stack, believed: Sequence[Verdict], headings: FloatArray) -> FloatArray:
+    """Return the parallaxes beyond what lenses that are not known may feign in a turn."""
+    parallax = stack.rotations.parallax
+    if stack.glimpses[0].settings.focal_deviation == 0.0:
+        return parallax
+    feigned = feigned_parallax(
+        stack.desired, headings, np.array([verdict.memory.lens.root for verdict in believed])
+    )
+    return np.sqrt(np.maximum(parallax * parallax - feigned * feigned, 0.0))
 
 
 def _differences(stack: Stack, headings: FloatArray) -> FloatArray:

@@ -14,7 +14,9 @@ def telemetry(state: ServoState) -> dict[str, float]:
     Return what the servo saw and decided, by name; the unit is the end of each name.
 
     Epipoles are abscissae from the principal point; bearings are those of the other camera's
-    centre, oriented, right positive. What could not be measured is nan.
+    centre, oriented, right positive. ``focal_ratio`` is the focal length of the camera matrix over
+    the true one, ``principal_shift_px`` how far right of the true one its principal point lies, as
+    far as the servo has found out. What could not be measured is nan.
     """
     sight = state.sight
     if sight is None:
@@ -39,6 +41,9 @@ def telemetry(state: ServoState) -> dict[str, float]:
         'heading_error_rad': sight.heading_error,
         'tilt_rad': sight.memory.attitude.tilt,
         'roll_rad': sight.memory.attitude.roll,
+        'focal_ratio': math.exp(sight.memory.lens.log_ratio),
+        'focal_ratio_deviation': sight.memory.lens.ratio_deviation,
+        'principal_shift_px': focal * sight.memory.lens.shift,
         'noise_px': sight.memory.noise,
         'feature_difference_px2': sight.difference * focal**2,
         'feature_error_px': sight.feature_error * focal,
