@@ -1,17 +1,31 @@
 """What is learnt of a camera matrix that nobody calibrated."""
 
+import math
+
 from hypothesis import given
 import numpy as np
 import pytest
 from strategies import floats
 
-from visual_servo_epipolar.core.epipolar import sampson_distance
-from visual_servo_epipolar.core.lens import change, for_wrong_rays, learnt, Lens, unknown_lens
+from visual_servo_epipolar.core.epipolar import rotation_desired_current, sampson_distance
+from visual_servo_epipolar.core.homography import fit_rotations
+from visual_servo_epipolar.core.lens import (
+    change,
+    feigned_parallax,
+    for_wrong_rays,
+    learnt,
+    Lens,
+    unknown_lens,
+)
+from visual_servo_epipolar.core.measures import turned
 from visual_servo_epipolar.core.sight import Observation
 
 RAYS = np.random.default_rng(0).random((2, 20, 2)) - 0.5
 SEEN = Observation(0, *RAYS, 400.0, (-0.6, 0.7))
 UNKNOWN = unknown_lens(1.0)
+
+
+TURNS = np.radians([1.0, -4.0])
 
 
 def covariance(lens: Lens) -> np.ndarray:
@@ -102,3 +116,23 @@ def test_what_is_known_together_is_not_forgotten() -> None:
     assert lens.log_ratio == pytest.approx(-0.6, abs=1e-3)
     # It goes with the ratio by 0.002 / 0.04.
     assert lens.shift == pytest.approx(-0.005, abs=5e-4)
+
+
+@pytest.mark.parametrize(('ratio', 'shift'), [(1.1, 0.0), (0.9, 0.0), (1.0, 0.02)])
+def test_a_wrong_lens_feigns_as_much_parallax_in_a_turn_as_is_said(
+    ratio: float, shift: float
+) -> None:
+    rng = np.random.default_rng(2)
+    desired = rng.uniform(-1.0, 1.0, (200, 2)) * [0.8, 0.6]
+    for turn in TURNS.tolist():
+        current = turned(desired, rotation_desired_current(turn).T)
+        wrong = [(rays - [shift, 0.0])[None] / ratio for rays in (current, desired)]
+        root = np.diag([abs(math.log(ratio)), shift])
+        feigned = feigned_parallax(wrong[1], np.array([turn]), root[None])[0]
+        seen = fit_rotations(*wrong).parallax[0]
+        # Feigned is two deviations; parallax leaves out the worst 40 % of the matches.
+        assert 0.15 < seen / feigned < 1.0
+
+
+def test_a_known_lens_feigns_nothing() -> None:
+    assert feigned_parallax(RAYS, np.ones(2), np.zeros((2, 2, 2))).tolist() == [0.0, 0.0]

@@ -11,11 +11,19 @@ from visual_servo_epipolar.simulation.scenario import from_document, Scenario
 from visual_servo_epipolar.simulation.views import view_of
 
 STARTS = [(0.78, -2.67, -10.5), (0.36, -4.86, 4.9), (-1.2, -1.0, 8.0)]
+TURNED = (0.0, 0.0, 15.0)  # at the goal, but for the heading
 
 
 def scenario(ratio: float, deviation: float = 1.0) -> Scenario:
     camera = {'believed_focal_ratio': ratio, 'believed_shift_u': 10.0, 'believed_shift_v': 10.0}
     return from_document({'camera': camera, 'servo': {'focal_deviation': deviation}}, 'test')
+
+
+def driven_from(start: tuple[float, float, float], ratio: float, seed: int) -> RunLog:
+    """Return the record of one run whose camera matrix has ``ratio``."""
+    seeded = scenario(ratio).seeded(seed)
+    view = view_of(seeded, 'features', seed)
+    return run_many([(seeded.loop(start, seed), view, seeded.camera.believed)])[0]
 
 
 def driven(numbers: list[tuple[float, int, float]]) -> list[RunLog]:
@@ -29,7 +37,7 @@ def driven(numbers: list[tuple[float, int, float]]) -> list[RunLog]:
     return run_many(runs)
 
 
-@pytest.mark.parametrize('ratio', [0.17, 0.5, 1.0, 1.5])
+@pytest.mark.parametrize('ratio', [0.17, 0.5, 1.0])
 def test_a_robot_with_a_wrong_focal_length_arrives(ratio: float) -> None:
     for log in driven([(ratio, k, 1.0) for k in range(len(STARTS))]):
         verdict = summarise(log)
@@ -37,6 +45,21 @@ def test_a_robot_with_a_wrong_focal_length_arrives(ratio: float) -> None:
         # As with a calibrated camera; the principal point alone would cost 5 to 10 mm.
         assert verdict['position_error_m'] < 0.004
         assert abs(verdict['heading_error_deg']) < 0.15
+
+
+@pytest.mark.parametrize('ratio', [0.17, 1.5])
+def test_a_turn_alone_is_no_parallax_through_an_unknown_lens(ratio: float) -> None:
+    verdict = summarise(driven_from(TURNED, ratio, 0))
+    assert [phase['name'] for phase in verdict['phases']][:1] == ['orienting']
+    assert verdict['outcome'] == 'arrived'
+    assert verdict['position_error_m'] < 0.004
+
+
+def test_near_the_axis_an_unknown_lens_is_not_mistaken_for_a_miss() -> None:
+    # From here one pair says little of the lens; it ends 12 % wrong, two of its deviations.
+    verdict = summarise(driven_from((-0.167036, -4.390655, -8.43563), 0.25, 2044))
+    assert (verdict['outcome'], verdict['attempts']) == ('arrived', 1)
+    assert verdict['position_error_m'] < 0.004
 
 
 def seen(ratio: float, start: tuple[float, float, float]) -> list[Sight]:
@@ -68,6 +91,6 @@ def test_focal_length_and_principal_point_are_learnt_on_the_way() -> None:
 
 
 def test_a_run_is_the_same_alone_and_beside_others_of_any_camera() -> None:
-    numbers = [(0.5, 0, 1.0), (1.0, 1, 0.0), (0.17, 2, 1.0), (0.5, 1, 1.0), (1.0, 2, 0.0)]
+    numbers = [(0.5, 0, 1.0), (1.0, 1, 0.0), (0.17, 1, 1.0)]
     for number, log in zip(numbers, driven(numbers), strict=True):
         assert repr(log) == repr(driven([number])[0])
