@@ -28,7 +28,8 @@ def draw(document: Mapping[str, Any]) -> Figure:
         _panel(axes, [it for it in rows if it['mount'] == mount])
         axes.set_title(f'camera {mount}', fontsize=9.0)
     left.set_ylabel('distance from the goal at the end [mm]')
-    left.legend(loc='upper left')
+    handles, labels = left.get_legend_handles_labels()
+    figure.legend(handles, labels, loc='outside upper center', ncols=4)
     return figure
 
 
@@ -50,11 +51,11 @@ def _panel(axes: Axes, rows: list[Mapping[str, Any]]) -> None:
             label=f'{region}: median',
         )
     axes.axhline(10.0, color='0.4', lw=0.8, ls=':')
-    axes.text(0.16, 10.3, '1 cm', fontsize=7.5, color='0.3')
+    axes.text(1.0, 10.2, '1 cm', fontsize=7.5, color='0.3')
     axes.set_xscale('log')
     axes.set_xticks(calibration.RATIOS, [f'{ratio:g}' for ratio in calibration.RATIOS])
     axes.set_xticks([], minor=True)
-    axes.set(xlabel=r'focal length told over the true one, $\hat f / f$', ylim=(0.0, 12.0))
+    axes.set(xlabel=r'focal length told over the true one, $\hat f / f$', ylim=(0.0, 11.0))
 
 
 def main(target: Path) -> None:
