@@ -41,18 +41,19 @@ def telemetry(state: ServoState) -> dict[str, float]:
         'heading_error_rad': sight.heading_error,
         'tilt_rad': sight.memory.attitude.tilt,
         'roll_rad': sight.memory.attitude.roll,
-        'focal_ratio': math.exp(sight.memory.lens.log_ratio),
-        'focal_ratio_deviation': sight.memory.lens.ratio_deviation,
-        'principal_shift_px': focal * sight.memory.lens.shift,
         'noise_px': sight.memory.noise,
         'feature_difference_px2': sight.difference * focal**2,
         'feature_error_px': sight.feature_error * focal,
         'distance_estimate_m': state.distance,
-        'longitudinal_error_m': state.longitudinal_error,
-        'curvature_rad_m': state.curvature.value,
         'linear_m_s': state.twist.linear,
         'angular_rad_s': state.twist.angular,
         'attempt': float(state.attempts),
+        # New numbers come last: plots look for the others by their place.
+        'focal_ratio': math.exp(sight.memory.lens.log_ratio),
+        'focal_ratio_deviation': sight.memory.lens.ratio_deviation,
+        'principal_shift_px': focal * sight.memory.lens.shift,
+        'longitudinal_error_m': state.longitudinal_error,
+        'curvature_rad_m': state.curvature.value,
     }
 
 
