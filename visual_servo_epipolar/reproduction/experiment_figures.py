@@ -25,7 +25,7 @@ from visual_servo_epipolar.reproduction.fits import Decay, decay
 from visual_servo_epipolar.simulation.camera_simulator import CameraSettings
 
 SNAPSHOTS = 6
-KEY = 'red crosses: actual features, green circles: desired ones; dashed: ghost of the goal'
+KEY = 'red crosses: actual features, green circles: desired ones;\ndashed: ghost of the goal'
 EPIPOLES = '; diamonds: epipoles'
 LEAST = 0.03  # of the first D: below, the uneven floor has the say
 SMALL = {**FIGURE_SETTINGS, 'axes.labelsize': 7.0, 'xtick.labelsize': 7.0, 'ytick.labelsize': 7.0}
