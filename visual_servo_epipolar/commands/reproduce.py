@@ -1,13 +1,11 @@
 """``visual_servo reproduce``: the paper's figures, and a table of the paper against us."""
 
 import argparse
-from pathlib import Path
 from typing import Any
 
 from visual_servo_epipolar import __version__
-from visual_servo_epipolar.commands.arguments import write_json
+from visual_servo_epipolar.commands.arguments import made_folder, write_json
 from visual_servo_epipolar.commands.console import Progress
-from visual_servo_epipolar.core.errors import InputError
 
 PARTS = ('sim1', 'sim2', 'experiment')
 SUCCESS, FAILURE = 0, 1
@@ -36,7 +34,7 @@ def reproduce(options: argparse.Namespace) -> int:
     from visual_servo_epipolar.reproduction.chapters import CHAPTERS
     from visual_servo_epipolar.reproduction.publish import document, publish, text
 
-    folder, progress = _folder(options.out), Progress()
+    folder, progress = made_folder(options.out), Progress()
     parts = PARTS if options.which == 'all' else (options.which,)
     chapters = {part: CHAPTERS[part](progress.say) for part in parts}
     progress.close()
@@ -46,12 +44,3 @@ def reproduce(options: argparse.Namespace) -> int:
         print(f'figures and table in {folder}')
     write_json({'version': __version__, **document(chapters)}, options.json)
     return SUCCESS if all(chapter.succeeded for chapter in chapters.values()) else FAILURE
-
-
-def _folder(name: str) -> Path:
-    path = Path(name)
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f'{path}: folder cannot be made: {error.strerror}') from None
-    return path

@@ -73,22 +73,21 @@ def is_sideways(sight: Sight, settings: ServoSettings) -> bool:
     So it does from beside or past the goal, and where the field of view leaves no room for a turn
     that would bring the robot onto the axis before it is at the goal.
     """
-    bearings = sight.bearings
-    if settings.law != 'full' or bearings is None:
-        return False
-    if not is_behind(bearings) or abs(bearing_desired(bearings)) > settings.sideways_bearing:
-        return True
-    return displacement(sight, settings) is None
+    return _backs_off(sight, settings, settings.least_room)
 
 
 def is_off_course(sight: Sight, settings: ServoSettings) -> bool:
     """Return whether step 1, once begun, had better be given up: later than it would not begin."""
+    return _backs_off(sight, settings, settings.least_room**2)
+
+
+def _backs_off(sight: Sight, settings: ServoSettings, least_room: float) -> bool:
     bearings = sight.bearings
     if settings.law != 'full' or bearings is None:
         return False
     if not is_behind(bearings) or abs(bearing_desired(bearings)) > settings.sideways_bearing:
         return True
-    return displacement(sight, settings, least_room=settings.least_room**2) is None
+    return displacement(sight, settings, least_room=least_room) is None
 
 
 def is_behind(bearings: Bearings) -> bool:
