@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from visual_servo_epipolar.benchmarks import laws
-from visual_servo_epipolar.benchmarks.peer_laws.door import PEERS
-from visual_servo_epipolar.core.motion import DESIRED_POSE
+from visual_servo_epipolar.benchmarks.peer_laws.adapter import PEERS
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.report.style import FIGURE_SETTINGS, INK, robot_body, robot_nose
 
 FATES = {

@@ -13,10 +13,11 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, NullFormatter
 import numpy as np
 
-from visual_servo_epipolar.core import bounds, laws
-from visual_servo_epipolar.core.epipolar import Bearings
-from visual_servo_epipolar.core.motion import DESIRED_POSE, integrate, Pose, saturate
+from visual_servo_epipolar.core.control import laws
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, integrate, Pose, saturate
 from visual_servo_epipolar.report.style import FIGURE_SETTINGS, INK, robot_body, robot_nose
+from visual_servo_epipolar.reproduction import theory
 
 BLUE, RED, GREEN, ORANGE, GREY = '#0072B2', '#D55E00', '#009E73', '#E69F00', '#8C8C8C'
 DEGREES = 180.0 / math.pi
@@ -191,7 +192,7 @@ def singularity() -> Figure:
         time.semilogy(way.times, sine, color=colour, label=f'k2 = {k2:g} 1/s')
         time.plot(way.times[-1], sine[-1], 'o', color=colour, ms=4.0)
     times = np.linspace(0.0, 14.0, 50)
-    least = [bounds.least_sine(math.tan(0.5), t, k1=k1, ratio=ratio) for t in times]
+    least = [theory.least_sine(math.tan(0.5), t, k1=k1, ratio=ratio) for t in times]
     time.semilogy(times, least, color=INK, ls='--', label='bound, any k2')
     time.set(xlim=(0.0, 14.0), ylim=(3e-3, 1.0))
     time.legend()
@@ -213,8 +214,8 @@ def excursion() -> Figure:
         rows.append(
             (
                 way.values(distance).max(),
-                bounds.largest_growth(e, least),
-                bounds.printed_growth(e, least, exponent=exponent),
+                theory.largest_growth(e, least),
+                theory.printed_growth(e, least, exponent=exponent),
             )
         )
     for values, colour, style, text in zip(
@@ -258,7 +259,7 @@ def sampled() -> Figure:
     abscissae = np.geomspace(0.03, 10.0, 80)
     for part, colour in ((1 / 6, RED), (0.5, BLUE), (1.0, GREEN)):
         rates = [
-            -bounds.closed_loop_rates(a, 0.0, (-a, 0.0), ratio=1.0, guess=part)[0] / a
+            -theory.closed_loop_rates(a, 0.0, (-a, 0.0), ratio=1.0, guess=part)[0] / a
             for a in abscissae
         ]
         guess.loglog(abscissae, rates, color=colour, label=f'f_hat = {part:.2g} f')

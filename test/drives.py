@@ -8,9 +8,9 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from strategies import pose_with
 
-from visual_servo_epipolar.core import laws
-from visual_servo_epipolar.core.epipolar import Bearings
-from visual_servo_epipolar.core.motion import Pose, Twist
+from visual_servo_epipolar.core.control import laws
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 
 RESIDUE = 1e-4  # of e_du, where a run stops: past it the law is not Lipschitz
 

@@ -6,9 +6,9 @@ from hypothesis import reject, settings
 from hypothesis import strategies as st
 import numpy as np
 
-from visual_servo_epipolar.core.camera import Camera
-from visual_servo_epipolar.core.epipolar import Bearings
-from visual_servo_epipolar.core.motion import Pose, Twist
+from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 
 # A property must not fail because another process had the core; CI draws the same every time.
 settings.register_profile(

@@ -235,7 +235,7 @@ def test_stamped_commands_of_another_robot_are_compared(
 
 
 def write_twist(linear: float, angular: float):
-    from visual_servo_epipolar.core.motion import Twist
+    from visual_servo_epipolar.core.geometry.motion import Twist
 
     return Twist(linear, angular)
 

@@ -14,7 +14,7 @@ from visual_servo_epipolar.benchmarks.estimation_scenes import (
     error,
     fisher_information,
 )
-from visual_servo_epipolar.core.epipolar import (
+from visual_servo_epipolar.core.geometry.epipolar import (
     Bearings,
     fundamental_from_bearings,
     sampson_distance,

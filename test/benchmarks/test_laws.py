@@ -9,21 +9,27 @@ import pytest
 from strategies import floats, matches, poses_behind_the_goal
 
 from visual_servo_epipolar.benchmarks import laws
-from visual_servo_epipolar.benchmarks.peer_laws.door import PEERS, PeerState
+from visual_servo_epipolar.benchmarks.peer_laws.adapter import PEERS, PeerState
 from visual_servo_epipolar.benchmarks.peer_laws.homography_based import never_resting, TurningGains
 from visual_servo_epipolar.benchmarks.peer_laws.image_based import PointGains, points
-from visual_servo_epipolar.benchmarks.peer_laws.position_based import is_behind, polar, PolarGains
-from visual_servo_epipolar.benchmarks.peer_laws.reading import (
+from visual_servo_epipolar.benchmarks.peer_laws.pose_measurement import (
     close_reading,
     Reading,
     relative_distance,
 )
-from visual_servo_epipolar.core.epipolar import Bearings
-from visual_servo_epipolar.core.motion import integrate, Pose, STANDSTILL, Twist, wrap_angle
-from visual_servo_epipolar.core.perception import Observation
-from visual_servo_epipolar.core.phases import Phase
-from visual_servo_epipolar.core.servo_settings import ServoSettings
-from visual_servo_epipolar.core.servo_state import ServoState
+from visual_servo_epipolar.benchmarks.peer_laws.position_based import is_behind, polar, PolarGains
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.motion import (
+    integrate,
+    Pose,
+    STANDSTILL,
+    Twist,
+    wrap_angle,
+)
+from visual_servo_epipolar.core.perception.perceive import Observation
+from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
 
 NEARLY = st.builds(Pose.from_start, floats(-0.02, 0.02), floats(-0.02, 0.02), floats(-0.5, 0.5))
 

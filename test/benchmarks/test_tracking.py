@@ -16,8 +16,8 @@ from visual_servo_epipolar.benchmarks.tracking_world import (
     start_of,
     World,
 )
-from visual_servo_epipolar.core.features import Features
-from visual_servo_epipolar.core.motion import DESIRED_POSE, Pose
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
+from visual_servo_epipolar.core.tracking.features import Features
 
 CAMERA = replace(
     tracking.QUICK.camera,

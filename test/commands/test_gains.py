@@ -7,9 +7,9 @@ import pytest
 import yaml
 
 from visual_servo_epipolar.commands.main import main
-from visual_servo_epipolar.core.gains import Circumstances, derive
-from visual_servo_epipolar.core.landing import longest_landing
-from visual_servo_epipolar.core.servo_settings import ServoSettings
+from visual_servo_epipolar.core.control.gains import Circumstances, derive
+from visual_servo_epipolar.core.control.settling import longest_landing
+from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import from_mapping
 
 CASE = ['--farthest', '12', '--nearest', '2', '--rate', '11', '--latency', '0.09']

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.commands.main import main
-from visual_servo_epipolar.core.epipolar import Bearings
-from visual_servo_epipolar.core.motion import Pose
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.simulation.camera_simulator import CameraSettings, CameraSimulator
 
 START = (0.8, -3.0, 10.0)

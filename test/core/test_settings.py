@@ -6,9 +6,9 @@ from typing import Any
 
 import pytest
 
-from visual_servo_epipolar.core.servo_settings import ServoSettings
+from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import from_mapping, range_of, setting, Settings, updated
-from visual_servo_epipolar.core.tracker_settings import TrackerSettings
+from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 
 
 @dataclass(frozen=True, kw_only=True)

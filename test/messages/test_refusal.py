@@ -4,9 +4,9 @@ from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.camera import Camera
-from visual_servo_epipolar.core.features import Features
-from visual_servo_epipolar.core.motion import Pose, STANDSTILL
+from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
+from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import read, write
 
 NAN = float('nan')

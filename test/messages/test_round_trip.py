@@ -8,9 +8,9 @@ import pytest
 from rclpy.serialization import serialize_message
 from rosbags.typesys import get_typestore, Stores
 
-from visual_servo_epipolar.core.camera import Camera
-from visual_servo_epipolar.core.features import Features
-from visual_servo_epipolar.core.motion import Pose, Twist
+from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.motion import Pose, Twist
+from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.simulation.closed_loop import published
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from visual_servo_epipolar.core.motion import Pose
+from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.simulation.camera_simulator import CameraSettings, CameraSimulator
 
 SMALL = {

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import pytest
 
-from visual_servo_epipolar.core.phases import Phase
-from visual_servo_epipolar.core.run_log import RunLog, summarise
+from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.servo.run_log import RunLog, summarise
 from visual_servo_epipolar.nodes import lockstep
 from visual_servo_epipolar.nodes.lockstep import Lockstep, LockstepError
 from visual_servo_epipolar.nodes.observer_node import ObserverNode
 from visual_servo_epipolar.simulation import closed_loop
 from visual_servo_epipolar.simulation.closed_loop import LoopSettings, Referee
-from visual_servo_epipolar.simulation.disturbances import DisturbanceSettings
+from visual_servo_epipolar.simulation.disturbances.image import DisturbanceSettings
 from visual_servo_epipolar.simulation.scenario import from_document, load, Scenario
 from visual_servo_epipolar.simulation.views import view_of
 

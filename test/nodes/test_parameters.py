@@ -12,17 +12,17 @@ from rclpy.parameter import Parameter
 import yaml
 
 from visual_servo_epipolar.bags.record_settings import RecordSettings
-from visual_servo_epipolar.core.servo_settings import ServoSettings
+from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import range_of
-from visual_servo_epipolar.core.tracking import TrackerSettings
+from visual_servo_epipolar.core.tracking.tracker import TrackerSettings
 from visual_servo_epipolar.nodes.camera_node import CameraNode
 from visual_servo_epipolar.nodes.recorder_node import RecorderNode, RecorderNodeSettings
 from visual_servo_epipolar.nodes.servo_node import ServoNode, ServoNodeSettings
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode, TrackerNodeSettings
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode, UnicycleSettings
+from visual_servo_epipolar.simulation.bases.pioneer import BaseSettings
 from visual_servo_epipolar.simulation.camera_simulator import CameraSettings
-from visual_servo_epipolar.simulation.disturbances import DisturbanceSettings
-from visual_servo_epipolar.simulation.pioneer import BaseSettings
+from visual_servo_epipolar.simulation.disturbances.image import DisturbanceSettings
 
 CONFIG = Path(__file__).parents[2] / 'config'
 NODES = {

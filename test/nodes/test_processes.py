@@ -14,7 +14,7 @@ from nav_msgs.msg import Odometry
 import pytest
 from std_msgs.msg import String
 
-from visual_servo_epipolar.core.motion import STANDSTILL
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.nodes import qos
 

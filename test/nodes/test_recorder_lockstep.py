@@ -11,7 +11,7 @@ import pytest
 from rclpy.publisher import Publisher
 from rosbags.highlevel import AnyReader
 
-from visual_servo_epipolar.core.run_log import RunLog
+from visual_servo_epipolar.core.servo.run_log import RunLog
 from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.nodes.lockstep import Lockstep
 from visual_servo_epipolar.nodes.observer_node import ObserverNode

@@ -6,7 +6,7 @@ import pytest
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from visual_servo_epipolar.core.errors import TrackingError
-from visual_servo_epipolar.core.tracking import Tracker, TrackerSettings
+from visual_servo_epipolar.core.tracking.tracker import Tracker, TrackerSettings
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode

@@ -5,9 +5,9 @@ import math
 
 import pytest
 
-from visual_servo_epipolar.core.motion import integrate, Pose, saturate, Twist
-from visual_servo_epipolar.core.phases import Phase
-from visual_servo_epipolar.core.run_log import RunLog, Sample
+from visual_servo_epipolar.core.geometry.motion import integrate, Pose, saturate, Twist
+from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 
 START = (-0.6, -3.0, 8.0)

@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.phases import Phase
-from visual_servo_epipolar.core.run_log import RunLog
+from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.servo.run_log import RunLog
 from visual_servo_epipolar.report.figures import save, signals, trajectory
 from visual_servo_epipolar.report.panels import robust_limit
 from visual_servo_epipolar.report.style import PHASE_COLOURS

@@ -12,7 +12,7 @@ import pytest
 from sweeps import filled, plan_of, result
 
 from visual_servo_epipolar.report import sweep_histogram, sweep_map, sweep_table
-from visual_servo_epipolar.sweeping.verdict import verdicts
+from visual_servo_epipolar.sweeping.summary import verdicts
 
 FAILED = {'outcome': 'failed', 'reason': 'ran | away in 3.5 s'}
 RUNS = {

@@ -9,8 +9,8 @@ import pytest
 
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.motion import DESIRED_POSE, Pose
-from visual_servo_epipolar.core.run_log import RunLog, Sample
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
+from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
 from visual_servo_epipolar.report.map_view import Bounds, HEADER, MapView, WIDTH
 from visual_servo_epipolar.report.style import phase_colour, rgb
 from visual_servo_epipolar.report.video import HEIGHT, VideoWriter

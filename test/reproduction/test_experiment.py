@@ -10,9 +10,9 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.features import Features
-from visual_servo_epipolar.core.phases import Phase
-from visual_servo_epipolar.core.run_log import summarise
+from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.servo.run_log import summarise
+from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.reproduction import experiment_figures as figures
 from visual_servo_epipolar.reproduction import sensitivity
 from visual_servo_epipolar.reproduction.canvas import figure_data, thinned

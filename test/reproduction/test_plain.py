@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.reproduction.eye import Eye
+from visual_servo_epipolar.reproduction.camera import Eye
 from visual_servo_epipolar.reproduction.simulations import Simulation1, transient
 
 AGREEMENT = 1e-6  # m, rad, s, m/s, and of the focal length for epipoles

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.epipolar import Bearings
-from visual_servo_epipolar.core.motion import Pose
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.reproduction.camera import Eye
 from visual_servo_epipolar.reproduction.continuous import Course, run
-from visual_servo_epipolar.reproduction.eye import Eye
 from visual_servo_epipolar.reproduction.fits import decay
 from visual_servo_epipolar.reproduction.simulation_claims import claims_1, claims_2
 from visual_servo_epipolar.reproduction.simulations import (

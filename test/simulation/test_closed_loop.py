@@ -8,10 +8,16 @@ import numpy as np
 import pytest
 from strategies import CAMERA
 
-from visual_servo_epipolar.core.motion import Pose, STANDSTILL
-from visual_servo_epipolar.core.phases import ENDED, Phase
-from visual_servo_epipolar.core.run_log import phase_spans, RunLog, Sample, seconds, summarise
-from visual_servo_epipolar.core.servo_settings import ServoSettings
+from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
+from visual_servo_epipolar.core.servo.phases.table import ENDED, Phase
+from visual_servo_epipolar.core.servo.run_log import (
+    phase_spans,
+    RunLog,
+    Sample,
+    seconds,
+    summarise,
+)
+from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.simulation.closed_loop import (
     LoopSettings,
     period_ns,

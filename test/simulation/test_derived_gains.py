@@ -5,9 +5,9 @@ import math
 
 from strategies import CAMERA, pose_with
 
-from visual_servo_epipolar.core.phases import Phase
-from visual_servo_epipolar.core.run_log import RunLog, summarise
-from visual_servo_epipolar.core.servo_settings import ServoSettings
+from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.servo.run_log import RunLog, summarise
+from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.simulation.closed_loop import LoopSettings, run_many
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from strategies import CAMERA, poses_behind_the_goal
 
-from visual_servo_epipolar.core.epipolar import fundamental_from_pose, sampson_distance
-from visual_servo_epipolar.core.motion import DESIRED_POSE, HALF_PI, Pose
-from visual_servo_epipolar.simulation.disturbances import Disturbances, DisturbanceSettings
-from visual_servo_epipolar.simulation.mounting import floor_jitter
+from visual_servo_epipolar.core.geometry.epipolar import fundamental_from_pose, sampson_distance
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, HALF_PI, Pose
+from visual_servo_epipolar.simulation.disturbances.image import Disturbances, DisturbanceSettings
+from visual_servo_epipolar.simulation.mounts.mounting import floor_jitter
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
-from visual_servo_epipolar.simulation.renderer import Renderer
+from visual_servo_epipolar.simulation.rendering.renderer import Renderer
+from visual_servo_epipolar.simulation.rendering.surfaces import ROOM, Scene, Surface, Texture
 from visual_servo_epipolar.simulation.scenario import from_document
-from visual_servo_epipolar.simulation.surfaces import ROOM, Scene, Surface, Texture
 from visual_servo_epipolar.simulation.views import points_of
 
 EXACT = PointSettings(noise=0.0)

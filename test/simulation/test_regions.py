@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.motion import DESIRED_POSE, Pose
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.regions import LEAST_FEATURES, REGIONS, Start, start_in
 from visual_servo_epipolar.simulation.scenario import load, Scenario

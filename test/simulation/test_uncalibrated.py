@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from visual_servo_epipolar.core.perception import perceive_each, Sight
-from visual_servo_epipolar.core.run_log import RunLog, summarise
+from visual_servo_epipolar.core.perception.perceive import Measurement, perceive_each
+from visual_servo_epipolar.core.servo.run_log import RunLog, summarise
 from visual_servo_epipolar.simulation.closed_loop import look, Loop, run_many
 from visual_servo_epipolar.simulation.scenario import from_document, Scenario
 from visual_servo_epipolar.simulation.views import view_of
@@ -62,7 +62,7 @@ def test_near_the_axis_an_unknown_lens_is_not_mistaken_for_a_miss() -> None:
     assert verdict['position_error_m'] < 0.004
 
 
-def seen(ratio: float, start: tuple[float, float, float]) -> list[Sight]:
+def seen(ratio: float, start: tuple[float, float, float]) -> list[Measurement]:
     """Return what the servo saw on its way."""
     seeded, sights = scenario(ratio).seeded(1), []
     loop = Loop(seeded.loop(start, 1), view_of(seeded, 'features', 1), seeded.camera.believed)
@@ -80,12 +80,12 @@ def test_focal_length_and_principal_point_are_learnt_on_the_way() -> None:
     assert first.ratio_deviation > 0.1  # from near the axis one pair says little
     assert last.ratio_deviation < 0.03
     assert last.log_ratio == pytest.approx(math.log(0.5), abs=3.0 * last.ratio_deviation)
-    spread = math.hypot(last.rest_deviation, last.tie * last.ratio_deviation)
+    spread = math.hypot(last.rest_deviation, last.shift_slope * last.ratio_deviation)
     assert spread < 0.005
     assert last.shift == pytest.approx(10.0 / 769.0, abs=3.0 * spread)
     assert sights[-1].focal == pytest.approx(769.0, rel=0.1)
     # Near the goal nothing is learnt, and nothing forgotten.
-    near = [sight.memory.lens for sight in sights if sight.bearings is None]
+    near = [measurement.memory.lens for measurement in sights if measurement.bearings is None]
     assert len(near) > 10
     assert set(near) == {last}
 

@@ -3,7 +3,7 @@
 import pytest
 from sweeps import BRIEF, plan_of
 
-from visual_servo_epipolar.core.run_log import Sample, summarise
+from visual_servo_epipolar.core.servo.run_log import Sample, summarise
 from visual_servo_epipolar.simulation.closed_loop import Loop, run
 from visual_servo_epipolar.simulation.views import view_of
 from visual_servo_epipolar.sweeping.chunk import run_chunk, work

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from strategies import floats
 
-from visual_servo_epipolar.core import bounds
+from visual_servo_epipolar.reproduction import theory
 
 SIGNS = st.sampled_from([-1.0, 1.0])
 EXPONENTS = st.sampled_from([1.0 / 9.0, 5.0 / 9.0, 7.0 / 9.0])
@@ -28,8 +28,8 @@ def test_both_bounds_hold_as_ratios_and_ours_is_the_tighter_one(
     assert run.ended == 'zeroed'
     least = float(np.abs(run.e_current).min())
     growth = run.distance.max() / start.distance
-    ours = bounds.largest_growth(e_du, least)
-    printed = bounds.printed_growth(e_du, least, exponent=law.exponent)
+    ours = theory.largest_growth(e_du, least)
+    printed = theory.printed_growth(e_du, least, exponent=law.exponent)
     assert growth <= ours * (1.0 + 1e-7)
     assert ours <= printed
     # What the printed one bounds, and what follows for the increment of d.
@@ -46,7 +46,7 @@ def test_a_discordant_start_never_comes_nearer_than_the_inverse(
     start = Start(e_current=side * e_au, e_desired=-side * e_du, sigma=sigma, ratio=ratio)
     run = drive(start, law)
     least = float(np.abs(run.e_current).min())
-    assert run.distance.min() * bounds.largest_growth(e_du, least) >= 1.0 - 1e-7
+    assert run.distance.min() * theory.largest_growth(e_du, least) >= 1.0 - 1e-7
 
 
 def test_the_increment_is_not_bounded_by_delta_as_printed() -> None:
@@ -56,7 +56,7 @@ def test_the_increment_is_not_bounded_by_delta_as_printed() -> None:
     run = drive(start, law)
     least = float(np.abs(run.e_current).min())
     increment = run.distance.max() - start.distance
-    assert increment > 1.9 * bounds.printed_growth(0.5, least, exponent=law.exponent)
+    assert increment > 1.9 * theory.printed_growth(0.5, least, exponent=law.exponent)
 
 
 @settings(max_examples=15)
@@ -83,5 +83,5 @@ def test_with_k1_zero_and_the_true_distance_the_path_is_a_logarithmic_spiral(
     turned = math.atan(e_du) - np.abs(np.arctan(run.e_desired))
     np.testing.assert_allclose(np.log(run.distance), other * turned / e_au, atol=1e-6)
     assert np.log(run.distance[-1]) == pytest.approx(
-        other * math.log(bounds.largest_growth(e_du, e_au)), rel=1e-2
+        other * math.log(theory.largest_growth(e_du, e_au)), rel=1e-2
     )

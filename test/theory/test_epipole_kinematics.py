@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from strategies import floats, pose_with, seen_from, twists
 
-from visual_servo_epipolar.core import bounds, laws
-from visual_servo_epipolar.core.epipolar import Bearings
-from visual_servo_epipolar.core.motion import integrate, Pose, Twist
+from visual_servo_epipolar.core.control import laws
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
+from visual_servo_epipolar.reproduction import theory
 
 STEP = 1e-6  # of the central differences [s]
 CASES = [
@@ -85,7 +86,7 @@ def test_7_to_10_are_the_derivatives_in_every_sign_case(
     found = derivatives(pose, twist, abscissae)
     # A difference over 2e-6 s of abscissae up to 5, whose third derivative grows with their cube.
     tolerance = {'rel': 1e-6, 'abs': 2e-6}
-    eight_and_seven = bounds.rates_in_bearings(twist, seen, distance)
+    eight_and_seven = theory.rates_in_bearings(twist, seen, distance)
     assert found == pytest.approx(eight_and_seven, **tolerance)
     nine_and_ten = laws.epipole_rates(twist, *abscissae(seen), sigma=sigma, distance=distance)
     assert found == pytest.approx(nine_and_ten, **tolerance)

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from strategies import floats
 
-from visual_servo_epipolar.core import bounds, laws
+from visual_servo_epipolar.core.control import laws
+from visual_servo_epipolar.reproduction import theory
 
 SIGNS = st.sampled_from([-1.0, 1.0])
 EXPONENTS = st.sampled_from([1.0 / 3.0, 5.0 / 9.0, 7.0 / 9.0])
@@ -41,7 +42,7 @@ def test_with_the_true_distance_the_printed_bound_is_right(
     part: float,
 ) -> None:
     k2 = 0.5
-    most = bounds.largest_finite_time_gain(e_au, e_du, k2=k2, exponent=exponent)
+    most = theory.largest_finite_time_gain(e_au, e_du, k2=k2, exponent=exponent)
     assert most == pytest.approx(k2 * (e_au / e_du) ** (1.0 - exponent))
     law = Law(k1=part * most, k2=k2, exponent=exponent, finite=True)
     run = drive(Start(e_current=side * e_au, e_desired=other * e_du, sigma=sigma), law)
@@ -59,7 +60,7 @@ def test_with_an_overestimate_the_corrected_bound_is_enough(
     e_au: float, e_du: float, side: float, sigma: float, exponent: float, ratio: float
 ) -> None:
     k2, rest = 0.5, 1.0 - exponent
-    most = bounds.largest_finite_time_gain(e_au, e_du, k2=k2, exponent=exponent, ratio=ratio)
+    most = theory.largest_finite_time_gain(e_au, e_du, k2=k2, exponent=exponent, ratio=ratio)
     sine = math.sin(math.atan(e_au)) / ratio if ratio > 1.0 else e_au
     assert most == pytest.approx(k2 * (sine / e_du) ** rest)
     law = Law(k1=0.5 * most, k2=k2, exponent=exponent, finite=True)
@@ -78,7 +79,7 @@ def test_with_an_overestimate_the_corrected_bound_is_enough(
 def test_with_an_overestimate_the_printed_bound_is_not_enough() -> None:
     k2, exponent = 0.5, 1.0 / 3.0
     e_au, e_du = math.tan(0.15), math.tan(0.6)
-    printed = bounds.largest_finite_time_gain(e_au, e_du, k2=k2, exponent=exponent)
+    printed = theory.largest_finite_time_gain(e_au, e_du, k2=k2, exponent=exponent)
     law = Law(k1=0.9 * printed, k2=k2, exponent=exponent, finite=True)
     run = drive(Start(e_current=e_au, e_desired=e_du, ratio=3.0), law, duration=1.34)
     # e_au is zero before e_du (at 1.347 s): the law is singular, and the robot leaves for good.

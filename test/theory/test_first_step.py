@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 from strategies import floats, pose_with
 
-from visual_servo_epipolar.core import bounds, laws
-from visual_servo_epipolar.core.epipolar import Bearings
-from visual_servo_epipolar.core.motion import integrate, Pose, Twist
+from visual_servo_epipolar.core.control import laws
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
+from visual_servo_epipolar.reproduction import theory
 
 SIGNS = st.sampled_from([-1.0, 1.0])
 RATIOS = st.one_of(st.just(1.0), floats(1.0, 4.0))
@@ -55,7 +56,7 @@ def test_14_15_and_18_hold_along_a_run(start: Start, law: Law) -> None:
     distance_rate = (x * x_rate + y * y_rate) / d
     for i in range(len(run.times)):
         a, e = float(run.e_current[i]), float(run.e_desired[i])
-        expected = bounds.closed_loop_rates(a, e, law.nu(a, e), ratio=estimate[i] / d[i])
+        expected = theory.closed_loop_rates(a, e, law.nu(a, e), ratio=estimate[i] / d[i])
         # d_hat / d times the push cancels in (14) where it is 1.
         found = float(current_rate[i]), float(desired_rate[i])
         assert found == pytest.approx(expected, rel=1e-7, abs=1e-9)
@@ -79,13 +80,13 @@ def test_19_the_estimate_keeps_its_lead(start: Start, law: Law) -> None:
 @given(starts(), gains())
 def test_the_desired_epipole_is_zero_before_the_longest_transient(start: Start, law: Law) -> None:
     run = drive(start, law)
-    latest = bounds.longest_transient(start.e_desired, k2=law.k2, exponent=law.exponent)
+    latest = gains.longest_transient(start.e_desired, k2=law.k2, exponent=law.exponent)
     assert run.ended == 'zeroed'
     assert run.times[-1] <= latest * (1.0 + 1e-9)
     assert (np.diff(np.abs(run.e_desired)) < 0.0).all()
     # With d_hat = d the bound is the time itself, less what is left of e_du.
     if start.ratio == 1.0:
-        spare = bounds.longest_transient(RESIDUE, k2=law.k2, exponent=law.exponent)
+        spare = gains.longest_transient(RESIDUE, k2=law.k2, exponent=law.exponent)
         assert run.times[-1] == pytest.approx(latest - spare, rel=1e-6)
 
 
@@ -98,7 +99,7 @@ def test_the_reserve_falls_by_k1_alone(start: Start, law: Law) -> None:
     expected = np.log(sine[0] / start.ratio) - law.k1 * cosine_squared
     np.testing.assert_allclose(np.log(sine * run.distance / run.estimate), expected, atol=1e-6)
     i = len(run.times) // 2
-    found = bounds.reserve(float(run.e_current[i]), run.distance[i], run.estimate[i])
+    found = theory.reserve(float(run.e_current[i]), run.distance[i], run.estimate[i])
     assert math.log(found) == pytest.approx(expected[i], abs=1e-6)
 
 
@@ -114,7 +115,7 @@ def test_no_gain_makes_the_current_epipole_cross_zero(
     assert run.ended == 'zeroed'
     sine = np.abs(np.sin(run.alpha))
     least = [
-        bounds.least_sine(start.e_current, t, k1=law.k1, ratio=start.ratio) for t in run.times
+        theory.least_sine(start.e_current, t, k1=law.k1, ratio=start.ratio) for t in run.times
     ]
     assert (sine >= np.array(least) * (1.0 - 1e-6)).all()
     assert (run.e_current * start.e_current > 0.0).all()
@@ -123,7 +124,7 @@ def test_no_gain_makes_the_current_epipole_cross_zero(
 def test_the_bound_on_the_current_epipole_is_met_where_it_is_small() -> None:
     run = drive(Start(e_current=0.05, e_desired=0.01), Law(k1=0.2, k2=0.2))
     t = float(run.times[-1])
-    least = bounds.least_sine(0.05, t, k1=0.2, ratio=1.0)
+    least = theory.least_sine(0.05, t, k1=0.2, ratio=1.0)
     assert t > 1.0
     assert abs(math.sin(run.alpha[-1])) == pytest.approx(least, rel=2e-3)  # alpha^2 / 2
 
@@ -142,7 +143,7 @@ def test_it_is_a_small_k2_that_sends_the_robot_away() -> None:
 def test_discordant_epipoles_bring_the_goal_nearer_and_the_heading_error_falls(
     start: Start, law: Law
 ) -> None:
-    assert bounds.stays_finite(start.e_current, start.e_desired)
+    assert theory.stays_finite(start.e_current, start.e_desired)
     run = drive(start, law)
     bearings = np.abs(np.arctan(run.e_current)) + np.abs(np.arctan(run.e_desired))
     assert (np.diff(bearings) < 0.0).all()
@@ -156,7 +157,7 @@ def test_beyond_90_degrees_a_discordant_start_may_end_with_its_back_to_the_goal(
     # The paper: "any value of k2 is legal" and "the epipoles never change sign".
     start = Start(e_current=math.tan(1.2), e_desired=-math.tan(1.0), ratio=10.0)
     law = Law(k1=0.05, k2=1.0)
-    assert not bounds.stays_finite(start.e_current, start.e_desired)
+    assert not theory.stays_finite(start.e_current, start.e_desired)
     run = drive(start, law)
     assert run.ended == 'infinite'
     # From beyond infinity the law goes on, and does zero both epipoles, facing the wrong way.

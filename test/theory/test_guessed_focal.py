@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 from strategies import floats
 
-from visual_servo_epipolar.core import bounds, laws
-from visual_servo_epipolar.core.epipolar import Bearings
-from visual_servo_epipolar.core.motion import Pose
+from visual_servo_epipolar.core.control import laws
+from visual_servo_epipolar.core.control.gains import longest_transient
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.reproduction import theory
 
 SIGNS = st.sampled_from([-1.0, 1.0])
 GUESSES = st.one_of(st.just(1.0 / 6.0), floats(0.2, 0.95))  # 1/6: the second simulation
@@ -68,9 +70,9 @@ def test_26_to_30_hold_along_a_run(start: Start, law: Law) -> None:
         found = float(current_rate[i]), float(desired_rate[i])
         assert found == pytest.approx(expected, rel=1e-7, abs=1e-9)
         ratio = float(estimate[i] / d[i])
-        by_law = bounds.closed_loop_rates(a, e, law.nu(a, e), ratio=ratio, guess=g)
+        by_law = theory.closed_loop_rates(a, e, law.nu(a, e), ratio=ratio, guess=g)
         assert by_law == pytest.approx(expected, rel=1e-9, abs=1e-9)
-        mu = bounds.distance_scale(a, focal=1.0, guess=g)
+        mu = theory.distance_scale(a, focal=1.0, guess=g)
         assert distance_rate[i] == pytest.approx(mu * estimate_rate[i], rel=1e-7)  # (29)
         assert 1.0 <= mu <= 1.0 / g * (1.0 + 1e-12)  # (30)
         equation_28 = g * estimate[i] * guess / root * power / (a * (e * e + g * g))
@@ -86,13 +88,11 @@ def test_proposition_3_holds_and_d_hat_over_d_never_falls_below_the_guess(
     assume(run.ended != 'infinite')  # the paper does not exclude it; see the test below
     assert run.ended == 'zeroed'
     ratio = run.estimate / run.distance
-    # The paper shows that d_hat / d "cannot tend to zero"; (29) and (30) give the bounds.
+    # The paper shows that d_hat / d "cannot tend to zero"; (29) and (30) give the theory.
     least = law.guess if concordant(start) else 1.0
     assert (ratio >= least * (1.0 - 1e-9)).all()
     shrink = law.guess if concordant(start) else law.guess ** (2.0 / 3.0)
-    latest = bounds.longest_transient(
-        start.e_desired, k2=law.k2, exponent=law.exponent, shrink=shrink
-    )
+    latest = longest_transient(start.e_desired, k2=law.k2, exponent=law.exponent, shrink=shrink)
     assert run.times[-1] <= latest
 
 
@@ -102,7 +102,7 @@ def test_the_reserve_falls_by_k1_alone_with_a_guess_too(start: Start, law: Law) 
     run = drive(start, law)
     z = np.array(
         [
-            bounds.reserve(float(a), d, estimate, guess=law.guess)
+            theory.reserve(float(a), d, estimate, guess=law.guess)
             for a, d, estimate in zip(run.e_current, run.distance, run.estimate, strict=True)
         ]
     )
@@ -111,10 +111,10 @@ def test_the_reserve_falls_by_k1_alone_with_a_guess_too(start: Start, law: Law) 
     part = (
         1.0
         if concordant(start)
-        else start.ratio * bounds.least_discordant_part(start.ratio, guess=law.guess)
+        else start.ratio * theory.least_discordant_part(start.ratio, guess=law.guess)
     )
     least = [
-        part * bounds.least_sine(start.e_current, t, k1=law.k1, ratio=start.ratio, guess=law.guess)
+        part * theory.least_sine(start.e_current, t, k1=law.k1, ratio=start.ratio, guess=law.guess)
         for t in run.times
     ]
     assert (np.abs(np.sin(run.alpha)) >= np.array(least) * (1.0 - 1e-6)).all()
@@ -124,10 +124,10 @@ def test_the_longest_transient_with_a_guess_is_that_of_the_least_coefficient_in_
     k2, exponent, guess = 0.5, 5.0 / 9.0, 0.4
     # e_au -> 0, e_du -> infinity, d_hat / d -> f_hat / f: the slowest (27) can be.
     nu = Law(k2=k2, exponent=exponent).nu(1e-6, 1e4)
-    slowest = bounds.closed_loop_rates(1e-6, 1e4, nu, ratio=guess, guess=guess)[1]
+    slowest = theory.closed_loop_rates(1e-6, 1e4, nu, ratio=guess, guess=guess)[1]
     coefficient = -slowest / 1e4**exponent
     rest = 1.0 - exponent
-    found = bounds.longest_transient(0.3, k2=k2, exponent=exponent, shrink=guess)
+    found = longest_transient(0.3, k2=k2, exponent=exponent, shrink=guess)
     assert found == pytest.approx(0.3**rest / (rest * coefficient), rel=1e-6)
 
 
@@ -135,8 +135,8 @@ def test_a_discordant_start_is_pulled_inwards_where_the_guess_is_too_short() -> 
     # IV-C 2 has the perturbation pull discordant epipoles away from zero; with f_hat < f it does
     # so where d_hat / d >= f / f_hat, which d_hat_0 can be chosen for.
     nu = Law(k1=0.0).nu(0.5, -0.3)
-    inwards = bounds.closed_loop_rates(0.5, -0.3, nu, ratio=1.5, guess=1.0 / 6.0)[0]
-    outwards = bounds.closed_loop_rates(0.5, -0.3, nu, ratio=6.0, guess=1.0 / 6.0)[0]
+    inwards = theory.closed_loop_rates(0.5, -0.3, nu, ratio=1.5, guess=1.0 / 6.0)[0]
+    outwards = theory.closed_loop_rates(0.5, -0.3, nu, ratio=6.0, guess=1.0 / 6.0)[0]
     assert inwards < 0.0 < outwards
 
 
@@ -144,7 +144,7 @@ def test_a_discordant_start_is_pulled_inwards_where_the_guess_is_too_short() -> 
 def test_the_rate_after_26_is_at_least_k1_inside_sqrt_f_f_hat_only(
     e_au: float, guess: float, k1: float
 ) -> None:
-    rate = -bounds.closed_loop_rates(e_au, 0.0, (-k1 * e_au, 0.0), ratio=1.0, guess=guess)[0]
+    rate = -theory.closed_loop_rates(e_au, 0.0, (-k1 * e_au, 0.0), ratio=1.0, guess=guess)[0]
     rate /= e_au
     # "At least equal to k1" forgets the factor f_hat / f: it holds for e_au^2 <= f f_hat. The
     # rate is between k1 f_hat / f and k1 f / f_hat, and k1 f / f_hat in the end.

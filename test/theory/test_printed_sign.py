@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 from strategies import floats, poses_behind_the_goal
 
-from visual_servo_epipolar.core import bounds, laws
-from visual_servo_epipolar.core.epipolar import Bearings
-from visual_servo_epipolar.core.motion import Pose
+from visual_servo_epipolar.core.control import laws
+from visual_servo_epipolar.core.control.gains import longest_transient
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.motion import Pose
 
 SIGNS = st.sampled_from([-1.0, 1.0])
 PRINTED = Law(k1=0.05, k2=0.5, printed=True)
@@ -24,7 +25,7 @@ def test_the_printed_law_zeroes_e_du_exactly_where_the_signs_agree(
     start = Start(
         e_current=side * e_au, e_desired=other * e_du, sigma=sigma, distance=2.0, ratio=ratio
     )
-    latest = bounds.longest_transient(e_du, k2=PRINTED.k2, exponent=PRINTED.exponent)
+    latest = longest_transient(e_du, k2=PRINTED.k2, exponent=PRINTED.exponent)
     agrees = side * other == sigma
     run = drive(start, PRINTED, duration=0.3 * latest)
     falls = np.abs(run.e_desired[-1]) < e_du
@@ -44,7 +45,7 @@ def test_a_counterexample_to_proposition_1_as_printed() -> None:
         distance=pose.distance,
     )
     assert start.pose.x == pytest.approx(pose.x)
-    latest = bounds.longest_transient(start.e_desired, k2=0.5, exponent=PRINTED.exponent)
+    latest = longest_transient(start.e_desired, k2=0.5, exponent=PRINTED.exponent)
     for k2 in (0.5, 0.05, 0.005):  # however small
         law = Law(k1=1e-3 * k2, k2=k2, printed=True)
         run = drive(start, law, duration=0.5 / k2 * latest)

@@ -9,9 +9,10 @@ import pytest
 from scipy.integrate import solve_ivp
 from strategies import floats, seen_from
 
-from visual_servo_epipolar.core import bounds, laws
-from visual_servo_epipolar.core.motion import Pose
-from visual_servo_epipolar.core.perception import feature_difference
+from visual_servo_epipolar.core.control import laws
+from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.perception.perceive import feature_difference
+from visual_servo_epipolar.reproduction import theory
 
 FEATURES = st.lists(
     st.tuples(floats(-2.0, 2.0), floats(-1.5, 1.5), floats(3.0, 8.0)), min_size=1, max_size=8
@@ -27,7 +28,7 @@ def difference(points: np.ndarray, behind: float) -> float:
 
 def slope(points: np.ndarray, behind: float) -> float:
     return float(
-        np.mean([bounds.matching_slope(math.hypot(x, y), z, behind) for x, y, z in points])
+        np.mean([theory.matching_slope(math.hypot(x, y), z, behind) for x, y, z in points])
     )
 
 

@@ -9,12 +9,12 @@ from typing import TypeVar
 
 from visual_servo_epipolar.bags.read import Bag, Recorded, Topic
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.core.camera import Camera
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.motion import Pose, Twist
+from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
 from visual_servo_epipolar.messages import journal, read
-from visual_servo_epipolar.messages.journal import Entry
+from visual_servo_epipolar.messages.event_log import Entry
 from visual_servo_epipolar.messages.settings_text import from_text, NodeSettings
 
 T = TypeVar('T')

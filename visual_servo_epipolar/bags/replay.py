@@ -12,20 +12,20 @@ from typing import TypeVar
 from visual_servo_epipolar.bags.read import Bag, Recorded
 from visual_servo_epipolar.bags.read_run import Events, History, in_force, Key, Order, Recording
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.core.camera import Camera
 from visual_servo_epipolar.core.errors import InputError, TrackingError
-from visual_servo_epipolar.core.features import Features
-from visual_servo_epipolar.core.interruptions import interrupted, Interruption
-from visual_servo_epipolar.core.perception import observe
-from visual_servo_epipolar.core.phases import Phase
-from visual_servo_epipolar.core.servo import step
-from visual_servo_epipolar.core.servo_settings import ServoSettings
-from visual_servo_epipolar.core.servo_state import ServoState
-from visual_servo_epipolar.core.telemetry import telemetry
-from visual_servo_epipolar.core.tracker_settings import TrackerSettings
-from visual_servo_epipolar.core.tracking import Tracker
+from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.perception.perceive import observe
+from visual_servo_epipolar.core.servo.interruptions import interrupted, Interruption
+from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.step import step
+from visual_servo_epipolar.core.servo.telemetry import telemetry
+from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.core.tracking.settings import TrackerSettings
+from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.messages import intake
-from visual_servo_epipolar.messages.journal import Entry, REDETECTED
+from visual_servo_epipolar.messages.event_log import Entry, REDETECTED
 
 T = TypeVar('T')
 
@@ -137,8 +137,8 @@ class Eye:
         found = intake.track(self._tracker, item.message, camera)
         features, complaint = found.features, found.complaint
         if not isinstance(camera, str):
-            features, doubt = intake.believed(features, camera)
-            complaint = doubt or complaint
+            features, untrusted = intake.believed(features, camera)
+            complaint = untrusted or complaint
         return Sighting(key, item.log_ns, camera, features, found.image, complaint)
 
     def _take(self, photograph: Image) -> None:

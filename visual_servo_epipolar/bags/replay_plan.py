@@ -9,12 +9,12 @@ from visual_servo_epipolar.bags.read import Bag, Recorded
 from visual_servo_epipolar.bags.read_run import Recording, usable
 from visual_servo_epipolar.bags.replay import Plan
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.core.camera import Camera
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.servo_settings import ServoSettings
+from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import Settings, updated
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-from visual_servo_epipolar.core.tracker_settings import TrackerSettings
+from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.messages.settings_text import NodeSettings
 

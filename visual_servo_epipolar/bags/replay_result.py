@@ -6,10 +6,10 @@ from typing import Any
 
 from visual_servo_epipolar.bags.read_run import Recording
 from visual_servo_epipolar.bags.replay import Step
-from visual_servo_epipolar.core.motion import DESIRED_POSE, Pose
-from visual_servo_epipolar.core.phases import ENDED, Phase
-from visual_servo_epipolar.core.run_log import RunLog, summarise
-from visual_servo_epipolar.core.telemetry import sample
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
+from visual_servo_epipolar.core.servo.phases.table import ENDED, Phase
+from visual_servo_epipolar.core.servo.run_log import RunLog, summarise
+from visual_servo_epipolar.core.servo.telemetry import sample
 
 FROM_TRUTH = (
     'start',

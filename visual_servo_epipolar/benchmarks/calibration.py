@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from visual_servo_epipolar.core.run_log import summarise
+from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.simulation.closed_loop import run_many
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import Scenario

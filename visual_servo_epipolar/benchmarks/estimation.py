@@ -33,7 +33,7 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimators.base import Estimate, Estimator
 from visual_servo_epipolar.core.estimators.planar_2dof import planar_2dof
 from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
-from visual_servo_epipolar.core.homography import fit_rotation
+from visual_servo_epipolar.core.geometry.rotation import fit_rotation
 
 __all__ = ['run', 'table']
 
@@ -194,9 +194,9 @@ def _rivals(name: str, cell: Cell, trials: int, seed: int) -> dict[str, Any]:
     rows = {}
     for who, estimates in made.items():
         both = [(e, p) for e, p in zip(estimates, pairs, strict=True) if e is not None]
-        wrong = [e.rival is None for e, p in both if error(e.bearings, p.bearings) > GROSS]
+        wrong = [e.alternative is None for e, p in both if error(e.bearings, p.bearings) > GROSS]
         rows[who] = {
-            'reported': sum(e.rival is not None for e, _ in both) / len(pairs),
+            'reported': sum(e.alternative is not None for e, _ in both) / len(pairs),
             'gross_unreported': sum(wrong) / len(pairs),
         }
     return {'cell': name, 'rows': rows}

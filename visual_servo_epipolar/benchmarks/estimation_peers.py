@@ -12,13 +12,13 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.benchmarks.estimation_scenes import Cell, FOCAL, Pair
-from visual_servo_epipolar.core.epipolar import Bearings, epipoles
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Attitude, Estimate, Estimator, Prior
 from visual_servo_epipolar.core.estimators.lmeds_8pt import lmeds_8pt
 from visual_servo_epipolar.core.estimators.planar_2dof import planar_2dof
 from visual_servo_epipolar.core.estimators.planar_3dof import planar_3dof
 from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
+from visual_servo_epipolar.core.geometry.epipolar import Bearings, epipoles
 
 KNOWN = math.radians(0.03)  # how well a calibrated camera's tilt and roll are known
 JITTER = math.radians(0.1)  # what soft_planar is told of the floor

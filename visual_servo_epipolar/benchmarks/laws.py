@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from visual_servo_epipolar.benchmarks.laws_table import table as table  # part of the interface
-from visual_servo_epipolar.benchmarks.peer_laws.door import PEERS
-from visual_servo_epipolar.core.run_log import summarise
+from visual_servo_epipolar.benchmarks.peer_laws.adapter import PEERS
+from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.simulation.closed_loop import run as drive
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import Scenario

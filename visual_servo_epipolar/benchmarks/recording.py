@@ -12,7 +12,7 @@ from rosbags.highlevel import AnyReader
 
 from visual_servo_epipolar.benchmarks.recording_loop import Loop, memory_mb, processor_s
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.core.motion import Pose
+from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.simulation.camera_simulator import CameraSettings, CameraSimulator
 

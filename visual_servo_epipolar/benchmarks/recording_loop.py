@@ -17,8 +17,8 @@ from sensor_msgs.msg import CameraInfo, Image, JointState
 from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
-from visual_servo_epipolar.core.camera import Camera
 from visual_servo_epipolar.core.errors import VisualServoError
+from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.run import tune_transport

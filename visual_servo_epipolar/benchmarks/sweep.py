@@ -11,8 +11,8 @@ from hashlib import sha256
 from time import thread_time
 from typing import Any
 
-from visual_servo_epipolar.core.camera import Camera
-from visual_servo_epipolar.core.run_log import RunLog
+from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.servo.run_log import RunLog
 from visual_servo_epipolar.simulation.closed_loop import LoopSettings, PARTS, run_many, View
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import Scenario

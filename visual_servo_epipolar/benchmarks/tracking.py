@@ -18,11 +18,11 @@ from visual_servo_epipolar.benchmarks.tracking_world import (
     World,
 )
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.core.motion import Pose
-from visual_servo_epipolar.core.tracker_settings import TrackerSettings
-from visual_servo_epipolar.core.tracking import Tracker
+from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.tracking.settings import TrackerSettings
+from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.simulation.camera_simulator import CameraSettings
-from visual_servo_epipolar.simulation.disturbances import Disturbances, DisturbanceSettings
+from visual_servo_epipolar.simulation.disturbances.image import Disturbances, DisturbanceSettings
 
 __all__ = ['run', 'table']
 
@@ -53,7 +53,7 @@ class Lane:
     """
     One tracker on its way: what it is shown, what it made of it, how long it took [s].
 
-    ``given_up``: right tracks that ended, their point then out of sight, or in full view.
+    ``given_up``: right tracks that ended, their point then out of measurement, or in full view.
     """
 
     name: str

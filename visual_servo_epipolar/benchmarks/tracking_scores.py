@@ -8,7 +8,7 @@ import numpy as np
 
 from visual_servo_epipolar.benchmarks.tracking_world import Judgement, STANDING, Truth
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
-from visual_servo_epipolar.core.features import Features
+from visual_servo_epipolar.core.tracking.features import Features
 
 GROSS = 3.0  # a feature farther than this from its place is a wrong one [px]
 ENOUGH = 26  # features of the paper's experiments

@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.core.features import Features
-from visual_servo_epipolar.core.tracker_settings import TrackerSettings
-from visual_servo_epipolar.core.tracking import Tracker
+from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.core.tracking.settings import TrackerSettings
+from visual_servo_epipolar.core.tracking.tracker import Tracker
 
 PERIOD = 5  # frames between two anchorings of the run that shows frames with and without
 

@@ -6,14 +6,14 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, Image
-from visual_servo_epipolar.core.features import Features
-from visual_servo_epipolar.core.motion import DESIRED_POSE, Pose
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
+from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.simulation.camera_simulator import CameraSettings
-from visual_servo_epipolar.simulation.disturbances import Disturbances
-from visual_servo_epipolar.simulation.mounting import CameraMount
-from visual_servo_epipolar.simulation.renderer import Renderer
-from visual_servo_epipolar.simulation.scene import room
-from visual_servo_epipolar.simulation.sensor import DESIRED_FRAME, Sensor, SensorSettings
+from visual_servo_epipolar.simulation.disturbances.image import Disturbances
+from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
+from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME, Sensor, SensorSettings
+from visual_servo_epipolar.simulation.rendering.renderer import Renderer
+from visual_servo_epipolar.simulation.rooms.scene import room
 
 STANDING = 5  # last frames, at the goal
 BRAKING = 20  # frames before those

@@ -10,8 +10,8 @@ import numpy as np
 import yaml
 
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.core.camera import Camera
 from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.geometry.camera import Camera
 
 ASPECT_TOLERANCE = 0.01
 

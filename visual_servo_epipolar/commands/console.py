@@ -5,7 +5,7 @@ import sys
 import time
 from typing import Any, TextIO
 
-from visual_servo_epipolar.core.run_log import Sample
+from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 
 REFRESH_S = 0.1

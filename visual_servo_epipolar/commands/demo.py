@@ -18,9 +18,9 @@ from visual_servo_epipolar.commands.console import Progress, summary
 from visual_servo_epipolar.commands.run_folder import write_run
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.features import Features
-from visual_servo_epipolar.core.motion import Pose
-from visual_servo_epipolar.core.run_log import RunLog, Sample, summarise
+from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.servo.run_log import RunLog, Sample, summarise
+from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.simulation.closed_loop import LoopSettings, Referee
 from visual_servo_epipolar.simulation.scenario import Scenario
 

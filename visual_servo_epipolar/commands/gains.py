@@ -10,10 +10,10 @@ import math
 from typing import Any
 
 from visual_servo_epipolar.commands.arguments import finite, write_json
+from visual_servo_epipolar.core.control.gains import Circumstances, derive, Gains
+from visual_servo_epipolar.core.control.settling import longest_landing
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.gains import Circumstances, derive, Gains
-from visual_servo_epipolar.core.landing import longest_landing
-from visual_servo_epipolar.core.servo_settings import ServoSettings
+from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import range_of
 
 

@@ -11,10 +11,10 @@ import numpy as np
 from visual_servo_epipolar.commands.arguments import write_json
 from visual_servo_epipolar.commands.camera_file import read_camera, read_photograph, scaled_to
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.core.camera import Camera
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.inspection import inspect, Inspection
-from visual_servo_epipolar.core.servo_settings import ServoSettings
+from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.perception.inspection import inspect, Inspection
+from visual_servo_epipolar.core.servo.settings import ServoSettings
 
 
 def add_to(kinds: Any) -> None:

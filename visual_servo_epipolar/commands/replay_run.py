@@ -26,10 +26,10 @@ from visual_servo_epipolar.commands.arguments import made_folder, write_json
 from visual_servo_epipolar.commands.camera_file import read_camera, read_photograph
 from visual_servo_epipolar.commands.console import Progress
 from visual_servo_epipolar.commands.replay_settings import changes_of
-from visual_servo_epipolar.commands.replay_words import in_words
+from visual_servo_epipolar.commands.replay_text import in_words
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.run_log import RunLog
+from visual_servo_epipolar.core.servo.run_log import RunLog
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
 
 if TYPE_CHECKING:

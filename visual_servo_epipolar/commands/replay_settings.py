@@ -8,8 +8,8 @@ from typing import Any
 import yaml
 
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.servo_settings import ServoSettings
-from visual_servo_epipolar.core.tracker_settings import TrackerSettings
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.messages.settings_text import sections
 
 Changes = dict[str, dict[str, Any]]

@@ -18,7 +18,7 @@ from visual_servo_epipolar.commands.replay_run import (
     result_of,
     shown,
 )
-from visual_servo_epipolar.commands.replay_words import compared_words
+from visual_servo_epipolar.commands.replay_text import compared_words
 from visual_servo_epipolar.commands.report_run import (
     caption_of,
     chosen,
@@ -33,9 +33,9 @@ from visual_servo_epipolar.commands.report_tables import (
     version_section,
 )
 from visual_servo_epipolar.commands.run_folder import versions
-from visual_servo_epipolar.core.camera import Camera
-from visual_servo_epipolar.core.motion import DESIRED_POSE
-from visual_servo_epipolar.core.telemetry import sample
+from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
+from visual_servo_epipolar.core.servo.telemetry import sample
 from visual_servo_epipolar.report.page import drawn, jpeg, Section, strip, table, write_page
 from visual_servo_epipolar.report.picture import picture
 

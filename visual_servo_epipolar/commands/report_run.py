@@ -15,7 +15,7 @@ from visual_servo_epipolar.commands.report_tables import (
     version_section,
 )
 from visual_servo_epipolar.commands.run_folder import versions
-from visual_servo_epipolar.core.run_log import phase_spans, RunLog, seconds, summarise
+from visual_servo_epipolar.core.servo.run_log import phase_spans, RunLog, seconds, summarise
 from visual_servo_epipolar.report import figures
 from visual_servo_epipolar.report.page import drawn, jpeg, Section, strip, Verdict, write_page
 from visual_servo_epipolar.report.run_file import load_run

@@ -5,9 +5,9 @@ from dataclasses import fields
 from typing import Any
 
 from visual_servo_epipolar.commands.console import WORDS
-from visual_servo_epipolar.core.servo_settings import ServoSettings
+from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import range_of, Settings
-from visual_servo_epipolar.core.tracker_settings import TrackerSettings
+from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.report.page import Cell, folded, Section, table
 from visual_servo_epipolar.simulation.scenario import Scenario
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from visual_servo_epipolar import __version__
 from visual_servo_epipolar.commands.arguments import write_json
-from visual_servo_epipolar.core.run_log import RunLog, summarise
+from visual_servo_epipolar.core.servo.run_log import RunLog, summarise
 from visual_servo_epipolar.report.run_file import RunFile, save_run
 from visual_servo_epipolar.simulation.scenario import Scenario
 

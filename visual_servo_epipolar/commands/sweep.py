@@ -17,7 +17,7 @@ from visual_servo_epipolar.commands.arguments import (
     write_json,
 )
 from visual_servo_epipolar.commands.console import Progress
-from visual_servo_epipolar.commands.tally import Tally
+from visual_servo_epipolar.commands.sweep_progress import Tally
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.simulation.regions import REGIONS
 from visual_servo_epipolar.simulation.views import SOURCES
@@ -27,7 +27,7 @@ from visual_servo_epipolar.sweeping.local import cores, local_workers
 from visual_servo_epipolar.sweeping.plan import Plan
 from visual_servo_epipolar.sweeping.provenance import digest
 from visual_servo_epipolar.sweeping.store import Store
-from visual_servo_epipolar.sweeping.verdict import defective, verdicts, wrong
+from visual_servo_epipolar.sweeping.summary import defective, verdicts, wrong
 
 LAWS = ('paper', 'corrected', 'full')
 DEFAULT_FOLDER = 'sweep_out'

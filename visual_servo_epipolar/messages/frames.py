@@ -10,7 +10,7 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.motion import Pose
+from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.messages import write
 
 AXIS_M, LINE_M, LETTER_M = 0.3, 0.02, 0.1

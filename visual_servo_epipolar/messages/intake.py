@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.core.camera import Camera
-from visual_servo_epipolar.core.features import Features
-from visual_servo_epipolar.core.tracking import Tracker
+from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.messages import read
 
 BORDER_PX = 1.0  # a refined feature may end a little outside of the image

@@ -10,14 +10,14 @@ from sensor_msgs.msg import CameraInfo, Image
 from visualization_msgs.msg import MarkerArray
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
-from visual_servo_epipolar.core.motion import Pose
+from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.messages.frames import Frame, frames, upright
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.run import spin
 from visual_servo_epipolar.simulation.camera_simulator import CameraSettings, CameraSimulator
 from visual_servo_epipolar.simulation.closed_loop import period_ns
-from visual_servo_epipolar.simulation.disturbances import DisturbanceSettings
+from visual_servo_epipolar.simulation.disturbances.image import DisturbanceSettings
 
 FRAME_ID = 'camera_optical_frame'
 WARN_PERIOD_S = 2.0

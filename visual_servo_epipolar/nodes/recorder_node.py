@@ -21,7 +21,7 @@ from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.discovery import Wish
-from visual_servo_epipolar.nodes.ears import Ears
+from visual_servo_epipolar.nodes.raw_subscriptions import Ears
 from visual_servo_epipolar.nodes.run import spin
 
 LOOK_PERIOD_S = 0.2

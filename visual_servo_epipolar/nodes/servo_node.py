@@ -15,17 +15,17 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
-from visual_servo_epipolar.core.camera import Camera
-from visual_servo_epipolar.core.interruptions import interrupted, Interruption
-from visual_servo_epipolar.core.motion import STANDSTILL, Twist
-from visual_servo_epipolar.core.perception import observe
-from visual_servo_epipolar.core.phases import DRIVING
-from visual_servo_epipolar.core.servo import step
-from visual_servo_epipolar.core.servo_settings import ServoSettings
-from visual_servo_epipolar.core.servo_state import ServoState
+from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.perception.perceive import observe
+from visual_servo_epipolar.core.servo.interruptions import interrupted, Interruption
+from visual_servo_epipolar.core.servo.phases.table import DRIVING
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.step import step
+from visual_servo_epipolar.core.servo.telemetry import telemetry
 from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.core.stamps import seconds_between
-from visual_servo_epipolar.core.telemetry import telemetry
 from visual_servo_epipolar.messages import (
     intake,
     journal,

@@ -15,12 +15,12 @@ from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.arrays import as_gray
 from visual_servo_epipolar.core.arrays import Image as Pixels
-from visual_servo_epipolar.core.camera import Camera
 from visual_servo_epipolar.core.errors import TrackingError
-from visual_servo_epipolar.core.features import Features
+from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.settings import setting, Settings
-from visual_servo_epipolar.core.tracker_settings import TrackerSettings
-from visual_servo_epipolar.core.tracking import Tracker
+from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.core.tracking.settings import TrackerSettings
+from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.messages import intake, journal, read, settings_text, write
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.run import spin

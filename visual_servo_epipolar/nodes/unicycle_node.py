@@ -12,13 +12,13 @@ from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import Trigger
 
-from visual_servo_epipolar.core.motion import Pose
+from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.run import spin
+from visual_servo_epipolar.simulation.bases.pioneer import BaseSettings, Pioneer
 from visual_servo_epipolar.simulation.closed_loop import period_ns
-from visual_servo_epipolar.simulation.pioneer import BaseSettings, Pioneer
 
 WARN_PERIOD_S = 2.0
 BEGIN_PERIOD_S = 0.5

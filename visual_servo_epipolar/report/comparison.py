@@ -11,7 +11,7 @@ from matplotlib.ticker import MaxNLocator
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.run_log import PhaseSpan
+from visual_servo_epipolar.core.servo.run_log import PhaseSpan
 from visual_servo_epipolar.report.panels import draw_strip, phase_patches, robust_limit
 from visual_servo_epipolar.report.style import CURRENT_COLOUR, FIGURE_SETTINGS, INK
 

@@ -12,8 +12,8 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Circle, Patch, Polygon, Rectangle
 import numpy as np
 
-from visual_servo_epipolar.core.motion import DESIRED_POSE, Pose
-from visual_servo_epipolar.core.run_log import phase_spans, RunLog, Sample, seconds
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
+from visual_servo_epipolar.core.servo.run_log import phase_spans, RunLog, Sample, seconds
 from visual_servo_epipolar.report.panels import draw_strip, PANELS, phase_patches, shade
 from visual_servo_epipolar.report.style import (
     CURRENT_COLOUR,

@@ -6,8 +6,8 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
-from visual_servo_epipolar.core.motion import DESIRED_POSE, Pose
-from visual_servo_epipolar.core.run_log import Sample
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
+from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.report.drawing import (
     BGR,

@@ -3,11 +3,15 @@
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
-from visual_servo_epipolar.core.camera import Camera
-from visual_servo_epipolar.core.epipolar import Bearings, fundamental_from_bearings, in_pixels
-from visual_servo_epipolar.core.features import Features
-from visual_servo_epipolar.core.motion import HALF_PI, wrap_angle
-from visual_servo_epipolar.core.run_log import Sample
+from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.epipolar import (
+    Bearings,
+    fundamental_from_bearings,
+    in_pixels,
+)
+from visual_servo_epipolar.core.geometry.motion import HALF_PI, wrap_angle
+from visual_servo_epipolar.core.servo.run_log import Sample
+from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.report.overlay import draw_overlay
 
 

@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.motion import Pose, Twist
-from visual_servo_epipolar.core.phases import Phase
-from visual_servo_epipolar.core.run_log import RunLog, Sample
+from visual_servo_epipolar.core.geometry.motion import Pose, Twist
+from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
 
 FILE = 'run.json'
 FORMAT = 1

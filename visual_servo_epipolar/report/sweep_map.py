@@ -15,7 +15,7 @@ from matplotlib.patches import Polygon
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.motion import DESIRED_POSE, HALF_PI
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, HALF_PI
 from visual_servo_epipolar.report.style import (
     FIELD_OF_VIEW,
     FIGURE_SETTINGS,

@@ -8,7 +8,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 import numpy as np
 
-from visual_servo_epipolar.core.motion import Pose
+from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.report.style import INK, robot_body, robot_nose
 
 GHOST = '#8C8C8C'

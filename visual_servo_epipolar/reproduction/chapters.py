@@ -6,7 +6,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from visual_servo_epipolar.core.run_log import summarise
+from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.reproduction import experiment_figures, sensitivity
 from visual_servo_epipolar.reproduction import simulation_figures as figures
 from visual_servo_epipolar.reproduction.experiment import experiment, scenario

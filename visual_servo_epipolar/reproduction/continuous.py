@@ -11,12 +11,12 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core import laws
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.epipolar import Bearings
-from visual_servo_epipolar.core.motion import HALF_PI, Pose, Twist
-from visual_servo_epipolar.core.perception import feature_difference
-from visual_servo_epipolar.reproduction.eye import Eye, Reading
+from visual_servo_epipolar.core.control import laws
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, Twist
+from visual_servo_epipolar.core.perception.perceive import feature_difference
+from visual_servo_epipolar.reproduction.camera import Eye, Reading
 
 GRADING = 0.02  # of the time left until e_du = 0: there the law is not Lipschitz
 LONGEST_STEP_S = 0.01  # before e_du is zero

@@ -7,21 +7,21 @@ from typing import Any
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.core.features import Features
-from visual_servo_epipolar.core.motion import Pose
-from visual_servo_epipolar.core.run_log import RunLog, Sample
-from visual_servo_epipolar.core.servo_settings import ServoSettings
+from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
+from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import setting
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-from visual_servo_epipolar.core.tracker_settings import TrackerSettings
-from visual_servo_epipolar.core.tracking import Tracker
+from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.core.tracking.settings import TrackerSettings
+from visual_servo_epipolar.core.tracking.tracker import Tracker
+from visual_servo_epipolar.simulation.bases.pioneer import BaseSettings
 from visual_servo_epipolar.simulation.camera_simulator import (
     CameraSettings,
     CameraSimulator,
     ImageView,
 )
 from visual_servo_epipolar.simulation.closed_loop import run, View
-from visual_servo_epipolar.simulation.pioneer import BaseSettings
 from visual_servo_epipolar.simulation.point_world import PointSettings
 from visual_servo_epipolar.simulation.scenario import RunSettings, Scenario
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from visual_servo_epipolar.core.run_log import seconds
+from visual_servo_epipolar.core.servo.run_log import seconds
 from visual_servo_epipolar.reproduction.experiment import (
     Experiment,
     FEATURES,

@@ -9,9 +9,9 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.motion import DESIRED_POSE
-from visual_servo_epipolar.core.phases import Phase
-from visual_servo_epipolar.core.run_log import RunLog, seconds
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
+from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.servo.run_log import RunLog, seconds
 from visual_servo_epipolar.report.style import (
     CURRENT_COLOUR,
     DESIRED_COLOUR,

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from visual_servo_epipolar.core.motion import integrate
+from visual_servo_epipolar.core.geometry.motion import integrate
 from visual_servo_epipolar.reproduction.continuous import Case, Instant, Simulation
 
 

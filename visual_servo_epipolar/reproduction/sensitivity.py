@@ -9,7 +9,7 @@ import multiprocessing
 import os
 from typing import Any
 
-from visual_servo_epipolar.core.run_log import summarise
+from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.reproduction.experiment import (
     FOCAL_PX,
     PRINTED_K_T,

@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 import numpy as np
 
-from visual_servo_epipolar.core.motion import DESIRED_POSE
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.report.style import CURRENT_COLOUR, DESIRED_COLOUR, FIGURE_SETTINGS, INK
 from visual_servo_epipolar.reproduction.canvas import draw_robot, GHOST, label, page
 from visual_servo_epipolar.reproduction.continuous import Instant

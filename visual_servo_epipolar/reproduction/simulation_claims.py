@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
+from visual_servo_epipolar.reproduction.camera import Eye
 from visual_servo_epipolar.reproduction.continuous import Course
-from visual_servo_epipolar.reproduction.eye import Eye
 from visual_servo_epipolar.reproduction.simulations import (
     growth_ratio,
     largest_gap,

@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.motion import DESIRED_POSE
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.report.style import (
     CURRENT_COLOUR,
     DESIRED_COLOUR,
@@ -14,9 +14,9 @@ from visual_servo_epipolar.report.style import (
     INK,
     PHASE_COLOURS,
 )
+from visual_servo_epipolar.reproduction.camera import Eye
 from visual_servo_epipolar.reproduction.canvas import draw_robot, GHOST, label, new_figure
 from visual_servo_epipolar.reproduction.continuous import Course
-from visual_servo_epipolar.reproduction.eye import Eye
 from visual_servo_epipolar.reproduction.fits import decay
 
 FIRST, SECOND = PHASE_COLOURS['zeroing_epipoles'], PHASE_COLOURS['matching_features']

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.motion import HALF_PI, Pose
+from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose
+from visual_servo_epipolar.reproduction.camera import Eye
 from visual_servo_epipolar.reproduction.continuous import Case, Course, Instant, run
-from visual_servo_epipolar.reproduction.eye import Eye
 from visual_servo_epipolar.reproduction.fits import Decay, decay
 from visual_servo_epipolar.reproduction.sampled import sampled
 

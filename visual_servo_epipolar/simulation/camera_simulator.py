@@ -3,16 +3,16 @@
 from dataclasses import dataclass, replace
 
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.core.camera import Camera
-from visual_servo_epipolar.core.features import Features
-from visual_servo_epipolar.core.motion import DESIRED_POSE, Pose
+from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.settings import setting, Settings
-from visual_servo_epipolar.core.tracking import Tracker
-from visual_servo_epipolar.simulation.disturbances import Disturbances, DisturbanceSettings
-from visual_servo_epipolar.simulation.mounting import CameraMount, floor_jitter
-from visual_servo_epipolar.simulation.renderer import Renderer
-from visual_servo_epipolar.simulation.scene import room
-from visual_servo_epipolar.simulation.sensor import DESIRED_FRAME, Sensor, SensorSettings
+from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.core.tracking.tracker import Tracker
+from visual_servo_epipolar.simulation.disturbances.image import Disturbances, DisturbanceSettings
+from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, floor_jitter
+from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME, Sensor, SensorSettings
+from visual_servo_epipolar.simulation.rendering.renderer import Renderer
+from visual_servo_epipolar.simulation.rooms.scene import room
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -6,25 +6,29 @@ from typing import Protocol
 
 import numpy as np
 
-from visual_servo_epipolar.core.camera import Camera
-from visual_servo_epipolar.core.features import Features
-from visual_servo_epipolar.core.motion import Pose, quaternion_from_yaw, yaw_from_quaternion
-from visual_servo_epipolar.core.perception import (
+from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.motion import (
+    Pose,
+    quaternion_from_yaw,
+    yaw_from_quaternion,
+)
+from visual_servo_epipolar.core.perception.perceive import (
     Glimpse,
+    Measurement,
     Observation,
     observe_each,
     perceive_each,
-    Sight,
 )
-from visual_servo_epipolar.core.phases import ENDED, Phase
-from visual_servo_epipolar.core.run_log import RunLog, Sample
-from visual_servo_epipolar.core.servo import advance, step
-from visual_servo_epipolar.core.servo_settings import ServoSettings
-from visual_servo_epipolar.core.servo_state import ServoState
+from visual_servo_epipolar.core.servo.phases.table import ENDED, Phase
+from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.step import advance, step
+from visual_servo_epipolar.core.servo.telemetry import sample, telemetry
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-from visual_servo_epipolar.core.telemetry import sample, telemetry
+from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.simulation import point_world
-from visual_servo_epipolar.simulation.pioneer import BaseSettings, Pioneer
+from visual_servo_epipolar.simulation.bases.pioneer import BaseSettings, Pioneer
 from visual_servo_epipolar.simulation.point_world import PointWorld
 
 Step = Callable[[ServoState, Observation, ServoSettings], ServoState]
@@ -132,11 +136,11 @@ class Loop:
 
     def glimpse(self, observation: Observation) -> Glimpse:
         """Return what is to be perceived."""
-        return Glimpse.after(self._state.sight, observation, self._servo, self._state.frame)
+        return Glimpse.after(self._state.measurement, observation, self._servo, self._state.frame)
 
-    def decide(self, sight: Sight) -> None:
+    def decide(self, measurement: Measurement) -> None:
         """Take in what was perceived."""
-        self._state = advance(self._state, sight, self._servo)
+        self._state = advance(self._state, measurement, self._servo)
 
     def decide_by(self, control: Step) -> None:
         """Look, and let ``control`` take it in."""
@@ -225,8 +229,8 @@ def run_many(
         lap('world')
         sights = perceive_each(glimpses)
         lap('perception')
-        for loop, sight in zip(going, sights, strict=True):
-            loop.decide(sight)
+        for loop, measurement in zip(going, sights, strict=True):
+            loop.decide(measurement)
         lap('servo')
         for loop in going:
             loop.record()

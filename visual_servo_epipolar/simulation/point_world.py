@@ -6,13 +6,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
-from visual_servo_epipolar.core.camera import Camera
-from visual_servo_epipolar.core.features import Features
-from visual_servo_epipolar.core.motion import DESIRED_POSE, Pose
+from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.settings import setting, Settings
-from visual_servo_epipolar.simulation.disturbances import Disturbances
-from visual_servo_epipolar.simulation.mounting import CameraMount, floor_jitter
-from visual_servo_epipolar.simulation.sensor import DESIRED_FRAME
+from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.simulation.disturbances.image import Disturbances
+from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, floor_jitter
+from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME
 
 MIN_DEPTH_M = 0.3
 BLOCK = 32  # frames whose noise is drawn at once: to begin a generator takes longer

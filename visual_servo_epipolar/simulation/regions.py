@@ -7,15 +7,15 @@ from functools import lru_cache
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
-from visual_servo_epipolar.core.candidates import Candidates
 from visual_servo_epipolar.core.errors import InputError, TrackingError
-from visual_servo_epipolar.core.matching import desired_view
-from visual_servo_epipolar.core.motion import DESIRED_POSE, Pose
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
+from visual_servo_epipolar.core.tracking.candidates import Candidates
+from visual_servo_epipolar.core.tracking.matching import desired_view
 from visual_servo_epipolar.simulation.camera_simulator import CameraSettings
-from visual_servo_epipolar.simulation.ground import Ground
-from visual_servo_epipolar.simulation.renderer import Renderer
+from visual_servo_epipolar.simulation.rendering.renderer import Renderer
+from visual_servo_epipolar.simulation.rooms.ground import Ground
+from visual_servo_epipolar.simulation.rooms.scene import room
 from visual_servo_epipolar.simulation.scenario import Scenario
-from visual_servo_epipolar.simulation.scene import room
 from visual_servo_epipolar.simulation.views import points_of
 
 Start = tuple[float, float, float]

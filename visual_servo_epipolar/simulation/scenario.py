@@ -8,13 +8,13 @@ from typing import Any
 import yaml
 
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.servo_settings import ServoSettings
+from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import setting, Settings, updated
-from visual_servo_epipolar.core.tracker_settings import TrackerSettings
+from visual_servo_epipolar.core.tracking.settings import TrackerSettings
+from visual_servo_epipolar.simulation.bases.pioneer import BaseSettings
 from visual_servo_epipolar.simulation.camera_simulator import CameraSettings
 from visual_servo_epipolar.simulation.closed_loop import LoopSettings
-from visual_servo_epipolar.simulation.disturbances import DisturbanceSettings
-from visual_servo_epipolar.simulation.pioneer import BaseSettings
+from visual_servo_epipolar.simulation.disturbances.image import DisturbanceSettings
 from visual_servo_epipolar.simulation.point_world import PointSettings
 
 

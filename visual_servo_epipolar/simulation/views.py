@@ -1,9 +1,9 @@
 """What the servo sees in a run in memory: point features, or images through a tracker."""
 
-from visual_servo_epipolar.core.tracking import Tracker
+from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
 from visual_servo_epipolar.simulation.closed_loop import View
-from visual_servo_epipolar.simulation.disturbances import Disturbances, DisturbanceSettings
+from visual_servo_epipolar.simulation.disturbances.image import Disturbances, DisturbanceSettings
 from visual_servo_epipolar.simulation.point_world import PointWorld
 from visual_servo_epipolar.simulation.scenario import Scenario
 

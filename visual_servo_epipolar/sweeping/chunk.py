@@ -9,7 +9,7 @@ from typing import Any
 
 import cv2
 
-from visual_servo_epipolar.core.run_log import summarise
+from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.simulation.closed_loop import run, run_many
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import Scenario

@@ -15,8 +15,8 @@ original convergence is not exponential: the turn fades with e2.
 from dataclasses import dataclass
 import math
 
-from visual_servo_epipolar.benchmarks.peer_laws.reading import Reading
-from visual_servo_epipolar.core.motion import Twist
+from visual_servo_epipolar.benchmarks.peer_laws.pose_measurement import Reading
+from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.settings import setting, Settings
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.motion import Twist
+from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.settings import setting, Settings
 
 

@@ -10,8 +10,8 @@ left is noise, the robot covers the way ahead and turns to the final heading.
 from dataclasses import dataclass
 import math
 
-from visual_servo_epipolar.benchmarks.peer_laws.reading import Reading
-from visual_servo_epipolar.core.motion import Twist, wrap_angle
+from visual_servo_epipolar.benchmarks.peer_laws.pose_measurement import Reading
+from visual_servo_epipolar.core.geometry.motion import Twist, wrap_angle
 from visual_servo_epipolar.core.settings import setting, Settings
 
 

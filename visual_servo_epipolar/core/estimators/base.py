@@ -7,8 +7,8 @@ from typing import Protocol
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
-from visual_servo_epipolar.core.epipolar import Bearings
-from visual_servo_epipolar.core.lens import CALIBRATED, Lens
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.lens import CALIBRATED, Lens
 
 COLD_DEVIATION = math.radians(2.0)  # of tilt and roll of a camera that nobody calibrated
 
@@ -49,9 +49,9 @@ class Estimate:
 
     ``inliers`` has shape (N,); ``fundamental`` is for rays; ``confidence`` of the cheirality vote
     runs from 0 to 1; ``covariance`` of (psi, phi) has shape (2, 2) [rad^2], nan where the
-    estimator has none. ``attitude`` is the camera's as estimated. ``rival`` is another geometry
-    that fits nearly as well, as there is one wherever a plane dominates the scene. ``jump`` is by
-    how much tilt and roll differ between the views [rad].
+    estimator has none. ``attitude`` is the camera's as estimated. ``alternative`` is another
+    geometry that fits nearly as well, as there is one wherever a plane dominates the scene.
+    ``jump`` is by how much tilt and roll differ between the views [rad].
     """
 
     bearings: Bearings
@@ -60,7 +60,7 @@ class Estimate:
     confidence: float
     covariance: FloatArray
     attitude: Attitude | None = None
-    rival: Bearings | None = None
+    alternative: Bearings | None = None
     jump: float = 0.0
     lens: Lens = CALIBRATED
     lens_covariance: FloatArray | None = None

@@ -5,8 +5,10 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
-from visual_servo_epipolar.core.cheirality import oriented_bearings
-from visual_servo_epipolar.core.epipolar import (
+from visual_servo_epipolar.core.errors import DegenerateGeometryError
+from visual_servo_epipolar.core.estimators.base import Estimate, Prior, UNKNOWN_COVARIANCE
+from visual_servo_epipolar.core.geometry.cheirality import oriented_bearings
+from visual_servo_epipolar.core.geometry.epipolar import (
     design_matrix,
     fundamental_from_matches,
     hartley_normalisation,
@@ -14,8 +16,6 @@ from visual_servo_epipolar.core.epipolar import (
     sampson_distance,
     transform,
 )
-from visual_servo_epipolar.core.errors import DegenerateGeometryError
-from visual_servo_epipolar.core.estimators.base import Estimate, Prior, UNKNOWN_COVARIANCE
 
 SUBSETS = 560  # one of 26 matches is clean with probability 99 % at 40 % outliers
 INLIER_DEVIATIONS = 2.5

@@ -5,11 +5,18 @@ from collections.abc import Sequence
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
-from visual_servo_epipolar.core.cheirality import balances, oriented
-from visual_servo_epipolar.core.epipolar import Bearings, fundamentals
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior
-from visual_servo_epipolar.core.estimators.planar import (
+from visual_servo_epipolar.core.estimators.machinery.batch import (
+    alone,
+    Answer,
+    answers,
+    Method,
+    Views,
+    views_of,
+)
+from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
     chosen_mode,
+    FAMILIES,
     fused,
     INLIER_DEVIATIONS,
     modes,
@@ -19,7 +26,7 @@ from visual_servo_epipolar.core.estimators.planar import (
     two_point_hypotheses,
     undetermined,
 )
-from visual_servo_epipolar.core.estimators.refinement import (
+from visual_servo_epipolar.core.estimators.machinery.refinement import (
     Belief,
     Fit,
     followed,
@@ -27,34 +34,14 @@ from visual_servo_epipolar.core.estimators.refinement import (
     problem,
     refined,
 )
-from visual_servo_epipolar.core.estimators.sampson import table_of
-from visual_servo_epipolar.core.estimators.side_by_side import (
-    alone,
-    Answer,
-    answers,
-    Method,
-    Views,
-    views_of,
-)
+from visual_servo_epipolar.core.estimators.machinery.sampson import table_of
+from visual_servo_epipolar.core.geometry.cheirality import balances, oriented
+from visual_servo_epipolar.core.geometry.epipolar import Bearings, fundamentals
 
 MIN_MATCHES = 3
 PAIRS = 130  # of matches: with 40 % outliers, 47 of them are good
 MODES = 2
 NOTHING = Belief(np.zeros(2), np.zeros(2))
-
-
-def _families() -> FloatArray:
-    """Return the constants that turn (p0, p1, q0, q1) into F, dF/dpsi and dF/dphi, (4, 27)."""
-    made = np.zeros((4, 3, 3, 3))
-    p0, p1, q0, q1 = made
-    # F = [[0, -p1, 0], [q0, 0, q1], [0, p0, 0]]; d(p0, p1)/dpsi = (-p1, p0).
-    p1[0, 0, 1], q0[0, 1, 0], q1[0, 1, 2], p0[0, 2, 1] = -1.0, 1.0, 1.0, 1.0
-    p0[1, 0, 1], p1[1, 2, 1] = -1.0, -1.0
-    q1[2, 1, 0], q0[2, 1, 2] = -1.0, 1.0
-    return made.reshape(4, 27)
-
-
-FAMILIES = _families()
 
 
 def planar_2dof(
@@ -110,8 +97,8 @@ def _search(rays: Rays, noise: float, prior: Prior) -> tuple[Fit, int, Bearings 
     found = refined(
         start, problem(_model, table_of(rays, noise), NOTHING), negligible=NEGLIGIBLE * noise
     )
-    best, rival = chosen_mode(found.parameters, found.costs, prior)
-    return found, best, rival
+    best, alternative = chosen_mode(found.parameters, found.costs, prior)
+    return found, best, alternative
 
 
 def _candidates(rays: Rays, noise: float) -> FloatArray:
@@ -145,11 +132,11 @@ def _conclude(
             agree[k],
             min(abs(vote), 1.0),
             covariance[k],
-            rival=rival,
+            alternative=alternative,
         )
         if sure
         else undetermined()
-        for k, ((psi, phi), vote, sure, rival) in enumerate(rows)
+        for k, ((psi, phi), vote, sure, alternative) in enumerate(rows)
     ]
 
 

@@ -3,10 +3,9 @@
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, ComplexArray, FloatArray
-from visual_servo_epipolar.core.cheirality import cheirality
-from visual_servo_epipolar.core.epipolar import Bearings
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior
-from visual_servo_epipolar.core.estimators.planar import (
+from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
+    FAMILIES,
     fused,
     INLIER_DEVIATIONS,
     modes,
@@ -17,15 +16,16 @@ from visual_servo_epipolar.core.estimators.planar import (
     too_few,
     undetermined,
 )
-from visual_servo_epipolar.core.estimators.planar_2dof import FAMILIES
-from visual_servo_epipolar.core.estimators.refinement import (
+from visual_servo_epipolar.core.estimators.machinery.refinement import (
     Belief,
     Fit,
     NEGLIGIBLE,
     problem,
     refined,
 )
-from visual_servo_epipolar.core.estimators.sampson import squared_distances, table_of
+from visual_servo_epipolar.core.estimators.machinery.sampson import squared_distances, table_of
+from visual_servo_epipolar.core.geometry.cheirality import cheirality
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
 
 MIN_MATCHES = 4
 TRIPLES = 400

@@ -7,22 +7,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
-from visual_servo_epipolar.core.cheirality import balances, oriented
-from visual_servo_epipolar.core.epipolar import Bearings, fundamentals
-from visual_servo_epipolar.core.estimators.attitude import Attitudes, attitudes_of, level
 from visual_servo_epipolar.core.estimators.base import Attitude, Estimate, Prior
-from visual_servo_epipolar.core.estimators.nearly_upright import (
-    cameras,
-    matrices,
-    PHI,
-    PSI,
-    ROLL,
-    ROLL_JUMP,
-    TILT,
-    TILT_JUMP,
-    TO_CAMERAS,
+from visual_servo_epipolar.core.estimators.machinery.attitude import Attitudes, attitudes_of, level
+from visual_servo_epipolar.core.estimators.machinery.batch import (
+    alone,
+    Answer,
+    answers,
+    Method,
+    Views,
+    views_of,
 )
-from visual_servo_epipolar.core.estimators.planar import (
+from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
     chosen_mode,
     fused,
     INLIER_DEVIATIONS,
@@ -34,7 +29,7 @@ from visual_servo_epipolar.core.estimators.planar import (
     two_point_hypotheses,
     undetermined,
 )
-from visual_servo_epipolar.core.estimators.refinement import (
+from visual_servo_epipolar.core.estimators.machinery.refinement import (
     Belief,
     Fit,
     followed,
@@ -42,15 +37,20 @@ from visual_servo_epipolar.core.estimators.refinement import (
     problem,
     refined,
 )
-from visual_servo_epipolar.core.estimators.sampson import table_of
-from visual_servo_epipolar.core.estimators.side_by_side import (
-    alone,
-    Answer,
-    answers,
-    Method,
-    Views,
-    views_of,
+from visual_servo_epipolar.core.estimators.machinery.sampson import table_of
+from visual_servo_epipolar.core.estimators.machinery.tilted_planar import (
+    cameras,
+    matrices,
+    PHI,
+    PSI,
+    ROLL,
+    ROLL_JUMP,
+    TILT,
+    TILT_JUMP,
+    TO_CAMERAS,
 )
+from visual_servo_epipolar.core.geometry.cheirality import balances, oriented
+from visual_servo_epipolar.core.geometry.epipolar import Bearings, fundamentals
 
 MIN_MATCHES = 5
 COLD = math.radians(0.3)  # above this deviation of the tilt, hypotheses are made for several tilts
@@ -142,7 +142,7 @@ def searched(
     solutions: Callable[[FloatArray], Fit], prior: Prior, rays: Rays
 ) -> tuple[Fit, int, Bearings | None]:
     """
-    Return refined fits, the best one's place, and a rival; a cold camera costs more.
+    Return refined fits, the best one's place, and an alternative; a cold camera costs more.
 
     ``solutions`` refines hypotheses with jumps of the tilt, in jitters.
     """
@@ -151,8 +151,8 @@ def searched(
     if cold and found.costs.min() > POOR * INLIER_DEVIATIONS**2 * len(rays.u_a):
         # Few matches agree: the floor may have tilted the camera more than hypotheses bear.
         found = solutions(JUMPS)
-    best, rival = chosen_mode(found.parameters[:, : PHI + 1], found.costs, prior)
-    return found, best, rival
+    best, alternative = chosen_mode(found.parameters[:, : PHI + 1], found.costs, prior)
+    return found, best, alternative
 
 
 def _solutions(
@@ -245,12 +245,12 @@ def concluded(
             min(abs(vote), 1.0),
             covariance[k, :2, :2],
             attitude=Attitude(row[TILT], row[ROLL], known[0], known[1], prior.attitude.jitter),
-            rival=rival,
+            alternative=alternative,
             jump=math.hypot(row[TILT_JUMP], row[ROLL_JUMP]),
         )
         if determined[k]
         else undetermined()
-        for k, (row, vote, known, prior, rival) in enumerate(rows)
+        for k, (row, vote, known, prior, alternative) in enumerate(rows)
     ]
 
 

@@ -14,16 +14,21 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
-from visual_servo_epipolar.core.epipolar import Bearings
-from visual_servo_epipolar.core.estimators.attitude import attitudes_of
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior
-from visual_servo_epipolar.core.estimators.nearly_upright import matrices, PHI, PSI, ROLL, TILT
-from visual_servo_epipolar.core.estimators.planar import (
+from visual_servo_epipolar.core.estimators.machinery.attitude import attitudes_of
+from visual_servo_epipolar.core.estimators.machinery.batch import (
+    Answer,
+    answers,
+    Method,
+    Views,
+    views_of,
+)
+from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
     fused,
     INLIER_DEVIATIONS,
     Rays,
 )
-from visual_servo_epipolar.core.estimators.refinement import (
+from visual_servo_epipolar.core.estimators.machinery.refinement import (
     Belief,
     Fit,
     followed,
@@ -31,13 +36,13 @@ from visual_servo_epipolar.core.estimators.refinement import (
     problem,
     refined,
 )
-from visual_servo_epipolar.core.estimators.sampson import table_of
-from visual_servo_epipolar.core.estimators.side_by_side import (
-    Answer,
-    answers,
-    Method,
-    Views,
-    views_of,
+from visual_servo_epipolar.core.estimators.machinery.sampson import table_of
+from visual_servo_epipolar.core.estimators.machinery.tilted_planar import (
+    matrices,
+    PHI,
+    PSI,
+    ROLL,
+    TILT,
 )
 from visual_servo_epipolar.core.estimators.soft_planar import (
     belief_of,
@@ -48,7 +53,8 @@ from visual_servo_epipolar.core.estimators.soft_planar import (
     MIN_MATCHES,
     searched,
 )
-from visual_servo_epipolar.core.lens import for_wrong_rays, Lens
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.lens import for_wrong_rays, Lens
 
 # Places among the parameters: log r, the rest of h, and k, which is known. What is known before of
 # log r and h is correlated; of log r and h - k log r it is not.
@@ -69,8 +75,8 @@ def soft_uncalibrated_each(
 
 def model(parameters: FloatArray) -> FloatArray:
     """Return A^T E A and its derivatives by ``parameters``, shape (K, 9), as rows: (K, 10, 9)."""
-    log_ratio, rest, tie = parameters[:, RATIO:, None, None].swapaxes(0, 1)
-    ratio, shift = np.exp(log_ratio), rest + tie * log_ratio
+    log_ratio, rest, shift_slope = parameters[:, RATIO:, None, None].swapaxes(0, 1)
+    ratio, shift = np.exp(log_ratio), rest + shift_slope * log_ratio
     made = np.zeros((len(parameters), 10, 9))
     made[:, : RATIO + 1] = matrices(parameters[:, :RATIO])
     made[:, RATIO + 1] = made[:, 0] * POWERS
@@ -83,7 +89,7 @@ def model(parameters: FloatArray) -> FloatArray:
     by_shift[:, :, 2] = solid[:, 0, :, 0]
     by_shift[:, 2] += solid[:, 0, 0]
     by_shift /= ratio
-    solid[:, RATIO + 1] += (tie - shift) * by_shift
+    solid[:, RATIO + 1] += (shift_slope - shift) * by_shift
     return made
 
 
@@ -139,13 +145,13 @@ def _candidates(
     rays: Rays, noise: float, prior: Prior, jumps: FloatArray, log_ratio: float
 ) -> FloatArray:
     """Return candidates with one focal length, shape (K, 9)."""
-    ratio, tie = math.exp(log_ratio), prior.lens.tie
-    shift = tie * log_ratio
+    ratio, shift_slope = math.exp(log_ratio), prior.lens.shift_slope
+    shift = shift_slope * log_ratio
     u_a, v_a, u_d, v_d = (ratio * part for part in rays)
     found = candidates(
         Rays(u_a + shift, v_a, u_d + shift, v_d), ratio * noise, prior.attitude, jumps
     )
-    return np.hstack([found, np.tile([log_ratio, 0.0, tie], (len(found), 1))])
+    return np.hstack([found, np.tile([log_ratio, 0.0, shift_slope], (len(found), 1))])
 
 
 def _conclude(
@@ -153,8 +159,8 @@ def _conclude(
 ) -> list[Answer]:
     covariance = fit.covariance()
     found, determined = fused(fit.parameters, covariance, views.before, views.deviation)
-    log_ratio, rest, tie = found[:, RATIO:].T
-    ratio, shift = np.exp(log_ratio), rest + tie * log_ratio
+    log_ratio, rest, shift_slope = found[:, RATIO:].T
+    ratio, shift = np.exp(log_ratio), rest + shift_slope * log_ratio
     u_a, v_a, u_d, v_d = (ratio[:, None] * part for part in views.rays)
     rays = Rays(u_a + shift[:, None], v_a, u_d + shift[:, None], v_d)
     given = np.asarray(np.linalg.inv(fit.information[:, :RATIO, :RATIO]), dtype=np.float64)
@@ -164,14 +170,14 @@ def _conclude(
         Fused(found[:, :RATIO], given, determined),
         rivals,
     )
-    lenses = map(_lens, log_ratio.tolist(), shift.tolist(), tie, covariance)
+    lenses = map(_lens, log_ratio.tolist(), shift.tolist(), shift_slope, covariance)
     spare = covariance[:, :RATIO, :RATIO] - given
     return [_with_lens(*row) for row in zip(made, lenses, spare, strict=True)]
 
 
-def _lens(log_ratio: float, shift: float, tie: float, covariance: FloatArray) -> Lens:
+def _lens(log_ratio: float, shift: float, shift_slope: float, covariance: FloatArray) -> Lens:
     """Return the lens found, with its part of the ``covariance`` of the parameters, (9, 9)."""
-    to_lens = np.array([[1.0, 0.0], [tie, 1.0]])  # h is the rest and k log r
+    to_lens = np.array([[1.0, 0.0], [shift_slope, 1.0]])  # h is the rest and k log r
     return Lens.of(log_ratio, shift, to_lens @ covariance[RATIO:TIE, RATIO:TIE] @ to_lens.T)
 
 

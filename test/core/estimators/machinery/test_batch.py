@@ -1,0 +1,114 @@
+"""Many views at once: each is perceived as it would be alone, to the last bit."""
+
+from dataclasses import replace
+import math
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from strategies import CAMERA
+
+from visual_servo_epipolar.benchmarks.estimation_scenes import Cell, draw_pair, Pair
+from visual_servo_epipolar.core.errors import DegenerateGeometryError
+from visual_servo_epipolar.core.estimators.base import Estimate, Prior
+from visual_servo_epipolar.core.estimators.registry import EACH, estimates, ESTIMATORS
+from visual_servo_epipolar.core.perception.perceive import (
+    Glimpse,
+    Observation,
+    observe,
+    observe_each,
+    perceive,
+    perceive_each,
+)
+from visual_servo_epipolar.core.perception.validation import fresh_memory
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.tracking.features import Features
+
+CELL = Cell(baseline=3.0, tilt=0.3, jitter=0.1, outliers=0.1, points=30)
+
+
+def pair_of(seed: int) -> Pair:
+    return draw_pair(CELL, np.random.default_rng((1, seed)))
+
+
+def glimpse(seed: int, *, count: int, estimator: str, known: bool, law: str) -> Glimpse:
+    """Return a glimpse of ``count`` features, with the bearings of the frame before if known."""
+    pair, told = pair_of(seed), ServoSettings(estimator=estimator, law=law, seed=seed)
+    memory = fresh_memory(told)
+    if known:
+        off = math.radians(0.5)
+        before = replace(pair.bearings, psi=pair.bearings.psi + off)
+        memory = replace(memory, bearings=before)
+    seen = Observation(seed, pair.current[:count], pair.desired[:count], 769.0)
+    return Glimpse(seen, told, seed, memory)
+
+
+def glimpses() -> st.SearchStrategy[Glimpse]:
+    return st.builds(
+        glimpse,
+        st.integers(0, 30),
+        count=st.sampled_from([5, 20, 30]),
+        estimator=st.sampled_from(['soft_planar', 'soft_planar', 'planar_2dof', 'planar_3dof']),
+        known=st.booleans(),
+        law=st.sampled_from(['full', 'corrected']),
+    )
+
+
+@settings(max_examples=30)
+@given(st.lists(glimpses(), max_size=9))
+def test_company_changes_nothing(seen: list[Glimpse]) -> None:
+    # By text, as what could not be seen is nan; every digit counts.
+    assert [repr(it) for it in perceive_each(seen)] == [repr(perceive(*it)) for it in seen]
+
+
+def test_more_views_than_a_stack_holds_are_perceived_in_their_order() -> None:
+    seen = [
+        glimpse(k, count=30, estimator='planar_2dof', known=True, law='full') for k in range(70)
+    ]
+    assert [measurement.stamp_ns for measurement in perceive_each(seen)] == list(range(70))
+
+
+@pytest.mark.parametrize('name', EACH)
+def test_a_view_that_cannot_answer_does_not_silence_the_others(name: str) -> None:
+    pairs = [pair_of(k) for k in range(3)]
+    current = np.array([pair.current for pair in pairs])
+    desired = np.array([pair.desired for pair in pairs])
+    current[1, :, 1] = desired[1, :, 1] = 0.0  # all on the horizon
+    answers = estimates(
+        name,
+        current,
+        desired,
+        noise=np.full(3, CELL.ray_noise),
+        priors=[Prior(bearings=pair.bearings) for pair in pairs],
+        seeds=[(0, 0)] * 3,
+    )
+    assert isinstance(answers[1], DegenerateGeometryError)
+    for k in (0, 2):
+        answer, pair = answers[k], pairs[k]
+        alone = ESTIMATORS[name](
+            pair.current,
+            pair.desired,
+            noise=CELL.ray_noise,
+            prior=Prior(bearings=pair.bearings),
+            rng=np.random.default_rng(0),
+        )
+        assert isinstance(answer, Estimate)
+        assert answer.bearings == alone.bearings
+        np.testing.assert_array_equal(answer.fundamental, alone.fundamental)
+        np.testing.assert_array_equal(answer.inliers, alone.inliers)
+
+
+@pytest.mark.parametrize('distortion', [(), (-0.2, 0.05, 0.001, -0.001, 0.01)])
+def test_features_of_many_views_are_the_rays_of_each(distortion: tuple[float, ...]) -> None:
+    camera, rng = replace(CAMERA, distortion=distortion), np.random.default_rng(4)
+    seen = []
+    for count in (0, 7, 60):
+        pixels = rng.uniform(50.0, 900.0, (2, count, 2))
+        ids = np.arange(count)
+        seen.append(Features(ids, pixels[0], pixels[1], ids, np.zeros(count)))
+    for each, together in zip(seen, observe_each(seen, camera, [3, 4, 5]), strict=True):
+        alone = observe(each, camera, together.stamp_ns)
+        np.testing.assert_array_equal(together.current, alone.current)
+        np.testing.assert_array_equal(together.desired, alone.desired)
+        assert (together.focal, together.edges) == (alone.focal, alone.edges)

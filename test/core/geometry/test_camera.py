@@ -1,0 +1,103 @@
+"""The pinhole with distortion: projection and back-projection are inverse, a bad K is refused."""
+
+from typing import Any
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from strategies import floats
+
+from visual_servo_epipolar.core.geometry.camera import Camera
+
+PINHOLE = {'width': 1280, 'height': 1024, 'fx': 769.0, 'fy': 771.0, 'cx': 635.0, 'cy': 512.0}
+CAMERAS = {
+    'pinhole': Camera(**PINHOLE),
+    'plumb_bob of 4': Camera(**PINHOLE, distortion=(-0.25, 0.08, 1e-3, -5e-4)),
+    'plumb_bob of 5': Camera(**PINHOLE, distortion=(-0.25, 0.08, 1e-3, -5e-4, -0.01)),
+    'rational_polynomial': Camera(
+        **PINHOLE,
+        distortion=(0.4, 0.1, 5e-4, -3e-4, 0.01, 0.7, 0.2, 0.02),
+        distortion_model='rational_polynomial',
+    ),
+}
+
+
+@pytest.mark.parametrize('name', CAMERAS)
+@given(pixel=st.tuples(floats(0.0, 1279.0), floats(0.0, 1023.0)))
+def test_projection_undoes_back_projection(name: str, pixel: tuple[float, float]) -> None:
+    camera = CAMERAS[name]
+    # A thousandth of the tracking error, up to the corners, where the iteration is slowest.
+    np.testing.assert_allclose(camera.pixels(camera.rays([pixel])), [pixel], atol=5e-5)
+
+
+@pytest.mark.parametrize('name', CAMERAS)
+def test_many_pixels_are_back_projected_as_each_alone(name: str) -> None:
+    camera = CAMERAS[name]
+    pixels = np.array([[0.0, 0.0], [635.0, 512.0], [1279.0, 100.0]])
+    np.testing.assert_array_equal(
+        camera.rays(pixels), np.vstack([camera.rays(pixel[None]) for pixel in pixels])
+    )
+
+
+@pytest.mark.parametrize('name', CAMERAS)
+def test_no_pixels_give_no_rays(name: str) -> None:
+    assert CAMERAS[name].rays(np.empty((0, 2))).shape == (0, 2)
+
+
+def test_projection_is_equation_2_without_distortion() -> None:
+    camera = CAMERAS['pinhole']
+    u, v, _ = camera.matrix @ [0.3, -0.2, 1.0]
+    np.testing.assert_allclose(camera.pixels(np.array([[0.3, -0.2]])), [[u, v]], rtol=1e-15)
+
+
+def test_barrel_distortion_draws_points_to_the_centre() -> None:
+    ray = np.array([[0.6, 0.4]])
+    centre = [635.0, 512.0]
+    bent = np.linalg.norm(CAMERAS['plumb_bob of 4'].pixels(ray) - centre)
+    assert bent < np.linalg.norm(CAMERAS['pinhole'].pixels(ray) - centre)
+
+
+def test_the_image_ends_at_its_last_pixel_less_the_margin() -> None:
+    pixels = np.array([[0.0, 0.0], [1279.0, 1023.0], [1279.1, 5.0], [-0.1, 5.0], [9.9, 50.0]])
+    camera = CAMERAS['pinhole']
+    assert camera.contains(pixels).tolist() == [True, True, False, False, True]
+    assert camera.contains(pixels, margin=10.0).tolist() == [False] * 5
+
+
+@pytest.mark.parametrize(
+    ('change', 'message'),
+    [
+        ({'fx': 0.0}, r'focal lengths must be positive.*K\[0\] = 0.*calibrate'),
+        ({'fy': -769.0}, 'focal lengths must be positive'),
+        ({'cx': np.nan}, 'intrinsics must be finite.*nan'),
+        ({'fx': np.inf}, 'intrinsics must be finite.*inf'),
+        ({'distortion': (np.nan, 0.0, 0.0, 0.0)}, 'intrinsics must be finite'),
+        ({'width': 0}, 'image size must be positive, got 0x1024'),
+        ({'height': -1}, 'image size must be positive, got 1280x-1'),
+        ({'distortion': (0.1, 0.1, 0.1)}, r"distortion must be .*got\s+'plumb_bob' with 3"),
+        ({'distortion': (0.1,) * 8}, "'plumb_bob' with 8; rectify"),
+        (
+            {'distortion': (0.1,) * 5, 'distortion_model': 'rational_polynomial'},
+            "'rational_polynomial' with 5",
+        ),
+        ({'distortion_model': 'equidistant'}, "'equidistant' with 0; rectify"),
+    ],
+)
+def test_a_camera_that_cannot_be_is_refused(change: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Camera(**(PINHOLE | change))
+
+
+@pytest.mark.parametrize('shape', [(2,), (3, 3), (4, 1, 2)])
+def test_points_of_another_shape_are_refused(shape: tuple[int, ...]) -> None:
+    camera = CAMERAS['pinhole']
+    with pytest.raises(ValueError, match=r'pixels must have shape \(N, 2\), got'):
+        camera.rays(np.zeros(shape))
+    with pytest.raises(ValueError, match=r'rays must have shape \(N, 2\), got'):
+        camera.pixels(np.zeros(shape))
+
+
+def test_a_pixel_that_is_not_a_number_is_refused() -> None:
+    with pytest.raises(ValueError, match='pixels must be finite, got 1 rows'):
+        CAMERAS['plumb_bob of 4'].rays(np.array([[1.0, 2.0], [np.nan, 3.0]]))

@@ -1,0 +1,138 @@
+"""What is learnt of a camera matrix that nobody calibrated."""
+
+import math
+
+from hypothesis import given
+import numpy as np
+import pytest
+from strategies import floats
+
+from visual_servo_epipolar.core.geometry.epipolar import rotation_desired_current, sampson_distance
+from visual_servo_epipolar.core.geometry.lens import (
+    change,
+    for_wrong_rays,
+    learnt,
+    Lens,
+    spurious_parallax,
+    unknown_lens,
+)
+from visual_servo_epipolar.core.geometry.rotation import fit_rotations
+from visual_servo_epipolar.core.perception.measurement import Observation
+from visual_servo_epipolar.core.perception.measures import turned
+
+RAYS = np.random.default_rng(0).random((2, 20, 2)) - 0.5
+SEEN = Observation(0, *RAYS, 400.0, (-0.6, 0.7))
+UNKNOWN = unknown_lens(1.0)
+
+
+TURNS = np.radians([1.0, -4.0])
+
+
+def covariance(lens: Lens) -> np.ndarray:
+    return np.asarray(lens.root @ lens.root.T)
+
+
+def test_a_calibrated_lens_changes_nothing() -> None:
+    assert unknown_lens(0.0).calibrated
+    assert SEEN.corrected(Lens()) is SEEN
+    assert learnt(Lens(), Lens(0.3, 0.1)) == Lens()
+
+
+@given(floats(-1.8, 1.0), floats(-0.05, 0.05), floats(-1.8, 1.0), floats(-0.05, 0.05))
+def test_two_corrections_are_one(r: float, h: float, ratio: float, shift: float) -> None:
+    before, after = Lens(r, h), Lens(ratio, shift)
+    once = SEEN.corrected(after)
+    twice = SEEN.corrected(before).corrected(change(after, before))
+    np.testing.assert_allclose(twice.current, once.current, atol=1e-12)
+    np.testing.assert_allclose(twice.desired, once.desired, atol=1e-12)
+    assert twice.focal == pytest.approx(once.focal)
+    assert twice.edges == pytest.approx(once.edges)
+
+
+def test_what_is_learnt_is_what_corrects_what_was_corrected() -> None:
+    sure = Lens.of(0.2, 0.01, 1e-8 * np.eye(2))
+    before = Lens(-0.5, 0.02, 1.0, 0.02, 0.01)
+    after = learnt(before, sure)
+    twice = SEEN.corrected(before).corrected(sure)
+    np.testing.assert_allclose(SEEN.corrected(after).current, twice.current, atol=1e-6)
+
+
+def test_a_fundamental_matrix_goes_with_the_rays() -> None:
+    lens = Lens(-0.7, 0.03)
+    fundamental = np.random.default_rng(1).random((3, 3))
+    true = SEEN.corrected(lens)
+    residuals = [
+        np.einsum('ni,ij,nj->n', *(np.column_stack([rays, np.ones(20)]), matrix), other)
+        for rays, matrix, other in (
+            (true.desired, fundamental, np.column_stack([true.current, np.ones(20)])),
+            (
+                SEEN.desired,
+                for_wrong_rays(fundamental, lens),
+                np.column_stack([SEEN.current, np.ones(20)]),
+            ),
+        )
+    ]
+    np.testing.assert_allclose(*residuals, atol=1e-12)
+    assert np.abs(sampson_distance(fundamental, *RAYS)).max() > 1e-3  # and not by being zero
+
+
+def joined(lens: Lens, data: np.ndarray, value: np.ndarray) -> Lens:
+    """Return what a pair of views finds that alone tells ``value``, with covariance ``data``."""
+    left = np.linalg.inv(np.linalg.inv(covariance(lens)) + np.linalg.inv(data))
+    return Lens.of(*(left @ np.linalg.inv(data) @ value).tolist(), left)
+
+
+def test_a_pair_that_tells_much_is_believed() -> None:
+    data = np.array([[4e-4, 1e-5], [1e-5, 1e-6]])
+    after = learnt(UNKNOWN, joined(UNKNOWN, data, np.array([-0.7, 0.013])))
+    assert after.log_ratio == pytest.approx(-0.7, abs=0.01)
+    assert after.shift == pytest.approx(0.013, abs=0.001)
+    np.testing.assert_allclose(covariance(after), data, rtol=0.01)
+
+
+def test_many_pairs_tell_no_more_than_the_best() -> None:
+    lens, data = UNKNOWN, np.diag([0.1, 0.01]) ** 2
+    for _ in range(200):
+        lens = learnt(lens, joined(lens, data, np.array([-0.7 - lens.log_ratio, 0.0])))
+    assert lens.log_ratio == pytest.approx(-0.7, abs=0.01)
+    assert lens.ratio_deviation == pytest.approx(0.1, rel=0.01)
+
+
+def test_pairs_that_tell_little_do_not_move_what_is_known() -> None:
+    lens, data = Lens(-0.7, 0.01, 0.02, 0.002), np.diag([0.4, 0.04]) ** 2
+    for _ in range(100):
+        lens = learnt(lens, joined(lens, data, np.array([1.0, 0.1])))
+    # If they were independent, 100 of them would tell more than was known.
+    assert lens.log_ratio == pytest.approx(-0.7, abs=0.02)
+    assert lens.shift == pytest.approx(0.01, abs=0.002)
+    assert lens.ratio_deviation == pytest.approx(0.02)
+
+
+def test_what_is_known_together_is_not_forgotten() -> None:
+    # A pair fixes a mixture of ratio and shift, the next one the ratio.
+    tied = np.array([[0.04, 0.002], [0.002, 1.01e-4]])
+    lens = learnt(UNKNOWN, joined(UNKNOWN, tied, np.array([-0.5, 0.0])))
+    lens = learnt(lens, joined(lens, np.diag([1e-5, 1.0]), np.array([-0.6 - lens.log_ratio, 0.0])))
+    assert lens.log_ratio == pytest.approx(-0.6, abs=1e-3)
+    # It goes with the ratio by 0.002 / 0.04.
+    assert lens.shift == pytest.approx(-0.005, abs=5e-4)
+
+
+@pytest.mark.parametrize(('ratio', 'shift'), [(1.1, 0.0), (0.9, 0.0), (1.0, 0.02)])
+def test_a_wrong_lens_feigns_as_much_parallax_in_a_turn_as_is_said(
+    ratio: float, shift: float
+) -> None:
+    rng = np.random.default_rng(2)
+    desired = rng.uniform(-1.0, 1.0, (200, 2)) * [0.8, 0.6]
+    for turn in TURNS.tolist():
+        current = turned(desired, rotation_desired_current(turn).T)
+        wrong = [(rays - [shift, 0.0])[None] / ratio for rays in (current, desired)]
+        root = np.diag([abs(math.log(ratio)), shift])
+        feigned = spurious_parallax(wrong[1], np.array([turn]), root[None])[0]
+        seen = fit_rotations(*wrong).parallax[0]
+        # Feigned is two deviations; parallax leaves out the worst 40 % of the matches.
+        assert 0.15 < seen / feigned < 1.0
+
+
+def test_a_known_lens_feigns_nothing() -> None:
+    assert spurious_parallax(RAYS, np.ones(2), np.zeros((2, 2, 2))).tolist() == [0.0, 0.0]

@@ -1,0 +1,83 @@
+"""Rotation between the views where there is no baseline (the remark closing section IV-B)."""
+
+import math
+
+from hypothesis import given
+import numpy as np
+import pytest
+from strategies import floats, matches, poses_behind_the_goal
+
+from visual_servo_epipolar.core.errors import DegenerateGeometryError
+from visual_servo_epipolar.core.geometry.epipolar import rotation_desired_current
+from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose
+from visual_servo_epipolar.core.geometry.rotation import fit_rotation
+
+
+def turned(alpha: float) -> Pose:
+    return Pose(0.0, 0.0, HALF_PI + alpha)
+
+
+@given(floats(-0.8, 0.8))
+def test_a_pure_rotation_is_found_exactly_left_positive(alpha: float) -> None:
+    fit = fit_rotation(*matches(turned(alpha)))
+    assert fit.heading_error == pytest.approx(alpha, abs=1e-12)
+    np.testing.assert_allclose(fit.rotation, rotation_desired_current(alpha), atol=1e-12)
+
+
+@given(floats(-0.8, 0.8))
+def test_a_pure_rotation_leaves_no_parallax(alpha: float) -> None:
+    assert fit_rotation(*matches(turned(alpha))).parallax < 1e-12
+
+
+def test_a_camera_turned_left_sees_the_scene_moved_right() -> None:
+    current, desired = matches(turned(0.1))
+    assert (current[:, 0] > desired[:, 0]).all()
+    assert fit_rotation(current, desired).heading_error > 0.0
+
+
+@given(floats(-0.8, 0.8))
+def test_two_outliers_in_ten_do_not_turn_the_fit(alpha: float) -> None:
+    current, desired = matches(turned(alpha))
+    current = current.copy()
+    current[::5] = np.random.default_rng(9).random((8, 2)) - 0.5
+    fit = fit_rotation(current, desired)
+    # Each of six rounds cuts their pull by ten or more; a hundredth of a pixel is left at most.
+    assert fit.heading_error == pytest.approx(alpha, abs=1e-5)
+    assert fit.parallax < 1e-5
+
+
+def test_tilt_and_roll_are_found_as_well() -> None:
+    tilt, roll = 0.03, -0.02
+    about_x = np.array(
+        [[1, 0, 0], [0, math.cos(tilt), -math.sin(tilt)], [0, math.sin(tilt), math.cos(tilt)]]
+    )
+    about_z = np.array(
+        [[math.cos(roll), -math.sin(roll), 0], [math.sin(roll), math.cos(roll), 0], [0, 0, 1]]
+    )
+    rotation = rotation_desired_current(0.2) @ about_x @ about_z
+    _, desired = matches(turned(0.0))
+    solid = np.column_stack([desired, np.ones(len(desired))]) @ rotation  # R^T p_d
+    fit = fit_rotation(solid[:, :2] / solid[:, 2:], desired)
+    np.testing.assert_allclose(fit.rotation, rotation, atol=1e-12)
+
+
+@given(poses_behind_the_goal(), floats(0.1, 0.8))
+def test_parallax_shrinks_as_the_goal_comes_near(pose: Pose, part: float) -> None:
+    near = Pose(part * pose.x, part * pose.y, pose.theta)
+    assert fit_rotation(*views(near)).parallax < fit_rotation(*views(pose)).parallax
+
+
+def views(pose: Pose) -> tuple[np.ndarray, np.ndarray]:
+    """Return the same 24 points from every pose behind the goal."""
+    rng = np.random.default_rng(21)
+    depth = 3.0 + 5.0 * rng.random(24)
+    rays = rng.random((24, 2)) - 0.5
+    points = np.column_stack([rays * depth[:, None], depth])
+    alpha = pose.heading_error
+    current = (points - [pose.x, 0.0, pose.y]) @ rotation_desired_current(alpha)
+    return current[:, :2] / current[:, 2:], rays
+
+
+def test_two_matches_are_too_few() -> None:
+    with pytest.raises(DegenerateGeometryError, match='at least 3 matches, got 2; track more'):
+        fit_rotation(np.zeros((2, 2)), np.zeros((2, 2)))

@@ -1,0 +1,201 @@
+"""From matches to a Measurement: what is measured, and what is said when it cannot be."""
+
+from dataclasses import replace
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from strategies import CAMERA, floats, matches, poses_behind_the_goal
+
+from visual_servo_epipolar.core.estimators.registry import ESTIMATORS
+from visual_servo_epipolar.core.geometry.epipolar import Bearings, rotation_desired_current
+from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, wrap_angle
+from visual_servo_epipolar.core.perception.measures import feature_difference, turned
+from visual_servo_epipolar.core.perception.perceive import Observation, observe, perceive
+from visual_servo_epipolar.core.perception.validation import fresh_memory, innovation, Memory
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.tracking.features import Features
+
+SETTINGS = ServoSettings()
+BEHIND = Pose(1.0, -3.0, HALF_PI)
+
+
+def observation(current: np.ndarray, desired: np.ndarray) -> Observation:
+    return Observation(0, current, desired, 769.0)
+
+
+@given(poses_behind_the_goal())
+def test_exact_matches_give_the_bearings_of_the_pose(pose: Pose) -> None:
+    measurement = perceive(observation(*matches(pose)), SETTINGS, 0)
+    true = Bearings.from_pose(pose)
+    assert measurement.bearings is not None
+    # The 8-point algorithm on exact rays, see test_epipolar.
+    assert wrap_angle(measurement.bearings.psi - true.psi) == pytest.approx(0.0, abs=1e-7)
+    assert wrap_angle(measurement.bearings.phi - true.phi) == pytest.approx(0.0, abs=1e-7)
+
+
+@given(floats(-0.5, 0.5))
+def test_a_pure_rotation_has_a_heading_but_no_bearings(alpha: float) -> None:
+    measurement = perceive(observation(*matches(Pose(0.0, 0.0, HALF_PI + alpha))), SETTINGS, 0)
+    assert measurement.bearings is None
+    assert measurement.heading_error == pytest.approx(alpha, abs=1e-12)
+    assert 'parallax of 0.00 px is too small' in measurement.reason
+
+
+@given(floats(-0.5, 0.5))
+def test_turning_the_rays_undoes_a_rotation(alpha: float) -> None:
+    current, desired = matches(Pose(0.0, 0.0, HALF_PI + alpha))
+    np.testing.assert_allclose(
+        turned(current, rotation_desired_current(alpha)), desired, atol=1e-12
+    )
+
+
+def test_d_of_a_pure_rotation_is_zero_only_if_compensated() -> None:
+    current, desired = matches(Pose(0.0, 0.0, HALF_PI + 0.1))
+    with_it = perceive(observation(current, desired), SETTINGS, 0)
+    without = perceive(observation(current, desired), ServoSettings(law='corrected'), 0)
+    assert with_it.difference == pytest.approx(0.0, abs=1e-12)
+    assert without.difference == pytest.approx(feature_difference(current, desired))
+    assert abs(without.difference) > 1e-3
+
+
+def test_one_feature_less_than_needed_is_too_few() -> None:
+    current, desired = matches(BEHIND)
+    least = SETTINGS.min_features
+    measurement = perceive(observation(current[: least - 1], desired[: least - 1]), SETTINGS, 0)
+    assert measurement.bearings is None
+    assert measurement.reason == f'{least - 1} features, {least} needed'
+    assert perceive(observation(current[:least], desired[:least]), SETTINGS, 0).bearings
+
+
+def noisy(pose: Pose = BEHIND) -> Observation:
+    """Return matches with a noise of 0.8 px."""
+    current, desired = matches(pose)
+    return observation(
+        current + 1e-3 * np.random.default_rng(0).standard_normal(current.shape), desired
+    )
+
+
+def test_a_vote_that_is_not_clear_enough_is_not_trusted() -> None:
+    near = Pose(0.02, -0.1, HALF_PI)  # the far features have less parallax than noise
+    measurement = perceive(noisy(near), ServoSettings(min_confidence=1.0), 0)
+    assert 0.0 < measurement.confidence < 1.0
+    assert measurement.bearings is None
+    assert 'cheirality vote is undecided (0.' in measurement.reason
+
+
+@pytest.mark.parametrize('estimator', ['lmeds_8pt', 'soft_planar'])
+def test_a_sight_is_fixed_by_seed_and_frame(estimator: str) -> None:
+    settings = ServoSettings(estimator=estimator, seed=3)
+    assert repr(perceive(noisy(), settings, 4)) == repr(perceive(noisy(), settings, 4))
+
+
+def test_another_frame_or_seed_draws_other_subsets() -> None:
+    settings = ServoSettings(estimator='lmeds_8pt', seed=3)
+    found = perceive(noisy(), settings, 4).bearings
+    assert perceive(noisy(), settings, 5).bearings != found
+    assert perceive(noisy(), replace(settings, seed=2), 4).bearings != found
+
+
+GARBAGE = ('random', 'rows', 'columns', 'points', 'equal', 'huge', 'mirrored')
+
+
+def garbage(kind: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return 30 finite matches that no camera would give."""
+    rng = np.random.default_rng(seed)
+    current, desired = rng.random((2, 30, 2)) - 0.5
+    if kind == 'rows':
+        current[:, 1] = desired[:, 1] = 0.1
+    elif kind == 'columns':
+        current[:, 0], desired[:, 0] = 0.1, 0.2
+    elif kind == 'points':
+        current[:], desired[:] = 0.1, 0.2
+    elif kind == 'equal':
+        current = desired.copy()
+    elif kind == 'huge':
+        current, desired = 1e6 * current, 1e6 * desired
+    elif kind == 'line':
+        current[:, 1], desired[:, 1] = current[:, 0], 2.0 * desired[:, 0]
+    elif kind == 'mirrored':
+        current = -desired
+    return current, desired
+
+
+@pytest.mark.parametrize('estimator', ESTIMATORS)
+@given(kind=st.sampled_from(GARBAGE), seed=st.integers(0, 1000), known=st.booleans())
+def test_garbage_is_never_an_error(estimator: str, kind: str, seed: int, known: bool) -> None:
+    settings = ServoSettings(estimator=estimator)
+    memory = fresh_memory(settings)
+    if known:
+        memory = replace(memory, bearings=Bearings(-1.5, 3.0))
+    measurement = perceive(observation(*garbage(kind, seed)), settings, 0, memory)
+    assert (measurement.bearings is None) == bool(measurement.reason)
+
+
+@pytest.mark.parametrize('estimator', ESTIMATORS)
+def test_features_on_one_line_are_never_an_error(estimator: str) -> None:
+    for seed in range(20):
+        perceive(observation(*garbage('line', seed)), ServoSettings(estimator=estimator), 0)
+
+
+def followed(noise: float, frames: int = 60) -> Memory:
+    """Return what is remembered after frames of one pose, blurred by ``noise`` [px]."""
+    current, desired = matches(BEHIND)
+    memory = None
+    for frame in range(frames):
+        rng = np.random.default_rng(frame)
+        blurred = current + noise / 769.0 * rng.standard_normal(current.shape)
+        again = desired + noise / 769.0 * rng.standard_normal(desired.shape)
+        memory = perceive(observation(blurred, again), SETTINGS, frame, memory).memory
+    assert memory is not None
+    return memory
+
+
+@pytest.mark.parametrize('noise', [0.15, 0.3, 0.6])
+def test_the_noise_is_learnt_from_the_residuals(noise: float) -> None:
+    # The median of 40 residuals is 15 % uncertain; of the last ten frames, 5 %.
+    assert followed(noise).noise == pytest.approx(noise, rel=0.25)
+
+
+def test_a_trusted_sight_is_remembered() -> None:
+    memory = followed(0.3, frames=2)
+    assert memory.bearings is not None
+    assert innovation(memory.bearings, Bearings.from_pose(BEHIND)) < 0.02
+    assert memory.attitude.tilt_deviation < fresh_memory(SETTINGS).attitude.tilt_deviation
+
+
+def test_observing_turns_pixels_into_rays() -> None:
+    current, desired = matches(BEHIND)
+    count = len(current)
+    features = Features(
+        ids=np.arange(count),
+        current=CAMERA.pixels(current),
+        desired=CAMERA.pixels(desired),
+        ages=np.ones(count),
+        errors=np.zeros(count),
+    )
+    seen = observe(features, CAMERA, 5)
+    np.testing.assert_allclose(seen.current, current, atol=1e-12)
+    np.testing.assert_allclose(seen.desired, desired, atol=1e-12)
+    assert (seen.stamp_ns, seen.focal) == (5, 769.0)
+
+
+def test_features_that_are_not_finite_are_refused() -> None:
+    bad = np.array([[1.0, np.nan]])
+    with pytest.raises(ValueError, match='current must be finite, got 1 rows'):
+        Features(ids=[1], current=bad, desired=np.zeros((1, 2)), ages=[1], errors=[0.0])
+
+
+def test_features_of_unequal_length_are_refused() -> None:
+    with pytest.raises(ValueError, match='ages must have 1 rows to match ids, got 0'):
+        Features(ids=[1], current=np.zeros((1, 2)), desired=np.zeros((1, 2)), errors=[0.0])
+
+
+def test_features_cannot_be_changed_from_outside() -> None:
+    pixels = np.zeros((1, 2))
+    features = Features(ids=[1], current=pixels, desired=pixels, ages=[1], errors=[0.0])
+    pixels[0, 0] = 9.0
+    assert features.current[0, 0] == 0.0
+    with pytest.raises(ValueError, match='read-only'):
+        features.current[0, 0] = 1.0

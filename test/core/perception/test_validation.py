@@ -1,0 +1,139 @@
+"""The reasons not to act on an estimate, and what is remembered from frame to frame."""
+
+from dataclasses import replace
+import math
+import re
+
+from hypothesis import given
+import numpy as np
+import pytest
+from strategies import bearings, floats
+
+from visual_servo_epipolar.core.estimators.base import Attitude, Estimate, UNKNOWN_COVARIANCE
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.perception.validation import (
+    evidence,
+    fresh_memory,
+    innovation,
+    KNOWN_DEVIATION,
+    Memory,
+    rejection_reason,
+    remembered,
+    STRIKES,
+)
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+
+SETTINGS = ServoSettings()
+BEARINGS = Bearings(-1.5, 3.0)
+RAYS = np.random.default_rng(0).random((30, 2)) - 0.5
+FRESH = fresh_memory(SETTINGS)
+GOOD = Estimate(
+    bearings=BEARINGS,
+    fundamental=np.eye(3),
+    inliers=np.ones(30, dtype=bool),
+    confidence=0.9,
+    covariance=1e-6 * np.eye(2),
+    attitude=Attitude(0.02, 0.01, 1e-3, 2e-3, 0.0),
+)
+
+
+def reason(memory: Memory = FRESH, rays: np.ndarray = RAYS, **changes: object) -> str:
+    estimate = replace(GOOD, **changes)  # type: ignore[arg-type]
+    return rejection_reason(
+        estimate, evidence([estimate], rays[None], rays[None])[0], memory, SETTINGS
+    )
+
+
+def some(count: int) -> np.ndarray:
+    return np.arange(30) < count
+
+
+def test_a_good_estimate_is_trusted() -> None:
+    assert reason() == ''
+
+
+@pytest.mark.parametrize(
+    ('changes', 'said'),
+    [
+        ({'inliers': some(7)}, 'only 7 of 30 matches agree'),
+        ({'inliers': some(8)}, 'only 8 of 30 matches agree'),
+        ({'rays': 0.01 * RAYS}, 'clustered within 0.2 deg'),
+        ({'rays': RAYS * [1.0, 0.0]}, 'clustered within 0.0 deg'),
+        ({'confidence': 0.01}, r'cheirality vote is undecided \(0.010\)'),
+        ({'jump': 0.1}, 'the camera tilted by 5.7 deg between the views'),
+        ({'covariance': 0.04 * np.eye(2)}, 'the bearings are uncertain by 11.5 deg'),
+        ({'alternative': Bearings(-1.0, 2.5)}, 'two geometries fit the features'),
+    ],
+)
+def test_every_doubt_is_named(changes: dict[str, object], said: str) -> None:
+    with_it = reason(**changes)  # type: ignore[arg-type]
+    assert re.search(said, with_it)
+
+
+def test_nine_of_thirty_that_agree_are_enough() -> None:
+    assert reason(inliers=some(9)) == ''
+
+
+def test_an_estimator_without_covariance_is_not_doubted_for_it() -> None:
+    assert reason(covariance=UNKNOWN_COVARIANCE) == ''
+    blind = replace(GOOD, covariance=UNKNOWN_COVARIANCE)
+    assert math.isnan(evidence([blind], RAYS[None], RAYS[None])[0].deviation)
+
+
+def test_a_rival_is_no_doubt_where_the_last_bearings_decide() -> None:
+    known = replace(FRESH, bearings=BEARINGS)
+    assert reason(known, alternative=Bearings(-1.0, 2.5)) == ''
+
+
+def test_a_leap_is_doubted_until_it_is_seen_three_times() -> None:
+    memory = replace(FRESH, bearings=Bearings(-1.0, 3.0))
+    for _ in range(STRIKES - 1):
+        said = reason(memory)
+        assert 'the bearings leapt by 28.6 deg in one frame' in said
+        memory = remembered(memory, GOOD, said, noise=0.3, parallax=50.0)
+        assert memory.bearings == Bearings(-1.0, 3.0)
+    assert reason(memory) == ''
+    memory = remembered(memory, GOOD, '', noise=0.3, parallax=50.0)
+    assert (memory.bearings, memory.consecutive_rejections) == (BEARINGS, 0)
+
+
+@given(bearings(), floats(-1.0, 1.0), floats(-1.0, 1.0))
+def test_a_leap_is_the_larger_change_and_knows_of_full_turns(
+    before: Bearings, psi: float, phi: float
+) -> None:
+    after = Bearings(before.psi + psi + 2.0 * math.pi, before.phi + phi - 2.0 * math.pi)
+    assert innovation(after, before) == pytest.approx(max(abs(psi), abs(phi)), abs=1e-12)
+
+
+def test_the_attitude_is_learnt_where_the_parallax_is_informative() -> None:
+    memory = remembered(FRESH, GOOD, '', noise=0.3, parallax=50.0)
+    assert (memory.attitude.tilt, memory.attitude.roll) == (0.02, 0.01)
+    assert memory.attitude.tilt_deviation == KNOWN_DEVIATION  # however sure the estimate is
+    assert memory.attitude.roll_deviation == 2e-3
+    assert memory.attitude.jitter == SETTINGS.floor_jitter
+
+
+def test_the_attitude_is_kept_where_the_parallax_says_little() -> None:
+    memory = remembered(FRESH, GOOD, '', noise=0.3, parallax=3.0)
+    assert memory.attitude == FRESH.attitude
+
+
+def test_the_attitude_is_kept_by_an_estimator_that_has_none() -> None:
+    found = replace(GOOD, attitude=None)
+    assert remembered(FRESH, found, '', noise=0.3, parallax=50.0).attitude == FRESH.attitude
+
+
+def test_the_attitude_is_never_known_too_well() -> None:
+    sure = replace(GOOD, attitude=Attitude(0.02, 0.01, 1e-9, 1e-9, 0.0))
+    attitude = remembered(FRESH, sure, '', noise=0.3, parallax=50.0).attitude
+    assert attitude.tilt_deviation == attitude.roll_deviation == KNOWN_DEVIATION
+
+
+def test_a_doubted_estimate_teaches_nothing_but_a_strike() -> None:
+    memory = replace(FRESH, bearings=BEARINGS)
+    after = remembered(memory, GOOD, 'some reason', noise=0.7, parallax=50.0)
+    assert after == replace(memory, consecutive_rejections=1)
+
+
+def test_the_noise_is_that_of_the_residuals() -> None:
+    assert remembered(FRESH, GOOD, '', noise=0.7, parallax=50.0).noise == 0.7

@@ -1,0 +1,116 @@
+"""The state machine, executed: every transition, and what must always be possible."""
+
+from itertools import product
+
+import pytest
+
+from visual_servo_epipolar.core.servo.phases.table import (
+    DRIVING,
+    ENDED,
+    Event,
+    next_phase,
+    Phase,
+    TRANSITIONS,
+)
+
+# Written down anew on purpose: the table of DESIGN 4, not a copy of the code's.
+ROAD = [
+    (Phase.WAITING, Event.APART, Phase.DISPLACING),
+    (Phase.DISPLACING, Event.DISPLACED, Phase.ZEROING_EPIPOLES),
+    (Phase.ZEROING_EPIPOLES, Event.ALIGNED, Phase.MATCHING_FEATURES),
+    (Phase.MATCHING_FEATURES, Event.MATCHED, Phase.ARRIVED),
+]
+DETOURS = [
+    (Phase.WAITING, Event.NO_BASELINE, Phase.ORIENTING),
+    (Phase.WAITING, Event.SIDEWAYS, Phase.RETREATING),
+    (Phase.WAITING, Event.MATCHED, Phase.ARRIVED),
+    (Phase.ORIENTING, Event.APART, Phase.DISPLACING),
+    (Phase.ORIENTING, Event.ALIGNED, Phase.MATCHING_FEATURES),
+    (Phase.RETREATING, Event.APART, Phase.DISPLACING),
+    (Phase.ZEROING_EPIPOLES, Event.ESCAPED, Phase.DISPLACING),
+    (Phase.MATCHING_FEATURES, Event.MISSED, Phase.RETREATING),
+    (Phase.HOLDING, Event.APART, Phase.DISPLACING),
+    (Phase.HOLDING, Event.NO_BASELINE, Phase.ORIENTING),
+    (Phase.HOLDING, Event.ALIGNED, Phase.MATCHING_FEATURES),
+    (Phase.HOLDING, Event.TIMED_OUT, Phase.FAILED),
+]
+
+
+@pytest.mark.parametrize(('phase', 'event', 'then'), ROAD + DETOURS)
+def test_the_machine_goes_where_the_design_sends_it(
+    phase: Phase, event: Event, then: Phase
+) -> None:
+    assert next_phase(phase, event) is then
+
+
+@pytest.mark.parametrize(('phase', 'event'), list(TRANSITIONS))
+def test_every_transition_of_the_table_is_taken(phase: Phase, event: Event) -> None:
+    assert next_phase(phase, event) is TRANSITIONS[phase, event]
+
+
+@pytest.mark.parametrize(
+    ('phase', 'event'), [pair for pair in product(Phase, Event) if pair not in TRANSITIONS]
+)
+def test_a_pair_that_is_not_listed_keeps_the_phase(phase: Phase, event: Event) -> None:
+    assert next_phase(phase, event) is phase
+
+
+def test_nothing_never_changes_the_phase() -> None:
+    assert [next_phase(phase, Event.NOTHING) for phase in Phase] == list(Phase)
+
+
+def reachable(start: Phase) -> set[Phase]:
+    """Return the phases that some sequence of events leads to."""
+    found, new = {start}, {start}
+    while new:
+        new = {next_phase(phase, event) for phase in new for event in Event} - found
+        found |= new
+    return found
+
+
+@pytest.mark.parametrize('start', Phase)
+def test_every_phase_is_reachable_from_every_other(start: Phase) -> None:
+    assert reachable(start) == set(Phase)
+
+
+@pytest.mark.parametrize(('phase', 'event'), list(product(ENDED, Event)))
+def test_an_ended_run_is_left_only_when_told_to_stop(phase: Phase, event: Event) -> None:
+    then = Phase.WAITING if event is Event.STOPPED else phase
+    assert next_phase(phase, event) is then
+
+
+@pytest.mark.parametrize('phase', DRIVING)
+def test_whoever_drives_can_lose_the_tracks(phase: Phase) -> None:
+    assert next_phase(phase, Event.LOST) is Phase.HOLDING
+
+
+@pytest.mark.parametrize(
+    ('phase', 'event'),
+    list(product((*DRIVING, Phase.HOLDING), (Event.TIMED_OUT, Event.DIVERGED, Event.EXHAUSTED))),
+)
+def test_whoever_drives_or_holds_can_fail(phase: Phase, event: Event) -> None:
+    assert next_phase(phase, event) is Phase.FAILED
+
+
+@pytest.mark.parametrize('phase', Phase)
+def test_a_stop_is_obeyed_in_every_phase(phase: Phase) -> None:
+    assert next_phase(phase, Event.STOPPED) is Phase.WAITING
+
+
+def test_the_names_are_those_of_the_contract() -> None:
+    assert {phase.value for phase in Phase} == {
+        'waiting',
+        'orienting',
+        'retreating',
+        'displacing',
+        'zeroing_epipoles',
+        'matching_features',
+        'arrived',
+        'holding',
+        'failed',
+    }
+
+
+def test_the_table_cannot_be_changed() -> None:
+    with pytest.raises(TypeError, match='does not support item assignment'):
+        TRANSITIONS[Phase.FAILED, Event.APART] = Phase.DISPLACING  # type: ignore[index]

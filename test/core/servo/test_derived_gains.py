@@ -1,0 +1,271 @@
+"""Gains derived on the way: from what the servo sees, where step 1 begins, or a turn first."""
+
+from dataclasses import replace
+import math
+from typing import Any
+
+from hypothesis import example, given
+from hypothesis import strategies as st
+import pytest
+from strategies import bearings, floats
+
+from visual_servo_epipolar.core.control.gains import derive
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.perception.perceive import Measurement
+from visual_servo_epipolar.core.perception.validation import fresh_memory
+from visual_servo_epipolar.core.servo.derived_gains import circumstances
+from visual_servo_epipolar.core.servo.identification import Slope
+from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.step import advance
+
+DERIVED = ServoSettings(law='corrected', gains='derived')
+MEMORY = fresh_memory(DERIVED)
+LAWS = st.sampled_from(['paper', 'corrected', 'full'])
+PERIOD = 0.1  # between two images [s]
+
+
+def seen(frame: int, current: float, desired: float, **changes: Any) -> Measurement:
+    """Return what is seen from behind the goal in ``frame``, epipoles at these bearings [rad]."""
+    psi = math.atan2(-1.0, -math.tan(desired))
+    good = Measurement(
+        stamp_ns=round(frame * PERIOD * 1e9),
+        features=40,
+        focal=769.0,
+        memory=MEMORY,
+        bearings=Bearings(psi, math.atan2(math.tan(current), -1.0)),
+        confidence=0.9,
+        inliers=38,
+        parallax=0.04,
+        heading_error=current - desired,
+        difference=-0.1,
+        feature_error=0.08,
+    )
+    return replace(good, **changes)
+
+
+def after(
+    settings: ServoSettings, current: float, desired: float, *, frames: int = 3
+) -> ServoState:
+    """Return the state after looking from one place for some ``frames``."""
+    state = ServoState()
+    for frame in range(frames):
+        state = advance(state, seen(frame, current, desired), settings)
+    return state
+
+
+@pytest.mark.parametrize('law', ['paper', 'corrected', 'full'])
+def test_step_1_begins_with_the_gains_of_what_is_seen_then(law: str) -> None:
+    settings = replace(DERIVED, law=law)
+    state = after(settings, 0.32, -0.3, frames=2)  # where law full displaces e_au to
+    assert state.phase is Phase.ZEROING_EPIPOLES
+    assert state.gains is not None
+    known = circumstances(state, seen(1, 0.32, -0.3), settings, facing=0.32)
+    assert not known.concordant
+    assert (known.current, known.desired) == pytest.approx((0.32, 0.3))
+    assert known.rate == pytest.approx(1.0 / PERIOD)
+    assert known.landing == settings.latch_engage
+    assert known.deceleration == 2.0 * settings.max_acceleration
+    assert (known.farthest, known.nearest) == (settings.initial_distance, 1.0)
+    assert state.gains.k2 == pytest.approx(derive(known).k2)
+
+
+def test_given_gains_stay_as_they_are_given() -> None:
+    assert after(replace(DERIVED, gains='given'), 0.35, -0.3).gains is None
+
+
+def test_the_first_step_drives_by_the_derived_gains() -> None:
+    state = after(replace(DERIVED, max_linear=1.0, max_angular=1.5), 0.35, -0.3, frames=2)
+    found = state.gains
+    assert found is not None
+    wanted = state.distance * math.hypot(math.tan(0.35), 1.0) / (1.0 + math.tan(0.3) ** 2)
+    wanted *= found.k2 * math.tan(0.3) ** found.exponent / math.tan(0.35)  # eq. (16)
+    assert state.twist.linear == pytest.approx(wanted)
+    # Discordant from behind, e_du < 0 and e_au > 0: both parts of (17) turn the robot.
+    turn = found.k2 * math.tan(0.3) ** found.exponent * -1.0 / (1.0 + math.tan(0.3) ** 2)
+    turn -= found.k1 * math.tan(0.35) / (1.0 + math.tan(0.35) ** 2)
+    assert state.twist.angular == pytest.approx(turn)
+
+
+def test_once_latched_only_the_delay_limits_k1() -> None:
+    state = after(DERIVED, 0.35, -0.3)
+    found = state.gains
+    assert found is not None
+    landed = advance(state, seen(3, 0.01, 0.0), DERIVED)
+    assert landed.latched
+    assert landed.twist.angular == pytest.approx(-found.k1_alone * 0.01, rel=1e-3)
+    assert found.k1_alone > found.k1
+
+
+def test_law_full_turns_no_faster_than_a_late_image_allows() -> None:
+    late = replace(DERIVED, law='full', latency=1.0, turn_gain=5.0, max_angular=0.2)
+    state = after(late, 0.32, -0.3, frames=2)
+    assert state.gains is not None
+    landed = advance(state, seen(2, 0.01, 0.0), replace(late, max_angular_acceleration=90.0))
+    assert landed.latched
+    assert landed.twist.angular == pytest.approx(-state.gains.k1_alone * 0.01, rel=1e-3)
+    assert state.gains.k1_alone < 0.4
+
+
+@pytest.mark.parametrize('side', [-1.0, 1.0])
+def test_where_no_gain_is_legal_the_robot_turns_to_the_other_sign_first(side: float) -> None:
+    state = after(DERIVED, 0.1 * side, 0.3 * side)
+    assert state.phase is Phase.DISPLACING
+    assert state.gains is None
+    target = math.atan(state.target)
+    assert target * side <= -DERIVED.min_displacement
+    assert state.twist.angular * side < 0.0  # a right turn takes the image to the left
+    there = state
+    for frame in (3, 4):
+        there = advance(there, seen(frame, target, 0.3 * side), DERIVED)
+    assert there.phase is Phase.ZEROING_EPIPOLES
+    assert there.gains is not None
+
+
+def test_concordant_epipoles_with_legal_gains_need_no_turn() -> None:
+    state = after(replace(DERIVED, nearest_distance=4.0), 0.6, 0.2)
+    assert state.phase is Phase.ZEROING_EPIPOLES
+    assert state.gains is not None
+
+
+def test_what_turns_illegal_in_the_last_moment_turns_the_robot_after_all() -> None:
+    settings = replace(DERIVED, nearest_distance=4.0)
+    turning = after(settings, 0.6, 0.2, frames=1)
+    assert turning.phase is Phase.DISPLACING
+    assert math.atan(turning.target) == pytest.approx(0.6)
+    moved = replace(turning, target=math.tan(0.2), measurement=seen(0, 0.2, 0.4))
+    state = advance(moved, seen(1, 0.2, 0.4), settings)
+    assert state.phase is Phase.DISPLACING
+    assert state.target < 0.0
+    assert 'concordant epipoles need' in state.reason
+
+
+@pytest.mark.parametrize('law', ['paper', 'corrected', 'full'])
+def test_where_no_turn_helps_the_run_fails_with_the_reason(law: str) -> None:
+    hasty = replace(DERIVED, law=law, latency=2.0, max_angular=1.0)
+    state = after(hasty, 0.35, -0.3, frames=1)
+    assert state.phase is Phase.FAILED
+    assert 'one period must be short for the limits' in state.reason
+    assert state.twist.linear == state.twist.angular == 0.0
+
+
+def test_a_view_that_leaves_no_room_to_turn_is_a_reason() -> None:
+    state = advance(ServoState(), seen(0, 0.1, 0.3, room=(0.01, 0.01)), DERIVED)
+    assert state.phase is Phase.FAILED
+    assert state.reason == (
+        'concordant epipoles need |atan e_au| above 0.469 rad with d_hat_0 / d_0 up to 8, '
+        'got 0.07; turn first, best to the other sign'
+    )
+
+
+def test_the_second_step_closes_in_at_its_rate_once_the_slope_of_d_is_known() -> None:
+    step_2 = replace(
+        after(DERIVED, 0.35, -0.3), phase=Phase.MATCHING_FEATURES, latched=True, settled=0
+    )
+    known = step_2.gains
+    assert known is not None
+    plain = advance(step_2, seen(3, 0.0, 0.0, difference=-0.01), DERIVED)
+    assert plain.twist.linear == pytest.approx(0.01 * known.k_t)
+    full = replace(DERIVED, law='full', max_acceleration=20.0)
+    sloped = replace(step_2, slope=Slope(0.4, 1e6))
+    closing = advance(sloped, seen(3, 0.0, 0.0, difference=-0.01), full)
+    rate = min(known.rate, full.approach_rate)
+    assert closing.twist.linear == pytest.approx(0.01 * rate / 0.4, rel=1e-3)
+
+
+def speed_in_step_2(difference: float, **changes: Any) -> float:
+    """Return the speed of law full in step 2 [m/s], D rising by 0.4 in a metre."""
+    settings = replace(ServoSettings(max_acceleration=20.0, line_following=False), **changes)
+    state = ServoState(phase=Phase.MATCHING_FEATURES, distance=2.0, slope=Slope(0.4, 1e6))
+    for frame in range(2):
+        state = advance(state, seen(frame, 0.0, 0.0, difference=difference), settings)
+    return state.twist.linear
+
+
+def test_the_gain_of_step_2_may_rise_towards_the_goal() -> None:
+    constant = {'gain_at_goal': 1.0}
+    brisk = {'gain_at_goal': 1.5, 'gain_slope': 20.0}
+    assert speed_in_step_2(-0.01, **constant) == pytest.approx(0.01 / 0.4, rel=1e-3)
+    factor = 1.0 + 0.5 * math.exp(-20.0 * 0.01 / 0.5)
+    assert speed_in_step_2(-0.01, **brisk) == pytest.approx(factor * 0.01 / 0.4, rel=1e-3)
+
+
+def test_it_rises_no_further_than_the_delay_lets_it_not_overshoot() -> None:
+    brisk = {'gain_at_goal': 10.0, 'gain_slope': 0.0}
+    limit = 1.0 / math.e / (PERIOD + 0.1)
+    assert speed_in_step_2(-0.01, latency=0.1, **brisk) == pytest.approx(limit * 0.01 / 0.4)
+    # A delay beyond that leaves the rate as it was set.
+    assert speed_in_step_2(-0.01, latency=1.0, **brisk) == pytest.approx(0.01 / 0.4)
+
+
+def test_a_step_2_without_a_step_1_has_a_derived_k_t_too() -> None:
+    settings = replace(DERIVED, scene_depth=6.0)
+    start = ServoState(phase=Phase.ORIENTING)
+    state = start
+    for frame in range(5):
+        near = seen(frame, 0.0, 0.0, bearings=None, parallax=0.005, heading_error=0.0)
+        state = advance(state, near, settings)
+    assert state.phase is Phase.MATCHING_FEATURES
+    assert state.gains is not None
+    assert state.gains.k_t == pytest.approx(state.gains.rate * 6.0 / 0.76)
+
+
+def anything() -> st.SearchStrategy[Measurement]:
+    """Return whatever may be seen, in any order of stamps."""
+    return st.builds(
+        lambda frame, found, difference, parallax, room: replace(
+            seen(frame, 0.0, 0.1),
+            bearings=found,
+            difference=difference,
+            parallax=parallax,
+            room=room,
+        ),
+        st.integers(0, 60),
+        st.none() | bearings(),
+        floats(-5.0, 5.0),
+        floats(0.0, 1.0),
+        st.tuples(floats(0.0, 1.0), floats(0.0, 1.0)),
+    )
+
+
+UNDERFLOW = [
+    seen(frame, 0.0, 0.1, bearings=None, difference=difference, parallax=0.0)
+    for frame, difference in enumerate([1e-200, 0.0])
+]
+
+
+@example(UNDERFLOW, Phase.MATCHING_FEATURES, 'paper', 1.0, 0.0)
+@given(
+    st.lists(anything(), min_size=1, max_size=6),
+    st.sampled_from(Phase),
+    LAWS,
+    floats(0.3, 500.0),
+    floats(0.0, 2.0),
+)
+def test_no_sight_makes_derived_gains_raise_or_exceed_the_limits(
+    sights: list[Measurement], phase: Phase, law: str, distance: float, latency: float
+) -> None:
+    settings = replace(DERIVED, law=law, latency=latency)
+    state = ServoState(phase=phase, distance=distance)
+    for measurement in sights:
+        state = advance(state, measurement, settings)
+        assert abs(state.twist.linear) <= settings.max_linear * (1.0 + 1e-15)
+        assert abs(state.twist.angular) <= settings.max_angular * (1.0 + 1e-15)
+        if state.phase is Phase.ZEROING_EPIPOLES and phase is Phase.WAITING:
+            assert state.gains is not None
+
+
+@pytest.mark.parametrize(
+    ('changes', 'message'),
+    [
+        ({'finite_time': True}, r'gains cannot be derived for finite_time, eq. \(20\)'),
+        ({'nearest_distance': 9.0}, 'nearest_distance must not exceed initial_distance, got 9'),
+        ({'gains': 'guessed'}, 'gains must be one of given, derived'),
+    ],
+)
+def test_settings_that_cannot_be_derived_from_are_refused(
+    changes: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(ValueError, match=message):
+        replace(DERIVED, **changes)

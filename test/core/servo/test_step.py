@@ -1,0 +1,522 @@
+"""One control step: what the servo does with what it sees, and that it stops when in doubt."""
+
+from dataclasses import FrozenInstanceError, replace
+import math
+from typing import Any
+
+from hypothesis import example, given
+from hypothesis import strategies as st
+import pytest
+from strategies import bearings, CAMERA, floats, matches, twists
+
+from visual_servo_epipolar.core.control import laws
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
+from visual_servo_epipolar.core.perception.perceive import Measurement, Observation
+from visual_servo_epipolar.core.perception.validation import fresh_memory
+from visual_servo_epipolar.core.servo.phases.commands import command
+from visual_servo_epipolar.core.servo.phases.conditions import displacement
+from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.step import advance, step, stop
+
+# Accelerations as good as unlimited: what the laws ask for is seen at once.
+SETTINGS = ServoSettings(max_acceleration=20.0, max_angular_acceleration=90.0)
+MEMORY = fresh_memory(SETTINGS)
+QUIET = (Phase.WAITING, Phase.HOLDING, Phase.ARRIVED, Phase.FAILED)
+LAWS = st.sampled_from(['paper', 'corrected', 'full'])
+
+
+def stamp(seconds: float) -> int:
+    return round(seconds * 1e9)
+
+
+def measurement(
+    seconds: float = 0.0, *, current: float = 0.2, desired: float = -0.3, **changes: Any
+) -> Measurement:
+    """Return a good measurement from behind the goal, epipoles at these bearings [rad]."""
+    psi = math.atan2(-1.0, -math.tan(desired))
+    phi = math.atan2(math.tan(current), -1.0)
+    good = Measurement(
+        stamp_ns=stamp(seconds),
+        features=40,
+        focal=769.0,
+        memory=MEMORY,
+        bearings=Bearings(psi, phi),
+        confidence=0.9,
+        inliers=38,
+        parallax=30.0 / 769.0,
+        heading_error=0.1,
+        difference=-0.1,
+        feature_error=60.0 / 769.0,
+    )
+    return replace(good, **changes)
+
+
+def blind(seconds: float) -> Measurement:
+    return Measurement(stamp(seconds), 3, 769.0, MEMORY, reason='3 features, 12 needed')
+
+
+def at_goal(seconds: float) -> Measurement:
+    return measurement(
+        seconds,
+        bearings=None,
+        parallax=0.1 / 769.0,
+        feature_error=0.1 / 769.0,
+        difference=0.0,
+        heading_error=0.0,
+    )
+
+
+def after(
+    *sights: Measurement, state: ServoState | None = None, settings: ServoSettings = SETTINGS
+) -> ServoState:
+    """Return the state after ``sights``, from ``state`` or from the beginning."""
+    state = state or ServoState()
+    for seen in sights:
+        state = advance(state, seen, settings)
+    return state
+
+
+def in_phase(phase: Phase, **changes: Any) -> ServoState:
+    """Return a state at time zero in ``phase``, as a run would have it."""
+    running = ServoState(
+        phase=phase, measurement=measurement(), distance=8.0, side=-1.0, target=0.2
+    )
+    return replace(running, **changes)
+
+
+def sights() -> st.SearchStrategy[Measurement]:
+    """Whatever `perceive` may return: blank, without bearings, or complete."""
+    complete = st.builds(
+        Measurement,
+        stamp_ns=st.integers(0, stamp(10.0)),
+        features=st.integers(SETTINGS.min_features, 60),
+        focal=st.just(769.0),
+        memory=st.just(MEMORY),
+        bearings=st.none() | bearings(),
+        confidence=floats(0.0, 1.0),
+        inliers=st.integers(8, 60),
+        parallax=floats(0.0, 1.0),
+        heading_error=floats(-math.pi, math.pi),
+        difference=floats(-5.0, 5.0),
+        feature_error=floats(0.0, 2.0),
+        reason=st.sampled_from(['', 'cheirality vote undecided']),
+    )
+    return st.integers(0, 10).map(blind) | complete
+
+
+def states() -> st.SearchStrategy[ServoState]:
+    return st.builds(
+        ServoState,
+        phase=st.sampled_from(Phase),
+        phase_start_ns=st.integers(0, stamp(10.0)),
+        twist=st.builds(Twist, floats(-0.4, 0.4), floats(-0.5, 0.5)),
+        measurement=sights(),
+        distance=floats(SETTINGS.min_distance, 50.0),
+        target=floats(-0.4, 0.4),
+        side=st.sampled_from([-1.0, 1.0]),
+        latched=st.booleans(),
+        settled=st.integers(0, 10),
+        attempts=st.integers(1, 3),
+        frame=st.integers(0, 1000),
+    )
+
+
+INFINITE = measurement(0.1, bearings=Bearings(0.0, 0.3))  # e_du at infinity: cot(0)
+
+
+@given(states(), sights(), LAWS, st.booleans())
+@example(in_phase(Phase.DISPLACING), INFINITE, 'corrected', False)
+@example(in_phase(Phase.ZEROING_EPIPOLES), INFINITE, 'full', False)
+def test_no_sight_makes_the_servo_exceed_its_limits_or_raise(
+    state: ServoState, seen: Measurement, law: str, finite_time: bool
+) -> None:
+    settings = replace(SETTINGS, law=law, finite_time=finite_time)
+    twist = advance(state, seen, settings).twist  # a Twist is finite, or does not exist
+    assert abs(twist.linear) <= settings.max_linear * (1.0 + 1e-15)
+    assert abs(twist.angular) <= settings.max_angular * (1.0 + 1e-15)
+
+
+@given(states(), sights(), LAWS)
+def test_a_quiet_phase_stands_still(state: ServoState, seen: Measurement, law: str) -> None:
+    then = advance(state, seen, replace(SETTINGS, law=law))
+    assert then.phase not in QUIET or then.twist == STANDSTILL
+
+
+@given(states(), sights(), LAWS)
+def test_d_hat_never_falls_below_its_floor(state: ServoState, seen: Measurement, law: str) -> None:
+    then = advance(state, seen, replace(SETTINGS, law=law))
+    assert then.distance >= SETTINGS.min_distance
+
+
+def test_d_hat_starts_at_its_floor_if_told_to_start_below() -> None:
+    settings = ServoSettings(initial_distance=0.1, min_distance=0.3)
+    assert after(measurement(), settings=settings).distance >= settings.min_distance
+
+
+@given(states(), st.lists(sights(), min_size=1, max_size=5))
+def test_the_same_sights_give_the_same_state(state: ServoState, seen: list[Measurement]) -> None:
+    # By text: nan is not equal to nan.
+    assert repr(after(*seen, state=state)) == repr(after(*seen, state=state))
+
+
+def test_a_step_does_not_change_the_state_it_is_given() -> None:
+    state = in_phase(Phase.ZEROING_EPIPOLES)
+    before = repr(state)
+    advance(state, measurement(0.1), SETTINGS)
+    assert repr(state) == before
+    with pytest.raises(FrozenInstanceError):
+        state.phase = Phase.ARRIVED  # type: ignore[misc]
+
+
+def test_a_step_on_features_is_pure() -> None:
+    seen = Observation(0, *matches(Pose(1.0, -3.0, 1.6)), CAMERA.fx)
+    one, other = (step(ServoState(), seen, SETTINGS) for _ in range(2))
+    assert one.phase is Phase.DISPLACING
+    assert repr(one) == repr(other)
+
+
+def test_frames_are_counted() -> None:
+    assert after(measurement(), blind(0.1), measurement(0.2)).frame == 3
+
+
+# The road
+
+
+def test_apart_from_the_goal_the_epipole_is_displaced_first() -> None:
+    assert after(measurement()).phase is Phase.DISPLACING
+
+
+def test_law_full_displaces_the_current_epipole_to_the_discordant_side() -> None:
+    state = after(measurement(current=0.2, desired=0.3))
+    assert state.target < 0.0
+    assert state.twist.linear == 0.0
+    assert state.twist.angular < 0.0  # e_au' has the sign of the turn, eq. (9)
+
+
+@pytest.mark.parametrize('law', ['paper', 'corrected'])
+def test_the_bare_laws_leave_a_current_epipole_that_is_not_zero(law: str) -> None:
+    settings = replace(SETTINGS, law=law)
+    state = after(measurement(), measurement(0.1), settings=settings)
+    assert state.phase is Phase.ZEROING_EPIPOLES
+
+
+@pytest.mark.parametrize('law', ['paper', 'corrected'])
+def test_the_bare_laws_displace_a_current_epipole_that_is_zero(law: str) -> None:
+    settings = replace(SETTINGS, law=law)
+    state = after(measurement(current=1e-3), measurement(0.1, current=1e-3), settings=settings)
+    assert state.phase is Phase.DISPLACING
+    assert state.twist.linear == 0.0
+    assert state.twist.angular > 0.0
+
+
+def test_the_displaced_epipole_begins_the_first_step() -> None:
+    state = after(measurement())
+    there = math.atan(state.target)
+    assert after(measurement(0.1, current=there), state=state).phase is Phase.ZEROING_EPIPOLES
+
+
+@pytest.mark.parametrize(('law', 'sign'), [('full', -1.0), ('corrected', -1.0), ('paper', 1.0)])
+def test_the_sign_of_the_first_step_is_that_of_the_law(law: str, sign: float) -> None:
+    # Concordant behind the goal: sigma is -1, the printed sign is +1.
+    state = in_phase(Phase.ZEROING_EPIPOLES, measurement=measurement(desired=0.3), side=1.0)
+    twist = command(state, replace(SETTINGS, law=law))
+    assert twist.linear * sign > 0.0
+
+
+def test_the_first_step_is_the_law_of_the_paper() -> None:
+    settings = replace(SETTINGS, law='corrected', max_linear=5.0, max_angular=10.0)
+    seen = measurement(0.1)
+    assert seen.bearings is not None
+    e_au, e_du = seen.bearings.epipole_current, seen.bearings.epipole_desired
+    nu = laws.auxiliary_controls(
+        e_au, e_du, k1=settings.k1, k2=settings.k2, exponent=settings.exponent
+    )
+    expected = laws.linearizing_control(e_au, e_du, sigma=seen.bearings.sigma, distance=8.0, nu=nu)
+    assert after(seen, state=in_phase(Phase.ZEROING_EPIPOLES), settings=settings).twist == expected
+
+
+def test_d_hat_is_updated_by_the_speed_that_was_applied() -> None:
+    state = in_phase(Phase.ZEROING_EPIPOLES, twist=Twist(0.25, 0.0))
+    found = after(measurement(0.5), state=state).distance
+    # (18) for half a second towards the goal, 0.2 rad off the baseline.
+    assert found == pytest.approx(8.0 - 0.5 * 0.25 * math.cos(0.2))
+
+
+def test_a_long_gap_is_not_integrated_over() -> None:
+    state = in_phase(Phase.ZEROING_EPIPOLES, twist=Twist(0.25, 0.0))
+    assert after(measurement(30.0), state=state).distance == pytest.approx(
+        8.0 - 0.25 * math.cos(0.2)
+    )
+
+
+def test_both_epipoles_at_zero_begin_the_second_step() -> None:
+    aligned = [measurement(0.1 * k, current=1e-4, desired=1e-4) for k in range(1, 6)]
+    state = after(*aligned[: SETTINGS.align_frames - 1], state=in_phase(Phase.ZEROING_EPIPOLES))
+    assert state.phase is Phase.ZEROING_EPIPOLES
+    assert after(aligned[-1], state=state).phase is Phase.MATCHING_FEATURES
+
+
+def test_the_second_step_drives_forward_behind_the_goal_and_back_ahead_of_it() -> None:
+    state = in_phase(Phase.MATCHING_FEATURES)
+    assert after(measurement(0.1, difference=-0.1), state=state).twist.linear > 0.0
+    assert after(measurement(0.1, difference=0.1), state=state).twist.linear < 0.0
+
+
+def test_features_that_match_for_long_enough_are_an_arrival() -> None:
+    seen = [at_goal(0.1 * k) for k in range(1, SETTINGS.arrival_frames + 1)]
+    before = after(*seen[:-1], state=in_phase(Phase.MATCHING_FEATURES))
+    assert before.phase is Phase.MATCHING_FEATURES
+    state = after(seen[-1], state=before)
+    assert state.phase is Phase.ARRIVED
+    assert state.twist == STANDSTILL
+    assert state.ended
+
+
+def test_one_frame_that_does_not_match_starts_the_count_anew() -> None:
+    seen = [at_goal(0.1 * k) for k in range(1, SETTINGS.arrival_frames)]
+    state = after(*seen, measurement(0.5), at_goal(0.6), state=in_phase(Phase.MATCHING_FEATURES))
+    assert state.phase is Phase.MATCHING_FEATURES
+    assert state.settled == 1
+
+
+def missed(seconds: float) -> Measurement:
+    return replace(at_goal(seconds), parallax=2.0 / 769.0, feature_error=20.0 / 769.0)
+
+
+def test_a_miss_backs_off_for_another_attempt() -> None:
+    seen = [missed(0.1 * k) for k in range(1, SETTINGS.arrival_frames + 1)]
+    state = after(*seen, state=in_phase(Phase.MATCHING_FEATURES))
+    assert state.phase is Phase.RETREATING
+    assert state.attempts == 2
+    assert state.twist.linear == pytest.approx(-SETTINGS.retreat_speed)
+
+
+def test_a_miss_in_the_last_attempt_is_a_failure() -> None:
+    seen = [missed(0.1 * k) for k in range(1, SETTINGS.arrival_frames + 1)]
+    last = in_phase(Phase.MATCHING_FEATURES, attempts=SETTINGS.max_attempts)
+    state = after(*seen, state=last)
+    assert state.phase is Phase.FAILED
+    assert '20.0 px off' in state.reason
+
+
+def test_at_the_goal_already_the_robot_does_not_move() -> None:
+    state = after(at_goal(0.0))
+    assert (state.phase, state.twist) == (Phase.ARRIVED, STANDSTILL)
+
+
+def test_a_pure_rotation_is_turned_back() -> None:
+    seen = replace(at_goal(0.0), feature_error=60.0 / 769.0, heading_error=0.1)
+    state = after(seen)
+    assert state.phase is Phase.ORIENTING
+    assert state.twist.linear == 0.0
+    assert state.twist.angular < 0.0
+
+
+def test_a_pure_rotation_turned_back_is_left_to_the_second_step() -> None:
+    turned = [
+        replace(at_goal(0.1 * k), difference=-0.01) for k in range(1, SETTINGS.align_frames + 1)
+    ]
+    assert after(*turned, state=in_phase(Phase.ORIENTING)).phase is Phase.MATCHING_FEATURES
+
+
+def test_a_goal_reached_under_a_wrong_heading_is_faced_in_place() -> None:
+    seen = [
+        replace(at_goal(0.1 * k), heading_error=0.003)
+        for k in range(1, SETTINGS.arrival_frames + 1)
+    ]
+    state = after(*seen, state=in_phase(Phase.MATCHING_FEATURES))
+    assert state.phase is Phase.ORIENTING
+    assert state.twist.linear == 0.0
+    assert state.twist.angular < 0.0
+    faced = [at_goal(0.6 + 0.1 * k) for k in range(SETTINGS.align_frames)]
+    assert after(*faced, state=state).phase is Phase.ARRIVED
+
+
+# The field of view
+
+
+def test_the_displaced_epipole_keeps_the_features_in_view() -> None:
+    free = measurement(current=0.1, desired=-0.2)
+    assert displacement(free, SETTINGS) == pytest.approx(0.215, abs=0.001)
+    # e_au moves right when the camera turns left.
+    tight = replace(free, room=(0.05, math.inf))
+    assert displacement(tight, SETTINGS) == pytest.approx(0.15)
+
+
+def test_without_room_for_a_useful_turn_the_robot_backs_off_first() -> None:
+    tight = measurement(current=-0.1, desired=-0.2, room=(0.15, math.inf))
+    assert displacement(tight, SETTINGS) is None
+    assert after(tight).phase is Phase.RETREATING
+
+
+def test_backing_off_turns_no_further_than_the_view_allows() -> None:
+    beside = measurement(0.1, current=0.3, desired=-1.2, heading_error=-0.8, room=(0.2, math.inf))
+    turning = after(beside, state=in_phase(Phase.RETREATING)).twist
+    assert turning.angular == pytest.approx(0.2 * SETTINGS.turn_gain)
+    assert turning.linear == 0.0
+    blocked = replace(beside, room=(0.01, math.inf))
+    assert after(blocked, state=in_phase(Phase.RETREATING)).twist.linear < 0.0
+
+
+# The latch
+
+
+def test_the_latch_engages_near_zero_and_stops_translation() -> None:
+    state = after(
+        measurement(0.1, desired=-0.9 * SETTINGS.latch_engage),
+        state=in_phase(Phase.ZEROING_EPIPOLES),
+    )
+    assert state.latched
+    assert state.twist.linear == 0.0
+
+
+def test_the_latch_engages_when_the_desired_epipole_has_crossed_zero() -> None:
+    crossed = measurement(0.1, desired=+0.9 * SETTINGS.latch_release)
+    assert after(crossed, state=in_phase(Phase.ZEROING_EPIPOLES)).latched
+    short = measurement(0.1, desired=-0.9 * SETTINGS.latch_release)
+    assert not after(short, state=in_phase(Phase.ZEROING_EPIPOLES)).latched
+
+
+@given(st.lists(floats(-0.99, 0.99), min_size=1, max_size=20))
+def test_the_latch_holds_all_the_way_up_to_its_release(parts: list[float]) -> None:
+    latched = in_phase(Phase.ZEROING_EPIPOLES, latched=True)
+    noisy = [
+        measurement(0.1 * k, desired=part * SETTINGS.latch_release)
+        for k, part in enumerate(parts, 1)
+    ]
+    state = after(*noisy, state=latched)
+    assert state.latched
+    assert state.phase is Phase.ZEROING_EPIPOLES
+    assert state.twist.linear == 0.0
+
+
+EXACT = replace(SETTINGS, line_following=False)
+
+
+@pytest.mark.parametrize('sign', [-1.0, 1.0])
+def test_beyond_its_release_the_first_step_begins_anew(sign: float) -> None:
+    latched = in_phase(Phase.ZEROING_EPIPOLES, latched=True)
+    escaped = measurement(0.1, desired=sign * 1.01 * SETTINGS.latch_release)
+    state = after(escaped, state=latched, settings=EXACT)
+    assert state.phase is Phase.DISPLACING
+    assert not state.latched
+
+
+def test_the_latch_does_not_take_noise_for_an_escape() -> None:
+    latched = in_phase(Phase.ZEROING_EPIPOLES, latched=True)
+    outside = measurement(0.1, desired=2.0 * SETTINGS.latch_release)
+    uncertain = replace(outside, deviation=SETTINGS.latch_release)
+    assert after(outside, state=latched, settings=EXACT).phase is Phase.DISPLACING
+    assert after(uncertain, state=latched, settings=EXACT).phase is Phase.ZEROING_EPIPOLES
+
+
+def test_what_line_following_makes_up_for_is_no_escape() -> None:
+    outside = measurement(0.1, desired=2.0 * SETTINGS.latch_release)
+    far = in_phase(Phase.ZEROING_EPIPOLES, latched=True, range=2.0)
+    near = in_phase(Phase.ZEROING_EPIPOLES, latched=True, range=0.25)
+    assert after(outside, state=far).phase is Phase.ZEROING_EPIPOLES
+    assert after(outside, state=near).phase is Phase.DISPLACING
+
+
+def test_law_full_brakes_before_the_desired_epipole_is_zero() -> None:
+    running = in_phase(Phase.ZEROING_EPIPOLES, measurement=measurement(0.0, desired=-0.05))
+    slow = after(measurement(0.1, desired=-0.0499), state=running)
+    fast = after(measurement(0.1, desired=-0.03), state=running)
+    assert abs(fast.twist.linear) < abs(slow.twist.linear)
+
+
+def test_a_desired_epipole_that_runs_away_ends_the_run() -> None:
+    state = after(measurement(0.1, desired=-1.55), state=in_phase(Phase.ZEROING_EPIPOLES))
+    assert (state.phase, state.twist) == (Phase.FAILED, STANDSTILL)
+    assert 'ran away to infinity' in state.reason
+
+
+# Loss, time, stop
+
+
+@pytest.mark.parametrize('phase', DRIVING)
+def test_lost_tracks_stop_the_robot_at_once(phase: Phase) -> None:
+    state = after(blind(0.1), state=in_phase(phase, twist=Twist(0.3, 0.1)))
+    assert (state.phase, state.twist) == (Phase.HOLDING, STANDSTILL)
+    assert state.reason == '3 features, 12 needed'
+
+
+def test_tracks_that_stay_away_fail_the_run_with_the_reason() -> None:
+    state = after(blind(0.1), state=in_phase(Phase.MATCHING_FEATURES))
+    state = after(blind(0.1 + SETTINGS.holding_timeout), state=state)
+    assert state.phase is Phase.HOLDING
+    state = after(blind(0.2 + SETTINGS.holding_timeout), state=state)
+    assert (state.phase, state.twist) == (Phase.FAILED, STANDSTILL)
+    assert state.reason == 'tracks lost or untrusted for 5 s: 3 features, 12 needed'
+
+
+@pytest.mark.parametrize('phase', DRIVING)
+def test_tracks_that_come_back_resume_the_run(phase: Phase) -> None:
+    state = after(blind(0.1), blind(0.2), measurement(0.3), state=in_phase(phase))
+    assert state.phase is Phase.DISPLACING
+    assert state.twist != STANDSTILL
+
+
+def test_bearings_that_are_not_trusted_hold_the_robot() -> None:
+    doubtful = measurement(0.1, bearings=None, reason='cheirality vote undecided (0.010)')
+    state = after(doubtful, state=in_phase(Phase.ZEROING_EPIPOLES))
+    assert (state.phase, state.twist) == (Phase.HOLDING, STANDSTILL)
+    assert 'undecided' in state.reason
+
+
+def test_without_tracks_the_servo_waits() -> None:
+    state = after(*(blind(float(k)) for k in range(100)))
+    assert (state.phase, state.twist) == (Phase.WAITING, STANDSTILL)
+
+
+@pytest.mark.parametrize('phase', DRIVING)
+def test_time_that_runs_backwards_holds_the_robot(phase: Phase) -> None:
+    running = in_phase(phase, measurement=measurement(2.0), phase_start_ns=stamp(1.0))
+    state = after(measurement(1.5), state=running)
+    assert (state.phase, state.twist) == (Phase.HOLDING, STANDSTILL)
+    assert state.reason == 'the stamps of the images do not advance'
+    assert after(measurement(1.6), state=state).phase is Phase.DISPLACING
+
+
+def test_time_that_runs_backwards_does_not_change_d_hat() -> None:
+    running = in_phase(Phase.ZEROING_EPIPOLES, measurement=measurement(2.0), twist=Twist(0.3, 0.0))
+    assert after(measurement(1.5), state=running).distance == 8.0
+
+
+@pytest.mark.parametrize('phase', DRIVING)
+def test_a_phase_that_takes_too_long_fails_with_its_name(phase: Phase) -> None:
+    late = measurement(SETTINGS.phase_timeout + 0.1)
+    state = after(late, state=in_phase(phase))
+    assert (state.phase, state.twist) == (Phase.FAILED, STANDSTILL)
+    assert state.reason == f'{phase.value} took longer than 120 s'
+
+
+@pytest.mark.parametrize('phase', Phase)
+def test_a_stop_leaves_a_fresh_servo_at_a_standstill(phase: Phase) -> None:
+    state = stop(in_phase(phase, twist=Twist(0.3, 0.1), frame=9))
+    assert state.phase is Phase.WAITING
+    assert state.twist == STANDSTILL
+    assert math.isnan(state.distance)
+    assert state.frame == 9
+
+
+@given(sights(), twists())
+def test_an_ended_run_stays_ended(seen: Measurement, twist: Twist) -> None:
+    for phase in (Phase.ARRIVED, Phase.FAILED):
+        state = after(seen, state=in_phase(phase, reason='why', twist=twist))
+        assert (state.phase, state.twist, state.reason) == (phase, STANDSTILL, 'why')
+
+
+def test_a_run_that_flaps_between_phases_ends() -> None:
+    settings = replace(SETTINGS, run_timeout=10.0)
+    state = ServoState()
+    for number in range(300):
+        seen = measurement(0.1 * number)
+        if number % 2:
+            seen = replace(seen, bearings=None, parallax=0.3, reason='undecided')
+        state = advance(state, seen, settings)
+    assert state.phase is Phase.FAILED
+    assert state.reason.startswith('the run took longer than 10 s')

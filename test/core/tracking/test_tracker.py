@@ -1,0 +1,143 @@
+"""The tracker on rendered images: it finds, follows, does not drift, and says what it lost."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, integrate, Pose, Twist
+from visual_servo_epipolar.core.tracking.settings import TrackerSettings
+from visual_servo_epipolar.core.tracking.tracker import Tracker
+from visual_servo_epipolar.simulation.camera_simulator import CameraSettings, CameraSimulator
+
+SETTINGS = TrackerSettings()
+
+
+@pytest.fixture(scope='module')
+def world() -> CameraSimulator:
+    return CameraSimulator(
+        CameraSettings(
+            width=640, height=480, focal_length=384.6, principal_u=319.5, principal_v=239.5
+        )
+    )
+
+
+@pytest.fixture(scope='module')
+def approach(world: CameraSimulator) -> list[tuple[Pose, np.ndarray]]:
+    """Return forty frames of an approach that ends at the goal."""
+    pose, frames = Pose(0.0, -1.6, DESIRED_POSE.theta), []
+    for number in range(41):
+        frames.append((pose, world.capture(pose, number)))
+        pose = integrate(pose, Twist(0.4, 0.0), 0.1)
+    return frames
+
+
+def tracker(world: CameraSimulator, **changes) -> Tracker:
+    found = Tracker(replace(SETTINGS, **changes))
+    found.set_desired(world.photograph())
+    return found
+
+
+def errors(world: CameraSimulator, features, pose: Pose) -> np.ndarray:
+    """Return the distance of each feature from where the scene says it is [px]."""
+    points = world.renderer.trace(features.desired, DESIRED_POSE)
+    truth, _ = world.renderer.project(points, pose)
+    return np.hypot(*(truth - features.current).T)
+
+
+def test_without_a_photograph_there_are_no_features(world: CameraSimulator) -> None:
+    assert len(Tracker(SETTINGS).track(world.photograph())) == 0
+
+
+def test_the_photograph_itself_is_found_where_it_is(world: CameraSimulator) -> None:
+    features = tracker(world).track(world.photograph())
+    assert len(features) == SETTINGS.max_features
+    assert np.abs(features.current - features.desired).max() < 1e-3
+
+
+def test_features_are_spread_over_the_image(world: CameraSimulator) -> None:
+    desired = tracker(world).track(world.photograph()).desired
+    quarters = {(u > 320, v > 240) for u, v in desired}
+    assert len(quarters) == 4
+
+
+def test_tracking_does_not_drift_on_the_way_to_the_goal(world, approach) -> None:
+    found = tracker(world)
+    for pose, image in approach:
+        features = found.track(image)
+        assert np.nanmedian(errors(world, features, pose)) < 0.15  # half the resolution
+    assert len(features) >= 26
+    assert np.median(errors(world, features, pose)) < 0.06
+
+
+def test_an_identity_never_changes_its_meaning(world, approach) -> None:
+    found, meaning = tracker(world), {}
+    for _, image in approach[:20]:
+        features = found.track(image)
+        for key, place in zip(features.ids, features.desired, strict=True):
+            assert meaning.setdefault(int(key), tuple(place)) == tuple(place)
+
+
+def test_ages_count_frames_since_detection(world, approach) -> None:
+    found = tracker(world)
+    for _, image in approach[:4]:
+        features = found.track(image)
+    assert features.ages.max() == 3
+
+
+def test_a_sudden_change_of_light_is_survived(world, approach) -> None:
+    found = tracker(world)
+    for number, (pose, image) in enumerate(approach[:16]):  # noqa: B007
+        dimmed = (image * 0.7).astype(np.uint8) if number >= 8 else image
+        features = found.track(dimmed)
+        assert len(features) >= 26
+    assert np.nanmedian(errors(world, features, pose)) < 0.2
+
+
+def test_what_was_hidden_is_found_again(world, approach) -> None:
+    found = tracker(world, min_features=1)
+    for number, (_, image) in enumerate(approach[:24]):
+        hidden = image.copy()
+        if 6 <= number < 12:
+            hidden[:, 320:] = 90
+        features = found.track(hidden)
+        if number == 11:
+            assert not (features.current[:, 0] > 320).any()
+    assert (features.current[:, 0] > 320).sum() >= 5
+    assert found.matchings == 1  # by looking where they went, not by matching all anew
+
+
+def test_a_view_of_nothing_loses_everything_and_says_so(world, approach) -> None:
+    found = tracker(world)
+    found.track(approach[0][1])
+    for _ in range(12):
+        features = found.track(np.full((480, 640), 90, np.uint8))
+    assert len(features) == 0
+    assert 'not seen' in found.reason
+
+
+def test_tracking_resumes_after_a_view_of_nothing(world, approach) -> None:
+    found = tracker(world)
+    found.track(approach[0][1])
+    found.track(np.full((480, 640), 90, np.uint8))
+    for _, image in approach[1:16]:
+        features = found.track(image)
+    assert len(features) >= 26
+
+
+def test_the_same_images_give_the_same_features(world, approach) -> None:
+    first, second = tracker(world), tracker(world)
+    for _, image in approach[:8]:
+        assert np.array_equal(first.track(image).current, second.track(image).current)
+
+
+def test_without_anchoring_features_are_checked_backward(world, approach) -> None:
+    found = tracker(world, anchor_period=0)
+    for pose, image in approach[:10]:  # noqa: B007
+        features = found.track(image)
+    assert np.nanmedian(errors(world, features, pose)) < 1.0
+
+
+def test_an_image_of_another_size_is_refused(world) -> None:
+    with pytest.raises(ValueError, match='image must have the size of the desired one, 640x480'):
+        tracker(world).track(np.zeros((240, 320), np.uint8))

@@ -1,0 +1,208 @@
+"""The simulated base: limits, faults of the wheels, odometry, and the watchdog."""
+
+import math
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from strategies import floats, twists
+
+from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
+from visual_servo_epipolar.simulation.bases.pioneer import BaseSettings, Pioneer
+
+START = Pose(0.0, 0.0, 0.0)
+SUBSTEP = 0.01  # [s] velocities are held this long
+
+
+def ns(seconds: float) -> int:
+    return round(seconds * 1e9)
+
+
+def base(*, seed: int = 0, **changes: float) -> Pioneer:
+    """Return a base without odometry noise that never times out, but for ``changes``."""
+    plain = {'command_timeout': 0.0, 'odometry_noise': 0.0}
+    return Pioneer(BaseSettings(**(plain | changes)), START, seed=seed)
+
+
+def driven(robot: Pioneer, twist: Twist, seconds: float) -> Pioneer:
+    """Command ``twist`` once, and let ``seconds`` pass."""
+    robot.command(twist)
+    robot.advance(robot.now_ns + ns(seconds))
+    return robot
+
+
+@settings(max_examples=30)
+@given(st.lists(twists(), min_size=1, max_size=6))
+def test_speeds_and_accelerations_stay_within_their_limits(wanted: list[Twist]) -> None:
+    robot, before = base(), STANDSTILL
+    limits = robot.settings
+    for twist in wanted:
+        robot.command(twist)
+        for _ in range(40):
+            robot.advance(robot.now_ns + ns(SUBSTEP))
+            now = robot.twist
+            assert abs(now.linear) <= limits.max_linear + 1e-12
+            assert abs(now.angular) <= limits.max_angular + 1e-12
+            # Braking is the quicker of the two.
+            assert abs(now.linear - before.linear) <= limits.deceleration * SUBSTEP + 1e-12
+            turn = abs(now.angular - before.angular)
+            assert turn <= limits.angular_acceleration * SUBSTEP + 1e-12
+            before = now
+
+
+@pytest.mark.parametrize('sign', [-1.0, 1.0])
+def test_it_takes_its_time_to_speed_up_and_half_of_it_to_brake(sign: float) -> None:
+    robot = driven(base(), Twist(sign * 0.3, 0.0), 0.98)
+    assert abs(robot.twist.linear) < 0.3
+    assert abs(driven(robot, Twist(sign * 0.3, 0.0), 0.04).twist.linear) == pytest.approx(0.3)
+    assert driven(robot, STANDSTILL, 0.48).moving
+    assert not driven(robot, STANDSTILL, 0.04).moving
+
+
+def test_a_command_beyond_the_limits_keeps_its_curve() -> None:
+    robot = driven(base(), Twist(4.0, 2.0), 10.0)
+    assert robot.twist.linear == pytest.approx(1.0)
+    assert robot.twist.angular == pytest.approx(0.5)
+
+
+@given(floats(-1.0, 1.0), floats(-1.7, 1.7), floats(0.001, 3.0))
+@settings(max_examples=30)
+def test_at_constant_speed_the_path_is_the_exact_arc(
+    linear: float, angular: float, seconds: float
+) -> None:
+    robot = driven(base(), Twist(linear, angular), 5.0)
+    start = robot.pose
+    robot.advance(robot.now_ns + ns(seconds))
+    expected = integrate(start, Twist(linear, angular), ns(seconds) / 1e9)
+    # Rounding over 300 substeps.
+    assert (robot.pose.x, robot.pose.y) == pytest.approx((expected.x, expected.y), abs=1e-12)
+    assert math.remainder(robot.pose.theta - expected.theta, 2 * math.pi) == pytest.approx(
+        0.0, abs=1e-12
+    )
+
+
+def test_a_base_that_was_never_commanded_stands() -> None:
+    robot = base(command_timeout=0.5)
+    robot.advance(ns(5.0))
+    assert (robot.pose, robot.twist, robot.now_ns) == (START, STANDSTILL, ns(5.0))
+
+
+@pytest.mark.parametrize('earlier', [0, -1, -(10**9)])
+def test_time_that_does_not_advance_moves_nothing(earlier: int) -> None:
+    robot = driven(base(), Twist(0.5, 0.2), 2.0)
+    before = (robot.pose, robot.odometry, robot.twist, robot.now_ns)
+    robot.advance(robot.now_ns + earlier)
+    assert (robot.pose, robot.odometry, robot.twist, robot.now_ns) == before
+
+
+def test_without_commands_the_watchdog_stops_the_base() -> None:
+    robot = base(command_timeout=0.5)
+    for _ in range(20):
+        driven(robot, Twist(0.3, 0.5), 0.1)
+    assert robot.moving
+    assert not robot.timed_out
+    last = robot.now_ns - ns(0.1)
+    robot.advance(last + ns(0.5))
+    assert robot.twist.linear == pytest.approx(0.3)
+    # 0.3 m/s at 0.6 m/s^2, and two substeps: one to notice, one begun.
+    robot.advance(last + ns(0.5 + 0.3 / 0.6 + 2.0 * SUBSTEP))
+    assert robot.timed_out
+    assert not robot.moving
+
+
+def test_commands_that_keep_coming_keep_the_base_going() -> None:
+    robot = base(command_timeout=0.2)
+    for _ in range(50):
+        driven(robot, Twist(0.3, 0.0), 0.19)
+    assert robot.twist.linear == pytest.approx(0.3)
+
+
+def test_a_timeout_of_zero_never_stops_the_base() -> None:
+    assert driven(base(), Twist(0.3, 0.0), 60.0).moving
+
+
+def test_halt_forgets_what_is_pending_and_brakes() -> None:
+    robot = driven(base(command_delay=0.5), Twist(0.3, 0.0), 2.0)
+    robot.command(Twist(1.0, 1.0))
+    robot.halt()
+    robot.advance(robot.now_ns + ns(2.0))
+    assert not robot.moving
+
+
+@pytest.mark.parametrize(('linear', 'angular'), [(0.049, 0.0), (0.0, -0.099), (-0.049, 0.099)])
+def test_the_motors_stand_in_their_dead_zone(linear: float, angular: float) -> None:
+    robot = base(dead_zone_linear=0.05, dead_zone_angular=0.1)
+    assert driven(robot, Twist(linear, angular), 2.0).pose == START
+
+
+def test_each_motor_command_has_its_own_dead_zone() -> None:
+    robot = driven(base(dead_zone_linear=0.05, dead_zone_angular=0.1), Twist(0.051, 0.099), 2.0)
+    assert (robot.twist.linear, robot.twist.angular) == (pytest.approx(0.051), 0.0)
+
+
+@pytest.mark.parametrize('linear', [0.3, -0.3])
+def test_a_larger_right_wheel_curves_to_the_left(linear: float) -> None:
+    robot = driven(base(wheel_ratio=1.05), Twist(linear, 0.0), 3.0)
+    assert robot.twist.angular * linear > 0.0
+    assert driven(base(wheel_ratio=0.95), Twist(linear, 0.0), 3.0).twist.angular * linear < 0.0
+
+
+def test_unequal_wheels_turn_by_their_difference_over_the_track() -> None:
+    robot = driven(base(wheel_ratio=1.01, track=0.33), Twist(0.3, 0.0), 3.0)
+    difference = 0.3 * (math.sqrt(1.01) - 1.0 / math.sqrt(1.01))
+    assert robot.twist.angular == pytest.approx(difference / 0.33)
+
+
+def test_slip_shortens_the_way_but_not_the_odometry() -> None:
+    firm = driven(base(), Twist(0.3, 0.0), 5.0)
+    slipping = driven(base(slip=0.2), Twist(0.3, 0.0), 5.0)
+    assert slipping.pose.x == pytest.approx(0.8 * firm.pose.x)
+    assert slipping.odometry.x == pytest.approx(firm.odometry.x)
+
+
+@pytest.mark.parametrize('delay', [0.0, 0.09, 0.5])
+def test_a_command_reaches_the_motors_after_the_delay(delay: float) -> None:
+    robot = base(command_delay=delay)
+    robot.command(Twist(0.3, 0.0))
+    robot.advance(ns(delay))
+    assert robot.pose == START
+    robot.advance(ns(delay + 2.0 * SUBSTEP))
+    assert robot.pose.x > 0.0
+
+
+def test_delayed_commands_arrive_in_their_order() -> None:
+    robot = base(command_delay=0.3)
+    for linear in (0.1, 0.2, 0.3):
+        driven(robot, Twist(linear, 0.0), 0.05)
+    robot.advance(robot.now_ns + ns(5.0))
+    assert robot.wanted == Twist(0.3, 0.0)
+
+
+def test_perfect_wheels_measure_the_true_way() -> None:
+    robot = driven(base(), Twist(0.4, 0.3), 6.0)
+    assert robot.odometry == robot.pose
+
+
+def test_the_odometry_drifts_as_much_as_it_is_told_to() -> None:
+    drift = []
+    for seed in range(60):
+        robot = driven(base(seed=seed, odometry_noise=0.0075), Twist(0.5, 0.0), 10.0)
+        drift.append(robot.odometry.x - robot.pose.x)
+    way = driven(base(), Twist(0.5, 0.0), 10.0).pose.x
+    # A random walk along the way; the deviation of 60 draws is known to 9 %: three of those.
+    assert np.std(drift) == pytest.approx(0.0075 * math.sqrt(way), rel=0.3)
+
+
+def test_the_odometry_of_a_standing_robot_does_not_drift() -> None:
+    robot = driven(base(odometry_noise=0.1), STANDSTILL, 10.0)
+    assert robot.odometry == START
+
+
+def test_the_drift_is_fixed_by_the_seed_and_leaves_the_truth_alone() -> None:
+    one, same, other = (
+        driven(base(seed=seed, odometry_noise=0.01), Twist(0.4, 0.2), 3.0) for seed in (4, 4, 5)
+    )
+    assert one.odometry == same.odometry
+    assert one.odometry != other.odometry
+    assert one.pose == other.pose

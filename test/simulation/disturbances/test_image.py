@@ -1,0 +1,144 @@
+"""Disturbances: each does what it says, when it says, the same for the same seed and frame."""
+
+from typing import Any
+
+from hypothesis import given, settings
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+
+from visual_servo_epipolar.simulation.disturbances.image import (
+    blur_kernel,
+    Disturbances,
+    DisturbanceSettings,
+)
+
+SIZE = (320, 240)
+GREY = np.full((240, 320), 100, dtype=np.uint8)
+GRID = np.stack(np.meshgrid(np.arange(320.0), np.arange(240.0)), axis=-1).reshape(-1, 2)
+KINDS: tuple[dict[str, Any], ...] = (
+    {'light_step': -0.3},
+    {'light_wave': 0.3},
+    {'shadow': 0.4},
+    {'occlusion': 0.3},
+    {'occlusion': 0.3, 'occlusion_from': 'side'},
+    {'person': 0.8},
+    {'motion_blur': 8.0, 'blur_angle': 0.5},
+    {'extra_noise': 5.0},
+)
+
+
+def textured() -> np.ndarray:
+    return np.random.default_rng(3).integers(0, 256, (240, 320), dtype=np.uint8)
+
+
+def disturbed(seed: int = 2, **changes: Any) -> Disturbances:
+    timing = {'disturbed_from': 10, 'disturbed_for': 20}
+    return Disturbances(SIZE, DisturbanceSettings(**{**timing, **changes}), seed)
+
+
+def test_nothing_happens_by_default_and_the_image_is_a_copy() -> None:
+    image = textured()
+    same = disturbed().apply(image, 15)
+    np.testing.assert_array_equal(same, image)
+    assert not np.shares_memory(same, image)
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_seed_and_frame_alone_decide(kind: dict[str, Any]) -> None:
+    one, other, image = disturbed(**kind), disturbed(**kind), textured()
+    before = image.copy()
+    one.apply(image, 12)
+    np.testing.assert_array_equal(one.apply(image, 17), other.apply(image, 17))
+    np.testing.assert_array_equal(image, before)
+    assert (one.apply(image, 17) != image).any()
+
+
+@pytest.mark.parametrize('kind', [kind for kind in KINDS if 'light_wave' not in kind])
+def test_nothing_is_disturbed_before_the_first_frame(kind: dict[str, Any]) -> None:
+    np.testing.assert_array_equal(disturbed(**kind).apply(textured(), 9), textured())
+
+
+@pytest.mark.parametrize('kind', KINDS[2:])
+def test_what_passes_is_over_after_its_duration(kind: dict[str, Any]) -> None:
+    np.testing.assert_array_equal(disturbed(**kind).apply(textured(), 30), textured())
+
+
+@pytest.mark.parametrize('kind', KINDS[2:])
+def test_what_passes_comes_back_when_told_to(kind: dict[str, Any]) -> None:
+    often = disturbed(**kind, disturbed_every=25)
+    image = textured()
+    assert [(often.apply(image, frame) != image).any() for frame in (9, 20, 34, 45, 59, 70)] == [
+        False,
+        True,
+        False,
+        True,
+        False,
+        True,
+    ]
+
+
+def test_one_disturbance_must_end_before_the_next_begins() -> None:
+    with pytest.raises(ValueError, match='0 or at least disturbed_for, got 19 and 20 frames'):
+        disturbed(disturbed_every=19)
+
+
+def test_the_light_stays_as_the_step_leaves_it() -> None:
+    assert (disturbed(light_step=-0.3).apply(GREY, 400) == 70).all()
+    assert (disturbed(light_step=2.0).apply(GREY, 10) == 255).all()  # saturated, not wrapped
+
+
+def test_slow_light_reaches_its_amplitude_and_no_more() -> None:
+    slow = disturbed(light_wave=0.3, light_period=40.0)
+    greys = [int(slow.apply(GREY, frame)[0, 0]) for frame in range(40)]
+    assert (min(greys), max(greys)) == (70, 130)
+
+
+def test_a_shadow_crosses_the_image_from_left_to_right() -> None:
+    shadow = disturbed(shadow=0.4)
+    darkest = [int(shadow.apply(GREY, frame)[120].argmin()) for frame in (16, 20, 24)]
+    assert darkest == sorted(darkest) and darkest[0] < darkest[2]
+    assert shadow.apply(GREY, 20).min() == 60
+    assert (np.abs(np.diff(shadow.apply(GREY, 20).astype(int), axis=1)) <= 4).all()  # soft edges
+
+
+@pytest.mark.parametrize('origin', ('nowhere', 'side'))
+def test_an_obstacle_covers_the_share_asked_for(origin: str) -> None:
+    obstacle = disturbed(occlusion=0.3, occlusion_from=origin)
+    assert obstacle.hides(GRID, 20).mean() == pytest.approx(0.3, abs=0.005)
+    assert (obstacle.hides(GRID, 10).mean() > 0.2) == (origin == 'nowhere')
+
+
+@pytest.mark.parametrize('kind', [{'occlusion': 0.3}, {'person': 0.8}])
+def test_what_hides_the_scene_is_where_the_image_changes(kind: dict[str, Any]) -> None:
+    passer = disturbed(**kind)
+    changed = (passer.apply(GREY, 21) != GREY).ravel()
+    assert not (changed & ~passer.hides(GRID, 21)).any()
+
+
+def test_a_person_walks_through() -> None:
+    person = disturbed(person=0.8)
+    seen = [GRID[person.hides(GRID, frame)] for frame in (14, 20, 26)]
+    assert np.diff([pixels[:, 0].mean() for pixels in seen]).min() > 50.0
+    assert np.ptp(seen[1][:, 1]) > 0.7 * SIZE[1]
+
+
+def test_points_outside_the_image_are_hidden_by_nothing() -> None:
+    outside = np.array([[-5.0, 3.0], [1e9, 3.0], [np.nan, np.nan]])
+    assert not disturbed(occlusion=0.9).hides(outside, 20).any()
+
+
+def test_extra_noise_has_the_deviation_asked_for() -> None:
+    assert disturbed(extra_noise=5.0).apply(GREY, 12).std() == pytest.approx(5.0, rel=0.05)
+
+
+@settings(deadline=None)
+@given(length=st.floats(0.0, 40.0), angle=st.floats(-3.1, 3.1))
+def test_blur_keeps_light_and_place(length: float, angle: float) -> None:
+    kernel = blur_kernel(length, angle)
+    assert kernel.sum() == pytest.approx(1.0)
+    v, u = (np.indices(kernel.shape) - np.array(kernel.shape).reshape(2, 1, 1) // 2) * kernel
+    assert abs(u.sum()) < 1e-9 and abs(v.sum()) < 1e-9
+    # The variance of a uniform stretch, and what bilinear splatting adds to it.
+    spread = ((np.indices(kernel.shape)[1] - kernel.shape[1] // 2) ** 2 * kernel).sum()
+    assert spread == pytest.approx((length * np.cos(angle)) ** 2 / 12.0, abs=0.3)

@@ -1,0 +1,103 @@
+"""The worlds: repeatable, free where the robot drives, deep as seen from the goal."""
+
+import cv2
+import numpy as np
+import pytest
+
+from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
+from visual_servo_epipolar.simulation.rendering.renderer import Renderer
+from visual_servo_epipolar.simulation.rendering.surfaces import Scene, Surface, Texture
+from visual_servo_epipolar.simulation.rooms.scene import room
+
+CAMERA = Camera(1280, 1024, 769.0, 769.0, 635.0, 512.0)
+SEEDS = (0, 1)
+
+
+@pytest.fixture(scope='module')
+def rooms() -> dict[int, Scene]:
+    return {seed: room(seed) for seed in SEEDS}
+
+
+def keypoint_places(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
+    """Return pixels of what SIFT finds from the goal, and the world points there."""
+    renderer = Renderer(scene, CAMERA)
+    found = cv2.SIFT_create().detect(renderer.render(DESIRED_POSE), None)
+    pixels = np.array([keypoint.pt for keypoint in found], dtype=np.float64)
+    return pixels, renderer.trace(pixels, DESIRED_POSE)
+
+
+def test_the_same_seed_gives_the_same_wall() -> None:
+    first, second = room(3, 'wall'), room(3, 'wall')
+    for one, other in zip(first.surfaces, second.surfaces, strict=True):
+        assert one.name == other.name
+        np.testing.assert_array_equal(one.texture.image, other.texture.image)
+
+
+def test_another_seed_gives_another_room(rooms: dict[int, Scene]) -> None:
+    assert not np.allclose(rooms[0].corners, rooms[1].corners)
+
+
+def test_an_unknown_kind_is_refused() -> None:
+    with pytest.raises(ValueError, match="room, wall, got 'cave'"):
+        room(0, 'cave')
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_the_way_of_the_robot_is_free(rooms: dict[int, Scene], seed: int) -> None:
+    scene = rooms[seed]
+    corners = scene.corners[scene.bodies > 0]
+    low = corners[corners[:, :, 2].min(axis=1) < 2.0]
+    near = low[low[:, :, 1].min(axis=1) < 3.2]
+    assert (np.abs(near[:, :, 0]).min(axis=1) > 2.6).all()
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_every_two_bodies_are_on_either_side_of_a_face(rooms: dict[int, Scene], seed: int) -> None:
+    scene = rooms[seed]
+    offsets = np.einsum('ij,ij->i', scene.normals, scene.corners[:, 0])
+    count = int(scene.bodies.max()) + 1
+    parted = np.eye(count, dtype=bool)
+    for k in range(1, count):
+        corners = scene.corners[scene.bodies == k].reshape(-1, 3)
+        outside = (corners @ scene.normals.T - offsets).min(axis=0) > -1e-6
+        parted[k, scene.bodies[outside]] = True
+    assert (parted | parted.T)[1:, 1:].all()
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_the_goal_sees_features_at_many_depths(rooms: dict[int, Scene], seed: int) -> None:
+    _, points = keypoint_places(rooms[seed])
+    depths = points[:, 1]
+    share_of_back_wall = np.mean(depths > 7.99)
+    bands = np.histogram(depths, bins=(3.0, 4.0, 5.0, 6.0, 8.0))[0]
+    assert len(points) > 1000
+    assert share_of_back_wall < 0.3
+    assert (bands > 0.05 * len(points)).all()
+
+
+@pytest.mark.parametrize('seed', SEEDS)
+def test_the_goal_sees_features_in_every_part_of_the_image(
+    rooms: dict[int, Scene], seed: int
+) -> None:
+    pixels, _ = keypoint_places(rooms[seed])
+    counts, _, _ = np.histogram2d(*pixels.T, bins=(4, 3), range=((0, 1280), (0, 1024)))
+    assert (counts > 20).all()
+
+
+def test_most_features_of_the_wall_lie_on_the_wall() -> None:
+    _, points = keypoint_places(room(0, 'wall'))
+    assert len(points) > 1000
+    assert np.mean(np.abs(points[:, 1] - 5.0) < 1e-6) > 0.7
+
+
+def test_a_surface_must_be_a_rectangle() -> None:
+    texture = Texture(np.zeros((4, 4), dtype=np.uint8))
+    edges = np.array([1.0, 0.0, 0.0]), np.array([1.0, 0.0, 1.0])
+    with pytest.raises(ValueError, match='edges of wall must be at right angles'):
+        Surface('wall', 'room', np.zeros(3), *edges, texture)
+
+
+def test_a_scene_without_surfaces_is_refused() -> None:
+    with pytest.raises(ValueError, match='at least one surface'):
+        Scene(())

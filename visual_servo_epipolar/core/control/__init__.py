@@ -1,0 +1,1 @@
+"""The laws of the paper as pure functions, the table of laws, and gains."""

@@ -1,0 +1,237 @@
+"""
+What the planar estimators share: two-point hypotheses, their scores, and how modes are told apart.
+
+With the unit complex numbers P = exp(i psi), Q = exp(i phi) and rays (u, v) of an upright camera,
+p_d^T F p_a = 0 for the F of a planar motion reads
+
+    r = Re(P alpha + Q beta) = 0,    alpha = v_a (1 + i u_d),    beta = v_d (u_a - i).
+
+Only v carries information: features on the horizon say nothing. In front of both cameras v_a and
+v_d have the same sign (the oriented epipolar constraint), which names some outliers beforehand.
+The residual is linear in (P, Q) and its squared gradient in (P^2, Q^2), so that all hypotheses are
+scored by two matrix products. Functions of rays take leading axes: one geometry each.
+"""
+
+from functools import lru_cache
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import (
+    BoolArray,
+    ComplexArray,
+    FloatArray,
+    frozen,
+    IntArray,
+)
+from visual_servo_epipolar.core.errors import DegenerateGeometryError
+from visual_servo_epipolar.core.estimators.base import Prior
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.motion import HALF_PI
+
+INLIER_DEVIATIONS = 2.5  # where the truncated score levels off
+SPREAD = 0.07  # bearings that differ by less are one mode [rad]
+RIVAL_COST = 3.0 * INLIER_DEVIATIONS**2  # what three matches may add by chance: modes on a par
+UNDETERMINED = 1.0  # deviation of a bearing above which the matches say nothing of it [rad]
+MARGIN = 0.25  # of the mean truncated cost: modes worse by more are no rivals
+GRADIENT = 1e-12  # squared, the least one that is divided by
+TINY = 1e-30
+
+
+def _families() -> FloatArray:
+    """Return the constants that turn (p0, p1, q0, q1) into F, dF/dpsi and dF/dphi, (4, 27)."""
+    made = np.zeros((4, 3, 3, 3))
+    p0, p1, q0, q1 = made
+    # F = [[0, -p1, 0], [q0, 0, q1], [0, p0, 0]]; d(p0, p1)/dpsi = (-p1, p0).
+    p1[0, 0, 1], q0[0, 1, 0], q1[0, 1, 2], p0[0, 2, 1] = -1.0, 1.0, 1.0, 1.0
+    p0[1, 0, 1], p1[1, 2, 1] = -1.0, -1.0
+    q1[2, 1, 0], q0[2, 1, 2] = -1.0, 1.0
+    return made.reshape(4, 27)
+
+
+FAMILIES = _families()
+
+
+class Rays(NamedTuple):
+    """Coordinates of the matches at unit focal length, each of shape (..., N)."""
+
+    u_a: FloatArray
+    v_a: FloatArray
+    u_d: FloatArray
+    v_d: FloatArray
+
+
+def rays_of(current: FloatArray, desired: FloatArray) -> Rays:
+    """Return the columns of ``current`` and ``desired``, shape (..., N, 2) each."""
+    both = [current[..., 0], current[..., 1], desired[..., 0], desired[..., 1]]
+    return Rays(*np.array(both))
+
+
+def plausible(rays: Rays, slack: FloatArray | float) -> BoolArray:
+    """Return where v_a and v_d have one sign or are within ``slack`` of the horizon, (..., N)."""
+    return np.asarray(rays.v_a * rays.v_d > -slack * slack)
+
+
+@lru_cache(maxsize=256)
+def pairs(count: int, limit: int) -> tuple[IntArray, IntArray]:
+    """
+    Return at most ``limit`` different pairs of 0 .. count - 1, every match as often as any other.
+
+    All pairs where they are few; else those at the distances 1, 2, 3, ... around a circle, which
+    needs no chance.
+    """
+    if count * (count - 1) // 2 <= limit:
+        first, second = np.triu_indices(count, 1)
+        return frozen(first.astype(np.int64)), frozen(second.astype(np.int64))
+    turns = limit // count + 1
+    steps = np.unique(np.linspace(1, (count - 1) // 2, turns).astype(np.int64))
+    first = np.tile(np.arange(count), len(steps))
+    second = (first + np.repeat(steps, count)) % count
+    return frozen(first[:limit]), frozen(second[:limit])
+
+
+def two_point_hypotheses(rays: Rays, limit: int) -> ComplexArray:
+    """
+    Return P and Q of both solutions of at most ``limit`` pairs of matches, shape (..., 2, H).
+
+    Two residuals give 2 D P = i (A Q + B conj(Q)) with D real; |P| = 1 then fixes the real part of
+    A conj(B) Q^2, which leaves two angles. Where noise leaves none, the nearest one is taken; a
+    pair that says nothing gives any hypothesis.
+    """
+    first, second = pairs(rays.u_a.shape[-1], limit)
+    alpha = rays.v_a * (1.0 - 1j * rays.u_d)  # the conjugate
+    beta = rays.v_d * (rays.u_a - 1j)
+    alpha_1, alpha_2 = alpha[..., first], alpha[..., second]
+    beta_1, beta_2 = beta[..., first], beta[..., second]
+    a = beta_1 * alpha_2 - beta_2 * alpha_1
+    b = beta_1.conj() * alpha_2 - beta_2.conj() * alpha_1
+    twice_d = 2.0 * (alpha_1.conj() * alpha_2).imag
+    axis = a.conj() * b + TINY
+    size = np.abs(axis)
+    cosine = twice_d**2 - (a.real**2 + a.imag**2 + b.real**2 + b.imag**2)
+    cosine /= 2.0 * size
+    np.minimum(np.maximum(cosine, -1.0, out=cosine), 1.0, out=cosine)
+    # Q^2 = exp(+-i angle) axis / |axis|, by half the angle.
+    middle = np.sqrt(axis / size)
+    along, across = middle * np.sqrt(0.5 + 0.5 * cosine), middle * np.sqrt(0.5 - 0.5 * cosine)
+    q = np.stack([along + 1j * across, along - 1j * across])
+    p = 1j * (a * q + b * q.conj()) + TINY
+    p *= np.copysign(1.0, twice_d) / np.abs(p)
+    both = np.stack([p, q], axis=-2)
+    return np.concatenate([both[0], both[1]], axis=-1)
+
+
+def scores(hypotheses: ComplexArray, rays: Rays, threshold: float) -> FloatArray:
+    """
+    Return the mean truncated squared Sampson distance of the matches, shape (..., H) (MSAC).
+
+    ``hypotheses`` has shape (..., 2, H), ``rays`` (..., N); the cost runs from 0 to 1.
+    """
+    u_a, v_a, u_d, v_d = rays
+    high_a, high_d = 0.5 * (u_a * u_a + v_d * v_d), 0.5 * (u_d * u_d + v_a * v_a)
+    linear = np.stack([v_a, -v_a * u_d, v_d * u_a, v_d], axis=-1)
+    # |gradient|^2 by double angles: cos^2 psi = (1 + cos 2 psi) / 2 and so on.
+    double = np.stack([0.5 - high_d, -u_d, high_a - 0.5, u_a], axis=-1)
+    squared = (linear / threshold) @ _parts(hypotheses)
+    gradient = double @ _parts(hypotheses * hypotheses)
+    gradient += (high_a + high_d + 1.0)[..., None]
+    squared *= squared
+    squared /= np.maximum(gradient, GRADIENT)
+    np.clip(squared, 0.0, 1.0, out=squared)  # faster than minimum
+    return np.asarray(squared.sum(axis=-2) / u_a.shape[-1])
+
+
+def _parts(numbers: ComplexArray) -> FloatArray:
+    """Return real and imaginary parts as rows: (..., 2, H) complex to (..., 4, H)."""
+    *leading, count = numbers.shape
+    parts = np.empty((*leading, 2, count))
+    parts[..., 0, :], parts[..., 1, :] = numbers.real, numbers.imag
+    return parts.reshape(*leading[:-1], 4, count)
+
+
+def modes(
+    hypotheses: ComplexArray,
+    costs: FloatArray,
+    count: int,
+    *,
+    spread: float = SPREAD,
+    margin: float = MARGIN,
+) -> IntArray:
+    """
+    Return the places of the best ``count`` hypotheses, shape (2, H), that differ by ``spread``.
+
+    Those with costs beyond the least one and ``margin`` are left out.
+    """
+    near = np.flatnonzero(costs <= costs.min() + margin)
+    left = near[costs[near].argsort()]
+    chosen: list[np.int64] = []
+    while len(left) and len(chosen) < count:
+        chosen.append(left[0])
+        # h and -h are the same geometry: the sine of the angle between them counts.
+        apart = np.abs((hypotheses[:, left] * hypotheses[:, left[:1]].conj()).imag).max(axis=0)
+        left = left[apart > math.sin(spread)]
+    return np.array(chosen)
+
+
+def chosen_mode(
+    angles: FloatArray, costs: FloatArray, prior: Prior
+) -> tuple[int, Bearings | None]:
+    """
+    Return the index of the best mode, and an alternative that the data alone do not rule out.
+
+    ``angles`` (psi, phi) has shape (K, 2); ``costs``, shape (K,), are in squared deviations.
+    """
+    total = costs
+    if prior.bearings is not None:
+        before = np.array([prior.bearings.psi, prior.bearings.phi])
+        away = (np.sin(angles - before) ** 2).sum(axis=1) / prior.deviation**2
+        total = costs + np.minimum(away, 2.0 * len(costs) + 40.0)
+    best = int(total.argmin())
+    apart = np.abs(np.sin(angles - angles[best])).max(axis=1)
+    close = costs < costs[best] + RIVAL_COST
+    others = np.flatnonzero(close & (apart > np.sin(SPREAD)))
+    if not len(others):
+        return best, None
+    psi, phi = angles[others[costs[others].argmin()]]
+    return best, Bearings(float(psi), float(phi))
+
+
+def fused(
+    parameters: FloatArray, covariance: FloatArray, before: FloatArray, deviation: FloatArray
+) -> tuple[FloatArray, BoolArray]:
+    """
+    Return ``parameters``, shape (B, P), psi and phi first, drawn towards ``before``, and which.
+
+    By as much as the matches leave open: where they fix the bearings this changes nothing, where
+    a plane nearly hides them it helps. ``covariance`` has shape (B, P, P); ``before``, shape
+    (B, 2), is nan where nothing is known, and is known to ``deviation``, (B,). The second array,
+    (B,), says where the matches determine the bearings at all.
+    """
+    variances = covariance.diagonal(axis1=1, axis2=2)
+    determined = np.minimum.reduce(variances, axis=1) > 0.0
+    determined &= np.maximum.reduce(variances[:, :2], axis=1) < UNDETERMINED**2
+    change = np.remainder(before - parameters[:, :2] + HALF_PI, np.pi) - HALF_PI
+    change[np.isnan(change)] = 0.0
+    # (covariance + deviation^2 I)^-1 change, by the adjugate
+    spare = (deviation * deviation)[:, None]
+    own, both = variances[:, :2] + spare, covariance[:, 0, 1][:, None]
+    pull = own[:, ::-1] * change - both * change[:, ::-1]
+    pull /= own[:, :1] * own[:, 1:] - both * both
+    return parameters + (covariance[:, :, :2] @ pull[:, :, None])[:, :, 0], determined
+
+
+def undetermined() -> DegenerateGeometryError:
+    """Return what is raised where the matches leave a bearing open altogether."""
+    return DegenerateGeometryError(
+        'the matches leave the bearings open: there is no baseline, or all of them lie on the '
+        "horizon or on one line; track features above and below the camera's height"
+    )
+
+
+def too_few(count: int, total: int, needed: int) -> DegenerateGeometryError:
+    """Return what is raised where ``count`` plausible matches of ``total`` are too few."""
+    return DegenerateGeometryError(
+        f'bearings need {needed} matches on one side of the horizon in both views, got '
+        f'{count} of {total}; track more features'
+    )

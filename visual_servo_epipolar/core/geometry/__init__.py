@@ -1,0 +1,1 @@
+"""Two views of a camera that moves in the plane: motion, cameras, epipoles, rotation."""

@@ -1,0 +1,124 @@
+"""
+Which way the baseline points: scene points lie in front of both cameras.
+
+The epipolar constraint holds for a baseline and its reverse alike; only depths tell them apart.
+"""
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import BoolArray, ComplexArray, FloatArray
+from visual_servo_epipolar.core.errors import DegenerateGeometryError
+from visual_servo_epipolar.core.geometry.epipolar import Bearings, epipoles
+from visual_servo_epipolar.core.geometry.motion import wrap_angle
+
+VOTE_SATURATION = 3.0
+
+
+@dataclass(frozen=True, slots=True)
+class Vote:
+    """Outcome of the cheirality vote: the oriented bearings, and by how much they won."""
+
+    bearings: Bearings
+    confidence: float  # 0 (tie) .. 1 (unanimous)
+
+
+def oriented_bearings(
+    fundamental: FloatArray, current: FloatArray, desired: FloatArray, *, noise: float
+) -> Vote:
+    """
+    Return the bearings of F at unit focal length, oriented by the matches.
+
+    Parameters
+    ----------
+    fundamental : array, shape (3, 3)
+        F for rays; the small out-of-plane part that noise gives its epipoles is dropped.
+    current, desired : arrays, shape (N, 2)
+        Inlying matches as rays.
+    noise : float
+        Standard deviation of a ray coordinate (pixel noise over focal length).
+
+    Raises
+    ------
+    DegenerateGeometryError
+        If an epipole is not in the plane of motion at all, or F is of rank 1.
+
+    """
+    e_current, e_desired = epipoles(fundamental)
+    if min(abs(e_current[1]), abs(e_desired[1])) > 0.7:
+        raise DegenerateGeometryError(
+            f'epipoles must lie in the plane of motion, got {e_current} and {e_desired}; '
+            'the matches do not come from a planar motion'
+        )
+    psi = math.atan2(e_desired[2], e_desired[0])
+    # The goal centre in current axes is (sin phi, -cos phi) in (x, z), up to its sign.
+    phi = math.atan2(e_current[0], -e_current[2])
+    bearings = _relative_sign(Bearings(psi, phi), current, desired)
+    return cheirality(bearings, current, desired, noise=noise)
+
+
+def _relative_sign(bearings: Bearings, current: FloatArray, desired: FloatArray) -> Bearings:
+    """Turn phi by pi if the matches say so: in planar motion v_a and v_d have the same sign."""
+    first = math.cos(bearings.psi) - math.sin(bearings.psi) * desired[:, 0]
+    second = math.cos(bearings.phi) * current[:, 0] + math.sin(bearings.phi)
+    # v_a first + v_d second = 0 with v_a v_d > 0: the product is negative for every match.
+    agreement = np.clip(first * second, -0.05, 0.05)
+    if float(agreement.sum()) > 0.0:
+        return Bearings(bearings.psi, wrap_angle(bearings.phi + math.pi))
+    return bearings
+
+
+def cheirality(
+    bearings: Bearings, current: FloatArray, desired: FloatArray, *, noise: float
+) -> Vote:
+    """
+    Choose between ``bearings`` and their reverse: scene points lie in front of both cameras.
+
+    The epipolar constraint holds for both signs of the baseline; the parallax that is left once
+    the rotation is compensated does not. Each match votes with the sign of its two depths,
+    weighted by its parallax angle over ``noise``, squared and saturated at three, so that an
+    outlier counts no more than a good match. With too little parallax the confidence is near zero.
+    """
+    numbers = np.exp(1j * np.array([[bearings.psi, bearings.phi]]))
+    voting = np.ones((1, len(current)), bool)
+    rays = current[None, :, 0], desired[None, :, 0]
+    balance = float(balances(numbers, *rays, voting, np.array([noise]))[0])
+    return Vote(oriented(bearings.psi, bearings.phi, balance), min(abs(balance), 1.0))
+
+
+def oriented(psi: float, phi: float, balance: float) -> Bearings:
+    """Return the bearings, or their reverse where ``balance`` is negative."""
+    bearings = Bearings(psi, phi)
+    return bearings.reversed() if balance < 0.0 else bearings
+
+
+def balances(
+    numbers: ComplexArray,
+    u_current: FloatArray,
+    u_desired: FloatArray,
+    voting: BoolArray,
+    noise: FloatArray,
+) -> FloatArray:
+    """
+    Return by how much the matches vote for the bearings, 1, or for their reverse, -1; shape (B,).
+
+    ``numbers`` are exp(i psi) and exp(i phi), shape (B, 2); abscissae of the rays have shape
+    (B, N), as has ``voting``, which says who votes; ``noise`` is of shape (B,).
+    """
+    psi = numbers[:, :1]
+    turn = psi * numbers[:, 1:].conj()  # exp(i (alpha + pi / 2))
+    cosine, sine = turn.imag, -turn.real
+    turned_x = cosine * u_current - sine
+    turned_z = sine * u_current + cosine
+    cross = u_desired * turned_z - turned_x  # h_d x h_r
+    depth_current = cross * (psi.real - u_desired * psi.imag)
+    depth_desired = cross * (turned_z * psi.real - turned_x * psi.imag)
+    size = (1.0 + u_desired * u_desired) * (turned_x * turned_x + turned_z * turned_z)
+    weight = cross * cross / (size * (noise * noise)[:, None])
+    np.minimum(weight, VOTE_SATURATION**2, out=weight)
+    weight *= voting
+    score = (weight * (np.sign(depth_current) + np.sign(depth_desired))).sum(axis=1)
+    total = 2.0 * VOTE_SATURATION**2 * np.maximum(voting.sum(axis=1), 1)
+    return np.asarray(score / total)

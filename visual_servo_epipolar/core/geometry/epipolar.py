@@ -1,0 +1,263 @@
+"""
+Epipolar geometry of two views of a camera that moves in the plane (section II and eqs. 3, 5, 6).
+
+Two views are called ``current`` (the paper's *actual*) and ``desired``, in that order. The
+baseline is written in **oriented bearings**: psi = atan2(y, x) is the direction from the desired
+to the current camera centre, phi = psi - theta the same seen from the current heading. Cosine and
+sine of the two never jump when an epipole passes through infinity, as abscissae do.
+"""
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import as_points, ComplexArray, FloatArray
+from visual_servo_epipolar.core.errors import DegenerateGeometryError
+from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, wrap_angle
+
+MIN_SINGULAR_RATIO = 1e-9
+MIN_MATCHES = 8
+SMALLEST_SINE = 1e-16
+
+
+@dataclass(frozen=True, slots=True)
+class Bearings:
+    """Directions of the baseline: psi in the plane, phi = psi - theta from the heading [rad]."""
+
+    psi: float
+    phi: float
+
+    @classmethod
+    def from_pose(cls, pose: Pose) -> 'Bearings':
+        """Return the bearings of ``pose``; DegenerateGeometryError where x = y = 0."""
+        if pose.distance == 0.0:
+            raise DegenerateGeometryError(
+                'epipoles need a baseline, got a pose at the goal; only the rotation is defined'
+            )
+        psi = math.atan2(pose.y, pose.x)
+        return cls(psi, wrap_angle(psi - pose.theta))
+
+    @property
+    def epipole_current(self) -> float:
+        """Abscissa e_au at unit focal length, tan(theta - psi) (eq. 6)."""
+        return -math.tan(self.phi)
+
+    @property
+    def epipole_desired(self) -> float:
+        """Abscissa e_du at unit focal length, x / y (eq. 5)."""
+        # Never infinite, as -tan(phi) is never: laws multiply it by what goes to zero.
+        return math.cos(self.psi) / (math.sin(self.psi) or SMALLEST_SINE)
+
+    @property
+    def alpha(self) -> float:
+        """Bearing atan(e_au / f) of the current epipole, in [-pi/2, pi/2] [rad]."""
+        return math.atan(self.epipole_current)
+
+    @property
+    def chi(self) -> float:
+        """Bearing atan(e_du / f) of the desired epipole, in [-pi/2, pi/2] [rad]."""
+        return math.atan(self.epipole_desired)
+
+    @property
+    def sigma(self) -> float:
+        """Sign of cos(psi - theta): -1 while the goal camera lies ahead of the robot."""
+        return math.copysign(1.0, math.cos(self.phi))
+
+    @property
+    def current(self) -> float:
+        """Bearing of the goal camera's centre in the current view [rad], right positive."""
+        return math.atan2(math.sin(self.phi), -math.cos(self.phi))
+
+    @property
+    def desired(self) -> float:
+        """Bearing of the current camera's centre in the desired view [rad], right positive."""
+        return math.atan2(math.cos(self.psi), math.sin(self.psi))
+
+    @property
+    def heading_error(self) -> float:
+        """Heading of the current against the desired view, theta - pi/2 [rad]."""
+        return wrap_angle(self.psi - self.phi - HALF_PI)
+
+    def reversed(self) -> 'Bearings':
+        """Return the same baseline with the other sign: what cheirality decides between."""
+        return Bearings(wrap_angle(self.psi + math.pi), wrap_angle(self.phi + math.pi))
+
+
+def cross_matrix(vector: FloatArray) -> FloatArray:
+    """Return [v]x, shape (3, 3), such that [v]x w = v x w."""
+    x, y, z = (float(component) for component in vector)
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def rotation_desired_current(heading_error: float) -> FloatArray:
+    """Return R, shape (3, 3), that turns current into desired camera axes [rad, left positive]."""
+    cosine, sine = math.cos(heading_error), math.sin(heading_error)
+    return np.array([[cosine, 0.0, -sine], [0.0, 1.0, 0.0], [sine, 0.0, cosine]])
+
+
+def rotations_desired_current(heading_errors: FloatArray) -> FloatArray:
+    """Return the same for many heading errors, shape (B,): shape (B, 3, 3)."""
+    turn = np.exp(1j * heading_errors)
+    made = np.zeros((len(heading_errors), 3, 3))
+    made[:, 0, 0] = made[:, 2, 2] = turn.real
+    made[:, 0, 2], made[:, 2, 0], made[:, 1, 1] = -turn.imag, turn.imag, 1.0
+    return made
+
+
+def fundamental_from_bearings(bearings: Bearings) -> FloatArray:
+    """Return F of a planar motion at unit focal length, shape (3, 3), Frobenius norm sqrt(2)."""
+    cos_psi, sin_psi = math.cos(bearings.psi), math.sin(bearings.psi)
+    cos_phi, sin_phi = math.cos(bearings.phi), math.sin(bearings.phi)
+    return np.array([[0.0, -sin_psi, 0.0], [cos_phi, 0.0, sin_phi], [0.0, cos_psi, 0.0]])
+
+
+def fundamentals(numbers: ComplexArray, balance: FloatArray) -> FloatArray:
+    """
+    Return F of many planar motions at unit focal length, shape (B, 3, 3).
+
+    ``numbers`` are exp(i psi) and exp(i phi), shape (B, 2), of the bearings where ``balance``,
+    shape (B,), is not negative, of their reverse where it is.
+    """
+    psi, phi = np.where(balance < 0.0, -1.0, 1.0) * numbers.T
+    made = np.zeros((len(numbers), 3, 3))
+    made[:, 0, 1], made[:, 2, 1] = -psi.imag, psi.real
+    made[:, 1, 0], made[:, 1, 2] = phi.real, phi.imag
+    return made
+
+
+def in_pixels(
+    fundamental: FloatArray, current_matrix: FloatArray, desired_matrix: FloatArray
+) -> FloatArray:
+    """Return K_d^-T F K_a^-1: a matrix for rays turned into one for pixels."""
+    return np.asarray(
+        np.linalg.inv(desired_matrix).T @ fundamental @ np.linalg.inv(current_matrix)
+    )
+
+
+def fundamental_from_pose(matrix: FloatArray, pose: Pose) -> FloatArray:
+    """
+    Return F of the view from ``pose`` and of the desired view, shape (3, 3), in pixels.
+
+    p_desired^T F p_current = 0 (eq. 3), F = K^-T [t]x R K^-1 with t the current centre in desired
+    axes and R current -> desired, which is the reading that makes section II consistent.
+    """
+    return in_pixels(fundamental_from_bearings(Bearings.from_pose(pose)), matrix, matrix)
+
+
+def epipoles(fundamental: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """
+    Return the epipoles of the current and of the desired image.
+
+    Parameters
+    ----------
+    fundamental : array, shape (3, 3)
+        F such that p_desired^T F p_current = 0 (eq. 3).
+
+    Returns
+    -------
+    current, desired : arrays, shape (3,)
+        F e_a = 0 and F^T e_d = 0: homogeneous, unit norm, sign free; may lie at infinity.
+
+    Raises
+    ------
+    DegenerateGeometryError
+        If F is not of rank 2, so that an epipole is not a point.
+
+    """
+    u, singular, vt = np.linalg.svd(fundamental)
+    if not singular[1] > MIN_SINGULAR_RATIO * singular[0]:
+        raise DegenerateGeometryError(
+            f'fundamental matrix must have rank 2, got singular values {singular}; '
+            'move away from the desired pose or skip this pair'
+        )
+    return vt[2], u[:, 2]
+
+
+def homogeneous(points: FloatArray) -> FloatArray:
+    """Return ``points``, shape (N, 2), with a third coordinate 1, shape (N, 3)."""
+    return np.column_stack([points, np.ones(len(points))])
+
+
+def columns(points: FloatArray) -> FloatArray:
+    """Return ``points``, shape (..., N, 2), as homogeneous columns, shape (..., 3, N)."""
+    made = np.ones((*points.shape[:-2], 3, points.shape[-2]))
+    made[..., :2, :] = np.swapaxes(points, -1, -2)
+    return made
+
+
+def sampson_distance(
+    fundamental: FloatArray, current: FloatArray, desired: FloatArray
+) -> FloatArray:
+    """
+    Return the first-order distance of each match from F, shape (..., N), in the points' unit.
+
+    ``fundamental``, shape (..., 3, 3), and points, shape (..., N, 2), may have leading axes.
+    Hartley and Zisserman, eq. 11.9.
+    """
+    p_current, p_desired = columns(current), columns(desired)
+    lines_desired = fundamental @ p_current  # F p_a, (..., 3, N)
+    lines_current = np.swapaxes(fundamental, -1, -2) @ p_desired
+    residual = (lines_desired * p_desired).sum(axis=-2)
+    gradient = (lines_desired[..., :2, :] ** 2).sum(axis=-2)
+    gradient += (lines_current[..., :2, :] ** 2).sum(axis=-2)
+    return np.asarray(residual / np.sqrt(np.maximum(gradient, 1e-300)))
+
+
+def hartley_normalisation(points: FloatArray) -> FloatArray:
+    """Return T, shape (3, 3): centroid to the origin, mean distance to sqrt(2) (Hartley 1995)."""
+    centre = points.mean(axis=0)
+    spread = float(np.sqrt(((points - centre) ** 2).sum(axis=1)).mean())
+    if not spread > 0.0:
+        raise DegenerateGeometryError(
+            f'{len(points)} points coincide at {centre}; track features spread over the image'
+        )
+    scale = math.sqrt(2.0) / spread
+    return np.array(
+        [[scale, 0.0, -scale * centre[0]], [0.0, scale, -scale * centre[1]], [0.0, 0.0, 1.0]]
+    )
+
+
+def design_matrix(current: FloatArray, desired: FloatArray) -> FloatArray:
+    """Return the rows a with a . vec(F) = p_d^T F p_a, shape (N, 9), F by rows."""
+    p_current, p_desired = homogeneous(current), homogeneous(desired)
+    return (p_desired[:, :, None] * p_current[:, None, :]).reshape(-1, 9)
+
+
+def fundamental_from_matches(current: FloatArray, desired: FloatArray) -> FloatArray:
+    """
+    Return F of rank 2 by the normalised 8-point algorithm, shape (3, 3), Frobenius norm 1.
+
+    Parameters
+    ----------
+    current, desired : arrays, shape (N, 2)
+        At least eight matches, in pixels or as rays; F is for the same unit.
+
+    Raises
+    ------
+    DegenerateGeometryError
+        With fewer than eight matches, or points that coincide.
+
+    """
+    current, desired = as_points(current, 'current'), as_points(desired, 'desired')
+    if len(current) != len(desired) or len(current) < MIN_MATCHES:
+        raise DegenerateGeometryError(
+            f'the 8-point algorithm needs at least {MIN_MATCHES} matches, got {len(current)} '
+            f'current and {len(desired)} desired points; track more features'
+        )
+    to_current, to_desired = hartley_normalisation(current), hartley_normalisation(desired)
+    rows = design_matrix(transform(to_current, current), transform(to_desired, desired))
+    solution = np.linalg.svd(rows, full_matrices=True)[2][-1].reshape(3, 3)
+    fundamental = to_desired.T @ rank_two(solution) @ to_current
+    return np.asarray(fundamental / np.linalg.norm(fundamental))
+
+
+def transform(matrix: FloatArray, points: FloatArray) -> FloatArray:
+    """Return affine ``matrix``, shape (3, 3), applied to ``points``, shape (N, 2)."""
+    return np.asarray(points @ matrix[:2, :2].T + matrix[:2, 2])
+
+
+def rank_two(fundamental: FloatArray) -> FloatArray:
+    """Return the closest matrix of rank 2 in Frobenius norm."""
+    u, singular, vt = np.linalg.svd(fundamental)
+    return np.asarray((u[:, :2] * singular[:2]) @ vt[:2])

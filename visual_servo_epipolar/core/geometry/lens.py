@@ -1,0 +1,139 @@
+"""A camera matrix that nobody calibrated: what is learnt of it while driving."""
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray
+
+SHIFT_DEVIATION = 0.02  # of a principal point that nobody measured, in focal lengths
+SHY = 0.3  # part of the variance before above which what one pair says is taken over slowly
+SPURIOUS_DEVIATIONS = 2.0
+LEAST_VARIANCE = np.diag([0.003, 0.0005]) ** 2  # of ratio and shift: lenses are no pinholes
+
+
+@dataclass(frozen=True, slots=True)
+class Lens:
+    """
+    What is wrong with a camera matrix: true rays are exp(log_ratio) times its rays, plus shift.
+
+    ``log_ratio`` is the logarithm of the focal length that was told over the true one, ``shift``
+    moves all rays to the right; the offset of the principal point along v acts as a tilt. The
+    ratio is known to ``ratio_deviation``. If it were log_ratio + a, the shift would be shift + a
+    ``shift_slope``, and then it is known to ``rest_deviation``. A calibrated camera has deviations
+    of 0.
+    """
+
+    log_ratio: float = 0.0
+    shift: float = 0.0
+    ratio_deviation: float = 0.0
+    rest_deviation: float = 0.0
+    shift_slope: float = 0.0
+
+    @classmethod
+    def of(cls, log_ratio: float, shift: float, covariance: FloatArray) -> 'Lens':
+        """Return the lens of ratio and shift with their ``covariance``, shape (2, 2)."""
+        (ratio, both), (_, own) = covariance.tolist()
+        rest = math.sqrt(max(own - both * both / ratio, 0.0))
+        return cls(log_ratio, shift, math.sqrt(ratio), rest, both / ratio)
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether there is nothing to find out."""
+        return self.ratio_deviation == 0.0
+
+    @property
+    def corrects_nothing(self) -> bool:
+        """Whether the rays are right as they are, as far as is known."""
+        return self.log_ratio == 0.0 and self.shift == 0.0
+
+    @property
+    def known(self) -> tuple[float, float, float]:
+        """Deviation of the ratio, that of the rest of the shift, and the slope between the two."""
+        return self.ratio_deviation, self.rest_deviation, self.shift_slope
+
+    @property
+    def root(self) -> FloatArray:
+        """Lower triangular root of the covariance of ratio and shift, shape (2, 2)."""
+        ratio, rest, slope = self.known
+        return np.array([[ratio, 0.0], [slope * ratio, rest]])
+
+
+CALIBRATED = Lens()
+
+
+def unknown_lens(focal_deviation: float) -> Lens:
+    """Return what is known of a lens in the beginning; with a deviation of 0 all."""
+    return Lens(0.0, 0.0, focal_deviation, SHIFT_DEVIATION if focal_deviation > 0.0 else 0.0)
+
+
+def change(after: Lens, before: Lens) -> Lens:
+    """Return what turns rays that ``before`` has corrected into those that ``after`` corrects."""
+    log_ratio = after.log_ratio - before.log_ratio
+    return Lens(log_ratio, after.shift - math.exp(log_ratio) * before.shift)
+
+
+def learnt(lens: Lens, found: Lens) -> Lens:
+    """
+    Return what is known of ``lens`` after one pair of views.
+
+    ``found`` is relative to ``lens``, and holds what was known before. Frames share the noise of
+    the photograph: many that say little do not add up to one that says much. So a pair counts in
+    full only where it alone tells more than is known, and all together tell no more than the best.
+    """
+    if lens.calibrated:
+        return lens
+    # Ratio and shift as two numbers of which (0 +- 1, 0 +- 1) was known before.
+    root = lens.root
+    inverse = np.linalg.inv(root)
+    left, axes = np.linalg.eigh(_squared(inverse @ found.root))
+    values = axes.T @ inverse @ [found.log_ratio, found.shift]
+    rows = [_learnt(*row) for row in zip(values.tolist(), left.tolist(), strict=True)]
+    taken, variances = np.array(rows).T
+    log_ratio, shift = (root @ axes @ taken).tolist()
+    covariance = _squared(root @ axes * np.sqrt(variances))
+    covariance += np.maximum(LEAST_VARIANCE - covariance, 0.0) * np.eye(2)
+    return Lens.of(
+        lens.log_ratio + log_ratio, math.exp(log_ratio) * lens.shift + shift, covariance
+    )
+
+
+def _squared(root: FloatArray) -> FloatArray:
+    return np.asarray(root @ root.T)
+
+
+def _learnt(value: float, left: float) -> tuple[float, float]:
+    """
+    Return the part of ``value`` that is taken over, and its variance then.
+
+    It had a mean of 0 and a variance of 1, of which one pair of views has ``left`` some.
+    """
+    if not 0.0 < left < 1.0:
+        return 0.0, 1.0
+    alone = left / (1.0 - left)  # the variance of what this pair alone says
+    gain = 1.0 / (1.0 + alone * max(1.0, alone / SHY) ** 2)
+    return value * gain * (1.0 + alone), max(1.0 - gain, min(alone, 1.0))
+
+
+def spurious_parallax(rays: FloatArray, headings: FloatArray, roots: FloatArray) -> FloatArray:
+    """
+    Return the parallax that a turn by ``headings``, (B,), shows through lenses not known, (B,).
+
+    A turn by alpha moves ``rays`` (u, v), shape (B, N, 2), by alpha (1 + u^2) to the side. If the
+    ratio is wrong by e and the shift by h, 2 alpha (e u^2 + h u) of it look like no rotation.
+    ``roots`` are those of the lenses, shape (B, 2, 2).
+    """
+    u = rays[:, :, 0]
+    moves = 2.0 * np.stack([np.std(u * u, axis=1), np.std(u, axis=1)], axis=1)
+    deviation = np.sqrt(((moves[:, None] @ roots)[:, 0] ** 2).sum(axis=1))
+    return np.asarray(SPURIOUS_DEVIATIONS * np.abs(headings) * deviation)
+
+
+def for_wrong_rays(fundamental: FloatArray, lens: Lens) -> FloatArray:
+    """Return F, shape (3, 3), for rays as they were before ``lens`` corrected them."""
+    if lens.corrects_nothing:
+        return fundamental
+    ratio = math.exp(lens.log_ratio)
+    corrects = np.array([[ratio, 0.0, lens.shift], [0.0, ratio, 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(corrects.T @ fundamental @ corrects)

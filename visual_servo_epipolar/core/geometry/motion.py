@@ -1,0 +1,168 @@
+"""
+Motion of the unicycle in the plane of the paper (eq. 4).
+
+The desired pose is (0, 0, pi/2): the goal camera sits at the origin and looks along +y. ``theta``
+is measured from +x to the left; the heading *error* shown to people is theta - pi/2.
+"""
+
+from dataclasses import dataclass
+import math
+
+HALF_PI = math.pi / 2.0
+
+
+def wrap_angle(angle: float) -> float:
+    """Return ``angle`` [rad] wrapped into (-pi, pi]."""
+    wrapped = math.remainder(angle, 2.0 * math.pi)
+    return math.pi if wrapped == -math.pi else wrapped
+
+
+@dataclass(frozen=True, slots=True)
+class Pose:
+    """Pose of the unicycle in the plane of the paper: x, y [m], theta [rad] from +x."""
+
+    x: float
+    y: float
+    theta: float
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.x) and math.isfinite(self.y) and math.isfinite(self.theta)):
+            raise ValueError(f'a pose must be finite, got {self}; check what produced it')
+
+    @classmethod
+    def from_start(cls, x: float, y: float, heading_error_deg: float) -> 'Pose':
+        """Build a pose from a start as users give it: x, y [m], heading error [deg]."""
+        return cls(float(x), float(y), HALF_PI + math.radians(heading_error_deg))
+
+    @property
+    def distance(self) -> float:
+        """Distance d from the desired pose [m]."""
+        return math.hypot(self.x, self.y)
+
+    @property
+    def heading_error(self) -> float:
+        """Heading relative to the desired one [rad], left positive."""
+        return wrap_angle(self.theta - HALF_PI)
+
+
+@dataclass(frozen=True, slots=True)
+class Twist:
+    """Velocity of the unicycle in its own frame: linear [m/s], angular [rad/s] to the left."""
+
+    linear: float
+    angular: float
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.linear) and math.isfinite(self.angular)):
+            raise ValueError(
+                f'a twist must be finite, got linear {self.linear} and angular {self.angular}; '
+                'it is refused and the robot stands still'
+            )
+
+
+DESIRED_POSE = Pose(0.0, 0.0, HALF_PI)
+STANDSTILL = Twist(0.0, 0.0)
+
+
+def integrate(pose: Pose, twist: Twist, dt: float) -> Pose:
+    """Move ``pose`` by a constant ``twist`` for ``dt`` [s]: the exact arc of eq. (4)."""
+    return Pose(*arc(pose.x, pose.y, pose.theta, twist.linear, twist.angular, dt))
+
+
+def arc(
+    x: float, y: float, theta: float, linear: float, angular: float, dt: float
+) -> tuple[float, float, float]:
+    """
+    Return x, y and theta after ``dt`` [s] at constant velocities.
+
+    The chord of the arc is v dt sinc(w dt / 2) long and points half-way between the two headings;
+    written so, the straight line is no special case.
+    """
+    half = 0.5 * angular * dt
+    sinc = math.sin(half) / half if abs(half) > 1e-8 else 1.0 - half * half / 6.0
+    chord, middle = linear * dt * sinc, theta + half
+    return (
+        x + chord * math.cos(middle),
+        y + chord * math.sin(middle),
+        wrap_angle(theta + angular * dt),
+    )
+
+
+def saturate(twist: Twist, *, max_linear: float, max_angular: float) -> Twist:
+    """
+    Scale both velocities by one common factor until they obey the limits [m/s, rad/s].
+
+    A common factor keeps their ratio, hence the path: the robot is slower on the same curve.
+    """
+    excess = max(abs(twist.linear) / max_linear, abs(twist.angular) / max_angular, 1.0)
+    return Twist(twist.linear / excess, twist.angular / excess)
+
+
+def ramped(wanted: Twist, before: Twist, dt: float, *, linear: float, angular: float) -> Twist:
+    """
+    Limit the change from ``before`` to what ``linear`` [m/s^2] and ``angular`` [rad/s^2] allow.
+
+    Slowing down is allowed twice as fast as speeding up: what brakes is never held up for comfort.
+    """
+    return Twist(
+        _ramp(wanted.linear, before.linear, linear * dt),
+        _ramp(wanted.angular, before.angular, angular * dt),
+    )
+
+
+def beyond_dead_band(twist: Twist, *, linear: float, angular: float, mode: str) -> Twist:
+    """
+    Return velocities that the motors can follow, which stand still below a threshold.
+
+    ``raise`` lifts what is smaller up to the threshold, as the paper did (section VIII), ``zero``
+    drops it; a velocity of exactly zero stays zero. Thresholds in m/s and rad/s.
+    """
+    return Twist(
+        _beyond(twist.linear, linear, mode == 'raise'),
+        _beyond(twist.angular, angular, mode == 'raise'),
+    )
+
+
+def pulsed(
+    wanted: Twist, residual: Twist, *, linear: float, angular: float
+) -> tuple[Twist, Twist]:
+    """
+    Return velocities beyond the thresholds whose average is the wanted one, and the new residual.
+
+    First-order sigma-delta modulation: what is below a threshold [m/s, rad/s] adds up, frame by
+    frame, until it is worth a pulse. Lifting every small command instead turns a proportional law
+    into a switch, and dropping it into one that never gets there.
+    """
+    first = _pulse(wanted.linear, residual.linear, linear)
+    second = _pulse(wanted.angular, residual.angular, angular)
+    return Twist(first[0], second[0]), Twist(first[1], second[1])
+
+
+def _pulse(wanted: float, residual: float, threshold: float) -> tuple[float, float]:
+    if wanted == 0.0 or abs(wanted) >= threshold:
+        return wanted, 0.0
+    residual += wanted
+    pulse = math.copysign(threshold, residual) if abs(residual) >= 0.5 * threshold else 0.0
+    return pulse, residual - pulse
+
+
+def _beyond(value: float, threshold: float, lift: bool) -> float:
+    if value == 0.0 or abs(value) >= threshold:
+        return value
+    return math.copysign(threshold, value) if lift else 0.0
+
+
+def _ramp(wanted: float, before: float, change: float) -> float:
+    slower = abs(wanted) < abs(before) or wanted * before < 0.0
+    limit = 2.0 * change if slower else change
+    return before + min(max(wanted - before, -limit), limit)
+
+
+def quaternion_from_yaw(yaw: float) -> tuple[float, float, float, float]:
+    """Return the quaternion (x, y, z, w) of a rotation by ``yaw`` [rad] about +z."""
+    return 0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)
+
+
+def yaw_from_quaternion(x: float, y: float, z: float, w: float) -> float:
+    """Return the rotation about +z [rad] of a quaternion that need not be of unit norm."""
+    return math.atan2(2.0 * (w * z + x * y), w * w + x * x - y * y - z * z)

@@ -1,0 +1,127 @@
+"""Rotation between two views without a baseline, and the parallax that it leaves unexplained."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray, median_of_sorted
+from visual_servo_epipolar.core.errors import DegenerateGeometryError
+from visual_servo_epipolar.core.geometry.epipolar import columns
+
+ITERATIONS = 6
+MIN_POINTS = 3
+TRUSTED_SHARE = 0.6  # of the matches that make the parallax: the worst may be outliers
+SMALLEST = 1e-18  # squared distance by which weights are scaled at least [rad^2]
+RIDGE = 1e-12  # keeps the equations of a turn regular where all matches coincide
+IDENTITY = np.eye(3)
+# What turns a vector w into the matrix of w x, row by row.
+CROSS = np.zeros((3, 9))
+CROSS[0, [5, 7]] = CROSS[1, [6, 2]] = CROSS[2, [1, 3]] = -1.0, 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class RotationFit:
+    """
+    Best rotation R current -> desired, its heading error [rad] and the parallax it leaves.
+
+    ``parallax`` is a robust root mean square, in the unit of rays (times f: pixels).
+    """
+
+    rotation: FloatArray
+    heading_error: float
+    parallax: float
+
+
+class RotationFits(NamedTuple):
+    """The same of many pairs of views: shapes (B, 3, 3), (B,) and (B,)."""
+
+    rotation: FloatArray
+    heading_error: FloatArray
+    parallax: FloatArray
+
+
+def unit_rays(rays: FloatArray) -> FloatArray:
+    """Return ``rays`` (x/z, y/z), shape (B, N, 2), as columns of unit length, (B, 3, N)."""
+    solid = columns(rays)
+    solid /= np.sqrt((solid * solid).sum(axis=1))[:, None]
+    return solid
+
+
+def fit_rotation(current: FloatArray, desired: FloatArray) -> RotationFit:
+    """
+    Fit the infinite homography: the rotation alone that best carries one view into the other.
+
+    See ``fit_rotations``; rays have shape (N, 2).
+
+    Raises
+    ------
+    DegenerateGeometryError
+        With fewer than three matches.
+
+    """
+    fits = fit_rotations(current[None], desired[None])
+    return RotationFit(fits.rotation[0], float(fits.heading_error[0]), float(fits.parallax[0]))
+
+
+def fit_rotations(current: FloatArray, desired: FloatArray) -> RotationFits:
+    """
+    Fit the rotation of each of many pairs of views, rays of shape (B, N, 2).
+
+    Weighted Kabsch alignment of the rays, reweighted (Geman-McClure) so that outliers and the few
+    near features with large parallax do not turn it. The remark closing section IV-B of the paper.
+
+    Raises
+    ------
+    DegenerateGeometryError
+        With fewer than three matches.
+
+    """
+    count = current.shape[1]
+    if count < MIN_POINTS:
+        raise DegenerateGeometryError(
+            f'a rotation needs at least {MIN_POINTS} matches, got {count}; track more'
+        )
+    source, target = unit_rays(current), unit_rays(desired)
+    rotation = _kabsch(target @ source.swapaxes(1, 2))
+    for iteration in range(ITERATIONS):
+        found = rotation @ source
+        away = target - found
+        squared = (away * away).sum(axis=1)
+        ordered = np.sort(squared, axis=1)
+        if iteration == ITERATIONS - 1:
+            break
+        scale = np.maximum(4.0 * median_of_sorted(ordered), SMALLEST)
+        weights = 1.0 + squared / scale[:, None]
+        weights *= weights
+        rotation = _turned(rotation, (target / weights[:, None]) @ found.swapaxes(1, 2))
+    kept = max(MIN_POINTS, int(TRUSTED_SHARE * count))
+    return RotationFits(
+        rotation,
+        np.arctan2(rotation[:, 2, 0] - rotation[:, 0, 2], rotation[:, 0, 0] + rotation[:, 2, 2]),
+        np.sqrt(ordered[:, :kept].sum(axis=1) / kept),
+    )
+
+
+def _kabsch(product: FloatArray) -> FloatArray:
+    """Return R that maximises tr(R^T ``product``), the sum of w target source^T, (B, 3, 3)."""
+    u, _, vt = np.linalg.svd(product)
+    u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
+    return np.asarray(u @ vt)
+
+
+def _turned(rotation: FloatArray, product: FloatArray) -> FloatArray:
+    """
+    Return ``rotation`` after one step of Newton towards that of ``_kabsch``, (B, 3, 3).
+
+    ``product`` is the sum of w target (R source)^T, symmetric at the best R. A step leaves an
+    error of the square of its length or less: new weights turn R by little, then less and less.
+    """
+    transposed = product.swapaxes(1, 2)
+    pull = (product - transposed)[:, [2, 0, 1], [1, 2, 0]]  # the sum of w (R source) x target
+    trace = product.trace(axis1=1, axis2=2)[:, None, None]
+    stiffness = (1.0 + RIDGE) * trace * IDENTITY - 0.5 * (product + transposed)
+    half = 0.5 * np.linalg.solve(stiffness, pull[:, :, None])
+    cross = (half.swapaxes(1, 2) @ CROSS).reshape(-1, 3, 3)
+    # Cayley's map is a rotation whatever the length of the step.
+    return np.asarray(np.linalg.solve(IDENTITY - cross, (IDENTITY + cross) @ rotation))

@@ -1,0 +1,1 @@
+"""From tracked features to a measurement of the goal that has passed the validation gates."""

@@ -1,0 +1,153 @@
+"""Two photographs, no robot: epipoles, bearings, rotation, and whether to believe them."""
+
+from dataclasses import dataclass, field, replace
+import math
+
+import cv2
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray, Image
+from visual_servo_epipolar.core.errors import TrackingError
+from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.epipolar import in_pixels
+from visual_servo_epipolar.core.perception.perceive import geometry, Measurement, Observation
+from visual_servo_epipolar.core.perception.validation import MAX_JUMP
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.tracking.matching import desired_view, DesiredView, match, Matches
+from visual_servo_epipolar.core.tracking.template_alignment import Anchor, float_image, Warps
+
+REFINEMENT = 15  # iterations of the alignment after the match
+MIN_CORRELATION = 0.75
+PLANAR_SHARE = 0.7  # of the matches: below, the motion is not planar
+GENERAL_PX = 1.5  # inlier threshold of the general geometry
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Inspection:
+    """
+    What two photographs tell; angles in rad, nan where nothing can be told.
+
+    Bearings are those of the other camera's centre, right positive; ``rotation`` is the heading of
+    the current against the desired view, left positive. ``fundamental``, shape (3, 3), is in
+    pixels. ``planar`` is False where the general geometry had to be used.
+    """
+
+    trusted: bool
+    reason: str
+    bearing_current: float = math.nan
+    bearing_desired: float = math.nan
+    rotation: float = math.nan
+    sigma: float = math.nan
+    deviation: float = math.nan
+    parallax_px: float = math.nan
+    inliers: int = 0
+    planar: bool = True
+    current: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    desired: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    fundamental: FloatArray | None = None
+
+
+def inspect(
+    desired: Image,
+    current: Image,
+    desired_camera: Camera,
+    current_camera: Camera,
+    settings: ServoSettings,
+) -> Inspection:
+    """
+    Compare two photographs, uint8 of shape (H, W) each, of any size.
+
+    Never raises for what the photographs show: a blank one, or one of another place, is an
+    inspection that is not trusted.
+    """
+    try:
+        view = desired_view(desired)
+        pixels_current, pixels_desired = _aligned(view, match(view, current), current)
+    except TrackingError as error:
+        return Inspection(False, str(error))
+    rays_current = current_camera.rays(pixels_current)
+    rays_desired = desired_camera.rays(pixels_desired)
+    focal = math.sqrt(current_camera.fx * current_camera.fy)
+    observation = Observation(0, rays_current, rays_desired, focal)
+    seen, fundamental = geometry(observation, settings, 0, None)
+    found = replace(
+        _planar(seen),
+        current=pixels_current,
+        desired=pixels_desired,
+        fundamental=None
+        if fundamental is None
+        else in_pixels(fundamental, current_camera.matrix, desired_camera.matrix),
+    )
+    if math.isnan(seen.parallax_px):
+        return found  # too few matches for anything
+    share = found.inliers / len(rays_current)
+    planar = share >= PLANAR_SHARE and seen.jump <= MAX_JUMP * settings.floor_jitter
+    if seen.parallax_px < settings.min_parallax or planar:
+        return found
+    return _general(found, observation, current_camera, desired_camera)
+
+
+def _aligned(view: DesiredView, matches: Matches, image: Image) -> tuple[FloatArray, FloatArray]:
+    """Return the matches, current and desired, aligned to a fraction of a pixel."""
+    desired = view.keypoints.pixels[matches.indices]
+    affine = matches.scales[:, None, None] * np.eye(2)
+    start = Warps(matches.indices, desired, matches.pixels, affine)
+    alignment = Anchor(view.image).align(start, float_image(image), iterations=REFINEMENT)
+    good = alignment.correlation >= MIN_CORRELATION
+    if int(good.sum()) < 8:
+        return matches.pixels, desired  # blurred, or seen from far aside: as SIFT has them
+    return alignment.warps.current[good], desired[good]
+
+
+def _planar(seen: Measurement) -> Inspection:
+    bearings = seen.bearings
+    base = Inspection(
+        bearings is not None,
+        seen.reason,
+        rotation=seen.heading_error,
+        deviation=seen.deviation,
+        parallax_px=seen.parallax_px,
+        inliers=seen.inliers,
+    )
+    if bearings is None:
+        return base
+    return replace(
+        base,
+        bearing_current=bearings.current,
+        bearing_desired=bearings.desired,
+        sigma=bearings.sigma,
+    )
+
+
+def _general(
+    found: Inspection, observation: Observation, current_camera: Camera, desired_camera: Camera
+) -> Inspection:
+    """Return the five-point geometry (Nister 2004, by OpenCV) where motion is not planar."""
+    threshold = GENERAL_PX / observation.focal
+    essential, mask = cv2.findEssentialMat(
+        observation.current, observation.desired, np.eye(3), cv2.USAC_MAGSAC, 0.999, threshold
+    )
+    share = found.inliers / max(len(observation.current), 1)
+    reason = found.reason or f'only {100.0 * share:.0f} % of the matches fit a planar motion'
+    if essential is None or essential.shape != (3, 3):
+        return replace(found, trusted=False, reason=f'{reason}, and no general geometry fits')
+    _, rotation, translation, inliers = cv2.recoverPose(
+        essential, observation.current, observation.desired, np.eye(3), mask=mask
+    )
+    centre = translation.ravel()
+    goal = -rotation.T @ centre
+    current = math.atan2(goal[0], goal[2])
+    count = int((inliers > 0).sum())
+    return replace(
+        found,
+        trusted=count >= PLANAR_SHARE * len(observation.current),
+        reason=f'{reason}: general epipolar geometry',
+        bearing_current=current,
+        bearing_desired=math.atan2(centre[0], centre[2]),
+        rotation=math.atan2(rotation[2, 0] - rotation[0, 2], rotation[0, 0] + rotation[2, 2]),
+        sigma=-math.copysign(1.0, math.cos(current)),
+        deviation=math.nan,
+        inliers=count,
+        planar=False,
+        fundamental=in_pixels(essential, current_camera.matrix, desired_camera.matrix),
+    )

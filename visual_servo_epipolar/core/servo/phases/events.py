@@ -1,0 +1,135 @@
+"""What an observation means to the state machine: from situation to event."""
+
+from collections.abc import Callable
+import math
+
+from visual_servo_epipolar.core.perception.perceive import Measurement
+from visual_servo_epipolar.core.servo.phases.conditions import (
+    align_bound,
+    engage_bound,
+    escape_bound,
+    facing_bound,
+    has_parallax,
+    is_at_goal,
+    is_off_course,
+    is_sideways,
+)
+from visual_servo_epipolar.core.servo.phases.table import DRIVING, ENDED, Event, Phase
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.stamps import seconds_between
+
+
+def classify(state: ServoState, settings: ServoSettings) -> Event:
+    """Return what ``state.measurement`` means in ``state.phase``."""
+    measurement, phase = state.measurement, state.phase
+    if measurement is None or phase in ENDED:
+        return Event.NOTHING
+    elapsed = seconds_between(state.phase_start_ns, measurement.stamp_ns)
+    running = phase in DRIVING or phase is Phase.HOLDING
+    run = seconds_between(state.run_start_ns, measurement.stamp_ns)
+    if running and run > settings.run_timeout:
+        return Event.TIMED_OUT
+    if phase is Phase.HOLDING and elapsed > settings.holding_timeout:
+        return Event.TIMED_OUT
+    if phase in DRIVING and elapsed > settings.phase_timeout:
+        return Event.TIMED_OUT
+    if measurement.features < settings.min_features:
+        return Event.LOST if phase in DRIVING else Event.NOTHING
+    return _CLASSIFIERS[phase](state, measurement, settings)
+
+
+def _survey(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
+    """Decide how to begin, or to begin again after the tracks came back."""
+    if is_at_goal(state, measurement, settings):
+        return Event.MATCHED
+    if measurement.bearings is None:
+        return Event.NO_BASELINE if measurement.parallax <= settings.near_parallax else Event.LOST
+    if is_sideways(measurement, settings):
+        return Event.SIDEWAYS
+    aligned = abs(measurement.bearings.chi) <= engage_bound(measurement, settings)
+    if aligned and abs(measurement.bearings.alpha) <= align_bound(measurement, settings):
+        return Event.ALIGNED
+    return Event.APART
+
+
+def _orienting(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
+    if state.settled < settings.align_frames:
+        return Event.NOTHING
+    if is_at_goal(state, measurement, settings):
+        return Event.MATCHED
+    if is_sideways(measurement, settings):
+        return Event.SIDEWAYS
+    if measurement.bearings is not None:
+        return Event.APART
+    # Turned to the goal's heading and still no baseline: what is left is removed by step 2.
+    return Event.ALIGNED
+
+
+def _is_astray(measurement: Measurement, settings: ServoSettings) -> bool:
+    """Return whether the goal is not near, and where it is cannot be trusted."""
+    return measurement.bearings is None and measurement.parallax > settings.near_parallax
+
+
+def _retreating(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
+    if _is_astray(measurement, settings):
+        return Event.LOST
+    if measurement.bearings is None or measurement.difference > -settings.retreat_difference:
+        return Event.NOTHING
+    inside = abs(measurement.bearings.chi) <= settings.retreat_bearing
+    return Event.APART if inside and not is_sideways(measurement, settings) else Event.NOTHING
+
+
+def _displacing(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
+    if measurement.bearings is None:
+        return Event.LOST
+    bearing = measurement.bearings.alpha
+    if abs(measurement.bearings.chi) <= engage_bound(measurement, settings):
+        return Event.DISPLACED  # e_du is zero already: no need for e_au to be anywhere
+    if settings.law != 'full' and not settings.derives:
+        return Event.DISPLACED if abs(bearing) > settings.singular_epipole else Event.NOTHING
+    near = abs(bearing - math.atan(state.target)) <= settings.displacement_tolerance
+    return Event.DISPLACED if near else Event.NOTHING
+
+
+def _zeroing(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
+    if measurement.bearings is None:
+        return Event.NO_BASELINE if measurement.parallax <= settings.near_parallax else Event.LOST
+    bearing = measurement.bearings.chi
+    if abs(bearing) >= settings.divergence:
+        return Event.DIVERGED
+    if not state.latched and is_off_course(measurement, settings):
+        return Event.SIDEWAYS
+    if state.latched and abs(bearing) > escape_bound(state, measurement, settings):
+        near = measurement.difference > -settings.retreat_difference
+        return Event.SIDEWAYS if near and settings.law == 'full' else Event.ESCAPED
+    return Event.ALIGNED if state.settled >= settings.align_frames else Event.NOTHING
+
+
+def _matching(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
+    if _is_astray(measurement, settings):
+        return Event.LOST
+    if state.settled < settings.arrival_frames:
+        return Event.NOTHING
+    if has_parallax(state, measurement, settings):
+        return Event.MISSED if state.attempts < settings.max_attempts else Event.EXHAUSTED
+    if settings.law == 'full' and not abs(measurement.heading_error) <= facing_bound(settings):
+        return Event.TURNED
+    return Event.MATCHED
+
+
+def _nothing(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
+    return Event.NOTHING
+
+
+_CLASSIFIERS: dict[Phase, Callable[[ServoState, Measurement, ServoSettings], Event]] = {
+    Phase.WAITING: _survey,
+    Phase.HOLDING: _survey,
+    Phase.ORIENTING: _orienting,
+    Phase.RETREATING: _retreating,
+    Phase.DISPLACING: _displacing,
+    Phase.ZEROING_EPIPOLES: _zeroing,
+    Phase.MATCHING_FEATURES: _matching,
+    Phase.ARRIVED: _nothing,
+    Phase.FAILED: _nothing,
+}

@@ -1,0 +1,48 @@
+"""Tracks features: what the tracker hands to the servo."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import as_points, FloatArray, frozen, IntArray
+
+
+def _no_points() -> FloatArray:
+    return np.empty((0, 2))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Features:
+    """
+    Features of the desired view found in the current image, rows are features.
+
+    ``ids``, shape (N,), never change their meaning within one desired view. ``current`` and
+    ``desired``, shape (N, 2), are pixels; ``ages``, shape (N,), frames since (re)detection;
+    ``errors``, shape (N,), residual of the tracker [grey levels].
+    """
+
+    ids: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
+    current: FloatArray = field(default_factory=_no_points)
+    desired: FloatArray = field(default_factory=_no_points)
+    ages: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
+    errors: FloatArray = field(default_factory=lambda: np.empty(0))
+
+    def __post_init__(self) -> None:
+        ids = np.asarray(self.ids, dtype=np.int64).reshape(-1)
+        columns = {
+            'ids': ids,
+            'current': as_points(self.current, 'current'),
+            'desired': as_points(self.desired, 'desired'),
+            'ages': np.asarray(self.ages, dtype=np.int64).reshape(-1),
+            'errors': np.asarray(self.errors, dtype=np.float64).reshape(-1),
+        }
+        for name, column in columns.items():
+            if len(column) != len(ids):
+                raise ValueError(
+                    f'{name} must have {len(ids)} rows to match ids, got {len(column)}; '
+                    'pass one row for each feature'
+                )
+            object.__setattr__(self, name, frozen(column))
+
+    def __len__(self) -> int:
+        return len(self.ids)

@@ -1,0 +1,53 @@
+"""What the servo says about itself: diagnostics and markers."""
+
+import math
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import Point
+from visualization_msgs.msg import Marker, MarkerArray
+
+from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.telemetry import telemetry
+from visual_servo_epipolar.messages import write
+
+ARROW_M = 1.0
+LEVELS = {Phase.HOLDING: DiagnosticStatus.WARN, Phase.FAILED: DiagnosticStatus.ERROR}
+
+
+def diagnosis(state: ServoState, stamp_ns: int, *, name: str) -> DiagnosticArray:
+    """Return phase, reason and all numbers as a diagnostic status."""
+    values: dict[str, object] = {'phase': state.phase.value, 'reason': state.reason}
+    if state.measurement is not None:
+        values['untrusted_because'] = state.measurement.reason
+        values |= telemetry(state)
+    summary = f'{state.phase.value}: {state.reason}' if state.reason else state.phase.value
+    return write.diagnostics(
+        name,
+        level=LEVELS.get(state.phase, DiagnosticStatus.OK),
+        summary=summary,
+        values=values,
+        stamp_ns=stamp_ns,
+    )
+
+
+def markers(state: ServoState, stamp_ns: int, frame_id: str) -> MarkerArray:
+    """Return the phase in words, and an arrow towards the goal where its bearing is known."""
+    words = _marker(0, Marker.TEXT_VIEW_FACING, stamp_ns, frame_id)
+    words.text, words.scale.z, words.pose.position.y = state.phase.value, 0.2, -0.5
+    arrow = _marker(1, Marker.ARROW, stamp_ns, frame_id)
+    bearings = state.measurement.bearings if state.measurement is not None else None
+    if bearings is None:
+        arrow.action = Marker.DELETE
+    else:
+        right, ahead = math.sin(bearings.current), math.cos(bearings.current)
+        arrow.points = [Point(), Point(x=ARROW_M * right, y=0.0, z=ARROW_M * ahead)]
+        arrow.scale.x, arrow.scale.y = 0.03, 0.08
+    return MarkerArray(markers=[words, arrow])
+
+
+def _marker(number: int, kind: int, stamp_ns: int, frame_id: str) -> Marker:
+    marker = Marker(header=write.header(stamp_ns, frame_id), ns='servo', id=number, type=kind)
+    marker.pose.orientation.w = 1.0
+    marker.color.g, marker.color.a = 1.0, 1.0
+    return marker

@@ -1,0 +1,1 @@
+"""Bases: what becomes of a command on the floor."""

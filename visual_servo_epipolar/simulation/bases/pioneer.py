@@ -1,0 +1,175 @@
+"""A simulated Pioneer 3-DX: limits of speed and acceleration, wheels, drifting odometry."""
+
+from array import array
+from collections import deque
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from visual_servo_epipolar.core.geometry.motion import (
+    arc,
+    integrate,
+    Pose,
+    saturate,
+    STANDSTILL,
+    Twist,
+)
+from visual_servo_epipolar.core.settings import setting, Settings
+from visual_servo_epipolar.core.stamps import NANOSECONDS
+
+SUBSTEP_S = 0.01  # accelerations are held constant this long
+
+
+@dataclass(frozen=True, kw_only=True)
+class BaseSettings(Settings):
+    """The base and what is wrong with it; the defaults are a healthy Pioneer 3-DX."""
+
+    max_linear: float = setting(1.0, 'Largest linear speed [m/s]', low=0.01, high=5.0)
+    max_angular: float = setting(1.74, 'Largest angular speed [rad/s]', low=0.01, high=10.0)
+    acceleration: float = setting(0.3, 'Linear acceleration [m/s^2]', low=0.01, high=20.0)
+    deceleration: float = setting(0.6, 'Linear deceleration [m/s^2]', low=0.01, high=20.0)
+    angular_acceleration: float = setting(
+        1.74, 'Angular acceleration [rad/s^2]', low=0.01, high=50.0
+    )
+    wheel_radius: float = setting(0.0975, 'Nominal radius of a wheel [m]', low=0.01, high=1.0)
+    track: float = setting(0.33, 'Distance between the wheels [m]', low=0.05, high=2.0)
+    command_timeout: float = setting(
+        0.5, 'Age of the last command at which the base stops; 0 = never [s]', low=0.0, high=60.0
+    )
+    odometry_noise: float = setting(
+        0.0075, 'Deviation of wheel odometry, a metre and a radian', low=0.0, high=1.0
+    )
+    wheel_ratio: float = setting(
+        1.0, 'True radius of the right wheel over the left', low=0.8, high=1.25
+    )
+    slip: float = setting(0.0, "Part of the wheels' motion lost in slip", low=0.0, high=0.9)
+    dead_zone_linear: float = setting(
+        0.0, 'Linear speed below which the motors stand [m/s]', low=0.0, high=1.0
+    )
+    dead_zone_angular: float = setting(
+        0.0, 'Angular speed below which the motors stand [rad/s]', low=0.0, high=2.0
+    )
+    command_delay: float = setting(0.0, 'Delay from command to motors [s]', low=0.0, high=2.0)
+
+
+class Pioneer:
+    """
+    The base, advanced in simulated time [ns] by ``advance``; commands come in by ``command``.
+
+    ``pose`` is ground truth, ``twist`` the true velocity, ``odometry`` what the wheels report: it
+    starts at (0, 0, 0) and drifts.
+    """
+
+    def __init__(self, settings: BaseSettings, pose: Pose, *, seed: int, now_ns: int = 0) -> None:
+        self.settings = settings
+        self.pose = pose
+        self.twist = STANDSTILL
+        self.now_ns = now_ns
+        self.wanted = STANDSTILL
+        self._wheels = (0.0, 0.0)  # what the motors turn, as seen by nominal wheels
+        self._pending: deque[tuple[int, Twist]] = deque()
+        self._command_ns: int | None = None
+        self._rng = np.random.default_rng((seed, 1))
+        self._odometry = Pose(0.0, 0.0, 0.0)
+        self._unread = array('d')  # wheels, time and noise of each step that odometry lacks
+
+    def command(self, twist: Twist) -> None:
+        """Take a command now; it reaches the motors ``command_delay`` later."""
+        self._command_ns = self.now_ns
+        delay_ns = round(self.settings.command_delay * NANOSECONDS)
+        self._pending.append((self.now_ns + delay_ns, twist))
+
+    def halt(self) -> None:
+        """Forget every command and brake, as on a refused command."""
+        self._pending.clear()
+        self.wanted = STANDSTILL
+
+    @property
+    def timed_out(self) -> bool:
+        """Whether the last command is older than ``command_timeout``."""
+        timeout = self.settings.command_timeout
+        if timeout == 0.0 or self._command_ns is None:
+            return False
+        return self.now_ns - self._command_ns > timeout * NANOSECONDS
+
+    @property
+    def moving(self) -> bool:
+        """Whether the robot moves."""
+        return self.twist != STANDSTILL
+
+    @property
+    def odometry(self) -> Pose:
+        """Where the wheels say the robot is, added up when it is asked for."""
+        steps = np.array(self._unread).reshape(-1, 4)
+        chance = self._rng.standard_normal((len(steps), 2)).tolist()
+        for (linear, angular, dt, noise), (ahead, aside) in zip(
+            steps.tolist(), chance, strict=True
+        ):
+            # A random walk: the variance grows with the way, so that the step does not matter.
+            way, turn = abs(linear) * dt, abs(angular) * dt
+            measured = Twist(
+                linear + noise * math.sqrt(way) * ahead / dt,
+                angular + noise * math.sqrt(way + turn) * aside / dt,
+            )
+            self._odometry = integrate(self._odometry, measured, dt)
+        del self._unread[:]
+        return self._odometry
+
+    def advance(self, now_ns: int) -> None:
+        """Move until ``now_ns``; a time that is not later moves nothing."""
+        duration = (now_ns - self.now_ns) / NANOSECONDS
+        if duration <= 0.0:
+            return
+        steps, start_ns = math.ceil(duration / SUBSTEP_S), self.now_ns
+        dt, noise = duration / steps, self.settings.odometry_noise
+        x, y, theta = self.pose.x, self.pose.y, self.pose.theta
+        twist, aim = (0.0, 0.0), self._limited(self.wanted)
+        for number in range(1, steps + 1):
+            if self._receive():
+                aim = self._limited(self.wanted)
+            wheels = self._wheels = self._accelerated(*aim, dt)
+            twist = self._true(*wheels)
+            if twist != (0.0, 0.0):
+                x, y, theta = arc(x, y, theta, *twist, dt)
+            self._unread.extend((*wheels, dt, noise))
+            self.now_ns = start_ns + (now_ns - start_ns) * number // steps
+        self.pose, self.twist = Pose(x, y, theta), Twist(*twist)
+
+    def _receive(self) -> bool:
+        """Take what reaches the motors now, and return whether that changed their aim."""
+        before = self.wanted
+        while self._pending and self._pending[0][0] <= self.now_ns:
+            self.wanted = self._pending.popleft()[1]
+        if self.timed_out:
+            self.halt()
+        return self.wanted is not before
+
+    def _limited(self, twist: Twist) -> tuple[float, float]:
+        limits = self.settings
+        twist = saturate(twist, max_linear=limits.max_linear, max_angular=limits.max_angular)
+        return (
+            0.0 if abs(twist.linear) < limits.dead_zone_linear else twist.linear,
+            0.0 if abs(twist.angular) < limits.dead_zone_angular else twist.angular,
+        )
+
+    def _accelerated(self, aim: float, turn: float, dt: float) -> tuple[float, float]:
+        """Return the wheels after ``dt`` on their way to ``aim`` and ``turn``."""
+        limits, (linear, angular) = self.settings, self._wheels
+        if aim == linear and turn == angular:
+            return self._wheels
+        slower = abs(aim) < abs(linear) or aim * linear < 0.0
+        change = (limits.deceleration if slower else limits.acceleration) * dt
+        turning = limits.angular_acceleration * dt
+        return (
+            linear + min(max(aim - linear, -change), change),
+            angular + min(max(turn - angular, -turning), turning),
+        )
+
+    def _true(self, linear: float, angular: float) -> tuple[float, float]:
+        """Return the true velocities of wheels that are unequal and slip."""
+        settings = self.settings
+        half, grip = 0.5 * settings.track, 1.0 - settings.slip
+        ratio = math.sqrt(settings.wheel_ratio)
+        left, right = (linear - half * angular) / ratio, (linear + half * angular) * ratio
+        return grip * 0.5 * (left + right), grip * (right - left) / settings.track

@@ -1,0 +1,1 @@
+"""Camera rigs: where the camera sits on the robot, and what its sensor adds."""

@@ -1,0 +1,72 @@
+"""Where the camera sits on the robot, and what an uneven floor does to it."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+import math
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray, frozen
+from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME
+
+BLOCK = 64  # frames whose chance is drawn at once: to begin a generator takes longer
+
+
+@dataclass(frozen=True, slots=True)
+class CameraMount:
+    """
+    Where the camera sits on the base: height, offset ahead and left of the axle [m], angles [rad].
+
+    A positive tilt looks down; a positive roll turns the camera clockwise, seen from behind it.
+    """
+
+    height: float = 0.6
+    forward: float = 0.0
+    tilt: float = 0.0
+    roll: float = 0.0
+    left: float = 0.0
+
+    def __post_init__(self) -> None:
+        values = (self.height, self.forward, self.tilt, self.roll, self.left)
+        if not all(map(math.isfinite, values)):
+            raise ValueError(f'a camera mount must be finite, got {self}; check its parameters')
+        if abs(self.tilt) >= math.pi / 2.0:
+            raise ValueError(
+                f'camera tilt must lie within +-pi/2 rad, got {self.tilt}; give it in radians'
+            )
+
+    def centre(self, pose: Pose) -> FloatArray:
+        """Return the optical centre in the world, shape (3,) [m]."""
+        sin, cos = math.sin(pose.theta), math.cos(pose.theta)
+        x = pose.x + self.forward * cos - self.left * sin
+        y = pose.y + self.forward * sin + self.left * cos
+        return np.array([x, y, self.height])
+
+    def R_world_camera(self, pose: Pose, *, tilt: float = 0.0, roll: float = 0.0) -> FloatArray:
+        """Return the camera axes right, down, forward as columns, with tilt and roll added."""
+        sin, cos = math.sin(pose.theta), math.cos(pose.theta)
+        level = np.array([[sin, 0.0, cos], [-cos, 0.0, sin], [0.0, -1.0, 0.0]])
+        sin, cos = math.sin(self.tilt + tilt), math.cos(self.tilt + tilt)
+        tilted = level @ np.array([[1.0, 0.0, 0.0], [0.0, cos, sin], [0.0, -sin, cos]])
+        sin, cos = math.sin(self.roll + roll), math.cos(self.roll + roll)
+        return np.asarray(tilted @ np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]]))
+
+
+def floor_jitter(deviation: float, seed: int, frame: int) -> tuple[float, float]:
+    """
+    Return by how much the floor tilts and rolls the camera in ``frame``: -1, 0, 1, ... [rad].
+
+    Normal, of ``deviation`` [rad], and anew for each frame; the photograph, frame -1, has its own.
+    """
+    if deviation == 0.0:
+        return 0.0, 0.0
+    block, number = divmod(frame - DESIRED_FRAME, BLOCK)
+    tilt, roll = _bumps(seed, block)[number].tolist()
+    return deviation * tilt, deviation * roll
+
+
+@lru_cache(maxsize=1024)
+def _bumps(seed: int, block: int) -> FloatArray:
+    """Return tilt and roll in a block of frames, of unit deviation, shape (BLOCK, 2)."""
+    return frozen(np.random.default_rng((seed, 4, block)).standard_normal((BLOCK, 2)))

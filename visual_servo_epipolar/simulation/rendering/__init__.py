@@ -1,0 +1,1 @@
+"""Pixels: the image of a room through a camera, sub-pixel exact."""

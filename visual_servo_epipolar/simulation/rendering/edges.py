@@ -1,0 +1,121 @@
+"""Edges between surfaces, placed sub-pixel exactly after the surfaces have been painted."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray, Image, IntArray
+from visual_servo_epipolar.simulation.rendering.raster import NEAR, Raster, View
+from visual_servo_epipolar.simulation.rendering.surfaces import Scene
+
+REACH = 2  # pixels looked at on either side of an edge
+
+
+class Crossings(NamedTuple):
+    """Pixels crossed by edges of surfaces: one a row where an edge is steep, or one a column."""
+
+    pixels: IntArray  # index into the flat image
+    inwards: IntArray  # index step to the next pixel across the edge, towards the surface
+    shares: FloatArray  # how much of the pixel the surface covers
+    owners: IntArray  # the surface whose edge it is
+
+
+def smooth_edges(image: Image, scene: Scene, view: View, raster: Raster) -> Image:
+    """
+    Return ``image`` with the pixels cut by an edge mixed from both sides, by covered area.
+
+    Where the edge of a surface crosses a pixel and the surface is seen on its inner side, the
+    pixel takes as much of either side as the edge leaves it. Pixels that were painted although
+    they lie wholly outside of the edge are taken from their neighbour.
+    """
+    crossings = _crossings(scene, view, raster.shown)
+    pixels, inwards, shares, owners = crossings
+    flat, ids = image.ravel(), raster.ids.ravel()
+    surfaces = np.array([-1, *(strip.surface for strip in raster.strips)])
+    inner, outer = surfaces[ids[pixels + inwards]], surfaces[ids[pixels - inwards]]
+    result = flat.copy()
+    cut = np.nonzero((inner == owners) & (outer != owners))[0]
+    at, step, here = pixels[cut], inwards[cut], surfaces[ids[pixels[cut]]]
+    inside = flat[np.where(here == owners[cut], at, at + step)].astype(np.float64)
+    outside = flat[np.where(here == outer[cut], at, at - step)]
+    result[at] = np.rint(outside + shares[cut] * (inside - outside))
+    over = np.nonzero((outer == owners) & (surfaces[ids[pixels]] == owners))[0]
+    at, step = pixels[over] - inwards[over], inwards[over]
+    wrong = surfaces[ids[at - step]] != owners[over]
+    result[at[wrong]] = flat[(at - step)[wrong]]
+    if raster.thin.any():
+        at, grey = _slivers(
+            crossings, flat, lambda at: surfaces[ids[at]], raster.shown[raster.thin]
+        )
+        result[at] = grey
+    return result.reshape(image.shape)
+
+
+def _slivers(
+    crossings: Crossings, flat: Image, seen_at: Callable[[IntArray], IntArray], thin: IntArray
+) -> tuple[IntArray, FloatArray]:
+    """Return the pixels in which both edges of a thin surface lie, and their grey values."""
+    keep = np.nonzero(np.isin(crossings.owners, thin))[0]
+    pixels, inwards, shares, owners = (values[keep] for values in crossings)
+    order = np.lexsort((inwards, pixels, owners))
+    one, two = order[:-1], order[1:]
+    pairs = (pixels[one] == pixels[two]) & (owners[one] == owners[two])
+    one, two = (
+        one[pairs & (inwards[one] == -inwards[two])],
+        two[pairs & (inwards[one] == -inwards[two])],
+    )
+    at, step, owner = pixels[one], inwards[two], owners[one]
+    # Edge one has the surface before it, edge two after it: one covers the rest from the far side.
+    before, after = 1.0 - shares[two], 1.0 - shares[one]
+    inside = np.full(len(at), -1)
+    for place in (at - step, at + step, at):
+        inside = np.where(seen_at(place) == owner, place, inside)
+    left = np.where(seen_at(at - step) == owner, at - 2 * step, at - step)
+    right = np.where(seen_at(at + step) == owner, at + 2 * step, at + step)
+    mixed = before * flat[left] + after * flat[right] + (1.0 - before - after) * flat[inside]
+    seen = (inside >= 0) & (before + after <= 1.0)
+    return at[seen], np.rint(mixed[seen])
+
+
+def _crossings(scene: Scene, view: View, shown: IntArray) -> Crossings:
+    """Walk along all edges of the surfaces ``shown``."""
+    ends, owners = _edges(scene, view, shown)
+    delta = ends[:, 1] - ends[:, 0]
+    steep = np.abs(delta[:, 1]) > np.abs(delta[:, 0])
+    # Corners go clockwise on screen, so the inside is to the right of an edge.
+    inward = np.where(steep, -np.sign(delta[:, 1]), np.sign(delta[:, 0])).astype(np.int64)
+    along, across = np.where(steep[:, None, None], ends[:, :, ::-1], ends).transpose(2, 0, 1)
+    length = np.where(steep, view.height, view.width)
+    first = np.maximum(np.ceil(along.min(axis=1)), 0.0).astype(np.int64)
+    last = np.minimum(np.floor(along.max(axis=1)), length - 1.0).astype(np.int64)
+    counts = np.maximum(last - first + 1, 0)
+    slope = (across[:, 1] - across[:, 0]) / np.where(counts > 0, along[:, 1] - along[:, 0], 1.0)
+    edge = np.repeat(np.arange(len(ends)), counts)
+    position = np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts - first, counts)
+    crossing = (across[:, 0] - slope * along[:, 0])[edge] + slope[edge] * position
+    breadth = np.where(steep, view.width, view.height)
+    inside = (crossing > REACH) & (crossing < breadth[edge] - 1.0 - REACH)
+    edge, position, crossing = edge[inside], position[inside], crossing[inside]
+    cell = np.rint(crossing).astype(np.int64)
+    step, stride = np.where(steep, 1, view.width), np.where(steep, view.width, 1)
+    shares = 0.5 - inward[edge] * (crossing - cell)
+    pixels = cell * step[edge] + position * stride[edge]
+    return Crossings(pixels, (inward * step)[edge], shares, owners[edge])
+
+
+def _edges(scene: Scene, view: View, shown: IntArray) -> tuple[FloatArray, IntArray]:
+    """Return the ends of all edges ahead of the camera, shape (E, 2, 2) [px], and their owners."""
+    corners = view.to_camera(scene.corners[shown])
+    ends = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2, 3)
+    owners = np.repeat(shown, 4)
+    ahead = ends[:, :, 2].max(axis=1) > NEAR
+    ends, owners = ends[ahead], owners[ahead]
+    depths = ends[:, :, 2]
+    behind = np.nonzero(depths < NEAR)
+    other = (behind[0], 1 - behind[1])
+    share = (NEAR - depths[behind]) / (depths[other] - depths[behind])
+    cut = ends[behind] + share[:, None] * (ends[other] - ends[behind])
+    ends[behind] = cut
+    fx, fy, cx, cy = view.scales
+    return ends[..., :2] / ends[..., 2:] * [fx, fy] + [cx, cy], owners

@@ -1,0 +1,224 @@
+"""Which strip of which surface each pixel shows: strips of like scale, painted back to front."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple, TypeAlias
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
+from visual_servo_epipolar.simulation.rendering import clipping
+from visual_servo_epipolar.simulation.rendering.clipping import Outline, Plane, Polygon
+from visual_servo_epipolar.simulation.rendering.surfaces import Scene
+
+NEAR = 0.05  # nothing nearer than this is seen [m]
+THINNEST = 0.02  # narrower slivers are left out [px]
+THIN = 3.0  # edges of narrower surfaces may share a pixel [px]
+MARGIN = 4.0  # how far outside of the image polygons are cut off [px]
+SUBPIXEL_BITS = 6
+MAX_SKEW = 1.5  # area blurred by texture copies over area of a pixel, before it is subdivided
+MAX_SUBDIVISION = 8
+SPREAD = 0.7  # a part is judged at its corners, drawn in to its middle so much
+
+Ids: TypeAlias = NDArray[np.uint8] | NDArray[np.uint16]
+Box: TypeAlias = tuple[int, int, int, int]
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """An ideal pinhole somewhere in the world: image size, intrinsics [px], where it is."""
+
+    width: int
+    height: int
+    intrinsics: FloatArray
+    centre: FloatArray
+    R_world_camera: FloatArray
+
+    def to_camera(self, points: FloatArray) -> FloatArray:
+        """Express world ``points``, shape (..., 3), in camera axes."""
+        return np.asarray((points - self.centre) @ self.R_world_camera)
+
+    @cached_property
+    def scales(self) -> tuple[float, float, float, float]:
+        """Focal lengths and principal point: fx, fy, cx, cy [px]."""
+        k = self.intrinsics
+        return float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2])
+
+    def frustum(self) -> list[Plane]:
+        """Planes (a, b, c, d) with a x + b y + c z + d >= 0 for what may be seen."""
+        fx, fy, cx, cy = self.scales
+        return [
+            (0.0, 0.0, 1.0, -NEAR),
+            (fx, 0.0, cx + MARGIN, 0.0),
+            (-fx, 0.0, self.width - 1 + MARGIN - cx, 0.0),
+            (0.0, fy, cy + MARGIN, 0.0),
+            (0.0, -fy, self.height - 1 + MARGIN - cy, 0.0),
+        ]
+
+    def outline(self, polygon: Polygon) -> Outline:
+        """Project a polygon in camera axes."""
+        fx, fy, cx, cy = self.scales
+        return [(fx * x / z + cx, fy * y / z + cy) for x, y, z in polygon]
+
+
+class Strip(NamedTuple):
+    """A part of a surface that is sampled alike."""
+
+    surface: int
+    side: int  # of the image: -1, 0, 1
+    p: int  # copy (p, q) of the texture
+    q: int
+    columns: int  # subdivisions of a pixel
+    rows: int
+
+
+@dataclass(frozen=True, eq=False)
+class Raster:
+    """The number of the strip seen at each pixel; 0 is none, strips[k - 1] is k."""
+
+    ids: Ids
+    strips: tuple[Strip, ...]
+    boxes: tuple[Box, ...]  # of each strip: left, top, right, bottom, the last two exclusive [px]
+    shown: IntArray  # surfaces that may be seen, shape (S,)
+    thin: BoolArray  # which of these are slivers, shape (S,)
+    maps: FloatArray  # their maps from pixels to (a w, b w, w) of origin + a u + b v, (S, 3, 3)
+
+
+def rasterize(scene: Scene, view: View) -> Raster:
+    """Paint the numbers of the strips of all surfaces from back to front."""
+    shown, polygons, thin = _polygons(scene, view)
+    maps = _unprojections(scene, view, shown)
+    level = np.abs(scene.normals[shown, 2]) > 0.5
+    parts = [
+        (owner, side, _shortened(view.outline(strip)) if thin[owner] else view.outline(strip))
+        for owner, polygon in enumerate(polygons)
+        for side, strip in clipping.strips(polygon, sections=bool(level[owner]))
+    ]
+    keys = _sampling(scene, shown, maps, parts)
+    numbers = {key: number for number, key in enumerate(dict.fromkeys(keys), start=1)}
+    shape = (view.height, view.width)
+    ids: Ids = np.zeros(shape, np.uint8) if len(numbers) < 256 else np.zeros(shape, np.uint16)
+    boxes: dict[Strip, Box] = {}
+    for (_, _, outline), key in zip(parts, keys, strict=True):
+        boxes[key] = _box(outline, view, boxes.get(key))
+        vertices = np.rint(np.array(outline) * (1 << SUBPIXEL_BITS)).astype(np.int32)
+        cv2.fillConvexPoly(ids, vertices, numbers[key], cv2.LINE_8, SUBPIXEL_BITS)
+    return Raster(ids, tuple(numbers), tuple(boxes[key] for key in numbers), shown, thin, maps)
+
+
+def _polygons(scene: Scene, view: View) -> tuple[IntArray, list[Polygon], BoolArray]:
+    """Return surfaces in view, from back to front; what of them is in view; which are thin."""
+    frustum = view.frustum()
+    planes = np.array(frustum)
+    corners = view.to_camera(scene.corners)
+    inside = corners @ planes[:, :3].T + planes[:, 3] >= 0.0
+    whole = inside.all(axis=(1, 2)).tolist()
+    candidates = np.nonzero(scene.facing(view.centre) & inside.any(axis=1).all(axis=1))[0]
+    rank = np.argsort(scene.back_to_front(view.centre))[scene.bodies]
+    shown, polygons, breadths = [], [], []
+    for k in sorted(candidates.tolist(), key=rank.tolist().__getitem__):
+        polygon: Polygon = list(map(tuple, corners[k].tolist()))
+        for plane in () if whole[k] else frustum:
+            polygon = clipping.clipped(polygon, plane) if polygon else polygon
+        breadth = clipping.breadth(view.outline(polygon)) if polygon else 0.0
+        if breadth >= THINNEST:
+            shown.append(k)
+            polygons.append(polygon)
+            breadths.append(breadth)
+    return np.array(shown, dtype=np.int64), polygons, np.array(breadths) < THIN
+
+
+def _unprojections(scene: Scene, view: View, shown: IntArray) -> FloatArray:
+    corners = view.to_camera(scene.corners[shown])
+    origin = corners[:, 0]
+    frames = np.stack([corners[:, 1] - origin, corners[:, 3] - origin, origin], axis=-1)
+    return np.asarray(np.linalg.inv(frames) @ np.linalg.inv(view.intrinsics))
+
+
+def _sampling(
+    scene: Scene, shown: IntArray, maps: FloatArray, parts: list[tuple[int, int, Outline]]
+) -> list[Strip]:
+    """Choose how each part of a surface is sampled: for the mean over its corners."""
+    if not parts:
+        return []
+    owners = np.array([owner for owner, _, _ in parts])
+    sizes = np.array([len(outline) for _, _, outline in parts])
+    starts = np.cumsum(sizes) - sizes
+    corners = np.array([corner for _, _, outline in parts for corner in outline])
+    middles = np.add.reduceat(corners, starts) / sizes[:, None]
+    corners += (1.0 - SPREAD) * (np.repeat(middles, sizes, axis=0) - corners)
+    slopes = _slopes(scene, shown, maps, np.repeat(owners, sizes), corners)
+    area = np.add.reduceat(np.abs(np.linalg.det(slopes)), starts) / sizes
+    slopes = np.sqrt(np.add.reduceat(slopes**2, starts) / sizes[:, None, None])
+    columns, rows = _subdivisions(slopes, np.maximum(area, 1e-12))
+    footprint = _footprint(slopes, columns, rows)
+    copies = np.rint(2.0 * np.log2(np.maximum(footprint, 1.0))).astype(int)
+    return [
+        Strip(surface, side, p, q, nx, ny)
+        for surface, (_, side, _), (p, q), nx, ny in zip(
+            shown[owners].tolist(),
+            parts,
+            copies.tolist(),
+            columns.tolist(),
+            rows.tolist(),
+            strict=True,
+        )
+    ]
+
+
+def _slopes(
+    scene: Scene, shown: IntArray, maps: FloatArray, owners: IntArray, pixels: FloatArray
+) -> FloatArray:
+    """Return by how many texels along u, v one moves for a pixel in x, y; shape (K, 2, 2)."""
+    maps, (x, y) = maps[owners], pixels.T[:, :, None]
+    solid = maps[:, :, 0] * x + maps[:, :, 1] * y + maps[:, :, 2]
+    ab, w = solid[:, :2] / solid[:, 2:], solid[:, 2]
+    shapes = np.array([scene.surfaces[k].texture.image.shape[::-1] for k in shown])[owners]
+    shifts = maps[:, :2, :2] - ab[:, :, None] * maps[:, 2:, :2]
+    return np.asarray(shifts * (shapes / w[:, None])[:, :, None])
+
+
+def _footprint(slopes: FloatArray, columns: IntArray, rows: IntArray) -> FloatArray:
+    """Return how many texels a part of a pixel spans along u and v, shape (K, 2)."""
+    return np.asarray(
+        np.hypot(slopes[:, :, 0] / columns[:, None], slopes[:, :, 1] / rows[:, None])
+    )
+
+
+def _subdivisions(slopes: FloatArray, area: FloatArray) -> tuple[IntArray, IntArray]:
+    """
+    Return into how many columns and rows pixels are cut before they are sampled.
+
+    Texture copies are blurred along u and v. A pixel that is a skewed sliver on the texture would
+    be blurred far beyond it; its parts are less skewed.
+    """
+    columns, rows = np.ones(len(slopes), np.int64), np.ones(len(slopes), np.int64)
+    for _ in range(MAX_SUBDIVISION.bit_length() - 1):
+        skew = _footprint(slopes, columns, rows).prod(axis=1) * columns * rows / area
+        wider = _footprint(slopes, 2 * columns, rows).prod(axis=1)
+        higher = _footprint(slopes, columns, 2 * rows).prod(axis=1)
+        columns[(skew > MAX_SKEW) & (wider < higher)] *= 2
+        rows[(skew > MAX_SKEW) & (wider >= higher)] *= 2
+    return columns, rows
+
+
+def _shortened(outline: Outline) -> Outline:
+    """Draw the ends of a thin outline in by a pixel: painted, they would stick out by one."""
+    u, v = zip(*outline, strict=True)
+    middle_u, middle_v = sum(u) / len(u), sum(v) / len(v)
+    scale = 1.0 - 2.0 / max(max(u) - min(u), max(v) - min(v), 3.0)
+    return [
+        (middle_u + scale * (x - middle_u), middle_v + scale * (y - middle_v)) for x, y in outline
+    ]
+
+
+def _box(outline: Outline, view: View, box: Box | None) -> Box:
+    """Return the pixels an outline may touch, joined with those in ``box``."""
+    u, v = zip(*outline, strict=True)
+    left, top = max(int(min(u)) - 2, 0), max(int(min(v)) - 2, 0)
+    right, bottom = min(int(max(u)) + 3, view.width), min(int(max(v)) + 3, view.height)
+    if box is None:
+        return left, top, right, bottom
+    return min(left, box[0]), min(top, box[1]), max(right, box[2]), max(bottom, box[3])

@@ -1,0 +1,1 @@
+"""Rooms: what stands where, of which material, and where in it a robot can stand."""

@@ -1,0 +1,162 @@
+"""Builds surfaces: the shell of a room, boxes that stand or hang in it, and the light on them."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.simulation.rendering.surfaces import ROOM, Surface, Texture
+from visual_servo_epipolar.simulation.rooms.textures import fractal_grain, Sheet
+
+LEFT, RIGHT, REAR, HEIGHT = -5.5, 5.5, -13.0, 2.8  # the shell [m]
+DENSITY = 250.0  # texels a metre on furniture
+AMBIENT = 0.75  # share of the light that comes from everywhere
+LAMP_POWER = 1.9
+LIGHT_STEP = 0.15  # spacing of the points where the light is computed [m]
+
+Painter = Callable[[Sheet], None]
+Material = Callable[[Sheet, float], None]
+
+
+@dataclass(frozen=True)
+class Furniture:
+    """
+    A box that stands on the floor or hangs ``bottom`` [m] above it.
+
+    (x, y) is the middle of its front, ``size`` its width, depth and height [m]; at a ``turn``
+    [rad] of 0 the front looks along -y, at the goal.
+    """
+
+    name: str
+    x: float
+    y: float
+    size: tuple[float, float, float]
+    front: Material
+    sides: Material
+    bottom: float = 0.0
+    turn: float = 0.0
+
+    def axes(self) -> tuple[FloatArray, FloatArray]:
+        """Return unit vectors to the right of who faces it, and along its depth."""
+        sin, cos = math.sin(self.turn), math.cos(self.turn)
+        return np.array([cos, sin, 0.0]), np.array([-sin, cos, 0.0])
+
+    def distances(self, points: FloatArray) -> FloatArray:
+        """Distances of ``points``, shape (..., 3), from its footprint on the floor [m]."""
+        right, back = self.axes()
+        offset = points - np.array([self.x, self.y, 0.0])
+        width, depth, _ = self.size
+        across = np.maximum(np.abs(offset @ right) - 0.5 * width, 0.0)
+        along = np.maximum(np.abs(offset @ back - 0.5 * depth) - 0.5 * depth, 0.0)
+        return np.asarray(np.hypot(across, along))
+
+
+class Builder:
+    """Collects the surfaces of a world in the making; owns its chance and its lamps (x, y)."""
+
+    def __init__(
+        self, rng: np.random.Generator, lamps: Sequence[tuple[float, float]], end: float
+    ) -> None:
+        self.rng, self.lamps, self.end = rng, lamps, end
+        self.surfaces: list[Surface] = []
+        self._grain = fractal_grain(rng)
+
+    def wall(self, side: str, paint: Painter, *, density: float = 220.0) -> None:
+        """Put up the 'front', 'left', 'right' or 'rear' wall, seen from the goal."""
+        start, end = {
+            'front': ((LEFT, self.end), (RIGHT, self.end)),
+            'right': ((RIGHT, self.end), (RIGHT, REAR)),
+            'rear': ((RIGHT, REAR), (LEFT, REAR)),
+            'left': ((LEFT, REAR), (LEFT, self.end)),
+        }[side]
+        edge = np.array([end[0] - start[0], end[1] - start[1], 0.0])
+        frame = (np.array([*start, HEIGHT]), edge, np.array([0.0, 0.0, -HEIGHT]))
+        self._add(f'{side} wall', ROOM, frame, paint, density=density)
+
+    def floor(self, paint: Painter, furniture: Sequence[Furniture]) -> None:
+        """Lay the floor and cast the shadows of furniture on it."""
+        origin = np.array([LEFT, self.end, 0.0])
+        frame = (origin, np.array([RIGHT - LEFT, 0.0, 0.0]), np.array([0.0, REAR - self.end, 0.0]))
+        standing = [piece for piece in furniture if piece.bottom < 0.3]
+        self._add('floor', ROOM, frame, paint, density=190.0, standing=standing)
+
+    def ceiling(self, paint: Painter) -> None:
+        """Hang the ceiling."""
+        origin = np.array([LEFT, REAR, HEIGHT])
+        frame = (origin, np.array([RIGHT - LEFT, 0.0, 0.0]), np.array([0.0, self.end - REAR, 0.0]))
+        self._add('ceiling', ROOM, frame, paint, density=150.0)
+
+    def stand(self, piece: Furniture) -> None:
+        """Put a piece of furniture in its place: all faces but the one it stands on."""
+        right, back = piece.axes()
+        width, depth, height = piece.size
+        x, y, down = width * right, depth * back, np.array([0.0, 0.0, -height])
+        top = np.array([piece.x, piece.y, piece.bottom + height]) - 0.5 * x
+        faces = {
+            'front': (top, x, down),
+            'right': (top + x, y, down),
+            'back': (top + x + y, -x, down),
+            'left': (top + y, -y, down),
+            'top': (top + y, x, -y),
+        }
+        if piece.bottom > 0.3:
+            faces['bottom'] = (top + down, x, y)
+        grey = float(self.rng.uniform(80.0, 170.0))
+        for name, frame in faces.items():
+            material = piece.front if name == 'front' else piece.sides
+            self._add(f'{piece.name} {name}', piece.name, frame, _in_grey(material, grey))
+
+    def _add(
+        self,
+        name: str,
+        body: str,
+        frame: tuple[FloatArray, FloatArray, FloatArray],
+        paint: Painter,
+        *,
+        density: float = DENSITY,
+        standing: Sequence[Furniture] = (),
+    ) -> None:
+        origin, edge_u, edge_v = frame
+        width, height = float(np.linalg.norm(edge_u)), float(np.linalg.norm(edge_v))
+        sheet = Sheet(width, height, density, self.rng, self._grain)
+        paint(sheet)
+        points = (
+            origin + _grid(width)[None, :, None] * edge_u + _grid(height)[:, None, None] * edge_v
+        )
+        light = self._light(points, np.cross(edge_v / height, edge_u / width))
+        if body == ROOM:
+            light *= _corners(width)[None] * _corners(height)[:, None]
+        for piece in standing:
+            light *= 1.0 - 0.6 * np.exp(-piece.distances(points) / 0.16)
+        sheet.light(light)
+        self.surfaces.append(Surface(name, body, origin, edge_u, edge_v, Texture(sheet.image)))
+
+    def _light(self, points: FloatArray, normal: FloatArray) -> FloatArray:
+        """Light falling on ``points``, shape (H, W, 3): Lambert's, from lamps that face down."""
+        if normal[2] < -0.5:
+            return np.full(points.shape[:2], 1.05)  # lamps do not light the ceiling they hang on
+        light = np.full(points.shape[:2], AMBIENT)
+        for x, y in self.lamps:
+            towards = np.array([x, y, HEIGHT]) - points
+            square = (towards**2).sum(axis=-1) + 0.15
+            cosines = np.maximum(towards @ normal, 0.0) * np.maximum(towards[..., 2], 0.0)
+            light += LAMP_POWER * cosines / square**2
+        return light
+
+
+def _in_grey(material: Material, grey: float) -> Painter:
+    return lambda sheet: material(sheet, grey)
+
+
+def _grid(length: float) -> FloatArray:
+    """Shares of an edge at which the light is computed, at the middles of equal cells."""
+    count = max(3, math.ceil(length / LIGHT_STEP))
+    return (np.arange(count) + 0.5) / count
+
+
+def _corners(length: float) -> FloatArray:
+    """Factor of light along an edge: corners of a room are darker."""
+    at = _grid(length) * length
+    return np.asarray(1.0 - 0.22 * np.exp(-np.minimum(at, length - at) / 0.22))

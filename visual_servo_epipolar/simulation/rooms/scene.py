@@ -1,0 +1,141 @@
+"""The worlds a robot is sent into: a furnished room, and one ruled by a single wall."""
+
+from collections.abc import Callable
+import math
+
+import numpy as np
+
+from visual_servo_epipolar.simulation import carpentry as c
+from visual_servo_epipolar.simulation import materials as m
+from visual_servo_epipolar.simulation.rendering.surfaces import Scene
+from visual_servo_epipolar.simulation.rooms.building import Builder, Furniture, LEFT, REAR, RIGHT
+from visual_servo_epipolar.simulation.rooms.textures import Sheet
+
+KINDS = ('room', 'wall')
+END = {'room': 8.0, 'wall': 5.0}  # how far the front wall is from the goal [m]
+LAMPS = [(x, y) for y in (-11.0, -7.4, -3.8, -0.2, 3.4, 6.4) for x in (-2.9, 2.9)]
+
+# Name, middle of the front (x, y), size, front, sides, bottom [m]. Nothing stands in the way of
+# the robot: |x| < 2.2 is free up to y = 4. From the goal most of it is 3 to 7 m away.
+PIECES = (
+    ('left stand', -2.75, 3.4, (0.75, 0.08, 1.9), c.noticeboard, c.timber, 0.0),
+    ('right stand', 2.85, 3.6, (0.8, 0.08, 2.1), c.noticeboard, c.timber, 0.0),
+    ('bench', 0.75, 4.3, (1.0, 0.4, 0.34), c.crate, c.crate, 0.0),
+    ('chest', -1.15, 4.4, (0.85, 0.5, 0.62), c.cupboard, c.crate, 0.0),
+    ('parcel', -1.25, 4.47, (0.46, 0.36, 0.42), c.crate, c.crate, 0.62),
+    ('banner', -0.9, 3.9, (1.5, 0.03, 0.55), c.noticeboard, c.noticeboard, 2.15),
+    ('sign', 1.35, 4.7, (1.3, 0.03, 0.6), c.noticeboard, c.noticeboard, 2.1),
+    ('tall books', -2.75, 4.8, (1.25, 0.35, 2.15), c.bookcase, c.timber, 0.0),
+    ('cabinet', 2.45, 4.7, (1.2, 0.5, 1.15), c.cupboard, c.timber, 0.0),
+    ('cases', 2.5, 4.78, (0.7, 0.34, 0.5), c.crate, c.crate, 1.15),
+    ('column', -0.35, 5.7, (0.38, 0.38, 2.8), c.pillar, c.pillar, 0.0),
+    ('board', 1.15, 5.6, (1.2, 0.06, 1.75), c.noticeboard, c.timber, 0.0),
+    ('wide books', -4.25, 5.6, (1.4, 0.35, 2.2), c.bookcase, c.timber, 0.0),
+    ('lockers', 4.3, 5.6, (1.2, 0.5, 2.0), c.cupboard, c.noticeboard, 0.0),
+    ('low books', -1.75, 6.7, (1.3, 0.35, 1.6), c.bookcase, c.timber, 0.0),
+    ('easel', 0.3, 6.8, (0.9, 0.06, 1.9), c.noticeboard, c.timber, 0.0),
+    ('right column', 3.3, 6.5, (0.38, 0.38, 2.8), c.pillar, c.pillar, 0.0),
+    ('dresser', 2.2, 7.1, (1.1, 0.45, 2.0), c.cupboard, c.timber, 0.0),
+)
+ASIDE = (c.bookcase, c.cupboard, c.crate, c.noticeboard)  # what stands along the side walls
+
+
+def room(seed: int, kind: str = 'room') -> Scene:
+    """
+    Build a world, the same for the same ``seed`` and ``kind``.
+
+    Parameters
+    ----------
+    seed : int
+        Not negative.
+    kind : str
+        'room': furniture 3-8 m ahead of the goal (0, 0), looking along +y. 'wall': one wall 5 m
+        ahead, full of pictures, over a floor with little texture.
+
+    Raises
+    ------
+    ValueError
+        If the kind is unknown.
+
+    """
+    if kind not in KINDS:
+        raise ValueError(f'kind of room must be one of {", ".join(KINDS)}, got {kind!r}')
+    rng = np.random.default_rng((seed, KINDS.index(kind)))
+    lamps = [(x, y) for x, y in LAMPS if y < END[kind]]
+    builder = Builder(rng, lamps, END[kind])
+    (_furnished if kind == 'room' else _walled)(builder)
+    return Scene(tuple(builder.surfaces))
+
+
+def _furnished(builder: Builder) -> None:
+    """Build a room full of furniture."""
+    pieces = [*_ahead(builder.rng), *_along_the_sides(builder.rng)]
+    builder.wall('front', _wall('pwpdpwp', builder.rng))
+    builder.wall('left', _wall('pwpdpwppwpwp', builder.rng))
+    builder.wall('right', _wall('wppwpdpwpwpp', builder.rng))
+    builder.wall('rear', lambda sheet: m.wall(sheet, fittings='pdp'), density=128.0)
+    builder.floor(_floor, pieces)
+    builder.ceiling(lambda sheet: m.ceiling(sheet, _on_ceiling(builder)))
+    for piece in pieces:
+        builder.stand(piece)
+
+
+def _walled(builder: Builder) -> None:
+    """Build an empty room whose front wall is a gallery."""
+    builder.wall('front', lambda sheet: m.wall(sheet, pictures=2.6), density=240.0)
+    for side in ('left', 'right', 'rear'):
+        builder.wall(side, m.wall, density=128.0)
+    builder.floor(m.concrete, ())
+    builder.ceiling(lambda sheet: m.ceiling(sheet, _on_ceiling(builder), plain=True))
+
+
+def _wall(fittings: str, rng: np.random.Generator) -> Callable[[Sheet], None]:
+    """Return the painter of a wall whose fittings come in a random order."""
+    order = ''.join(rng.permutation(list(fittings)))
+    return lambda sheet: m.wall(sheet, fittings=order)
+
+
+def _floor(sheet: Sheet) -> None:
+    """Lay planks, and rugs down the middle of the room; the front wall is at the upper edge."""
+    m.planks(sheet)
+    for y in (4.0, 9.5, 15.0):
+        width, height = sheet.rng.uniform((2.2, 1.6), (3.4, 2.3))
+        x = 0.5 * (sheet.width - width) + float(sheet.rng.uniform(-0.8, 0.8))
+        m.rug(sheet, x, y + float(sheet.rng.uniform(-0.5, 0.5)), float(width), float(height))
+    m.wear(sheet, 0.8)
+
+
+def _on_ceiling(builder: Builder) -> list[tuple[float, float]]:
+    """Return where lamps are on the sheet of the ceiling, which begins at the rear left."""
+    return [(x - LEFT, y - REAR) for x, y in builder.lamps]
+
+
+def _ahead(rng: np.random.Generator) -> list[Furniture]:
+    """Place the furniture ahead of the goal, a little different for each room."""
+    pieces: list[Furniture] = []
+    for name, x, y, size, front, sides, bottom in PIECES:
+        slack = rng.uniform(-1.0, 1.0, 3)
+        moved, turn = np.array([x, y]) + slack[:2] * (0.12, 0.08), 0.05 * float(slack[2])
+        below = next((piece for piece in pieces if piece.size[2] == bottom > 0.0), None)
+        if below is not None:  # stands on another piece: goes wherever that one went
+            base = next(item for item in PIECES if item[0] == below.name)
+            right, back = below.axes()
+            offset = (x - base[1]) * right + (y - base[2]) * back
+            moved, turn = np.array([below.x, below.y]) + offset[:2], below.turn
+        at = float(moved[0]), float(moved[1])
+        pieces.append(Furniture(name, *at, size, front, sides, bottom=bottom, turn=turn))
+    return pieces
+
+
+def _along_the_sides(rng: np.random.Generator) -> list[Furniture]:
+    """Place furniture against both side walls, all the way to the rear."""
+    pieces = []
+    for side, x in ((1.0, LEFT), (-1.0, RIGHT)):
+        for k, y in enumerate((-11.3, -9.0, -6.8, -4.5, -2.2, 0.0, 2.3)):
+            width, depth, height = rng.uniform((0.8, 0.35, 0.6), (1.5, 0.5, 2.1))
+            front = ASIDE[int(rng.integers(len(ASIDE)))]
+            at = x + side * (depth + 0.02), y + float(rng.uniform(-0.25, 0.25))
+            size = (float(width), float(depth), float(height))
+            name = f'{"left" if side > 0 else "right"} piece {k}'
+            pieces.append(Furniture(name, *at, size, front, c.timber, turn=side * math.pi / 2.0))
+    return pieces
