@@ -4,7 +4,8 @@ import math
 
 import pytest
 
-from visual_servo_epipolar.core.perception.perceive import Measurement, perceive_each
+from visual_servo_epipolar.core.perception.batch import perceive_each
+from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.run_log import RunLog, summarise
 from visual_servo_epipolar.simulation.closed_loop import look, Loop, run_many
 from visual_servo_epipolar.simulation.scenario import from_document, Scenario
@@ -62,30 +63,30 @@ def test_near_the_axis_an_unknown_lens_is_not_mistaken_for_a_miss() -> None:
     assert verdict['position_error_m'] < 0.004
 
 
-def seen(ratio: float, start: tuple[float, float, float]) -> list[Measurement]:
+def seen(ratio: float, start: tuple[float, float, float]) -> list[Perception]:
     """Return what the servo saw on its way."""
-    seeded, sights = scenario(ratio).seeded(1), []
+    seeded, perceptions = scenario(ratio).seeded(1), []
     loop = Loop(seeded.loop(start, 1), view_of(seeded, 'features', 1), seeded.camera.believed)
     while not loop.referee.done:
-        sights.append(perceive_each(look([loop]))[0])
-        loop.decide(sights[-1])
+        perceptions.append(perceive_each(look([loop]))[0])
+        loop.decide(perceptions[-1])
         loop.record()
         loop.drive()
-    return sights
+    return perceptions
 
 
 def test_focal_length_and_principal_point_are_learnt_on_the_way() -> None:
-    sights = seen(0.5, STARTS[1])
-    first, last = sights[0].memory.lens, sights[-1].memory.lens
+    perceptions = seen(0.5, STARTS[1])
+    first, last = perceptions[0].memory.lens, perceptions[-1].memory.lens
     assert first.ratio_deviation > 0.1  # from near the axis one pair says little
     assert last.ratio_deviation < 0.03
     assert last.log_ratio == pytest.approx(math.log(0.5), abs=3.0 * last.ratio_deviation)
     spread = math.hypot(last.rest_deviation, last.shift_slope * last.ratio_deviation)
     assert spread < 0.005
     assert last.shift == pytest.approx(10.0 / 769.0, abs=3.0 * spread)
-    assert sights[-1].focal == pytest.approx(769.0, rel=0.1)
+    assert perceptions[-1].measurement.focal == pytest.approx(769.0, rel=0.1)
     # Near the goal nothing is learnt, and nothing forgotten.
-    near = [measurement.memory.lens for measurement in sights if measurement.bearings is None]
+    near = [each.memory.lens for each in perceptions if each.measurement.bearings is None]
     assert len(near) > 10
     assert set(near) == {last}
 

@@ -11,7 +11,7 @@ from strategies import floats, seen_from
 
 from visual_servo_epipolar.core.control import laws
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.core.perception.perceive import feature_difference
+from visual_servo_epipolar.core.perception.measures import feature_difference
 from visual_servo_epipolar.reproduction import theory
 
 FEATURES = st.lists(

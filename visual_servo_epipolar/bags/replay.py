@@ -14,7 +14,7 @@ from visual_servo_epipolar.bags.read_run import Events, History, in_force, Key, 
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError, TrackingError
 from visual_servo_epipolar.core.geometry.camera import Camera
-from visual_servo_epipolar.core.perception.perceive import observe
+from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.servo.interruptions import interrupted, Interruption
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings

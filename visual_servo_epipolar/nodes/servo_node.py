@@ -17,7 +17,7 @@ from visualization_msgs.msg import MarkerArray
 
 from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
-from visual_servo_epipolar.core.perception.perceive import observe
+from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.servo.interruptions import interrupted, Interruption
 from visual_servo_epipolar.core.servo.phases.table import DRIVING
 from visual_servo_epipolar.core.servo.settings import ServoSettings

@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.control import laws
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, Twist
-from visual_servo_epipolar.core.perception.perceive import feature_difference
+from visual_servo_epipolar.core.perception.measures import feature_difference
 from visual_servo_epipolar.reproduction.camera import Eye, Reading
 
 GRADING = 0.02  # of the time left until e_du = 0: there the law is not Lipschitz

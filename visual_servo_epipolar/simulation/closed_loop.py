@@ -12,13 +12,9 @@ from visual_servo_epipolar.core.geometry.motion import (
     quaternion_from_yaw,
     yaw_from_quaternion,
 )
-from visual_servo_epipolar.core.perception.perceive import (
-    Glimpse,
-    Measurement,
-    Observation,
-    observe_each,
-    perceive_each,
-)
+from visual_servo_epipolar.core.perception.batch import perceive_each, RobotView
+from visual_servo_epipolar.core.perception.observation import Observation, observe_each
+from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.phases.table import ENDED, Phase
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -134,13 +130,13 @@ class Loop:
         """Time of the next frame."""
         return self._base.now_ns
 
-    def glimpse(self, observation: Observation) -> Glimpse:
+    def robot_view(self, observation: Observation) -> RobotView:
         """Return what is to be perceived."""
-        return Glimpse.after(self._state.measurement, observation, self._servo, self._state.frame)
+        return RobotView(observation, self._servo, self._state.frame, self._state.memory)
 
-    def decide(self, measurement: Measurement) -> None:
+    def decide(self, perception: Perception) -> None:
         """Take in what was perceived."""
-        self._state = advance(self._state, measurement, self._servo)
+        self._state = advance(self._state, perception, self._servo)
 
     def decide_by(self, control: Step) -> None:
         """Look, and let ``control`` take it in."""
@@ -161,9 +157,9 @@ class Loop:
         self.pose = published(self._base.pose)
 
 
-def look(loops: Sequence[Loop]) -> list[Glimpse]:
+def look(loops: Sequence[Loop]) -> list[RobotView]:
     """Return what each loop sees from where its robot is now, those with one camera at once."""
-    found: list[Glimpse | None] = [None] * len(loops)
+    found: list[RobotView | None] = [None] * len(loops)
     alike: dict[Camera, list[int]] = {}
     for k, loop in enumerate(loops):
         alike.setdefault(loop.camera, []).append(k)
@@ -171,8 +167,8 @@ def look(loops: Sequence[Loop]) -> list[Glimpse]:
         some = [loops[k] for k in places]
         observations = observe_each(_features(some), camera, [loop.now_ns for loop in some])
         for k, observation in zip(places, observations, strict=True):
-            found[k] = loops[k].glimpse(observation)
-    return [glimpse for glimpse in found if glimpse is not None]
+            found[k] = loops[k].robot_view(observation)
+    return [robot_view for robot_view in found if robot_view is not None]
 
 
 def _features(loops: Sequence[Loop]) -> list[Features]:
@@ -225,12 +221,12 @@ def run_many(
     loops = [Loop(*each) for each in runs]
     going = [loop for loop in loops if not loop.referee.done]
     while going:
-        glimpses = look(going)
+        robot_views = look(going)
         lap('world')
-        sights = perceive_each(glimpses)
+        perceptions = perceive_each(robot_views)
         lap('perception')
-        for loop, measurement in zip(going, sights, strict=True):
-            loop.decide(measurement)
+        for loop, perception in zip(going, perceptions, strict=True):
+            loop.decide(perception)
         lap('servo')
         for loop in going:
             loop.record()

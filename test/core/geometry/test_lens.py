@@ -17,8 +17,8 @@ from visual_servo_epipolar.core.geometry.lens import (
     unknown_lens,
 )
 from visual_servo_epipolar.core.geometry.rotation import fit_rotations
-from visual_servo_epipolar.core.perception.measurement import Observation
 from visual_servo_epipolar.core.perception.measures import turned
+from visual_servo_epipolar.core.perception.observation import Observation
 
 RAYS = np.random.default_rng(0).random((2, 20, 2)) - 0.5
 SEEN = Observation(0, *RAYS, 400.0, (-0.6, 0.7))

@@ -11,9 +11,12 @@ from strategies import CAMERA, floats, matches, poses_behind_the_goal
 from visual_servo_epipolar.core.estimators.registry import ESTIMATORS
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, rotation_desired_current
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, wrap_angle
+from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.measures import feature_difference, turned
-from visual_servo_epipolar.core.perception.perceive import Observation, observe, perceive
-from visual_servo_epipolar.core.perception.validation import fresh_memory, innovation, Memory
+from visual_servo_epipolar.core.perception.memory import fresh_memory, PerceptionMemory
+from visual_servo_epipolar.core.perception.observation import Observation, observe
+from visual_servo_epipolar.core.perception.perceive import perceive
+from visual_servo_epipolar.core.perception.validation import innovation
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.tracking.features import Features
 
@@ -25,9 +28,13 @@ def observation(current: np.ndarray, desired: np.ndarray) -> Observation:
     return Observation(0, current, desired, 769.0)
 
 
+def measured(seen: Observation, settings: ServoSettings = SETTINGS) -> Measurement:
+    return perceive(seen, settings, 0).measurement
+
+
 @given(poses_behind_the_goal())
 def test_exact_matches_give_the_bearings_of_the_pose(pose: Pose) -> None:
-    measurement = perceive(observation(*matches(pose)), SETTINGS, 0)
+    measurement = measured(observation(*matches(pose)))
     true = Bearings.from_pose(pose)
     assert measurement.bearings is not None
     # The 8-point algorithm on exact rays, see test_epipolar.
@@ -37,7 +44,9 @@ def test_exact_matches_give_the_bearings_of_the_pose(pose: Pose) -> None:
 
 @given(floats(-0.5, 0.5))
 def test_a_pure_rotation_has_a_heading_but_no_bearings(alpha: float) -> None:
-    measurement = perceive(observation(*matches(Pose(0.0, 0.0, HALF_PI + alpha))), SETTINGS, 0)
+    measurement = perceive(
+        observation(*matches(Pose(0.0, 0.0, HALF_PI + alpha))), SETTINGS, 0
+    ).measurement
     assert measurement.bearings is None
     assert measurement.heading_error == pytest.approx(alpha, abs=1e-12)
     assert 'parallax of 0.00 px is too small' in measurement.reason
@@ -53,8 +62,10 @@ def test_turning_the_rays_undoes_a_rotation(alpha: float) -> None:
 
 def test_d_of_a_pure_rotation_is_zero_only_if_compensated() -> None:
     current, desired = matches(Pose(0.0, 0.0, HALF_PI + 0.1))
-    with_it = perceive(observation(current, desired), SETTINGS, 0)
-    without = perceive(observation(current, desired), ServoSettings(law='corrected'), 0)
+    with_it = measured(observation(current, desired))
+    without = perceive(
+        observation(current, desired), ServoSettings(law='corrected'), 0
+    ).measurement
     assert with_it.difference == pytest.approx(0.0, abs=1e-12)
     assert without.difference == pytest.approx(feature_difference(current, desired))
     assert abs(without.difference) > 1e-3
@@ -63,10 +74,14 @@ def test_d_of_a_pure_rotation_is_zero_only_if_compensated() -> None:
 def test_one_feature_less_than_needed_is_too_few() -> None:
     current, desired = matches(BEHIND)
     least = SETTINGS.min_features
-    measurement = perceive(observation(current[: least - 1], desired[: least - 1]), SETTINGS, 0)
+    measurement = perceive(
+        observation(current[: least - 1], desired[: least - 1]), SETTINGS, 0
+    ).measurement
     assert measurement.bearings is None
     assert measurement.reason == f'{least - 1} features, {least} needed'
-    assert perceive(observation(current[:least], desired[:least]), SETTINGS, 0).bearings
+    assert perceive(
+        observation(current[:least], desired[:least]), SETTINGS, 0
+    ).measurement.bearings
 
 
 def noisy(pose: Pose = BEHIND) -> Observation:
@@ -79,7 +94,7 @@ def noisy(pose: Pose = BEHIND) -> Observation:
 
 def test_a_vote_that_is_not_clear_enough_is_not_trusted() -> None:
     near = Pose(0.02, -0.1, HALF_PI)  # the far features have less parallax than noise
-    measurement = perceive(noisy(near), ServoSettings(min_confidence=1.0), 0)
+    measurement = perceive(noisy(near), ServoSettings(min_confidence=1.0), 0).measurement
     assert 0.0 < measurement.confidence < 1.0
     assert measurement.bearings is None
     assert 'cheirality vote is undecided (0.' in measurement.reason
@@ -93,9 +108,9 @@ def test_a_sight_is_fixed_by_seed_and_frame(estimator: str) -> None:
 
 def test_another_frame_or_seed_draws_other_subsets() -> None:
     settings = ServoSettings(estimator='lmeds_8pt', seed=3)
-    found = perceive(noisy(), settings, 4).bearings
-    assert perceive(noisy(), settings, 5).bearings != found
-    assert perceive(noisy(), replace(settings, seed=2), 4).bearings != found
+    found = perceive(noisy(), settings, 4).measurement.bearings
+    assert perceive(noisy(), settings, 5).measurement.bearings != found
+    assert perceive(noisy(), replace(settings, seed=2), 4).measurement.bearings != found
 
 
 GARBAGE = ('random', 'rows', 'columns', 'points', 'equal', 'huge', 'mirrored')
@@ -129,7 +144,7 @@ def test_garbage_is_never_an_error(estimator: str, kind: str, seed: int, known: 
     memory = fresh_memory(settings)
     if known:
         memory = replace(memory, bearings=Bearings(-1.5, 3.0))
-    measurement = perceive(observation(*garbage(kind, seed)), settings, 0, memory)
+    measurement = perceive(observation(*garbage(kind, seed)), settings, 0, memory).measurement
     assert (measurement.bearings is None) == bool(measurement.reason)
 
 
@@ -139,7 +154,7 @@ def test_features_on_one_line_are_never_an_error(estimator: str) -> None:
         perceive(observation(*garbage('line', seed)), ServoSettings(estimator=estimator), 0)
 
 
-def followed(noise: float, frames: int = 60) -> Memory:
+def followed(noise: float, frames: int = 60) -> PerceptionMemory:
     """Return what is remembered after frames of one pose, blurred by ``noise`` [px]."""
     current, desired = matches(BEHIND)
     memory = None

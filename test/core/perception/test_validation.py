@@ -11,15 +11,17 @@ from strategies import bearings, floats
 
 from visual_servo_epipolar.core.estimators.base import Attitude, Estimate, UNKNOWN_COVARIANCE
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.perception.validation import (
-    evidence,
+from visual_servo_epipolar.core.perception.memory import (
     fresh_memory,
-    innovation,
     KNOWN_DEVIATION,
-    Memory,
+    PerceptionMemory,
+    updated_memory,
+)
+from visual_servo_epipolar.core.perception.validation import (
+    fit_quality,
+    innovation,
+    MAX_REJECTIONS,
     rejection_reason,
-    remembered,
-    STRIKES,
 )
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 
@@ -37,11 +39,9 @@ GOOD = Estimate(
 )
 
 
-def reason(memory: Memory = FRESH, rays: np.ndarray = RAYS, **changes: object) -> str:
+def reason(memory: PerceptionMemory = FRESH, rays: np.ndarray = RAYS, **changes: object) -> str:
     estimate = replace(GOOD, **changes)  # type: ignore[arg-type]
-    return rejection_reason(
-        estimate, evidence([estimate], rays[None], rays[None])[0], memory, SETTINGS
-    )
+    return rejection_reason(estimate, fit_quality(estimate, rays, rays), memory, SETTINGS)
 
 
 def some(count: int) -> np.ndarray:
@@ -77,7 +77,7 @@ def test_nine_of_thirty_that_agree_are_enough() -> None:
 def test_an_estimator_without_covariance_is_not_doubted_for_it() -> None:
     assert reason(covariance=UNKNOWN_COVARIANCE) == ''
     blind = replace(GOOD, covariance=UNKNOWN_COVARIANCE)
-    assert math.isnan(evidence([blind], RAYS[None], RAYS[None])[0].deviation)
+    assert math.isnan(fit_quality(blind, RAYS, RAYS).deviation)
 
 
 def test_a_rival_is_no_doubt_where_the_last_bearings_decide() -> None:
@@ -87,13 +87,13 @@ def test_a_rival_is_no_doubt_where_the_last_bearings_decide() -> None:
 
 def test_a_leap_is_doubted_until_it_is_seen_three_times() -> None:
     memory = replace(FRESH, bearings=Bearings(-1.0, 3.0))
-    for _ in range(STRIKES - 1):
+    for _ in range(MAX_REJECTIONS - 1):
         said = reason(memory)
         assert 'the bearings leapt by 28.6 deg in one frame' in said
-        memory = remembered(memory, GOOD, said, noise=0.3, parallax=50.0)
+        memory = updated_memory(memory, GOOD, said, noise=0.3, parallax=50.0)
         assert memory.bearings == Bearings(-1.0, 3.0)
     assert reason(memory) == ''
-    memory = remembered(memory, GOOD, '', noise=0.3, parallax=50.0)
+    memory = updated_memory(memory, GOOD, '', noise=0.3, parallax=50.0)
     assert (memory.bearings, memory.consecutive_rejections) == (BEARINGS, 0)
 
 
@@ -106,7 +106,7 @@ def test_a_leap_is_the_larger_change_and_knows_of_full_turns(
 
 
 def test_the_attitude_is_learnt_where_the_parallax_is_informative() -> None:
-    memory = remembered(FRESH, GOOD, '', noise=0.3, parallax=50.0)
+    memory = updated_memory(FRESH, GOOD, '', noise=0.3, parallax=50.0)
     assert (memory.attitude.tilt, memory.attitude.roll) == (0.02, 0.01)
     assert memory.attitude.tilt_deviation == KNOWN_DEVIATION  # however sure the estimate is
     assert memory.attitude.roll_deviation == 2e-3
@@ -114,26 +114,26 @@ def test_the_attitude_is_learnt_where_the_parallax_is_informative() -> None:
 
 
 def test_the_attitude_is_kept_where_the_parallax_says_little() -> None:
-    memory = remembered(FRESH, GOOD, '', noise=0.3, parallax=3.0)
+    memory = updated_memory(FRESH, GOOD, '', noise=0.3, parallax=3.0)
     assert memory.attitude == FRESH.attitude
 
 
 def test_the_attitude_is_kept_by_an_estimator_that_has_none() -> None:
     found = replace(GOOD, attitude=None)
-    assert remembered(FRESH, found, '', noise=0.3, parallax=50.0).attitude == FRESH.attitude
+    assert updated_memory(FRESH, found, '', noise=0.3, parallax=50.0).attitude == FRESH.attitude
 
 
 def test_the_attitude_is_never_known_too_well() -> None:
     sure = replace(GOOD, attitude=Attitude(0.02, 0.01, 1e-9, 1e-9, 0.0))
-    attitude = remembered(FRESH, sure, '', noise=0.3, parallax=50.0).attitude
+    attitude = updated_memory(FRESH, sure, '', noise=0.3, parallax=50.0).attitude
     assert attitude.tilt_deviation == attitude.roll_deviation == KNOWN_DEVIATION
 
 
-def test_a_doubted_estimate_teaches_nothing_but_a_strike() -> None:
+def test_a_doubted_estimate_teaches_nothing_but_a_rejection() -> None:
     memory = replace(FRESH, bearings=BEARINGS)
-    after = remembered(memory, GOOD, 'some reason', noise=0.7, parallax=50.0)
+    after = updated_memory(memory, GOOD, 'some reason', noise=0.7, parallax=50.0)
     assert after == replace(memory, consecutive_rejections=1)
 
 
 def test_the_noise_is_that_of_the_residuals() -> None:
-    assert remembered(FRESH, GOOD, '', noise=0.7, parallax=50.0).noise == 0.7
+    assert updated_memory(FRESH, GOOD, '', noise=0.7, parallax=50.0).noise == 0.7

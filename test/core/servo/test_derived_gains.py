@@ -11,19 +11,24 @@ from strategies import bearings, floats
 
 from visual_servo_epipolar.core.control.gains import derive
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.perception.perceive import Measurement
-from visual_servo_epipolar.core.perception.validation import fresh_memory
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.perception.memory import fresh_memory
+from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.servo import step
 from visual_servo_epipolar.core.servo.derived_gains import circumstances
 from visual_servo_epipolar.core.servo.identification import Slope
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.step import advance
 
 DERIVED = ServoSettings(law='corrected', gains='derived')
 MEMORY = fresh_memory(DERIVED)
 LAWS = st.sampled_from(['paper', 'corrected', 'full'])
 PERIOD = 0.1  # between two images [s]
+
+
+def advance(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
+    return step.advance(state, Perception(measurement, MEMORY), settings)
 
 
 def seen(frame: int, current: float, desired: float, **changes: Any) -> Measurement:
@@ -33,7 +38,7 @@ def seen(frame: int, current: float, desired: float, **changes: Any) -> Measurem
         stamp_ns=round(frame * PERIOD * 1e9),
         features=40,
         focal=769.0,
-        memory=MEMORY,
+        noise_px=0.3,
         bearings=Bearings(psi, math.atan2(math.tan(current), -1.0)),
         confidence=0.9,
         inliers=38,
@@ -151,7 +156,7 @@ def test_where_no_turn_helps_the_run_fails_with_the_reason(law: str) -> None:
 
 
 def test_a_view_that_leaves_no_room_to_turn_is_a_reason() -> None:
-    state = advance(ServoState(), seen(0, 0.1, 0.3, room=(0.01, 0.01)), DERIVED)
+    state = advance(ServoState(), seen(0, 0.1, 0.3, view_margins=(0.01, 0.01)), DERIVED)
     assert state.phase is Phase.FAILED
     assert state.reason == (
         'concordant epipoles need |atan e_au| above 0.469 rad with d_hat_0 / d_0 up to 8, '
@@ -214,12 +219,12 @@ def test_a_step_2_without_a_step_1_has_a_derived_k_t_too() -> None:
 def anything() -> st.SearchStrategy[Measurement]:
     """Return whatever may be seen, in any order of stamps."""
     return st.builds(
-        lambda frame, found, difference, parallax, room: replace(
+        lambda frame, found, difference, parallax, margins: replace(
             seen(frame, 0.0, 0.1),
             bearings=found,
             difference=difference,
             parallax=parallax,
-            room=room,
+            view_margins=margins,
         ),
         st.integers(0, 60),
         st.none() | bearings(),

@@ -10,22 +10,33 @@ import pytest
 from strategies import bearings, CAMERA, floats, matches, twists
 
 from visual_servo_epipolar.core.control import laws
+from visual_servo_epipolar.core.control.command import Command
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
-from visual_servo_epipolar.core.perception.perceive import Measurement, Observation
-from visual_servo_epipolar.core.perception.validation import fresh_memory
-from visual_servo_epipolar.core.servo.phases.commands import command
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.perception.memory import fresh_memory
+from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.servo import step as servo_step
+from visual_servo_epipolar.core.servo.interruptions import stop
+from visual_servo_epipolar.core.servo.phases.commands import wanted_twist
 from visual_servo_epipolar.core.servo.phases.conditions import displacement
 from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.step import advance, step, stop
 
 # Accelerations as good as unlimited: what the laws ask for is seen at once.
 SETTINGS = ServoSettings(max_acceleration=20.0, max_angular_acceleration=90.0)
 MEMORY = fresh_memory(SETTINGS)
 QUIET = (Phase.WAITING, Phase.HOLDING, Phase.ARRIVED, Phase.FAILED)
 LAWS = st.sampled_from(['paper', 'corrected', 'full'])
+
+
+step = servo_step.step
+
+
+def advance(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
+    return servo_step.advance(state, Perception(measurement, MEMORY), settings)
 
 
 def stamp(seconds: float) -> int:
@@ -42,7 +53,7 @@ def measurement(
         stamp_ns=stamp(seconds),
         features=40,
         focal=769.0,
-        memory=MEMORY,
+        noise_px=0.3,
         bearings=Bearings(psi, phi),
         confidence=0.9,
         inliers=38,
@@ -55,7 +66,7 @@ def measurement(
 
 
 def blind(seconds: float) -> Measurement:
-    return Measurement(stamp(seconds), 3, 769.0, MEMORY, reason='3 features, 12 needed')
+    return Measurement(stamp(seconds), 3, 769.0, 0.3, reason='3 features, 12 needed')
 
 
 def at_goal(seconds: float) -> Measurement:
@@ -94,7 +105,7 @@ def sights() -> st.SearchStrategy[Measurement]:
         stamp_ns=st.integers(0, stamp(10.0)),
         features=st.integers(SETTINGS.min_features, 60),
         focal=st.just(769.0),
-        memory=st.just(MEMORY),
+        noise_px=st.just(0.3),
         bearings=st.none() | bearings(),
         confidence=floats(0.0, 1.0),
         inliers=st.integers(8, 60),
@@ -112,7 +123,7 @@ def states() -> st.SearchStrategy[ServoState]:
         ServoState,
         phase=st.sampled_from(Phase),
         phase_start_ns=st.integers(0, stamp(10.0)),
-        twist=st.builds(Twist, floats(-0.4, 0.4), floats(-0.5, 0.5)),
+        command=st.builds(Command, st.builds(Twist, floats(-0.4, 0.4), floats(-0.5, 0.5))),
         measurement=sights(),
         distance=floats(SETTINGS.min_distance, 50.0),
         target=floats(-0.4, 0.4),
@@ -222,7 +233,7 @@ def test_the_displaced_epipole_begins_the_first_step() -> None:
 def test_the_sign_of_the_first_step_is_that_of_the_law(law: str, sign: float) -> None:
     # Concordant behind the goal: sigma is -1, the printed sign is +1.
     state = in_phase(Phase.ZEROING_EPIPOLES, measurement=measurement(desired=0.3), side=1.0)
-    twist = command(state, replace(SETTINGS, law=law))
+    twist = wanted_twist(state, replace(SETTINGS, law=law))
     assert twist.linear * sign > 0.0
 
 
@@ -239,14 +250,14 @@ def test_the_first_step_is_the_law_of_the_paper() -> None:
 
 
 def test_d_hat_is_updated_by_the_speed_that_was_applied() -> None:
-    state = in_phase(Phase.ZEROING_EPIPOLES, twist=Twist(0.25, 0.0))
+    state = in_phase(Phase.ZEROING_EPIPOLES, command=Command(Twist(0.25, 0.0)))
     found = after(measurement(0.5), state=state).distance
     # (18) for half a second towards the goal, 0.2 rad off the baseline.
     assert found == pytest.approx(8.0 - 0.5 * 0.25 * math.cos(0.2))
 
 
 def test_a_long_gap_is_not_integrated_over() -> None:
-    state = in_phase(Phase.ZEROING_EPIPOLES, twist=Twist(0.25, 0.0))
+    state = in_phase(Phase.ZEROING_EPIPOLES, command=Command(Twist(0.25, 0.0)))
     assert after(measurement(30.0), state=state).distance == pytest.approx(
         8.0 - 0.25 * math.cos(0.2)
     )
@@ -342,22 +353,24 @@ def test_the_displaced_epipole_keeps_the_features_in_view() -> None:
     free = measurement(current=0.1, desired=-0.2)
     assert displacement(free, SETTINGS) == pytest.approx(0.215, abs=0.001)
     # e_au moves right when the camera turns left.
-    tight = replace(free, room=(0.05, math.inf))
+    tight = replace(free, view_margins=(0.05, math.inf))
     assert displacement(tight, SETTINGS) == pytest.approx(0.15)
 
 
 def test_without_room_for_a_useful_turn_the_robot_backs_off_first() -> None:
-    tight = measurement(current=-0.1, desired=-0.2, room=(0.15, math.inf))
+    tight = measurement(current=-0.1, desired=-0.2, view_margins=(0.15, math.inf))
     assert displacement(tight, SETTINGS) is None
     assert after(tight).phase is Phase.RETREATING
 
 
 def test_backing_off_turns_no_further_than_the_view_allows() -> None:
-    beside = measurement(0.1, current=0.3, desired=-1.2, heading_error=-0.8, room=(0.2, math.inf))
+    beside = measurement(
+        0.1, current=0.3, desired=-1.2, heading_error=-0.8, view_margins=(0.2, math.inf)
+    )
     turning = after(beside, state=in_phase(Phase.RETREATING)).twist
     assert turning.angular == pytest.approx(0.2 * SETTINGS.turn_gain)
     assert turning.linear == 0.0
-    blocked = replace(beside, room=(0.01, math.inf))
+    blocked = replace(beside, view_margins=(0.01, math.inf))
     assert after(blocked, state=in_phase(Phase.RETREATING)).twist.linear < 0.0
 
 
@@ -439,7 +452,7 @@ def test_a_desired_epipole_that_runs_away_ends_the_run() -> None:
 
 @pytest.mark.parametrize('phase', DRIVING)
 def test_lost_tracks_stop_the_robot_at_once(phase: Phase) -> None:
-    state = after(blind(0.1), state=in_phase(phase, twist=Twist(0.3, 0.1)))
+    state = after(blind(0.1), state=in_phase(phase, command=Command(Twist(0.3, 0.1))))
     assert (state.phase, state.twist) == (Phase.HOLDING, STANDSTILL)
     assert state.reason == '3 features, 12 needed'
 
@@ -482,7 +495,9 @@ def test_time_that_runs_backwards_holds_the_robot(phase: Phase) -> None:
 
 
 def test_time_that_runs_backwards_does_not_change_d_hat() -> None:
-    running = in_phase(Phase.ZEROING_EPIPOLES, measurement=measurement(2.0), twist=Twist(0.3, 0.0))
+    running = in_phase(
+        Phase.ZEROING_EPIPOLES, measurement=measurement(2.0), command=Command(Twist(0.3, 0.0))
+    )
     assert after(measurement(1.5), state=running).distance == 8.0
 
 
@@ -496,7 +511,7 @@ def test_a_phase_that_takes_too_long_fails_with_its_name(phase: Phase) -> None:
 
 @pytest.mark.parametrize('phase', Phase)
 def test_a_stop_leaves_a_fresh_servo_at_a_standstill(phase: Phase) -> None:
-    state = stop(in_phase(phase, twist=Twist(0.3, 0.1), frame=9))
+    state = stop(in_phase(phase, command=Command(Twist(0.3, 0.1)), frame=9))
     assert state.phase is Phase.WAITING
     assert state.twist == STANDSTILL
     assert math.isnan(state.distance)
@@ -506,7 +521,7 @@ def test_a_stop_leaves_a_fresh_servo_at_a_standstill(phase: Phase) -> None:
 @given(sights(), twists())
 def test_an_ended_run_stays_ended(seen: Measurement, twist: Twist) -> None:
     for phase in (Phase.ARRIVED, Phase.FAILED):
-        state = after(seen, state=in_phase(phase, reason='why', twist=twist))
+        state = after(seen, state=in_phase(phase, reason='why', command=Command(twist)))
         assert (state.phase, state.twist, state.reason) == (phase, STANDSTILL, 'why')
 
 

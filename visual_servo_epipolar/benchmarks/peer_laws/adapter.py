@@ -7,8 +7,11 @@ from visual_servo_epipolar.benchmarks.peer_laws.homography_based import never_re
 from visual_servo_epipolar.benchmarks.peer_laws.image_based import PointGains, points
 from visual_servo_epipolar.benchmarks.peer_laws.pose_measurement import read
 from visual_servo_epipolar.benchmarks.peer_laws.position_based import is_behind, polar, PolarGains
-from visual_servo_epipolar.core.geometry.motion import saturate, STANDSTILL, Twist
-from visual_servo_epipolar.core.perception.perceive import Measurement, Observation, perceive
+from visual_servo_epipolar.core.control.command import Command, HALT
+from visual_servo_epipolar.core.geometry.motion import saturate, Twist
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.perception.perceive import perceive
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
@@ -66,9 +69,10 @@ def behind_the_door(law: Law) -> Step:
     """
 
     def drive(state: ServoState, observation: Observation, settings: ServoSettings) -> ServoState:
-        memory = None if state.measurement is None else state.measurement.memory
-        measurement = perceive(observation, settings, state.frame, memory)
+        perception = perceive(observation, settings, state.frame, state.memory)
+        measurement = perception.measurement
         peer = _seen(_as_peer(state), measurement, observation)
+        peer = replace(peer, memory=perception.memory)
         return replace(
             _decided(peer, measurement, observation, law, settings), frame=state.frame + 1
         )
@@ -103,7 +107,7 @@ def _decided(
     settings: ServoSettings,
 ) -> PeerState:
     if state.phase in (Phase.WAITING, Phase.ARRIVED, Phase.FAILED):
-        return replace(state, twist=STANDSTILL)
+        return replace(state, command=HALT)
     if _is_lost(measurement, settings):
         return _held(state, measurement, settings)
     if state.phase is Phase.HOLDING:
@@ -117,13 +121,13 @@ def _decided(
     stands = abs(twist.linear) < STILL_M_S and abs(twist.angular) < STILL_RAD_S
     state = replace(
         state,
-        twist=twist,
+        command=Command(twist),
         settled=state.settled + 1 if error <= MATCHED_PX else 0,
         still=state.still + 1 if stands else 0,
     )
     rests = state.still >= STILL_FRAMES
     if state.settled >= MATCHED_FRAMES or (rests and error <= NEAR_PX):
-        return replace(state, phase=Phase.ARRIVED, twist=STANDSTILL, reason='matched')
+        return replace(state, phase=Phase.ARRIVED, command=HALT, reason='matched')
     if rests:
         return _failed(state, f'stands still with the features {error:.1f} px off')
     return state
@@ -138,7 +142,7 @@ def _is_lost(measurement: Measurement, settings: ServoSettings) -> bool:
 def _held(state: PeerState, measurement: Measurement, settings: ServoSettings) -> PeerState:
     if state.phase is not Phase.HOLDING:
         return replace(
-            state, phase=Phase.HOLDING, phase_start_ns=measurement.stamp_ns, twist=STANDSTILL
+            state, phase=Phase.HOLDING, phase_start_ns=measurement.stamp_ns, command=HALT
         )
     waited = seconds_between(state.phase_start_ns, measurement.stamp_ns)
     if waited > settings.holding_timeout:
@@ -147,7 +151,7 @@ def _held(state: PeerState, measurement: Measurement, settings: ServoSettings) -
 
 
 def _failed(state: PeerState, reason: str) -> PeerState:
-    return replace(state, phase=Phase.FAILED, twist=STANDSTILL, reason=reason)
+    return replace(state, phase=Phase.FAILED, command=HALT, reason=reason)
 
 
 PEERS: Mapping[str, Step] = {

@@ -8,7 +8,9 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, rotation_desired_current
 from visual_servo_epipolar.core.geometry.motion import HALF_PI
-from visual_servo_epipolar.core.perception.perceive import Measurement, Observation, turned
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.perception.measures import turned
+from visual_servo_epipolar.core.perception.observation import Observation
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,7 +6,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
-from visual_servo_epipolar.core.estimators.base import Estimator, Prior
+from visual_servo_epipolar.core.estimators.base import Estimate, Estimator, Prior
 from visual_servo_epipolar.core.estimators.lmeds_8pt import lmeds_8pt
 from visual_servo_epipolar.core.estimators.machinery.batch import Answer
 from visual_servo_epipolar.core.estimators.planar_2dof import planar_2dof, planar_2dof_each
@@ -27,6 +27,39 @@ EACH: dict[str, Callable[..., list[Answer]]] = {
 }
 # The same where the focal length is not known.
 EACH_UNCALIBRATED = {'soft_planar': soft_uncalibrated_each}
+
+
+def estimate(
+    name: str,
+    current: FloatArray,
+    desired: FloatArray,
+    *,
+    noise: float,
+    prior: Prior,
+    seed: tuple[int, int],
+) -> Estimate:
+    """
+    Return what estimator ``name`` finds in one pair of views, rays of shape (N, 2).
+
+    ``noise`` is the deviation of a ray coordinate; ``seed`` fixes every random choice.
+
+    Raises
+    ------
+    DegenerateGeometryError
+        When the matches cannot answer.
+
+    """
+    answer = estimates(
+        name,
+        current[None],
+        desired[None],
+        noise=np.array([noise]),
+        priors=[prior],
+        seeds=[seed],
+    )[0]
+    if isinstance(answer, DegenerateGeometryError):
+        raise answer
+    return answer
 
 
 def estimates(
@@ -51,7 +84,7 @@ def estimates(
     found: list[Answer] = []
     for k, (prior, seed) in enumerate(zip(priors, seeds, strict=True)):
         try:
-            estimate = ESTIMATORS[name](
+            answer = ESTIMATORS[name](
                 current[k],
                 desired[k],
                 noise=float(noise[k]),
@@ -61,5 +94,5 @@ def estimates(
         except DegenerateGeometryError as error:
             found.append(error)
         else:
-            found.append(estimate)
+            found.append(answer)
     return found

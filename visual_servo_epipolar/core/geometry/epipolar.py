@@ -97,12 +97,13 @@ def rotation_desired_current(heading_error: float) -> FloatArray:
 
 
 def rotations_desired_current(heading_errors: FloatArray) -> FloatArray:
-    """Return the same for many heading errors, shape (B,): shape (B, 3, 3)."""
+    """Return R, shape (..., 3, 3), for heading errors of shape (...) [rad, left positive]."""
     turn = np.exp(1j * heading_errors)
-    made = np.zeros((len(heading_errors), 3, 3))
-    made[:, 0, 0] = made[:, 2, 2] = turn.real
-    made[:, 0, 2], made[:, 2, 0], made[:, 1, 1] = -turn.imag, turn.imag, 1.0
-    return made
+    rotations = np.zeros((*np.shape(heading_errors), 3, 3))
+    rotations[..., 0, 0] = rotations[..., 2, 2] = turn.real
+    rotations[..., 0, 2], rotations[..., 2, 0] = -turn.imag, turn.imag
+    rotations[..., 1, 1] = 1.0
+    return rotations
 
 
 def fundamental_from_bearings(bearings: Bearings) -> FloatArray:

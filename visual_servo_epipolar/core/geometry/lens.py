@@ -116,18 +116,20 @@ def _learnt(value: float, left: float) -> tuple[float, float]:
     return value * gain * (1.0 + alone), max(1.0 - gain, min(alone, 1.0))
 
 
-def spurious_parallax(rays: FloatArray, headings: FloatArray, roots: FloatArray) -> FloatArray:
+def spurious_parallax(
+    rays: FloatArray, heading_error: FloatArray | float, root: FloatArray
+) -> FloatArray:
     """
-    Return the parallax that a turn by ``headings``, (B,), shows through lenses not known, (B,).
+    Return the parallax that a turn shows through a lens that is not known, shape (...) [rad].
 
-    A turn by alpha moves ``rays`` (u, v), shape (B, N, 2), by alpha (1 + u^2) to the side. If the
-    ratio is wrong by e and the shift by h, 2 alpha (e u^2 + h u) of it look like no rotation.
-    ``roots`` are those of the lenses, shape (B, 2, 2).
+    A turn by alpha moves ``rays`` (u, v), shape (..., N, 2), by alpha (1 + u^2) to the side. If
+    the ratio is wrong by e and the shift by h, 2 alpha (e u^2 + h u) of it look like no rotation.
+    ``heading_error`` has shape (...) [rad], ``root``, that of the lens, shape (..., 2, 2).
     """
-    u = rays[:, :, 0]
-    moves = 2.0 * np.stack([np.std(u * u, axis=1), np.std(u, axis=1)], axis=1)
-    deviation = np.sqrt(((moves[:, None] @ roots)[:, 0] ** 2).sum(axis=1))
-    return np.asarray(SPURIOUS_DEVIATIONS * np.abs(headings) * deviation)
+    u = rays[..., 0]
+    moves = 2.0 * np.stack([np.std(u * u, axis=-1), np.std(u, axis=-1)], axis=-1)
+    deviation = np.sqrt(((moves[..., None, :] @ root)[..., 0, :] ** 2).sum(axis=-1))
+    return np.asarray(SPURIOUS_DEVIATIONS * np.abs(heading_error) * deviation)
 
 
 def for_wrong_rays(fundamental: FloatArray, lens: Lens) -> FloatArray:

@@ -10,9 +10,11 @@ from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.epipolar import in_pixels
-from visual_servo_epipolar.core.perception.perceive import geometry, Measurement, Observation
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.perception.perceive import perceive
+from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.perception.validation import MAX_JUMP
-from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.tracking.matching import desired_view, DesiredView, match, Matches
 from visual_servo_epipolar.core.tracking.template_alignment import Anchor, float_image, Warps
 
@@ -52,7 +54,7 @@ def inspect(
     current: Image,
     desired_camera: Camera,
     current_camera: Camera,
-    settings: ServoSettings,
+    settings: PerceptionSettings,
 ) -> Inspection:
     """
     Compare two photographs, uint8 of shape (H, W) each, of any size.
@@ -69,7 +71,8 @@ def inspect(
     rays_desired = desired_camera.rays(pixels_desired)
     focal = math.sqrt(current_camera.fx * current_camera.fy)
     observation = Observation(0, rays_current, rays_desired, focal)
-    seen, fundamental = geometry(observation, settings, 0, None)
+    perception = perceive(observation, settings, 0)
+    seen, fundamental = perception.measurement, perception.fundamental
     found = replace(
         _planar(seen),
         current=pixels_current,

@@ -1,4 +1,4 @@
-"""What features tell without epipoles: D of eq. (23), their distances, the room that is left."""
+"""What features tell without epipoles: D of eq. (23), distances, margins of the view."""
 
 import numpy as np
 
@@ -13,16 +13,16 @@ def feature_difference(current: FloatArray, desired: FloatArray) -> FloatArray:
 
 
 def usual_difference(current: FloatArray, desired: FloatArray) -> FloatArray:
-    """Return the same without the features that stand apart from where they should be."""
+    """Return D of the features, (..., N, 2), that are about as far off as most, shape (...)."""
     distance = distances(current, desired)
     median = median_of_sorted(np.sort(distance, axis=-1))
     usual = distance <= APART * median[..., None] + NEGLIGIBLE
-    gains = np.where(usual, _squares(current) - _squares(desired), 0.0)
-    return np.asarray(gains.sum(axis=-1) / usual.sum(axis=-1))
+    squares = np.where(usual, _squares(current) - _squares(desired), 0.0)
+    return np.asarray(squares.sum(axis=-1) / usual.sum(axis=-1))
 
 
-def difference_deviation(desired: FloatArray, noise: FloatArray) -> FloatArray:
-    """Return the deviation of D, shape (...), by ``noise`` of the coordinates of both views."""
+def difference_deviation(desired: FloatArray, noise: FloatArray | float) -> FloatArray:
+    """Return the deviation of D, (...), by ``noise``, (...), of coordinates of both views."""
     # Of |p_a|^2 - |p_d|^2, on the average of N features.
     return np.asarray(np.sqrt(8.0 * _squares(desired).sum(axis=-1)) * noise / desired.shape[-2])
 
@@ -41,29 +41,35 @@ def turned(rays: FloatArray, rotation: FloatArray) -> FloatArray:
     by centimetres, unless the features lie evenly to the left and right; a bump of 0.1 deg in the
     floor does so by millimetres.
     """
-    solid = rays @ rotation[..., :2].swapaxes(-1, -2) + rotation[..., None, :, 2]
-    return np.asarray(solid[..., :2] / solid[..., 2:])
+    vectors = rays @ rotation[..., :2].swapaxes(-1, -2) + rotation[..., None, :, 2]
+    return np.asarray(vectors[..., :2] / vectors[..., 2:])
 
 
-def room_to_turn(
-    current: FloatArray, right: BoolArray, edges: FloatArray, keep: IntArray
-) -> FloatArray:
+def view_margins(
+    current: FloatArray, counted: BoolArray, edges: FloatArray, keep: IntArray | int
+) -> tuple[FloatArray, FloatArray]:
     """
-    Return how far cameras may turn left and right until ``keep`` features are left, (B, 2) [rad].
+    Return how far a camera may turn left and right until ``keep`` features remain [rad].
 
-    ``current`` rays have shape (B, N, 2), and ``right``, shape (B, N), says which of them count;
-    ``edges``, shape (B, 2), are the bearings of the left and the right edge of the image [rad],
-    right positive; ``keep`` has shape (B,).
+    ``current`` rays have shape (..., N, 2), and ``counted``, shape (..., N), says which of them
+    count; ``edges``, shape (..., 2), are the bearings of the left and the right edge of the image
+    [rad], right positive; ``keep`` and both results have shape (...).
     """
-    counts, rows = right.sum(axis=1), np.arange(len(current))
+    counts = counted.sum(axis=-1)
     keep = np.minimum(keep, counts)
-    ordered = np.sort(np.where(right, current[:, :, 0], np.inf), axis=1)
+    ordered = np.sort(np.where(counted, current[..., 0], np.inf), axis=-1)
     # A left turn moves features to the right.
-    first = np.arctan(ordered[rows, np.maximum(keep, 1) - 1])
-    last = np.arctan(ordered[rows, np.maximum(counts - keep, 0)])
-    room = np.maximum(np.stack([edges[:, 1] - first, last - edges[:, 0]], axis=1), 0.0)
-    room[keep == 0] = 0.0
-    return np.asarray(room)
+    first = np.arctan(_taken(ordered, np.maximum(keep, 1) - 1))
+    last = np.arctan(_taken(ordered, np.maximum(counts - keep, 0)))
+    some = keep > 0
+    left = np.where(some, np.maximum(edges[..., 1] - first, 0.0), 0.0)
+    right = np.where(some, np.maximum(last - edges[..., 0], 0.0), 0.0)
+    return left, right
+
+
+def _taken(values: FloatArray, place: IntArray) -> FloatArray:
+    """Return the element at ``place``, shape (...), of ``values``, shape (..., N)."""
+    return np.asarray(np.take_along_axis(values, np.asarray(place)[..., None], axis=-1)[..., 0])
 
 
 def _squares(points: FloatArray) -> FloatArray:

@@ -1,134 +1,100 @@
-"""Whether the geometries of many views are believed, and what is remembered of them."""
+"""Validated estimates: the geometry of one pair of views, or why there is none to act on."""
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
 
-import numpy as np
-
-from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior
-from visual_servo_epipolar.core.estimators.registry import estimates
+from visual_servo_epipolar.core.estimators.registry import estimate
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.geometry.rotation import RotationFits
-from visual_servo_epipolar.core.perception.measurement import Glimpse, Observation
+from visual_servo_epipolar.core.perception.memory import PerceptionMemory, updated_memory
+from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.perception.validation import (
-    Evidence,
-    evidence,
-    fresh_memory,
-    Memory,
+    fit_quality,
+    FitQuality,
     rejection_reason,
-    remembered,
 )
 
 NOISE_ADAPTION = 0.1
 NOISE_RANGE = (0.2, 5.0)  # of the noise that the settings give to begin with
 
 
-class Stack(NamedTuple):
-    """Glimpses of equally many features: rays, shape (B, N, 2), and their best rotations."""
+@dataclass(frozen=True, slots=True, eq=False)
+class ValidatedEstimate:
+    """An estimate that passed the gates, or the ``reason`` why not; and the memory after it."""
 
-    glimpses: Sequence[Glimpse]
-    current: FloatArray
-    desired: FloatArray
-    rotations: RotationFits
-
-    def take(self, rows: Sequence[int]) -> 'Stack':
-        """Return the glimpses in ``rows``, which ascend."""
-        if len(rows) == len(self.glimpses):
-            return self
-        chosen = np.array(rows)
-        return Stack(
-            [self.glimpses[row] for row in rows],
-            self.current[chosen],
-            self.desired[chosen],
-            RotationFits(*(part[chosen] for part in self.rotations)),
-        )
-
-
-class Verdict(NamedTuple):
-    """What is believed of the geometry of one glimpse, or why nothing is, and the memory of it."""
-
-    memory: Memory
+    memory: PerceptionMemory
     reason: str
     estimate: Estimate | None = None
-    shown: Evidence | None = None
+    quality: FitQuality | None = None
 
     @property
     def bearings(self) -> Bearings | None:
-        """The bearings, if they can be trusted."""
+        """The bearings, if the estimate passed."""
         return None if self.reason or self.estimate is None else self.estimate.bearings
 
 
-def verdicts(stack: Stack) -> list[Verdict]:
-    """Return what is believed of each geometry; a small parallax shows none."""
-    found, wide = [], []
-    parallax = stack.rotations.parallax.tolist()
-    for k, (observation, settings, _, memory) in enumerate(stack.glimpses):
-        parallax_px, reason = parallax[k] * observation.focal, ''
-        if parallax_px < settings.min_parallax:
-            reason = f'a parallax of {parallax_px:.2f} px is too small for epipoles'
-        else:
-            wide.append(k)
-        found.append(Verdict(memory or fresh_memory(settings), reason))
-    if wide:
-        memories = [found[k].memory for k in wide]
-        for k, verdict in zip(wide, _judged(stack.take(wide), memories), strict=True):
-            found[k] = verdict
-    return found
-
-
-def _judged(stack: Stack, memories: Sequence[Memory]) -> list[Verdict]:
-    """Return what is believed of geometries that show parallax."""
-    glimpses = stack.glimpses
-    focal = np.array([glimpse.observation.focal for glimpse in glimpses])
-    noise = np.array([memory.noise for memory in memories])
-    answers = estimates(
-        glimpses[0].settings.estimator,
-        stack.current,
-        stack.desired,
-        noise=noise / focal,
-        priors=[
-            Prior(memory.attitude, memory.bearings, glimpse.settings.max_leap, memory.lens)
-            for memory, glimpse in zip(memories, glimpses, strict=True)
-        ],
-        seeds=[(glimpse.settings.seed, glimpse.frame) for glimpse in glimpses],
-    )
-    seen = {k: answer for k, answer in enumerate(answers) if isinstance(answer, Estimate)}
-    shown: dict[int, Evidence] = {}
-    if seen:
-        some = stack.take(list(seen))
-        found = evidence(list(seen.values()), some.current, some.desired)
-        shown = dict(zip(seen, found, strict=True))
-    parallax = stack.rotations.parallax.tolist()
-    return [
-        _verdict(glimpse, memory, answer, shown[k], parallax[k])
-        if isinstance(answer, Estimate)
-        else Verdict(memory, str(answer))
-        for k, (glimpse, memory, answer) in enumerate(
-            zip(glimpses, memories, answers, strict=True)
+def validated_estimate(
+    observation: Observation,
+    parallax: float,
+    memory: PerceptionMemory,
+    settings: PerceptionSettings,
+    frame: int,
+) -> ValidatedEstimate:
+    """Estimate the geometry of one pair of views that shows ``parallax`` [rad], and validate."""
+    reason = no_baseline(parallax * observation.focal, settings)
+    if reason:
+        return ValidatedEstimate(memory, reason)
+    try:
+        geometry = estimate(
+            settings.estimator,
+            observation.current,
+            observation.desired,
+            noise=memory.noise / observation.focal,
+            prior=prior_of(memory, settings),
+            seed=(settings.seed, frame),
         )
-    ]
+    except DegenerateGeometryError as error:
+        return ValidatedEstimate(memory, str(error))
+    quality = fit_quality(geometry, observation.current, observation.desired)
+    return validated(observation, parallax, memory, settings, geometry, quality)
 
 
-def _verdict(
-    glimpse: Glimpse, memory: Memory, estimate: Estimate, shown: Evidence, parallax: float
-) -> Verdict:
-    """Return whether ``estimate`` is believed, and what is remembered of it."""
-    observation, settings = glimpse.observation, glimpse.settings
-    reason = rejection_reason(estimate, shown, memory, settings)
-    after = remembered(
+def no_baseline(parallax_px: float, settings: PerceptionSettings) -> str:
+    """Return why a parallax [px] shows no epipoles, in words; empty if it does."""
+    if parallax_px < settings.min_parallax:
+        return f'a parallax of {parallax_px:.2f} px is too small for epipoles'
+    return ''
+
+
+def prior_of(memory: PerceptionMemory, settings: PerceptionSettings) -> Prior:
+    """Return what an estimator may know beforehand."""
+    return Prior(memory.attitude, memory.bearings, settings.max_leap, memory.lens)
+
+
+def validated(
+    observation: Observation,
+    parallax: float,
+    memory: PerceptionMemory,
+    settings: PerceptionSettings,
+    geometry: Estimate,
+    quality: FitQuality,
+) -> ValidatedEstimate:
+    """Return an estimate with the verdict of the gates, and the memory after it."""
+    reason = rejection_reason(geometry, quality, memory, settings)
+    after = updated_memory(
         memory,
-        estimate,
+        geometry,
         reason,
-        noise=_noise(shown.residual, observation, memory.noise, settings.pixel_noise),
+        noise=_noise(quality.residual, observation, memory.noise, settings.pixel_noise),
         parallax=parallax * observation.focal,
     )
-    return Verdict(after, reason, estimate, shown)
+    return ValidatedEstimate(after, reason, geometry, quality)
 
 
 def _noise(residual: float, observation: Observation, before: float, first: float) -> float:
     """Return the deviation of a coordinate [px], slowly following the median ``residual``."""
-    spare = max(len(observation.current) - 2, 1)
+    spare = max(len(observation) - 2, 1)
     now = 1.4826 * (1.0 + 5.0 / spare) * residual * observation.focal
     followed = before + NOISE_ADAPTION * (now - before)
     return min(max(followed, NOISE_RANGE[0] * first), NOISE_RANGE[1] * first)

@@ -1,51 +1,69 @@
-"""When an estimate is worth nothing: the reasons not to act on it."""
+"""Validation gates: the reasons not to act on an estimate."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import math
-from typing import NamedTuple
 
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, median_of_sorted
-from visual_servo_epipolar.core.estimators.base import Attitude, Estimate
+from visual_servo_epipolar.core.estimators.base import Estimate
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, sampson_distance
-from visual_servo_epipolar.core.geometry.lens import CALIBRATED, learnt, Lens, unknown_lens
-from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.perception.memory import PerceptionMemory
+from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 
 MIN_INLIERS = 8
-MAX_JUMP = 12.0  # of tilt and roll between the views, in deviations of the floor's jitter
 MIN_INLIER_SHARE = 0.3
-STRIKES = 3  # frames in a row that contradict the past before the past is given up
-KNOWN_DEVIATION = 1.7e-3  # of tilt and roll: the floor moved the desired camera, too [rad]
-INFORMATIVE_PARALLAX = 12.0  # in deviations of the noise: bearings to about three degrees
+MAX_JUMP = 12.0  # of tilt and roll between the views, in deviations of the floor's jitter
+MAX_REJECTIONS = 3  # estimates in a row that contradict the past before the past is given up
 
 
 @dataclass(frozen=True, slots=True)
-class Memory:
+class FitQuality:
     """
-    What perception carries from frame to frame.
+    How well an estimate fits: number of ``inliers``, their angular ``extent`` [rad].
 
-    ``attitude`` is the camera's, calibrated while driving; ``bearings`` the last trusted ones;
-    ``noise`` the deviation of a tracked coordinate [px] as the residuals show it;
-    ``consecutive_rejections`` counts estimates in a row that contradict ``bearings``; ``lens``
-    is what was learnt of the camera matrix.
+    ``deviation`` is the larger one of psi and phi [rad], nan if there is none, ``residual`` the
+    median Sampson distance of all matches as rays.
     """
 
-    attitude: Attitude
-    noise: float
-    bearings: Bearings | None = None
-    consecutive_rejections: int = 0
-    lens: Lens = CALIBRATED
+    inliers: int
+    extent: float
+    deviation: float
+    residual: float
 
 
-def fresh_memory(settings: ServoSettings) -> Memory:
-    """Return the memory of a servo that has seen nothing yet."""
-    return Memory(
-        Attitude(jitter=settings.floor_jitter),
-        settings.pixel_noise,
-        lens=unknown_lens(settings.focal_deviation),
+def fit_quality(estimate: Estimate, current: FloatArray, desired: FloatArray) -> FitQuality:
+    """Return how well ``estimate`` fits rays of shape (N, 2)."""
+    variance = np.maximum(estimate.covariance[0, 0], estimate.covariance[1, 1])
+    return FitQuality(
+        int(np.count_nonzero(estimate.inliers)),
+        float(angular_extent(desired, estimate.inliers)),
+        float(np.sqrt(np.maximum(variance, 0.0))),
+        float(median_residual(estimate.fundamental, current, desired)),
     )
+
+
+def median_residual(
+    fundamental: FloatArray, current: FloatArray, desired: FloatArray
+) -> FloatArray:
+    """Return the median Sampson distance, shape (...), of rays of shape (..., N, 2) from F."""
+    distances = np.abs(sampson_distance(fundamental, current, desired))
+    return median_of_sorted(np.sort(distances, axis=-1))
+
+
+def angular_extent(rays: FloatArray, inliers: BoolArray) -> FloatArray:
+    """
+    Return how far apart the ``inliers``, (..., N), among ``rays``, (..., N, 2), are, shape (...).
+
+    It is the fourth root of the determinant of their covariance: the geometric mean of their
+    deviations along two axes.
+    """
+    count = np.maximum(inliers.sum(axis=-1), 2)
+    x, y = np.where(inliers, rays[..., 0], 0.0), np.where(inliers, rays[..., 1], 0.0)
+    x = np.where(inliers, x - (x.sum(axis=-1) / count)[..., None], 0.0)
+    y = np.where(inliers, y - (y.sum(axis=-1) / count)[..., None], 0.0)
+    determinant = (x * x).sum(axis=-1) * (y * y).sum(axis=-1) - (x * y).sum(axis=-1) ** 2
+    return np.asarray((np.maximum(determinant, 0.0) / (count - 1.0) ** 2) ** 0.25)
 
 
 def innovation(bearings: Bearings, before: Bearings) -> float:
@@ -54,101 +72,36 @@ def innovation(bearings: Bearings, before: Bearings) -> float:
     return max(psi, abs(math.remainder(bearings.phi - before.phi, 2.0 * math.pi)))
 
 
-class Evidence(NamedTuple):
-    """
-    What speaks for an estimate.
-
-    Number of ``inliers``, their ``spread`` [rad], the larger ``deviation`` of psi and phi [rad],
-    nan if there is none, and the median ``residual`` of all matches as rays.
-    """
-
-    inliers: int
-    spread: float
-    deviation: float
-    residual: float
-
-
-def evidence(
-    estimates: Sequence[Estimate], current: FloatArray, desired: FloatArray
-) -> list[Evidence]:
-    """Return what speaks for ``estimates`` from as many pairs of views, rays of (B, N, 2)."""
-    inliers = np.array([estimate.inliers for estimate in estimates])
-    fundamental = np.array([estimate.fundamental for estimate in estimates])
-    covariance = np.array([estimate.covariance for estimate in estimates])
-    variance = np.maximum(covariance[:, 0, 0], covariance[:, 1, 1])
-    residual = np.sort(np.abs(sampson_distance(fundamental, current, desired)), axis=1)
-    return list(
-        map(
-            Evidence,
-            np.count_nonzero(inliers, axis=1).tolist(),
-            spreads(desired, inliers).tolist(),
-            np.sqrt(np.maximum(variance, 0.0)).tolist(),
-            median_of_sorted(residual).tolist(),
-        )
-    )
-
-
-def spreads(rays: FloatArray, inliers: BoolArray) -> FloatArray:
-    """
-    Return how far apart the ``inliers``, shape (B, N), among ``rays``, (B, N, 2), are, shape (B,).
-
-    It is the fourth root of the determinant of their covariance: the geometric mean of their
-    deviations along two axes.
-    """
-    count = np.maximum(inliers.sum(axis=1), 2)
-    x, y = np.where(inliers, rays[:, :, 0], 0.0), np.where(inliers, rays[:, :, 1], 0.0)
-    x = np.where(inliers, x - (x.sum(axis=1) / count)[:, None], 0.0)
-    y = np.where(inliers, y - (y.sum(axis=1) / count)[:, None], 0.0)
-    determinant = (x * x).sum(axis=1) * (y * y).sum(axis=1) - (x * y).sum(axis=1) ** 2
-    return np.asarray((np.maximum(determinant, 0.0) / (count - 1.0) ** 2) ** 0.25)
-
-
 def rejection_reason(
-    estimate: Estimate, shown: Evidence, memory: Memory, settings: ServoSettings
+    estimate: Estimate,
+    quality: FitQuality,
+    memory: PerceptionMemory,
+    settings: PerceptionSettings,
 ) -> str:
-    """Return why ``estimate`` is not to be trusted, in words; empty if it is."""
-    inliers, count, spread = shown.inliers, len(estimate.inliers), shown.spread
+    """Return why ``estimate`` does not pass the gates, in words; empty if it does."""
+    inliers, count = quality.inliers, len(estimate.inliers)
     if inliers < max(MIN_INLIERS, MIN_INLIER_SHARE * count):
         return f'only {inliers} of {count} matches agree on one geometry'
-    if spread < settings.min_spread:
-        return f'the features are clustered within {math.degrees(spread):.1f} deg'
+    if quality.extent < settings.min_spread:
+        return f'the features are clustered within {math.degrees(quality.extent):.1f} deg'
     if estimate.confidence < settings.min_confidence:
         return f'the cheirality vote is undecided ({estimate.confidence:.3f})'
     if estimate.jump > MAX_JUMP * settings.floor_jitter:
         return f'the camera tilted by {math.degrees(estimate.jump):.1f} deg between the views'
-    uncertain = shown.deviation
-    if uncertain > settings.max_deviation:
-        return f'the bearings are uncertain by {math.degrees(uncertain):.1f} deg'
+    if quality.deviation > settings.max_deviation:
+        return f'the bearings are uncertain by {math.degrees(quality.deviation):.1f} deg'
+    return _contradiction(estimate, memory, settings)
+
+
+def _contradiction(
+    estimate: Estimate, memory: PerceptionMemory, settings: PerceptionSettings
+) -> str:
+    """Return how ``estimate`` contradicts the last bearings, in words; empty if it does not."""
     if memory.bearings is None:
         if estimate.alternative is not None:
             return 'two geometries fit the features: one plane dominates the scene'
         return ''
     change = innovation(estimate.bearings, memory.bearings)
-    if change > settings.max_leap and memory.consecutive_rejections + 1 < STRIKES:
+    if change > settings.max_leap and memory.consecutive_rejections + 1 < MAX_REJECTIONS:
         return f'the bearings leapt by {math.degrees(change):.1f} deg in one frame'
     return ''
-
-
-def remembered(
-    memory: Memory, estimate: Estimate, reason: str, *, noise: float, parallax: float
-) -> Memory:
-    """
-    Return the memory after ``estimate``, which is trusted unless there is a ``reason``.
-
-    ``noise`` is the deviation [px] that its residuals show, ``parallax`` in pixels.
-    """
-    if reason:
-        return replace(memory, consecutive_rejections=memory.consecutive_rejections + 1)
-    attitude, lens = memory.attitude, memory.lens
-    if parallax > INFORMATIVE_PARALLAX * noise:
-        lens = learnt(lens, estimate.lens)
-    if estimate.attitude is not None and parallax > INFORMATIVE_PARALLAX * noise:
-        found = estimate.attitude
-        attitude = Attitude(
-            found.tilt,
-            found.roll,
-            max(found.tilt_deviation, KNOWN_DEVIATION),
-            max(found.roll_deviation, KNOWN_DEVIATION),
-            attitude.jitter,
-        )
-    return Memory(attitude, noise, estimate.bearings, lens=lens)

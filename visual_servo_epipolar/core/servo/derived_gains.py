@@ -8,7 +8,7 @@ too close to the singularity; where no turn can help, the run fails with the rea
 import math
 
 from visual_servo_epipolar.core.control.gains import Circumstances, derive, Gains
-from visual_servo_epipolar.core.perception.perceive import Measurement
+from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.phases.conditions import (
     displacement,
     engage_bound,
@@ -79,7 +79,7 @@ def legal_target(state: ServoState, measurement: Measurement, settings: ServoSet
         return 0.0
     here, turned = measurement.bearings.alpha, displacement(measurement, settings)
     places = [turned or 0.0]
-    if settings.law != 'full':
+    if not settings.options.discordant_turn:
         clear = abs(here) >= 2.0 * settings.singular_epipole
         places = ([here] if clear else []) + ([] if turned is None else [turned])
     reason = 'the field of view leaves no room to turn e_au to where a gain is legal'

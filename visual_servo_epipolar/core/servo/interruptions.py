@@ -3,9 +3,9 @@
 from dataclasses import replace
 from enum import Enum
 
-from visual_servo_epipolar.core.geometry.motion import STANDSTILL
+from visual_servo_epipolar.core.control.command import HALT
+from visual_servo_epipolar.core.servo.phases.table import Event, next_phase
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.step import lost, stop
 
 
 class Interruption(Enum):
@@ -30,4 +30,17 @@ def interrupted(state: ServoState, kind: Interruption, reason: str = '') -> Serv
         return ServoState()
     if kind is Interruption.LOST:
         return lost(state, reason)
-    return replace(state, twist=STANDSTILL)
+    return replace(state, command=HALT)
+
+
+def lost(state: ServoState, reason: str) -> ServoState:
+    """Return the state of a servo that hears nothing any more: holding, at a standstill."""
+    phase = next_phase(state.phase, Event.LOST)
+    if phase is state.phase:
+        return replace(state, command=HALT)
+    return replace(state, phase=phase, command=HALT, settled=0, reason=reason)
+
+
+def stop(state: ServoState) -> ServoState:
+    """Return the state of a servo that was told to stop: waiting, at a standstill."""
+    return ServoState(phase=next_phase(state.phase, Event.STOPPED), frame=state.frame)

@@ -1,11 +1,13 @@
-"""What the servo remembers between two images."""
+"""The state of the servo: all that it knows between two images."""
 
 from dataclasses import dataclass
 import math
 
+from visual_servo_epipolar.core.control.command import Command, HALT
 from visual_servo_epipolar.core.control.gains import Gains
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
-from visual_servo_epipolar.core.perception.perceive import Measurement
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.servo.identification import Curvature, Slope
 from visual_servo_epipolar.core.servo.phases.table import ENDED, Phase
 from visual_servo_epipolar.core.servo.ranging import Leg
@@ -14,11 +16,13 @@ from visual_servo_epipolar.core.servo.ranging import Leg
 @dataclass(frozen=True, slots=True)
 class ServoState:
     """
-    The whole memory of the servo; a new run starts from ``ServoState()``.
+    All that the servo knows; a new run starts from ``ServoState()``.
 
-    ``distance`` is d_hat [m], nan before the first image; ``target`` the abscissa at which e_au is
-    held while e_du is zeroed, ``side`` the sign of e_du when that began, ``latched`` whether e_du
-    counts as zero since, ``desired_rate`` how fast its bearing changes [rad/s], smoothed;
+    ``measurement`` is the last one, ``memory`` what perception carries to the next, None before
+    the first image; ``distance`` is d_hat [m], nan before the first image; ``target`` the abscissa
+    at which e_au is held while e_du is zeroed, ``side`` the sign of e_du when that began,
+    ``latched`` whether e_du counts as zero since, ``desired_rate`` how fast its bearing changes
+    [rad/s], smoothed;
     ``leg`` is the way since step 1 began, ``range`` the distance that it shows [m]; ``period`` is
     the time between two images [s], smoothed; ``gains`` are those derived when the phase began,
     None where they are given; ``curvature`` and ``slope`` are what driving taught;
@@ -30,8 +34,9 @@ class ServoState:
     phase: Phase = Phase.WAITING
     phase_start_ns: int = 0
     run_start_ns: int = 0
-    twist: Twist = STANDSTILL
+    command: Command = HALT
     measurement: Measurement | None = None
+    memory: PerceptionMemory | None = None
     distance: float = math.nan
     target: float = 0.0
     side: float = 1.0
@@ -49,6 +54,11 @@ class ServoState:
     attempts: int = 1
     frame: int = 0
     reason: str = ''
+
+    @property
+    def twist(self) -> Twist:
+        """The velocity that was commanded last."""
+        return self.command.twist
 
     @property
     def longitudinal_error(self) -> float:

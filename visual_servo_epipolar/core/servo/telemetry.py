@@ -18,8 +18,8 @@ def telemetry(state: ServoState) -> dict[str, float]:
     the true one, ``principal_shift_px`` how far right of the true one its principal point lies, as
     far as the servo has found out. What could not be measured is nan.
     """
-    measurement = state.measurement
-    if measurement is None:
+    measurement, memory = state.measurement, state.memory
+    if measurement is None or memory is None:
         raise ValueError('there is no telemetry before the first tracks; step the servo first')
     bearings, focal = measurement.bearings, measurement.focal
     return {
@@ -39,9 +39,9 @@ def telemetry(state: ServoState) -> dict[str, float]:
         'features': float(measurement.features),
         'parallax_px': measurement.parallax_px,
         'heading_error_rad': measurement.heading_error,
-        'tilt_rad': measurement.memory.attitude.tilt,
-        'roll_rad': measurement.memory.attitude.roll,
-        'noise_px': measurement.memory.noise,
+        'tilt_rad': memory.attitude.tilt,
+        'roll_rad': memory.attitude.roll,
+        'noise_px': measurement.noise_px,
         'feature_difference_px2': measurement.difference * focal**2,
         'feature_error_px': measurement.feature_error * focal,
         'distance_estimate_m': state.distance,
@@ -49,9 +49,9 @@ def telemetry(state: ServoState) -> dict[str, float]:
         'angular_rad_s': state.twist.angular,
         'attempt': float(state.attempts),
         # New numbers come last: plots look for the others by their place.
-        'focal_ratio': math.exp(measurement.memory.lens.log_ratio),
-        'focal_ratio_deviation': measurement.memory.lens.ratio_deviation,
-        'principal_shift_px': focal * measurement.memory.lens.shift,
+        'focal_ratio': math.exp(memory.lens.log_ratio),
+        'focal_ratio_deviation': memory.lens.ratio_deviation,
+        'principal_shift_px': focal * memory.lens.shift,
         'longitudinal_error_m': state.longitudinal_error,
         'curvature_rad_m': state.curvature.value,
     }

@@ -1,10 +1,10 @@
-"""What the servo learns from one image to the next: distance, rates, latch, curvature."""
+"""The update of the state by a measurement: distance, rates, latch, what driving identifies."""
 
 from dataclasses import replace
 import math
 
 from visual_servo_epipolar.core.control import laws
-from visual_servo_epipolar.core.perception.perceive import Measurement
+from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.identification import Slope
 from visual_servo_epipolar.core.servo.phases.conditions import (
     engage_bound,
@@ -29,8 +29,8 @@ def interval(earlier_ns: int, later_ns: int) -> float:
     return min(max(seconds_between(earlier_ns, later_ns), 0.0), MAX_STEP_S)
 
 
-def remember(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
-    """Take in what was seen, before it is classified."""
+def updated(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
+    """Return the state after it took a ``measurement`` in, before it is classified."""
     before = state.measurement
     dt = 0.0 if before is None else interval(before.stamp_ns, measurement.stamp_ns)
     leg = _leg(state, dt)

@@ -13,15 +13,10 @@ from visual_servo_epipolar.benchmarks.estimation_scenes import Cell, draw_pair, 
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior
 from visual_servo_epipolar.core.estimators.registry import EACH, estimates, ESTIMATORS
-from visual_servo_epipolar.core.perception.perceive import (
-    Glimpse,
-    Observation,
-    observe,
-    observe_each,
-    perceive,
-    perceive_each,
-)
-from visual_servo_epipolar.core.perception.validation import fresh_memory
+from visual_servo_epipolar.core.perception.batch import perceive_each, RobotView
+from visual_servo_epipolar.core.perception.memory import fresh_memory
+from visual_servo_epipolar.core.perception.observation import Observation, observe, observe_each
+from visual_servo_epipolar.core.perception.perceive import perceive
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.tracking.features import Features
 
@@ -32,8 +27,8 @@ def pair_of(seed: int) -> Pair:
     return draw_pair(CELL, np.random.default_rng((1, seed)))
 
 
-def glimpse(seed: int, *, count: int, estimator: str, known: bool, law: str) -> Glimpse:
-    """Return a glimpse of ``count`` features, with the bearings of the frame before if known."""
+def robot_view(seed: int, *, count: int, estimator: str, known: bool, law: str) -> RobotView:
+    """Return a view of ``count`` features, with the bearings of the frame before if known."""
     pair, told = pair_of(seed), ServoSettings(estimator=estimator, law=law, seed=seed)
     memory = fresh_memory(told)
     if known:
@@ -41,12 +36,12 @@ def glimpse(seed: int, *, count: int, estimator: str, known: bool, law: str) -> 
         before = replace(pair.bearings, psi=pair.bearings.psi + off)
         memory = replace(memory, bearings=before)
     seen = Observation(seed, pair.current[:count], pair.desired[:count], 769.0)
-    return Glimpse(seen, told, seed, memory)
+    return RobotView(seen, told, seed, memory)
 
 
-def glimpses() -> st.SearchStrategy[Glimpse]:
+def robot_views() -> st.SearchStrategy[RobotView]:
     return st.builds(
-        glimpse,
+        robot_view,
         st.integers(0, 30),
         count=st.sampled_from([5, 20, 30]),
         estimator=st.sampled_from(['soft_planar', 'soft_planar', 'planar_2dof', 'planar_3dof']),
@@ -56,17 +51,17 @@ def glimpses() -> st.SearchStrategy[Glimpse]:
 
 
 @settings(max_examples=30)
-@given(st.lists(glimpses(), max_size=9))
-def test_company_changes_nothing(seen: list[Glimpse]) -> None:
+@given(st.lists(robot_views(), max_size=9))
+def test_company_changes_nothing(seen: list[RobotView]) -> None:
     # By text, as what could not be seen is nan; every digit counts.
     assert [repr(it) for it in perceive_each(seen)] == [repr(perceive(*it)) for it in seen]
 
 
 def test_more_views_than_a_stack_holds_are_perceived_in_their_order() -> None:
     seen = [
-        glimpse(k, count=30, estimator='planar_2dof', known=True, law='full') for k in range(70)
+        robot_view(k, count=30, estimator='planar_2dof', known=True, law='full') for k in range(70)
     ]
-    assert [measurement.stamp_ns for measurement in perceive_each(seen)] == list(range(70))
+    assert [each.measurement.stamp_ns for each in perceive_each(seen)] == list(range(70))
 
 
 @pytest.mark.parametrize('name', EACH)

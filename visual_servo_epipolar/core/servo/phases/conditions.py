@@ -8,7 +8,7 @@ import math
 
 from visual_servo_epipolar.core.control import laws
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.perception.perceive import Measurement
+from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.ranging import look_ahead, UNKNOWN_RANGE
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -40,7 +40,7 @@ def escape_bound(state: ServoState, measurement: Measurement, settings: ServoSet
     while the robot turns.
     """
     bound = release_bound(measurement, settings)
-    if settings.law != 'full' or not settings.line_following:
+    if not settings.options.line_following:
         return bound
     way = state.range if state.range > 0.0 else min(state.distance, UNKNOWN_RANGE)
     follows = min(0.9 * way / look_ahead(way, settings.look_ahead), 9.0)
@@ -72,11 +72,13 @@ def is_off_course(measurement: Measurement, settings: ServoSettings) -> bool:
 
 
 def _backs_off(measurement: Measurement, settings: ServoSettings, least_room: float) -> bool:
-    bearings = measurement.bearings
-    if settings.law != 'full' or bearings is None:
+    bearings, law = measurement.bearings, settings.options
+    if not law.retreat or bearings is None:
         return False
     if not is_behind(bearings) or abs(bearings.chi) > settings.sideways_bearing:
         return True
+    if not law.discordant_turn:
+        return False
     return displacement(measurement, settings, least_room=least_room) is None
 
 
@@ -104,7 +106,7 @@ def displacement(
         low=settings.min_displacement,
         high=settings.max_displacement,
     )
-    left, right = measurement.room
+    left, right = measurement.view_margins
     wanted = math.atan(epipole)
     found = min(max(wanted, here - right), here + left)
     if abs(chi) <= engage_bound(measurement, settings) or found == wanted:

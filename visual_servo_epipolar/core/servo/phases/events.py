@@ -3,7 +3,7 @@
 from collections.abc import Callable
 import math
 
-from visual_servo_epipolar.core.perception.perceive import Measurement
+from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.phases.conditions import (
     align_bound,
     engage_bound,
@@ -86,7 +86,7 @@ def _displacing(state: ServoState, measurement: Measurement, settings: ServoSett
     bearing = measurement.bearings.alpha
     if abs(measurement.bearings.chi) <= engage_bound(measurement, settings):
         return Event.DISPLACED  # e_du is zero already: no need for e_au to be anywhere
-    if settings.law != 'full' and not settings.derives:
+    if not settings.options.discordant_turn and not settings.derives:
         return Event.DISPLACED if abs(bearing) > settings.singular_epipole else Event.NOTHING
     near = abs(bearing - math.atan(state.target)) <= settings.displacement_tolerance
     return Event.DISPLACED if near else Event.NOTHING
@@ -102,7 +102,7 @@ def _zeroing(state: ServoState, measurement: Measurement, settings: ServoSetting
         return Event.SIDEWAYS
     if state.latched and abs(bearing) > escape_bound(state, measurement, settings):
         near = measurement.difference > -settings.retreat_difference
-        return Event.SIDEWAYS if near and settings.law == 'full' else Event.ESCAPED
+        return Event.SIDEWAYS if near and settings.options.retreat else Event.ESCAPED
     return Event.ALIGNED if state.settled >= settings.align_frames else Event.NOTHING
 
 
@@ -112,8 +112,10 @@ def _matching(state: ServoState, measurement: Measurement, settings: ServoSettin
     if state.settled < settings.arrival_frames:
         return Event.NOTHING
     if has_parallax(state, measurement, settings):
-        return Event.MISSED if state.attempts < settings.max_attempts else Event.EXHAUSTED
-    if settings.law == 'full' and not abs(measurement.heading_error) <= facing_bound(settings):
+        again = settings.options.new_attempts and state.attempts < settings.max_attempts
+        return Event.MISSED if again else Event.EXHAUSTED
+    faces_it = abs(measurement.heading_error) <= facing_bound(settings)
+    if settings.options.final_turn and not faces_it:
         return Event.TURNED
     return Event.MATCHED
 

@@ -1,0 +1,118 @@
+"""
+A law is data: which departures from the paper it takes, and the controls of its two steps.
+
+``LAWS`` is the only place that knows the names. A law is chosen by an expression: a name, then
+departures to add or to leave out, such as ``full-retreat`` or ``paper+true_sigma+speed_ramps``.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields, replace
+from functools import lru_cache
+import re
+from typing import Any, TypeAlias
+
+from visual_servo_epipolar.core.control import laws
+from visual_servo_epipolar.core.geometry.motion import Twist
+from visual_servo_epipolar.core.registry import Registry
+
+EpipoleControls: TypeAlias = Callable[..., tuple[float, float]]
+MatchingControl: TypeAlias = Callable[..., Twist]
+
+
+def departure(text: str) -> bool:
+    """Declare a field that says whether a law departs from the paper; the paper does not."""
+    value: bool = field(default=False, metadata={'departure': text})
+    return value
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LawOptions:
+    """
+    One law of the servo: departures from the paper, each True or False, and its controls.
+
+    ``epipole_controls`` takes the place of eq. (12) or (20), with the signature of
+    ``laws.auxiliary_controls``; ``matching_control`` that of eqs. (21)-(22), with the signature
+    of ``laws.match_features``. None stands for the paper's own.
+    """
+
+    true_sigma: bool = departure('sigma = sign cos(psi - theta) by cheirality, not as printed')
+    discordant_turn: bool = departure(
+        'turn e_au to the side where the distance shrinks, and hold it there in step 1'
+    )
+    retreat: bool = departure("beside or past the goal: turn to the goal's heading and back off")
+    contact_braking: bool = departure('slow down by the time to contact at the end of step 1')
+    compensate_rotation: bool = departure('take D from features turned to the desired heading')
+    line_following: bool = departure("steer along the goal's axis in step 2, not u_2 = 0")
+    slope_gain: bool = departure('close in at a rate in step 2, by the slope that D shows')
+    speed_ramps: bool = departure('limit accelerations')
+    curvature_feedforward: bool = departure('counter the turn that unequal wheels add')
+    new_attempts: bool = departure('back off and repeat both steps after a miss (IX-2)')
+    final_turn: bool = departure('end with a turn in place to the heading of the goal')
+    epipole_controls: EpipoleControls | None = None
+    matching_control: MatchingControl | None = None
+
+    def changed(self, departures: Mapping[str, bool]) -> 'LawOptions':
+        """Return this law with some departures taken (True) or left out (False)."""
+        changes: dict[str, Any] = dict(departures)
+        return replace(self, **changes)
+
+
+DEPARTURES: dict[str, str] = {
+    item.name: item.metadata['departure']
+    for item in fields(LawOptions)
+    if 'departure' in item.metadata
+}
+PAPER = LawOptions(new_attempts=True)
+CORRECTED = PAPER.changed({'true_sigma': True})
+FULL = PAPER.changed(dict.fromkeys(DEPARTURES, True))
+
+LAWS: Registry[LawOptions] = Registry(
+    'visual_servo_epipolar.laws',
+    {'paper': PAPER, 'corrected': CORRECTED, 'full': FULL},
+    LawOptions,
+)
+DEFAULT_LAW = 'full'
+TEXT = (
+    'Control law: paper (sign as printed), corrected (true sigma), full (all departures), or one '
+    'of another package; departures may be added and left out, as in full-retreat'
+)
+
+
+@lru_cache(maxsize=256)
+def law_options(expression: str) -> LawOptions:
+    """
+    Return the law that ``expression`` names: ``name``, then ``+departure`` or ``-departure``.
+
+    Raises
+    ------
+    ValueError
+        If there is no such law or departure; says which there are.
+
+    """
+    if expression in LAWS:
+        return LAWS[expression]
+    name, *changes = re.split(r'(?=[+-])', expression)
+    if name not in LAWS:
+        raise ValueError(
+            f'law must be one of {", ".join(LAWS)}, got {name!r}; departures are added and left '
+            'out as in full-retreat'
+        )
+    unknown = [change[1:] for change in changes if change[1:] not in DEPARTURES]
+    if unknown:
+        raise ValueError(
+            f'law {expression!r} names no departure {", ".join(unknown)}; there are '
+            f'{", ".join(DEPARTURES)}'
+        )
+    return LAWS[name].changed({change[1:]: change[0] == '+' for change in changes})
+
+
+def epipole_controls(law: LawOptions, *, finite_time: bool) -> EpipoleControls:
+    """Return what gives (nu_1, nu_2) under ``law``: eq. (12), eq. (20), or its own."""
+    if law.epipole_controls is not None:
+        return law.epipole_controls
+    return laws.finite_time_controls if finite_time else laws.auxiliary_controls
+
+
+def matching_control(law: LawOptions) -> MatchingControl:
+    """Return what gives the twist of step 2 under ``law``: eqs. (21)-(22), or its own."""
+    return law.matching_control or laws.match_features

@@ -1,0 +1,169 @@
+"""Settings of control: the law, its gains, and the limits of the base."""
+
+from dataclasses import dataclass
+from typing import Any
+
+from visual_servo_epipolar.core.control.law_table import DEFAULT_LAW, DEPARTURES, law_options
+from visual_servo_epipolar.core.control.law_table import TEXT as LAW_TEXT
+from visual_servo_epipolar.core.settings import setting, Settings
+
+
+def departure_setting(name: str) -> Any:
+    """Declare a setting that leaves a departure from the paper out of any law."""
+    return setting(True, f'False: no law may {DEPARTURES[name]}')
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControlSettings(Settings):
+    """
+    What the laws may be told. Angles in rad, lengths in m, times in s.
+
+    Epipoles are in units of the focal length, so that gains do not depend on the image size; a
+    gain k2 given for pixels is k2 f^(beta/gamma - 1) here, and k_t for px^2 is k_t f^2.
+    """
+
+    law: str = setting(DEFAULT_LAW, LAW_TEXT)
+    true_sigma: bool = departure_setting('true_sigma')
+    discordant_turn: bool = departure_setting('discordant_turn')
+    retreat: bool = departure_setting('retreat')
+    contact_braking: bool = departure_setting('contact_braking')
+    line_following: bool = departure_setting('line_following')
+    slope_gain: bool = departure_setting('slope_gain')
+    speed_ramps: bool = departure_setting('speed_ramps')
+    curvature_feedforward: bool = departure_setting('curvature_feedforward')
+    new_attempts: bool = departure_setting('new_attempts')
+    final_turn: bool = departure_setting('final_turn')
+
+    gains: str = setting(
+        'given',
+        'Where gains come from: given (as set below), derived (section IV-C, where step 1 begins)',
+        choices=('given', 'derived'),
+    )
+    nearest_distance: float = setting(
+        1.0, 'Derived gains: lower bound of the distance at the start [m]', low=0.05, high=100.0
+    )
+    scene_depth: float = setting(
+        3.0,
+        'Derived gains: depth of the nearest features, until D shows its slope [m]',
+        low=0.1,
+        high=99,
+    )
+    latency: float = setting(
+        0.1, 'Time from an image to the motion it causes, for gains [s]', low=0.0, high=2.0
+    )
+    k1: float = setting(
+        0.08, 'Gain k1 of eq. (12) on the current epipole [1/s]', low=0.0, high=5.0
+    )
+    k2: float = setting(0.23, 'Gain k2 of eq. (12) on the desired epipole', low=0.0, high=5.0)
+    exponent: float = setting(7.0 / 9.0, 'beta/gamma of eq. (12)', low=0.05, high=1.0)
+    finite_time: bool = setting(False, 'Use eq. (20): zero both epipoles in finite time')
+    initial_distance: float = setting(
+        8.0, 'Upper bound d_hat_0 of the distance to the goal [m]', low=0.1, high=100.0
+    )
+    min_distance: float = setting(0.3, 'Floor of the estimate d_hat [m]', low=0.01, high=10.0)
+    k_t: float = setting(
+        16.0, 'Gain k_t of eq. (21), D at unit focal length [m/s]', low=0, high=200
+    )
+    approach_rate: float = setting(
+        1.0,
+        'Law full: rate at which step 2 closes in at most, as the slope of D has it [1/s]',
+        low=0.01,
+        high=50.0,
+    )
+    gain_at_goal: float = setting(
+        1.0, 'Law full: factor of the gain of step 2 at D = 0; 1 is constant', low=0.1, high=10.0
+    )
+    gain_slope: float = setting(
+        20.0, 'Law full: how fast that factor falls with |D| at first', low=0.0, high=1e4
+    )
+    turn_gain: float = setting(
+        0.8, 'Gain of turns in place and of holding e_au [1/s]', low=0, high=5
+    )
+    look_ahead: float = setting(0.6, 'Look-ahead of line following [m]', low=0.05, high=10.0)
+    curvature_drift: float = setting(
+        0.01,
+        'Law full: change in a metre of the turn that was not commanded [rad/m]',
+        low=0.0,
+        high=1.0,
+    )
+    max_acceleration: float = setting(
+        0.25, 'Law full: linear acceleration; slowing down twice that [m/s^2]', low=0.01, high=20.0
+    )
+    max_angular_acceleration: float = setting(
+        1.2, 'Law full: angular acceleration; slowing down twice that [rad/s^2]', low=0.01, high=99
+    )
+    braking: float = setting(
+        0.2, 'Law full: deceleration to end step 1 with [m/s^2]', low=0.01, high=20.0
+    )
+    room: float = setting(
+        0.4,
+        'Part of the distance that the spiral of step 1 leaves for step 2',
+        low=0.05,
+        high=0.95,
+    )
+    least_room: float = setting(
+        0.15,
+        'Law full: part of the distance below which the spiral ends too near the goal',
+        low=0.01,
+        high=0.95,
+    )
+    min_displacement: float = setting(
+        0.14, 'Least bearing of the displaced current epipole [rad]', low=0.01, high=0.6
+    )
+    max_displacement: float = setting(
+        0.35, 'Largest bearing of the displaced current epipole [rad]', low=0.05, high=1.0
+    )
+    displacement_tolerance: float = setting(
+        0.03, 'Bearing error at which the displacement is done [rad]', low=1e-4, high=0.3
+    )
+    singular_epipole: float = setting(
+        0.02, 'Bearing of e_au below which the paper displaces it first [rad]', low=0, high=0.5
+    )
+    max_linear: float = setting(0.4, 'Largest linear speed [m/s]', low=0.01, high=5.0)
+    max_angular: float = setting(0.5, 'Largest angular speed [rad/s]', low=0.01, high=10.0)
+    dead_band_linear: float = setting(
+        0.0, 'Linear speed that the base cannot follow [m/s]', low=0.0, high=1.0
+    )
+    dead_band_angular: float = setting(
+        0.0, 'Angular speed that the base cannot follow [rad/s]', low=0.0, high=2.0
+    )
+    dead_band_mode: str = setting(
+        'pulse',
+        'What becomes of slower commands: raise (the paper), zero, pulse (now and then the '
+        'threshold, so that the average is right)',
+        choices=('raise', 'zero', 'pulse'),
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        law_options(self.law)
+        if self.dead_band_linear > self.max_linear or self.dead_band_angular > self.max_angular:
+            raise ValueError(
+                'dead bands must not exceed max_linear and max_angular, got '
+                f'{self.dead_band_linear:g} m/s and {self.dead_band_angular:g} rad/s; '
+                'a command raised to them would break the limits'
+            )
+        if self.min_displacement > self.max_displacement:
+            raise ValueError(
+                f'min_displacement must not exceed max_displacement, got '
+                f'{self.min_displacement:g} and {self.max_displacement:g} rad'
+            )
+        if self.derives:
+            self._check_derivation()
+
+    @property
+    def derives(self) -> bool:
+        """Whether gains are derived where step 1 begins."""
+        return self.gains == 'derived'
+
+    def _check_derivation(self) -> None:
+        if self.finite_time:
+            raise ValueError(
+                'gains cannot be derived for finite_time, eq. (20); set gains to given, '
+                'or finite_time to false'
+            )
+        if self.nearest_distance > self.initial_distance:
+            raise ValueError(
+                f'nearest_distance must not exceed initial_distance, got '
+                f'{self.nearest_distance:g} and {self.initial_distance:g} m'
+            )

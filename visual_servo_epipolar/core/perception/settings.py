@@ -1,0 +1,65 @@
+"""Settings of perception: the estimator, and when an estimate is good enough to act on."""
+
+from dataclasses import dataclass
+
+from visual_servo_epipolar.core.settings import setting, Settings
+
+
+@dataclass(frozen=True, kw_only=True)
+class PerceptionSettings(Settings):
+    """What perception may be told. Angles in rad, parallax and noise in px."""
+
+    estimator: str = setting(
+        'soft_planar',
+        'Estimator: lmeds_8pt (the paper), planar_3dof (focal length unknown), planar_2dof '
+        '(upright camera), soft_planar (tilt, roll and floor jitter found out)',
+        choices=('lmeds_8pt', 'planar_3dof', 'planar_2dof', 'soft_planar'),
+        read_only=True,
+    )
+    seed: int = setting(0, 'Seed of the random subsets', low=0, high=2**31 - 1, read_only=True)
+    focal_deviation: float = setting(
+        0.0,
+        'Estimator soft_planar: deviation of the logarithm of the focal length in camera_info; 0 '
+        'for a calibrated camera, 1 where it may be anything',
+        low=0.0,
+        high=3.0,
+        read_only=True,
+    )
+    compensate_rotation: bool = setting(
+        True, 'False: no law may take D from features turned to the desired heading'
+    )
+    min_parallax: float = setting(
+        2.5, 'Parallax below which there is no baseline [px]', low=0.0, high=100.0
+    )
+    min_features: int = setting(12, 'Features below which the servo holds', low=8, high=1000)
+    keep_features: int = setting(
+        30, 'Law full: features that no turn may take out of view', low=8, high=1000
+    )
+    min_confidence: float = setting(
+        0.02, 'Confidence of the cheirality vote to be trusted, 0 to 1', low=0.0, high=1.0
+    )
+    max_deviation: float = setting(
+        0.1, 'Standard deviation of a bearing above which it is not trusted [rad]', low=0, high=3
+    )
+    max_leap: float = setting(
+        0.15, 'Change of a bearing in one frame that is doubted at first [rad]', low=0.0, high=4.0
+    )
+    min_spread: float = setting(
+        0.03, 'Least spread of the features that agree [rad]', low=0.0, high=1.0
+    )
+    pixel_noise: float = setting(
+        0.3, 'Deviation of a tracked coordinate before residuals show it [px]', low=0.01, high=10
+    )
+    floor_jitter: float = setting(
+        0.0017, 'Deviation of tilt and of roll by the floor, view by view [rad]', low=0, high=0.1
+    )
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether the camera matrix is taken as it comes."""
+        return self.focal_deviation == 0.0
+
+    @property
+    def compensates(self) -> bool:
+        """Whether D is taken from features turned to the desired heading."""
+        return self.compensate_rotation

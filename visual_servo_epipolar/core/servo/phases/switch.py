@@ -1,0 +1,88 @@
+"""From one phase to the next: what the new phase needs, and why the last one was left."""
+
+from dataclasses import replace
+import math
+
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.derived_gains import gains_here, legal_target
+from visual_servo_epipolar.core.servo.phases.conditions import displacement
+from visual_servo_epipolar.core.servo.phases.table import Event, next_phase, Phase
+from visual_servo_epipolar.core.servo.ranging import Leg
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.stamps import seconds_between
+
+LEAST_PART = 1e-9  # of the distance, where no law would back off to gain more of it
+
+
+def switched(
+    state: ServoState, measurement: Measurement, event: Event, settings: ServoSettings
+) -> ServoState:
+    """Follow the transition table, and prepare what the new phase needs."""
+    phase = next_phase(state.phase, event)
+    if phase is state.phase:
+        return state
+    state = replace(
+        state,
+        phase=phase,
+        phase_start_ns=measurement.stamp_ns,
+        run_start_ns=measurement.stamp_ns if state.phase is Phase.WAITING else state.run_start_ns,
+        settled=0,
+        reason=_reason(state, measurement, event, settings),
+        attempts=state.attempts + (event is Event.MISSED),
+    )
+    if phase in (Phase.DISPLACING, Phase.ZEROING_EPIPOLES) and measurement.bearings is not None:
+        side = math.copysign(1.0, measurement.bearings.chi)
+        leg = Leg(measurement.bearings.psi)
+        state = replace(state, side=side, latched=False, leg=leg)
+    try:
+        return _prepared(state, measurement, settings)
+    except ValueError as error:
+        refused = switched(state, measurement, Event.NO_GAIN, settings)
+        return replace(refused, reason=str(error))
+
+
+def _prepared(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
+    """Return ``state`` with the target or the gains of its phase; raises if none are legal."""
+    if state.phase is Phase.DISPLACING:
+        target = legal_target(state, measurement, settings) if settings.derives else None
+        return replace(state, target=_target(measurement, settings) if target is None else target)
+    if settings.derives and state.phase in (Phase.ZEROING_EPIPOLES, Phase.MATCHING_FEATURES):
+        return replace(state, gains=gains_here(state, measurement, settings))
+    return state
+
+
+def _target(measurement: Measurement, settings: ServoSettings) -> float:
+    """Return where DISPLACING puts the current epipole (section IV-B, remarks; or discordant)."""
+    bearings, law = measurement.bearings, settings.options
+    if bearings is None:
+        return 0.0
+    if not law.discordant_turn:
+        return math.copysign(math.tan(2.0 * settings.singular_epipole), bearings.epipole_current)
+    least = None if law.retreat else LEAST_PART
+    return math.tan(displacement(measurement, settings, least_room=least) or 0.0)
+
+
+def _reason(
+    state: ServoState, measurement: Measurement, event: Event, settings: ServoSettings
+) -> str:
+    """Say why a phase was left, for the log and for the verdict on the run."""
+    name = state.phase.value
+    run = seconds_between(state.run_start_ns, measurement.stamp_ns)
+    if event is Event.TIMED_OUT and run > settings.run_timeout:
+        return f'the run took longer than {settings.run_timeout:g} s, still {name}'
+    if event is Event.TIMED_OUT and state.phase is Phase.HOLDING:
+        return f'tracks lost or untrusted for {settings.holding_timeout:g} s: {state.reason}'
+    if event is Event.TIMED_OUT:
+        return f'{name} took longer than {settings.phase_timeout:g} s'
+    if event is Event.DIVERGED:
+        return f'the desired epipole ran away to infinity in {name}'
+    if event in (Event.MISSED, Event.EXHAUSTED):
+        error = measurement.feature_error * measurement.focal
+        return (
+            f'features are {error:.1f} px off, parallax {measurement.parallax_px:.1f} px, '
+            f'at the end of attempt {state.attempts}'
+        )
+    if event is Event.LOST:
+        return measurement.reason or f'bearings not trusted in {name}'
+    return str(event.value)
