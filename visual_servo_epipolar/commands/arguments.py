@@ -10,6 +10,7 @@ import sys
 from typing import Any
 
 from visual_servo_epipolar.commands.files.resources import scenario_path
+from visual_servo_epipolar.core.control.law_table import law_options, LAWS
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.simulation.scenario import load, Scenario
 
@@ -34,6 +35,15 @@ def seed(text: str) -> int:
     return int(text)
 
 
+def law_expression(text: str) -> str:
+    """Parse the expression that names a law."""
+    try:
+        law_options(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    return text
+
+
 def add_start(parser: argparse.ArgumentParser, default: tuple[float, float, float] | None) -> None:
     """Add --start."""
     shown = '' if default is None else f' (default {" ".join(f"{v:g}" for v in default)})'
@@ -51,7 +61,13 @@ def add_start(parser: argparse.ArgumentParser, default: tuple[float, float, floa
 
 def add_run_options(parser: argparse.ArgumentParser) -> None:
     """Add what every closed loop takes: law, estimator, scenario, scene, seed, --json."""
-    parser.add_argument('--law', choices=('paper', 'corrected', 'full'), help='control law')
+    parser.add_argument(
+        '--law',
+        type=law_expression,
+        metavar='LAW',
+        help=f'control law: {", ".join(LAWS)}; departures from the paper are added and left out '
+        'as in paper+true_sigma or full-retreat',
+    )
     parser.add_argument('--estimator', metavar='NAME', help='estimator of the epipoles')
     parser.add_argument(
         '--scenario', metavar='FILE', help='scenario file, or the name of one that is installed'

@@ -17,6 +17,7 @@ BENCHMARKS: Mapping[str, str] = {
     'laws': 'visual_servo_epipolar.benchmarks.laws',
     'recording': 'visual_servo_epipolar.benchmarks.recording',
     'calibration': 'visual_servo_epipolar.benchmarks.calibration',
+    'ablation': 'visual_servo_epipolar.benchmarks.ablation',
 }
 
 

@@ -20,7 +20,7 @@ def verdicts(plan: Plan, store: Store) -> dict[str, dict[str, Any]]:
     """Return law -> document, each with its runs in the order of their indices."""
     return {
         law: {
-            **_verdict([store.results[law, index] for index in range(plan.runs)]),
+            **summary_of([store.results[law, index] for index in range(plan.runs)]),
             'wall_s': store.wall_s,
             'sweep': _described(plan, store, law),
         }
@@ -46,7 +46,8 @@ def defective(result: Result) -> bool:
     return 'traceback' in result
 
 
-def _verdict(runs: Sequence[Result]) -> dict[str, Any]:
+def summary_of(runs: Sequence[Result]) -> dict[str, Any]:
+    """Return rates, errors and efforts of runs of one law, as the JSON of a sweep has them."""
     home = [run for run in runs if arrived(run)]
     return {
         'success_rate': len(home) / len(runs),

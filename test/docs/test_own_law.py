@@ -1,0 +1,76 @@
+"""The example of a law in another package: installed as its reader would, and driven with."""
+
+import json
+import os
+from pathlib import Path
+import shutil
+import subprocess
+import sys
+from typing import Any
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+EXAMPLE = ROOT / 'docs' / 'examples' / 'own_law'
+LONGEST = 30  # lines of the example
+
+
+@pytest.fixture(scope='module')
+def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """Install the example into a folder, and return an environment that has it."""
+    source, target = tmp_path_factory.mktemp('source'), tmp_path_factory.mktemp('site')
+    shutil.copytree(EXAMPLE, source, dirs_exist_ok=True)
+    pip = [sys.executable, '-m', 'pip', '-qq', '--disable-pip-version-check', 'install']
+    options = ['--no-deps', '--no-build-isolation', '--target', str(target), str(source)]
+    subprocess.run([*pip, *options], check=True, timeout=300)
+    return os.environ | {'PYTHONPATH': os.pathsep.join([str(target), str(ROOT)])}
+
+
+def run(environment: dict[str, str], *arguments: str) -> Any:
+    command = [sys.executable, '-m', 'visual_servo_epipolar', *arguments, '--json', '-']
+    done = subprocess.run(
+        command, env=environment, capture_output=True, text=True, timeout=300, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    return json.loads(done.stdout)
+
+
+def test_the_example_drives_the_robot_to_the_goal(environment: dict[str, str]) -> None:
+    result = run(environment, 'simulate', '--start', '0.5', '-3', '5', '--law', 'bounded')
+    assert (result['outcome'], result['law']) == ('arrived', 'bounded')
+    assert result['position_error_m'] < 0.01
+    plain = run(environment, 'simulate', '--start', '0.5', '-3', '5')
+    assert plain['path_length_m'] != result['path_length_m']
+
+
+def test_departures_are_left_out_of_it_as_of_any_law(environment: dict[str, str]) -> None:
+    start = ('--start', '0.5', '-3', '5')
+    result = run(environment, 'simulate', *start, '--law', 'bounded-line_following')
+    assert result['law'] == 'bounded-line_following'
+
+
+def test_a_sweep_compares_it(environment: dict[str, str], tmp_path: Path) -> None:
+    options = ('--region', 'front', '--runs', '2', '--jobs', '1', '--out', str(tmp_path))
+    documents = run(environment, 'sweep', *options, '--compare', 'bounded,full')
+    assert set(documents) == {'bounded', 'full'}
+
+
+def test_a_node_takes_it(environment: dict[str, str]) -> None:
+    pytest.importorskip('rclpy')
+    code = (
+        'import rclpy\n'
+        'from rclpy.parameter import Parameter\n'
+        'from visual_servo_epipolar.nodes.servo_node import ServoNode\n'
+        'rclpy.init()\n'
+        "node = ServoNode(parameter_overrides=[Parameter('law', value='bounded')])\n"
+        "print(node.get_parameter('law').value)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, '-c', code], env=environment, capture_output=True, text=True, timeout=120
+    )
+    assert done.stdout.strip() == 'bounded', done.stderr
+
+
+def test_the_example_is_short() -> None:
+    lines = sum(len(file.read_text().splitlines()) for file in EXAMPLE.glob('*.py'))
+    assert lines <= LONGEST
