@@ -139,7 +139,7 @@ def signs() -> Figure:
     name(plane, 'x [m]', 'y [m]', f'heading error {heading:g} deg: green right, red wrong')
     plane.set_aspect('equal')
     pose = Pose.from_start(0.8, -3.0, -5.0)
-    target = laws.displaced_epipole(e_desired(pose), room=0.4, low=0.14, high=0.35)
+    target = laws.displaced_epipole(e_desired(pose), ratio=0.4, low=0.14, high=0.35)
     seen = Bearings.from_pose(pose)
     turned = replace(pose, theta=pose.theta + math.atan(target) - math.atan(seen.epipole_current))
     for begin, law, colour, text in (

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, Field, field, fields, replace
 import math
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 LARGEST = 2**63  # what YAML and ROS parameters hold
 
@@ -43,7 +43,13 @@ def range_of(item: 'Field[Any]') -> Range:
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """Base of every settings value: a value that exists is within its ranges."""
+    """
+    Base of every settings value: a value that exists is within its ranges.
+
+    ``RENAMED`` has the names of earlier versions, which files and bags may still use.
+    """
+
+    RENAMED: ClassVar[Mapping[str, str]] = {}
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -68,6 +74,7 @@ def updated(settings: SettingsT, values: Mapping[str, Any], where: str) -> Setti
     """Return ``settings`` with ``values`` in place; raises as from_mapping does."""
     if not isinstance(values, Mapping):
         raise ValueError(f'{where} must map names to values, got {values!r}; write "name: value"')
+    values = {settings.RENAMED.get(name, name): value for name, value in values.items()}
     known = [item.name for item in fields(settings)]
     unknown = sorted(set(map(str, values)) - set(known))
     if unknown:

@@ -370,7 +370,7 @@ def test_the_rate_of_26_falls_below_k1_where_the_epipole_is_far_out(
 def test_the_displaced_epipole_is_discordant_and_within_its_bounds(
     e_du: float, room: float, focal: float, low: float
 ) -> None:
-    target = laws.displaced_epipole(e_du, room=room, low=low, high=low + 0.2, focal=focal)
+    target = laws.displaced_epipole(e_du, ratio=room, low=low, high=low + 0.2, focal=focal)
     assert target * e_du < 0.0
     assert low - 1e-12 <= math.atan(abs(target) / focal) <= low + 0.2 + 1e-12
 
@@ -380,7 +380,7 @@ def test_the_displaced_epipole_is_discordant_and_within_its_bounds(
 def test_holding_the_displaced_epipole_is_a_spiral_that_leaves_the_room_asked_for(
     e_du: float, sign: float, sigma: float, room: float, ahead: bool
 ) -> None:
-    target = laws.displaced_epipole(sign * e_du, room=room, low=0.05, high=1.2)
+    target = laws.displaced_epipole(sign * e_du, ratio=room, low=0.05, high=1.2)
     start = pose_with(target, sign * e_du, sigma=sigma, distance=3.0, ahead=ahead)
 
     def spiral(seen: Bearings, distance: float) -> Twist:

@@ -35,11 +35,13 @@ class LawOptions:
     of ``laws.match_features``. None stands for the paper's own.
     """
 
-    true_sigma: bool = departure('sigma = sign cos(psi - theta) by cheirality, not as printed')
+    true_sigma: bool = departure(
+        'take sigma = sign cos(psi - theta) by cheirality, not as printed'
+    )
     discordant_turn: bool = departure(
         'turn e_au to the side where the distance shrinks, and hold it there in step 1'
     )
-    retreat: bool = departure("beside or past the goal: turn to the goal's heading and back off")
+    retreat: bool = departure("back off at the goal's heading where it lies beside or behind")
     contact_braking: bool = departure('slow down by the time to contact at the end of step 1')
     compensate_rotation: bool = departure('take D from features turned to the desired heading')
     line_following: bool = departure("steer along the goal's axis in step 2, not u_2 = 0")

@@ -119,7 +119,7 @@ def turn_epipole(e_current: float, e_target: float, *, k1: float, focal: float =
 
 
 def displaced_epipole(
-    e_desired: float, *, room: float, low: float, high: float, focal: float = 1.0
+    e_desired: float, *, ratio: float, low: float, high: float, focal: float = 1.0
 ) -> float:
     """
     Return where to hold e_au while e_du is zeroed, on the discordant side of ``e_desired``.
@@ -133,7 +133,7 @@ def displaced_epipole(
     ----------
     e_desired : float
         Desired epipole.
-    room : float
+    ratio : float
         Part of the distance to keep for the second step, d_end / d_0 in (0, 1).
     low, high : float
         Bounds of alpha [rad]; the upper one is what the field of view leaves.
@@ -141,7 +141,7 @@ def displaced_epipole(
         Focal length in the unit of the epipoles.
 
     """
-    alpha = math.atan(abs(math.atan(e_desired / focal)) / math.log(1.0 / room))
+    alpha = math.atan(abs(math.atan(e_desired / focal)) / math.log(1.0 / ratio))
     return -math.copysign(focal * math.tan(min(max(alpha, low), high)), e_desired)
 
 

@@ -1,7 +1,8 @@
 """Settings of control: the law, its gains, and the limits of the base."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 from visual_servo_epipolar.core.control.law_table import DEFAULT_LAW, DEPARTURES, law_options
 from visual_servo_epipolar.core.control.law_table import TEXT as LAW_TEXT
@@ -21,6 +22,11 @@ class ControlSettings(Settings):
     Epipoles are in units of the focal length, so that gains do not depend on the image size; a
     gain k2 given for pixels is k2 f^(beta/gamma - 1) here, and k_t for px^2 is k_t f^2.
     """
+
+    RENAMED: ClassVar[Mapping[str, str]] = {
+        'room': 'spiral_ratio',
+        'least_room': 'least_spiral_ratio',
+    }
 
     law: str = setting(DEFAULT_LAW, LAW_TEXT)
     true_sigma: bool = departure_setting('true_sigma')
@@ -66,15 +72,15 @@ class ControlSettings(Settings):
     )
     approach_rate: float = setting(
         1.0,
-        'Law full: rate at which step 2 closes in at most, as the slope of D has it [1/s]',
+        'Slope gain: rate at which step 2 closes in at most, as the slope of D has it [1/s]',
         low=0.01,
         high=50.0,
     )
     gain_at_goal: float = setting(
-        1.0, 'Law full: factor of the gain of step 2 at D = 0; 1 is constant', low=0.1, high=10.0
+        1.0, 'Slope gain: factor of the gain of step 2 at D = 0; 1 is constant', low=0.1, high=10.0
     )
     gain_slope: float = setting(
-        20.0, 'Law full: how fast that factor falls with |D| at first', low=0.0, high=1e4
+        20.0, 'Slope gain: how fast that factor falls with |D| at first', low=0.0, high=1e4
     )
     turn_gain: float = setting(
         0.8, 'Gain of turns in place and of holding e_au [1/s]', low=0, high=5
@@ -82,28 +88,34 @@ class ControlSettings(Settings):
     look_ahead: float = setting(0.6, 'Look-ahead of line following [m]', low=0.05, high=10.0)
     curvature_drift: float = setting(
         0.01,
-        'Law full: change in a metre of the turn that was not commanded [rad/m]',
+        'Curvature feed-forward: change in a metre of the turn that was not commanded [rad/m]',
         low=0.0,
         high=1.0,
     )
     max_acceleration: float = setting(
-        0.25, 'Law full: linear acceleration; slowing down twice that [m/s^2]', low=0.01, high=20.0
+        0.25,
+        'Speed ramps: linear acceleration; slowing down twice that [m/s^2]',
+        low=0.01,
+        high=20.0,
     )
     max_angular_acceleration: float = setting(
-        1.2, 'Law full: angular acceleration; slowing down twice that [rad/s^2]', low=0.01, high=99
+        1.2,
+        'Speed ramps: angular acceleration; slowing down twice that [rad/s^2]',
+        low=0.01,
+        high=99,
     )
     braking: float = setting(
-        0.2, 'Law full: deceleration to end step 1 with [m/s^2]', low=0.01, high=20.0
+        0.2, 'Contact braking: deceleration to end step 1 with [m/s^2]', low=0.01, high=20.0
     )
-    room: float = setting(
+    spiral_ratio: float = setting(
         0.4,
         'Part of the distance that the spiral of step 1 leaves for step 2',
         low=0.05,
         high=0.95,
     )
-    least_room: float = setting(
+    least_spiral_ratio: float = setting(
         0.15,
-        'Law full: part of the distance below which the spiral ends too near the goal',
+        'Retreat: part of the distance below which the spiral ends too near the goal',
         low=0.01,
         high=0.95,
     )

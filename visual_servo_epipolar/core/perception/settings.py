@@ -33,7 +33,7 @@ class PerceptionSettings(Settings):
     )
     min_features: int = setting(12, 'Features below which the servo holds', low=8, high=1000)
     keep_features: int = setting(
-        30, 'Law full: features that no turn may take out of view', low=8, high=1000
+        30, 'Turns: features that no turn may take out of view', low=8, high=1000
     )
     min_confidence: float = setting(
         0.02, 'Confidence of the cheirality vote to be trusted, 0 to 1', low=0.0, high=1.0

@@ -46,7 +46,7 @@ class ServoSettings(PerceptionSettings, ControlSettings):
     )
     sideways_bearing: float = setting(
         0.6,
-        'Law full: bearing of e_du above which the robot backs off first [rad]',
+        'Retreat: bearing of e_du above which the robot backs off first [rad]',
         low=0,
         high=1.6,
     )

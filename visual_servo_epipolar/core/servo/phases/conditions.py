@@ -63,15 +63,15 @@ def is_sideways(measurement: Measurement, settings: ServoSettings) -> bool:
     So it does from beside or past the goal, and where the field of view leaves no room for a turn
     that would bring the robot onto the axis before it is at the goal.
     """
-    return _backs_off(measurement, settings, settings.least_room)
+    return _backs_off(measurement, settings, settings.least_spiral_ratio)
 
 
 def is_off_course(measurement: Measurement, settings: ServoSettings) -> bool:
     """Return whether step 1, once begun, had better be given up: later than it would not begin."""
-    return _backs_off(measurement, settings, settings.least_room**2)
+    return _backs_off(measurement, settings, settings.least_spiral_ratio**2)
 
 
-def _backs_off(measurement: Measurement, settings: ServoSettings, least_room: float) -> bool:
+def _backs_off(measurement: Measurement, settings: ServoSettings, least_ratio: float) -> bool:
     bearings, law = measurement.bearings, settings.options
     if not law.retreat or bearings is None:
         return False
@@ -79,7 +79,7 @@ def _backs_off(measurement: Measurement, settings: ServoSettings, least_room: fl
         return True
     if not law.discordant_turn:
         return False
-    return displacement(measurement, settings, least_room=least_room) is None
+    return displacement(measurement, settings, least_ratio=least_ratio) is None
 
 
 def is_behind(bearings: Bearings) -> bool:
@@ -88,12 +88,12 @@ def is_behind(bearings: Bearings) -> bool:
 
 
 def displacement(
-    measurement: Measurement, settings: ServoSettings, *, least_room: float | None = None
+    measurement: Measurement, settings: ServoSettings, *, least_ratio: float | None = None
 ) -> float | None:
     """
     Return the bearing of e_au [rad] to hold in step 1, as far as the field of view allows.
 
-    None where the spiral would leave less than ``least_room`` of the distance, that of the
+    None where the spiral would leave less than ``least_ratio`` of the distance, that of the
     settings if not given: see ``laws.displaced_epipole``.
     """
     bearings = measurement.bearings
@@ -102,7 +102,7 @@ def displacement(
     here, chi = bearings.alpha, bearings.chi
     epipole = laws.displaced_epipole(
         bearings.epipole_desired,
-        room=settings.room,
+        ratio=settings.spiral_ratio,
         low=settings.min_displacement,
         high=settings.max_displacement,
     )
@@ -111,7 +111,7 @@ def displacement(
     found = min(max(wanted, here - right), here + left)
     if abs(chi) <= engage_bound(measurement, settings) or found == wanted:
         return found
-    enough = abs(chi) / math.log(1.0 / (least_room or settings.least_room))
+    enough = abs(chi) / math.log(1.0 / (least_ratio or settings.least_spiral_ratio))
     return found if found * wanted > 0.0 and math.tan(abs(found)) >= enough else None
 
 

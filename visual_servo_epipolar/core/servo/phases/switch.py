@@ -60,7 +60,7 @@ def _target(measurement: Measurement, settings: ServoSettings) -> float:
     if not law.discordant_turn:
         return math.copysign(math.tan(2.0 * settings.singular_epipole), bearings.epipole_current)
     least = None if law.retreat else LEAST_PART
-    return math.tan(displacement(measurement, settings, least_room=least) or 0.0)
+    return math.tan(displacement(measurement, settings, least_ratio=least) or 0.0)
 
 
 def _reason(
