@@ -6,8 +6,8 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.estimators.machinery.eight_point import fundamental_from_matches
 from visual_servo_epipolar.core.geometry.cheirality import oriented_bearings
-from visual_servo_epipolar.core.geometry.epipolar import fundamental_from_matches
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 
 # (X, Y, Z) in the axes of the desired camera: right, down, forward [m]. The paper does not say

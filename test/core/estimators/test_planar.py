@@ -12,7 +12,7 @@ from visual_servo_epipolar.benchmarks.estimation_scenes import Cell, draw_pairs,
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Estimate, Estimator, Prior
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
-    modes,
+    best_modes,
     pairs,
     rays_of,
     scores,
@@ -221,9 +221,9 @@ def test_a_batch_of_geometries_gives_what_each_gives_alone() -> None:
         np.testing.assert_allclose(costs[k], scores(found[k], rays, NOISE), atol=1e-12)
 
 
-def test_modes_are_the_best_that_differ() -> None:
+def test_best_modes_are_the_best_that_differ() -> None:
     angles = np.array([0.0, 0.01, 1.0, math.pi, 0.5])
-    numbers = np.exp(1j * np.stack([angles, angles]))
+    phasors = np.exp(1j * np.stack([angles, angles]))
     costs = np.array([0.02, 0.01, 0.03, 0.0, 0.9])
     # pi is 0 again; 0.5 is far too dear.
-    assert modes(numbers, costs, 3).tolist() == [3, 2]
+    assert best_modes(phasors, costs, 3).tolist() == [3, 2]

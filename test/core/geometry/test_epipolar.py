@@ -21,16 +21,14 @@ from strategies import (
 
 from visual_servo_epipolar.core.control.laws import printed_sigma
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
+from visual_servo_epipolar.core.estimators.machinery.eight_point import fundamental_from_matches
 from visual_servo_epipolar.core.geometry.cheirality import cheirality, oriented_bearings
 from visual_servo_epipolar.core.geometry.epipolar import (
     Bearings,
     cross_matrix,
-    design_matrix,
     epipoles,
     fundamental_from_bearings,
-    fundamental_from_matches,
     fundamental_from_pose,
-    hartley_normalisation,
     rotation_desired_current,
     sampson_distance,
 )
@@ -173,60 +171,6 @@ def test_a_pose_at_the_goal_has_no_bearings() -> None:
 
 
 @given(poses(min_baseline=0.3))
-@example(AHEAD)
-@example(BESIDE)
-def test_the_8_point_algorithm_recovers_f_from_exact_matches(pose: Pose) -> None:
-    current, desired = (CAMERA.pixels(rays) for rays in matches(pose))
-    # 1e-16 times the condition of forty matches, up to 1e8 where few points share two views.
-    found = in_pixels_to_rays(fundamental_from_matches(current, desired))
-    assert_same_matrix(found, fundamental_from_bearings(Bearings.from_pose(pose)), 1e-8)
-
-
-def in_pixels_to_rays(fundamental: np.ndarray) -> np.ndarray:
-    return K.T @ fundamental @ K
-
-
-@given(poses_behind_the_goal(), floats(0.01, 100.0), floats(-1000.0, 1000.0))
-def test_the_8_point_algorithm_does_not_depend_on_the_unit_of_pixels(
-    pose: Pose, scale: float, shift: float
-) -> None:
-    noise = 1e-3 * np.random.default_rng(1).standard_normal((2, 40, 2))
-    current, desired = np.array(matches(pose)) + noise
-    unit = np.array([[scale, 0.0, shift], [0.0, scale, -shift], [0.0, 0.0, 1.0]])
-    moved = fundamental_from_matches(scale * current + [shift, -shift], scale * desired)
-    expected = fundamental_from_matches(current, desired)
-    back = np.diag([scale, scale, 1.0]) @ moved @ unit
-    # Rounding of coordinates 1e5 times their spread.
-    assert_same_matrix(back, expected, 1e-6)
-
-
-def test_seven_matches_are_too_few() -> None:
-    current, desired = matches(BEHIND)
-    with pytest.raises(DegenerateGeometryError, match='at least 8 matches, got 7 current'):
-        fundamental_from_matches(current[:7], desired[:7])
-
-
-def test_unequal_numbers_of_points_are_refused() -> None:
-    current, desired = matches(BEHIND)
-    with pytest.raises(DegenerateGeometryError, match='got 40 current and 39 desired points'):
-        fundamental_from_matches(current, desired[1:])
-
-
-def test_points_that_coincide_are_refused() -> None:
-    current, desired = matches(BEHIND)
-    with pytest.raises(DegenerateGeometryError, match='40 points coincide at .*spread'):
-        fundamental_from_matches(np.full_like(current, 0.25), desired)
-
-
-def test_hartley_normalisation_centres_and_scales() -> None:
-    points = CAMERA.pixels(matches(BEHIND)[0])
-    matrix = hartley_normalisation(points)
-    normal = points @ matrix[:2, :2].T + matrix[:2, 2]
-    np.testing.assert_allclose(normal.mean(axis=0), 0.0, atol=1e-12)
-    assert np.hypot(*normal.T).mean() == pytest.approx(math.sqrt(2.0))
-
-
-@given(poses(min_baseline=0.3))
 def test_exact_matches_have_no_sampson_distance(pose: Pose) -> None:
     current, desired = matches(pose)
     fundamental = fundamental_from_bearings(Bearings.from_pose(pose))
@@ -265,16 +209,6 @@ def test_sampson_distances_of_many_matrices_are_those_of_each() -> None:
     together = sampson_distance(stack, current, desired)
     alone = [sampson_distance(one, current, desired) for one in stack]
     np.testing.assert_allclose(together, alone, rtol=1e-12)
-
-
-def test_the_rows_of_the_design_matrix_are_the_constraint() -> None:
-    current, desired = matches(BEHIND)
-    fundamental = np.arange(9.0).reshape(3, 3)
-    products = [
-        [*p_d, 1.0] @ fundamental @ [*p_a, 1.0] for p_a, p_d in zip(current, desired, strict=True)
-    ]
-    rows = design_matrix(current, desired)
-    np.testing.assert_allclose(rows @ fundamental.ravel(), products, rtol=1e-12)
 
 
 @given(poses(min_baseline=0.3))

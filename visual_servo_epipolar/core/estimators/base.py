@@ -41,6 +41,13 @@ class Prior:
     deviation: float = math.radians(3.0)  # how far the bearings may have moved since [rad]
     lens: Lens = CALIBRATED
 
+    @property
+    def angles(self) -> FloatArray:
+        """The last psi and phi, shape (2,), nan where there are none."""
+        if self.bearings is None:
+            return np.full(2, np.nan)
+        return np.array([self.bearings.psi, self.bearings.phi])
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:

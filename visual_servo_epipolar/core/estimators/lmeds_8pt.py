@@ -7,15 +7,15 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior, UNKNOWN_COVARIANCE
-from visual_servo_epipolar.core.geometry.cheirality import oriented_bearings
-from visual_servo_epipolar.core.geometry.epipolar import (
+from visual_servo_epipolar.core.estimators.machinery.eight_point import (
     design_matrix,
     fundamental_from_matches,
     hartley_normalisation,
     MIN_MATCHES,
-    sampson_distance,
     transform,
 )
+from visual_servo_epipolar.core.geometry.cheirality import oriented_bearings
+from visual_servo_epipolar.core.geometry.epipolar import sampson_distance
 
 SUBSETS = 560  # one of 26 matches is clean with probability 99 % at 40 % outliers
 INLIER_DEVIATIONS = 2.5

@@ -1,38 +1,34 @@
 """Two degrees of freedom: planar motion, known focal length, upright camera."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior
-from visual_servo_epipolar.core.estimators.machinery.batch import (
-    alone,
-    Answer,
-    answers,
-    Method,
-    Views,
-    views_of,
+from visual_servo_epipolar.core.estimators.machinery.conclusion import Conclusion
+from visual_servo_epipolar.core.estimators.machinery.gaussian import (
+    GaussianPrior,
+    Posterior,
+    posterior,
 )
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
-    chosen_mode,
+    best_modes,
+    choose_mode,
     FAMILIES,
-    fused,
     INLIER_DEVIATIONS,
-    modes,
     plausible,
     Rays,
+    rays_of,
     scores,
+    too_few,
     two_point_hypotheses,
-    undetermined,
 )
 from visual_servo_epipolar.core.estimators.machinery.refinement import (
-    Belief,
     Fit,
-    followed,
+    is_consistent,
     NEGLIGIBLE,
-    problem,
+    problem_of,
     refined,
+    refined_modes,
 )
 from visual_servo_epipolar.core.estimators.machinery.sampson import table_of
 from visual_servo_epipolar.core.geometry.cheirality import balances, oriented
@@ -41,7 +37,7 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings, fundamentals
 MIN_MATCHES = 3
 PAIRS = 130  # of matches: with 40 % outliers, 47 of them are good
 MODES = 2
-NOTHING = Belief(np.zeros(2), np.zeros(2))
+NO_PRIOR = GaussianPrior(np.zeros(2), np.zeros(2))
 
 
 def planar_2dof(
@@ -67,77 +63,77 @@ def planar_2dof(
 
     """
     del rng
-    return alone(current, desired, noise, prior, METHOD)
-
-
-def planar_2dof_each(
-    current: FloatArray, desired: FloatArray, *, noise: FloatArray, priors: Sequence[Prior]
-) -> list[Answer]:
-    """Do the same for many pairs of views, rays of shape (B, N, 2) each; errors are answers."""
-    return answers(views_of(current, desired, noise, priors), METHOD)
-
-
-def _keep(views: Views) -> BoolArray:
-    return plausible(views.rays, INLIER_DEVIATIONS * views.noise[:, None])
-
-
-def _follow(views: Views, kept: BoolArray) -> Fit:
-    shape = views.before.shape
-    belief = Belief(np.zeros(shape), np.zeros(shape))
-    return followed(
-        views.before,
-        problem(_model, table_of(views.rays, views.noise, kept), belief),
-        negligible=NEGLIGIBLE * views.noise,
-        scale=np.ones(len(views.noise)),
-    )
-
-
-def _search(rays: Rays, noise: float, prior: Prior) -> tuple[Fit, int, Bearings | None]:
-    start = _candidates(rays, noise)
-    found = refined(
-        start, problem(_model, table_of(rays, noise), NOTHING), negligible=NEGLIGIBLE * noise
-    )
-    best, alternative = chosen_mode(found.parameters, found.costs, prior)
-    return found, best, alternative
-
-
-def _candidates(rays: Rays, noise: float) -> FloatArray:
-    """Return psi and phi of the best hypotheses of different modes, shape (K, 2)."""
-    hypotheses = two_point_hypotheses(rays, PAIRS)
-    costs = scores(hypotheses, rays, INLIER_DEVIATIONS * noise)
-    best = np.angle(hypotheses[:, modes(hypotheses, costs, MODES)])
-    return np.asarray(best.T, dtype=np.float64)
-
-
-def _model(angles: FloatArray) -> FloatArray:
-    """Return F and its derivatives by psi and phi, shape (K, 3, 9)."""
-    parts = np.exp(1j * angles).view(np.float64)  # cos psi, sin psi, cos phi, sin phi
-    return np.asarray(parts @ FAMILIES).reshape(-1, 3, 9)
-
-
-def _conclude(
-    views: Views, kept: BoolArray, fit: Fit, rivals: Sequence[Bearings | None]
-) -> list[Answer]:
-    covariance = fit.covariance()
-    angles, determined = fused(fit.parameters, covariance, views.before, views.deviation)
-    agree = kept & (fit.squared <= INLIER_DEVIATIONS**2)
-    numbers = np.exp(1j * angles)
-    balance = balances(numbers, views.rays.u_a, views.rays.u_d, agree, views.noise)
-    fundamental = fundamentals(numbers, balance)
-    rows = zip(angles.tolist(), balance.tolist(), determined.tolist(), rivals, strict=True)
-    return [
-        Estimate(
-            oriented(psi, phi, vote),
-            fundamental[k],
-            agree[k],
-            min(abs(vote), 1.0),
-            covariance[k],
-            alternative=alternative,
+    rays = rays_of(current, desired)
+    matches = plausible(rays, INLIER_DEVIATIONS * noise)
+    count = int(matches.sum())
+    if prior.bearings is not None and count >= MIN_MATCHES:
+        fit = refined(
+            prior.angles,
+            problem_of(model, table_of(rays, noise, matches), NO_PRIOR),
+            negligible=NEGLIGIBLE * noise,
+            scale=1.0,
         )
-        if sure
-        else undetermined()
-        for k, ((psi, phi), vote, sure, alternative) in enumerate(rows)
-    ]
+        if is_consistent(fit, prior.angles, prior.deviation, count):
+            return _estimate(rays, noise, matches, fit, prior)
+    return search(rays, noise, matches, prior)
 
 
-METHOD = Method(MIN_MATCHES, _keep, _follow, _search, _conclude)
+def search(rays: Rays, noise: float, matches: BoolArray, prior: Prior) -> Estimate:
+    """Estimate from hypotheses by pairs of the plausible ``matches``, shape (N,)."""
+    remaining = rays.take(matches)
+    if len(remaining.u_a) < MIN_MATCHES:
+        raise too_few(len(remaining.u_a), len(matches), MIN_MATCHES)
+    hypotheses = two_point_hypotheses(remaining, PAIRS)
+    costs = scores(hypotheses, remaining, INLIER_DEVIATIONS * noise)
+    best = best_modes(hypotheses, costs, MODES)
+    fits = refined_modes(
+        np.angle(hypotheses[:, best]).T,
+        problem_of(model, table_of(remaining, noise), NO_PRIOR),
+        negligible=NEGLIGIBLE * noise,
+    )
+    mode, alternative = choose_mode(fits.parameters, fits.costs, prior)
+    fit = fits.take(mode).of_all(matches)
+    return _estimate(rays, noise, matches, fit, prior, alternative)
+
+
+def model(angles: FloatArray) -> FloatArray:
+    """Return F and its derivatives by psi and phi, shape (..., 2), as rows: (..., 3, 9)."""
+    parts = np.exp(1j * angles).view(np.float64)  # cos psi, sin psi, cos phi, sin phi
+    return np.asarray(parts @ FAMILIES).reshape(*angles.shape[:-1], 3, 9)
+
+
+def _estimate(
+    rays: Rays,
+    noise: float,
+    matches: BoolArray,
+    fit: Fit,
+    prior: Prior,
+    alternative: Bearings | None = None,
+) -> Estimate:
+    after = posterior(fit.parameters, fit.covariance(), prior.angles, prior.deviation)
+    agree = matches & (fit.squared <= INLIER_DEVIATIONS**2)
+    return estimate_of(conclude(rays, noise, agree, after), alternative)
+
+
+def conclude(
+    rays: Rays, noise: FloatArray | float, agree: BoolArray, after: Posterior
+) -> Conclusion:
+    """Return the oriented geometry, shape (...), of matches that ``agree``, (..., N)."""
+    phasors = np.exp(1j * after.parameters)
+    balance = balances(phasors, rays.u_a, rays.u_d, agree, noise)
+    return Conclusion(*after, agree, balance, fundamentals(phasors, balance))
+
+
+def estimate_of(conclusion: Conclusion, alternative: Bearings | None = None) -> Estimate:
+    """Return what is concluded of one pair of views as an estimate, if it is determined."""
+    conclusion.require_determined()
+    psi, phi = conclusion.parameters.tolist()
+    balance = float(conclusion.balance)
+    return Estimate(
+        oriented(psi, phi, balance),
+        conclusion.fundamental,
+        conclusion.inliers,
+        min(abs(balance), 1.0),
+        conclusion.covariance,
+        alternative=alternative,
+    )

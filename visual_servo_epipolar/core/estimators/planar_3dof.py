@@ -2,26 +2,27 @@
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, ComplexArray, FloatArray
+from visual_servo_epipolar.core.arrays import ComplexArray, FloatArray
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior
+from visual_servo_epipolar.core.estimators.machinery.gaussian import (
+    GaussianPrior,
+    is_determined,
+    undetermined,
+)
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
+    best_modes,
     FAMILIES,
-    fused,
     INLIER_DEVIATIONS,
-    modes,
     plausible,
     Rays,
     rays_of,
     TINY,
     too_few,
-    undetermined,
 )
 from visual_servo_epipolar.core.estimators.machinery.refinement import (
-    Belief,
-    Fit,
     NEGLIGIBLE,
-    problem,
-    refined,
+    problem_of,
+    refined_modes,
 )
 from visual_servo_epipolar.core.estimators.machinery.sampson import squared_distances, table_of
 from visual_servo_epipolar.core.geometry.cheirality import cheirality
@@ -30,10 +31,9 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings
 MIN_MATCHES = 4
 TRIPLES = 400
 MODES = 3
-PSI, PHI, RATIO = range(3)  # the last is log(|q| / |p|)
+PHI, RATIO = 1, 2  # places after psi; the last is log(|q| / |p|)
 LARGEST_RATIO = 3.0
-BELIEF = Belief(np.zeros(3), np.zeros(3))  # nothing is known beforehand
-UNKNOWN = np.full((1, 2), np.nan)
+NO_PRIOR = GaussianPrior(np.zeros(3), np.zeros(3))
 
 
 def planar_3dof(
@@ -59,18 +59,30 @@ def planar_3dof(
     """
     del prior
     rays = rays_of(current, desired)
-    kept = plausible(rays, INLIER_DEVIATIONS * noise)
-    rays = Rays(*(coordinate[kept] for coordinate in rays))
-    if len(rays.u_a) < MIN_MATCHES:
-        raise too_few(len(rays.u_a), len(kept), MIN_MATCHES)
-    table = table_of(rays, noise)
-    hypotheses = _three_point_hypotheses(rays, rng)
-    start = _best(hypotheses, table)
-    found = refined(start, problem(_model, table, BELIEF), negligible=NEGLIGIBLE * noise)
-    inliers = kept.copy()
-    best = int(found.costs.argmin())
-    inliers[kept] = found.squared[best] <= INLIER_DEVIATIONS**2
-    return _estimate(found, best, current, desired, inliers, noise)
+    matches = plausible(rays, INLIER_DEVIATIONS * noise)
+    remaining = rays.take(matches)
+    if len(remaining.u_a) < MIN_MATCHES:
+        raise too_few(len(remaining.u_a), len(matches), MIN_MATCHES)
+    table = table_of(remaining, noise)
+    starts = _best(_three_point_hypotheses(remaining, rng), table)
+    fits = refined_modes(
+        starts, problem_of(_model, table, NO_PRIOR), negligible=NEGLIGIBLE * noise
+    )
+    fit = fits.take(int(fits.costs.argmin())).of_all(matches)
+    covariance = fit.covariance()
+    if not is_determined(covariance):
+        raise undetermined()
+    psi, phi, _ = fit.parameters.tolist()
+    bearings, inliers = Bearings(psi, phi), fit.squared <= INLIER_DEVIATIONS**2
+    vote = cheirality(bearings, current[inliers], desired[inliers], noise=noise)
+    sign = 1.0 if vote.bearings == bearings else -1.0
+    return Estimate(
+        vote.bearings,
+        sign * _model(fit.parameters)[0].reshape(3, 3),
+        inliers,
+        vote.confidence,
+        covariance[: PHI + 1, : PHI + 1],
+    )
 
 
 def _three_point_hypotheses(rays: Rays, rng: np.random.Generator) -> FloatArray:
@@ -79,61 +91,34 @@ def _three_point_hypotheses(rays: Rays, rng: np.random.Generator) -> FloatArray:
     rows = np.stack([v_a, -v_a * u_d, v_d * u_a, v_d], axis=1)
     picks = np.argsort(rng.random((TRIPLES, len(u_a))), axis=1)[:, :3]
     a, b, c = (rows[picks[:, k]] for k in range(3))
-    found = np.empty((TRIPLES, 4))
+    null_vectors = np.empty((TRIPLES, 4))
     for k in range(4):
         x, y, z = (column for column in range(4) if column != k)
-        found[:, k] = (-1.0) ** k * (
+        null_vectors[:, k] = (-1.0) ** k * (
             a[:, x] * (b[:, y] * c[:, z] - b[:, z] * c[:, y])
             - a[:, y] * (b[:, x] * c[:, z] - b[:, z] * c[:, x])
             + a[:, z] * (b[:, x] * c[:, y] - b[:, y] * c[:, x])
         )
-    return found
+    return null_vectors
 
 
 def _best(hypotheses: FloatArray, table: FloatArray) -> FloatArray:
     """Return psi, phi and ratio of the best hypotheses of different modes, shape (K, 3)."""
-    numbers: ComplexArray = hypotheses.view(np.complex128) + TINY
-    size = np.abs(numbers)
+    pairs: ComplexArray = hypotheses.view(np.complex128) + TINY
+    size = np.abs(pairs)
     ratio = np.log(size[:, 1]) - np.log(size[:, 0])
     ratio = np.minimum(np.maximum(ratio, -LARGEST_RATIO), LARGEST_RATIO)
-    numbers = numbers / size
-    parameters = np.column_stack([np.angle(numbers), ratio])
+    phasors = pairs / size
+    parameters = np.column_stack([np.angle(phasors), ratio])
     squared = squared_distances(_model(parameters)[:, 0], table)
     costs = np.minimum(squared / INLIER_DEVIATIONS**2, 1.0).mean(axis=1)
-    return np.asarray(parameters[modes(numbers.T, costs, MODES)])
+    return np.asarray(parameters[best_modes(phasors.T, costs, MODES)])
 
 
 def _model(parameters: FloatArray) -> FloatArray:
-    """Return E and its derivatives by psi, phi and ratio, shape (K, 4, 9)."""
-    parts = np.exp(1j * parameters[:, :RATIO]).view(np.float64)
-    parts[:, 2:] *= np.exp(parameters[:, RATIO:])
-    made = (parts @ FAMILIES).reshape(-1, 3, 9)
-    by_ratio = parts[:, 2:] @ FAMILIES[2:, :9]
-    return np.concatenate([made, by_ratio[:, None]], axis=1)
-
-
-def _estimate(
-    found: Fit,
-    best: int,
-    current: FloatArray,
-    desired: FloatArray,
-    inliers: BoolArray,
-    noise: float,
-) -> Estimate:
-    covariance = found.covariance()[best]
-    parameters, (determined,) = fused(
-        found.parameters[best : best + 1], covariance[None], UNKNOWN, np.ones(1)
-    )
-    if not determined:
-        raise undetermined()
-    parameters = parameters[0]
-    bearings = Bearings(float(parameters[PSI]), float(parameters[PHI]))
-    vote = cheirality(bearings, current[inliers], desired[inliers], noise=noise)
-    fundamental = _model(parameters[None])[0, 0].reshape(3, 3)
-    return Estimate(
-        vote.bearings,
-        fundamental if vote.bearings == bearings else -fundamental,
-        inliers,
-        vote.confidence,
-        covariance[: PHI + 1, : PHI + 1],
-    )
+    """Return E and its derivatives by psi, phi and ratio, shape (..., 3), as rows: (..., 4, 9)."""
+    parts = np.exp(1j * parameters[..., :RATIO]).view(np.float64)
+    parts[..., 2:] *= np.exp(parameters[..., RATIO:])
+    by_angles = (parts @ FAMILIES).reshape(*parameters.shape[:-1], 3, 9)
+    by_ratio = parts[..., 2:] @ FAMILIES[2:, :9]
+    return np.concatenate([by_angles, by_ratio[..., None, :]], axis=-2)

@@ -5,27 +5,37 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Estimate, Estimator, Prior
 from visual_servo_epipolar.core.estimators.lmeds_8pt import lmeds_8pt
-from visual_servo_epipolar.core.estimators.machinery.batch import Answer
-from visual_servo_epipolar.core.estimators.planar_2dof import planar_2dof, planar_2dof_each
+from visual_servo_epipolar.core.estimators.machinery.batch import Answer, answer_of
+from visual_servo_epipolar.core.estimators.many_views import (
+    planar_2dof_each,
+    soft_planar_each,
+    soft_uncalibrated_each,
+)
+from visual_servo_epipolar.core.estimators.planar_2dof import planar_2dof
 from visual_servo_epipolar.core.estimators.planar_3dof import planar_3dof
-from visual_servo_epipolar.core.estimators.soft_planar import soft_planar, soft_planar_each
-from visual_servo_epipolar.core.estimators.soft_uncalibrated import soft_uncalibrated_each
+from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
+from visual_servo_epipolar.core.estimators.soft_uncalibrated import soft_uncalibrated
+from visual_servo_epipolar.core.registry import Registry
 
-ESTIMATORS: dict[str, Estimator] = {
-    'lmeds_8pt': lmeds_8pt,
-    'planar_3dof': planar_3dof,
-    'planar_2dof': planar_2dof,
-    'soft_planar': soft_planar,
-}
+ESTIMATORS: Registry[Estimator] = Registry(
+    'visual_servo_epipolar.estimators',
+    {
+        'lmeds_8pt': lmeds_8pt,
+        'planar_3dof': planar_3dof,
+        'planar_2dof': planar_2dof,
+        'soft_planar': soft_planar,
+    },
+)
+DEFAULT_ESTIMATOR = 'soft_planar'
+# The variants for a focal length that is not known.
+UNCALIBRATED: dict[str, Estimator] = {'soft_planar': soft_uncalibrated}
 # Those that take many pairs of views at once, and need no chance.
 EACH: dict[str, Callable[..., list[Answer]]] = {
     'planar_2dof': planar_2dof_each,
     'soft_planar': soft_planar_each,
 }
-# The same where the focal length is not known.
 EACH_UNCALIBRATED = {'soft_planar': soft_uncalibrated_each}
 
 
@@ -39,27 +49,21 @@ def estimate(
     seed: tuple[int, int],
 ) -> Estimate:
     """
-    Return what estimator ``name`` finds in one pair of views, rays of shape (N, 2).
+    Return what estimator ``name`` finds in one pair of views, rays of shape (N, 2) each.
 
-    ``noise`` is the deviation of a ray coordinate; ``seed`` fixes every random choice.
+    The ``seed`` fixes every random choice. A camera that is not calibrated gets the variant that
+    finds its lens, too, where there is one.
 
     Raises
     ------
     DegenerateGeometryError
-        When the matches cannot answer.
+        If the matches cannot answer.
 
     """
-    answer = estimates(
-        name,
-        current[None],
-        desired[None],
-        noise=np.array([noise]),
-        priors=[prior],
-        seeds=[seed],
-    )[0]
-    if isinstance(answer, DegenerateGeometryError):
-        raise answer
-    return answer
+    estimator = ESTIMATORS[name]
+    if not prior.lens.calibrated:
+        estimator = UNCALIBRATED.get(name, estimator)
+    return estimator(current, desired, noise=noise, prior=prior, rng=np.random.default_rng(seed))
 
 
 def estimates(
@@ -75,24 +79,14 @@ def estimates(
     Return what estimator ``name`` finds in each pair of views, or the error that says why not.
 
     Rays have shape (B, N, 2), ``noise`` (B,); the ``seeds`` fix every random choice. Either all
-    cameras are calibrated or none is.
+    cameras are calibrated or none is. Each answer is, to the last bit, what ``estimate`` gives.
     """
     if not priors[0].lens.calibrated and name in EACH_UNCALIBRATED:
         return EACH_UNCALIBRATED[name](current, desired, noise=noise, priors=priors)
     if name in EACH:
         return EACH[name](current, desired, noise=noise, priors=priors)
-    found: list[Answer] = []
-    for k, (prior, seed) in enumerate(zip(priors, seeds, strict=True)):
-        try:
-            answer = ESTIMATORS[name](
-                current[k],
-                desired[k],
-                noise=float(noise[k]),
-                prior=prior,
-                rng=np.random.default_rng(seed),
-            )
-        except DegenerateGeometryError as error:
-            found.append(error)
-        else:
-            found.append(answer)
-    return found
+    rows = zip(current, desired, noise.tolist(), priors, seeds, strict=True)
+    return [
+        answer_of(estimate, name, a, d, noise=deviation, prior=prior, seed=seed)
+        for a, d, deviation, prior, seed in rows
+    ]

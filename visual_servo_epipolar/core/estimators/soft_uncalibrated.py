@@ -7,58 +7,71 @@ That along v acts as a tilt. So E becomes A^T E A: with D = diag(r, r, 1) and B 
 element by r to the power of 2, 1 or 0, then h / r times the first row and column to the last ones.
 """
 
-from collections.abc import Sequence
 from dataclasses import replace
 import math
+from typing import NamedTuple
 
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior
-from visual_servo_epipolar.core.estimators.machinery.attitude import attitudes_of
-from visual_servo_epipolar.core.estimators.machinery.batch import (
-    Answer,
-    answers,
-    Method,
-    Views,
-    views_of,
+from visual_servo_epipolar.core.estimators.machinery.attitude_prior import (
+    AnyAttitude,
+    attitude_prior,
+    plausible_matches,
+)
+from visual_servo_epipolar.core.estimators.machinery.conclusion import Conclusion
+from visual_servo_epipolar.core.estimators.machinery.gaussian import (
+    GaussianPrior,
+    Posterior,
+    posterior,
 )
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
-    fused,
+    choose_mode,
     INLIER_DEVIATIONS,
     Rays,
+    rays_of,
+    too_few,
 )
 from visual_servo_epipolar.core.estimators.machinery.refinement import (
-    Belief,
     Fit,
-    followed,
+    is_consistent,
     NEGLIGIBLE,
-    problem,
+    problem_of,
     refined,
+    refined_modes,
 )
 from visual_servo_epipolar.core.estimators.machinery.sampson import table_of
+from visual_servo_epipolar.core.estimators.machinery.tilted_hypotheses import (
+    is_cold,
+    is_poor,
+    JUMPS,
+    NO_JUMP,
+    start_parameters,
+)
 from visual_servo_epipolar.core.estimators.machinery.tilted_planar import (
     matrices,
     PHI,
-    PSI,
     ROLL,
     TILT,
 )
 from visual_servo_epipolar.core.estimators.soft_planar import (
-    belief_of,
-    candidates,
-    concluded,
-    Fused,
-    kept,
+    conclude as conclude_calibrated,
+)
+from visual_servo_epipolar.core.estimators.soft_planar import (
+    estimate_of as calibrated_estimate_of,
+)
+from visual_servo_epipolar.core.estimators.soft_planar import (
     MIN_MATCHES,
-    searched,
+    widening,
+    with_bearings,
 )
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.lens import for_wrong_rays, Lens
 
-# Places among the parameters: log r, the rest of h, and k, which is known. What is known before of
-# log r and h is correlated; of log r and h - k log r it is not.
-RATIO, REST, TIE = 6, 7, 8
+# Places among the parameters: log r, the rest of h, and k, which is known: h = rest + k log r. The
+# prior of log r and h is correlated, that of log r and the rest is not.
+RATIO, REST, SLOPE = 6, 7, 8
 KNOWN = 1e12  # information of what does not move
 POWERS = np.array([2.0, 2.0, 1.0, 2.0, 2.0, 1.0, 1.0, 1.0, 0.0])  # of r, by rows
 STEP = 0.25  # between the focal lengths that are tried: of their logarithm
@@ -66,131 +79,199 @@ ROUGHNESS = 3.0  # of hypotheses with a focal length between two that are tried,
 REACH = 2.0  # how far they reach, in deviations of the prior
 
 
-def soft_uncalibrated_each(
-    current: FloatArray, desired: FloatArray, *, noise: FloatArray, priors: Sequence[Prior]
-) -> list[Answer]:
-    """Do as ``soft_planar_each`` does, and estimate the camera matrix too."""
-    return answers(views_of(current, desired, noise, priors), METHOD)
+def soft_uncalibrated(
+    current: FloatArray,
+    desired: FloatArray,
+    *,
+    noise: float,
+    prior: Prior,
+    rng: np.random.Generator,
+) -> Estimate:
+    """
+    Estimate (psi, phi), tilt, roll and their jumps together with the camera matrix.
+
+    Rays come as ``prior.lens`` has corrected them, and its deviations are the prior of what is
+    wrong with them still. Hypotheses are made for several focal lengths; where ``prior.bearings``
+    fit at once, nothing else is looked for. ``rng`` is not needed.
+
+    Raises
+    ------
+    DegenerateGeometryError
+        With fewer than five matches, or all of them on the horizon, or no baseline at all.
+
+    """
+    del rng
+    rays = rays_of(current, desired)
+    matches = plausible_matches(rays, noise, prior.attitude, stretch(prior))
+    count = int(matches.sum())
+    if prior.bearings is not None and count >= MIN_MATCHES:
+        before = lens_prior(prior.attitude, np.array(prior.lens.known))
+        fit = refined(
+            with_bearings(before.mean, prior.angles),
+            problem_of(model, table_of(rays, noise, matches), before),
+            negligible=NEGLIGIBLE * noise,
+            scale=widening(prior.attitude.jitter, noise),
+        )
+        if is_consistent(fit, prior.angles, prior.deviation, count):
+            return _estimate(rays, noise, matches, fit, prior)
+    return search(rays, noise, matches, prior)
 
 
-def model(parameters: FloatArray) -> FloatArray:
-    """Return A^T E A and its derivatives by ``parameters``, shape (K, 9), as rows: (K, 10, 9)."""
-    log_ratio, rest, shift_slope = parameters[:, RATIO:, None, None].swapaxes(0, 1)
-    ratio, shift = np.exp(log_ratio), rest + shift_slope * log_ratio
-    made = np.zeros((len(parameters), 10, 9))
-    made[:, : RATIO + 1] = matrices(parameters[:, :RATIO])
-    made[:, RATIO + 1] = made[:, 0] * POWERS
-    made[:, : RATIO + 2] *= ratio**POWERS
-    solid = made.reshape(-1, 10, 3, 3)
-    scaled = solid[:, : RATIO + 2]
-    scaled[..., 2] += shift / ratio * scaled[..., 0]
-    scaled[:, :, 2] += shift / ratio * scaled[:, :, 0]
-    by_shift = solid[:, REST + 1]
-    by_shift[:, :, 2] = solid[:, 0, :, 0]
-    by_shift[:, 2] += solid[:, 0, 0]
-    by_shift /= ratio
-    solid[:, RATIO + 1] += (shift_slope - shift) * by_shift
-    return made
+def search(rays: Rays, noise: float, matches: BoolArray, prior: Prior) -> Estimate:
+    """Estimate from hypotheses by pairs of the plausible ``matches``, shape (N,)."""
+    remaining = rays.take(matches)
+    if len(remaining.u_a) < MIN_MATCHES:
+        raise too_few(len(remaining.u_a), len(matches), MIN_MATCHES)
+    cold = is_cold(prior.attitude)
+    fits = _refined_hypotheses(remaining, noise, prior, NO_JUMP if cold else JUMPS)
+    if cold and is_poor(fits):
+        fits = _refined_hypotheses(remaining, noise, prior, JUMPS)
+    mode, alternative = choose_mode(fits.parameters[:, : PHI + 1], fits.costs, prior)
+    fit = fits.take(mode).of_all(matches)
+    return _estimate(rays, noise, matches, fit, prior, alternative)
 
 
-def _belief(priors: Sequence[Prior]) -> Belief:
-    mean, information = belief_of(attitudes_of(priors))
-    lens = np.array([prior.lens.known for prior in priors])
-    known = np.zeros((len(priors), 3))
-    known[:, 2] = lens[:, 2]
-    lens[:, :2] **= -2.0
-    lens[:, 2] = KNOWN
-    return Belief(np.hstack([mean, known]), np.hstack([information, lens]))
-
-
-def _keep(views: Views) -> BoolArray:
-    return kept(views, np.exp([[REACH * p.lens.ratio_deviation] for p in views.priors]))
-
-
-def _follow(views: Views, possible: BoolArray) -> Fit:
-    belief = _belief(views.priors)
-    start = belief.mean.copy()
-    start[:, [PSI, PHI]] = views.before
-    jitter = attitudes_of(views.priors).jitter[:, 0]
-    return followed(
-        start,
-        problem(model, table_of(views.rays, views.noise, possible), belief),
-        negligible=NEGLIGIBLE * views.noise,
-        scale=np.maximum(1.0, 0.7 * jitter / views.noise),
-    )
-
-
-def _search(rays: Rays, noise: float, prior: Prior) -> tuple[Fit, int, Bearings | None]:
-    return searched(lambda jumps: _solutions(rays, noise, prior, jumps), prior, rays)
-
-
-def _solutions(rays: Rays, noise: float, prior: Prior, jumps: FloatArray) -> Fit:
-    belief = _belief([prior])
-    belief = Belief(belief.mean[0], belief.information[0])
+def _refined_hypotheses(rays: Rays, noise: float, prior: Prior, jumps: FloatArray) -> Fit:
+    """Return the refined best modes of hypotheses by several focal lengths."""
+    before = lens_prior(prior.attitude, np.array(prior.lens.known))
     steps = math.ceil(REACH * prior.lens.ratio_deviation / STEP)
-    tried = [_candidates(rays, noise, prior, jumps, STEP * k) for k in range(-steps, steps + 1)]
+    starts = [
+        _start_parameters(rays, noise, prior, jumps, STEP * k) for k in range(-steps, steps + 1)
+    ]
     if prior.bearings is not None:
-        last = belief.mean.copy()
-        last[[PSI, PHI]] = prior.bearings.psi, prior.bearings.phi
-        tried.append(last[None])
-    return refined(
-        np.vstack(tried),
-        problem(model, table_of(rays, noise), belief),
+        starts.append(with_bearings(before.mean, prior.angles)[None])
+    return refined_modes(
+        np.vstack(starts),
+        problem_of(model, table_of(rays, noise), before),
         negligible=NEGLIGIBLE * noise,
         scale=max(ROUGHNESS, 0.7 * prior.attitude.jitter / noise),
     )
 
 
-def _candidates(
+def _start_parameters(
     rays: Rays, noise: float, prior: Prior, jumps: FloatArray, log_ratio: float
 ) -> FloatArray:
-    """Return candidates with one focal length, shape (K, 9)."""
-    ratio, shift_slope = math.exp(log_ratio), prior.lens.shift_slope
-    shift = shift_slope * log_ratio
+    """Return the best hypotheses by one focal length as parameters, shape (K, 9)."""
+    ratio, slope = math.exp(log_ratio), prior.lens.shift_slope
+    right = corrected(rays, ratio, slope * log_ratio)
+    planar = start_parameters(right, ratio * noise, prior.attitude, jumps)
+    return np.hstack([planar, np.tile([log_ratio, 0.0, slope], (len(planar), 1))])
+
+
+def stretch(prior: Prior) -> float:
+    """Return by how much true rays may be longer than those that came."""
+    return float(np.exp(REACH * prior.lens.ratio_deviation))
+
+
+def lens_prior(attitude: AnyAttitude, lens: FloatArray) -> GaussianPrior:
+    """
+    Return what is known of all nine parameters, shape (..., 9) each.
+
+    ``lens``, shape (..., 3), are deviations of log r and of the rest of h, and k.
+    """
+    mean, information = attitude_prior(attitude)
+    lens_mean, lens_information = np.zeros((2, *lens.shape))
+    lens_mean[..., 2], lens_information[..., 2] = lens[..., 2], KNOWN
+    lens_information[..., :2] = np.power(lens[..., :2], -2.0)
+    return GaussianPrior(
+        np.concatenate([mean, lens_mean], axis=-1),
+        np.concatenate([information, lens_information], axis=-1),
+    )
+
+
+def corrected(rays: Rays, ratio: FloatArray | float, shift: FloatArray | float) -> Rays:
+    """Return ``rays``, (..., N), as a camera with the true matrix has them: r p + (h, 0)."""
+    ratio, shift = np.asarray(ratio)[..., None], np.asarray(shift)[..., None]
     u_a, v_a, u_d, v_d = (ratio * part for part in rays)
-    found = candidates(
-        Rays(u_a + shift, v_a, u_d + shift, v_d), ratio * noise, prior.attitude, jumps
+    return Rays(u_a + shift, v_a, u_d + shift, v_d)
+
+
+def model(parameters: FloatArray) -> FloatArray:
+    """Return A^T E A and its derivatives by ``parameters``, (..., 9), as rows: (..., 10, 9)."""
+    *leading, _ = parameters.shape
+    log_ratio, rest, slope = (parameters[..., k, None, None] for k in (RATIO, REST, SLOPE))
+    ratio, shift = np.exp(log_ratio), rest + slope * log_ratio
+    rows = np.zeros((*leading, 10, 9))
+    rows[..., : RATIO + 1, :] = matrices(parameters[..., :RATIO])
+    rows[..., RATIO + 1, :] = rows[..., 0, :] * POWERS
+    rows[..., : RATIO + 2, :] *= ratio**POWERS
+    square = rows.reshape(*leading, 10, 3, 3)
+    scaled = square[..., : RATIO + 2, :, :]
+    scaled[..., 2] += shift / ratio * scaled[..., 0]
+    scaled[..., 2, :] += shift / ratio * scaled[..., 0, :]
+    by_shift = square[..., REST + 1, :, :]
+    by_shift[..., 2] = square[..., 0, :, 0]
+    by_shift[..., 2, :] += square[..., 0, 0, :]
+    by_shift /= ratio
+    square[..., RATIO + 1, :, :] += (slope - shift) * by_shift
+    return rows
+
+
+class LensConclusion(NamedTuple):
+    """
+    Geometries of pairs of views, as of calibrated cameras, and what is found of the lens.
+
+    Of log r, h and k, shape (...) each; ``covariance``, (..., 9, 9), is that of all parameters,
+    ``calibrated`` has what it would be if the lens were known.
+    """
+
+    calibrated: Conclusion
+    log_ratio: FloatArray
+    shift: FloatArray
+    slope: FloatArray
+    covariance: FloatArray
+
+    def take(self, row: int) -> 'LensConclusion':
+        """Return one of many geometries."""
+        calibrated, *lens = self
+        return LensConclusion(calibrated.take(row), *(part[row] for part in lens))
+
+
+def _estimate(
+    rays: Rays,
+    noise: float,
+    matches: BoolArray,
+    fit: Fit,
+    prior: Prior,
+    alternative: Bearings | None = None,
+) -> Estimate:
+    after = posterior(fit.parameters, fit.covariance(), prior.angles, prior.deviation)
+    conclusion = conclude(rays, noise, matches, fit, after)
+    return estimate_of(conclusion, prior, alternative)
+
+
+def conclude(
+    rays: Rays, noise: FloatArray | float, matches: BoolArray, fit: Fit, after: Posterior
+) -> LensConclusion:
+    """Return the oriented geometry and the lens of pairs of views, (...), from refined ``fit``."""
+    log_ratio, rest, slope = (after.parameters[..., k] for k in (RATIO, REST, SLOPE))
+    ratio, shift = np.exp(log_ratio), rest + slope * log_ratio
+    with_lens_known = np.asarray(
+        np.linalg.inv(fit.information[..., :RATIO, :RATIO]), dtype=np.float64
     )
-    return np.hstack([found, np.tile([log_ratio, 0.0, shift_slope], (len(found), 1))])
-
-
-def _conclude(
-    views: Views, possible: BoolArray, fit: Fit, rivals: Sequence[Bearings | None]
-) -> list[Answer]:
-    covariance = fit.covariance()
-    found, determined = fused(fit.parameters, covariance, views.before, views.deviation)
-    log_ratio, rest, shift_slope = found[:, RATIO:].T
-    ratio, shift = np.exp(log_ratio), rest + shift_slope * log_ratio
-    u_a, v_a, u_d, v_d = (ratio[:, None] * part for part in views.rays)
-    rays = Rays(u_a + shift[:, None], v_a, u_d + shift[:, None], v_d)
-    given = np.asarray(np.linalg.inv(fit.information[:, :RATIO, :RATIO]), dtype=np.float64)
-    made = concluded(
-        views._replace(rays=rays, noise=ratio * views.noise),
-        possible & (fit.squared <= INLIER_DEVIATIONS**2),
-        Fused(found[:, :RATIO], given, determined),
-        rivals,
+    calibrated = conclude_calibrated(
+        corrected(rays, ratio, shift),
+        ratio * noise,
+        matches & (fit.squared <= INLIER_DEVIATIONS**2),
+        Posterior(after.parameters[..., :RATIO], with_lens_known, after.determined),
     )
-    lenses = map(_lens, log_ratio.tolist(), shift.tolist(), shift_slope, covariance)
-    spare = covariance[:, :RATIO, :RATIO] - given
-    return [_with_lens(*row) for row in zip(made, lenses, spare, strict=True)]
+    return LensConclusion(calibrated, log_ratio, shift, slope, after.covariance)
 
 
-def _lens(log_ratio: float, shift: float, shift_slope: float, covariance: FloatArray) -> Lens:
-    """Return the lens found, with its part of the ``covariance`` of the parameters, (9, 9)."""
-    to_lens = np.array([[1.0, 0.0], [shift_slope, 1.0]])  # h is the rest and k log r
-    return Lens.of(log_ratio, shift, to_lens @ covariance[RATIO:TIE, RATIO:TIE] @ to_lens.T)
-
-
-def _with_lens(answer: Answer, lens: Lens, spare: FloatArray) -> Answer:
-    """Return the estimate with its lens, and what not knowing it adds to covariances, (6, 6)."""
-    if not isinstance(answer, Estimate) or answer.attitude is None:
-        return answer
-    attitude = answer.attitude
+def estimate_of(
+    conclusion: LensConclusion, prior: Prior, alternative: Bearings | None = None
+) -> Estimate:
+    """Return what is concluded of one pair of views as an estimate, if it is determined."""
+    calibrated = calibrated_estimate_of(conclusion.calibrated, prior, alternative)
+    lens = _lens(conclusion)
+    # What not knowing the lens adds to covariances.
+    spare = conclusion.covariance[:RATIO, :RATIO] - conclusion.calibrated.covariance
+    attitude = calibrated.attitude or prior.attitude
     return replace(
-        answer,
+        calibrated,
         lens=lens,
         lens_covariance=spare[: PHI + 1, : PHI + 1],
-        fundamental=for_wrong_rays(answer.fundamental, lens),
+        fundamental=for_wrong_rays(calibrated.fundamental, lens),
         attitude=replace(
             attitude,
             tilt_deviation=math.sqrt(attitude.tilt_deviation**2 + spare[TILT, TILT]),
@@ -199,4 +280,12 @@ def _with_lens(answer: Answer, lens: Lens, spare: FloatArray) -> Answer:
     )
 
 
-METHOD = Method(MIN_MATCHES, _keep, _follow, _search, _conclude)
+def _lens(conclusion: LensConclusion) -> Lens:
+    """Return the lens found, with its part of the covariance of the parameters."""
+    to_lens = np.array([[1.0, 0.0], [float(conclusion.slope), 1.0]])  # h is the rest and k log r
+    covariance = conclusion.covariance[RATIO:SLOPE, RATIO:SLOPE]
+    return Lens.of(
+        float(conclusion.log_ratio),
+        float(conclusion.shift),
+        to_lens @ covariance @ to_lens.T,
+    )

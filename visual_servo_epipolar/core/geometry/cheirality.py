@@ -81,10 +81,9 @@ def cheirality(
     weighted by its parallax angle over ``noise``, squared and saturated at three, so that an
     outlier counts no more than a good match. With too little parallax the confidence is near zero.
     """
-    numbers = np.exp(1j * np.array([[bearings.psi, bearings.phi]]))
-    voting = np.ones((1, len(current)), bool)
-    rays = current[None, :, 0], desired[None, :, 0]
-    balance = float(balances(numbers, *rays, voting, np.array([noise]))[0])
+    phasors = np.exp(1j * np.array([bearings.psi, bearings.phi]))
+    everyone = np.ones(len(current), bool)
+    balance = float(balances(phasors, current[:, 0], desired[:, 0], everyone, noise))
     return Vote(oriented(bearings.psi, bearings.phi, balance), min(abs(balance), 1.0))
 
 
@@ -95,20 +94,20 @@ def oriented(psi: float, phi: float, balance: float) -> Bearings:
 
 
 def balances(
-    numbers: ComplexArray,
+    phasors: ComplexArray,
     u_current: FloatArray,
     u_desired: FloatArray,
     voting: BoolArray,
-    noise: FloatArray,
+    noise: FloatArray | float,
 ) -> FloatArray:
     """
-    Return by how much the matches vote for the bearings, 1, or for their reverse, -1; shape (B,).
+    Return by how much the matches vote for the bearings, 1, or for their reverse, -1; shape (...).
 
-    ``numbers`` are exp(i psi) and exp(i phi), shape (B, 2); abscissae of the rays have shape
-    (B, N), as has ``voting``, which says who votes; ``noise`` is of shape (B,).
+    ``phasors`` are exp(i psi) and exp(i phi), shape (..., 2); abscissae of the rays have shape
+    (..., N), as has ``voting``, which says who votes; ``noise`` is of shape (...).
     """
-    psi = numbers[:, :1]
-    turn = psi * numbers[:, 1:].conj()  # exp(i (alpha + pi / 2))
+    psi = phasors[..., :1]
+    turn = psi * phasors[..., 1:].conj()  # exp(i (alpha + pi / 2))
     cosine, sine = turn.imag, -turn.real
     turned_x = cosine * u_current - sine
     turned_z = sine * u_current + cosine
@@ -116,9 +115,9 @@ def balances(
     depth_current = cross * (psi.real - u_desired * psi.imag)
     depth_desired = cross * (turned_z * psi.real - turned_x * psi.imag)
     size = (1.0 + u_desired * u_desired) * (turned_x * turned_x + turned_z * turned_z)
-    weight = cross * cross / (size * (noise * noise)[:, None])
+    weight = cross * cross / (size * np.asarray(noise * noise)[..., None])
     np.minimum(weight, VOTE_SATURATION**2, out=weight)
     weight *= voting
-    score = (weight * (np.sign(depth_current) + np.sign(depth_desired))).sum(axis=1)
-    total = 2.0 * VOTE_SATURATION**2 * np.maximum(voting.sum(axis=1), 1)
+    score = (weight * (np.sign(depth_current) + np.sign(depth_desired))).sum(axis=-1)
+    total = 2.0 * VOTE_SATURATION**2 * np.maximum(voting.sum(axis=-1), 1)
     return np.asarray(score / total)

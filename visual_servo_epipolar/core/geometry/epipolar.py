@@ -12,12 +12,11 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import as_points, ComplexArray, FloatArray
+from visual_servo_epipolar.core.arrays import ComplexArray, FloatArray
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, wrap_angle
 
 MIN_SINGULAR_RATIO = 1e-9
-MIN_MATCHES = 8
 SMALLEST_SINE = 1e-16
 
 
@@ -113,18 +112,19 @@ def fundamental_from_bearings(bearings: Bearings) -> FloatArray:
     return np.array([[0.0, -sin_psi, 0.0], [cos_phi, 0.0, sin_phi], [0.0, cos_psi, 0.0]])
 
 
-def fundamentals(numbers: ComplexArray, balance: FloatArray) -> FloatArray:
+def fundamentals(phasors: ComplexArray, balance: FloatArray) -> FloatArray:
     """
-    Return F of many planar motions at unit focal length, shape (B, 3, 3).
+    Return F of planar motions at unit focal length, shape (..., 3, 3).
 
-    ``numbers`` are exp(i psi) and exp(i phi), shape (B, 2), of the bearings where ``balance``,
-    shape (B,), is not negative, of their reverse where it is.
+    ``phasors`` are exp(i psi) and exp(i phi), shape (..., 2), of the bearings where ``balance``,
+    shape (...), is not negative, of their reverse where it is.
     """
-    psi, phi = np.where(balance < 0.0, -1.0, 1.0) * numbers.T
-    made = np.zeros((len(numbers), 3, 3))
-    made[:, 0, 1], made[:, 2, 1] = -psi.imag, psi.real
-    made[:, 1, 0], made[:, 1, 2] = phi.real, phi.imag
-    return made
+    signed = np.where(balance < 0.0, -1.0, 1.0)[..., None] * phasors
+    psi, phi = signed[..., 0], signed[..., 1]
+    matrices = np.zeros((*psi.shape, 3, 3))
+    matrices[..., 0, 1], matrices[..., 2, 1] = -psi.imag, psi.real
+    matrices[..., 1, 0], matrices[..., 1, 2] = phi.real, phi.imag
+    return matrices
 
 
 def in_pixels(
@@ -175,16 +175,11 @@ def epipoles(fundamental: FloatArray) -> tuple[FloatArray, FloatArray]:
     return vt[2], u[:, 2]
 
 
-def homogeneous(points: FloatArray) -> FloatArray:
-    """Return ``points``, shape (N, 2), with a third coordinate 1, shape (N, 3)."""
-    return np.column_stack([points, np.ones(len(points))])
-
-
 def columns(points: FloatArray) -> FloatArray:
     """Return ``points``, shape (..., N, 2), as homogeneous columns, shape (..., 3, N)."""
-    made = np.ones((*points.shape[:-2], 3, points.shape[-2]))
-    made[..., :2, :] = np.swapaxes(points, -1, -2)
-    return made
+    vectors = np.ones((*points.shape[:-2], 3, points.shape[-2]))
+    vectors[..., :2, :] = np.swapaxes(points, -1, -2)
+    return vectors
 
 
 def sampson_distance(
@@ -203,62 +198,3 @@ def sampson_distance(
     gradient = (lines_desired[..., :2, :] ** 2).sum(axis=-2)
     gradient += (lines_current[..., :2, :] ** 2).sum(axis=-2)
     return np.asarray(residual / np.sqrt(np.maximum(gradient, 1e-300)))
-
-
-def hartley_normalisation(points: FloatArray) -> FloatArray:
-    """Return T, shape (3, 3): centroid to the origin, mean distance to sqrt(2) (Hartley 1995)."""
-    centre = points.mean(axis=0)
-    spread = float(np.sqrt(((points - centre) ** 2).sum(axis=1)).mean())
-    if not spread > 0.0:
-        raise DegenerateGeometryError(
-            f'{len(points)} points coincide at {centre}; track features spread over the image'
-        )
-    scale = math.sqrt(2.0) / spread
-    return np.array(
-        [[scale, 0.0, -scale * centre[0]], [0.0, scale, -scale * centre[1]], [0.0, 0.0, 1.0]]
-    )
-
-
-def design_matrix(current: FloatArray, desired: FloatArray) -> FloatArray:
-    """Return the rows a with a . vec(F) = p_d^T F p_a, shape (N, 9), F by rows."""
-    p_current, p_desired = homogeneous(current), homogeneous(desired)
-    return (p_desired[:, :, None] * p_current[:, None, :]).reshape(-1, 9)
-
-
-def fundamental_from_matches(current: FloatArray, desired: FloatArray) -> FloatArray:
-    """
-    Return F of rank 2 by the normalised 8-point algorithm, shape (3, 3), Frobenius norm 1.
-
-    Parameters
-    ----------
-    current, desired : arrays, shape (N, 2)
-        At least eight matches, in pixels or as rays; F is for the same unit.
-
-    Raises
-    ------
-    DegenerateGeometryError
-        With fewer than eight matches, or points that coincide.
-
-    """
-    current, desired = as_points(current, 'current'), as_points(desired, 'desired')
-    if len(current) != len(desired) or len(current) < MIN_MATCHES:
-        raise DegenerateGeometryError(
-            f'the 8-point algorithm needs at least {MIN_MATCHES} matches, got {len(current)} '
-            f'current and {len(desired)} desired points; track more features'
-        )
-    to_current, to_desired = hartley_normalisation(current), hartley_normalisation(desired)
-    rows = design_matrix(transform(to_current, current), transform(to_desired, desired))
-    solution = np.linalg.svd(rows, full_matrices=True)[2][-1].reshape(3, 3)
-    fundamental = to_desired.T @ rank_two(solution) @ to_current
-    return np.asarray(fundamental / np.linalg.norm(fundamental))
-
-
-def transform(matrix: FloatArray, points: FloatArray) -> FloatArray:
-    """Return affine ``matrix``, shape (3, 3), applied to ``points``, shape (N, 2)."""
-    return np.asarray(points @ matrix[:2, :2].T + matrix[:2, 2])
-
-
-def rank_two(fundamental: FloatArray) -> FloatArray:
-    """Return the closest matrix of rank 2 in Frobenius norm."""
-    u, singular, vt = np.linalg.svd(fundamental)
-    return np.asarray((u[:, :2] * singular[:2]) @ vt[:2])

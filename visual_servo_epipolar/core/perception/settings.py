@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 
+from visual_servo_epipolar.core.estimators.registry import DEFAULT_ESTIMATOR, ESTIMATORS
 from visual_servo_epipolar.core.settings import setting, Settings
 
 
@@ -10,10 +11,10 @@ class PerceptionSettings(Settings):
     """What perception may be told. Angles in rad, parallax and noise in px."""
 
     estimator: str = setting(
-        'soft_planar',
+        DEFAULT_ESTIMATOR,
         'Estimator: lmeds_8pt (the paper), planar_3dof (focal length unknown), planar_2dof '
-        '(upright camera), soft_planar (tilt, roll and floor jitter found out)',
-        choices=('lmeds_8pt', 'planar_3dof', 'planar_2dof', 'soft_planar'),
+        '(upright camera), soft_planar (tilt, roll and floor jitter found out), or one of another '
+        'package',
         read_only=True,
     )
     seed: int = setting(0, 'Seed of the random subsets', low=0, high=2**31 - 1, read_only=True)
@@ -53,6 +54,13 @@ class PerceptionSettings(Settings):
     floor_jitter: float = setting(
         0.0017, 'Deviation of tilt and of roll by the floor, view by view [rad]', low=0, high=0.1
     )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.estimator not in ESTIMATORS:
+            raise ValueError(
+                f'estimator must be one of {", ".join(ESTIMATORS)}, got {self.estimator!r}'
+            )
 
     @property
     def calibrated(self) -> bool:

@@ -1,21 +1,29 @@
 """
-Many pairs of views at once, one after the other or side by side: what planar estimators share.
+Many pairs of views side by side, as sweeps have them: what planar estimators share.
 
 Where the last bearings of a pair are known and still fit, which is nearly every frame of a run,
-all pairs are refined in one stack. The others are searched alone. A robot has a stack of one.
+all pairs are refined in one stack. The others are searched one after the other. Every estimate is,
+to the last bit, what the pair gives alone.
 """
 
 from collections.abc import Callable, Sequence
-from typing import NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior
-from visual_servo_epipolar.core.estimators.machinery.hypotheses import Rays, rays_of, too_few
-from visual_servo_epipolar.core.estimators.machinery.refinement import Fit, goes_on
-from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.estimators.machinery.hypotheses import Rays, rays_of
+from visual_servo_epipolar.core.estimators.machinery.refinement import (
+    annealed,
+    Fit,
+    gauss_newton_step,
+    is_consistent,
+    ITERATIONS,
+    Problem,
+    SHORT_ANNEALING,
+)
 
 Answer: TypeAlias = Estimate | DegenerateGeometryError
 
@@ -24,14 +32,14 @@ class Views(NamedTuple):
     """
     Pairs of views with equally many matches: rays, shape (B, N), noise, (B,), and priors.
 
-    ``before``, shape (B, 2), holds the last psi and phi, nan where there are none, and
+    ``angles``, shape (B, 2), holds the last psi and phi, nan where there are none, and
     ``deviation``, (B,), how far they may have moved.
     """
 
     rays: Rays
     noise: FloatArray
     priors: Sequence[Prior]
-    before: FloatArray
+    angles: FloatArray
     deviation: FloatArray
 
     def take(self, rows: Sequence[int]) -> 'Views':
@@ -40,100 +48,116 @@ class Views(NamedTuple):
             return self
         chosen = np.array(rows)
         return Views(
-            Rays(*(part[chosen] for part in self.rays)),
+            self.rays.take(chosen),
             self.noise[chosen],
             [self.priors[row] for row in rows],
-            self.before[chosen],
+            self.angles[chosen],
             self.deviation[chosen],
         )
-
-
-class Method(NamedTuple):
-    """
-    What one planar estimator does with views.
-
-    ``keep`` says which matches are possible, (B, N); ``follow`` refines the last bearings;
-    ``search`` looks for bearings in one pair, and for an alternative; ``conclude`` makes
-    estimates of fits, whose ``squared`` cover all matches.
-    """
-
-    min_matches: int
-    keep: Callable[[Views], BoolArray]
-    follow: Callable[[Views, BoolArray], Fit]
-    search: Callable[[Rays, float, Prior], tuple[Fit, int, Bearings | None]]
-    conclude: Callable[[Views, BoolArray, Fit, Sequence[Bearings | None]], list[Answer]]
 
 
 def views_of(
     current: FloatArray, desired: FloatArray, noise: FloatArray, priors: Sequence[Prior]
 ) -> Views:
     """Return views from rays, shape (B, N, 2) each."""
-    known = [prior.bearings for prior in priors]
     return Views(
         rays_of(current, desired),
         noise,
         priors,
-        np.array([(b.psi, b.phi) if b else (np.nan, np.nan) for b in known]),
+        np.array([prior.angles for prior in priors]),
         np.array([prior.deviation for prior in priors]),
     )
 
 
-def answers(views: Views, method: Method) -> list[Answer]:
+class BatchMethod(NamedTuple):
+    """
+    An estimator taken apart, so that its cheap part serves many views at once.
+
+    ``plausible`` says which matches are possible, (B, N); ``refine`` refines the last bearings of
+    all pairs; ``estimates`` turns consistent fits into estimates; ``search`` is for one pair.
+    """
+
+    min_matches: int
+    plausible: Callable[[Views], BoolArray]
+    refine: Callable[[Views, BoolArray], Fit]
+    estimates: Callable[[Views, BoolArray, Fit], list[Answer]]
+    search: Callable[[Rays, float, BoolArray, Prior], Estimate]
+
+
+def answers(views: Views, method: BatchMethod) -> list[Answer]:
     """Return the estimate of each pair of ``views``, or the error that says why there is none."""
-    kept = method.keep(views)
-    counts = kept.sum(axis=1)
-    found: list[Answer | None] = [None] * len(views.priors)
-    for k, answer in _followed(views, kept, counts, method):
-        found[k] = answer
+    matches = method.plausible(views)
+    consistent = dict(_consistent(views, matches, method))
     return [
-        _searched(views.take([k]), kept[k : k + 1], method) if answer is None else answer
-        for k, answer in enumerate(found)
+        consistent[k] if k in consistent else _searched(views, matches, k, method)
+        for k in range(len(views.priors))
     ]
 
 
-def alone(
-    current: FloatArray, desired: FloatArray, noise: float, prior: Prior, method: Method
-) -> Estimate:
-    """Return the estimate from one pair of views, rays of shape (N, 2); raises what it answers."""
-    views = views_of(current[None], desired[None], np.array([noise]), [prior])
-    answer = answers(views, method)[0]
-    if isinstance(answer, DegenerateGeometryError):
-        raise answer
-    return answer
+def answer_of(estimate: Callable[..., Estimate], *args: Any, **options: Any) -> Answer:
+    """Return the estimate that ``estimate`` gives of these arguments, or the error it raises."""
+    try:
+        return estimate(*args, **options)
+    except DegenerateGeometryError as error:
+        return error
 
 
-def _followed(
-    views: Views, kept: BoolArray, counts: IntArray, method: Method
-) -> list[tuple[int, Answer]]:
+def _consistent(views: Views, matches: BoolArray, method: BatchMethod) -> list[tuple[int, Answer]]:
     """Return places and answers of the pairs whose last bearings still fit."""
+    counts = matches.sum(axis=1)
     enough = (counts >= method.min_matches).tolist()
     known = [k for k, prior in enumerate(views.priors) if prior.bearings and enough[k]]
     if not known:
         return []
     if len(known) < len(enough):
-        views, kept, counts = views.take(known), kept[known], counts[known]
-    fit = method.follow(views, kept)
-    on = np.flatnonzero(goes_on(fit, views.before, views.deviation, counts)).tolist()
-    if not on:
+        views, matches, counts = views.take(known), matches[known], counts[known]
+    fit = method.refine(views, matches)
+    fits = is_consistent(fit, views.angles, views.deviation, counts)
+    rows = np.flatnonzero(fits).tolist()
+    if not rows:
         return []
-    if len(on) < len(known):
-        views, kept, fit = views.take(on), kept[on], fit.take(np.array(on))
-    made = method.conclude(views, kept, fit, [None] * len(on))
-    return [(known[k], answer) for k, answer in zip(on, made, strict=True)]
+    if len(rows) < len(known):
+        views, matches, fit = views.take(rows), matches[rows], fit.take(np.array(rows))
+    estimates = method.estimates(views, matches, fit)
+    return [(known[row], answer) for row, answer in zip(rows, estimates, strict=True)]
 
 
-def _searched(views: Views, kept: BoolArray, method: Method) -> Answer:
-    """Return the answer for one pair of which nothing is known, or nothing that fits."""
-    rays, row = Rays(*(part[0] for part in views.rays)), kept[0]
-    if not row.all():
-        rays = Rays(*(part[row] for part in rays))
-    if len(rays.u_a) < method.min_matches:
-        return too_few(len(rays.u_a), len(row), method.min_matches)
-    try:
-        fit, best, alternative = method.search(rays, float(views.noise[0]), views.priors[0])
-    except DegenerateGeometryError as error:
-        return error
-    squared = np.full(kept.shape, np.inf)
-    squared[kept] = fit.squared[best]
-    fit = fit.take(np.array([best]))._replace(squared=squared)
-    return method.conclude(views, kept, fit, [alternative])[0]
+def _searched(views: Views, matches: BoolArray, k: int, method: BatchMethod) -> Answer:
+    """Return the answer for pair ``k``, of which nothing is known, or nothing that fits."""
+    noise = float(views.noise[k])
+    return answer_of(method.search, views.rays.take(k), noise, matches[k], views.priors[k])
+
+
+def refined_each(
+    start: FloatArray, problem: Problem, *, negligible: FloatArray, scale: FloatArray
+) -> Fit:
+    """
+    Minimise by Gauss-Newton in many geometries side by side, from one ``start`` each, (B, P).
+
+    ``negligible`` and ``scale`` have shape (B,). Each goes its own way and ends when its own step
+    is negligible: nothing depends on what is beside it. Singular equations give nan.
+    """
+    remaining, ended = np.arange(len(start)), []
+    for iteration in range(1, ITERATIONS + 1):
+        width = annealed(scale, iteration, SHORT_ANNEALING)[:, None]
+        step = gauss_newton_step(problem, start, width)
+        going = (width[:, 0] > 1.0) | (step.length >= negligible)
+        count = np.count_nonzero(going)
+        if iteration == ITERATIONS or not count:
+            ended.append((remaining, step.fit(problem, width)))
+            break
+        start = step.parameters
+        if count < len(going):
+            done = ~going
+            ended.append((remaining[done], step.take(done).fit(problem.take(done), width[done])))
+            remaining, start, problem = remaining[going], start[going], problem.take(going)
+            negligible, scale = negligible[going], scale[going]
+    return _in_order(ended)
+
+
+def _in_order(ended: list[tuple[IntArray, Fit]]) -> Fit:
+    if len(ended) == 1:
+        return ended[0][1]
+    order = np.concatenate([places for places, _ in ended]).argsort()
+    parts = zip(*(fit for _, fit in ended), strict=True)
+    return Fit(*(np.concatenate(part)[order] for part in parts))

@@ -1,7 +1,7 @@
 """
 What the planar estimators share: two-point hypotheses, their scores, and how modes are told apart.
 
-With the unit complex numbers P = exp(i psi), Q = exp(i phi) and rays (u, v) of an upright camera,
+With the phasors P = exp(i psi), Q = exp(i phi) and rays (u, v) of an upright camera,
 p_d^T F p_a = 0 for the F of a planar motion reads
 
     r = Re(P alpha + Q beta) = 0,    alpha = v_a (1 + i u_d),    beta = v_d (u_a - i).
@@ -14,7 +14,7 @@ scored by two matrix products. Functions of rays take leading axes: one geometry
 
 from functools import lru_cache
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,26 +28,24 @@ from visual_servo_epipolar.core.arrays import (
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Prior
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.geometry.motion import HALF_PI
 
 INLIER_DEVIATIONS = 2.5  # where the truncated score levels off
-SPREAD = 0.07  # bearings that differ by less are one mode [rad]
-RIVAL_COST = 3.0 * INLIER_DEVIATIONS**2  # what three matches may add by chance: modes on a par
-UNDETERMINED = 1.0  # deviation of a bearing above which the matches say nothing of it [rad]
-MARGIN = 0.25  # of the mean truncated cost: modes worse by more are no rivals
+SEPARATION = 0.07  # bearings that differ by less are one mode [rad]
+ALTERNATIVE_COST = 3.0 * INLIER_DEVIATIONS**2  # what three matches may add by chance
+MARGIN = 0.25  # of the mean truncated cost: modes worse by more cannot win
 GRADIENT = 1e-12  # squared, the least one that is divided by
 TINY = 1e-30
 
 
 def _families() -> FloatArray:
     """Return the constants that turn (p0, p1, q0, q1) into F, dF/dpsi and dF/dphi, (4, 27)."""
-    made = np.zeros((4, 3, 3, 3))
-    p0, p1, q0, q1 = made
+    families = np.zeros((4, 3, 3, 3))
+    p0, p1, q0, q1 = families
     # F = [[0, -p1, 0], [q0, 0, q1], [0, p0, 0]]; d(p0, p1)/dpsi = (-p1, p0).
     p1[0, 0, 1], q0[0, 1, 0], q1[0, 1, 2], p0[0, 2, 1] = -1.0, 1.0, 1.0, 1.0
     p0[1, 0, 1], p1[1, 2, 1] = -1.0, -1.0
     q1[2, 1, 0], q0[2, 1, 2] = -1.0, 1.0
-    return made.reshape(4, 27)
+    return families.reshape(4, 27)
 
 
 FAMILIES = _families()
@@ -60,6 +58,10 @@ class Rays(NamedTuple):
     v_a: FloatArray
     u_d: FloatArray
     v_d: FloatArray
+
+    def take(self, rows: Any) -> 'Rays':
+        """Return the matches, or the pairs of views, chosen by index or mask."""
+        return Rays(*(part[rows] for part in self))
 
 
 def rays_of(current: FloatArray, desired: FloatArray) -> Rays:
@@ -142,91 +144,61 @@ def scores(hypotheses: ComplexArray, rays: Rays, threshold: float) -> FloatArray
     return np.asarray(squared.sum(axis=-2) / u_a.shape[-1])
 
 
-def _parts(numbers: ComplexArray) -> FloatArray:
+def _parts(phasors: ComplexArray) -> FloatArray:
     """Return real and imaginary parts as rows: (..., 2, H) complex to (..., 4, H)."""
-    *leading, count = numbers.shape
+    *leading, count = phasors.shape
     parts = np.empty((*leading, 2, count))
-    parts[..., 0, :], parts[..., 1, :] = numbers.real, numbers.imag
+    parts[..., 0, :], parts[..., 1, :] = phasors.real, phasors.imag
     return parts.reshape(*leading[:-1], 4, count)
 
 
-def modes(
+def best_modes(
     hypotheses: ComplexArray,
     costs: FloatArray,
     count: int,
     *,
-    spread: float = SPREAD,
+    separation: float = SEPARATION,
     margin: float = MARGIN,
 ) -> IntArray:
     """
-    Return the places of the best ``count`` hypotheses, shape (2, H), that differ by ``spread``.
+    Return the places of the best ``count`` hypotheses, shape (2, H), that are different modes.
 
-    Those with costs beyond the least one and ``margin`` are left out.
+    Those nearer than ``separation`` [rad] are one mode; those with costs beyond the least one and
+    ``margin`` are left out.
     """
     near = np.flatnonzero(costs <= costs.min() + margin)
-    left = near[costs[near].argsort()]
+    remaining = near[costs[near].argsort()]
     chosen: list[np.int64] = []
-    while len(left) and len(chosen) < count:
-        chosen.append(left[0])
+    while len(remaining) and len(chosen) < count:
+        chosen.append(remaining[0])
         # h and -h are the same geometry: the sine of the angle between them counts.
-        apart = np.abs((hypotheses[:, left] * hypotheses[:, left[:1]].conj()).imag).max(axis=0)
-        left = left[apart > math.sin(spread)]
+        best = hypotheses[:, remaining[:1]]
+        sines = np.abs((hypotheses[:, remaining] * best.conj()).imag).max(axis=0)
+        remaining = remaining[sines > math.sin(separation)]
     return np.array(chosen)
 
 
-def chosen_mode(
+def choose_mode(
     angles: FloatArray, costs: FloatArray, prior: Prior
 ) -> tuple[int, Bearings | None]:
     """
     Return the index of the best mode, and an alternative that the data alone do not rule out.
 
-    ``angles`` (psi, phi) has shape (K, 2); ``costs``, shape (K,), are in squared deviations.
+    ``angles`` (psi, phi) has shape (K, 2); ``costs``, shape (K,), are in squared deviations. The
+    last bearings of ``prior`` count, the alternative does not depend on them.
     """
     total = costs
     if prior.bearings is not None:
-        before = np.array([prior.bearings.psi, prior.bearings.phi])
-        away = (np.sin(angles - before) ** 2).sum(axis=1) / prior.deviation**2
-        total = costs + np.minimum(away, 2.0 * len(costs) + 40.0)
+        leap = (np.sin(angles - prior.angles) ** 2).sum(axis=1) / prior.deviation**2
+        total = costs + np.minimum(leap, 2.0 * len(costs) + 40.0)
     best = int(total.argmin())
-    apart = np.abs(np.sin(angles - angles[best])).max(axis=1)
-    close = costs < costs[best] + RIVAL_COST
-    others = np.flatnonzero(close & (apart > np.sin(SPREAD)))
+    sines = np.abs(np.sin(angles - angles[best])).max(axis=1)
+    close = costs < costs[best] + ALTERNATIVE_COST
+    others = np.flatnonzero(close & (sines > np.sin(SEPARATION)))
     if not len(others):
         return best, None
     psi, phi = angles[others[costs[others].argmin()]]
     return best, Bearings(float(psi), float(phi))
-
-
-def fused(
-    parameters: FloatArray, covariance: FloatArray, before: FloatArray, deviation: FloatArray
-) -> tuple[FloatArray, BoolArray]:
-    """
-    Return ``parameters``, shape (B, P), psi and phi first, drawn towards ``before``, and which.
-
-    By as much as the matches leave open: where they fix the bearings this changes nothing, where
-    a plane nearly hides them it helps. ``covariance`` has shape (B, P, P); ``before``, shape
-    (B, 2), is nan where nothing is known, and is known to ``deviation``, (B,). The second array,
-    (B,), says where the matches determine the bearings at all.
-    """
-    variances = covariance.diagonal(axis1=1, axis2=2)
-    determined = np.minimum.reduce(variances, axis=1) > 0.0
-    determined &= np.maximum.reduce(variances[:, :2], axis=1) < UNDETERMINED**2
-    change = np.remainder(before - parameters[:, :2] + HALF_PI, np.pi) - HALF_PI
-    change[np.isnan(change)] = 0.0
-    # (covariance + deviation^2 I)^-1 change, by the adjugate
-    spare = (deviation * deviation)[:, None]
-    own, both = variances[:, :2] + spare, covariance[:, 0, 1][:, None]
-    pull = own[:, ::-1] * change - both * change[:, ::-1]
-    pull /= own[:, :1] * own[:, 1:] - both * both
-    return parameters + (covariance[:, :, :2] @ pull[:, :, None])[:, :, 0], determined
-
-
-def undetermined() -> DegenerateGeometryError:
-    """Return what is raised where the matches leave a bearing open altogether."""
-    return DegenerateGeometryError(
-        'the matches leave the bearings open: there is no baseline, or all of them lie on the '
-        "horizon or on one line; track features above and below the camera's height"
-    )
 
 
 def too_few(count: int, total: int, needed: int) -> DegenerateGeometryError:

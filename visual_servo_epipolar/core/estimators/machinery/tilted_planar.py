@@ -10,7 +10,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import ComplexArray, FloatArray
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import FAMILIES
 
-PSI, PHI, TILT, TILT_JUMP, ROLL, ROLL_JUMP = range(6)
+PSI, PHI, TILT, TILT_JUMP, ROLL, ROLL_JUMP = range(6)  # jump: current less desired view
 
 # psi, phi, tilt and roll of the desired camera, tilt and roll of the current one
 TO_CAMERAS = np.zeros((6, 6))
@@ -40,35 +40,43 @@ def _rolls() -> FloatArray:
 
 def _products() -> FloatArray:
     """Return what turns (ct, st, 1) times (cr, sr, 1) into R_x(tilt) R_z(roll), shape (9, 9)."""
-    made = np.zeros((3, 3, 3, 3))
-    made[2, 0, 0, 0] = made[0, 1, 1, 0] = made[0, 0, 1, 1] = made[1, 2, 1, 2] = 1.0
-    made[2, 1, 0, 1] = made[1, 1, 2, 0] = made[1, 0, 2, 1] = -1.0
-    made[0, 2, 2, 2] = 1.0
-    return made.reshape(9, 9)
+    products = np.zeros((3, 3, 3, 3))
+    products[2, 0, 0, 0] = products[0, 1, 1, 0] = products[0, 0, 1, 1] = products[1, 2, 1, 2] = 1.0
+    products[2, 1, 0, 1] = products[1, 1, 2, 0] = products[1, 0, 2, 1] = -1.0
+    products[0, 2, 2, 2] = 1.0
+    return products.reshape(9, 9)
 
 
 INNER, ROLLS, PRODUCTS = _inner(), _rolls(), _products()
 
 
 def matrices(parameters: FloatArray) -> FloatArray:
-    """Return E and its derivatives by ``parameters``, shape (K, 6), as rows: (K, 7, 9)."""
-    count = len(parameters)
-    numbers = np.exp(1j * (parameters @ TO_CAMERAS))
-    inner = (numbers.view(np.float64)[:, :4] @ INNER).reshape(count, 5, 3, 3)
-    both, made = cameras(numbers), np.empty((count, 7, 9))
-    solid = made.reshape(count, 7, 3, 3)
-    np.matmul(both[:, :1].swapaxes(2, 3) @ inner, both[:, 1:], out=solid[:, :5])
-    made[:, 5:] = (made[:, 0] @ ROLLS).reshape(count, 2, 9)
-    return made
+    """Return E and its derivatives by ``parameters``, shape (..., 6), as rows: (..., 7, 9)."""
+    *leading, _ = parameters.shape
+    phasors = phasors_of(parameters)
+    inner = (phasors.view(np.float64)[..., :4] @ INNER).reshape(*leading, 5, 3, 3)
+    both = cameras(phasors)
+    desired, current = both[..., :1, :, :], both[..., 1:, :, :]
+    rows = np.empty((*leading, 7, 9))
+    plain = rows.reshape(*leading, 7, 3, 3)[..., :5, :, :]
+    np.matmul(desired.swapaxes(-2, -1) @ inner, current, out=plain)
+    rows[..., 5:, :] = (rows[..., 0, :] @ ROLLS).reshape(*leading, 2, 9)
+    return rows
 
 
-def cameras(numbers: ComplexArray) -> FloatArray:
+def phasors_of(parameters: FloatArray) -> ComplexArray:
+    """Return exp(i angle) in the order of TO_CAMERAS, shape (..., 6)."""
+    return np.asarray(np.exp(1j * (parameters @ TO_CAMERAS)))
+
+
+def cameras(phasors: ComplexArray) -> FloatArray:
     """
-    Return R_x(tilt) R_z(roll) of the desired and of the current camera, shape (K, 2, 3, 3).
+    Return R_x(tilt) R_z(roll) of the desired and of the current camera, shape (..., 2, 3, 3).
 
-    ``numbers``, shape (K, 6), are exp(i angle) in the order of TO_CAMERAS.
+    ``phasors``, shape (..., 6), are exp(i angle) in the order of TO_CAMERAS.
     """
-    factors = np.ones((len(numbers), 2, 2, 3))
-    factors[..., :2] = numbers[:, 2:].view(np.float64).reshape(-1, 2, 2, 2)
-    products = factors[:, :, 0, :, None] * factors[:, :, 1, None]
-    return np.asarray((products.reshape(-1, 2, 9) @ PRODUCTS).reshape(-1, 2, 3, 3))
+    *leading, _ = phasors.shape
+    factors = np.ones((*leading, 2, 2, 3))
+    factors[..., :2] = phasors[..., 2:].view(np.float64).reshape(*leading, 2, 2, 2)
+    products = factors[..., 0, :, None] * factors[..., 1, None, :]
+    return np.asarray((products.reshape(*leading, 2, 9) @ PRODUCTS).reshape(*leading, 2, 3, 3))

@@ -1,31 +1,10 @@
-"""Tilt and roll of a camera that should be upright, and what is learnt of them while driving."""
+"""Tilt and roll of a camera that should be upright."""
 
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.estimators.base import Prior
-
-
-class Attitudes(NamedTuple):
-    """The fields of many attitudes as columns, shape (B, 1) each."""
-
-    tilt: FloatArray
-    roll: FloatArray
-    tilt_deviation: FloatArray
-    roll_deviation: FloatArray
-    jitter: FloatArray
-
-
-def attitudes_of(priors: Sequence[Prior]) -> Attitudes:
-    """Return what is known of the cameras before they are looked through."""
-    rows = [
-        (a.tilt, a.roll, a.tilt_deviation, a.roll_deviation, a.jitter)
-        for a in (prior.attitude for prior in priors)
-    ]
-    return Attitudes(*np.array(rows).T[:, :, None])
 
 
 def rotation_level_camera(tilt: float, roll: float) -> FloatArray:

@@ -1,0 +1,90 @@
+"""What the attitude known before says of parameters, and of which matches are plausible."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+from visual_servo_epipolar.core.estimators.base import Attitude, Prior
+from visual_servo_epipolar.core.estimators.machinery.gaussian import GaussianPrior
+from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
+    INLIER_DEVIATIONS,
+    plausible,
+    Rays,
+)
+from visual_servo_epipolar.core.estimators.machinery.tilted_planar import (
+    ROLL,
+    ROLL_JUMP,
+    TILT,
+    TILT_JUMP,
+)
+from visual_servo_epipolar.core.geometry.attitude import level
+
+JITTER_DEVIATIONS = 3.0  # a prior tighter than the true jitter does harm
+LEAST_JITTER = 1e-4  # [rad]
+
+
+class Attitudes(NamedTuple):
+    """The fields of many attitudes, shape (B,) each."""
+
+    tilt: FloatArray
+    roll: FloatArray
+    tilt_deviation: FloatArray
+    roll_deviation: FloatArray
+    jitter: FloatArray
+
+
+AnyAttitude: TypeAlias = Attitude | Attitudes
+
+
+def attitudes_of(priors: Sequence[Prior]) -> Attitudes:
+    """Return the attitudes of many ``priors``."""
+    rows = [
+        (a.tilt, a.roll, a.tilt_deviation, a.roll_deviation, a.jitter)
+        for a in (prior.attitude for prior in priors)
+    ]
+    return Attitudes(*np.array(rows).T)
+
+
+def attitude_prior(attitude: AnyAttitude) -> GaussianPrior:
+    """Return what is known of psi, phi, tilt, roll and their jumps, shape (..., 6) each."""
+    tilt, roll = np.asarray(attitude.tilt_deviation), np.asarray(attitude.roll_deviation)
+    jump = np.maximum(JITTER_DEVIATIONS * np.asarray(attitude.jitter), LEAST_JITTER)
+    mean, information = np.zeros((2, *tilt.shape, 6))
+    mean[..., TILT], mean[..., ROLL] = attitude.tilt, attitude.roll
+    information[..., TILT], information[..., ROLL] = np.power(tilt, -2.0), np.power(roll, -2.0)
+    information[..., TILT_JUMP] = information[..., ROLL_JUMP] = np.power(jump, -2.0)
+    return GaussianPrior(mean, information)
+
+
+def plausible_matches(
+    rays: Rays, noise: FloatArray | float, attitude: AnyAttitude, stretch: Any = 1.0
+) -> BoolArray:
+    """
+    Return the matches, (..., N), on one side of the horizon, as far as the attitude is known.
+
+    Rays may be longer by ``stretch``, shape (...), and so is then what a tilt makes of them.
+    """
+    slack = 2.0 * (attitude.tilt_deviation + attitude.roll_deviation)
+    slack = stretch * (slack + rigid_threshold(noise, attitude.jitter))
+    return plausible(levelled(rays, attitude.tilt, attitude.roll), np.asarray(slack)[..., None])
+
+
+def rigid_threshold(noise: Any, jitter: Any) -> Any:
+    """Return the distance within which a match agrees with a geometry without jumps."""
+    return INLIER_DEVIATIONS * np.hypot(noise, 0.7 * jitter)
+
+
+def levelled(rays: Rays, tilt: Any, roll: Any, tilt_jump: Any = 0.0, roll_jump: Any = 0.0) -> Rays:
+    """
+    Return ``rays``, (..., N), as upright cameras would see them.
+
+    Angles, shape (...), are those of the desired camera; the current one has the jumps added.
+    """
+    tilt, roll, tilt_a, roll_a = (
+        np.asarray(angle)[..., None] for angle in (tilt, roll, tilt + tilt_jump, roll + roll_jump)
+    )
+    u_a, v_a = level(rays.u_a, rays.v_a, tilt_a, roll_a)
+    u_d, v_d = level(rays.u_d, rays.v_d, tilt, roll)
+    return Rays(u_a, v_a, u_d, v_d)
