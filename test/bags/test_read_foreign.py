@@ -13,12 +13,12 @@ from rosbags.rosbag2 import CompressionMode, StoragePlugin
 from sensor_msgs.msg import CompressedImage
 import yaml
 
-from visual_servo_epipolar.bags.read import Bag
-from visual_servo_epipolar.bags.read_run import read_run
-from visual_servo_epipolar.bags.read_topics import assigned
-from visual_servo_epipolar.bags.replay import replay, Step
-from visual_servo_epipolar.bags.replay_compare import compare
-from visual_servo_epipolar.bags.replay_plan import Moment, plan, Wishes
+from visual_servo_epipolar.bags.reading.bag import Bag
+from visual_servo_epipolar.bags.reading.run import read_run
+from visual_servo_epipolar.bags.reading.topics import assigned
+from visual_servo_epipolar.bags.replaying.comparison import compare
+from visual_servo_epipolar.bags.replaying.plan import Moment, plan, Wishes
+from visual_servo_epipolar.bags.replaying.replay import replay, Step
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.messages import read, write
 

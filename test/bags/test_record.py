@@ -18,8 +18,8 @@ from rosbags.interfaces import (
 )
 import yaml
 
-from visual_servo_epipolar.bags.record import Recorder
-from visual_servo_epipolar.bags.record_settings import RecordSettings
+from visual_servo_epipolar.bags.recording.recorder import Recorder
+from visual_servo_epipolar.bags.recording.settings import RecordSettings
 from visual_servo_epipolar.bags.storage import Topic
 from visual_servo_epipolar.core.errors import InputError
 

@@ -8,8 +8,8 @@ import pytest
 from rosbags.highlevel import AnyReader
 import yaml
 
-from visual_servo_epipolar.bags.record import Recorder
-from visual_servo_epipolar.bags.record_settings import RecordSettings
+from visual_servo_epipolar.bags.recording.recorder import Recorder
+from visual_servo_epipolar.bags.recording.settings import RecordSettings
 from visual_servo_epipolar.bags.repair import repair
 from visual_servo_epipolar.bags.storage import Part
 from visual_servo_epipolar.core.errors import InputError

@@ -13,12 +13,12 @@ import pytest
 from rclpy.serialization import serialize_message
 from rosbags.rosbag2 import StoragePlugin
 
-from visual_servo_epipolar.bags.read import Bag
-from visual_servo_epipolar.bags.read_run import read_run, Recording
-from visual_servo_epipolar.bags.read_topics import assigned
-from visual_servo_epipolar.bags.replay import replay, Step
-from visual_servo_epipolar.bags.replay_compare import compare, Comparison
-from visual_servo_epipolar.bags.replay_plan import Moment, plan, Wishes
+from visual_servo_epipolar.bags.reading.bag import Bag
+from visual_servo_epipolar.bags.reading.run import read_run, Recording
+from visual_servo_epipolar.bags.reading.topics import assigned
+from visual_servo_epipolar.bags.replaying.comparison import compare, Comparison
+from visual_servo_epipolar.bags.replaying.plan import Moment, plan, Wishes
+from visual_servo_epipolar.bags.replaying.replay import replay, Step
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.messages import read, write
 
@@ -203,7 +203,7 @@ def test_a_bag_of_another_version_is_noted(small_run, tmp_path) -> None:
 
 
 def test_the_path_of_ground_truth_is_that_of_the_recorded_run(bag) -> None:
-    from visual_servo_epipolar.bags.replay_result import document, has_truth, run_log
+    from visual_servo_epipolar.bags.replaying.result import document, has_truth, run_log
 
     run, steps, _ = replayed(bag, from_tracks=True)
     log = run_log(run, steps, seed=0, law='full')

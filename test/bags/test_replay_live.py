@@ -6,12 +6,12 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_srvs.srv import Trigger
 
-from visual_servo_epipolar.bags.read import Bag
-from visual_servo_epipolar.bags.read_run import read_run
-from visual_servo_epipolar.bags.read_topics import assigned
-from visual_servo_epipolar.bags.replay import replay, Step
-from visual_servo_epipolar.bags.replay_compare import compare, Comparison
-from visual_servo_epipolar.bags.replay_plan import plan, Wishes
+from visual_servo_epipolar.bags.reading.bag import Bag
+from visual_servo_epipolar.bags.reading.run import read_run
+from visual_servo_epipolar.bags.reading.topics import assigned
+from visual_servo_epipolar.bags.replaying.comparison import compare, Comparison
+from visual_servo_epipolar.bags.replaying.plan import plan, Wishes
+from visual_servo_epipolar.bags.replaying.replay import replay, Step
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.commands.main import main
-from visual_servo_epipolar.commands.replay_settings import CONNECTION
+from visual_servo_epipolar.commands.replay.settings import CONNECTION
 from visual_servo_epipolar.messages import read
 
 ROOT = Path(__file__).parents[2]

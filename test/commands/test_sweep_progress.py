@@ -2,7 +2,7 @@
 
 from sweeps import result
 
-from visual_servo_epipolar.commands.sweep_progress import Tally
+from visual_servo_epipolar.commands.sweep.progress import Tally
 
 FAILED = result(outcome='failed')
 

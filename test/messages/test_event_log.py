@@ -4,13 +4,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
-from visual_servo_epipolar.messages import event_log as journal
+from visual_servo_epipolar.messages import event_log
 
 
 @given(reason=st.text(), after=st.none() | st.integers(0, 2**63))
 def test_an_entry_comes_back(reason: str, after: int | None) -> None:
-    entry = journal.Entry('lost', after, reason)
-    assert journal.from_text(journal.to_text(entry)) == entry
+    entry = event_log.Entry('lost', after, reason)
+    assert event_log.from_text(event_log.to_text(entry)) == entry
 
 
 @pytest.mark.parametrize(
@@ -18,4 +18,4 @@ def test_an_entry_comes_back(reason: str, after: int | None) -> None:
 )
 def test_any_other_text_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match='an event must be JSON with event'):
-        journal.from_text(text)
+        event_log.from_text(text)

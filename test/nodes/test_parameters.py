@@ -11,7 +11,7 @@ from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValu
 from rclpy.parameter import Parameter
 import yaml
 
-from visual_servo_epipolar.bags.record_settings import RecordSettings
+from visual_servo_epipolar.bags.recording.settings import RecordSettings
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import range_of
 from visual_servo_epipolar.core.tracking.tracker import TrackerSettings

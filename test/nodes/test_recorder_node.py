@@ -15,8 +15,8 @@ from std_srvs.srv import Trigger
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
-from visual_servo_epipolar.nodes.discovery import DEPTH
 from visual_servo_epipolar.nodes.recorder_node import RecorderNode
+from visual_servo_epipolar.nodes.recording.discovery import DEPTH
 
 BEST_EFFORT = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
-from visual_servo_epipolar.report.overlay import draw_overlay, epipolar_segments
+from visual_servo_epipolar.report.images.overlay import draw_overlay, epipolar_segments
 
 SIZES = [(1280, 1024), (640, 480)]
 # A pure translation along the optical axis: both epipoles at (u, v), F = [e]x.

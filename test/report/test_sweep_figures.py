@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from sweeps import filled, plan_of, result
 
-from visual_servo_epipolar.report import sweep_histogram, sweep_map, sweep_table
+from visual_servo_epipolar.report.sweep import histogram, start_map, table
 from visual_servo_epipolar.sweeping.summary import verdicts
 
 FAILED = {'outcome': 'failed', 'reason': 'ran | away in 3.5 s'}
@@ -26,7 +26,7 @@ RUNS = {
 }
 UNSEEN = result(outcome='failed', reason='defect: x', position_error_m=None, traceback='x')
 Draw = Callable[[Any], Figure]
-DRAWINGS = [sweep_map.starts, sweep_histogram.errors]
+DRAWINGS = [start_map.starts, histogram.errors]
 
 
 @pytest.fixture
@@ -50,7 +50,7 @@ def drawn(axes: Axes, marker_points: int) -> list[list[float]]:
 
 
 def test_each_law_has_a_map_and_all_starts_are_on_it(documents: dict[str, Any]) -> None:
-    paper, full = sweep_map.starts(documents).axes[:2]
+    paper, full = start_map.starts(documents).axes[:2]
     assert (paper.get_title(loc='left'), full.get_title(loc='left')) == (
         'law paper: 0 of 3 arrived',
         'law full: 3 of 4 arrived\nmedian 1 mm, p95 180 mm',
@@ -62,7 +62,7 @@ def test_each_law_has_a_map_and_all_starts_are_on_it(documents: dict[str, Any]) 
 
 
 def test_arrows_point_along_the_heading(documents: dict[str, Any]) -> None:
-    full = sweep_map.starts(documents).axes[1]
+    full = start_map.starts(documents).axes[1]
     (arrows,) = [item for item in full.collections if hasattr(item, 'U')]
     along = np.stack([arrows.U, arrows.V], axis=1) / np.hypot(arrows.U, arrows.V)[:, None]
     # Heading error nothing looks along +y, 90 deg to the left along -x.
@@ -70,21 +70,21 @@ def test_arrows_point_along_the_heading(documents: dict[str, Any]) -> None:
 
 
 def test_colours_tell_the_error_in_millimetres(documents: dict[str, Any]) -> None:
-    figure = sweep_map.starts(documents)
+    figure = start_map.starts(documents)
     arrived = next(item for item in figure.axes[1].collections if item.get_array() is not None)
     assert arrived.get_array().tolist() == [0.0, 1.0]
     assert '[mm]' in figure.axes[-1].get_ylabel()
 
 
 def test_maps_have_metres_and_a_common_scale(documents: dict[str, Any]) -> None:
-    paper, full = sweep_map.starts(documents).axes[:2]
+    paper, full = start_map.starts(documents).axes[:2]
     assert (paper.get_xlabel(), paper.get_ylabel()) == ('x [m]', 'y [m]')
     assert (paper.get_xlim(), paper.get_ylim()) == (full.get_xlim(), full.get_ylim())
     assert paper.get_aspect() == 1.0
 
 
 def test_the_histogram_counts_every_run_that_arrived(documents: dict[str, Any]) -> None:
-    position, heading = sweep_histogram.errors(documents).axes
+    position, heading = histogram.errors(documents).axes
     assert (position.get_xlabel(), heading.get_xlabel()) == (
         'position error [mm]',
         'heading error [deg]',
@@ -99,7 +99,7 @@ def test_the_histogram_counts_every_run_that_arrived(documents: dict[str, Any]) 
 
 @pytest.mark.parametrize('values', [[], [0.0], [1e-7, 3.0], [5e4]])
 def test_bins_hold_every_error_and_the_limit(values: list[float]) -> None:
-    edges = sweep_histogram.edges(np.array(values), 50.0)
+    edges = histogram.edges(np.array(values), 50.0)
     assert (np.diff(edges) > 0.0).all()
     positive = [value for value in values if value > 0.0]
     assert edges[0] <= min([*positive, 50.0]) and max([*positive, 50.0]) <= edges[-1]
@@ -123,7 +123,7 @@ def cells(text: str, first: str) -> list[str]:
 
 
 def test_the_table_says_what_the_runs_say(documents: dict[str, Any]) -> None:
-    text = sweep_table.table(documents)
+    text = table.table(documents)
     assert cells(text, 'arrived') == ['0 % (0 of 3)', '75 % (3 of 4)']
     assert cells(text, 'arrived but wrong') == ['0', '1']
     assert cells(text, 'raised') == ['0', '1']
@@ -137,7 +137,7 @@ def test_the_table_says_what_the_runs_say(documents: dict[str, Any]) -> None:
 
 
 def test_rows_to_collect_have_all_columns_and_their_origin(documents: dict[str, Any]) -> None:
-    lines = sweep_table.convergence(documents).splitlines()
+    lines = table.convergence(documents).splitlines()
     head, _, paper, full = lines[:4]
     assert head.count('|') == paper.count('|') == full.count('|')
     assert '75 (30.06 to 95.44)' in full

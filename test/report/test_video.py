@@ -11,9 +11,9 @@ from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
-from visual_servo_epipolar.report.map_view import Bounds, HEADER, MapView, WIDTH
+from visual_servo_epipolar.report.images.map_view import Bounds, HEADER, MapView, WIDTH
+from visual_servo_epipolar.report.images.video import HEIGHT, VideoWriter
 from visual_servo_epipolar.report.style import phase_colour, rgb
-from visual_servo_epipolar.report.video import HEIGHT, VideoWriter
 
 SIZE = 321, 200  # odd, and small: encoding is what takes time
 RED: Image = np.full((200, 321, 3), (40, 40, 220), dtype=np.uint8)
@@ -82,7 +82,7 @@ def test_file_that_cannot_be_written_is_refused(tmp_path: Path, name: str, told:
 def test_missing_encoder_is_told_in_one_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr('visual_servo_epipolar.report.video.CODECS', {'.mp4': ('zzzz',)})
+    monkeypatch.setattr('visual_servo_epipolar.report.images.video.CODECS', {'.mp4': ('zzzz',)})
     with pytest.raises(InputError, match='needs one of the encoders zzzz'):
         VideoWriter(
             tmp_path / 'run.mp4', 11.0, image_size=SIZE, bounds=Bounds.around(DESIRED_POSE)

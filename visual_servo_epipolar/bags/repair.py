@@ -17,7 +17,7 @@ from rosbags.rosbag2.metadata import parse_qos
 from visual_servo_epipolar.bags import metadata
 from visual_servo_epipolar.bags.definitions import hash_of
 from visual_servo_epipolar.bags.metadata import PartInfo, SUFFIXES, VERSION
-from visual_servo_epipolar.bags.read import DAMAGE
+from visual_servo_epipolar.bags.reading.bag import DAMAGE
 from visual_servo_epipolar.bags.salvage import Line, Salvage
 from visual_servo_epipolar.bags.storage import PLUGINS
 from visual_servo_epipolar.core.errors import InputError

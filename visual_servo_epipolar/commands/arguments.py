@@ -9,7 +9,7 @@ from pathlib import Path
 import sys
 from typing import Any
 
-from visual_servo_epipolar.commands.resources import scenario_path
+from visual_servo_epipolar.commands.files.resources import scenario_path
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.simulation.scenario import load, Scenario
 

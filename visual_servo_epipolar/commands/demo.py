@@ -15,7 +15,7 @@ from visual_servo_epipolar.commands.arguments import (
     write_json,
 )
 from visual_servo_epipolar.commands.console import Progress, summary
-from visual_servo_epipolar.commands.run_folder import write_run
+from visual_servo_epipolar.commands.files.run_folder import write_run
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Pose
@@ -25,7 +25,7 @@ from visual_servo_epipolar.simulation.closed_loop import LoopSettings, Referee
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 if TYPE_CHECKING:
-    from visual_servo_epipolar.report.video import VideoWriter
+    from visual_servo_epipolar.report.images.video import VideoWriter
 
 DEFAULT_START = (1.0, -3.5, 8.0)
 DEFAULT_FOLDER = 'demo_out'
@@ -88,7 +88,7 @@ def _drive(
     try:
         from visual_servo_epipolar.nodes.lockstep import Lockstep
         from visual_servo_epipolar.nodes.observer_node import ObserverNode
-        from visual_servo_epipolar.report.picture import picture
+        from visual_servo_epipolar.report.images.picture import picture
     except ImportError as error:
         raise InputError(NO_ROS.format(error)) from None
     progress, referee = Progress(), Referee(settings)
@@ -131,8 +131,8 @@ def _cleared(bag: Path) -> Path:
 
 
 def _film(scenario: Scenario, settings: LoopSettings, folder: Path) -> 'VideoWriter':
-    from visual_servo_epipolar.report.map_view import Bounds
-    from visual_servo_epipolar.report.video import VideoWriter
+    from visual_servo_epipolar.report.images.map_view import Bounds
+    from visual_servo_epipolar.report.images.video import VideoWriter
 
     camera = scenario.camera
     return VideoWriter(

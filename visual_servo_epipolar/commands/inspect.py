@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.commands.arguments import write_json
-from visual_servo_epipolar.commands.camera_file import read_camera, read_photograph, scaled_to
+from visual_servo_epipolar.commands.files.camera import read_camera, read_photograph, scaled_to
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.camera import Camera
@@ -107,7 +107,7 @@ def in_words(result: dict[str, Any]) -> str:
 
 
 def _draw(found: Inspection, image: Image, camera: Camera, path: Path) -> None:
-    from visual_servo_epipolar.report.overlay import draw_overlay
+    from visual_servo_epipolar.report.images.overlay import draw_overlay
 
     epipole = camera.cx + camera.fx * math.tan(found.bearing_current)
     picture = draw_overlay(

@@ -6,17 +6,10 @@ import sys
 from typing import NoReturn
 
 from visual_servo_epipolar import __version__
-from visual_servo_epipolar.commands import (
-    bench,
-    demo,
-    gains,
-    inspect,
-    replay,
-    report,
-    reproduce,
-    simulate,
-    sweep,
-)
+from visual_servo_epipolar.commands import bench, demo, gains, inspect, reproduce, simulate
+from visual_servo_epipolar.commands.replay import command as replay
+from visual_servo_epipolar.commands.report import command as report
+from visual_servo_epipolar.commands.sweep import command as sweep
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
 
 SUCCESS, FAILURE, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130

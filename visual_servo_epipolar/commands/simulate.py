@@ -11,7 +11,7 @@ from visual_servo_epipolar.commands.arguments import (
     write_json,
 )
 from visual_servo_epipolar.commands.console import Progress, summary
-from visual_servo_epipolar.commands.run_folder import write_run
+from visual_servo_epipolar.commands.files.run_folder import write_run
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.views import SOURCES, view_of

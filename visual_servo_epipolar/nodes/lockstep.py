@@ -14,7 +14,7 @@ from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
-from visual_servo_epipolar.bags.record_settings import RecordSettings
+from visual_servo_epipolar.bags.recording.settings import RecordSettings
 from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.nodes import parameters

@@ -12,16 +12,16 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from visual_servo_epipolar.bags.bag_writer import MB
-from visual_servo_epipolar.bags.record import Recorder, Tally
-from visual_servo_epipolar.bags.record_settings import RecordSettings
+from visual_servo_epipolar.bags.recording.recorder import Recorder, Tally
+from visual_servo_epipolar.bags.recording.settings import RecordSettings
+from visual_servo_epipolar.bags.recording.writer import MB
 from visual_servo_epipolar.bags.storage import Topic
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import parameters, qos
-from visual_servo_epipolar.nodes.discovery import Wish
-from visual_servo_epipolar.nodes.raw_subscriptions import Ears
+from visual_servo_epipolar.nodes.recording.discovery import Wish
+from visual_servo_epipolar.nodes.recording.raw_subscriptions import Ears
 from visual_servo_epipolar.nodes.run import spin
 
 LOOK_PERIOD_S = 0.2

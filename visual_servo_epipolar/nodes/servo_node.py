@@ -27,10 +27,10 @@ from visual_servo_epipolar.core.servo.telemetry import telemetry
 from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.messages import (
+    diagnostics,
+    event_log,
     intake,
-    journal,
     read,
-    servo_report,
     settings_text,
     write,
 )
@@ -166,9 +166,9 @@ class ServoNode(Node):
         self._phase_pub.publish(write.text(state.phase.value))
         self._numbers_pub.publish(write.numbers(telemetry(state), stamp_ns, frame_id))
         self._diagnostics_pub.publish(
-            servo_report.diagnosis(state, stamp_ns, name=self.get_fully_qualified_name())
+            diagnostics.diagnosis(state, stamp_ns, name=self.get_fully_qualified_name())
         )
-        self._markers_pub.publish(servo_report.markers(state, stamp_ns, frame_id))
+        self._markers_pub.publish(diagnostics.markers(state, stamp_ns, frame_id))
         self._command(state.twist, stamp_ns)
 
     def _command(self, twist: Twist, stamp_ns: int) -> None:
@@ -186,8 +186,8 @@ class ServoNode(Node):
 
     def _interrupted(self, kind: Interruption, reason: str = '') -> ServoState:
         """Return the state after an interruption, and say so: a replay must do the same."""
-        entry = journal.Entry(kind.value, self._stamp_ns, reason)
-        self._events_pub.publish(write.text(journal.to_text(entry)))
+        entry = event_log.Entry(kind.value, self._stamp_ns, reason)
+        self._events_pub.publish(write.text(event_log.to_text(entry)))
         return interrupted(self._state, kind, reason)
 
     def _on_watch(self) -> None:

@@ -21,10 +21,10 @@ from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
-from visual_servo_epipolar.messages import intake, journal, read, settings_text, write
+from visual_servo_epipolar.messages import event_log, intake, read, settings_text, write
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.run import spin
-from visual_servo_epipolar.report.overlay import draw_overlay
+from visual_servo_epipolar.report.images.overlay import draw_overlay
 
 WARN_PERIOD_S = 5.0
 MAX_CAPTURE_AGE_S = 1.0
@@ -166,8 +166,8 @@ class TrackerNode(Node):
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
         self._tracker.redetect()
-        entry = journal.Entry(journal.REDETECTED, self._stamp_ns)
-        self._events_pub.publish(write.text(journal.to_text(entry)))
+        entry = event_log.Entry(event_log.REDETECTED, self._stamp_ns)
+        self._events_pub.publish(write.text(event_log.to_text(entry)))
         response.success, response.message = True, 'the next image is matched anew'
         return response
 

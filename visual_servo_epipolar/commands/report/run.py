@@ -8,13 +8,13 @@ from typing import Any
 import cv2
 import numpy as np
 
-from visual_servo_epipolar.commands.report_tables import (
+from visual_servo_epipolar.commands.files.run_folder import versions
+from visual_servo_epipolar.commands.report.tables import (
     parameter_section,
     phase_table,
     result_table,
     version_section,
 )
-from visual_servo_epipolar.commands.run_folder import versions
 from visual_servo_epipolar.core.servo.run_log import phase_spans, RunLog, seconds, summarise
 from visual_servo_epipolar.report import figures
 from visual_servo_epipolar.report.page import drawn, jpeg, Section, strip, Verdict, write_page

@@ -7,13 +7,13 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
-from visual_servo_epipolar.bags.read import Bag, Recorded, Topic
+from visual_servo_epipolar.bags.reading.bag import Bag, Recorded, Topic
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
-from visual_servo_epipolar.messages import journal, read
+from visual_servo_epipolar.messages import event_log, read
 from visual_servo_epipolar.messages.event_log import Entry
 from visual_servo_epipolar.messages.settings_text import from_text, NodeSettings
 
@@ -155,11 +155,11 @@ def _take_servo_settings(run: Recording, item: Recorded, key: Key) -> None:
 
 
 def _take_tracker_event(run: Recording, item: Recorded, key: Key) -> None:
-    run.tracker_events.append(journal.from_text(item.message.data))
+    run.tracker_events.append(event_log.from_text(item.message.data))
 
 
 def _take_servo_event(run: Recording, item: Recorded, key: Key) -> None:
-    run.servo_events.append(journal.from_text(item.message.data))
+    run.servo_events.append(event_log.from_text(item.message.data))
 
 
 def _take_tracks(run: Recording, item: Recorded, key: Key) -> None:

@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from visual_servo_epipolar.bags.read import Bag, Topic
+from visual_servo_epipolar.bags.reading.bag import Bag, Topic
 from visual_servo_epipolar.core.errors import InputError
 
 TWISTS = ('geometry_msgs/msg/Twist', 'geometry_msgs/msg/TwistStamped')

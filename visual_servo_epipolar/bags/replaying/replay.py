@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TypeVar
 
-from visual_servo_epipolar.bags.read import Bag, Recorded
-from visual_servo_epipolar.bags.read_run import Events, History, in_force, Key, Order, Recording
+from visual_servo_epipolar.bags.reading.bag import Bag, Recorded
+from visual_servo_epipolar.bags.reading.run import Events, History, in_force, Key, Order, Recording
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError, TrackingError
 from visual_servo_epipolar.core.geometry.camera import Camera

@@ -5,7 +5,7 @@ import shutil
 
 from visual_servo_epipolar.bags import metadata
 from visual_servo_epipolar.bags.metadata import PartInfo
-from visual_servo_epipolar.bags.record_settings import RecordSettings
+from visual_servo_epipolar.bags.recording.settings import RecordSettings
 from visual_servo_epipolar.bags.storage import FAULTS, Part, Topic
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
 from visual_servo_epipolar.core.stamps import seconds_between

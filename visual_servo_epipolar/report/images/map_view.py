@@ -9,7 +9,7 @@ from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-from visual_servo_epipolar.report.drawing import (
+from visual_servo_epipolar.report.images.drawing import (
     BGR,
     bgr,
     draw_label,

@@ -19,7 +19,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.servo.run_log import Sample
-from visual_servo_epipolar.report.map_view import Bounds, MapView, WIDTH
+from visual_servo_epipolar.report.images.map_view import Bounds, MapView, WIDTH
 
 HEIGHT = 720  # of the video [px]
 

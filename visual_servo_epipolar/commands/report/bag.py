@@ -6,38 +6,38 @@ from dataclasses import asdict
 from html import escape
 from pathlib import Path
 
-from visual_servo_epipolar.bags.read import Bag
-from visual_servo_epipolar.bags.replay import Sighting, Step
-from visual_servo_epipolar.bags.replay_compare import as_document
-from visual_servo_epipolar.bags.replay_result import has_truth
+from visual_servo_epipolar.bags.reading.bag import Bag
+from visual_servo_epipolar.bags.replaying.comparison import as_document
+from visual_servo_epipolar.bags.replaying.replay import Sighting, Step
+from visual_servo_epipolar.bags.replaying.result import has_truth
 from visual_servo_epipolar.commands.console import Progress
-from visual_servo_epipolar.commands.replay_run import (
+from visual_servo_epipolar.commands.files.run_folder import versions
+from visual_servo_epipolar.commands.replay.run import (
     figure_of,
     Replayed,
     replayed,
     result_of,
     shown,
 )
-from visual_servo_epipolar.commands.replay_text import compared_words
-from visual_servo_epipolar.commands.report_run import (
+from visual_servo_epipolar.commands.replay.text import compared_words
+from visual_servo_epipolar.commands.report.run import (
     caption_of,
     chosen,
     FOOTER,
     path_sections,
     verdict_of,
 )
-from visual_servo_epipolar.commands.report_tables import (
+from visual_servo_epipolar.commands.report.tables import (
     parameter_section,
     phase_table,
     result_table,
     version_section,
 )
-from visual_servo_epipolar.commands.run_folder import versions
 from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.core.servo.telemetry import sample
+from visual_servo_epipolar.report.images.picture import picture
 from visual_servo_epipolar.report.page import drawn, jpeg, Section, strip, table, write_page
-from visual_servo_epipolar.report.picture import picture
 
 MOST_KEPT = 48
 

@@ -17,7 +17,7 @@ from visual_servo_epipolar.commands.arguments import (
     write_json,
 )
 from visual_servo_epipolar.commands.console import Progress
-from visual_servo_epipolar.commands.sweep_progress import Tally
+from visual_servo_epipolar.commands.sweep.progress import Tally
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.simulation.regions import REGIONS
 from visual_servo_epipolar.simulation.views import SOURCES
@@ -183,16 +183,16 @@ def _field_of_view(plan: Plan) -> float:
 
 def _report(documents: Mapping[str, Mapping[str, Any]], folder: Path, field_of_view: float) -> str:
     """Write tables and figures into ``folder`` and return the table."""
-    from visual_servo_epipolar.report import figures, sweep_histogram, sweep_map, sweep_table
+    from visual_servo_epipolar.report import figures
+    from visual_servo_epipolar.report.sweep import histogram, start_map
+    from visual_servo_epipolar.report.sweep import table as tables
 
-    text = sweep_table.table(documents)
+    text = tables.table(documents)
     (folder / 'table.md').write_text(text + '\n', encoding='utf-8')
-    (folder / 'convergence.md').write_text(
-        sweep_table.convergence(documents) + '\n', encoding='utf-8'
-    )
-    where = sweep_map.starts(documents, field_of_view=field_of_view)
+    (folder / 'convergence.md').write_text(tables.convergence(documents) + '\n', encoding='utf-8')
+    where = start_map.starts(documents, field_of_view=field_of_view)
     figures.save(where, folder / 'map.png')
-    figures.save(sweep_histogram.errors(documents), folder / 'histogram.png')
+    figures.save(histogram.errors(documents), folder / 'histogram.png')
     return text
 
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass, field, fields
 from typing import Any, TypeVar
 
 from visual_servo_epipolar import __version__
-from visual_servo_epipolar.bags.read import Bag, Recorded
-from visual_servo_epipolar.bags.read_run import Recording, usable
-from visual_servo_epipolar.bags.replay import Plan
+from visual_servo_epipolar.bags.reading.bag import Bag, Recorded
+from visual_servo_epipolar.bags.reading.run import Recording, usable
+from visual_servo_epipolar.bags.replaying.replay import Plan
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.camera import Camera

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 import math
 from typing import Any
 
-from visual_servo_epipolar.bags.read_run import Recording
-from visual_servo_epipolar.bags.replay import Step
+from visual_servo_epipolar.bags.reading.run import Recording
+from visual_servo_epipolar.bags.replaying.replay import Step
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.servo.phases.table import ENDED, Phase
 from visual_servo_epipolar.core.servo.run_log import RunLog, summarise

@@ -80,7 +80,7 @@ def add_bag_options(
 def run(options: argparse.Namespace) -> int:
     """Replay, print, write; return 0 if nothing differs from what was recorded."""
     try:
-        from visual_servo_epipolar.commands.replay_run import replay_and_tell
+        from visual_servo_epipolar.commands.replay.run import replay_and_tell
     except ImportError as error:
         raise InputError(NO_ROSBAGS.format(error)) from None
     return 0 if replay_and_tell(options) else 1

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import as_gray, as_points, FloatArray, Image
-from visual_servo_epipolar.report.drawing import (
+from visual_servo_epipolar.report.images.drawing import (
     BGR,
     bgr,
     draw_label,

@@ -5,8 +5,8 @@ from dataclasses import dataclass, field
 import math
 from typing import Any
 
-from visual_servo_epipolar.bags.read_run import Command, Recording
-from visual_servo_epipolar.bags.replay import Step
+from visual_servo_epipolar.bags.reading.run import Command, Recording
+from visual_servo_epipolar.bags.replaying.replay import Step
 from visual_servo_epipolar.core.stamps import seconds_between
 
 COMMANDS = ('linear_m_s', 'angular_rad_s')

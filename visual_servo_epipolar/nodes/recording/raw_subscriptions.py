@@ -11,8 +11,8 @@ from rclpy.qos import QoSProfile
 
 from visual_servo_epipolar.bags.storage import Topic
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.nodes import discovery
-from visual_servo_epipolar.nodes.discovery import Wish
+from visual_servo_epipolar.nodes.recording import discovery
+from visual_servo_epipolar.nodes.recording.discovery import Wish
 
 
 @dataclass(slots=True)

@@ -12,7 +12,7 @@ PACKAGE = 'visual_servo_epipolar'
 
 def config_folders() -> Iterator[Path]:
     """Yield the folders that may hold the configuration, nearest first."""
-    yield Path(__file__).resolve().parents[2] / 'config'
+    yield Path(__file__).resolve().parents[3] / 'config'
     for prefix in filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)):
         yield Path(prefix) / 'share' / PACKAGE / 'config'
     yield Path(sys.prefix) / 'share' / PACKAGE / 'config'

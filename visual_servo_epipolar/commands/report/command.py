@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from visual_servo_epipolar.commands.arguments import made_folder
-from visual_servo_epipolar.commands.replay import add_bag_options, NO_ROSBAGS
+from visual_servo_epipolar.commands.replay.command import add_bag_options, NO_ROSBAGS
 from visual_servo_epipolar.core.errors import InputError
 
 
@@ -30,14 +30,14 @@ def run(options: argparse.Namespace) -> int:
 
     source, path = Path(options.bag), Path(options.out) / FILE
     if (source / RUN_FILE).is_file():
-        from visual_servo_epipolar.commands.report_run import report_run
+        from visual_servo_epipolar.commands.report.run import report_run
 
         _refuse_bag_options(options)
         made_folder(options.out)
         report_run(source, path)
     else:
         try:
-            from visual_servo_epipolar.commands.report_bag import report_bag
+            from visual_servo_epipolar.commands.report.bag import report_bag
         except ImportError as error:
             raise InputError(NO_ROSBAGS.format(error)) from None
         report_bag(options, lambda: Path(made_folder(options.out), FILE))

@@ -12,7 +12,7 @@ from visual_servo_epipolar.core.geometry.epipolar import (
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, wrap_angle
 from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.report.overlay import draw_overlay
+from visual_servo_epipolar.report.images.overlay import draw_overlay
 
 
 def picture(image: Image, features: Features, sample: Sample, camera: Camera) -> Image:

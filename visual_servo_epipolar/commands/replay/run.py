@@ -9,24 +9,24 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from visual_servo_epipolar.bags.read import Bag
-from visual_servo_epipolar.bags.read_run import read_run, Recording
-from visual_servo_epipolar.bags.read_topics import assigned, parse
+from visual_servo_epipolar.bags.reading.bag import Bag
+from visual_servo_epipolar.bags.reading.run import read_run, Recording
+from visual_servo_epipolar.bags.reading.topics import assigned, parse
 from visual_servo_epipolar.bags.repair import repair
-from visual_servo_epipolar.bags.replay import Plan, replay, Sighting, Step, Watch
-from visual_servo_epipolar.bags.replay_compare import (
+from visual_servo_epipolar.bags.replaying.comparison import (
     as_document,
     compare,
     Comparison,
     recorded_steps,
 )
-from visual_servo_epipolar.bags.replay_plan import Moment, plan, Wishes
-from visual_servo_epipolar.bags.replay_result import document, has_truth, run_log
+from visual_servo_epipolar.bags.replaying.plan import Moment, plan, Wishes
+from visual_servo_epipolar.bags.replaying.replay import Plan, replay, Sighting, Step, Watch
+from visual_servo_epipolar.bags.replaying.result import document, has_truth, run_log
 from visual_servo_epipolar.commands.arguments import made_folder, write_json
-from visual_servo_epipolar.commands.camera_file import read_camera, read_photograph
 from visual_servo_epipolar.commands.console import Progress
-from visual_servo_epipolar.commands.replay_settings import changes_of
-from visual_servo_epipolar.commands.replay_text import in_words
+from visual_servo_epipolar.commands.files.camera import read_camera, read_photograph
+from visual_servo_epipolar.commands.replay.settings import changes_of
+from visual_servo_epipolar.commands.replay.text import in_words
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.servo.run_log import RunLog

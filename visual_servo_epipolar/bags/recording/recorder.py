@@ -7,9 +7,9 @@ from pathlib import Path
 import threading
 import time
 
-from visual_servo_epipolar.bags.bag_writer import BagWriter, DiskFullError, MB
 from visual_servo_epipolar.bags.definitions import definition
-from visual_servo_epipolar.bags.record_settings import RecordSettings
+from visual_servo_epipolar.bags.recording.settings import RecordSettings
+from visual_servo_epipolar.bags.recording.writer import BagWriter, DiskFullError, MB
 from visual_servo_epipolar.bags.storage import FAULTS, Topic
 from visual_servo_epipolar.core.errors import InputError
 

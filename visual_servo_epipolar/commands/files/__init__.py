@@ -1,0 +1,1 @@
+"""Files of the command line: cameras, photographs, scenarios, and the folder of a run."""

@@ -1,0 +1,1 @@
+"""The subcommand ``sweep``: its options, the sweep, and its progress."""

@@ -1,0 +1,1 @@
+"""Images drawn with OpenCV: features and phases over camera images, maps, videos."""
