@@ -17,7 +17,7 @@ from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.bags.reading.run import read_run
 from visual_servo_epipolar.bags.reading.topics import assigned
 from visual_servo_epipolar.bags.replaying.comparison import compare
-from visual_servo_epipolar.bags.replaying.plan import Moment, plan, Wishes
+from visual_servo_epipolar.bags.replaying.plan import Moment, plan, ReplayOverrides
 from visual_servo_epipolar.bags.replaying.replay import replay, Step
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.messages import read, write
@@ -25,10 +25,10 @@ from visual_servo_epipolar.messages import read, write
 DRIVER = ('/image_raw', '/camera_info')
 
 
-def commands(path: Path, told: dict[str, str] | None = None, **wishes: object) -> list[Step]:
+def commands(path: Path, told: dict[str, str] | None = None, **overrides: object) -> list[Step]:
     with Bag(path) as bag:
         run = read_run(bag, assigned(bag, told or {}))
-        made, _ = plan(bag, run, Wishes(**wishes))
+        made, _ = plan(bag, run, ReplayOverrides(**overrides))
         return replay(bag, run, made)
 
 
@@ -226,12 +226,12 @@ def test_stamped_commands_of_another_robot_are_compared(
     path = write_bag(tmp_path / 'base', [*driver, *more], kinds=kinds)
     with Bag(path) as bag:
         run = read_run(bag, assigned(bag, {'cmd_vel': '/base/command'}))
-        steps = replay(bag, run, plan(bag, run, Wishes(desired=photograph))[0])
+        steps = replay(bag, run, plan(bag, run, ReplayOverrides(desired=photograph))[0])
     comparison = compare(run, steps, 0.0)
     assert comparison.compared == len(steps)
     assert comparison.differences['linear_m_s'].apart == 1
-    assert comparison.parting is not None
-    assert comparison.parting.stamp_ns == stamps[7]
+    assert comparison.divergence is not None
+    assert comparison.divergence.stamp_ns == stamps[7]
 
 
 def write_twist(linear: float, angular: float):

@@ -17,7 +17,7 @@ from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.bags.reading.run import read_run, Recording
 from visual_servo_epipolar.bags.reading.topics import assigned
 from visual_servo_epipolar.bags.replaying.comparison import compare, Comparison
-from visual_servo_epipolar.bags.replaying.plan import Moment, plan, Wishes
+from visual_servo_epipolar.bags.replaying.plan import Moment, plan, ReplayOverrides
 from visual_servo_epipolar.bags.replaying.replay import replay, Step
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.messages import read, write
@@ -26,12 +26,16 @@ FIRST = ('/desired/image_raw', '/tracker_node/desired/image_raw', '/tracker_node
 
 
 def replayed(
-    path: Path, *, tolerance: float = 0.0, topics: Mapping[str, str] | None = None, **wishes: Any
+    path: Path,
+    *,
+    tolerance: float = 0.0,
+    topics: Mapping[str, str] | None = None,
+    **overrides: Any,
 ) -> tuple[Recording, list[Step], Comparison]:
     """Replay the bag at ``path`` and compare."""
     with Bag(path) as bag:
         run = read_run(bag, assigned(bag, topics or {}))
-        made, _ = plan(bag, run, Wishes(**wishes))
+        made, _ = plan(bag, run, ReplayOverrides(**overrides))
         steps = replay(bag, run, made)
     return run, steps, compare(run, steps, tolerance)
 
@@ -76,19 +80,19 @@ def test_two_replays_with_other_parameters_are_the_same(bag) -> None:
 def test_other_parameters_part_from_the_recorded_run_where_they_first_matter(bag) -> None:
     _, steps, comparison = replayed(bag, changes={'servo': {'turn_gain': 0.4}})
     assert not comparison.equal
-    parting = comparison.parting
-    assert parting is not None
-    assert parting.stamp_ns <= steps[1].key[0]  # it turns from the start
-    before, now = parting.values['angular_rad_s']
+    divergence = comparison.divergence
+    assert divergence is not None
+    assert divergence.stamp_ns <= steps[1].key[0]  # it turns from the start
+    before, now = divergence.values['angular_rad_s']
     assert before != now
     assert comparison.differences['linear_m_s'].compared == len(steps)
-    assert comparison.unheard
+    assert comparison.unpublished
 
 
 def test_other_settings_of_the_tracker_part_as_well(bag) -> None:
     _, _, comparison = replayed(bag, changes={'tracker': {'max_features': 30, 'min_features': 20}})
-    assert comparison.parting is not None
-    assert 'features' in comparison.parting.values
+    assert comparison.divergence is not None
+    assert 'features' in comparison.divergence.values
 
 
 def test_a_tolerance_forgives_what_is_small(bag) -> None:
@@ -100,8 +104,8 @@ def test_a_tolerance_forgives_what_is_small(bag) -> None:
 def test_another_phase_is_never_forgiven(bag) -> None:
     changes = {'servo': {'displacement_tolerance': 0.3}}
     _, _, comparison = replayed(bag, from_tracks=True, changes=changes, tolerance=1e9)
-    assert comparison.parting is not None
-    assert comparison.parting.values.keys() == {'phase'}
+    assert comparison.divergence is not None
+    assert comparison.divergence.values.keys() == {'phase'}
 
 
 def test_sqlite3_holds_the_same(small_run, tmp_path) -> None:
@@ -130,8 +134,8 @@ def test_a_gain_changed_on_the_way_is_replayed_from_the_stamp_it_held_from(
     more = [('/servo_node/settings', 0, serialize_message(write.text(text))) for text in texts]
     path = write_bag(tmp_path / 'changed', [*more, *kept])
     _, steps, comparison = replayed(path, from_tracks=True)
-    assert comparison.parting is not None
-    assert comparison.parting.stamp_ns == 5 * period_ns
+    assert comparison.divergence is not None
+    assert comparison.divergence.stamp_ns == 5 * period_ns
     _, expected, _ = replayed(path, from_tracks=True, changes={'servo': {'turn_gain': 0.4}})
     assert steps[5].numbers['angular_rad_s'] != expected[0].numbers['angular_rad_s']
 
@@ -165,7 +169,7 @@ def test_tracks_alone_are_replayed_by_themselves(small_run, tmp_path) -> None:
     path = write_bag(tmp_path / 'tracks', without(small_run, '/image_raw', *FIRST[:2]))
     with Bag(path) as opened:
         run = read_run(opened, assigned(opened, {}))
-        made, notes = plan(opened, run, Wishes())
+        made, notes = plan(opened, run, ReplayOverrides())
     assert made.from_tracks
     assert any('recorded tracks are replayed' in note for note in notes)
     assert replayed(path)[2].equal
@@ -197,7 +201,7 @@ def test_a_bag_of_another_version_is_noted(small_run, tmp_path) -> None:
         for topic, log_ns, raw in small_run
     ]
     with Bag(write_bag(tmp_path / 'later', texts)) as opened:
-        _, notes = plan(opened, read_run(opened, assigned(opened, {})), Wishes())
+        _, notes = plan(opened, read_run(opened, assigned(opened, {})), ReplayOverrides())
     assert len(notes) == 1
     assert re.fullmatch(r'recorded with version 9\.\S+, replayed with 0\.\S+', notes[0])
 

@@ -10,7 +10,7 @@ from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.bags.reading.run import read_run
 from visual_servo_epipolar.bags.reading.topics import assigned
 from visual_servo_epipolar.bags.replaying.comparison import compare, Comparison
-from visual_servo_epipolar.bags.replaying.plan import plan, Wishes
+from visual_servo_epipolar.bags.replaying.plan import plan, ReplayOverrides
 from visual_servo_epipolar.bags.replaying.replay import replay, Step
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
@@ -43,10 +43,10 @@ class Robot:
         self.bench.settle()
 
 
-def replayed(path, **wishes: object) -> tuple[list[Step], Comparison]:
+def replayed(path, **overrides: object) -> tuple[list[Step], Comparison]:
     with Bag(path) as bag:
         run = read_run(bag, assigned(bag, {}))
-        steps = replay(bag, run, plan(bag, run, Wishes(**wishes))[0])
+        steps = replay(bag, run, plan(bag, run, ReplayOverrides(**overrides))[0])
     return steps, compare(run, steps, 0.0)
 
 
@@ -67,7 +67,7 @@ def test_stop_start_and_reset_are_replayed_where_they_happened(servo, tmp_path) 
     servo.see(16, 20)
     steps, comparison = replayed(write_bag(tmp_path / 'orders', servo.heard))
     assert len(steps) == 18
-    assert comparison.equal, comparison.parting
+    assert comparison.equal, comparison.divergence
     kept = [item for item in servo.heard if item[0] != '/servo_node/events']
     assert not replayed(write_bag(tmp_path / 'untold', kept))[1].equal
 
@@ -83,7 +83,7 @@ def test_silence_is_replayed_where_it_fell(bench, small_run, tmp_path) -> None:
     assert any('"lost"' in text and 'no new tracks for' in text for text in events)
     steps, comparison = replayed(write_bag(tmp_path / 'silence', servo.heard))
     assert len(steps) == 12
-    assert comparison.equal, comparison.parting
+    assert comparison.equal, comparison.divergence
 
 
 def test_a_photograph_taken_on_the_way_and_redetection_are_replayed(
@@ -109,5 +109,5 @@ def test_a_photograph_taken_on_the_way_and_redetection_are_replayed(
     steps, comparison = replayed(path)
     assert len(steps) == 10
     assert [step.numbers['features'] > 20 for step in steps] == [False] * 2 + [True] * 8
-    assert comparison.equal, comparison.parting
+    assert comparison.equal, comparison.divergence
     assert replayed(path, from_tracks=True)[1].equal

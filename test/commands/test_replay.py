@@ -56,7 +56,7 @@ def test_other_parameters_exit_1_and_say_where_they_part(bag, capsys) -> None:
     assert main(['replay', bag, '--set', 'servo.turn_gain=0.4']) == 1
     said = capsys.readouterr().out
     assert 'servo.turn_gain = 0.4' in said
-    assert 'recorded and replayed part at 0.0' in said
+    assert 'recorded and replayed diverge at 0.0' in said
     assert 'angular_rad_s: recorded ' in said
     assert 'quantity' in said
 

@@ -36,7 +36,7 @@ class Recording:
 
     def until_written(self, topic: str, count: int = 1) -> None:
         self.bench.until(
-            lambda: self.node.tally().written.get(topic, 0) >= count,
+            lambda: self.node.status().written.get(topic, 0) >= count,
             f'{count} messages of {topic} to be written',
         )
 

@@ -1,4 +1,4 @@
-"""How the errors of a sweep are spread: position and heading, on logarithmic axes."""
+"""Histograms of the errors of a sweep: position and heading, on logarithmic axes."""
 
 from collections.abc import Mapping, Sequence
 import math
@@ -57,8 +57,8 @@ def errors(documents: Mapping[str, Mapping[str, Any]]) -> Figure:
 
 def edges(values: FloatArray, limit: float) -> FloatArray:
     """Return edges of bins over whole decades that hold ``values`` and ``limit``."""
-    seen = np.append(values[values > 0.0], limit)
-    low, high = math.floor(math.log10(seen.min())), math.ceil(math.log10(seen.max()))
+    positive = np.append(values[values > 0.0], limit)
+    low, high = math.floor(math.log10(positive.min())), math.ceil(math.log10(positive.max()))
     return np.asarray(np.logspace(low, high, (high - low) * BINS_A_DECADE + 1), dtype=np.float64)
 
 
@@ -71,7 +71,7 @@ def _draw_panel(axes: Axes, values: Mapping[str, FloatArray], limit: float) -> N
         # An error of nothing belongs into the first bin: there is no zero on this axis.
         axes.hist(
             np.clip(some, bins[0], None),
-            bins=bins,
+            bins=bins.tolist(),
             histtype='stepfilled',
             facecolor=f'{colour}30',
             edgecolor=colour,
@@ -85,8 +85,8 @@ def _draw_panel(axes: Axes, values: Mapping[str, FloatArray], limit: float) -> N
 
 
 def _values(runs: Sequence[Mapping[str, Any]], name: str, unit: float) -> FloatArray:
-    home = [abs(run[name]) for run in runs if run['outcome'] == 'arrived']
-    return unit * np.array(home, dtype=np.float64)
+    errors_of_arrived = [abs(run[name]) for run in runs if run['outcome'] == 'arrived']
+    return unit * np.array(errors_of_arrived, dtype=np.float64)
 
 
 def _key(documents: Mapping[str, Mapping[str, Any]]) -> list[Patch | Line2D]:
