@@ -147,9 +147,9 @@ def test_a_disk_that_ends_leaves_a_bag_that_can_be_read(tmp_path, storage) -> No
             number += 1
         status = recorder.close()
     assert re.fullmatch(r'recording ended: .*; .*/bag so far is whole', status.error)
-    kept = read_back(bag)
-    assert kept == [(WORDS.name, item, words(f'{item:01000}')) for item in range(len(kept))]
-    assert len(kept) == status.written[WORDS.name] >= 100
+    stored = read_back(bag)
+    assert stored == [(WORDS.name, item, words(f'{item:01000}')) for item in range(len(stored))]
+    assert len(stored) == status.written[WORDS.name] >= 100
     # The last one was refused, and counts among the dropped.
     assert status.written[WORDS.name] + status.dropped[WORDS.name] == number + 1
 

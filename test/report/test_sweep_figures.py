@@ -31,12 +31,12 @@ DRAWINGS = [start_map.starts, histogram.errors]
 
 @pytest.fixture
 def documents(tmp_path: Path) -> dict[str, Any]:
-    found = {}
+    documents = {}
     for law, runs in RUNS.items():
         plan = plan_of(len(runs), laws=(law,))
         with filled(tmp_path / law, plan, runs) as store:
-            found.update(verdicts(plan, store))
-    return found
+            documents.update(verdicts(plan, store))
+    return documents
 
 
 def drawn(axes: Axes, marker_points: int) -> list[list[float]]:
