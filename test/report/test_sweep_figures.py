@@ -97,6 +97,14 @@ def test_the_histogram_counts_every_run_that_arrived(documents: dict[str, Any]) 
         assert np.abs(np.diff(heights)).sum() == pytest.approx(6.0)
 
 
+def test_any_law_has_a_colour_by_its_place() -> None:
+    laws = ['paper', 'corrected', 'full', 'another']
+    colours = histogram.law_colours(laws)
+    assert list(colours) == laws
+    assert len(set(colours.values())) == len(laws)
+    assert colours['full'] == '#0072B2'
+
+
 @pytest.mark.parametrize('values', [[], [0.0], [1e-7, 3.0], [5e4]])
 def test_bins_hold_every_error_and_the_limit(values: list[float]) -> None:
     edges = histogram.edges(np.array(values), 50.0)
