@@ -59,29 +59,29 @@ def small_scenario(max_duration: float, **servo: Any) -> Scenario:
 
 
 def drive(scenario: Scenario, settings: LoopSettings) -> list[Message]:
-    """Let the nodes drive, and return all they said in the order in which it was heard."""
+    """Let the nodes drive, and return all their messages in the order of reception."""
     referee = Referee(settings)
     with Lockstep(scenario, settings) as nodes:
-        ear, heard = new_ear(nodes.context)
-        nodes.add(ear)
+        listener, received = new_listener(nodes.context)
+        nodes.add(listener)
         nodes.add(ObserverNode(referee, lambda *_: None, with_images=False, context=nodes.context))
         nodes.run(lambda: referee.done)
-    return heard
+    return received
 
 
-def new_ear(context: Context) -> tuple[Node, list[Message]]:
-    """Return a node that hears all topics, and what it has heard."""
-    heard: list[Message] = []
-    ear = Node('ear', context=context)
+def new_listener(context: Context) -> tuple[Node, list[Message]]:
+    """Return a node that subscribes to all topics, and the messages it received."""
+    received: list[Message] = []
+    listener = Node('listener', context=context)
     for topic, (kind, profile) in TOPICS.items():
-        ear.create_subscription(
+        listener.create_subscription(
             kind,
             topic,
-            lambda raw, topic=topic: heard.append((topic, 1_000 + len(heard), bytes(raw))),
+            lambda raw, topic=topic: received.append((topic, 1_000 + len(received), bytes(raw))),
             profile,
             raw=True,
         )
-    return ear, heard
+    return listener, received
 
 
 def kind_of(topic: str) -> str:

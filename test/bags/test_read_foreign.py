@@ -17,7 +17,7 @@ from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.bags.reading.run import read_run
 from visual_servo_epipolar.bags.reading.topics import assigned
 from visual_servo_epipolar.bags.replaying.comparison import compare
-from visual_servo_epipolar.bags.replaying.plan import Moment, plan, Wishes
+from visual_servo_epipolar.bags.replaying.plan import Moment, plan, ReplayOverrides
 from visual_servo_epipolar.bags.replaying.replay import replay, Step
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.messages import read, write
@@ -25,20 +25,20 @@ from visual_servo_epipolar.messages import read, write
 DRIVER = ('/image_raw', '/camera_info')
 
 
-def commands(path: Path, told: dict[str, str] | None = None, **wishes: object) -> list[Step]:
+def commands(path: Path, topics: dict[str, str] | None = None, **overrides: object) -> list[Step]:
     with Bag(path) as bag:
-        run = read_run(bag, assigned(bag, told or {}))
-        made, _ = plan(bag, run, Wishes(**wishes))
-        return replay(bag, run, made)
+        run = read_run(bag, assigned(bag, topics or {}))
+        replay_plan, _ = plan(bag, run, ReplayOverrides(**overrides))
+        return replay(bag, run, replay_plan)
 
 
 def recorded(messages: list[Message]) -> list[tuple[float, float]]:
-    found = [decoded(item) for item in messages if item[0] == '/cmd_vel']
-    return [(item.linear.x, item.angular.z) for item in found]
+    twists = [decoded(item) for item in messages if item[0] == '/cmd_vel']
+    return [(item.linear.x, item.angular.z) for item in twists]
 
 
 def twists(steps: list[Step]) -> list[tuple[float, float]]:
-    return [(step.numbers['linear_m_s'], step.numbers['angular_rad_s']) for step in steps]
+    return [(step.telemetry['linear_m_s'], step.telemetry['angular_rad_s']) for step in steps]
 
 
 @pytest.fixture(scope='module')
@@ -66,19 +66,21 @@ def renamed(messages: list[Message], change: Callable[[Message], object]) -> lis
 
 def as_png(message: Message) -> CompressedImage:
     image = decoded(message)
-    made = CompressedImage(format='mono8; png compressed mono8')
-    made.header = write.header(read.stamp_ns(image.header), 'front')
-    made.data.frombytes(cv2.imencode('.png', read.gray(image))[1].tobytes())
-    return made
+    encoded = CompressedImage(format='mono8; png compressed mono8')
+    encoded.header = write.header(read.stamp_ns(image.header), 'front')
+    encoded.data.frombytes(cv2.imencode('.png', read.gray(image))[1].tobytes())
+    return encoded
 
 
 def as_encoding(encoding: str, convert: Callable[[np.ndarray], np.ndarray]):
     def change(message: Message):
         image = decoded(message)
         pixels = convert(read.gray(image))
-        made = write.image(pixels.view(np.uint8), encoding, read.stamp_ns(image.header), 'front')
-        made.width = image.width
-        return made
+        encoded = write.image(
+            pixels.view(np.uint8), encoding, read.stamp_ns(image.header), 'front'
+        )
+        encoded.width = image.width
+        return encoded
 
     return change
 
@@ -101,8 +103,8 @@ def test_compressed_images_of_another_robot_give_them_as_well(
 ) -> None:
     kinds = {**FRONT, '/front/picture': 'sensor_msgs/msg/CompressedImage'}
     path = write_bag(tmp_path / 'png', renamed(driver, as_png), kinds=kinds)
-    for told in ({}, {'image': '/front/picture', 'camera_info': 'front/camera_info'}):
-        steps = commands(path, told, desired=photograph)
+    for topics in ({}, {'image': '/front/picture', 'camera_info': 'front/camera_info'}):
+        steps = commands(path, topics, desired=photograph)
         assert twists(steps) == recorded(small_run)[: len(steps)]
 
 
@@ -128,12 +130,12 @@ def test_a_mosaic_is_tracked(driver, photograph, tmp_path) -> None:
     change = as_encoding('bayer_rggb8', lambda gray: gray)
     path = write_bag(tmp_path / 'bayer', renamed(driver, change), kinds=RAW)
     steps = commands(path, desired=photograph)
-    assert min(step.numbers['features'] for step in steps) >= 20
+    assert min(step.telemetry['features'] for step in steps) >= 20
 
 
 def test_the_photograph_may_be_taken_from_the_bag(driver, tmp_path) -> None:
     path = write_bag(tmp_path / 'driver', driver)
-    assert commands(path, desired=Moment(0, since_first=True))[0].numbers['trusted'] == 0.0
+    assert commands(path, desired=Moment(0, since_first=True))[0].telemetry['trusted'] == 0.0
 
 
 def test_a_ros_1_bag_gives_the_same_commands(small_run, tmp_path) -> None:
@@ -226,12 +228,12 @@ def test_stamped_commands_of_another_robot_are_compared(
     path = write_bag(tmp_path / 'base', [*driver, *more], kinds=kinds)
     with Bag(path) as bag:
         run = read_run(bag, assigned(bag, {'cmd_vel': '/base/command'}))
-        steps = replay(bag, run, plan(bag, run, Wishes(desired=photograph))[0])
+        steps = replay(bag, run, plan(bag, run, ReplayOverrides(desired=photograph))[0])
     comparison = compare(run, steps, 0.0)
     assert comparison.compared == len(steps)
-    assert comparison.differences['linear_m_s'].apart == 1
-    assert comparison.parting is not None
-    assert comparison.parting.stamp_ns == stamps[7]
+    assert comparison.differences['linear_m_s'].differing == 1
+    assert comparison.divergence is not None
+    assert comparison.divergence.stamp_ns == stamps[7]
 
 
 def write_twist(linear: float, angular: float):
@@ -241,16 +243,16 @@ def write_twist(linear: float, angular: float):
 
 
 @pytest.mark.parametrize(
-    ('told', 'reason'),
+    ('topics', 'reason'),
     [
         ({'image': '/nowhere'}, "no topic '/nowhere'; it has /camera_info, /image_raw"),
         ({'image': '/camera_info'}, 'but /camera_info is sensor_msgs/msg/CameraInfo'),
     ],
 )
-def test_a_name_that_will_not_do_is_refused(driver, tmp_path, told, reason) -> None:
+def test_a_name_that_will_not_do_is_refused(driver, tmp_path, topics, reason) -> None:
     path = write_bag(tmp_path / 'driver', driver)
     with pytest.raises(InputError, match=reason):
-        commands(path, told)
+        commands(path, topics)
 
 
 def test_two_cameras_are_a_choice(driver, tmp_path) -> None:

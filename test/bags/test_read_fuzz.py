@@ -225,5 +225,5 @@ def test_a_type_that_the_bag_defines_otherwise_is_refused(whole, tmp_path, capsy
     assert data.count(b'float64[9]  k #') or data.count(b'float64[9] k')
     file.write_bytes(data.replace(b'float64[9] k', b'float64[9] q'))
     assert main(['replay', str(file)]) == 2
-    said = capsys.readouterr().err
-    assert kind_of('/camera_info') in said or 'CameraInfo' in said
+    error = capsys.readouterr().err
+    assert kind_of('/camera_info') in error or 'CameraInfo' in error

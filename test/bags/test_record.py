@@ -45,9 +45,9 @@ def fill(folder: Path, count: int, size: int = 10, **settings: object) -> list:
     sent = [(WORDS.name, number * 1_000_000, data) for number, data in enumerate(texts)]
     for _, stamp_ns, data in sent:
         recorder.put(WORDS, stamp_ns, data)
-    tally = recorder.close()
-    assert (tally.error, tally.dropped) == ('', {})
-    assert sum(tally.written.values()) == count
+    status = recorder.close()
+    assert (status.error, status.dropped) == ('', {})
+    assert sum(status.written.values()) == count
     return sent
 
 
@@ -117,8 +117,8 @@ def burst(folder: Path, when_full: str) -> tuple[int, int, int]:
     recorder.add(WORDS)
     data = words('x' * 200_000)
     taken = sum(recorder.put(WORDS, number, data) for number in range(300))
-    tally = recorder.close()
-    return taken, tally.written[WORDS.name], tally.dropped.get(WORDS.name, 0)
+    status = recorder.close()
+    return taken, status.written[WORDS.name], status.dropped.get(WORDS.name, 0)
 
 
 def test_what_a_slow_disk_cannot_take_is_dropped_and_counted(tmp_path) -> None:
@@ -145,17 +145,17 @@ def test_a_disk_that_ends_leaves_a_bag_that_can_be_read(tmp_path, storage) -> No
     with files_of_at_most(3_000_000):
         while recorder.put(WORDS, number, words(f'{number:01000}')):
             number += 1
-        tally = recorder.close()
-    assert re.fullmatch(r'recording ended: .*; .*/bag so far is whole', tally.error)
-    kept = read_back(bag)
-    assert kept == [(WORDS.name, item, words(f'{item:01000}')) for item in range(len(kept))]
-    assert len(kept) == tally.written[WORDS.name] >= 100
+        status = recorder.close()
+    assert re.fullmatch(r'recording ended: .*; .*/bag so far is whole', status.error)
+    stored = read_back(bag)
+    assert stored == [(WORDS.name, item, words(f'{item:01000}')) for item in range(len(stored))]
+    assert len(stored) == status.written[WORDS.name] >= 100
     # The last one was refused, and counts among the dropped.
-    assert tally.written[WORDS.name] + tally.dropped[WORDS.name] == number + 1
+    assert status.written[WORDS.name] + status.dropped[WORDS.name] == number + 1
 
 
 def test_too_little_space_is_refused_at_the_start(tmp_path) -> None:
-    with pytest.raises(InputError, match='MB are free .* must stay free; make room'):
+    with pytest.raises(InputError, match='MB are free .* must stay free; make space'):
         Recorder(tmp_path / 'bag', RecordSettings(min_free=1e7))
     assert list(tmp_path.iterdir()) == []
 
@@ -190,6 +190,6 @@ def test_a_file_too_small_to_be_one_is_refused() -> None:
 def test_a_mistake_of_ours_is_not_passed_over_in_silence(tmp_path) -> None:
     recorder = Recorder(tmp_path / 'bag')
     recorder.put(WORDS, 0, words('of a topic that nobody made known'))
-    tally = recorder.close()
-    assert re.match('recording ended: a mistake in the recorder, .* so far is whole', tally.error)
+    status = recorder.close()
+    assert re.match('recording ended: a mistake in the recorder, .* so far is whole', status.error)
     assert read_back(tmp_path / 'bag') == []

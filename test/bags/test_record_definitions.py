@@ -25,9 +25,9 @@ def workspace(tmp_path, monkeypatch) -> Path:
 
 
 def test_a_type_of_a_sourced_workspace_is_defined_with_its_parts(workspace) -> None:
-    text, found = definition(OWN)
+    text, digest = definition(OWN)
     assert 'MSG: own_msgs/Bit' in text and 'int32 ONE=1' in text
-    assert found.startswith('RIHS01_') and found == hash_of(OWN, text)
+    assert digest.startswith('RIHS01_') and digest == hash_of(OWN, text)
 
 
 def test_its_messages_can_be_read_where_nobody_knows_it(workspace, tmp_path, monkeypatch) -> None:

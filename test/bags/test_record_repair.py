@@ -21,7 +21,7 @@ EVERY_KIND = [
 ]
 
 
-def made(folder: Path, **settings: object) -> tuple[Path, list]:
+def recorded_bag(folder: Path, **settings: object) -> tuple[Path, list]:
     """Make a bag of three files, and return it with its messages."""
     bag = folder / 'bag'
     recorder = Recorder(bag, RecordSettings(split_duration=40e-9, **settings))
@@ -46,7 +46,7 @@ def left_open(bag: Path) -> None:
 
 @pytest.mark.parametrize(('storage', 'compression'), EVERY_KIND)
 def test_a_whole_bag_stays_as_it_is(tmp_path, storage, compression) -> None:
-    bag, sent = made(tmp_path, storage=storage, compression=compression)
+    bag, sent = recorded_bag(tmp_path, storage=storage, compression=compression)
     before = {path: path.read_bytes() for path in bag.iterdir()}
     report = repair(bag)
     assert (report.messages, report.files, report.rewritten) == (100, 3, ())
@@ -56,7 +56,7 @@ def test_a_whole_bag_stays_as_it_is(tmp_path, storage, compression) -> None:
 
 @pytest.mark.parametrize(('storage', 'compression'), EVERY_KIND)
 def test_metadata_is_completed_as_it_was(tmp_path, storage, compression) -> None:
-    bag, sent = made(tmp_path, storage=storage, compression=compression)
+    bag, sent = recorded_bag(tmp_path, storage=storage, compression=compression)
     before = yaml.safe_load((bag / 'metadata.yaml').read_text())
     left_open(bag)
     assert (
@@ -68,22 +68,22 @@ def test_metadata_is_completed_as_it_was(tmp_path, storage, compression) -> None
 
 @pytest.mark.parametrize(('storage', 'compression'), EVERY_KIND)
 def test_a_file_that_was_cut_off_keeps_what_is_whole(tmp_path, storage, compression) -> None:
-    bag, sent = made(tmp_path, storage=storage, compression=compression)
+    bag, sent = recorded_bag(tmp_path, storage=storage, compression=compression)
     left_open(bag)
     file = bag / 'bag_2' / f'bag_2{".mcap" if storage == "mcap" else ".db3"}'
     data = file.read_bytes()
     file.write_bytes(data[: len(data) * 9 // 10])
     report = repair(bag)
     assert report.rewritten == (file.name,)
-    kept = read_back(bag)
-    assert kept == sent[: len(kept)]
-    assert 80 <= len(kept) == report.messages
+    stored = read_back(bag)
+    assert stored == sent[: len(stored)]
+    assert 80 <= len(stored) == report.messages
     assert {path.suffix for path in bag.iterdir()} == {'.yaml', file.suffix}
 
 
 @pytest.mark.parametrize('cut', [0.0, 0.1, 0.5, 0.99])
 def test_a_single_file_is_repaired_and_indexed(tmp_path, cut) -> None:
-    bag, sent = made(tmp_path)
+    bag, sent = recorded_bag(tmp_path)
     file = tmp_path / 'alone.mcap'
     data = storage_file(bag, 0).read_bytes()
     file.write_bytes(data[: len(data) - 1 - int(cut * len(data))])
@@ -108,7 +108,7 @@ def test_a_file_without_index_gets_one(tmp_path) -> None:
 
 
 def test_definitions_hash_and_qos_survive(tmp_path) -> None:
-    bag, _ = made(tmp_path)
+    bag, _ = recorded_bag(tmp_path)
     with AnyReader([bag]) as reader:
         (before,) = reader.connections
     left_open(bag)
@@ -124,7 +124,7 @@ def test_definitions_hash_and_qos_survive(tmp_path) -> None:
 
 
 def test_a_chunk_that_is_damaged_is_left_out(tmp_path) -> None:
-    bag, sent = made(tmp_path, compression='zstd')
+    bag, sent = recorded_bag(tmp_path, compression='zstd')
     file = storage_file(bag, 1)
     data = bytearray(file.read_bytes())
     data[data.index(b'\x28\xb5\x2f\xfd') + 20] ^= 0xFF
@@ -135,7 +135,7 @@ def test_a_chunk_that_is_damaged_is_left_out(tmp_path) -> None:
 
 
 def test_nothing_is_touched_where_the_disk_is_full(tmp_path) -> None:
-    bag, sent = made(tmp_path)
+    bag, sent = recorded_bag(tmp_path)
     left_open(bag)
     file = bag / 'bag_2/bag_2.mcap'
     file.write_bytes(file.read_bytes()[:-5])

@@ -17,7 +17,7 @@ from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.bags.reading.run import read_run, Recording
 from visual_servo_epipolar.bags.reading.topics import assigned
 from visual_servo_epipolar.bags.replaying.comparison import compare, Comparison
-from visual_servo_epipolar.bags.replaying.plan import Moment, plan, Wishes
+from visual_servo_epipolar.bags.replaying.plan import Moment, plan, ReplayOverrides
 from visual_servo_epipolar.bags.replaying.replay import replay, Step
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.messages import read, write
@@ -26,13 +26,17 @@ FIRST = ('/desired/image_raw', '/tracker_node/desired/image_raw', '/tracker_node
 
 
 def replayed(
-    path: Path, *, tolerance: float = 0.0, topics: Mapping[str, str] | None = None, **wishes: Any
+    path: Path,
+    *,
+    tolerance: float = 0.0,
+    topics: Mapping[str, str] | None = None,
+    **overrides: Any,
 ) -> tuple[Recording, list[Step], Comparison]:
     """Replay the bag at ``path`` and compare."""
     with Bag(path) as bag:
         run = read_run(bag, assigned(bag, topics or {}))
-        made, _ = plan(bag, run, Wishes(**wishes))
-        steps = replay(bag, run, made)
+        replay_plan, _ = plan(bag, run, ReplayOverrides(**overrides))
+        steps = replay(bag, run, replay_plan)
     return run, steps, compare(run, steps, tolerance)
 
 
@@ -55,7 +59,7 @@ def test_the_same_parameters_give_the_same_commands_to_the_last_bit(
     ]
     published = [struct.pack('<2d', m.linear.x, m.angular.z) for m in commands]
     again = [
-        struct.pack('<2d', s.numbers['linear_m_s'], s.numbers['angular_rad_s']) for s in steps
+        struct.pack('<2d', s.telemetry['linear_m_s'], s.telemetry['angular_rad_s']) for s in steps
     ]
     assert again == published
     assert len(steps) >= 50
@@ -76,19 +80,19 @@ def test_two_replays_with_other_parameters_are_the_same(bag) -> None:
 def test_other_parameters_part_from_the_recorded_run_where_they_first_matter(bag) -> None:
     _, steps, comparison = replayed(bag, changes={'servo': {'turn_gain': 0.4}})
     assert not comparison.equal
-    parting = comparison.parting
-    assert parting is not None
-    assert parting.stamp_ns <= steps[1].key[0]  # it turns from the start
-    before, now = parting.values['angular_rad_s']
+    divergence = comparison.divergence
+    assert divergence is not None
+    assert divergence.stamp_ns <= steps[1].key[0]  # it turns from the start
+    before, now = divergence.values['angular_rad_s']
     assert before != now
     assert comparison.differences['linear_m_s'].compared == len(steps)
-    assert comparison.unheard
+    assert comparison.unpublished
 
 
 def test_other_settings_of_the_tracker_part_as_well(bag) -> None:
     _, _, comparison = replayed(bag, changes={'tracker': {'max_features': 30, 'min_features': 20}})
-    assert comparison.parting is not None
-    assert 'features' in comparison.parting.values
+    assert comparison.divergence is not None
+    assert 'features' in comparison.divergence.values
 
 
 def test_a_tolerance_forgives_what_is_small(bag) -> None:
@@ -100,8 +104,8 @@ def test_a_tolerance_forgives_what_is_small(bag) -> None:
 def test_another_phase_is_never_forgiven(bag) -> None:
     changes = {'servo': {'displacement_tolerance': 0.3}}
     _, _, comparison = replayed(bag, from_tracks=True, changes=changes, tolerance=1e9)
-    assert comparison.parting is not None
-    assert comparison.parting.values.keys() == {'phase'}
+    assert comparison.divergence is not None
+    assert comparison.divergence.values.keys() == {'phase'}
 
 
 def test_sqlite3_holds_the_same(small_run, tmp_path) -> None:
@@ -117,23 +121,23 @@ def test_a_bag_file_is_read_without_its_folder(bag) -> None:
 def test_a_gain_changed_on_the_way_is_replayed_from_the_stamp_it_held_from(
     small_run, tmp_path
 ) -> None:
-    kept = without(small_run, '/servo_node/settings')
-    (said,) = (
+    remaining = without(small_run, '/servo_node/settings')
+    (settings,) = (
         TYPES.deserialize_cdr(raw, kind_of(topic)).data
         for topic, _, raw in small_run
         if topic == '/servo_node/settings'
     )
-    changed = said.replace('turn_gain: 0.8', 'turn_gain: 0.4')
-    assert changed != said
+    changed = settings.replace('turn_gain: 0.8', 'turn_gain: 0.4')
+    assert changed != settings
     period_ns = 90_909_091
-    texts = [said, f'# after_stamp_ns: {4 * period_ns}\n{changed}']
+    texts = [settings, f'# after_stamp_ns: {4 * period_ns}\n{changed}']
     more = [('/servo_node/settings', 0, serialize_message(write.text(text))) for text in texts]
-    path = write_bag(tmp_path / 'changed', [*more, *kept])
+    path = write_bag(tmp_path / 'changed', [*more, *remaining])
     _, steps, comparison = replayed(path, from_tracks=True)
-    assert comparison.parting is not None
-    assert comparison.parting.stamp_ns == 5 * period_ns
+    assert comparison.divergence is not None
+    assert comparison.divergence.stamp_ns == 5 * period_ns
     _, expected, _ = replayed(path, from_tracks=True, changes={'servo': {'turn_gain': 0.4}})
-    assert steps[5].numbers['angular_rad_s'] != expected[0].numbers['angular_rad_s']
+    assert steps[5].telemetry['angular_rad_s'] != expected[0].telemetry['angular_rad_s']
 
 
 def test_an_image_that_the_tracker_dropped_is_not_replayed(small_run, tmp_path) -> None:
@@ -165,8 +169,8 @@ def test_tracks_alone_are_replayed_by_themselves(small_run, tmp_path) -> None:
     path = write_bag(tmp_path / 'tracks', without(small_run, '/image_raw', *FIRST[:2]))
     with Bag(path) as opened:
         run = read_run(opened, assigned(opened, {}))
-        made, notes = plan(opened, run, Wishes())
-    assert made.from_tracks
+        replay_plan, notes = plan(opened, run, ReplayOverrides())
+    assert replay_plan.from_tracks
     assert any('recorded tracks are replayed' in note for note in notes)
     assert replayed(path)[2].equal
 
@@ -178,10 +182,10 @@ def test_the_photograph_may_come_from_the_simulator_alone(small_run, tmp_path) -
 
 def test_the_photograph_may_be_an_image_of_the_bag(bag) -> None:
     _, steps, _ = replayed(bag, desired=Moment(0, since_first=True))
-    assert steps[0].numbers['feature_error_px'] < 0.1
+    assert steps[0].telemetry['feature_error_px'] < 0.1
     stamp_ns = steps[10].key[0]
     _, steps, _ = replayed(bag, desired=Moment(stamp_ns + 1_000))
-    assert steps[10].numbers['feature_error_px'] < 0.1
+    assert steps[10].telemetry['feature_error_px'] < 0.1
 
 
 def test_a_photograph_of_another_time_is_refused(bag) -> None:
@@ -197,7 +201,7 @@ def test_a_bag_of_another_version_is_noted(small_run, tmp_path) -> None:
         for topic, log_ns, raw in small_run
     ]
     with Bag(write_bag(tmp_path / 'later', texts)) as opened:
-        _, notes = plan(opened, read_run(opened, assigned(opened, {})), Wishes())
+        _, notes = plan(opened, read_run(opened, assigned(opened, {})), ReplayOverrides())
     assert len(notes) == 1
     assert re.fullmatch(r'recorded with version 9\.\S+, replayed with 0\.\S+', notes[0])
 

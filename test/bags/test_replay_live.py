@@ -1,6 +1,6 @@
 """A run that is interrupted as on a robot: orders, silence, new gains; its replay is the same."""
 
-from bagmaker import decoded, Message, new_ear, write_bag
+from bagmaker import decoded, Message, new_listener, write_bag
 import pytest
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
@@ -10,7 +10,7 @@ from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.bags.reading.run import read_run
 from visual_servo_epipolar.bags.reading.topics import assigned
 from visual_servo_epipolar.bags.replaying.comparison import compare, Comparison
-from visual_servo_epipolar.bags.replaying.plan import plan, Wishes
+from visual_servo_epipolar.bags.replaying.plan import plan, ReplayOverrides
 from visual_servo_epipolar.bags.replaying.replay import replay, Step
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
@@ -21,8 +21,8 @@ class Robot:
 
     def __init__(self, bench, run: list[Message], topic: str, *kinds: object) -> None:
         self.bench = bench
-        ear, self.heard = new_ear(bench.context)
-        bench.add(ear)
+        listener, self.received = new_listener(bench.context)
+        bench.add(listener)
         self.talk = bench.talk({'/tracks': PointCloud2, '/image_raw': Image}[topic], topic)
         self.calibrate = bench.talk(CameraInfo, '/camera_info')
         self.nodes = [
@@ -43,10 +43,10 @@ class Robot:
         self.bench.settle()
 
 
-def replayed(path, **wishes: object) -> tuple[list[Step], Comparison]:
+def replayed(path, **overrides: object) -> tuple[list[Step], Comparison]:
     with Bag(path) as bag:
         run = read_run(bag, assigned(bag, {}))
-        steps = replay(bag, run, plan(bag, run, Wishes(**wishes))[0])
+        steps = replay(bag, run, plan(bag, run, ReplayOverrides(**overrides))[0])
     return steps, compare(run, steps, 0.0)
 
 
@@ -65,11 +65,11 @@ def test_stop_start_and_reset_are_replayed_where_they_happened(servo, tmp_path) 
     servo.see(12, 16)
     servo.nodes[0].set_parameters([Parameter('turn_gain', value=0.5)])
     servo.see(16, 20)
-    steps, comparison = replayed(write_bag(tmp_path / 'orders', servo.heard))
+    steps, comparison = replayed(write_bag(tmp_path / 'orders', servo.received))
     assert len(steps) == 18
-    assert comparison.equal, comparison.parting
-    kept = [item for item in servo.heard if item[0] != '/servo_node/events']
-    assert not replayed(write_bag(tmp_path / 'untold', kept))[1].equal
+    assert comparison.equal, comparison.divergence
+    remaining = [item for item in servo.received if item[0] != '/servo_node/events']
+    assert not replayed(write_bag(tmp_path / 'untold', remaining))[1].equal
 
 
 def test_silence_is_replayed_where_it_fell(bench, small_run, tmp_path) -> None:
@@ -79,11 +79,11 @@ def test_silence_is_replayed_where_it_fell(bench, small_run, tmp_path) -> None:
     bench.until(lambda: servo.nodes[0]._state.phase.value == 'holding', 'the watchdog')
     servo.nodes[0].set_parameters([Parameter('stale_timeout', value=60.0)])
     servo.see(5, 12)
-    events = [decoded(item).data for item in servo.heard if item[0] == '/servo_node/events']
+    events = [decoded(item).data for item in servo.received if item[0] == '/servo_node/events']
     assert any('"lost"' in text and 'no new tracks for' in text for text in events)
-    steps, comparison = replayed(write_bag(tmp_path / 'silence', servo.heard))
+    steps, comparison = replayed(write_bag(tmp_path / 'silence', servo.received))
     assert len(steps) == 12
-    assert comparison.equal, comparison.parting
+    assert comparison.equal, comparison.divergence
 
 
 def test_a_photograph_taken_on_the_way_and_redetection_are_replayed(
@@ -105,9 +105,9 @@ def test_a_photograph_taken_on_the_way_and_redetection_are_replayed(
     robot.see(42, 46)
     robot.call('tracker_node/redetect')
     robot.see(46, 50)
-    path = write_bag(tmp_path / 'taught', robot.heard)
+    path = write_bag(tmp_path / 'taught', robot.received)
     steps, comparison = replayed(path)
     assert len(steps) == 10
-    assert [step.numbers['features'] > 20 for step in steps] == [False] * 2 + [True] * 8
-    assert comparison.equal, comparison.parting
+    assert [step.telemetry['features'] > 20 for step in steps] == [False] * 2 + [True] * 8
+    assert comparison.equal, comparison.divergence
     assert replayed(path, from_tracks=True)[1].equal

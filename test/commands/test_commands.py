@@ -151,9 +151,9 @@ def test_a_bad_option_is_refused(capsys, option, value, reason) -> None:
 def test_a_bad_scenario_is_refused(capsys, tmp_path, content, reason) -> None:
     path = tmp_path / 'scenario.yaml'
     path.write_bytes(content)
-    said = one_line(capsys, 'simulate', *START, '--scenario', str(path))
-    assert re.search(reason, said), said
-    assert str(path) in said
+    error = one_line(capsys, 'simulate', *START, '--scenario', str(path))
+    assert re.search(reason, error), error
+    assert str(path) in error
 
 
 @pytest.mark.parametrize('target', ['', '.', 'missing/result.json'])
@@ -162,16 +162,16 @@ def test_a_result_that_cannot_be_written_is_bad_input(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     assert main(['simulate', *START, '--scenario', scenario, '--json', target]) == 2
-    said = capsys.readouterr().err
-    assert len(said.splitlines()) == 1
-    assert 'result cannot be written' in said
+    error = capsys.readouterr().err
+    assert len(error.splitlines()) == 1
+    assert 'result cannot be written' in error
     assert [path.name for path in tmp_path.iterdir()] == ['tiny.yaml']
 
 
 def test_a_folder_that_cannot_be_made_is_refused(capsys, tmp_path) -> None:
     (tmp_path / 'file').touch()
-    said = one_line(capsys, 'demo', '--out', str(tmp_path / 'file' / 'demo'))
-    assert 'folder cannot be made' in said
+    error = one_line(capsys, 'demo', '--out', str(tmp_path / 'file' / 'demo'))
+    assert 'folder cannot be made' in error
 
 
 def subcommands() -> list[str]:
@@ -213,11 +213,11 @@ def test_the_demo_equals_the_simulation_in_memory(tmp_path, scenario) -> None:
     for name in ('trajectory.png', 'signals.png'):
         picture = cv2.imread(str(tmp_path / 'out' / name))
         assert picture is not None and picture.std() > 0.0, name
-    film = cv2.VideoCapture(str(tmp_path / 'out' / 'video.mp4'))
+    video = cv2.VideoCapture(str(tmp_path / 'out' / 'video.mp4'))
     frames = 0
-    while film.read()[0]:
+    while video.read()[0]:
         frames += 1
-    film.release()
+    video.release()
     assert frames >= 20  # two seconds at 11 Hz
 
 

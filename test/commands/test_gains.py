@@ -13,28 +13,28 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import from_mapping
 
 CASE = ['--farthest', '12', '--nearest', '2', '--rate', '11', '--latency', '0.09']
-KNOWN = Circumstances(farthest=12.0, nearest=2.0, rate=11.0, latency=0.09)
+CIRCUMSTANCES = Circumstances(farthest=12.0, nearest=2.0, rate=11.0, latency=0.09)
 
 
 def test_the_table_has_the_derived_gains_with_their_units(capsys: pytest.CaptureFixture) -> None:
     assert main(['gains', *CASE]) == 0
-    found, lines = derive(KNOWN), capsys.readouterr().out.splitlines()
+    gains, lines = derive(CIRCUMSTANCES), capsys.readouterr().out.splitlines()
     rows = {line[:11].strip(): line[11:].split() for line in lines[:9]}
-    assert rows['k1'][:2] == [f'{found.k1:.4g}', '1/s']
-    assert rows['k2'][0] == f'{found.k2:.4g}'
-    assert rows['beta/gamma'][0] == f'{found.beta}/{found.gamma}'
-    assert rows['t_max'][:2] == [f'{found.transient:.4g}', 's']
-    assert rows['floor'][:2] == [f'{math.degrees(found.floor):.4g}', 'deg']
-    assert rows[''][0] == f'{longest_landing(KNOWN, found):.4g}'
+    assert rows['k1'][:2] == [f'{gains.k1:.4g}', '1/s']
+    assert rows['k2'][0] == f'{gains.k2:.4g}'
+    assert rows['beta/gamma'][0] == f'{gains.beta}/{gains.gamma}'
+    assert rows['t_max'][:2] == [f'{gains.transient:.4g}', 's']
+    assert rows['floor'][:2] == [f'{math.degrees(gains.floor):.4g}', 'deg']
+    assert rows[''][0] == f'{longest_landing(CIRCUMSTANCES, gains):.4g}'
 
 
 def test_the_lines_to_paste_are_settings_of_the_servo(capsys: pytest.CaptureFixture) -> None:
     assert main(['gains', *CASE]) == 0
     text = capsys.readouterr().out.partition('\n\n')[2]
     values = yaml.safe_load(text)['servo_node']['ros__parameters']
-    settings, found = from_mapping(ServoSettings, values, 'pasted'), derive(KNOWN)
-    assert settings.k2 == pytest.approx(found.k2, rel=1e-5)
-    assert settings.exponent == pytest.approx(found.exponent, rel=1e-5)
+    settings, gains = from_mapping(ServoSettings, values, 'pasted'), derive(CIRCUMSTANCES)
+    assert settings.k2 == pytest.approx(gains.k2, rel=1e-5)
+    assert settings.exponent == pytest.approx(gains.exponent, rel=1e-5)
     assert settings.initial_distance == 12.0
     assert list(values) == [name for name in ServoSettings.__dataclass_fields__ if name in values]
 
@@ -48,10 +48,10 @@ def test_a_gain_beyond_what_the_servo_takes_says_so(capsys: pytest.CaptureFixtur
 
 def test_the_document_has_everything(capsys: pytest.CaptureFixture) -> None:
     assert main(['gains', *CASE, '--json', '-']) == 0
-    result, found = json.loads(capsys.readouterr().out), derive(KNOWN)
-    assert result['k1'] == found.k1
-    assert result['t_max_s'] == found.transient
-    assert result['floor_deg'] == math.degrees(found.floor)
+    result, gains = json.loads(capsys.readouterr().out), derive(CIRCUMSTANCES)
+    assert result['k1'] == gains.k1
+    assert result['t_max_s'] == gains.transient
+    assert result['floor_deg'] == math.degrees(gains.floor)
     assert result['circumstances']['latency'] == 0.09
     assert result['circumstances']['concordant'] is False
 

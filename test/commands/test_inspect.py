@@ -76,53 +76,53 @@ def inspect(folder: Path, current: str, *more: str) -> tuple[int, dict]:
 def test_the_bearings_are_those_of_the_true_poses(
     photographs: Path, current: str, tolerance: float
 ) -> None:
-    code, found = inspect(photographs, current)
+    code, result = inspect(photographs, current)
     truth = Bearings.from_pose(Pose.from_start(*START))
     assert code == 0
-    assert found['trusted']
+    assert result['trusted']
     # 0.1 px of 385 px are 0.015 deg; a baseline of 3 m makes ten times that of it.
-    assert found['bearing_current_deg'] == pytest.approx(
+    assert result['bearing_current_deg'] == pytest.approx(
         math.degrees(truth.current), abs=tolerance
     )
-    assert found['bearing_desired_deg'] == pytest.approx(
+    assert result['bearing_desired_deg'] == pytest.approx(
         math.degrees(truth.desired), abs=tolerance
     )
-    assert found['rotation_deg'] == pytest.approx(START[2], abs=tolerance)
-    assert found['sigma'] == -1
-    assert found['inliers'] > 40
+    assert result['rotation_deg'] == pytest.approx(START[2], abs=tolerance)
+    assert result['sigma'] == -1
+    assert result['inliers'] > 40
 
 
 def test_the_same_photograph_twice_has_no_epipoles(photographs: Path) -> None:
-    code, found = inspect(photographs, 'desired')
+    code, result = inspect(photographs, 'desired')
     assert code == 1
-    assert not found['trusted']
-    assert 'parallax' in found['reason']
-    assert found['rotation_deg'] == pytest.approx(0.0, abs=1e-6)
-    assert found['epipole_current_px'] is None
+    assert not result['trusted']
+    assert 'parallax' in result['reason']
+    assert result['rotation_deg'] == pytest.approx(0.0, abs=1e-6)
+    assert result['epipole_current_px'] is None
 
 
 def test_a_pure_rotation_is_told_without_epipoles(photographs: Path) -> None:
-    code, found = inspect(photographs, 'turned')
+    code, result = inspect(photographs, 'turned')
     assert code == 1
-    assert 'parallax' in found['reason']
-    assert found['rotation_deg'] == pytest.approx(8.0, abs=0.02)
+    assert 'parallax' in result['reason']
+    assert result['rotation_deg'] == pytest.approx(8.0, abs=0.02)
 
 
 @pytest.mark.parametrize('current', ['elsewhere', 'blank'])
 def test_a_photograph_of_something_else_is_not_trusted(photographs: Path, current: str) -> None:
-    code, found = inspect(photographs, current)
+    code, result = inspect(photographs, current)
     assert code == 1
-    assert not found['trusted']
-    assert found['reason']
+    assert not result['trusted']
+    assert result['reason']
 
 
 def test_a_hand_held_pair_falls_back_to_the_general_geometry(photographs: Path) -> None:
-    code, found = inspect(photographs, 'hand')
+    code, result = inspect(photographs, 'hand')
     truth = Bearings.from_pose(Pose.from_start(*START))
     assert code == 0
-    assert not found['planar']
-    assert 'general epipolar geometry' in found['reason']
-    assert found['bearing_desired_deg'] == pytest.approx(math.degrees(truth.desired), abs=0.5)
+    assert not result['planar']
+    assert 'general epipolar geometry' in result['reason']
+    assert result['bearing_desired_deg'] == pytest.approx(math.degrees(truth.desired), abs=0.5)
 
 
 @pytest.mark.parametrize(

@@ -25,8 +25,8 @@ def bag(small_run, tmp_path_factory) -> str:
 @pytest.fixture(scope='module')
 def driver(small_run, tmp_path_factory) -> str:
     """Return a bag of the camera alone."""
-    heard = [item for item in small_run if item[0] in ('/image_raw', '/camera_info')]
-    return str(write_bag(tmp_path_factory.mktemp('bags') / 'driver', heard[:30]))
+    recorded = [item for item in small_run if item[0] in ('/image_raw', '/camera_info')]
+    return str(write_bag(tmp_path_factory.mktemp('bags') / 'driver', recorded[:30]))
 
 
 def shown_json(capsys, *arguments: str) -> tuple[int, dict]:
@@ -46,19 +46,19 @@ def refused(capsys, *arguments: str) -> str:
 
 def test_the_recorded_parameters_give_the_same_and_exit_0(bag, capsys) -> None:
     assert main(['replay', bag]) == 0
-    said = capsys.readouterr().out
-    assert 'the same to the last bit' in said
-    assert 'x real time' in said
-    assert 'displacing' in said
+    output = capsys.readouterr().out
+    assert 'the same to the last bit' in output
+    assert 'x real time' in output
+    assert 'displacing' in output
 
 
 def test_other_parameters_exit_1_and_say_where_they_part(bag, capsys) -> None:
     assert main(['replay', bag, '--set', 'servo.turn_gain=0.4']) == 1
-    said = capsys.readouterr().out
-    assert 'servo.turn_gain = 0.4' in said
-    assert 'recorded and replayed part at 0.0' in said
-    assert 'angular_rad_s: recorded ' in said
-    assert 'quantity' in said
+    output = capsys.readouterr().out
+    assert 'servo.turn_gain = 0.4' in output
+    assert 'recorded and replayed diverge at 0.0' in output
+    assert 'angular_rad_s: recorded ' in output
+    assert 'quantity' in output
 
 
 def test_the_json_is_that_of_a_run_with_the_comparison(bag, capsys) -> None:
@@ -127,8 +127,8 @@ def test_a_driver_with_a_photograph_in_a_file(driver, small_run, tmp_path, capsy
 def test_a_driver_with_a_photograph_out_of_the_bag_and_a_camera_file(
     driver, small_run, tmp_path, capsys
 ) -> None:
-    heard = [item for item in small_run if item[0] == '/image_raw'][:10]
-    path = write_bag(tmp_path / 'images', heard)
+    recorded = [item for item in small_run if item[0] == '/image_raw'][:10]
+    path = write_bag(tmp_path / 'images', recorded)
     camera = tmp_path / 'camera.yaml'
     camera.write_text(
         'image_width: 320\nimage_height: 256\n'

@@ -43,12 +43,12 @@ class References(HTMLParser):
 
     def __init__(self) -> None:
         super().__init__()
-        self.found: list[str] = []
+        self.urls: list[str] = []
         self.tags: list[str] = []
 
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.append(tag)
-        self.found += [value or '' for name, value in attrs if name in ('src', 'href', 'srcset')]
+        self.urls += [value or '' for name, value in attrs if name in ('src', 'href', 'srcset')]
 
 
 def open_in_browser(page: Path, folder: Path) -> tuple[str, str]:
@@ -95,8 +95,8 @@ def bag_page(bag, tmp_path_factory) -> Path:
 def test_a_page_loads_nothing_from_anywhere(kind, request) -> None:
     references = References()
     references.feed(request.getfixturevalue(kind).read_text(encoding='utf-8'))
-    assert len(references.found) >= 3
-    assert all(item.startswith('data:') for item in references.found)
+    assert len(references.urls) >= 3
+    assert all(item.startswith('data:') for item in references.urls)
     assert 'script' not in references.tags
 
 
@@ -114,12 +114,12 @@ def test_a_browser_shows_it_without_errors_and_without_network(
     probed.write_text(policy.sub('', text).replace('</body>', PROBE), encoding='utf-8')
     shown, logged = open_in_browser(probed, tmp_path)
     assert 'CONSOLE' not in logged
-    found = json.loads(re.search(r'<pre id="probe">(.*?)</pre>', shown, re.DOTALL)[1])
-    assert len(found['widths']) >= figures
-    assert min(found['widths']) > 100
-    assert (found['broken'], found['requests'], found['wide']) == (0, [], False)
-    assert found['verdict']
-    assert found['verdict'] in text
+    probe = json.loads(re.search(r'<pre id="probe">(.*?)</pre>', shown, re.DOTALL)[1])
+    assert len(probe['widths']) >= figures
+    assert min(probe['widths']) > 100
+    assert (probe['broken'], probe['requests'], probe['wide']) == (0, [], False)
+    assert probe['verdict']
+    assert probe['verdict'] in text
 
 
 def test_the_page_on_a_run_says_first_how_it_ended(run_page) -> None:
@@ -171,15 +171,15 @@ def refused(capsys, *arguments: str) -> str:
 def test_what_is_neither_run_nor_bag_is_refused_and_leaves_nothing(tmp_path, capsys) -> None:
     (tmp_path / 'empty').mkdir()
     for name in ('empty', 'nowhere'):
-        said = refused(capsys, str(tmp_path / name), '--out', str(tmp_path / 'out'))
-        assert 'bag' in said
+        error = refused(capsys, str(tmp_path / name), '--out', str(tmp_path / 'out'))
+        assert 'bag' in error
     assert not (tmp_path / 'out').exists()
 
 
 def test_a_run_cannot_be_changed_afterwards(run_page, tmp_path, capsys) -> None:
     source = str(run_page.parents[1] / 'run')
-    said = refused(capsys, source, '--set', 'servo.k1=0.2', '--out', str(tmp_path))
-    assert 'is a run, not a bag: --set cannot change what it did' in said
+    error = refused(capsys, source, '--set', 'servo.k1=0.2', '--out', str(tmp_path))
+    assert 'is a run, not a bag: --set cannot change what it did' in error
 
 
 def test_a_place_to_write_to_is_asked_for(run_page, capsys) -> None:

@@ -114,10 +114,10 @@ def test_a_sweep_arrives_and_tells(tmp_path: Path, capsys: Any) -> None:
 def test_a_run_of_a_sweep_is_that_of_simulate(tmp_path: Path, capsys: Any, brief: str) -> None:
     world = ('--scenario', brief)
     document = swept(capsys, '--runs', '2', *world, '--out', str(tmp_path / 'out'))
-    for found in document['runs']:
-        start = [str(value) for value in found['start']]
-        main(['simulate', '--start', *start, *world, '--seed', str(found['seed']), '--json', '-'])
-        assert json.loads(capsys.readouterr().out) == found
+    for single in document['runs']:
+        start = [str(value) for value in single['start']]
+        main(['simulate', '--start', *start, *world, '--seed', str(single['seed']), '--json', '-'])
+        assert json.loads(capsys.readouterr().out) == single
 
 
 def test_results_do_not_depend_on_the_number_of_processes(
@@ -142,12 +142,12 @@ def test_images_are_swept_too(tmp_path: Path, capsys: Any) -> None:
     )
     common = ('--source', 'images', '--scenario', str(scenario))
     here = ('--jobs', '1', '--scenes', '8', '--out', str(tmp_path / 'out'))
-    (found,) = swept(capsys, '--runs', '1', *common, *here)['runs']
-    assert 'not arrived within 1 s' in found['reason']
-    start = [str(value) for value in found['start']]
-    seeds = ('--scene', '8', '--seed', str(found['seed']))
+    (single,) = swept(capsys, '--runs', '1', *common, *here)['runs']
+    assert 'not arrived within 1 s' in single['reason']
+    start = [str(value) for value in single['start']]
+    seeds = ('--scene', '8', '--seed', str(single['seed']))
     main(['simulate', '--start', *start, *common, *seeds, '--json', '-'])
-    assert json.loads(capsys.readouterr().out) == found
+    assert json.loads(capsys.readouterr().out) == single
 
 
 def test_without_a_folder_each_sweep_gets_one_of_its_own(
@@ -189,10 +189,10 @@ def test_an_interrupted_sweep_ends_with_one_line_and_without_its_workers(
         wait_for_runs(folder, 1, process)
         workers = psutil.Process(process.pid).children(recursive=True)
         os.killpg(process.pid, signal.SIGINT)  # as Ctrl-C does: to all of them
-        _, said = process.communicate(timeout=TIMEOUT_SEC)
+        _, output = process.communicate(timeout=TIMEOUT_SEC)
         assert process.returncode == 130
         assert not psutil.wait_procs(workers, timeout=TIMEOUT_SEC)[1]
-    assert said == 'visual_servo sweep: interrupted\n'
+    assert output == 'visual_servo sweep: interrupted\n'
 
 
 def test_a_worker_that_was_killed_is_said_and_what_ended_is_kept(
@@ -206,10 +206,10 @@ def test_a_worker_that_was_killed_is_said_and_what_ended_is_kept(
         for child in psutil.Process(process.pid).children():
             if 'resource_tracker' not in ' '.join(child.cmdline()):
                 child.kill()
-        _, said = process.communicate(timeout=TIMEOUT_SEC)
+        _, output = process.communicate(timeout=TIMEOUT_SEC)
     assert process.returncode == 1
-    assert 'a worker process died' in said and 'the same command goes on from there' in said
-    assert len(said.splitlines()) == 1, said
+    assert 'a worker process died' in output and 'the same command goes on from there' in output
+    assert len(output.splitlines()) == 1, output
     assert (folder / FILE).read_bytes().count(b'\n') - 1 >= 8
 
 
@@ -219,8 +219,8 @@ def test_another_sweep_in_the_same_folder_is_refused(
     arguments = (*SWEEP, '--runs', '1', '--jobs', '1', '--scenario', brief, '--out', str(tmp_path))
     assert main(arguments) == 0
     capsys.readouterr()
-    said = refused(capsys, *arguments, '--seed', '1')
-    assert 'holds another sweep: seed 0 there, 1 here; give another --out' in said
+    output = refused(capsys, *arguments, '--seed', '1')
+    assert 'holds another sweep: seed 0 there, 1 here; give another --out' in output
 
 
 def test_a_sweep_grows(tmp_path: Path, capsys: Any, brief: str) -> None:

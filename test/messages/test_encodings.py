@@ -17,10 +17,10 @@ def message(pixels: np.ndarray, encoding: str, *, padding: int = 0) -> Image:
     """Return ``pixels``, shape (H, W, bytes of a pixel), with padded rows."""
     rows = pixels.reshape(len(pixels), -1)
     padded = np.pad(rows, ((0, 0), (0, padding)), constant_values=77)
-    made = Image(encoding=encoding, height=len(pixels), width=pixels.shape[1])
-    made.step = padded.shape[1]
-    made.data.frombytes(padded.tobytes())
-    return made
+    raw = Image(encoding=encoding, height=len(pixels), width=pixels.shape[1])
+    raw.step = padded.shape[1]
+    raw.data.frombytes(padded.tobytes())
+    return raw
 
 
 def of_one_colour(order: str) -> np.ndarray:
@@ -31,8 +31,8 @@ def of_one_colour(order: str) -> np.ndarray:
 @pytest.mark.parametrize('encoding', ['bgr8', 'rgb8', 'bgra8', 'rgba8', '8UC3', '8UC4'])
 def test_colours_have_the_same_grey_whatever_their_order(encoding, padding) -> None:
     order = {'8UC3': 'bgr', '8UC4': 'bgra'}.get(encoding, encoding[:-1])
-    found = read.gray(message(of_one_colour(order), encoding, padding=padding))
-    np.testing.assert_array_equal(found, np.full((6, 8), GRAY))
+    gray = read.gray(message(of_one_colour(order), encoding, padding=padding))
+    np.testing.assert_array_equal(gray, np.full((6, 8), GRAY))
 
 
 @pytest.mark.parametrize('bits', [8, 16])
@@ -43,17 +43,17 @@ def test_a_mosaic_has_the_grey_of_its_colour(pattern, bits) -> None:
         mosaic[number // 2 :: 2, number % 2 :: 2] = SHADE[name]
     if bits == 16:
         mosaic = (mosaic.astype('<u2') << 8).view(np.uint8)
-    found = read.gray(message(mosaic, f'bayer_{pattern}{bits}'))
-    np.testing.assert_array_equal(found, np.full((6, 8), GRAY))
+    gray = read.gray(message(mosaic, f'bayer_{pattern}{bits}'))
+    np.testing.assert_array_equal(gray, np.full((6, 8), GRAY))
 
 
 @pytest.mark.parametrize('big', [False, True])
 @pytest.mark.parametrize('encoding', ['mono16', '16UC1'])
 def test_of_16_bits_the_upper_half_counts(encoding, big) -> None:
     values = np.arange(48, dtype=np.uint16).reshape(6, 8, 1) * 1000
-    made = message(values.astype('>u2' if big else '<u2').view(np.uint8), encoding, padding=3)
-    made.is_bigendian = int(big)
-    np.testing.assert_array_equal(read.gray(made), values[..., 0] // 256)
+    raw = message(values.astype('>u2' if big else '<u2').view(np.uint8), encoding, padding=3)
+    raw.is_bigendian = int(big)
+    np.testing.assert_array_equal(read.gray(raw), values[..., 0] // 256)
 
 
 @pytest.mark.parametrize(
@@ -69,16 +69,16 @@ def test_the_luminance_is_the_grey(encoding, offset) -> None:
 @pytest.mark.parametrize('encoding', list(ENCODINGS))
 def test_an_image_cut_short_is_refused_in_every_encoding(encoding) -> None:
     kind = ENCODINGS[encoding]
-    made = message(np.zeros((6, 8, kind.channels * kind.depth), np.uint8), encoding)
-    made.data.pop()
+    raw = message(np.zeros((6, 8, kind.channels * kind.depth), np.uint8), encoding)
+    raw.data.pop()
     with pytest.raises(ValueError, match='image data must hold 6 rows'):
-        read.gray(made)
+        read.gray(raw)
 
 
 def compressed(suffix: str, image: np.ndarray) -> CompressedImage:
-    made = CompressedImage(format=f'bgr8; {suffix[1:]} compressed bgr8')
-    made.data.frombytes(cv2.imencode(suffix, image)[1].tobytes())
-    return made
+    raw = CompressedImage(format=f'bgr8; {suffix[1:]} compressed bgr8')
+    raw.data.frombytes(cv2.imencode(suffix, image)[1].tobytes())
+    return raw
 
 
 def test_png_is_exact_and_jpeg_nearly() -> None:
@@ -86,23 +86,23 @@ def test_png_is_exact_and_jpeg_nearly() -> None:
         np.random.default_rng(0).integers(0, 256, (40, 60), dtype=np.uint8), None, 3.0
     )
     np.testing.assert_array_equal(read.gray(compressed('.png', image)), image)
-    found = read.gray(compressed('.jpg', image))
-    assert np.abs(found.astype(int) - image).max() <= 4
+    gray = read.gray(compressed('.jpg', image))
+    assert np.abs(gray.astype(int) - image).max() <= 4
 
 
 def test_colour_is_compressed_to_the_same_grey() -> None:
-    found = read.gray(compressed('.png', of_one_colour('bgr')))
-    np.testing.assert_array_equal(found, np.full((6, 8), GRAY))
+    gray = read.gray(compressed('.png', of_one_colour('bgr')))
+    np.testing.assert_array_equal(gray, np.full((6, 8), GRAY))
 
 
 @pytest.mark.parametrize(
     'data', [b'', b'\xff\xd8', b'not an image', b'\x89PNG\r\n\x1a\n' + b'0' * 5]
 )
 def test_what_is_no_picture_is_refused(data) -> None:
-    made = CompressedImage(format='jpeg')
-    made.data.frombytes(data)
+    raw = CompressedImage(format='jpeg')
+    raw.data.frombytes(data)
     with pytest.raises(ValueError, match=f"a whole JPEG or PNG, got 'jpeg' of {len(data)} bytes"):
-        read.gray(made)
+        read.gray(raw)
 
 
 @pytest.mark.parametrize('suffix', ['.png', '.jpg'])
@@ -114,7 +114,7 @@ def test_a_picture_cut_short_is_refused(suffix) -> None:
 
 
 def test_a_huge_picture_is_refused_before_it_takes_memory() -> None:
-    made = compressed('.png', np.zeros((4, 4), np.uint8))
-    made.data[16:24] = type(made.data)('B', (60_000).to_bytes(4, 'big') * 2)
+    raw = compressed('.png', np.zeros((4, 4), np.uint8))
+    raw.data[16:24] = type(raw.data)('B', (60_000).to_bytes(4, 'big') * 2)
     with pytest.raises(ValueError, match=f'1 to {LARGEST} pixels, got 60000x60000'):
-        read.gray(made)
+        read.gray(raw)

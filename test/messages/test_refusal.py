@@ -162,7 +162,7 @@ def test_diagnostics_without_a_status_are_refused() -> None:
 
 
 def test_more_names_than_numbers_are_refused() -> None:
-    message = write.numbers({'a': 1.0}, 0, '')
+    message = write.telemetry({'a': 1.0}, 0, '')
     message.name = ['a', 'b']
     with pytest.raises(ValueError):
-        read.numbers(message)
+        read.telemetry(message)

@@ -46,9 +46,9 @@ def from_bag(message):
     return TYPES.deserialize_cdr(serialize_message(message), name)
 
 
-def assert_same_features(found: Features, expected: Features) -> None:
+def assert_same_features(actual: Features, expected: Features) -> None:
     for name in Features.__slots__:
-        np.testing.assert_array_equal(getattr(found, name), getattr(expected, name), name)
+        np.testing.assert_array_equal(getattr(actual, name), getattr(expected, name), name)
 
 
 def pixels(channels: int) -> np.ndarray:
@@ -155,10 +155,10 @@ def test_a_view_of_an_image_is_written_as_it_looks() -> None:
 
 
 def test_named_numbers_come_back_with_nan() -> None:
-    numbers = {'a_px': 1.5, 'b': float('nan')}
-    found = read.numbers(write.numbers(numbers, STAMP_NS, 'camera'))
-    assert list(found) == ['a_px', 'b']
-    np.testing.assert_array_equal(list(found.values()), list(numbers.values()))
+    values = {'a_px': 1.5, 'b': float('nan')}
+    actual = read.telemetry(write.telemetry(values, STAMP_NS, 'camera'))
+    assert list(actual) == ['a_px', 'b']
+    np.testing.assert_array_equal(list(actual.values()), list(values.values()))
 
 
 def test_diagnostics_come_back_as_text() -> None:

@@ -16,9 +16,11 @@ from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 @given(gain=st.floats(0.0, 5.0), after=st.none() | st.integers(0, 2**62))
 def test_settings_come_back_to_the_last_bit(gain: float, after: int | None) -> None:
     settings = ServoSettings(k1=gain, law='paper')
-    found = settings_text.from_text(settings_text.to_text('/a/servo_node', [settings], after))
-    assert (found.node, found.after_stamp_ns) == ('/a/servo_node', after)
-    assert from_mapping(ServoSettings, found.values, 'bag') == settings
+    node_settings = settings_text.from_text(
+        settings_text.to_text('/a/servo_node', [settings], after)
+    )
+    assert (node_settings.node, node_settings.after_stamp_ns) == ('/a/servo_node', after)
+    assert from_mapping(ServoSettings, node_settings.values, 'bag') == settings
 
 
 def test_a_node_says_what_it_runs_with_and_takes_it_as_parameters(bench, tmp_path) -> None:
@@ -27,15 +29,15 @@ def test_a_node_says_what_it_runs_with_and_takes_it_as_parameters(bench, tmp_pat
     from visual_servo_epipolar.nodes import qos
 
     node = bench.start(TrackerNode, max_features=50)
-    heard = bench.listen(String, 'tracker_node/settings', qos.LATCHED)
-    bench.until(lambda: heard, 'the settings, though they were published before')
-    said = settings_text.from_text(heard[0].data)
-    assert said.node == node.get_fully_qualified_name()
-    assert said.after_stamp_ns is None
+    received = bench.listen(String, 'tracker_node/settings', qos.LATCHED)
+    bench.until(lambda: received, 'the settings, though they were published before')
+    node_settings = settings_text.from_text(received[0].data)
+    assert node_settings.node == node.get_fully_qualified_name()
+    assert node_settings.after_stamp_ns is None
     expected = asdict(replace(TrackerSettings(), max_features=50))
-    assert said.values == {**said.values, **expected}
+    assert node_settings.values == {**node_settings.values, **expected}
     path = tmp_path / 'parameters.yaml'
-    path.write_text(heard[0].data)
+    path.write_text(received[0].data)
     again = TrackerNode(context=bench.context, cli_args=['--ros-args', '--params-file', str(path)])
     bench.nodes.append(again)
     assert again._settings == node._settings

@@ -41,16 +41,16 @@ class Camera:
 
     def tell(self, message) -> None:
         """Publish ground truth, and wait until the node has dealt with it."""
-        heard = self.node.heard = getattr(self.node, 'heard', 0)
+        received = self.node.received = getattr(self.node, 'received', 0)
         inner = self.node._is_due
 
         def is_due(stamp_ns):
-            self.node.heard += 1
+            self.node.received += 1
             return inner(stamp_ns)
 
         self.node._is_due = is_due
         self._truth(message)
-        self.bench.until(lambda: self.node.heard > heard, 'the camera to hear of the pose')
+        self.bench.until(lambda: self.node.received > received, 'the camera to hear of the pose')
         self.node._is_due = inner
         self.bench.settle()
 

@@ -45,12 +45,12 @@ def run() -> tuple[dict[str, str], JointState]:
     """Return the topics of the running nodes with their types, and what epipoles looks like."""
     scenario = from_document({'camera': TINY}, 'tiny')
     with Lockstep(scenario, scenario.loop((0.2, -1.5, 0.0), 0)) as nodes:
-        looker, heard = Node('looker', context=nodes.context), list[JointState]()
-        looker.create_subscription(JointState, 'epipoles', heard.append, 10)
-        nodes.add(looker)
-        nodes.run(lambda: bool(heard))
-        topics = {name: kinds[0] for name, kinds in looker.get_topic_names_and_types()}
-    return topics, heard[0]
+        listener, received = Node('listener', context=nodes.context), list[JointState]()
+        listener.create_subscription(JointState, 'epipoles', received.append, 10)
+        nodes.add(listener)
+        nodes.run(lambda: bool(received))
+        topics = {name: kinds[0] for name, kinds in listener.get_topic_names_and_types()}
+    return topics, received[0]
 
 
 def plotted() -> Iterator[Mapping[str, Any]]:
@@ -71,13 +71,13 @@ def test_what_is_plotted_is_a_number_of_a_published_message(run) -> None:
 
 
 def test_numbers_of_epipoles_stand_where_the_layout_looks_for_them(run) -> None:
-    found = [
+    signals = [
         (int(match['index']), item['label'])
         for item in plotted()
         if (match := PATH.fullmatch(item['value']))['topic'] == '/epipoles'
     ]
-    assert len(found) >= 4
-    assert [run[1].name[index] for index, _ in found] == [label for _, label in found]
+    assert len(signals) >= 4
+    assert [run[1].name[index] for index, _ in signals] == [label for _, label in signals]
 
 
 def test_pictures_and_markers_of_foxglove_are_published(run) -> None:
@@ -118,12 +118,12 @@ def test_what_rviz_displays_is_published(run) -> None:
 
 
 def test_the_frames_are_where_odometry_and_mount_put_them(bench) -> None:
-    seen = bench.listen(MarkerArray, 'camera_node/frames')
+    messages = bench.listen(MarkerArray, 'camera_node/frames')
     drive = bench.talk(Odometry, 'odom')
     bench.start(CameraNode, **TINY, mount_height=0.5, mount_forward=0.2)
     drive(write.odometry(Pose(1.0, 2.0, np.pi / 2), STANDSTILL, 7, 'odom', 'base_link'))
-    bench.until(lambda: seen, 'the frames')
-    markers = seen[0].markers
+    bench.until(lambda: messages, 'the frames')
+    markers = messages[0].markers
     assert {marker.header.frame_id for marker in markers} == {'odom'}
     axes, names = markers[::2], [marker.text for marker in markers[1::2]]
     assert names == ['odom', 'base_link', 'camera_optical_frame']
@@ -135,10 +135,10 @@ def test_the_frames_are_where_odometry_and_mount_put_them(bench) -> None:
 
 
 def test_frames_cost_nothing_when_nobody_looks(bench, monkeypatch) -> None:
-    def made(*_: object) -> None:
+    def unexpected(*_: object) -> None:
         raise AssertionError('frames were made for nobody')
 
-    monkeypatch.setattr('visual_servo_epipolar.nodes.camera_node.frames', made)
+    monkeypatch.setattr('visual_servo_epipolar.nodes.camera_node.frames', unexpected)
     drive = bench.talk(Odometry, 'odom')
     bench.start(CameraNode, **TINY)
     drive(write.odometry(Pose(1.0, 2.0, 0.0), STANDSTILL, 7, 'odom', 'base_link'))

@@ -56,10 +56,12 @@ def running(request, bench, tmp_path, monkeypatch):
 
 def test_every_setting_is_declared_with_text_range_and_whether_it_is_fixed(running) -> None:
     name, bench, _ = running
-    known = settings_fields(name)
-    request = DescribeParameters.Request(names=list(known))
-    found = bench.call(f'{name}/describe_parameters', DescribeParameters, request).descriptors
-    for descriptor, item in zip(found, known.values(), strict=True):
+    fields_by_name = settings_fields(name)
+    request = DescribeParameters.Request(names=list(fields_by_name))
+    descriptors = bench.call(
+        f'{name}/describe_parameters', DescribeParameters, request
+    ).descriptors
+    for descriptor, item in zip(descriptors, fields_by_name.values(), strict=True):
         limits = range_of(item)
         assert descriptor.type != ParameterType.PARAMETER_NOT_SET
         assert limits.text and descriptor.description.startswith(limits.text), item.name

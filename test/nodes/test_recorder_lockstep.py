@@ -88,8 +88,8 @@ def test_the_official_reader_of_mcap_decodes_every_message(run) -> None:
     (file,) = run.bag.glob('*.mcap')
     with file.open('rb') as stream:
         reader = make_reader(stream, decoder_factories=[DecoderFactory()])
-        found = Counter(channel.topic for _, channel, _, _ in reader.iter_decoded_messages())
-    assert found == Counter(topic for topic, _, _ in read_back(run.bag))
+        counts = Counter(channel.topic for _, channel, _, _ in reader.iter_decoded_messages())
+    assert counts == Counter(topic for topic, _, _ in read_back(run.bag))
 
 
 def test_rosbags_decodes_every_message_and_stamps_agree(run) -> None:

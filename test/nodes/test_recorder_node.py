@@ -36,7 +36,7 @@ class Recording:
 
     def until_written(self, topic: str, count: int = 1) -> None:
         self.bench.until(
-            lambda: self.node.tally().written.get(topic, 0) >= count,
+            lambda: self.node.status().written.get(topic, 0) >= count,
             f'{count} messages of {topic} to be written',
         )
 
@@ -44,7 +44,7 @@ class Recording:
         return sorted(path.name for path in self.bag.parent.iterdir())
 
 
-def heard(folder, topic: str) -> list[str]:
+def recorded_words(folder, topic: str) -> list[str]:
     """Return the words of one topic in a bag."""
     return [
         deserialize_message(data, String).data
@@ -64,8 +64,8 @@ def test_everything_published_is_in_the_bag(bench, tmp_path, storage) -> None:
     recording.until_written('/words', 50)
     recording.until_written('/state')
     recording.node.stop()
-    assert heard(recording.bag, '/words') == [str(number) for number in range(50)]
-    assert heard(recording.bag, '/state') == ['before anybody listened']
+    assert recorded_words(recording.bag, '/words') == [str(number) for number in range(50)]
+    assert recorded_words(recording.bag, '/state') == ['before anybody listened']
 
 
 def test_hash_and_qos_are_those_of_the_publishers(bench, tmp_path) -> None:
@@ -73,12 +73,12 @@ def test_hash_and_qos_are_those_of_the_publishers(bench, tmp_path) -> None:
     bench.talk(JointState, 'numbers', BEST_EFFORT)
     recording = Recording(bench, tmp_path, topics=('state', 'numbers'))
     recording.until_recorded('/state', '/numbers')
-    told = bench.probe.get_publishers_info_by_topic('/numbers')[0].topic_type_hash
+    type_hash = bench.probe.get_publishers_info_by_topic('/numbers')[0].topic_type_hash
     recording.node.stop()
     with AnyReader([recording.bag]) as reader:
-        found = {item.topic: item for item in reader.connections}
-    (state,) = found['/state'].ext.offered_qos_profiles
-    (numbers,) = found['/numbers'].ext.offered_qos_profiles
+        connections = {item.topic: item for item in reader.connections}
+    (state,) = connections['/state'].ext.offered_qos_profiles
+    (numbers,) = connections['/numbers'].ext.offered_qos_profiles
     assert (state.reliability, state.durability) == (
         QosReliability.RELIABLE,
         QosDurability.TRANSIENT_LOCAL,
@@ -87,21 +87,21 @@ def test_hash_and_qos_are_those_of_the_publishers(bench, tmp_path) -> None:
         QosReliability.BEST_EFFORT,
         QosDurability.VOLATILE,
     )
-    assert found['/numbers'].digest == str(told)
+    assert connections['/numbers'].digest == str(type_hash)
 
 
 def test_numbers_without_velocities_are_read_by_rosbags(bench, tmp_path) -> None:
     say = bench.talk(JointState, 'epipoles')
     recording = Recording(bench, tmp_path, topics=('epipoles',))
     recording.until_recorded('/epipoles')
-    say(write.numbers({'bearing': 0.5, 'sigma': -1.0}, 7, 'camera'))
+    say(write.telemetry({'bearing': 0.5, 'sigma': -1.0}, 7, 'camera'))
     recording.until_written('/epipoles')
     recording.node.stop()
     with AnyReader([recording.bag]) as reader:
         (message,) = (
             reader.deserialize(data, item.msgtype) for item, _, data in reader.messages()
         )
-    assert read.numbers(message) == {'bearing': 0.5, 'sigma': -1.0}
+    assert read.telemetry(message) == {'bearing': 0.5, 'sigma': -1.0}
 
 
 def test_only_what_is_wanted_is_recorded(bench, tmp_path) -> None:
@@ -124,7 +124,7 @@ def test_a_topic_that_comes_late_is_recorded_from_then_on(bench, tmp_path) -> No
     say(write.text('late'))
     recording.until_written('/words')
     recording.node.stop()
-    assert heard(recording.bag, '/words') == ['late']
+    assert recorded_words(recording.bag, '/words') == ['late']
 
 
 def test_a_publisher_that_offers_less_is_heard_as_well(bench, tmp_path) -> None:
@@ -136,7 +136,7 @@ def test_a_publisher_that_offers_less_is_heard_as_well(bench, tmp_path) -> None:
     weak.publish(write.text('best effort'))
     recording.until_written('/words')
     recording.node.stop()
-    assert heard(recording.bag, '/words') == ['best effort']
+    assert recorded_words(recording.bag, '/words') == ['best effort']
 
 
 def test_messages_carry_simulated_time(bench, tmp_path) -> None:
@@ -168,7 +168,10 @@ def test_start_and_stop_make_one_bag_after_the_other(bench, tmp_path) -> None:
         say(write.text('to nobody'))
     assert not bench.call('recorder_node/stop').success
     assert recording.bags() == ['bag', 'bag_1']
-    assert [heard(tmp_path / name, '/words') for name in recording.bags()] == [['0'], ['1']]
+    assert [recorded_words(tmp_path / name, '/words') for name in recording.bags()] == [
+        ['0'],
+        ['1'],
+    ]
 
 
 def test_the_bag_is_completed_when_the_node_goes(bench, tmp_path) -> None:
@@ -180,7 +183,7 @@ def test_the_bag_is_completed_when_the_node_goes(bench, tmp_path) -> None:
     bench.nodes.remove(recording.node)
     bench.executor.remove_node(recording.node)
     recording.node.destroy_node()
-    assert heard(recording.bag, '/words') == ['last']
+    assert recorded_words(recording.bag, '/words') == ['last']
 
 
 def test_a_bag_that_cannot_be_begun_ends_the_node(bench, tmp_path) -> None:
@@ -228,7 +231,7 @@ def test_a_disk_that_ends_is_one_error_and_the_robot_drives_on(bench, tmp_path) 
     assert len(bench.logged('recording ended')) == 1
     assert 'bag so far is whole' in failing.errors()[0]
     assert failing.stopped == []
-    assert heard(failing.bag, '/words') == ['before']
+    assert recorded_words(failing.bag, '/words') == ['before']
     assert bench.call('recorder_node/start').success  # into the next bag
 
 
@@ -256,8 +259,8 @@ def test_what_a_slow_disk_drops_is_told_by_topic(bench, tmp_path) -> None:
 
     def dropped() -> int:
         say(big)
-        told = [read.diagnosis(message) for message in diagnostics]
-        return int(told[-1]['dropped']) if told else 0
+        reports = [read.diagnosis(message) for message in diagnostics]
+        return int(reports[-1]['dropped']) if reports else 0
 
     bench.until(lambda: bool(dropped()), 'a message to be dropped')
     count, _, topic = read.diagnosis(diagnostics[-1])['dropped_of'].partition(' of ')

@@ -84,7 +84,7 @@ def environment(domain: int) -> dict[str, str]:
     }
 
 
-def numbers(bag: Path) -> list[int]:
+def sequence_numbers(bag: Path) -> list[int]:
     texts = (deserialize_message(data, String).data for _, _, data in read_back(bag))
     return [int(text[-9:]) for text in texts]
 
@@ -109,9 +109,9 @@ def test_a_killed_recorder_loses_a_second_at_most(stand, tmp_path, first) -> Non
         process.wait(END_SEC)
         repair(bag)
         due = [item for item, sent_s in enumerate(stand.sent) if sent_s < killed_s - LOSS_S][-1]
-        found = numbers(bag)
-        assert found == list(range(len(found))), f'holes in {bag}'
-        assert found[-1] >= due > 0, f'{due - found[-1]} messages too few in {bag}'
+        sequence = sequence_numbers(bag)
+        assert sequence == list(range(len(sequence))), f'holes in {bag}'
+        assert sequence[-1] >= due > 0, f'{due - sequence[-1]} messages too few in {bag}'
 
 
 def test_an_interrupted_recorder_completes_its_bag(stand, tmp_path) -> None:
@@ -122,9 +122,9 @@ def test_an_interrupted_recorder_completes_its_bag(stand, tmp_path) -> None:
     process.send_signal(signal.SIGINT)
     assert process.wait(END_SEC) == 0, stand.output(bag)
     assert 'Traceback' not in stand.output(bag)
-    found = numbers(bag)
-    assert found == list(range(len(found)))
-    assert f'{len(found)} messages in {bag}' in stand.output(bag)
+    sequence = sequence_numbers(bag)
+    assert sequence == list(range(len(sequence)))
+    assert f'{len(sequence)} messages in {bag}' in stand.output(bag)
 
 
 def test_a_bag_that_exists_ends_the_recorder_with_one_line(stand, tmp_path) -> None:
@@ -157,16 +157,16 @@ def test_a_full_disk_is_one_error_and_a_bag_that_can_be_read(
     bag = small_disk / 'bag'
     stand.record(bag, '-p', f'storage:={storage}', '-p', f'min_free:={min_free}')
     stand.until_heard_by(1)
-    said = itertools.count()
+    counter = itertools.count()
 
     def ended() -> bool:
-        stand.say(f'{next(said):050000}')
+        stand.say(f'{next(counter):050000}')
         return 'recording ended' in stand.output(bag)
 
     stand.bench.until(ended, 'the disk to be full', END_SEC)
     errors = [line for line in stand.output(bag).splitlines() if '[ERROR]' in line]
     assert len(errors) == 1, errors
     assert 'so far is whole' in errors[0]
-    found = numbers(bag)
-    assert found == list(range(len(found)))
+    sequence = sequence_numbers(bag)
+    assert sequence == list(range(len(sequence)))
     assert size_of(bag) > 2_000_000

@@ -81,8 +81,8 @@ def rig(bench):
 
 def test_it_commands_what_the_core_says(rig) -> None:
     rig.see()
-    seen = observe(WORLD.observe(AWAY, 0), CAMERA, STAMP_NS)
-    expected = step(ServoState(), seen, ServoSettings())
+    observation = observe(WORLD.observe(AWAY, 0), CAMERA, STAMP_NS)
+    expected = step(ServoState(), observation, ServoSettings())
     assert rig.twists() == [expected.twist]
     assert expected.twist != STANDSTILL
 
@@ -283,10 +283,10 @@ def test_epipoles_are_published_as_measured(bench) -> None:
     Rig(bench, stale_timeout=60.0).see()
     bench.until(lambda: bool(epipoles), 'epipoles')
     bearings = true_bearings(AWAY)
-    found = read.numbers(epipoles[0])
+    telemetry = read.telemetry(epipoles[0])
     # 60 points at 0.2 px from 3.6 m: a tenth of a degree; five times that is no luck.
-    assert found['bearing_current_rad'] == pytest.approx(bearings[0], abs=math.radians(0.5))
-    assert found['bearing_desired_rad'] == pytest.approx(bearings[1], abs=math.radians(1.5))
+    assert telemetry['bearing_current_rad'] == pytest.approx(bearings[0], abs=math.radians(0.5))
+    assert telemetry['bearing_desired_rad'] == pytest.approx(bearings[1], abs=math.radians(1.5))
 
 
 def true_bearings(pose):
@@ -323,10 +323,10 @@ def test_it_gives_stamped_commands(bench) -> None:
 
 
 def test_a_gain_changed_on_the_way_is_published_with_the_stamp_it_holds_from(rig) -> None:
-    heard = rig.bench.listen(String, 'servo_node/settings', qos.LATCHED)
+    received = rig.bench.listen(String, 'servo_node/settings', qos.LATCHED)
     rig.see()
     rig.node.set_parameters([Parameter('k1', value=0.5)])
-    rig.bench.until(lambda: len(heard) == 2, 'settings before and after')
-    before, after = (settings_text.from_text(message.data) for message in heard)
+    rig.bench.until(lambda: len(received) == 2, 'settings before and after')
+    before, after = (settings_text.from_text(message.data) for message in received)
     assert (before.values['k1'], before.after_stamp_ns) == (ServoSettings().k1, None)
     assert (after.values['k1'], after.after_stamp_ns) == (0.5, STAMP_NS)

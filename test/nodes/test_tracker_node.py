@@ -53,14 +53,14 @@ def rig(bench, simulator):
 
 
 def test_tracks_are_those_of_the_core(rig, photograph, view) -> None:
-    found = rig.calibrated().taught(photograph).track(view)
+    features = rig.calibrated().taught(photograph).track(view)
     tracker = Tracker(TrackerSettings())
     tracker.set_desired(photograph)
     expected = tracker.track(view)
     assert len(expected) >= 40
-    np.testing.assert_array_equal(found.ids, expected.ids)
-    np.testing.assert_array_equal(found.current, expected.current)
-    np.testing.assert_array_equal(found.desired, expected.desired)
+    np.testing.assert_array_equal(features.ids, expected.ids)
+    np.testing.assert_array_equal(features.current, expected.current)
+    np.testing.assert_array_equal(features.desired, expected.desired)
 
 
 def test_each_image_gives_one_cloud_with_its_stamp(rig, photograph, view) -> None:
@@ -128,10 +128,10 @@ def test_the_view_of_now_can_be_captured_as_the_goal(rig, view) -> None:
     rig.calibrated().track(view)
     answer = rig.bench.call('tracker_node/capture_desired')
     assert answer.success, answer.message
-    found = rig.track(view)
-    assert len(found) >= 40
+    features = rig.track(view)
+    assert len(features) >= 40
     # The same image twice: what is left is the interpolation of the alignment.
-    np.testing.assert_allclose(found.current, found.desired, atol=0.01)
+    np.testing.assert_allclose(features.current, features.desired, atol=0.01)
 
 
 def test_a_view_cannot_be_captured_before_there_is_one(rig) -> None:
@@ -178,9 +178,9 @@ def test_the_photograph_may_be_a_file(bench, simulator, photograph, view, tmp_pa
 
 def test_the_photograph_in_use_is_published_for_those_who_come_late(rig, photograph) -> None:
     rig.calibrated().taught(photograph)
-    heard = rig.bench.listen(Image, 'tracker_node/desired/image_raw', qos.LATCHED)
-    rig.bench.until(lambda: bool(heard), 'the photograph')
-    np.testing.assert_array_equal(read.gray(heard[0]), photograph)
+    received = rig.bench.listen(Image, 'tracker_node/desired/image_raw', qos.LATCHED)
+    rig.bench.until(lambda: bool(received), 'the photograph')
+    np.testing.assert_array_equal(read.gray(received[0]), photograph)
 
 
 @pytest.mark.parametrize('content', [None, b'', b'not an image'])
@@ -201,13 +201,13 @@ def test_a_blank_file_is_refused_at_the_start(bench, tmp_path) -> None:
 
 def test_the_overlay_is_drawn_for_those_who_look(rig, photograph, view) -> None:
     rig.calibrated().taught(photograph).track(view)
-    seen = rig.bench.listen(Image, 'overlay/image_raw')
+    overlays = rig.bench.listen(Image, 'overlay/image_raw')
     publisher = rig.node._overlay_pub
     rig.bench.until(lambda: publisher.get_subscription_count() == 1, 'the overlay to be heard')
     rig.track(view, STAMP_NS + 1)
-    rig.bench.until(lambda: bool(seen), 'the overlay')
-    assert (seen[0].encoding, seen[0].width, seen[0].height) == ('bgr8', 320, 240)
-    assert read.stamp_ns(seen[0].header) == STAMP_NS + 1
+    rig.bench.until(lambda: bool(overlays), 'the overlay')
+    assert (overlays[0].encoding, overlays[0].width, overlays[0].height) == ('bgr8', 320, 240)
+    assert read.stamp_ns(overlays[0].header) == STAMP_NS + 1
 
 
 def test_the_overlay_costs_nothing_when_nobody_looks(rig, photograph, view, monkeypatch) -> None:

@@ -133,28 +133,28 @@ def test_in_lockstep_nothing_moves_without_a_command(bench) -> None:
 
 
 def test_in_lockstep_the_clock_comes_before_the_truth(bench) -> None:
-    command, heard = bench.talk(TwistMessage, 'cmd_vel'), []
+    command, received = bench.talk(TwistMessage, 'cmd_vel'), []
     order = bench.probe
     order.create_subscription(
         Clock,
         '/clock',
-        lambda message: heard.append(('clock', read.stamp_ns(as_header(message)))),
+        lambda message: received.append(('clock', read.stamp_ns(as_header(message)))),
         qos_profile_sensor_data,
     )
     order.create_subscription(
         Odometry,
         'ground_truth',
-        lambda message: heard.append(('truth', read.stamp_ns(message.header))),
+        lambda message: received.append(('truth', read.stamp_ns(message.header))),
         10,
     )
     node = bench.start(UnicycleNode, lockstep=True)
-    said = []
+    published = []
     for name in ('_clock_pub', '_truth_pub', '_odom_pub', '_applied_pub'):
-        spy(node, name, said)
+        spy(node, name, published)
     command(write.twist(Twist(0.3, 0.0)))
-    bench.until(lambda: len(heard) == 2, 'clock and truth')
-    assert {stamp for _, stamp in heard} == {PERIOD_NS}
-    assert said[0] == '_clock_pub'
+    bench.until(lambda: len(received) == 2, 'clock and truth')
+    assert {stamp for _, stamp in received} == {PERIOD_NS}
+    assert published[0] == '_clock_pub'
 
 
 def as_header(clock):
@@ -162,13 +162,13 @@ def as_header(clock):
     return Header(stamp=clock.clock)
 
 
-def spy(node, name, said):
+def spy(node, name, published):
     """Note when the publisher ``name`` publishes."""
     publisher = getattr(node, name)
 
     class Spy:
         def publish(self, message):
-            said.append(name)
+            published.append(name)
             publisher.publish(message)
 
     setattr(node, name, Spy())

@@ -139,13 +139,13 @@ def wait_for_another_node(node: Node, process: Running, log: Path) -> None:
 
 def files(folder: Path) -> set[Path]:
     """Return all files below ``folder``, as paths from there, but for Python's own caches."""
-    found = (path.relative_to(folder) for path in folder.rglob('*') if path.is_file())
-    return {path for path in found if '__pycache__' not in path.parts}
+    paths = (path.relative_to(folder) for path in folder.rglob('*') if path.is_file())
+    return {path for path in paths if '__pycache__' not in path.parts}
 
 
 def test_executables_lie_where_ros2_run_looks(workspace: Workspace) -> None:
-    found = {path.name for path in workspace.executables.iterdir()}
-    assert found == {'visual_servo', *NODES}
+    names = {path.name for path in workspace.executables.iterdir()}
+    assert names == {'visual_servo', *NODES}
 
 
 def test_the_ament_index_knows_the_package(workspace: Workspace) -> None:
@@ -160,7 +160,7 @@ def test_all_of_config_is_shared(workspace: Workspace) -> None:
 def test_the_whole_package_is_imported_from_the_workspace(
     workspace: Workspace, tmp_path: Path
 ) -> None:
-    found = subprocess.run(
+    completed = subprocess.run(
         [sys.executable, '-c', f'import {NAME}; print({NAME}.__path__[0])'],
         cwd=tmp_path,
         env=workspace.environment,
@@ -168,7 +168,7 @@ def test_the_whole_package_is_imported_from_the_workspace(
         text=True,
         check=True,
     )
-    imported = Path(found.stdout.strip())
+    imported = Path(completed.stdout.strip())
     assert imported.is_relative_to(workspace.path)
     assert files(imported) == files(ROOT / NAME)
 

@@ -12,8 +12,8 @@ from visual_servo_epipolar.report.run_file import load_run, RunFile, save_run
 def test_a_run_comes_back_to_the_last_bit(log, tmp_path) -> None:
     run = RunFile(log, {'servo': {'k1': 0.1, 'law': 'full'}}, {'numpy': '2.0'})
     save_run(run, tmp_path)
-    found = load_run(tmp_path)
-    assert repr(found) == repr(run)  # for nan is not equal to itself
+    loaded = load_run(tmp_path)
+    assert repr(loaded) == repr(run)  # for nan is not equal to itself
     assert [path.name for path in tmp_path.iterdir()] == ['run.json']
 
 

@@ -26,7 +26,7 @@ DEUTERANOPIA = np.array([[0.29275, 0.70725, 0.0], [0.29275, 0.70725, 0.0], [-0.0
 PROTANOPIA = np.array([[0.11238, 0.88762, 0.0], [0.11238, 0.88762, 0.0], [0.00401, -0.00401, 1]])
 
 
-def seen(colour: str, eye: FloatArray) -> FloatArray:
+def perceived(colour: str, eye: FloatArray) -> FloatArray:
     linear = (np.array(rgb(colour)) / 255.0) ** 2.2
     return np.asarray(255.0 * np.clip(eye @ linear, 0.0, 1.0) ** (1.0 / 2.2), dtype=np.float64)
 
@@ -34,7 +34,7 @@ def seen(colour: str, eye: FloatArray) -> FloatArray:
 @pytest.mark.parametrize('eye', [NORMAL, DEUTERANOPIA, PROTANOPIA])
 def test_phases_differ_even_to_the_colour_blind(eye: FloatArray) -> None:
     for one, other in combinations(Phase, 2):
-        colours = [seen(phase_colour(phase.value), eye) for phase in (one, other)]
+        colours = [perceived(phase_colour(phase.value), eye) for phase in (one, other)]
         # Thirty of 441: the closest pair of the palette of Okabe and Ito is at 37.
         assert np.linalg.norm(colours[0] - colours[1]) > 30.0, (one, other)
 

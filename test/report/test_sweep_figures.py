@@ -31,12 +31,12 @@ DRAWINGS = [start_map.starts, histogram.errors]
 
 @pytest.fixture
 def documents(tmp_path: Path) -> dict[str, Any]:
-    found = {}
+    documents = {}
     for law, runs in RUNS.items():
         plan = plan_of(len(runs), laws=(law,))
         with filled(tmp_path / law, plan, runs) as store:
-            found.update(verdicts(plan, store))
-    return found
+            documents.update(verdicts(plan, store))
+    return documents
 
 
 def drawn(axes: Axes, marker_points: int) -> list[list[float]]:
@@ -95,6 +95,14 @@ def test_the_histogram_counts_every_run_that_arrived(documents: dict[str, Any]) 
         heights = outline.get_xy()[:, 1]
         # Up and down once for each run, wherever it is: 3 in bins of their own, or in one.
         assert np.abs(np.diff(heights)).sum() == pytest.approx(6.0)
+
+
+def test_any_law_has_a_colour_by_its_place() -> None:
+    laws = ['paper', 'corrected', 'full', 'another']
+    colours = histogram.law_colours(laws)
+    assert list(colours) == laws
+    assert len(set(colours.values())) == len(laws)
+    assert colours['full'] == '#0072B2'
 
 
 @pytest.mark.parametrize('values', [[], [0.0], [1e-7, 3.0], [5e4]])

@@ -29,12 +29,12 @@ def write(path: Path, samples: Sequence[Sample], stride: int = 1) -> VideoWriter
 
 def frames(path: Path) -> list[Image]:
     capture = cv2.VideoCapture(str(path))
-    found: list[Image] = []
+    frames: list[Image] = []
     while True:
         there, frame = capture.read()
         if not there:
-            return found
-        found.append(np.asarray(frame, dtype=np.uint8))
+            return frames
+        frames.append(np.asarray(frame, dtype=np.uint8))
 
 
 @pytest.mark.parametrize('suffix', ['.mp4', '.webm', '.avi'])
@@ -73,9 +73,11 @@ def test_video_without_frames_is_no_file(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize(('name', 'told'), [('run.gif', 'must end in'), ('no/run.mp4', 'folder')])
-def test_file_that_cannot_be_written_is_refused(tmp_path: Path, name: str, told: str) -> None:
-    with pytest.raises(InputError, match=told):
+@pytest.mark.parametrize(
+    ('name', 'reason'), [('run.gif', 'must end in'), ('no/run.mp4', 'folder')]
+)
+def test_file_that_cannot_be_written_is_refused(tmp_path: Path, name: str, reason: str) -> None:
+    with pytest.raises(InputError, match=reason):
         VideoWriter(tmp_path / name, 11.0, image_size=SIZE, bounds=Bounds.around(DESIRED_POSE))
 
 

@@ -1,4 +1,4 @@
-"""Message definitions and their hashes: what makes a bag readable where nobody has the package."""
+"""Message definitions and their hashes: they make a bag readable without the packages."""
 
 from collections.abc import Iterator, Mapping
 from functools import cache
@@ -23,7 +23,7 @@ def definition(kind: str, type_hash: str = '') -> tuple[str, str]:
     kind : str
         Such as ``sensor_msgs/msg/Image``.
     type_hash : str
-        What the publisher says its type hashes to; empty if it does not say.
+        Hash that the publisher states; empty if it states none.
 
     Raises
     ------
@@ -32,19 +32,19 @@ def definition(kind: str, type_hash: str = '') -> tuple[str, str]:
 
     """
     wanted = type_hash if type_hash.startswith('RIHS01_') else ''
-    for find in (_standard, _installed):
-        store = find(kind)
+    for lookup in (_standard, _installed):
+        store = lookup(kind)
         if store is not None:
-            found = str(store.hash_rihs01(kind))
-            if wanted in ('', found):
-                return store.generate_msgdef(kind, ros_version=2)[0], found
+            digest = str(store.hash_rihs01(kind))
+            if wanted in ('', digest):
+                return store.generate_msgdef(kind, ros_version=2)[0], digest
     raise InputError(
         f'no definition of {kind} {wanted} is known; source the workspace that defines it'
     )
 
 
 def hash_of(kind: str, text: str) -> str:
-    """Return the RIHS01 hash of a message type by its definition, '' where that says nothing."""
+    """Return the RIHS01 hash of a message type by its definition, '' where it cannot be parsed."""
     store = get_typestore(Stores.EMPTY)
     try:
         store.register(get_types_from_msg(text, kind))
@@ -76,7 +76,7 @@ def _installed(kind: str) -> Typestore | None:
             types |= get_types_from_msg(path.read_text(encoding='utf-8'), name)
         except TypesysError:
             return None
-        pending += [part for part in _parts(types[name][1]) if part not in types]
+        pending += [item for item in _components(types[name][1]) if item not in types]
     store = get_typestore(Stores.EMPTY)
     store.register(types)
     return store
@@ -93,7 +93,7 @@ def _message_file(kind: str) -> Path | None:
     return None
 
 
-def _parts(fields: Mapping[Any, Any] | list[Any]) -> Iterator[str]:
+def _components(fields: Mapping[Any, Any] | list[Any]) -> Iterator[str]:
     """Yield the names of the messages that the fields of a message are made of."""
     for _, (kind, content) in fields:
         if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE):

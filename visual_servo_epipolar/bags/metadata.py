@@ -1,22 +1,22 @@
-"""The file metadata.yaml of a rosbag2 folder: what is in which storage file."""
+"""Metadata of a rosbag2 folder, metadata.yaml: what is in which storage file."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 from rosbags.interfaces import Connection, ConnectionExtRosbag2
 from rosbags.rosbag2.metadata import dump_qos_v9
 import yaml
 
-VERSION = 9  # of rosbag2, that of Jazzy
+VERSION: Final = 9  # of rosbag2, that of Jazzy
 FILE = 'metadata.yaml'
 SUFFIXES = {'mcap': '.mcap', 'sqlite3': '.db3'}
 
 
 @dataclass(frozen=True, slots=True)
 class PartInfo:
-    """What one storage file holds: its topics, how many messages of each, from when to when."""
+    """Content of a storage file: its topics, how many messages of each, from when to when."""
 
     file: str
     connections: tuple[Connection, ...]

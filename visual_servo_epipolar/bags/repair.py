@@ -1,4 +1,4 @@
-"""Completes a bag that a crash left open, or that is damaged: all that is whole in it is kept."""
+"""Repair: completes a bag that is damaged or was left open; all that is whole is kept."""
 
 from contextlib import closing, suppress
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ from visual_servo_epipolar.bags import metadata
 from visual_servo_epipolar.bags.definitions import hash_of
 from visual_servo_epipolar.bags.metadata import PartInfo, SUFFIXES, VERSION
 from visual_servo_epipolar.bags.reading.bag import DAMAGE
-from visual_servo_epipolar.bags.salvage import Line, Salvage
+from visual_servo_epipolar.bags.salvage import Salvage, StoredTopic
 from visual_servo_epipolar.bags.storage import PLUGINS
 from visual_servo_epipolar.core.errors import InputError
 
@@ -29,7 +29,7 @@ SCRATCH = '.repair_'
 
 @dataclass(frozen=True, slots=True)
 class RepairReport:
-    """What was found, and what was done."""
+    """Report on a repair: what is in the bag, and what was rewritten."""
 
     path: Path
     messages: int
@@ -39,18 +39,20 @@ class RepairReport:
     described: bool  # whether metadata.yaml was written
 
     def __str__(self) -> str:
-        found = f'{self.path}: {self.messages} messages in {self.files} files'
+        summary = f'{self.path}: {self.messages} messages in {self.files} files'
         if not self.rewritten:
-            return f'{found}, all whole' + (', metadata.yaml completed' if self.described else '')
+            return f'{summary}, all whole' + (
+                ', metadata.yaml completed' if self.described else ''
+            )
         return (
-            f'{found}; completed {", ".join(self.rewritten)}, {self.lost_bytes} bytes could not '
+            f'{summary}; completed {", ".join(self.rewritten)}, {self.lost_bytes} bytes could not '
             'be read'
         )
 
 
 @dataclass(frozen=True, slots=True)
-class _Mended:
-    """A file that is whole now, and what it took."""
+class _RepairedFile:
+    """Repaired storage file: what it holds, and what the repair did."""
 
     info: PartInfo
     rewritten: bool
@@ -62,7 +64,7 @@ def repair(path: Path) -> RepairReport:
     """
     Make a rosbag2 folder, or one of its .mcap or .db3 files, readable again.
 
-    Every byte is read. Files that are whole stay as they are; what is left of the others is
+    Every byte is read. Files that are whole stay as they are; what remains of the others is
     written anew, with an index, and takes their place only when it is complete: that needs as
     much free space.
 
@@ -78,11 +80,11 @@ def repair(path: Path) -> RepairReport:
         for stale in folder.glob(f'{SCRATCH}*'):
             shutil.rmtree(stale)
         with TemporaryDirectory(dir=folder, prefix=SCRATCH) as scratch:
-            parts = [_mend(file, folder, Path(scratch)) for file in files]
+            parts = [_repair_file(file, folder, Path(scratch)) for file in files]
         described = path.is_dir() and _describe(folder, parts)
     except (*DAMAGE, WriterError) as error:
-        said = getattr(error, 'strerror', None) or error
-        raise InputError(f'{path}: bag cannot be repaired: {said}; nothing was lost') from None
+        message = getattr(error, 'strerror', None) or error
+        raise InputError(f'{path}: bag cannot be repaired: {message}; nothing was lost') from None
     return RepairReport(
         path,
         sum(part.info.count for part in parts),
@@ -96,20 +98,20 @@ def repair(path: Path) -> RepairReport:
 def _storage_files(path: Path) -> list[Path]:
     """Return the storage files of a bag in their order; one being recorded has its own folder."""
     if path.is_dir():
-        found = [
+        files = [
             item
             for pattern in ('*', '*/*')
             for item in path.glob(pattern)
             if item.suffix in STORAGES and not item.parent.name.startswith(SCRATCH)
         ]
     else:
-        found = [path] if path.is_file() and path.suffix in STORAGES else []
-    if not found or len({item.suffix for item in found}) > 1:
+        files = [path] if path.is_file() and path.suffix in STORAGES else []
+    if not files or len({item.suffix for item in files}) > 1:
         raise InputError(
             f'{path}: not a bag to repair; give a rosbag2 folder with .mcap or .db3 files, or '
             'one of these'
         )
-    return sorted(found, key=_number)
+    return sorted(files, key=_number)
 
 
 def _number(path: Path) -> tuple[int, str]:
@@ -117,21 +119,21 @@ def _number(path: Path) -> tuple[int, str]:
     return (int(digits[1]) if digits else 0, path.name)
 
 
-def _mend(file: Path, folder: Path, scratch: Path) -> _Mended:
-    """Bring one file to where it belongs, written anew if it is not whole."""
-    salvage, home = Salvage(file), folder / file.name
+def _repair_file(file: Path, folder: Path, scratch: Path) -> _RepairedFile:
+    """Bring one file to its destination, written anew if it is not whole."""
+    salvage, destination = Salvage(file), folder / file.name
     compressed = False
     for _, _, data in salvage.messages():
         compressed = compressed or data[:4] == ZSTD_MAGIC
-    whole = not salvage.lost_bytes and _is_sound(file)
-    os.replace(file if whole else _rewritten(salvage, scratch), home)
+    whole = not salvage.lost_bytes and _is_intact(file)
+    os.replace(file if whole else _rewritten(salvage, scratch), destination)
     if file.parent != folder:
         shutil.rmtree(file.parent)
-    return _Mended(_info(home), not whole, salvage.lost_bytes, compressed)
+    return _RepairedFile(_info(destination), not whole, salvage.lost_bytes, compressed)
 
 
-def _is_sound(file: Path) -> bool:
-    """Return whether a file can be read by those who jump about in it."""
+def _is_intact(file: Path) -> bool:
+    """Return whether a file can be read by readers that seek in it."""
     with suppress(*DAMAGE, sqlite3.Error):
         with Reader(file):
             pass
@@ -144,21 +146,21 @@ def _is_sound(file: Path) -> bool:
 
 
 def _rewritten(salvage: Salvage, scratch: Path) -> Path:
-    """Write all that is left of a file to a new one, and return its path."""
+    """Write all that remains of a file to a new one, and return its path."""
     suffix = salvage.path.suffix
-    again = Salvage(salvage.path)
+    second_pass = Salvage(salvage.path)
     writer = Writer(
         scratch / salvage.path.stem, version=VERSION, storage_plugin=PLUGINS[STORAGES[suffix]]
     )
     if salvage.compression:
         writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
-    known: dict[Line, Connection] = {}
+    connections: dict[StoredTopic, Connection] = {}
     writer.open()
     try:
-        for line, stamp_ns, data in again.messages():
-            if line not in known:
-                known[line] = _connection(writer, line)
-            writer.write(known[line], stamp_ns, data)
+        for topic, stamp_ns, data in second_pass.messages():
+            if topic not in connections:
+                connections[topic] = _connection(writer, topic)
+            writer.write(connections[topic], stamp_ns, data)
         writer.close()
     except BaseException:
         writer.abort()
@@ -166,14 +168,14 @@ def _rewritten(salvage: Salvage, scratch: Path) -> Path:
     return writer.path / f'{writer.path.name}{suffix}'
 
 
-def _connection(writer: Writer, line: Line) -> Connection:
+def _connection(writer: Writer, topic: StoredTopic) -> Connection:
     return writer.add_connection(
-        line.topic,
-        line.kind,
-        msgdef=line.definition,
-        rihs01=line.type_hash or hash_of(line.kind, line.definition) or 'unknown',
-        serialization_format=line.encoding or 'cdr',
-        offered_qos_profiles=parse_qos(line.qos),
+        topic.topic,
+        topic.kind,
+        msgdef=topic.definition,
+        rihs01=topic.type_hash or hash_of(topic.kind, topic.definition) or 'unknown',
+        serialization_format=topic.encoding or 'cdr',
+        offered_qos_profiles=parse_qos(topic.qos),
     )
 
 
@@ -187,8 +189,8 @@ def _info(file: Path) -> PartInfo:
         return PartInfo(file.name, connections, counts, reader.start_time, reader.end_time - 1)
 
 
-def _describe(folder: Path, parts: list[_Mended]) -> bool:
-    """Write metadata.yaml where it is missing, or says what is no longer true."""
+def _describe(folder: Path, parts: list[_RepairedFile]) -> bool:
+    """Write metadata.yaml where it is missing or out of date."""
     if (folder / metadata.FILE).is_file() and not any(part.rewritten for part in parts):
         return False
     storage = STORAGES[Path(parts[0].info.file).suffix]

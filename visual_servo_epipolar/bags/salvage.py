@@ -1,4 +1,4 @@
-"""Reads what is left of a storage file that a crash cut off, or that a disk has damaged."""
+"""Salvage: reads what remains of a storage file that a crash cut off or a disk damaged."""
 
 from collections.abc import Iterator
 from contextlib import closing
@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 import sqlite3
 import struct
-from typing import BinaryIO
+from typing import BinaryIO, cast
 
 from mcap.exceptions import EndOfFile, McapError
 from mcap.records import Channel, Chunk, McapRecord, Message, Schema
@@ -20,8 +20,8 @@ BAD_CHUNK = (*BAD_RECORD, zstandard.ZstdError)
 
 
 @dataclass(frozen=True, slots=True)
-class Line:
-    """A topic as a storage file describes it: QoS as YAML, hash empty where it does not say."""
+class StoredTopic:
+    """Topic as a storage file describes it: QoS as YAML, hash empty where it does not say."""
 
     topic: str
     kind: str
@@ -33,19 +33,19 @@ class Line:
 
 @dataclass(slots=True)
 class Salvage:
-    """The messages of a storage file; what else there is to know is known once they are read."""
+    """Salvage of a storage file: its messages, and, once they are read, what was lost."""
 
     path: Path
-    lost_bytes: int = field(default=0, init=False)  # that could not be read
+    lost_bytes: int = field(default=0, init=False)  # could not be read
     compression: str = field(default='', init=False)  # of chunks
 
-    def messages(self) -> Iterator[tuple[Line, int, bytes]]:
+    def messages(self) -> Iterator[tuple[StoredTopic, int, bytes]]:
         """Yield topic, stamp and bytes of every whole message, in the order of the file."""
         yield from _mcap(self) if self.path.suffix == '.mcap' else _sqlite(self)
 
 
-class _Strict:
-    """All that StreamReader wants of a file: what it asks for, or EndOfFile, but never less."""
+class _BoundedFile:
+    """File that returns all the bytes asked for, or raises EndOfFile: never fewer."""
 
     def __init__(self, file: BinaryIO, size: int) -> None:
         self._file, self._size = file, size
@@ -56,36 +56,37 @@ class _Strict:
         return self._file.read(count)
 
 
-def _mcap(salvage: Salvage) -> Iterator[tuple[Line, int, bytes]]:
+def _mcap(salvage: Salvage) -> Iterator[tuple[StoredTopic, int, bytes]]:
     size = salvage.path.stat().st_size
     schemas: dict[int, Schema] = {}
-    lines: dict[int, Line] = {}
+    topics: dict[int, StoredTopic] = {}
     with salvage.path.open('rb') as file:
         for record in _records(salvage, file, size):
             if isinstance(record, Schema):
                 schemas[record.id] = record
             elif isinstance(record, Channel) and record.schema_id in schemas:
-                lines[record.id] = _line(record, schemas[record.schema_id])
-            elif isinstance(record, Message) and record.channel_id in lines:
-                yield lines[record.channel_id], record.log_time, record.data
+                topics[record.id] = _stored_topic(record, schemas[record.schema_id])
+            elif isinstance(record, Message) and record.channel_id in topics:
+                yield topics[record.channel_id], record.log_time, record.data
 
 
 def _records(salvage: Salvage, file: BinaryIO, size: int) -> Iterator[McapRecord]:
     """Yield the records of a file up to its end, or to where it cannot be followed any more."""
-    stream = StreamReader(_Strict(file, size), emit_chunks=True, record_size_limit=size)
-    whole = 0
+    bounded = cast(BinaryIO, _BoundedFile(file, size))
+    stream = StreamReader(bounded, emit_chunks=True, record_size_limit=size)
+    whole_bytes = 0
     try:
         for record in stream.records:
             if isinstance(record, Chunk):
-                yield from _opened(salvage, record)
+                yield from _chunk_records(salvage, record)
             else:
                 yield record
-            whole = file.tell()
+            whole_bytes = file.tell()
     except BAD_RECORD:
-        salvage.lost_bytes += size - whole
+        salvage.lost_bytes += size - whole_bytes
 
 
-def _opened(salvage: Salvage, chunk: Chunk) -> list[McapRecord]:
+def _chunk_records(salvage: Salvage, chunk: Chunk) -> list[McapRecord]:
     salvage.compression = chunk.compression
     try:
         return breakup_chunk(chunk, validate_crc=True)
@@ -94,8 +95,8 @@ def _opened(salvage: Salvage, chunk: Chunk) -> list[McapRecord]:
         return []
 
 
-def _line(channel: Channel, schema: Schema) -> Line:
-    return Line(
+def _stored_topic(channel: Channel, schema: Schema) -> StoredTopic:
+    return StoredTopic(
         channel.topic,
         schema.name,
         schema.data.decode(),
@@ -105,24 +106,24 @@ def _line(channel: Channel, schema: Schema) -> Line:
     )
 
 
-def _sqlite(salvage: Salvage) -> Iterator[tuple[Line, int, bytes]]:
+def _sqlite(salvage: Salvage) -> Iterator[tuple[StoredTopic, int, bytes]]:
     """Yield the rows of a database as far as they can be read."""
     read = 0
     try:
         roll_back(salvage.path)
         with closing(sqlite3.connect(salvage.path)) as db:
-            lines = _table(db)
+            topics = _stored_topics(db)
             for topic, stamp_ns, data in db.execute(
                 'SELECT topic_id, timestamp, data FROM messages ORDER BY id'
             ):
-                if topic in lines:
+                if topic in topics:
                     read += len(data)
-                    yield lines[topic], stamp_ns, data
+                    yield topics[topic], stamp_ns, data
     except (sqlite3.Error, TypeError):  # TypeError: a column of another type than was written
         salvage.lost_bytes += max(1, salvage.path.stat().st_size - read)
 
 
-def _table(db: sqlite3.Connection) -> dict[int, Line]:
+def _stored_topics(db: sqlite3.Connection) -> dict[int, StoredTopic]:
     """Return the topics of a database by their ids; older ones say less about them."""
     defined = 'encoded_message_definition' in _columns(db, 'message_definitions')
     columns = _columns(db, 'topics')
@@ -131,14 +132,14 @@ def _table(db: sqlite3.Connection) -> dict[int, Line]:
         texts = dict(
             db.execute('SELECT topic_type, encoded_message_definition FROM message_definitions')
         )
-    chosen = [
+    selected = [
         name if name in columns else "''"
         for name in ('serialization_format', 'offered_qos_profiles', 'type_description_hash')
     ]
     return {
-        number: Line(name, kind, texts.get(kind, ''), encoding, qos, type_hash)
+        number: StoredTopic(name, kind, texts.get(kind, ''), encoding, qos, type_hash)
         for number, name, kind, encoding, qos, type_hash in db.execute(
-            f'SELECT id, name, type, {", ".join(chosen)} FROM topics ORDER BY id'
+            f'SELECT id, name, type, {", ".join(selected)} FROM topics ORDER BY id'
         )
     }
 

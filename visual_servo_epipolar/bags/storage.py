@@ -1,5 +1,5 @@
 """
-One storage file of a bag, written through rosbags so that a crash loses little.
+Storage file of a bag, written through rosbags so that a crash loses little.
 
 rosbags keeps small messages in memory until a chunk of mcap is full (1 MiB), or until the end in
 one transaction of sqlite3. To bring them to the disk in between, and to end a file on a full disk,
@@ -24,14 +24,14 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from visual_servo_epipolar.bags.definitions import definition
 from visual_servo_epipolar.bags.metadata import PartInfo, SUFFIXES, VERSION
 
-FAULTS = (OSError, sqlite3.Error, WriterError)  # what a disk can do to us
+FAULTS = (OSError, sqlite3.Error, WriterError)  # of a disk
 PLUGINS = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
 MODES = {'mcap': CompressionMode.STORAGE, 'sqlite3': CompressionMode.MESSAGE}
 
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """What a bag must know of a topic: name, message type, its RIHS01 hash, QoS on offer."""
+    """Topic to record: name, message type, its RIHS01 hash, QoS on offer."""
 
     name: str
     kind: str  # such as sensor_msgs/msg/Image
@@ -41,7 +41,7 @@ class Topic:
 
 class Part:
     """
-    One storage file, in a folder of its own until it is whole; for one thread alone.
+    Storage file, in a folder of its own until it is whole; for one thread alone.
 
     Every method may raise one of FAULTS.
 
@@ -67,7 +67,7 @@ class Part:
             raise
         self._connections: dict[str, Connection] = {}
         self._file: _File = _FILES[storage](self._writer.storage)
-        self._safe = self._info()
+        self._flushed_info = self._info()
         self._flushed, self._pending = 0, 0  # bytes
         self.start_ns: int | None = None  # stamp of the first message
 
@@ -89,25 +89,25 @@ class Part:
         self._pending += len(data)
         if self.start_ns is None:
             self.start_ns = stamp_ns
-        if self._file.moved_on():
+        if self._file.has_closed_chunk():
             self.flush()
 
     def flush(self) -> None:
         """Hand what is in memory to the kernel: it survives the end of this process."""
         self._file.flush()
-        self._safe = self._info()
+        self._flushed_info = self._info()
         self._flushed, self._pending = self._file.path.stat().st_size, 0
 
     def close(self) -> PartInfo:
-        """Complete the file, and move it to where it belongs."""
+        """Complete the file, and move it into the folder of the bag."""
         self.flush()
         self._writer.close()
-        return self._settle(self._info())
+        return self._move_into_place(self._info())
 
     def abandon(self) -> PartInfo:
         """End the file after a fault, with all that was flushed."""
-        self._file.cut()
-        return self._settle(self._safe)
+        self._file.truncate_tail()
+        return self._move_into_place(self._flushed_info)
 
     def _info(self) -> PartInfo:
         writer = self._writer
@@ -119,33 +119,33 @@ class Part:
             writer.max_timestamp,
         )
 
-    def _settle(self, info: PartInfo) -> PartInfo:
+    def _move_into_place(self, info: PartInfo) -> PartInfo:
         self._file.path.replace(self._path)
         shutil.rmtree(self._file.path.parent)  # with metadata of this file alone
         return info
 
 
 class _File(Protocol):
-    """What rosbags does not do by itself: flush, and end after a fault."""
+    """Storage below a Writer of rosbags: flush it, and end it after a fault."""
 
     path: Path
 
-    def moved_on(self) -> bool: ...
+    def has_closed_chunk(self) -> bool: ...
 
     def flush(self) -> None: ...
 
-    def cut(self) -> None: ...
+    def truncate_tail(self) -> None: ...
 
 
 class _Mcap:
-    """A file of chunks; valid to its last whole chunk, if an end is put behind it."""
+    """File of chunks; valid to its last whole chunk, if an end is put behind it."""
 
     def __init__(self, storage: Any) -> None:
         self._storage, self.path = storage, Path(storage.path)
         storage.bio.flush()
         self._chunks, self._whole = 0, int(storage.bio.tell())
 
-    def moved_on(self) -> bool:
+    def has_closed_chunk(self) -> bool:
         """Return whether rosbags has closed a chunk by itself."""
         return len(self._storage.chunks) != self._chunks
 
@@ -156,8 +156,8 @@ class _Mcap:
         storage.bio.flush()
         self._chunks, self._whole = len(storage.chunks), int(storage.bio.tell())
 
-    def cut(self) -> None:
-        """Drop what is half written; an end without an index takes 50 bytes, and can be read."""
+    def truncate_tail(self) -> None:
+        """Drop an incomplete chunk; an end without an index takes 50 bytes, and can be read."""
         with suppress(OSError, ValueError), open(os.devnull, 'wb') as nowhere:
             # The buffer cannot be emptied: let what is in it go nowhere.
             os.dup2(nowhere.fileno(), self._storage.bio.fileno())
@@ -169,18 +169,18 @@ class _Mcap:
 
 
 class _Sqlite:
-    """A database in one table; valid to its last commit."""
+    """Database in one table; valid to its last commit."""
 
     def __init__(self, storage: Any) -> None:
         self._storage, self.path = storage, Path(storage.path)
 
-    def moved_on(self) -> bool:
+    def has_closed_chunk(self) -> bool:
         return False
 
     def flush(self) -> None:
         self._storage.conn.commit()
 
-    def cut(self) -> None:
+    def truncate_tail(self) -> None:
         with suppress(sqlite3.Error):
             self._storage.conn.rollback()
         self._storage.conn.close()
@@ -188,7 +188,7 @@ class _Sqlite:
 
 
 def roll_back(path: Path) -> None:
-    """Undo what was half written to a database; rosbags reads without looking at the journal."""
+    """Roll back an open transaction; rosbags reads databases regardless of their journal."""
     with closing(sqlite3.connect(path)) as connection:
         connection.execute('SELECT COUNT(*) FROM sqlite_master').fetchone()
 
@@ -201,4 +201,4 @@ def _end() -> bytes:
     builder = RecordBuilder()
     DataEnd(data_section_crc=0).write(builder)
     Footer(summary_start=0, summary_offset_start=0, summary_crc=0).write(builder)
-    return builder.end() + MCAP0_MAGIC
+    return bytes(builder.end()) + MCAP0_MAGIC

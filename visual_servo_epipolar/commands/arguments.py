@@ -1,4 +1,4 @@
-"""Arguments and outputs that several subcommands share."""
+"""Arguments and outputs shared by subcommands."""
 
 import argparse
 from collections.abc import Mapping
@@ -46,7 +46,7 @@ def law_expression(text: str) -> str:
 
 def add_start(parser: argparse.ArgumentParser, default: tuple[float, float, float] | None) -> None:
     """Add --start."""
-    shown = '' if default is None else f' (default {" ".join(f"{v:g}" for v in default)})'
+    default_text = '' if default is None else f' (default {" ".join(f"{v:g}" for v in default)})'
     parser.add_argument(
         '--start',
         nargs=3,
@@ -55,7 +55,7 @@ def add_start(parser: argparse.ArgumentParser, default: tuple[float, float, floa
         required=default is None,
         default=default,
         help='start in the plane of the paper: x right and y ahead of the goal [m], so that '
-        f'y is negative behind it; heading error [deg], left positive{shown}',
+        f'y is negative behind it; heading error [deg], left positive{default_text}',
     )
 
 
@@ -94,8 +94,8 @@ def scenario_of(options: argparse.Namespace) -> Scenario:
     return scenario.seeded(options.seed).with_servo(changes)
 
 
-def made_folder(name: str) -> Path:
-    """Return the folder called ``name``, made if need be; raises InputError if it cannot."""
+def output_folder(name: str) -> Path:
+    """Return the folder called ``name``, created if missing; raises InputError if that fails."""
     folder = Path(name)
     try:
         folder.mkdir(parents=True, exist_ok=True)

@@ -1,30 +1,34 @@
-"""What a person sees: progress while a run lasts, and a summary of it."""
+"""Console output: progress while a run lasts, and a summary of it."""
 
 from collections.abc import Mapping
 import sys
 import time
+from types import MappingProxyType
 from typing import Any, TextIO
 
+from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 
 REFRESH_S = 0.1
 
-WORDS = {
-    'waiting': 'wait for tracks',
-    'orienting': 'turn to the heading of the photograph',
-    'retreating': 'back off straight, to come in from behind',
-    'displacing': 'turn the epipole to the discordant side',
-    'zeroing_epipoles': 'first step: bring both epipoles to the principal point',
-    'matching_features': 'second step: drive until the features match',
-    'arrived': 'at the goal, at a standstill',
-    'holding': 'stand, tracks lost or not trusted',
-    'failed': 'stand, given up',
-}
+PHASE_DESCRIPTIONS: Mapping[str, str] = MappingProxyType(
+    {
+        Phase.WAITING.value: 'wait for tracks',
+        Phase.ORIENTING.value: 'turn to the heading of the photograph',
+        Phase.RETREATING.value: 'back off straight, to come in from behind',
+        Phase.DISPLACING.value: 'turn the epipole to the discordant side',
+        Phase.ZEROING_EPIPOLES.value: 'first step: bring both epipoles to the principal point',
+        Phase.MATCHING_FEATURES.value: 'second step: drive until the features match',
+        Phase.ARRIVED.value: 'at the goal, at a standstill',
+        Phase.HOLDING.value: 'stand, tracks lost or not trusted',
+        Phase.FAILED.value: 'stand, given up',
+    }
+)
 
 
 class Progress:
-    """One line that is rewritten on a terminal; nothing anywhere else."""
+    """Progress line, rewritten on a terminal; nothing anywhere else."""
 
     def __init__(self, stream: TextIO = sys.stderr) -> None:
         self._stream, self._shown = stream, -REFRESH_S
@@ -44,7 +48,7 @@ class Progress:
         self._stream.flush()
 
     def say(self, text: str) -> None:
-        """Show a line of its own for something that takes long."""
+        """Show ``text`` as the line."""
         if self._live:
             self._stream.write(f'\r{text}\x1b[K')
             self._stream.flush()
@@ -55,7 +59,7 @@ class Progress:
 
 
 def summary(result: Mapping[str, Any]) -> str:
-    """Return a run's result in words, phase by phase."""
+    """Return the result of a run as text, phase by phase."""
     x, y, heading = result['start']
     head = f'{result["outcome"]} after {result["duration_s"]:.1f} s'
     if result['outcome'] != 'arrived':
@@ -63,7 +67,7 @@ def summary(result: Mapping[str, Any]) -> str:
     lines = [f'start x {x:g} m, y {y:g} m, heading {heading:+g} deg, law {result["law"]}', head]
     lines += [
         f'  {phase["start_s"]:6.1f} - {phase["end_s"]:6.1f} s  {phase["name"]:<18} '
-        f'{WORDS[phase["name"]]}'
+        f'{PHASE_DESCRIPTIONS[phase["name"]]}'
         for phase in result['phases']
     ]
     lines += [

@@ -10,7 +10,7 @@ from typing import Any, TYPE_CHECKING
 from visual_servo_epipolar.commands.arguments import (
     add_run_options,
     add_start,
-    made_folder,
+    output_folder,
     scenario_of,
     write_json,
 )
@@ -71,7 +71,7 @@ def demo(options: argparse.Namespace) -> int:
     """Run, print, write; return 0 if the robot arrived."""
     scenario = scenario_of(options)
     settings = scenario.loop(tuple(options.start), options.seed)
-    folder = made_folder(options.out)
+    folder = output_folder(options.out)
     log = _drive(scenario, settings, folder, options)
     result = summarise(log)
     write_json(result, options.json)
@@ -93,17 +93,19 @@ def _drive(
         raise InputError(NO_ROS.format(error)) from None
     progress, referee = Progress(), Referee(settings)
     with ExitStack() as stack:
-        film = None if options.no_video else stack.enter_context(_film(scenario, settings, folder))
+        video: VideoWriter | None = None
+        if not options.no_video:
+            video = stack.enter_context(_video_writer(scenario, settings, folder))
 
         def watch(sample: Sample, image: Image | None, features: Features | None) -> None:
             progress(sample)
-            if film is not None and image is not None and features is not None:
-                film.add(picture(image, features, sample, scenario.camera.believed), sample)
+            if video is not None and image is not None and features is not None:
+                video.add(picture(image, features, sample, scenario.camera.believed), sample)
 
         progress.say('starting four nodes ...')
         open_to = 'LOCALHOST' if options.visible else 'OFF'
         lockstep = stack.enter_context(Lockstep(scenario, settings, open_to=open_to))
-        with_images = film is not None
+        with_images = video is not None
         lockstep.add(
             ObserverNode(referee, watch, with_images=with_images, context=lockstep.context)
         )
@@ -119,18 +121,18 @@ def _drive(
 def _cleared(bag: Path) -> Path:
     """Remove the bag of an earlier run, and nothing else."""
     if bag.is_dir():
-        known = re.compile(rf'metadata\.yaml|{bag.name}_\d+(\.mcap)?')
-        strange = [item.name for item in bag.iterdir() if not known.fullmatch(item.name)]
-        if strange:
+        bag_file = re.compile(rf'metadata\.yaml|{bag.name}_\d+(\.mcap)?')
+        foreign = [item.name for item in bag.iterdir() if not bag_file.fullmatch(item.name)]
+        if foreign:
             raise InputError(
                 f'{bag} must be the bag of an earlier run, to be replaced, but has '
-                f'{", ".join(sorted(strange))}; name another folder by --out'
+                f'{", ".join(sorted(foreign))}; name another folder by --out'
             )
         shutil.rmtree(bag)
     return bag
 
 
-def _film(scenario: Scenario, settings: LoopSettings, folder: Path) -> 'VideoWriter':
+def _video_writer(scenario: Scenario, settings: LoopSettings, folder: Path) -> 'VideoWriter':
     from visual_servo_epipolar.report.images.map_view import Bounds
     from visual_servo_epipolar.report.images.video import VideoWriter
 

@@ -43,65 +43,66 @@ def add_to(kinds: Any) -> None:
 def run(options: argparse.Namespace) -> int:
     """Derive, print, write; return 0. InputError where no gain is legal."""
     try:
-        known = Circumstances(
+        circumstances = Circumstances(
             **{item.name: getattr(options, item.name) for item in fields(Circumstances)}
         )
-        found = derive(known)
+        gains = derive(circumstances)
     except ValueError as error:
         raise InputError(str(error)) from None
     if options.json != '-':
-        print(f'{in_words(known, found)}\n\n{as_yaml(known, found)}')
-    write_json(document(known, found), options.json)
+        print(f'{in_words(circumstances, gains)}\n\n{as_yaml(circumstances, gains)}')
+    write_json(document(circumstances, gains), options.json)
     return 0
 
 
-def document(known: Circumstances, found: Gains) -> dict[str, Any]:
+def document(circumstances: Circumstances, gains: Gains) -> dict[str, Any]:
     """Return gains and circumstances as the JSON document of the command line; SI but degrees."""
     return {
-        'k1': found.k1,
-        'k1_alone': found.k1_alone,
-        'k2': found.k2,
-        'beta': found.beta,
-        'gamma': found.gamma,
-        'exponent': found.exponent,
-        'k_t': found.k_t,
-        'closing_rate': found.rate,
-        't_max_s': found.transient,
-        'longest_landing_s': longest_landing(known, found),
-        'floor_deg': math.degrees(found.floor),
-        'circumstances': asdict(known),
+        'k1': gains.k1,
+        'k1_alone': gains.k1_alone,
+        'k2': gains.k2,
+        'beta': gains.beta,
+        'gamma': gains.gamma,
+        'exponent': gains.exponent,
+        'k_t': gains.k_t,
+        'closing_rate': gains.rate,
+        't_max_s': gains.transient,
+        'longest_landing_s': longest_landing(circumstances, gains),
+        'floor_deg': math.degrees(gains.floor),
+        'circumstances': asdict(circumstances),
     }
 
 
-def in_words(known: Circumstances, found: Gains) -> str:
-    """Return the table for a person."""
+def in_words(circumstances: Circumstances, gains: Gains) -> str:
+    """Return the gains as a table of text."""
+    landing = longest_landing(circumstances, gains)
     rows = [
-        ('k1', f'{found.k1:.4g}', '1/s', 'eq. (12), on the current epipole'),
-        ('k1 alone', f'{found.k1_alone:.4g}', '1/s', 'once e_du is zero, or where e_au is held'),
-        ('k2', f'{found.k2:.4g}', '', 'eq. (12), on the desired epipole'),
-        ('beta/gamma', f'{found.beta}/{found.gamma}', '', 'exponent of eq. (12)'),
-        ('k_t', f'{found.k_t:.4g}', 'm/s', 'eq. (21), D at unit focal length'),
-        ('rate', f'{found.rate:.4g}', '1/s', 'at which k_t closes in, near the goal'),
-        ('t_max', f'{found.transient:.4g}', 's', 'until e_du is zero, at any speed'),
-        ('', f'{longest_landing(known, found):.4g}', 's', 'the same within the limits of speed'),
-        ('floor', f'{math.degrees(found.floor):.4g}', 'deg', 'that |atan e_au| keeps until then'),
+        ('k1', f'{gains.k1:.4g}', '1/s', 'eq. (12), on the current epipole'),
+        ('k1 alone', f'{gains.k1_alone:.4g}', '1/s', 'once e_du is zero, or where e_au is held'),
+        ('k2', f'{gains.k2:.4g}', '', 'eq. (12), on the desired epipole'),
+        ('beta/gamma', f'{gains.beta}/{gains.gamma}', '', 'exponent of eq. (12)'),
+        ('k_t', f'{gains.k_t:.4g}', 'm/s', 'eq. (21), D at unit focal length'),
+        ('rate', f'{gains.rate:.4g}', '1/s', 'at which k_t closes in, near the goal'),
+        ('t_max', f'{gains.transient:.4g}', 's', 'until e_du is zero, at any speed'),
+        ('', f'{landing:.4g}', 's', 'the same within the limits of speed'),
+        ('floor', f'{math.degrees(gains.floor):.4g}', 'deg', 'that |atan e_au| keeps until then'),
     ]
     return '\n'.join(f'{name:<11}{value:>9} {unit:<4} {text}' for name, value, unit, text in rows)
 
 
-def as_yaml(known: Circumstances, found: Gains) -> str:
-    """Return the lines of servo_node.yaml that say the same, in its order and its ranges."""
+def as_yaml(circumstances: Circumstances, gains: Gains) -> str:
+    """Return the gains as lines of servo_node.yaml, in its order and its ranges."""
     values = {
-        'k1': found.k1,
-        'k2': found.k2,
-        'exponent': found.exponent,
-        'initial_distance': known.farthest,
-        'k_t': found.k_t,
-        'approach_rate': found.rate,
-        'turn_gain': min(found.k1_alone, ServoSettings.turn_gain),
-        'latch_engage': known.landing,
-        'max_linear': known.max_linear,
-        'max_angular': known.max_angular,
+        'k1': gains.k1,
+        'k2': gains.k2,
+        'exponent': gains.exponent,
+        'initial_distance': circumstances.farthest,
+        'k_t': gains.k_t,
+        'approach_rate': gains.rate,
+        'turn_gain': min(gains.k1_alone, ServoSettings.turn_gain),
+        'latch_engage': circumstances.landing,
+        'max_linear': circumstances.max_linear,
+        'max_angular': circumstances.max_angular,
     }
     lines = [
         _line(item, values[item.name]) for item in fields(ServoSettings) if item.name in values
@@ -110,7 +111,7 @@ def as_yaml(known: Circumstances, found: Gains) -> str:
 
 
 def _line(item: 'Field[Any]', value: float) -> str:
-    """Return one parameter; a gain beyond its range is the largest one, and says so."""
+    """Return one parameter; a gain beyond its range is cut to it, with a comment."""
     largest = range_of(item).high
     if largest is not None and value > largest:
         return f'    {item.name}: {float(largest)!r}  # derived: {value:.6g}, beyond the range'

@@ -47,14 +47,14 @@ def run(options: argparse.Namespace) -> int:
     current = read_photograph(Path(options.current))
     desired_camera = scaled_to(camera, desired, Path(options.desired))
     current_camera = scaled_to(camera, current, Path(options.current))
-    found = inspect(desired, current, desired_camera, current_camera, _settings(options))
-    result = document(found, current_camera, desired_camera)
+    inspection = inspect(desired, current, desired_camera, current_camera, _settings(options))
+    result = document(inspection, current_camera, desired_camera)
     if options.out:
-        _draw(found, current, current_camera, Path(options.out))
+        _draw(inspection, current, current_camera, Path(options.out))
     if options.json != '-':
         print(in_words(result))
     write_json(result, options.json)
-    return 0 if found.trusted else 1
+    return 0 if inspection.trusted else 1
 
 
 def _settings(options: argparse.Namespace) -> ServoSettings:
@@ -66,27 +66,27 @@ def _settings(options: argparse.Namespace) -> ServoSettings:
         raise InputError(str(error)) from None
 
 
-def document(found: Inspection, current: Camera, desired: Camera) -> dict[str, Any]:
+def document(inspection: Inspection, current: Camera, desired: Camera) -> dict[str, Any]:
     """Return the inspection as the JSON document of the command line."""
     return {
-        'epipole_current_px': current.fx * math.tan(found.bearing_current),
-        'epipole_desired_px': desired.fx * math.tan(found.bearing_desired),
-        'bearing_current_deg': math.degrees(found.bearing_current),
-        'bearing_desired_deg': math.degrees(found.bearing_desired),
-        'bearing_deviation_deg': math.degrees(found.deviation),
-        'rotation_deg': math.degrees(found.rotation),
-        'sigma': None if math.isnan(found.sigma) else int(found.sigma),
-        'trusted': found.trusted,
-        'reason': found.reason,
-        'planar': found.planar,
-        'parallax_px': found.parallax_px,
-        'matches': len(found.current),
-        'inliers': found.inliers,
+        'epipole_current_px': current.fx * math.tan(inspection.bearing_current),
+        'epipole_desired_px': desired.fx * math.tan(inspection.bearing_desired),
+        'bearing_current_deg': math.degrees(inspection.bearing_current),
+        'bearing_desired_deg': math.degrees(inspection.bearing_desired),
+        'bearing_deviation_deg': math.degrees(inspection.deviation),
+        'rotation_deg': math.degrees(inspection.rotation),
+        'sigma': None if math.isnan(inspection.sigma) else int(inspection.sigma),
+        'trusted': inspection.trusted,
+        'reason': inspection.reason,
+        'planar': inspection.planar,
+        'parallax_px': inspection.parallax_px,
+        'matches': len(inspection.current),
+        'inliers': inspection.inliers,
     }
 
 
 def in_words(result: dict[str, Any]) -> str:
-    """Return the result for a person."""
+    """Return the result as text."""
     verdict = 'trusted' if result['trusted'] else 'NOT trusted'
     lines = [verdict + (f': {result["reason"]}' if result['reason'] else '')]
     lines.append(
@@ -106,18 +106,18 @@ def in_words(result: dict[str, Any]) -> str:
     return '\n'.join(lines)
 
 
-def _draw(found: Inspection, image: Image, camera: Camera, path: Path) -> None:
+def _draw(inspection: Inspection, image: Image, camera: Camera, path: Path) -> None:
     from visual_servo_epipolar.report.images.overlay import draw_overlay
 
-    epipole = camera.cx + camera.fx * math.tan(found.bearing_current)
+    epipole = camera.cx + camera.fx * math.tan(inspection.bearing_current)
     picture = draw_overlay(
         image,
-        found.current,
-        found.desired,
-        phase='inspected' if found.trusted else 'not trusted',
+        inspection.current,
+        inspection.desired,
+        phase='inspected' if inspection.trusted else 'not trusted',
         epipole_current=epipole if math.isfinite(epipole) else None,
         horizon=camera.cy,
-        fundamental=found.fundamental if found.trusted else None,
+        fundamental=inspection.fundamental if inspection.trusted else None,
     )
     partial = path.with_name(f'.partial-{path.name}')
     np.asarray(cv2.imencode(path.suffix, picture)[1]).tofile(partial)

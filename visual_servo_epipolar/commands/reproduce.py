@@ -4,7 +4,7 @@ import argparse
 from typing import Any
 
 from visual_servo_epipolar import __version__
-from visual_servo_epipolar.commands.arguments import made_folder, write_json
+from visual_servo_epipolar.commands.arguments import output_folder, write_json
 from visual_servo_epipolar.commands.console import Progress
 
 PARTS = ('sim1', 'sim2', 'experiment')
@@ -34,7 +34,7 @@ def reproduce(options: argparse.Namespace) -> int:
     from visual_servo_epipolar.reproduction.chapters import CHAPTERS
     from visual_servo_epipolar.reproduction.publish import document, publish, text
 
-    folder, progress = made_folder(options.out), Progress()
+    folder, progress = output_folder(options.out), Progress()
     parts = PARTS if options.which == 'all' else (options.which,)
     chapters = {part: CHAPTERS[part](progress.say) for part in parts}
     progress.close()

@@ -6,7 +6,7 @@ from typing import Any
 from visual_servo_epipolar.commands.arguments import (
     add_run_options,
     add_start,
-    made_folder,
+    output_folder,
     scenario_of,
     write_json,
 )
@@ -44,7 +44,7 @@ def simulate(options: argparse.Namespace) -> int:
     progress.close()
     result = summarise(log)
     if options.out is not None:
-        write_run(log, scenario, made_folder(options.out))
+        write_run(log, scenario, output_folder(options.out))
     if options.json != '-':
         print(summary(result))
     write_json(result, options.json)

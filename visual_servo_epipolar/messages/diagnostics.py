@@ -1,4 +1,4 @@
-"""What the servo says about itself: diagnostics and markers."""
+"""Diagnostics and markers of the servo."""
 
 import math
 
@@ -16,7 +16,7 @@ LEVELS = {Phase.HOLDING: DiagnosticStatus.WARN, Phase.FAILED: DiagnosticStatus.E
 
 
 def diagnosis(state: ServoState, stamp_ns: int, *, name: str) -> DiagnosticArray:
-    """Return phase, reason and all numbers as a diagnostic status."""
+    """Return phase, reason and telemetry as a diagnostic status."""
     values: dict[str, object] = {'phase': state.phase.value, 'reason': state.reason}
     if state.measurement is not None:
         values['untrusted_because'] = state.measurement.reason

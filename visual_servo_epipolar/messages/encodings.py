@@ -1,8 +1,8 @@
 """
-What cameras send, as grey levels: the encodings of sensor_msgs/Image, and JPEG and PNG.
+Image encodings: grey levels from sensor_msgs/Image, and from JPEG and PNG.
 
-16 bits become 8 by their upper half, as cv_bridge does it: a sensor of 10 or 12 bits that does not
-use the upper ones looks dark. The mosaic of a colour sensor is interpolated.
+16 bits become 8 by their upper half, which is what cv_bridge does: a sensor of 10 or 12 bits that
+does not use the upper ones looks dark. The mosaic of a colour sensor is interpolated.
 """
 
 from collections.abc import Mapping
@@ -116,7 +116,7 @@ def gray_from_compressed(message: Any) -> Image:
 
 
 def _is_whole(data: bytes) -> bool:
-    """Return whether the picture has its end: decoders only mumble when it has not."""
+    """Return whether the picture has its end: decoders only warn when it has not."""
     return data.rstrip(b'\0').endswith(JPEG_END) or PNG_END in data[-12:]
 
 

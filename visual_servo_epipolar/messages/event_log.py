@@ -1,5 +1,5 @@
 """
-What happened to a node between two images, as text on ``~/events``: JSON, a line an event.
+Event log: what happened to a node between two images, as JSON on ``~/events``.
 
 Images and settings alone do not say that somebody called ``~/stop``; a replay must know.
 """
@@ -12,7 +12,7 @@ REDETECTED = 'redetected'  # of the tracker; those of the servo are its interrup
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """An event, after the image of ``after_stamp_ns``; None means before the first image."""
+    """Event after the image of ``after_stamp_ns``; None means before the first image."""
 
     event: str
     after_stamp_ns: int | None = None
@@ -27,10 +27,12 @@ def to_text(entry: Entry) -> str:
 def from_text(text: str) -> Entry:
     """Return what ``to_text`` wrote; raises ValueError for any other text."""
     try:
-        found = json.loads(text)
-        after_ns = found['after_stamp_ns']
+        document = json.loads(text)
+        after_ns = document['after_stamp_ns']
         return Entry(
-            str(found['event']), None if after_ns is None else int(after_ns), str(found['reason'])
+            str(document['event']),
+            None if after_ns is None else int(after_ns),
+            str(document['reason']),
         )
     except (LookupError, OverflowError, RecursionError, TypeError, ValueError):
         raise ValueError(

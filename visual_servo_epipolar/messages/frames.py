@@ -1,4 +1,4 @@
-"""Coordinate frames as markers: what a viewer shows where nobody publishes /tf."""
+"""Coordinate frames as markers, for viewers where nobody publishes /tf."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ COLOURS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))  # x, y, z by REP 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """A frame: ``axes``, shape (3, 3), has x, y, z as columns; ``origin``, shape (3,), is in m."""
+    """Coordinate frame: ``axes``, shape (3, 3), columns x, y, z; ``origin``, shape (3,) [m]."""
 
     name: str
     axes: FloatArray
@@ -33,16 +33,16 @@ def upright(name: str, pose: Pose) -> Frame:
     return Frame(name, axes, np.array([pose.x, pose.y, 0.0]))
 
 
-def frames(shown: Sequence[Frame], stamp_ns: int, frame_id: str) -> MarkerArray:
-    """Return three coloured lines and a name for each of ``shown``, all in ``frame_id``."""
-    made = MarkerArray()
-    for number, frame in enumerate(shown):
-        made.markers.append(_axes(2 * number, frame))
-        made.markers.append(_name(2 * number + 1, frame))
-    for marker in made.markers:
+def frames(coordinate_frames: Sequence[Frame], stamp_ns: int, frame_id: str) -> MarkerArray:
+    """Return three coloured lines and a name for each frame, all in ``frame_id``."""
+    array = MarkerArray()
+    for number, frame in enumerate(coordinate_frames):
+        array.markers.append(_axes(2 * number, frame))
+        array.markers.append(_name(2 * number + 1, frame))
+    for marker in array.markers:
         marker.header, marker.ns = write.header(stamp_ns, frame_id), 'frames'
         marker.pose.orientation.w = 1.0
-    return made
+    return array
 
 
 def _axes(number: int, frame: Frame) -> Marker:

@@ -1,5 +1,5 @@
 """
-Messages into core values; the fields alone are looked at, so rosbags messages fit too.
+Reading: messages into core values, by their fields alone, so that rosbags messages fit too.
 
 Every function raises ValueError for a message that cannot be used.
 """
@@ -77,10 +77,10 @@ def features(message: Any) -> Features:
             f'tracks must have the fields {", ".join(TRACK_FIELDS)}, missing '
             f'{", ".join(missing)}; connect the tracks of a tracker_node'
         )
-    strange = [name for name in TRACK_FIELDS if columns[name].datatype not in NUMPY_TYPES]
-    if strange:
+    unsupported = [name for name in TRACK_FIELDS if columns[name].datatype not in NUMPY_TYPES]
+    if unsupported:
         raise ValueError(
-            f'tracks have fields of no known datatype: {", ".join(strange)}; connect the '
+            f'tracks have fields of no known datatype: {", ".join(unsupported)}; connect the '
             'tracks of a tracker_node'
         )
     order = '>' if message.is_bigendian else '<'
@@ -108,8 +108,8 @@ def features(message: Any) -> Features:
     )
 
 
-def numbers(message: Any) -> dict[str, float]:
-    """Return the named numbers of an ``epipoles`` message."""
+def telemetry(message: Any) -> dict[str, float]:
+    """Return the telemetry in an ``epipoles`` message: values by name."""
     return {
         str(name): float(value) for name, value in zip(message.name, message.position, strict=True)
     }

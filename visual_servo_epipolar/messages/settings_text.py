@@ -1,5 +1,5 @@
 """
-Settings in force as text: a ROS parameter file, so that it can be kept and given to a node again.
+Settings in force as text: a ROS parameter file that can be kept and given to a node again.
 
 Nodes publish it latched on ``~/settings``; a bag that holds it can be replayed with them.
 """
@@ -21,7 +21,7 @@ AFTER = re.compile(r'^# after_stamp_ns: (-?\d{1,19})$', re.MULTILINE)
 @dataclass(frozen=True, slots=True)
 class NodeSettings:
     """
-    What a node said of its settings: ``values`` by name.
+    Settings of a node as it published them: ``values`` by name.
 
     They are in force after the image of ``after_stamp_ns``; None means from the beginning.
     """
@@ -55,12 +55,12 @@ def from_text(text: str) -> NodeSettings:
         If ``text`` is not the parameter file of one node.
 
     """
-    found = sections(text)
-    if len(found) != 1:
+    nodes = sections(text)
+    if len(nodes) != 1:
         raise ValueError(
-            f'settings must be those of one node, got {len(found)}; connect ~/settings of a node'
+            f'settings must be those of one node, got {len(nodes)}; connect ~/settings of a node'
         )
-    ((node, values),) = found.items()
+    ((node, values),) = nodes.items()
     after, version = AFTER.search(text), VERSION.search(text)
     return NodeSettings(
         node, values, int(after[1]) if after else None, version[1] if version else ''

@@ -1,4 +1,4 @@
-"""Core values into messages. Every scalar is made a float or an int: rclpy checks nothing."""
+"""Writing: core values into messages, every scalar as float or int: rclpy checks nothing."""
 
 from typing import Any
 
@@ -100,8 +100,8 @@ def features(value: Features, stamp_ns: int, frame_id: str) -> PointCloud2:
     rows['desired_u'], rows['desired_v'] = value.desired.T
     message = PointCloud2(header=header(stamp_ns, frame_id), height=1, width=len(value))
     message.fields = [
-        PointField(name=name, offset=int(offset), datatype=POINT_TYPES[kind.str], count=1)
-        for name, (kind, offset) in (TRACK_LAYOUT.fields or {}).items()
+        PointField(name=name, offset=int(item[1]), datatype=POINT_TYPES[item[0].str], count=1)
+        for name, item in (TRACK_LAYOUT.fields or {}).items()
     ]
     message.is_dense, message.point_step = True, TRACK_LAYOUT.itemsize
     message.row_step = message.point_step * len(value)
@@ -109,9 +109,9 @@ def features(value: Features, stamp_ns: int, frame_id: str) -> PointCloud2:
     return message
 
 
-def numbers(values: dict[str, float], stamp_ns: int, frame_id: str) -> JointState:
+def telemetry(values: dict[str, float], stamp_ns: int, frame_id: str) -> JointState:
     """
-    Return named numbers with a stamp.
+    Return telemetry, values by name, with a stamp.
 
     JointState is the one stock message that carries them and that plotting tools show by name;
     ``position`` holds the values.

@@ -38,7 +38,8 @@ class CameraNode(Node):
         parameters.watch(self, lambda: self._settings, self._use)
         parameters.watch(self, lambda: self._disturbances, self._disturb)
         self._simulator = CameraSimulator(self._settings, self._disturbances)
-        self._frame, self._last_ns = 0, None
+        self._frame = 0
+        self._last_ns: int | None = None
         self._image_pub = self.create_publisher(Image, 'image_raw', qos.STREAM)
         self._info_pub = self.create_publisher(CameraInfo, 'camera_info', qos.STREAM)
         self._desired_pub = self.create_publisher(Image, 'desired/image_raw', qos.LATCHED)
@@ -78,20 +79,22 @@ class CameraNode(Node):
             self.get_logger().error(str(error), throttle_duration_sec=WARN_PERIOD_S)
             return
         mount, odom = self._settings.mount, message.header.frame_id
-        shown = (
+        coordinate_frames = (
             upright(odom, Pose(0.0, 0.0, 0.0)),
             upright(message.child_frame_id, pose),
             Frame(FRAME_ID, mount.R_world_camera(pose), mount.centre(pose)),
         )
-        self._frames_pub.publish(frames(shown, stamp_ns, odom))
+        self._frames_pub.publish(frames(coordinate_frames, stamp_ns, odom))
 
     def _is_due(self, stamp_ns: int) -> bool:
         """Return whether a frame has passed; time running backwards starts anew."""
         period, last = period_ns(self._settings.frame_rate), self._last_ns
         if last is not None and last <= stamp_ns < last + period:
             return False
-        on_grid = last is not None and stamp_ns < last + 2 * period
-        self._last_ns = last + period if on_grid else stamp_ns
+        if last is not None and stamp_ns < last + 2 * period:
+            self._last_ns = last + period
+        else:
+            self._last_ns = stamp_ns
         return True
 
     def _message(self, image: Pixels, stamp_ns: int) -> Image:

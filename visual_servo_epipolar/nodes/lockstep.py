@@ -1,4 +1,4 @@
-"""All nodes in one process, in lockstep: deterministic, and as fast as the machine allows."""
+"""Lockstep: all nodes in one process, deterministic, and as fast as the machine allows."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
@@ -48,7 +48,7 @@ class Lockstep(AbstractContextManager['Lockstep']):
     def __init__(self, scenario: Scenario, loop: LoopSettings, *, open_to: str = 'OFF') -> None:
         tune_transport()
         # The older variables would overrule the range.
-        self._before = {name: os.environ.pop(name, None) for name in DISCOVERY}
+        self._environment = {name: os.environ.pop(name, None) for name in DISCOVERY}
         os.environ[DISCOVERY[0]] = open_to
         self.context = Context()
         rclpy.init(args=[], context=self.context)
@@ -85,17 +85,17 @@ class Lockstep(AbstractContextManager['Lockstep']):
         Time waits for the disk; the bag is complete after ``run``.
         """
         topics = {item.topic_name for node in self.nodes for item in node.publishers}
-        wanted = {
+        values = {
             'bag': str(folder),
             'topics': tuple(sorted(topics - {'/parameter_events'})),
             'exclude': tuple(exclude),
             'report': False,
         }
-        self.recorder = self._add(RecorderNode, RecordSettings(when_full='wait'), wanted)
+        self.recorder = self._add(RecorderNode, RecordSettings(when_full='wait'), values)
 
     def run(self, done: Callable[[], bool]) -> None:
         """
-        Set the chain going, and spin until ``done``.
+        Begin the run, and spin until ``done``.
 
         Raises
         ------
@@ -114,21 +114,21 @@ class Lockstep(AbstractContextManager['Lockstep']):
         # The command of the last step is on its way, its successor is not: without an image the
         # chain ends where it does each time.
         self.executor.remove_node(self.camera)
-        quiet, heard = 0, recorder.heard
+        quiet, received = 0, recorder.received
         while quiet < QUIET_SPINS:
             self.executor.spin_once(timeout_sec=SPIN_S)
-            quiet = quiet + 1 if recorder.heard == heard else 0
-            heard = recorder.heard
-        tally = recorder.stop()
-        if tally.error:
-            raise LockstepError(tally.error)
+            quiet = quiet + 1 if recorder.received == received else 0
+            received = recorder.received
+        status = recorder.stop()
+        if status.error:
+            raise LockstepError(status.error)
 
     def __exit__(self, *_: object) -> None:
         for node in self.nodes:
             node.destroy_node()
         self.executor.shutdown()
         self.context.try_shutdown()
-        for name, value in self._before.items():
+        for name, value in self._environment.items():
             os.environ.pop(name, None)
             if value is not None:
                 os.environ[name] = value
@@ -137,14 +137,14 @@ class Lockstep(AbstractContextManager['Lockstep']):
         self,
         kind: type[Any],
         settings: Settings,
-        more: Mapping[str, Any],
+        extra: Mapping[str, Any],
         *,
         simulated_time: bool = True,
     ) -> Any:
         values = {item.name: getattr(settings, item.name) for item in fields(settings)}
         overrides = [
             parameters.override(name, value)
-            for name, value in {**values, **more, 'use_sim_time': simulated_time}.items()
+            for name, value in {**values, **extra, 'use_sim_time': simulated_time}.items()
         ]
         node = kind(
             context=self.context, parameter_overrides=overrides, use_global_arguments=False
@@ -153,22 +153,24 @@ class Lockstep(AbstractContextManager['Lockstep']):
         return node
 
     def _connected(self) -> bool:
-        """Return whether all who publish know all who listen, and the photograph is there."""
-        heard = Counter(item.topic_name for node in self.nodes for item in node.subscriptions)
+        """Return whether publishers and subscribers are matched, and the photograph is there."""
+        subscribers = Counter(
+            item.topic_name for node in self.nodes for item in node.subscriptions
+        )
         return all(getattr(node, 'ready', True) for node in self.nodes) and all(
-            item.get_subscription_count() >= heard[item.topic_name]
+            item.get_subscription_count() >= subscribers[item.topic_name]
             for node in self.nodes
             for item in node.publishers
         )
 
     def _spin_until(self, condition: Callable[[], bool], waited_for: str) -> None:
-        progress, seen = time.monotonic(), -1
+        last_progress_s, last_steps = time.monotonic(), -1
         while not condition():
             self.executor.spin_once(timeout_sec=SPIN_S)
             steps = self.unicycle.steps
-            if steps != seen:
-                progress, seen = time.monotonic(), steps
-            if time.monotonic() - progress > STALL_S:
+            if steps != last_steps:
+                last_progress_s, last_steps = time.monotonic(), steps
+            if time.monotonic() - last_progress_s > STALL_S:
                 raise LockstepError(
                     f'the nodes stood still for {STALL_S:g} s after {steps} steps, waiting for '
                     f'{waited_for}; look for errors above'

@@ -1,4 +1,4 @@
-"""Looks on: joins ground truth and what the servo says into the record of a run."""
+"""Observer: joins ground truth and the telemetry of the servo into the record of a run."""
 
 from collections.abc import Callable
 from typing import Any
@@ -19,7 +19,6 @@ from visual_servo_epipolar.simulation.closed_loop import Referee
 
 DEPTH = 20
 
-
 Watch = Callable[[Sample, Pixels | None, Features | None], None]
 
 
@@ -35,7 +34,7 @@ class ObserverNode(Node):
     ) -> None:
         super().__init__('observer_node', **options)
         self._referee, self._watch = referee, watch
-        self._moments: dict[int, dict[str, Any]] = {}  # messages of a stamp, until all are there
+        self._pending: dict[int, dict[str, Any]] = {}  # messages of a stamp, until all are there
         kinds: dict[str, Any] = {
             'ground_truth': Odometry,
             'epipoles': JointState,
@@ -43,28 +42,28 @@ class ObserverNode(Node):
         }
         if with_images:
             kinds |= {'image_raw': Image, 'tracks': PointCloud2}
-        self._needed = set(kinds)
+        self._topics = set(kinds)
         for topic, kind in kinds.items():
             self.create_subscription(kind, topic, self._listener(topic), QoSProfile(depth=DEPTH))
 
     def _listener(self, topic: str) -> Callable[[Any], None]:
         def listen(message: Any) -> None:
             stamp_ns = read.stamp_ns(message.header)
-            parts = self._moments.setdefault(stamp_ns, {})
+            parts = self._pending.setdefault(stamp_ns, {})
             parts[topic] = message
-            if self._needed <= parts.keys():
-                self._complete(stamp_ns, self._moments.pop(stamp_ns))
+            if self._topics <= parts.keys():
+                self._complete(stamp_ns, self._pending.pop(stamp_ns))
 
         return listen
 
     def _complete(self, stamp_ns: int, parts: dict[str, Any]) -> None:
         if self._referee.done:
             return
-        said = read.diagnosis(parts['/diagnostics'])
-        numbers = read.numbers(parts['epipoles'])
+        diagnosis = read.diagnosis(parts['/diagnostics'])
+        telemetry = read.telemetry(parts['epipoles'])
         pose = read.pose(parts['ground_truth'])
-        step = sample(stamp_ns, pose, Phase(said['phase']), numbers)
-        self._referee.add(step, reason=said['reason'], attempts=int(numbers['attempt']))
+        step = sample(stamp_ns, pose, Phase(diagnosis['phase']), telemetry)
+        self._referee.add(step, reason=diagnosis['reason'], attempts=int(telemetry['attempt']))
         image = read.gray(parts['image_raw']) if 'image_raw' in parts else None
         features = read.features(parts['tracks']) if 'tracks' in parts else None
         self._watch(step, image, features)

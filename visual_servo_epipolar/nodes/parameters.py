@@ -28,10 +28,10 @@ def declare(node: Node, kind: type[SettingsT]) -> SettingsT:
     values: dict[str, Any] = {}
     for item in fields(kind):
         default = list(item.default) if isinstance(item.default, tuple) else item.default
-        found = node.declare_parameter(item.name, default, _descriptor(item)).value
+        value = node.declare_parameter(item.name, default, _descriptor(item)).value
         if isinstance(item.default, tuple):
-            found = tuple(found or ())  # an empty list in YAML leaves the parameter unset
-        values[item.name] = found
+            value = tuple(value or ())  # an empty list in YAML leaves the parameter unset
+        values[item.name] = value
     return kind(**values)
 
 
@@ -70,9 +70,9 @@ def refuse_unknown(node: Node) -> None:
         name for name in given if not node.has_parameter(name) and not name.startswith('qos_')
     )
     if unknown:
-        known = sorted(node.list_parameters([], 0).names)
-        close = difflib.get_close_matches(unknown[0], known, n=1)
-        hint = f'; did you mean {close[0]}?' if close else f'; it has {", ".join(known)}'
+        declared = sorted(node.list_parameters([], 0).names)
+        close = difflib.get_close_matches(unknown[0], declared, n=1)
+        hint = f'; did you mean {close[0]}?' if close else f'; it has {", ".join(declared)}'
         raise ValueError(f'{node.get_name()} has no parameter {", ".join(unknown)}{hint}')
 
 

@@ -1,4 +1,4 @@
-"""The quality-of-service profiles in use, each with its reason."""
+"""Quality-of-service profiles, each with its reason."""
 
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 

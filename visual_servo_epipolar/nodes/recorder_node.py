@@ -1,4 +1,4 @@
-"""The recorder: what is published, into a bag; nothing is decoded, nothing waits for a disk."""
+"""The recorder: published messages into a bag; none is decoded, none waits for the disk."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -12,7 +12,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from std_srvs.srv import Trigger
 
-from visual_servo_epipolar.bags.recording.recorder import Recorder, Tally
+from visual_servo_epipolar.bags.recording.recorder import Recorder, RecordingStatus
 from visual_servo_epipolar.bags.recording.settings import RecordSettings
 from visual_servo_epipolar.bags.recording.writer import MB
 from visual_servo_epipolar.bags.storage import Topic
@@ -20,18 +20,18 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import parameters, qos
-from visual_servo_epipolar.nodes.recording.discovery import Wish
-from visual_servo_epipolar.nodes.recording.raw_subscriptions import Ears
+from visual_servo_epipolar.nodes.recording.discovery import TopicSelection
+from visual_servo_epipolar.nodes.recording.raw_subscriptions import RawSubscriptions
 from visual_servo_epipolar.nodes.run import spin
 
-LOOK_PERIOD_S = 0.2
-LOOKS_A_REPORT = 5  # one report a second
+DISCOVERY_PERIOD_S = 0.2
+DISCOVERIES_A_REPORT = 5  # one report a second
 WARN_PERIOD_S = 5.0
 
 
 @dataclass(frozen=True, kw_only=True)
 class RecorderNodeSettings(Settings):
-    """What is recorded, where to, and what becomes of the robot if that fails."""
+    """Settings of the node: what is recorded, where to, and what the robot does if that fails."""
 
     bag: str = setting(
         '', 'Folder of the bag; empty: rosbag2_ and the date, where it was started', read_only=True
@@ -55,9 +55,9 @@ class RecorderNodeSettings(Settings):
 
 class RecorderNode(Node):
     """
-    Hosts a ``Recorder``; subscribes to every wanted topic as soon as somebody publishes it.
+    Hosts a ``Recorder``; subscribes to every selected topic as soon as somebody publishes it.
 
-    Messages pass as the bytes that came in, stamped with the time of the node's clock.
+    Messages pass as serialized bytes, stamped with the time of the node's clock.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -66,11 +66,13 @@ class RecorderNode(Node):
         self._settings = parameters.declare(self, RecordSettings)
         parameters.refuse_unknown(self)
         settings = self._node_settings
-        wish = Wish(settings.topics, settings.exclude).resolved(self)
-        self._ears = Ears(self, wish, self._begin_topic, self._take)
+        selection = TopicSelection(settings.topics, settings.exclude).resolved(self)
+        self._raw_subscriptions = RawSubscriptions(
+            self, selection, self._begin_topic, self._record
+        )
         self._recorder: Recorder | None = None
-        self._error, self._bags, self._looks = '', 0, 0
-        self.heard = 0  # messages
+        self._error, self._bags, self._discoveries = '', 0, 0
+        self.received = 0  # messages
         self._diagnostics_pub = self.create_publisher(
             DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS
         )
@@ -78,44 +80,44 @@ class RecorderNode(Node):
         self.create_service(Trigger, '~/stop', self._on_stop)
         self._servo_stop = self.create_client(Trigger, f'{settings.servo}/stop')
         if settings.autostart:
-            self._begin_or_go()
-        steady = Clock(clock_type=ClockType.STEADY_TIME)  # in simulated time as well
-        self.create_timer(LOOK_PERIOD_S, self._on_look, clock=steady)
+            self._begin_or_destroy()
+        steady_clock = Clock(clock_type=ClockType.STEADY_TIME)  # in simulated time as well
+        self.create_timer(DISCOVERY_PERIOD_S, self._on_discovery, clock=steady_clock)
 
     @property
     def recorded(self) -> frozenset[str]:
         """The topics that are being recorded, by their full names."""
-        return self._ears.heard
+        return self._raw_subscriptions.topics
 
     @property
     def ready(self) -> bool:
-        """Whether all topics that were asked for by name are being recorded."""
-        return self._ears.all_heard
+        """Whether all topics that are selected by name are being recorded."""
+        return self._raw_subscriptions.is_complete
 
-    def tally(self) -> Tally:
-        """Return how the recording stands."""
-        return Tally() if self._recorder is None else self._recorder.tally()
+    def status(self) -> RecordingStatus:
+        """Return the status of the recording."""
+        return RecordingStatus() if self._recorder is None else self._recorder.status()
 
-    def stop(self) -> Tally:
-        """Complete the bag; return what is in it."""
-        self._ears.close()
+    def stop(self) -> RecordingStatus:
+        """Complete the bag; return its status."""
+        self._raw_subscriptions.close()
         recorder, self._recorder = self._recorder, None
         if recorder is None:
-            return Tally()
-        tally = recorder.close()
-        self.get_logger().info(f'{sum(tally.written.values())} messages in {recorder.folder}')
-        return tally
+            return RecordingStatus()
+        status = recorder.close()
+        self.get_logger().info(f'{sum(status.written.values())} messages in {recorder.folder}')
+        return status
 
     def destroy_node(self) -> None:
         """Complete the bag before the node goes."""
         self.stop()
         super().destroy_node()
 
-    def _begin_or_go(self) -> None:
+    def _begin_or_destroy(self) -> None:
         try:
             self._begin()
         except InputError:
-            self.destroy_node()  # half a node would keep its name
+            self.destroy_node()  # or its name stays taken
             raise
 
     def _begin(self) -> Path:
@@ -125,15 +127,15 @@ class RecorderNode(Node):
         self._bags += 1
         self._error = ''
         self.get_logger().info(f'recording to {folder}')
-        self._ears.look()
+        self._raw_subscriptions.discover()
         return folder
 
     def _begin_topic(self, topic: Topic) -> None:
         if self._recorder is not None:
             self._recorder.add(topic)
 
-    def _take(self, topic: Topic, data: bytes) -> None:
-        self.heard += 1
+    def _record(self, topic: Topic, data: bytes) -> None:
+        self.received += 1
         if self._recorder is not None:
             self._recorder.put(topic, self.get_clock().now().nanoseconds, data)
 
@@ -146,23 +148,23 @@ class RecorderNode(Node):
             name = f'{name}_{self._bags}'
         return Path(name).expanduser()
 
-    def _on_look(self) -> None:
-        tally = self.tally()
-        if tally.error:
-            self._fail(tally)
+    def _on_discovery(self) -> None:
+        status = self.status()
+        if status.error:
+            self._fail(status)
         elif self._recorder is not None:
-            self._ears.look()
-        self._looks += 1
-        if self._looks % LOOKS_A_REPORT == 0:
-            self._ears.check()
-            self._report(tally)
+            self._raw_subscriptions.discover()
+        self._discoveries += 1
+        if self._discoveries % DISCOVERIES_A_REPORT == 0:
+            self._raw_subscriptions.refresh()
+            self._report(status)
 
-    def _fail(self, tally: Tally) -> None:
-        """Say that the bag has ended before its time, and stop the robot if that is wanted."""
-        self._error = tally.error
-        self.get_logger().error(tally.error)
+    def _fail(self, status: RecordingStatus) -> None:
+        """Report that the bag has ended early, and stop the robot if the settings say so."""
+        self._error = status.error
+        self.get_logger().error(status.error)
         self.stop()
-        self._report(tally)
+        self._report(status)
         if self._node_settings.on_error == 'stop_servo':
             self._stop_robot()
 
@@ -173,16 +175,16 @@ class RecorderNode(Node):
             return
         answer = self._servo_stop.call_async(Trigger.Request())
         answer.add_done_callback(
-            lambda done: self.get_logger().warning(f'{service}: {done.result().message}')
+            lambda future: self.get_logger().warning(f'{service}: {future.result().message}')
         )
 
-    def _report(self, tally: Tally) -> None:
-        """Publish how it goes, and complain about what was dropped."""
-        dropped, lost = sum(tally.dropped.values()), sum(self._ears.lost.values())
-        if dropped and not tally.error:
+    def _report(self, status: RecordingStatus) -> None:
+        """Publish diagnostics, and warn of dropped messages."""
+        dropped, lost = sum(status.dropped.values()), sum(self._raw_subscriptions.lost.values())
+        if dropped and not status.error:
             self.get_logger().warning(
                 f'the disk does not keep up, {dropped} messages dropped so far: '
-                f'{_counts(tally.dropped)}',
+                f'{_counts(status.dropped)}',
                 throttle_duration_sec=WARN_PERIOD_S,
             )
         if not self._node_settings.report:
@@ -192,7 +194,7 @@ class RecorderNode(Node):
             level, summary = DiagnosticStatus.ERROR, self._error
         elif self._recorder is not None:
             level, summary = DiagnosticStatus.OK, f'recording to {self._recorder.folder}'
-            if dropped or lost or self._ears.refused:
+            if dropped or lost or self._raw_subscriptions.refused:
                 level = DiagnosticStatus.WARN
         message = write.diagnostics(
             self.get_fully_qualified_name(),
@@ -200,14 +202,14 @@ class RecorderNode(Node):
             summary=summary,
             values={
                 'recording': self._recorder is not None,
-                'files': tally.files,
-                'messages': sum(tally.written.values()),
-                'waiting_mb': round(tally.waiting_bytes / MB, 1),
+                'files': status.files,
+                'messages': sum(status.written.values()),
+                'waiting_mb': round(status.waiting_bytes / MB, 1),
                 'dropped': dropped,
-                'dropped_of': _counts(tally.dropped),
-                'lost_of': _counts(+self._ears.lost),
-                'not_recorded': ' '.join(sorted(self._ears.refused)),
-                'not_published': ' '.join(sorted(self._ears.missing)),
+                'dropped_of': _counts(status.dropped),
+                'lost_of': _counts(+self._raw_subscriptions.lost),
+                'not_recorded': ' '.join(sorted(self._raw_subscriptions.refused)),
+                'not_published': ' '.join(sorted(self._raw_subscriptions.missing)),
             },
             stamp_ns=self.get_clock().now().nanoseconds,
         )
@@ -229,9 +231,9 @@ class RecorderNode(Node):
         if self._recorder is None:
             response.success, response.message = False, 'nothing is being recorded'
             return response
-        folder, tally = self._recorder.folder, self.stop()
-        response.success = not tally.error
-        response.message = tally.error or f'{sum(tally.written.values())} messages in {folder}'
+        folder, status = self._recorder.folder, self.stop()
+        response.success = not status.error
+        response.message = status.error or f'{sum(status.written.values())} messages in {folder}'
         return response
 
 

@@ -1,6 +1,6 @@
-"""The one main loop of all nodes: init, spin, a clean exit with a zero twist."""
+"""Main loop of every node: init, spin, a clean exit with a zero twist."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 import ctypes
 import os
 from pathlib import Path
@@ -21,7 +21,7 @@ MALLOPT_MMAP_THRESHOLD, MALLOPT_TRIM_THRESHOLD = -3, -1
 KEEP_BYTES = 2**29 - 1
 
 
-def spin(factory: Callable[[], Node], args: Sequence[str] | None = None) -> int:
+def spin(factory: Callable[[], Node], args: list[str] | None = None) -> int:
     """
     Run the node that ``factory`` makes until SIGINT or SIGTERM; return the exit code.
 

@@ -29,22 +29,22 @@ from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.messages import (
     diagnostics,
     event_log,
-    intake,
     read,
     settings_text,
+    validation,
     write,
 )
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.run import spin
 
 WARN_PERIOD_S = 5.0
-FAREWELL_S = 0.2
+STOP_TIMEOUT_S = 0.2
 WATCH_PERIOD_S = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
 class ServoNodeSettings(Settings):
-    """How the node is connected."""
+    """Settings of the connections of the node."""
 
     enable_stamped_cmd_vel: bool = setting(
         False, 'Publish geometry_msgs/TwistStamped on cmd_vel', read_only=True
@@ -76,7 +76,7 @@ class ServoNode(Node):
         parameters.watch(self, lambda: self._settings, self._use)
         self._active, self._state = self._settings.autostart, ServoState()
         self._camera: Camera | None = None
-        self._waiting: PointCloud2 | None = None
+        self._pending_tracks: PointCloud2 | None = None
         self._fresh_ns: int | None = None
         self._stamp_ns: int | None = None
         self._create_publishers()
@@ -88,16 +88,16 @@ class ServoNode(Node):
         self._announce()
 
     def stop(self) -> None:
-        """Stop the robot, and wait until it has heard it."""
+        """Stop the robot, and wait until the command is acknowledged."""
         self._active, self._state = False, self._interrupted(Interruption.STOPPED)
         self._command(STANDSTILL, self.get_clock().now().nanoseconds)
-        self._command_pub.wait_for_all_acked(Duration(seconds=FAREWELL_S))
+        self._command_pub.wait_for_all_acked(Duration(seconds=STOP_TIMEOUT_S))
 
     def _create_publishers(self) -> None:
         stamped = self._node_settings.enable_stamped_cmd_vel
         kind = TwistStamped if stamped else TwistMessage
         self._command_pub = self.create_publisher(kind, 'cmd_vel', qos.COMMAND)
-        self._numbers_pub = self.create_publisher(JointState, 'epipoles', qos.STREAM)
+        self._telemetry_pub = self.create_publisher(JointState, 'epipoles', qos.STREAM)
         self._phase_pub = self.create_publisher(String, 'phase', qos.LATCHED)
         self._diagnostics_pub = self.create_publisher(
             DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS
@@ -129,11 +129,11 @@ class ServoNode(Node):
             self._camera = read.camera(message)
         except ValueError as error:
             self._camera = None
-            self._complain(f'camera_info cannot be used, the robot stands: {error}')
+            self._warn(f'camera_info cannot be used, the robot stands: {error}')
             self._halt()
-        waiting, self._waiting = self._waiting, None
-        if waiting is not None and self._camera is not None and not self._is_stale():
-            self._on_tracks(waiting)
+        pending, self._pending_tracks = self._pending_tracks, None
+        if pending is not None and self._camera is not None and not self._is_stale():
+            self._on_tracks(pending)
 
     def _on_tracks(self, message: PointCloud2) -> None:
         stamp_ns = read.stamp_ns(message.header)
@@ -143,18 +143,18 @@ class ServoNode(Node):
         if not self._active:
             return
         if self._camera is None:
-            self._waiting = message
-            self._complain('no usable camera_info yet; tracks wait for it, the robot stands')
+            self._pending_tracks = message
+            self._warn('no usable camera_info yet; tracks wait for it, the robot stands')
             self._halt()
             return
-        features, complaint = intake.tracks(message, self._camera)
-        if complaint:
-            self._complain(complaint)
+        features, warning = validation.checked_tracks(message, self._camera)
+        if warning:
+            self._warn(warning)
         self._follow(step(self._state, observe(features, self._camera, stamp_ns), self._settings))
         self._publish(stamp_ns, message.header.frame_id)
 
     def _follow(self, state: ServoState) -> None:
-        """Take over a new state, and say so when its phase is a new one."""
+        """Take over a new state, and log a change of phase."""
         if state.phase is not self._state.phase:
             self.get_logger().info(
                 f'{self._state.phase.value} -> {state.phase.value} ({state.reason})'
@@ -164,7 +164,7 @@ class ServoNode(Node):
     def _publish(self, stamp_ns: int, frame_id: str) -> None:
         state = self._state
         self._phase_pub.publish(write.text(state.phase.value))
-        self._numbers_pub.publish(write.numbers(telemetry(state), stamp_ns, frame_id))
+        self._telemetry_pub.publish(write.telemetry(telemetry(state), stamp_ns, frame_id))
         self._diagnostics_pub.publish(
             diagnostics.diagnosis(state, stamp_ns, name=self.get_fully_qualified_name())
         )
@@ -185,7 +185,7 @@ class ServoNode(Node):
             self._command(STANDSTILL, self.get_clock().now().nanoseconds)
 
     def _interrupted(self, kind: Interruption, reason: str = '') -> ServoState:
-        """Return the state after an interruption, and say so: a replay must do the same."""
+        """Return the state after an interruption, and publish it as an event for replays."""
         entry = event_log.Entry(kind.value, self._stamp_ns, reason)
         self._events_pub.publish(write.text(event_log.to_text(entry)))
         return interrupted(self._state, kind, reason)
@@ -228,7 +228,7 @@ class ServoNode(Node):
         response.success, response.message = True, 'ready for a new run'
         return response
 
-    def _complain(self, text: str) -> None:
+    def _warn(self, text: str) -> None:
         self.get_logger().warning(text, throttle_duration_sec=WARN_PERIOD_S)
 
 

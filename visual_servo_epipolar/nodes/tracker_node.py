@@ -21,7 +21,7 @@ from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
-from visual_servo_epipolar.messages import event_log, intake, read, settings_text, write
+from visual_servo_epipolar.messages import event_log, read, settings_text, validation, write
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.run import spin
 from visual_servo_epipolar.report.images.overlay import draw_overlay
@@ -32,7 +32,7 @@ MAX_CAPTURE_AGE_S = 1.0
 
 @dataclass(frozen=True, kw_only=True)
 class TrackerNodeSettings(Settings):
-    """Where the photograph comes from, and how images are subscribed."""
+    """Settings of the node: source of the photograph, and QoS of images."""
 
     desired_image: str = setting(
         '',
@@ -66,10 +66,10 @@ class TrackerNode(Node):
         self._unusable = ''  # why the last camera_info cannot be used
         self._latest: Pixels | None = None
         self._latest_ns, self._steady = 0, Clock(clock_type=ClockType.STEADY_TIME)
-        self._waiting: Image | None = None
+        self._pending_image: Image | None = None
         self._create_publishers()
         if self._node_settings.desired_image:
-            self._take(_photograph(self._node_settings.desired_image))
+            self._set_desired(_photograph(self._node_settings.desired_image))
         self._create_subscriptions()
         self._announce()
 
@@ -104,8 +104,8 @@ class TrackerNode(Node):
         text = settings_text.to_text(self.get_fully_qualified_name(), groups, self._stamp_ns)
         self._settings_pub.publish(write.text(text))
 
-    def _take(self, image: Pixels) -> None:
-        """Take a photograph, and publish which, wherever it came from; raises if it is no good."""
+    def _set_desired(self, image: Pixels) -> None:
+        """Set the photograph and publish it; raises if it is unusable."""
         self._tracker.set_desired(image)
         self._desired_pub.publish(write.image(image, 'mono8', self._stamp_ns or 0, ''))
 
@@ -115,33 +115,33 @@ class TrackerNode(Node):
         except ValueError as error:
             self._camera, self._unusable = None, str(error)
             self._latest = None
-        if self._waiting is not None:
-            waiting, self._waiting = self._waiting, None
-            self._on_image(waiting)
+        if self._pending_image is not None:
+            pending, self._pending_image = self._pending_image, None
+            self._on_image(pending)
 
     def _on_image(self, message: Image) -> None:
         if self._camera is None and not self._unusable:
-            self._waiting = message
-            self._complain('no usable camera_info yet; an image waits for it, the robot stands')
+            self._pending_image = message
+            self._warn('no usable camera_info yet; an image waits for it, the robot stands')
             return
-        found = intake.track(self._tracker, message, self._camera or self._unusable)
-        self._latest, self._latest_ns = found.image, self._steady.now().nanoseconds
+        tracking = validation.track(self._tracker, message, self._camera or self._unusable)
+        self._latest, self._latest_ns = tracking.image, self._steady.now().nanoseconds
         self._stamp_ns = read.stamp_ns(message.header)
-        if found.complaint:
-            self._complain(found.complaint)
-        self._publish(found.features, message)
+        if tracking.warning:
+            self._warn(tracking.warning)
+        self._publish(tracking.features, message)
 
     def _publish(self, features: Features, image: Image) -> None:
         stamp_ns, frame_id = read.stamp_ns(image.header), image.header.frame_id
         self._tracks_pub.publish(write.features(features, stamp_ns, frame_id))
         if self._settings.overlay and self._overlay_pub.get_subscription_count():
             if self._latest is not None:
-                drawn = draw_overlay(self._latest, features.current, features.desired)
-                self._overlay_pub.publish(write.image(drawn, 'bgr8', stamp_ns, frame_id))
+                overlay = draw_overlay(self._latest, features.current, features.desired)
+                self._overlay_pub.publish(write.image(overlay, 'bgr8', stamp_ns, frame_id))
 
     def _on_desired(self, message: Image) -> None:
         try:
-            self._take(read.gray(message))
+            self._set_desired(read.gray(message))
         except (ValueError, TrackingError) as error:
             self.get_logger().warning(f'desired image refused: {error}')
             return
@@ -156,7 +156,7 @@ class TrackerNode(Node):
             age = (self._steady.now().nanoseconds - self._latest_ns) / 1e9
             if age > MAX_CAPTURE_AGE_S:
                 raise ValueError(f'the last image is {age:.1f} s old; check the camera')
-            self._take(self._latest)
+            self._set_desired(self._latest)
             response.success, response.message = True, 'this is the pose to come back to'
         except (ValueError, TrackingError) as error:
             response.success, response.message = False, str(error)
@@ -171,7 +171,7 @@ class TrackerNode(Node):
         response.success, response.message = True, 'the next image is matched anew'
         return response
 
-    def _complain(self, text: str) -> None:
+    def _warn(self, text: str) -> None:
         self.get_logger().warning(text, throttle_duration_sec=WARN_PERIOD_S)
 
 

@@ -1,1 +1,1 @@
-"""What people look at: figures and a video of a run. Reads a RunLog, imports core alone."""
+"""Figures, tables, pages and videos of runs. Reads a RunLog, imports core alone."""

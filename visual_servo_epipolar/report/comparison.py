@@ -1,4 +1,4 @@
-"""The figure of a replay: what was recorded and what was replayed, one above the other."""
+"""Figure of a replay: the recorded and the replayed run, one above the other."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -25,28 +25,28 @@ PANELS: tuple[tuple[str, str], ...] = (
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Track:
-    """Signals over time: ``times`` [s] and each of ``numbers`` have shape (N,); nan is a gap."""
+class Signals:
+    """Signals over time: ``times`` [s] and each of ``values`` have shape (N,); nan is a gap."""
 
     times: FloatArray
     phases: Sequence[str] = ()
-    numbers: Mapping[str, FloatArray] = field(default_factory=dict)
+    values: Mapping[str, FloatArray] = field(default_factory=dict)
 
     def spans(self) -> list[PhaseSpan]:
         """Return the phases one after the other; steps without one are left out."""
-        found: list[PhaseSpan] = []
+        spans: list[PhaseSpan] = []
         for time, name in zip(self.times.tolist(), self.phases, strict=True):
-            if found:
-                found[-1] = PhaseSpan(found[-1].name, found[-1].start_s, time)
-            if not found or found[-1].name != name:
-                found.append(PhaseSpan(name, time, time))
-        return [span for span in found if span.name]
+            if spans:
+                spans[-1] = PhaseSpan(spans[-1].name, spans[-1].start_s, time)
+            if not spans or spans[-1].name != name:
+                spans.append(PhaseSpan(name, time, time))
+        return [span for span in spans if span.name]
 
 
 @rc_context(FIGURE_SETTINGS)
-def comparison(recorded: Track, replayed: Track, parting_s: float | None = None) -> Figure:
+def comparison(recorded: Signals, replayed: Signals, divergence_s: float | None = None) -> Figure:
     """
-    Draw phases, epipoles and commands of both, and where they part.
+    Draw phases, epipoles and commands of both, and where they diverge.
 
     Raises
     ------
@@ -62,15 +62,15 @@ def comparison(recorded: Track, replayed: Track, parting_s: float | None = None)
     strips = [figure.add_subplot(grid[0])]
     strips.append(figure.add_subplot(grid[1], sharex=strips[0]))
     strips[0].set_xlim(0.0, max(float(replayed.times[-1]), 1e-3))
-    for axes, track, name in zip(
+    for axes, signals, name in zip(
         strips, (recorded, replayed), ('recorded ', 'replayed '), strict=True
     ):
-        draw_strip(axes, track.spans())
+        draw_strip(axes, signals.spans())
         axes.text(0.0, 0.5, name, transform=axes.transAxes, ha='right', va='center', fontsize=8.0)
     for row, (name, label) in enumerate(PANELS, start=2):
         axes = figure.add_subplot(grid[row], sharex=strips[0])
         _draw(axes, recorded, replayed, name)
-        _mark(axes, parting_s)
+        _mark(axes, divergence_s)
         axes.set_ylabel(label)
         axes.tick_params(labelbottom=row == 1 + len(PANELS))
     figure.axes[2].legend(loc='lower right', bbox_to_anchor=(1.0, 0.96), ncols=3)
@@ -81,14 +81,14 @@ def comparison(recorded: Track, replayed: Track, parting_s: float | None = None)
     return figure
 
 
-def _draw(axes: Axes, recorded: Track, replayed: Track, name: str) -> None:
+def _draw(axes: Axes, recorded: Signals, replayed: Signals, name: str) -> None:
     series = [
-        (track.times, track.numbers[name], colour, width, label)
-        for track, colour, width, label in (
+        (signals.times, signals.values[name], colour, width, label)
+        for signals, colour, width, label in (
             (recorded, RECORDED, 3.0, 'recorded'),
             (replayed, CURRENT_COLOUR, 1.0, 'replayed'),
         )
-        if name in track.numbers
+        if name in signals.values
     ]
     for times, values, colour, width, label in series:
         axes.plot(times, values, color=colour, linewidth=width, label=label)
@@ -99,9 +99,9 @@ def _draw(axes: Axes, recorded: Track, replayed: Track, name: str) -> None:
     axes.yaxis.set_major_locator(MaxNLocator(4))
 
 
-def _mark(axes: Axes, parting_s: float | None) -> None:
-    if parting_s is not None:
-        axes.axvline(parting_s, color=INK, linewidth=0.9, linestyle=':', label='they part')
+def _mark(axes: Axes, divergence_s: float | None) -> None:
+    if divergence_s is not None:
+        axes.axvline(divergence_s, color=INK, linewidth=0.9, linestyle=':', label='they diverge')
 
 
 def columns(

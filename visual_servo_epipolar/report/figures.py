@@ -1,4 +1,4 @@
-"""The figures of a run, for paper and screen: its path seen from above, its signals over time."""
+"""Figures of a run, for paper and screen: its path seen from above, its signals over time."""
 
 import math
 from pathlib import Path
@@ -134,13 +134,13 @@ def _milestones(log: RunLog) -> list[Sample]:
     """Return the first sample of each phase and the last, but not twice the same pose."""
     samples = log.samples
     changes = [b for a, b in zip(samples, samples[1:], strict=False) if a.phase is not b.phase]
-    kept = [samples[0]]
+    milestones = [samples[0]]
     for sample in (*changes, samples[-1]):
-        last = kept[-1].pose
+        last = milestones[-1].pose
         moved = math.hypot(sample.pose.x - last.x, sample.pose.y - last.y)
         if moved > 0.02 or abs(sample.pose.theta - last.theta) > 0.05:
-            kept.append(sample)
-    return kept
+            milestones.append(sample)
+    return milestones
 
 
 def _draw_plane(axes: Axes, log: RunLog, field_of_view: float) -> None:

@@ -1,4 +1,4 @@
-"""One HTML page that needs nothing but itself: figures, tables and pictures are inside."""
+"""HTML page with all its figures, tables and pictures inside."""
 
 import base64
 from collections.abc import Sequence
@@ -24,7 +24,7 @@ Cell = str | float | int | None
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """What is said first: a line, whether it is good news, and a few words more."""
+    """Verdict at the head of a page: a line, whether it is good news, and a few words more."""
 
     text: str
     good: bool
@@ -33,7 +33,7 @@ class Verdict:
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A heading, and the HTML below it."""
+    """Section of a page: a heading, and the HTML below it."""
 
     title: str
     body: str

@@ -1,4 +1,4 @@
-"""The panels of the figure of signals: one quantity each, over time."""
+"""Panels of the figure of signals: one quantity each, over time."""
 
 from collections.abc import Callable
 
@@ -101,8 +101,8 @@ def _draw_steps(axes: Axes, log: RunLog, values: FloatArray, label: str) -> None
     axes.plot(seconds(log), values, color=INK, drawstyle='steps-post')
     axes.axhline(0.0, color=INK, linewidth=0.6)
     low, high = min(values.min(), 0.0), max(values.max(), 0.0)
-    room = 0.12 * max(high - low, 0.1)
-    axes.set(ylim=(low - room, high + room), ylabel=label)
+    margin = 0.12 * max(high - low, 0.1)
+    axes.set(ylim=(low - margin, high + margin), ylabel=label)
     axes.yaxis.set_major_locator(MaxNLocator(4))
 
 

@@ -1,5 +1,5 @@
 """
-A run in a file: ``run.json`` beside its figures, with every sample and the settings it ran with.
+File of a run, ``run.json`` beside its figures: every sample, and the settings it ran with.
 
 Numbers are written so that they come back to the last bit; what could not be measured is null.
 """
@@ -33,7 +33,7 @@ HEAD = ('seed', 'outcome', 'reason', 'attempts', 'law')
 
 @dataclass(frozen=True, slots=True)
 class RunFile:
-    """A run, the settings of each part of it, and the versions of what it ran on."""
+    """Content of a run file: the run, its settings by part, and the versions it ran on."""
 
     log: RunLog
     settings: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)

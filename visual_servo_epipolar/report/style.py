@@ -1,4 +1,4 @@
-"""What things look like: one colour a phase, the shape of the robot, settings of matplotlib."""
+"""Style of figures: one colour a phase, the shape of the robot, settings of matplotlib."""
 
 from collections.abc import Mapping
 import math

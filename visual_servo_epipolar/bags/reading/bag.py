@@ -1,8 +1,8 @@
 """
-Bags as they are: rosbag2 (mcap, sqlite3) of any distribution and ROS 1, whole or damaged.
+Bags open for reading: rosbag2 (mcap, sqlite3) of any distribution and ROS 1, whole or damaged.
 
 Whatever is wrong with a bag ends in one InputError: its bytes come from elsewhere, and the
-libraries that decode them answer damage with errors of every kind.
+libraries that decode them raise errors of every kind on damage.
 """
 
 from collections.abc import Collection, Iterator
@@ -57,7 +57,7 @@ ADVICE = 'the bag is damaged or was left open by a crash; try --repair'
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """A topic in a bag: its name, its type as package/msg/Name, how many messages it has."""
+    """Topic of a bag: its name, its type as package/msg/Name, how many messages it has."""
 
     name: str
     kind: str
@@ -65,8 +65,8 @@ class Topic:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Recorded:
-    """One message as it was recorded at ``log_ns``; fields as in ROS, arrays by numpy."""
+class RecordedMessage:
+    """Message as it was recorded at ``log_ns``; fields as in ROS, arrays by numpy."""
 
     topic: str
     log_ns: int
@@ -75,7 +75,7 @@ class Recorded:
 
 class Bag(AbstractContextManager['Bag']):
     """
-    A bag open for reading: a rosbag2 folder, one of its .mcap or .db3 files, a ROS 1 .bag.
+    Bag open for reading: a rosbag2 folder, one of its .mcap or .db3 files, a ROS 1 .bag.
 
     Raises
     ------
@@ -98,7 +98,7 @@ class Bag(AbstractContextManager['Bag']):
         with intact(self.path):
             self._stack.close()
 
-    def messages(self, names: Collection[str]) -> Iterator[Recorded]:
+    def messages(self, names: Collection[str]) -> Iterator[RecordedMessage]:
         """Yield the messages of the topics called ``names`` in the order of recording."""
         chosen = [item for item in self._connections if item.topic in names]
         for connection in chosen:
@@ -107,7 +107,7 @@ class Bag(AbstractContextManager['Bag']):
         streams = [self._stream(reader, chosen) for reader in self._readers]
         yield from heapq.merge(*streams, key=lambda item: item.log_ns)
 
-    def _stream(self, reader: Any, chosen: Collection[Connection]) -> Iterator[Recorded]:
+    def _stream(self, reader: Any, chosen: Collection[Connection]) -> Iterator[RecordedMessage]:
         own = [item for item in chosen if item in reader.connections]
         if not own:
             return
@@ -119,7 +119,7 @@ class Bag(AbstractContextManager['Bag']):
                 except StopIteration:
                     return
                 message = self._decoded(raw, connection.msgtype)
-            yield Recorded(connection.topic, log_ns, message)
+            yield RecordedMessage(connection.topic, log_ns, message)
 
     def _decoded(self, raw: bytes, kind: str) -> Any:
         if self._is_ros1:
@@ -127,17 +127,17 @@ class Bag(AbstractContextManager['Bag']):
         return self._types.deserialize_cdr(raw, kind)
 
     def _check_definition(self, connection: Connection) -> None:
-        """Refuse a type that the bag itself defines otherwise than ROS does."""
+        """Refuse a type whose definition in the bag differs from that of ROS."""
         text, kind = connection.msgdef.data, connection.msgtype
         if connection.msgdef.format is MessageDefinitionFormat.MSG:
-            found = get_types_from_msg(text, kind)
+            definitions = get_types_from_msg(text, kind)
         elif connection.msgdef.format is MessageDefinitionFormat.IDL:
-            found = get_types_from_idl(text)
+            definitions = get_types_from_idl(text)
         else:
             return
-        for name, (_, fields) in found.items():
-            known = self._types.fielddefs.get(name)
-            if known is None or known[1] != fields:
+        for name, (_, fields) in definitions.items():
+            expected = self._types.fielddefs.get(name)
+            if expected is None or expected[1] != fields:
                 raise InputError(
                     f'{self.path}: {connection.topic}: {name} is defined otherwise than in ROS; '
                     'the bag is damaged, or convert it'
@@ -146,13 +146,13 @@ class Bag(AbstractContextManager['Bag']):
     def _topics(self) -> dict[str, Topic]:
         topics: dict[str, Topic] = {}
         for item in sorted(self._connections, key=itemgetter(1)):
-            before = topics.get(item.topic)
-            if before is not None and before.kind != item.msgtype:
+            earlier = topics.get(item.topic)
+            if earlier is not None and earlier.kind != item.msgtype:
                 raise InputError(
-                    f'{self.path}: {item.topic} has messages of {before.kind} and {item.msgtype}; '
-                    'a topic must have one type'
+                    f'{self.path}: {item.topic} has messages of {earlier.kind} and '
+                    f'{item.msgtype}; a topic must have one type'
                 )
-            count = item.msgcount + (0 if before is None else before.count)
+            count = item.msgcount + (0 if earlier is None else earlier.count)
             topics[item.topic] = Topic(item.topic, item.msgtype, count)
         return topics
 
@@ -163,13 +163,13 @@ def intact(path: Path) -> Iterator[None]:
     try:
         yield
     except DAMAGE as error:
-        said = ' '.join(str(error).split()) or NAMELESS.get(type(error), type(error).__name__)
-        raise InputError(f'{path}: bag cannot be read: {said:.300}; {ADVICE}') from error
+        text = ' '.join(str(error).split()) or NAMELESS.get(type(error), type(error).__name__)
+        raise InputError(f'{path}: bag cannot be read: {text:.300}; {ADVICE}') from error
 
 
 @cache
 def _types(is_ros1: bool) -> Typestore:
-    """Return the types of ROS: what is read here is the same from dashing to today."""
+    """Return the types of ROS; those read here have not changed since dashing."""
     return get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_JAZZY)
 
 

@@ -1,4 +1,4 @@
-"""What a bag says of a run, but for the images: they are too many to be kept, and are streamed."""
+"""Recording of a run: all that a bag holds of it but images, which are streamed."""
 
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
-from visual_servo_epipolar.bags.reading.bag import Bag, Recorded, Topic
+from visual_servo_epipolar.bags.reading.bag import Bag, RecordedMessage, Topic
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.camera import Camera
@@ -26,7 +26,7 @@ MAX_GAP_S = 3600.0
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """A velocity command as recorded; ``stamp_ns`` is None where the type has none."""
+    """Velocity command as recorded; ``stamp_ns`` is None where the type has none."""
 
     log_ns: int
     stamp_ns: int | None
@@ -36,11 +36,11 @@ class Command:
 @dataclass(kw_only=True)
 class Recording:
     """
-    A run as recorded: what the nodes were told, what the servo said, what was true.
+    Recording of a run: inputs of the nodes, telemetry of the servo, ground truth.
 
-    ``tracked`` and ``numbers`` are empty where tracker or servo was not recorded; ``numbers`` is
-    the telemetry of each step, ``diagnoses`` phase and reason by stamp. A camera that cannot be
-    used is the reason why.
+    ``tracked`` and ``telemetry`` are empty where tracker or servo was not recorded; ``telemetry``
+    is by step, ``diagnoses`` holds phase and reason by stamp. Instead of a camera that cannot be
+    used there is the reason.
     """
 
     topics: Mapping[str, Topic]
@@ -51,20 +51,20 @@ class Recording:
     tracker_events: list[Entry] = field(default_factory=list)
     servo_events: list[Entry] = field(default_factory=list)
     tracked: set[Key] = field(default_factory=set)
-    numbers: dict[Key, dict[str, float]] = field(default_factory=dict)
+    telemetry: dict[Key, dict[str, float]] = field(default_factory=dict)
     diagnoses: dict[int, dict[str, str]] = field(default_factory=dict)
     commands: list[Command] = field(default_factory=list)
     poses: dict[int, Pose] = field(default_factory=dict)
 
 
-class Order:
-    """Checks that the stamps of a topic advance, and tells messages of one stamp apart."""
+class StampSequence:
+    """Sequence of stamps of a topic: they must advance; messages of one stamp are numbered."""
 
     def __init__(self, path: Path, topic: Topic) -> None:
-        self._where, self._seen = f'{path}: stamps of {topic.name}', Counter[int]()
+        self._where, self._counts = f'{path}: stamps of {topic.name}', Counter[int]()
         self._last: int | None = None
 
-    def key(self, item: Recorded) -> Key:
+    def key(self, item: RecordedMessage) -> Key:
         """Return the key of the next message; raises InputError where time jumps."""
         stamp_ns, last = read.stamp_ns(item.message.header), self._last
         if last is not None and not 0.0 <= seconds_between(last, stamp_ns) <= MAX_GAP_S:
@@ -73,37 +73,37 @@ class Order:
                 f'{stamp_ns / NANOSECONDS:.3f} s after {last / NANOSECONDS:.3f} s; a clock was '
                 'set while recording: cut the bag there'
             )
-        self._last, number = stamp_ns, self._seen[stamp_ns]
-        self._seen[stamp_ns] += 1
+        self._last, number = stamp_ns, self._counts[stamp_ns]
+        self._counts[stamp_ns] += 1
         return stamp_ns, number
 
 
-class Events:
-    """Events of a node in their order, each due before the first image after its stamp."""
+class EventQueue:
+    """Queue of the events of a node, each due before the first image after its stamp."""
 
     def __init__(self, entries: Sequence[Entry]) -> None:
-        self._waiting = deque(entries)
+        self._pending = deque(entries)
 
     def due(self, stamp_ns: int) -> Iterator[Entry]:
         """Yield what happened before the image of ``stamp_ns``."""
-        while self._waiting:
-            after_ns = self._waiting[0].after_stamp_ns
+        while self._pending:
+            after_ns = self._pending[0].after_stamp_ns
             if after_ns is not None and after_ns >= stamp_ns:
                 return
-            yield self._waiting.popleft()
+            yield self._pending.popleft()
 
 
 def in_force(history: History[T], stamp_ns: int) -> T | None:
-    """Return what of ``history`` holds for an image of ``stamp_ns``; None before the first."""
-    held = None
+    """Return the value in force for an image of ``stamp_ns``; None before the first."""
+    latest = None
     for after_ns, value in history:
         if after_ns is None or after_ns < stamp_ns:
-            held = value
-    return held
+            latest = value
+    return latest
 
 
 @contextmanager
-def usable(path: Path, item: Recorded) -> Iterator[None]:
+def usable(path: Path, item: RecordedMessage) -> Iterator[None]:
     """Turn a message that cannot be used into an InputError that names it."""
     try:
         yield
@@ -114,89 +114,91 @@ def usable(path: Path, item: Recorded) -> Iterator[None]:
 def read_run(bag: Bag, topics: Mapping[str, Topic]) -> Recording:
     """Read all but the images of a bag; raises InputError for what cannot be used."""
     run = Recording(topics=topics)
-    takers = {topics[role].name: take for role, take in TAKERS.items() if role in topics}
-    orders = {
-        topics[role].name: Order(bag.path, topics[role]) for role in ORDERED if role in topics
+    readers = {topics[role].name: reader for role, reader in READERS.items() if role in topics}
+    sequences = {
+        topics[role].name: StampSequence(bag.path, topics[role])
+        for role in ORDERED
+        if role in topics
     }
-    for item in bag.messages(takers.keys()):
+    for item in bag.messages(readers.keys()):
         with usable(bag.path, item):
-            order = orders.get(item.topic)
-            takers[item.topic](run, item, (0, 0) if order is None else order.key(item))
+            sequence = sequences.get(item.topic)
+            readers[item.topic](run, item, (0, 0) if sequence is None else sequence.key(item))
     return run
 
 
-def _take_camera(run: Recording, item: Recorded, key: Key) -> None:
+def _read_camera(run: Recording, item: RecordedMessage, key: Key) -> None:
     camera: Camera | str
     try:
         camera = read.camera(item.message)
     except ValueError as error:
         camera = str(error)
     if not run.cameras or run.cameras[-1][1] != camera:
-        # That of an image has the very stamp of the image, so it holds from just before.
+        # A camera_info has the stamp of its image, so it is in force from just before.
         run.cameras.append(
             (read.stamp_ns(item.message.header) - 1 if run.cameras else None, camera)
         )
 
 
-def _take_photograph(run: Recording, item: Recorded, key: Key) -> None:
+def _read_photograph(run: Recording, item: RecordedMessage, key: Key) -> None:
     # The tracker states the stamp of the last image before, 0 if there was none.
     after_ns = read.stamp_ns(item.message.header) or None
     run.photographs.append((after_ns, read.gray(item.message)))
 
 
-def _take_tracker_settings(run: Recording, item: Recorded, key: Key) -> None:
+def _read_tracker_settings(run: Recording, item: RecordedMessage, key: Key) -> None:
     settings = from_text(item.message.data)
     run.tracker.append((settings.after_stamp_ns, settings))
 
 
-def _take_servo_settings(run: Recording, item: Recorded, key: Key) -> None:
+def _read_servo_settings(run: Recording, item: RecordedMessage, key: Key) -> None:
     settings = from_text(item.message.data)
     run.servo.append((settings.after_stamp_ns, settings))
 
 
-def _take_tracker_event(run: Recording, item: Recorded, key: Key) -> None:
+def _read_tracker_event(run: Recording, item: RecordedMessage, key: Key) -> None:
     run.tracker_events.append(event_log.from_text(item.message.data))
 
 
-def _take_servo_event(run: Recording, item: Recorded, key: Key) -> None:
+def _read_servo_event(run: Recording, item: RecordedMessage, key: Key) -> None:
     run.servo_events.append(event_log.from_text(item.message.data))
 
 
-def _take_tracks(run: Recording, item: Recorded, key: Key) -> None:
+def _read_tracks(run: Recording, item: RecordedMessage, key: Key) -> None:
     run.tracked.add(key)
 
 
-def _take_numbers(run: Recording, item: Recorded, key: Key) -> None:
-    run.numbers[key] = read.numbers(item.message)
+def _read_telemetry(run: Recording, item: RecordedMessage, key: Key) -> None:
+    run.telemetry[key] = read.telemetry(item.message)
 
 
-def _take_diagnosis(run: Recording, item: Recorded, key: Key) -> None:
-    said = read.diagnosis(item.message) if item.message.status else {}
-    if 'phase' in said:  # others talk here as well
-        run.diagnoses[read.stamp_ns(item.message.header)] = said
+def _read_diagnosis(run: Recording, item: RecordedMessage, key: Key) -> None:
+    diagnosis = read.diagnosis(item.message) if item.message.status else {}
+    if 'phase' in diagnosis:  # other nodes publish here too
+        run.diagnoses[read.stamp_ns(item.message.header)] = diagnosis
 
 
-def _take_command(run: Recording, item: Recorded, key: Key) -> None:
+def _read_command(run: Recording, item: RecordedMessage, key: Key) -> None:
     header = getattr(item.message, 'header', None)
     stamp_ns = None if header is None else read.stamp_ns(header)
     run.commands.append(Command(item.log_ns, stamp_ns, read.twist(item.message)))
 
 
-def _take_pose(run: Recording, item: Recorded, key: Key) -> None:
+def _read_pose(run: Recording, item: RecordedMessage, key: Key) -> None:
     run.poses[key[0]] = read.pose(item.message)
 
 
 ORDERED = ('tracks', 'epipoles', 'ground_truth')
-TAKERS: Mapping[str, Callable[[Recording, Recorded, Key], None]] = {
-    'camera_info': _take_camera,
-    'desired': _take_photograph,
-    'tracker_settings': _take_tracker_settings,
-    'servo_settings': _take_servo_settings,
-    'tracker_events': _take_tracker_event,
-    'servo_events': _take_servo_event,
-    'tracks': _take_tracks,
-    'epipoles': _take_numbers,
-    'diagnostics': _take_diagnosis,
-    'cmd_vel': _take_command,
-    'ground_truth': _take_pose,
+READERS: Mapping[str, Callable[[Recording, RecordedMessage, Key], None]] = {
+    'camera_info': _read_camera,
+    'desired': _read_photograph,
+    'tracker_settings': _read_tracker_settings,
+    'servo_settings': _read_servo_settings,
+    'tracker_events': _read_tracker_event,
+    'servo_events': _read_servo_event,
+    'tracks': _read_tracks,
+    'epipoles': _read_telemetry,
+    'diagnostics': _read_diagnosis,
+    'cmd_vel': _read_command,
+    'ground_truth': _read_pose,
 }

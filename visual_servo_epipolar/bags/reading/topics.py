@@ -1,4 +1,4 @@
-"""Which topic of a bag plays which role: our own names, those of camera drivers, or as told."""
+"""Roles of topics in a bag: by our own names, by those of camera drivers, or as requested."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ IMAGES = ('sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage')
 
 @dataclass(frozen=True, slots=True)
 class Role:
-    """What a topic is for: how its name usually ends, and the types that it may have."""
+    """Role of a topic: how its name usually ends, and the types that it may have."""
 
     endings: tuple[str, ...]
     kinds: tuple[str, ...]
@@ -25,9 +25,7 @@ ROLES: Mapping[str, Role] = MappingProxyType(
         'camera_info': Role(('camera_info',), ('sensor_msgs/msg/CameraInfo',)),
         'desired': Role(('tracker_node/desired/image_raw', 'desired/image_raw'), IMAGES),
         'tracks': Role(('tracks',), ('sensor_msgs/msg/PointCloud2',)),
-        'cmd_vel': Role(
-            ('cmd_vel',), ('geometry_msgs/msg/Twist', 'geometry_msgs/msg/TwistStamped')
-        ),
+        'cmd_vel': Role(('cmd_vel',), TWISTS),
         'epipoles': Role(('epipoles',), ('sensor_msgs/msg/JointState',)),
         'diagnostics': Role(('diagnostics',), ('diagnostic_msgs/msg/DiagnosticArray',)),
         'ground_truth': Role(('ground_truth',), ('nav_msgs/msg/Odometry',)),
@@ -37,17 +35,17 @@ ROLES: Mapping[str, Role] = MappingProxyType(
         'servo_events': Role(('servo_node/events',), ('std_msgs/msg/String',)),
     }
 )
-SEEN_BY_OTHERS = ('desired/', 'overlay/')  # images that no camera took just now
+DERIVED_IMAGES = ('desired/', 'overlay/')  # images that are not straight from a camera
 
 
-def assigned(bag: Bag, told: Mapping[str, str]) -> dict[str, Topic]:
+def assigned(bag: Bag, requested: Mapping[str, str]) -> dict[str, Topic]:
     """
     Return the topic of each role that the bag has one for.
 
     Parameters
     ----------
-    told : mapping
-        Names of topics by role, as the user gives them; the others are looked for.
+    requested : mapping
+        Names of topics by role, as the user gives them; the others are inferred.
 
     Raises
     ------
@@ -55,28 +53,29 @@ def assigned(bag: Bag, told: Mapping[str, str]) -> dict[str, Topic]:
         If a topic is not there, has a type that its role cannot use, or if there is a choice.
 
     """
-    found: dict[str, Topic] = {}
+    topics: dict[str, Topic] = {}
     for role in ROLES:
-        topic = _told(bag, role, told[role]) if role in told else _looked_for(bag, role, found)
+        name = requested.get(role)
+        topic = _inferred(bag, role, topics) if name is None else _requested(bag, role, name)
         if topic is not None:
-            found[role] = topic
-    return found
+            topics[role] = topic
+    return topics
 
 
 def parse(words: Iterable[str]) -> dict[str, str]:
     """Return roles and names from words ROLE=NAME; raises InputError for any other."""
-    told: dict[str, str] = {}
+    requested: dict[str, str] = {}
     for word in words:
         role, equals, name = word.partition('=')
         if not equals or role not in ROLES or not name:
             raise InputError(
                 f'--topics takes ROLE=NAME with a role of {", ".join(ROLES)}, got {word!r}'
             )
-        told[role] = name
-    return told
+        requested[role] = name
+    return requested
 
 
-def _told(bag: Bag, role: str, name: str) -> Topic:
+def _requested(bag: Bag, role: str, name: str) -> Topic:
     topic = bag.topics.get(name) or bag.topics.get(f'/{name}')
     if topic is None:
         raise InputError(
@@ -90,30 +89,30 @@ def _told(bag: Bag, role: str, name: str) -> Topic:
     return topic
 
 
-def _looked_for(bag: Bag, role: str, found: Mapping[str, Topic]) -> Topic | None:
-    """Return the topic with the first of the role's names that any topic of its types has."""
-    fitting = [
+def _inferred(bag: Bag, role: str, topics: Mapping[str, Topic]) -> Topic | None:
+    """Return the topic of a fitting type that has the first of the role's names in use."""
+    candidates = [
         item
         for item in bag.topics.values()
         if item.kind in ROLES[role].kinds and (role != 'image' or not _is_drawn(item))
     ]
     for ending in ROLES[role].endings:
-        named = [item for item in fitting if f'/{item.name}'.endswith(f'/{ending}')]
-        if len(named) > 1 and role == 'camera_info' and 'image' in found:
-            named = _beside(found['image'], named)
-        if len(named) > 1:
-            names = ', '.join(item.name for item in named)
+        matches = [item for item in candidates if f'/{item.name}'.endswith(f'/{ending}')]
+        if len(matches) > 1 and role == 'camera_info' and 'image' in topics:
+            matches = _beside(topics['image'], matches)
+        if len(matches) > 1:
+            names = ', '.join(item.name for item in matches)
             raise InputError(
-                f'{bag.path}: {role} may be {names}; say which: --topics {role}={named[0].name}'
+                f'{bag.path}: {role} may be {names}; say which: --topics {role}={matches[0].name}'
             )
-        if named:
-            return named[0]
+        if matches:
+            return matches[0]
     _refuse_wrong_kind(bag, role)
-    return fitting[0] if role in ('image', 'camera_info') and len(fitting) == 1 else None
+    return candidates[0] if role in ('image', 'camera_info') and len(candidates) == 1 else None
 
 
 def _is_drawn(topic: Topic) -> bool:
-    return any(f'/{part}' in f'/{topic.name}' for part in SEEN_BY_OTHERS)
+    return any(f'/{part}' in f'/{topic.name}' for part in DERIVED_IMAGES)
 
 
 def _beside(image: Topic, infos: list[Topic]) -> list[Topic]:
@@ -123,7 +122,7 @@ def _beside(image: Topic, infos: list[Topic]) -> list[Topic]:
 
 
 def _refuse_wrong_kind(bag: Bag, role: str) -> None:
-    """Say so when a topic has the right name but a type that cannot be meant."""
+    """Raise InputError for a topic that has the right name but a type of no use."""
     ending, kinds = ROLES[role].endings[0], ROLES[role].kinds
     topic = bag.topics.get(f'/{ending}')
     if topic is not None and topic.kind not in kinds:

@@ -1,4 +1,4 @@
-"""Records serialized messages into a rosbag2 folder, beside whoever has them: nothing decoded."""
+"""Recorder: serialized messages into a rosbag2 folder, on a thread of its own."""
 
 from collections import Counter, deque
 from collections.abc import Mapping
@@ -17,8 +17,8 @@ Item = tuple[Topic, int, bytes | None]  # without bytes: make the topic known
 
 
 @dataclass(frozen=True, slots=True)
-class Tally:
-    """How a recording stands; counts are of messages, by topic."""
+class RecordingStatus:
+    """Status of a recording; counts are of messages, by topic."""
 
     written: Mapping[str, int] = field(default_factory=dict)
     dropped: Mapping[str, int] = field(default_factory=dict)  # the disk was too slow, or full
@@ -29,10 +29,10 @@ class Tally:
 
 class Recorder:
     """
-    A bag being recorded: ``put`` does not wait for the disk, a thread of its own writes.
+    Recorder of a bag: ``put`` does not wait for the disk, a thread of its own writes.
 
     What came in more than ``flush_period`` ago survives a kill -9, as long as the disk keeps up.
-    When it fails, or is nearly full, the bag is ended as it is and ``tally().error`` says why.
+    When it fails, or is nearly full, the bag is ended as it is and ``status().error`` says why.
 
     Parameters
     ----------
@@ -64,18 +64,18 @@ class Recorder:
             raise InputError(self._error)
 
     def add(self, topic: Topic) -> None:
-        """Make a topic known; raises InputError if nobody knows how its messages are defined."""
+        """Add a topic; raises InputError if no definition of its messages is known."""
         definition(topic.kind, topic.type_hash)
         with self._changed:
             self._queue.append((topic, 0, None))
             self._changed.notify_all()
 
     def put(self, topic: Topic, stamp_ns: int, data: bytes) -> bool:
-        """Take a serialized message of a known topic; return False if it had to be dropped."""
+        """Queue a serialized message of an added topic; return False if it had to be dropped."""
         with self._changed:
             if self._settings.when_full == 'wait':
-                self._changed.wait_for(lambda: self._has_room(len(data)) or not self._open)
-            if not (self._open and self._has_room(len(data))):
+                self._changed.wait_for(lambda: self._fits_queue(len(data)) or not self._open)
+            if not (self._open and self._fits_queue(len(data))):
                 self._dropped[topic.name] += 1
                 return False
             self._queue.append((topic, stamp_ns, data))
@@ -83,10 +83,10 @@ class Recorder:
             self._changed.notify_all()
         return True
 
-    def tally(self) -> Tally:
-        """Return how the recording stands."""
+    def status(self) -> RecordingStatus:
+        """Return the status of the recording."""
         with self._changed:
-            return Tally(
+            return RecordingStatus(
                 dict(self._written),
                 dict(self._dropped),
                 self._waiting_bytes,
@@ -94,26 +94,26 @@ class Recorder:
                 self._error,
             )
 
-    def close(self) -> Tally:
-        """Write what waits, complete the bag, and return how it came out."""
+    def close(self) -> RecordingStatus:
+        """Write what waits, complete the bag, and return its status."""
         with self._changed:
             self._closing = True
             self._changed.notify_all()
         self._thread.join()
-        return self.tally()
+        return self.status()
 
-    def _has_room(self, size: int) -> bool:
+    def _fits_queue(self, size: int) -> bool:
         """Return whether a message fits; the first does, however large."""
         limit = self._settings.queue_size * MB
         return self._waiting_bytes == 0 or self._waiting_bytes + size <= limit
 
     def _run(self) -> None:
-        """Write until closed, or until the disk fails: the life of the thread."""
+        """Run the thread: write until closed, or until the disk fails."""
         writer: BagWriter | None = None
         whole = False
         try:
             writer = BagWriter(self.folder, self._settings)
-            self._tell(is_open=True)
+            self._set_open(is_open=True)
             self._write_all(writer)
             writer.close()
             whole = True
@@ -122,10 +122,10 @@ class Recorder:
         finally:
             if not (whole or self._error):  # not in silence
                 self._fail(RuntimeError('a mistake in the recorder, see above'), writer)
-            self._tell(is_open=False)
+            self._set_open(is_open=False)
 
     def _write_all(self, writer: BagWriter) -> None:
-        """Write what comes, and flush in time, until closed."""
+        """Write messages as they come, and flush in time, until closed."""
         period = self._settings.flush_period
         due = time.monotonic() + period
         while True:
@@ -139,7 +139,7 @@ class Recorder:
                 due = time.monotonic() + period
 
     def _next(self, due: float) -> Item | None:
-        """Return what is to be written next; None when a flush is due before it comes."""
+        """Return the next item to write; None when a flush is due before it comes."""
         with self._changed:
             self._changed.wait_for(lambda: self._queue or self._closing, due - time.monotonic())
             return self._queue[0] if self._queue else None
@@ -151,38 +151,38 @@ class Recorder:
             writer.write(topic.name, stamp_ns, data)
         with self._changed:
             self._queue.popleft()
-            self._files = 1 + len(writer.done)
+            self._files = 1 + len(writer.completed)
             if data is not None:
                 self._written[topic.name] += 1
                 self._waiting_bytes -= len(data)
             self._changed.notify_all()
 
-    def _tell(self, *, is_open: bool) -> None:
+    def _set_open(self, *, is_open: bool) -> None:
         with self._changed:
             self._open = is_open
             self._changed.notify_all()
 
     def _fail(self, error: Exception, writer: BagWriter | None) -> None:
-        """End the bag, and count what did not come to lie in it."""
+        """End the bag, and count the messages that are not in it."""
         if writer is None:
             self._error = str(error)
             return
         whole = writer.rescue(error)
-        kept = Counter[str]()
-        for part in writer.done:
-            kept.update({item.topic: part.counts[item.id] for item in part.connections})
-        state = 'is whole' if whole else 'must be repaired once there is room'
+        stored = Counter[str]()
+        for part in writer.completed:
+            stored.update({item.topic: part.counts[item.id] for item in part.connections})
+        state = 'is whole' if whole else 'must be repaired once there is space'
         with self._changed:
-            lost = self._written - kept
+            lost = self._written - stored
             lost.update(topic.name for topic, _, data in self._queue if data is not None)
             self._dropped.update(lost)
-            self._written, self._waiting_bytes = kept, 0
+            self._written, self._waiting_bytes = stored, 0
             self._queue.clear()
             self._open = False  # here, or what came in between would be in no count
             self._error = f'recording ended: {reason(error)}; {self.folder} so far {state}'
 
 
 def reason(error: Exception) -> str:
-    """Return what an error says, in one line without numbers of the system."""
-    said = getattr(error, 'strerror', None) or str(error) or type(error).__name__
-    return ' '.join(said.split())
+    """Return the message of an error in one line, without numbers of the system."""
+    message = getattr(error, 'strerror', None) or str(error) or type(error).__name__
+    return ' '.join(message.split())

@@ -1,4 +1,4 @@
-"""A rosbag2 folder being written: one storage file after the other, one metadata.yaml for all."""
+"""Writer of a rosbag2 folder: one storage file after the other, one metadata.yaml for all."""
 
 from pathlib import Path
 import shutil
@@ -14,19 +14,19 @@ MB = 1e6
 
 
 class DiskFullError(VisualServoError):
-    """So little space is left that the bag must be completed while that is possible."""
+    """So little space remains that the bag must be completed while that is possible."""
 
 
 class BagWriter:
     """
-    Writes messages in the order they come in; for one thread alone.
+    Writer of messages in the order they come in; for one thread alone.
 
     Parameters
     ----------
     folder : Path
         Of the bag; it is made, and must not exist.
     settings : RecordSettings
-        Storage, compression, when a new file begins, and how much of the disk is left alone.
+        Storage, compression, when a new file begins, and how much of the disk stays free.
 
     Raises
     ------
@@ -38,7 +38,7 @@ class BagWriter:
     def __init__(self, folder: Path, settings: RecordSettings) -> None:
         self._folder, self._settings = folder, settings
         self._topics: dict[str, Topic] = {}
-        self.done: list[PartInfo] = []
+        self.completed: list[PartInfo] = []
         make_folder(folder)
         try:
             self._check_disk()
@@ -48,12 +48,12 @@ class BagWriter:
             raise
 
     def add(self, topic: Topic) -> None:
-        """Make ``topic`` known, in this file and in those to come."""
+        """Add ``topic`` to this file and to those that follow."""
         self._topics[topic.name] = topic
         self._open_part().add(topic)
 
     def write(self, topic: str, stamp_ns: int, data: bytes) -> None:
-        """Write a serialized message of a known topic; a new file begins where it is due."""
+        """Write a serialized message of an added topic; a new file begins where it is due."""
         part = self._open_part()
         if self._is_due(part, stamp_ns):
             self._complete(part)
@@ -75,10 +75,10 @@ class BagWriter:
         part = self._part
         ends = [] if part is None else [part.abandon]
         if part is not None and isinstance(error, DiskFullError):
-            ends.insert(0, part.close)  # for this there is still room
+            ends.insert(0, part.close)  # there is space for this
         for end in ends:
             try:
-                self.done.append(end())
+                self.completed.append(end())
                 break
             except FAULTS:
                 continue
@@ -94,7 +94,7 @@ class BagWriter:
     def _begin(self) -> Part:
         part = Part(
             self._folder,
-            len(self.done),
+            len(self.completed),
             storage=self._settings.storage,
             compression=self._settings.compression,
         )
@@ -108,7 +108,7 @@ class BagWriter:
         return self._part
 
     def _complete(self, part: Part) -> None:
-        self.done.append(part.close())
+        self.completed.append(part.close())
         self._part = None
 
     def _is_due(self, part: Part, stamp_ns: int) -> bool:
@@ -123,13 +123,13 @@ class BagWriter:
         if free < least * MB:
             raise DiskFullError(
                 f'{free / MB:.0f} MB are free where {self._folder} is, {least:g} MB must stay '
-                'free; make room, or lower min_free'
+                'free; make space, or lower min_free'
             )
 
     def _describe(self) -> None:
         messages = self._settings.compression != 'none' and self._settings.storage == 'sqlite3'
         content = metadata.document(
-            self.done, self._settings.storage, 'message' if messages else ''
+            self.completed, self._settings.storage, 'message' if messages else ''
         )
         metadata.write(self._folder, content)
 

@@ -1,11 +1,11 @@
-"""What a bag is replayed with: what was recorded, changed as the user says."""
+"""Planning a replay: what was recorded, with the overrides of the user."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from typing import Any, TypeVar
 
 from visual_servo_epipolar import __version__
-from visual_servo_epipolar.bags.reading.bag import Bag, Recorded
+from visual_servo_epipolar.bags.reading.bag import Bag, RecordedMessage
 from visual_servo_epipolar.bags.reading.run import Recording, usable
 from visual_servo_epipolar.bags.replaying.replay import Plan
 from visual_servo_epipolar.core.arrays import Image
@@ -25,16 +25,16 @@ OWN_PHOTOGRAPH = 'tracker_node/desired/image_raw'
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """When an image was taken: its stamp [ns], or the time since the first image [ns]."""
+    """Time of an image: its stamp [ns], or the time since the first image [ns]."""
 
     time_ns: int
     since_first: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
-class Wishes:
+class ReplayOverrides:
     """
-    What the user wants otherwise than recorded.
+    Overrides of the user over what was recorded.
 
     ``desired`` is a photograph, or when it was taken; ``changes`` are settings by section,
     ``tracker`` and ``servo``.
@@ -46,7 +46,7 @@ class Wishes:
     changes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
 
-def plan(bag: Bag, run: Recording, wishes: Wishes) -> tuple[Plan, list[str]]:
+def plan(bag: Bag, run: Recording, overrides: ReplayOverrides) -> tuple[Plan, list[str]]:
     """
     Return what to replay with, and notes on what had to be assumed.
 
@@ -57,33 +57,33 @@ def plan(bag: Bag, run: Recording, wishes: Wishes) -> tuple[Plan, list[str]]:
 
     """
     notes: list[str] = []
-    from_tracks = _from_tracks(bag, run, wishes, notes)
-    made = Plan(
+    from_tracks = _from_tracks(bag, run, overrides, notes)
+    result = Plan(
         from_tracks=from_tracks,
-        servo=_settings(ServoSettings(), run.servo, wishes.changes.get('servo', {}), notes),
+        servo=_settings(ServoSettings(), run.servo, overrides.changes.get('servo', {}), notes),
         tracker=_settings(
-            TrackerSettings(), run.tracker, wishes.changes.get('tracker', {}), notes
+            TrackerSettings(), run.tracker, overrides.changes.get('tracker', {}), notes
         ),
-        cameras=_cameras(bag, run, wishes),
-        photographs=() if from_tracks else _photographs(bag, run, wishes),
+        cameras=_cameras(bag, run, overrides),
+        photographs=() if from_tracks else _photographs(bag, run, overrides),
     )
-    return made, notes
+    return result, notes
 
 
-def _from_tracks(bag: Bag, run: Recording, wishes: Wishes, notes: list[str]) -> bool:
+def _from_tracks(bag: Bag, run: Recording, overrides: ReplayOverrides, notes: list[str]) -> bool:
     images, tracks = 'image' in run.topics, 'tracks' in run.topics
-    seen = bool(run.photographs) or wishes.desired is not None
-    if tracks and (wishes.from_tracks or not (images and seen)):
-        if not wishes.from_tracks:
+    has_photograph = bool(run.photographs) or overrides.desired is not None
+    if tracks and (overrides.from_tracks or not (images and has_photograph)):
+        if not overrides.from_tracks:
             notes.append('the bag has no images with a desired one: recorded tracks are replayed')
         return True
-    if wishes.from_tracks or not images:
-        wanted = 'tracks' if wishes.from_tracks else 'images or tracks'
+    if overrides.from_tracks or not images:
+        wanted = 'tracks' if overrides.from_tracks else 'images or tracks'
         raise InputError(
             f'{bag.path}: no {wanted} to replay; it has {", ".join(bag.topics) or "no topics"}: '
             'name one with --topics image=NAME or tracks=NAME'
         )
-    if not seen:
+    if not has_photograph:
         raise InputError(
             f'{bag.path}: no desired image; give a file, or a stamp in the bag, by --desired'
         )
@@ -98,32 +98,32 @@ def _settings(
 ) -> list[tuple[int | None, SettingsT]]:
     """Return the settings in their time, each with ``changes`` in place."""
     section = type(default).__name__.removesuffix('Settings').lower()
-    known = {item.name for item in fields(default)}
+    names = {item.name for item in fields(default)}
     if not history:
         notes.append(f'no parameters of the {section} in the bag: those not given are defaults')
-    found: list[tuple[int | None, SettingsT]] = []
+    timeline: list[tuple[int | None, SettingsT]] = []
     try:
-        for after_ns, said in history:
-            values = {name: value for name, value in said.values.items() if name in known}
-            _note_version(said, notes)
+        for after_ns, recorded in history:
+            values = {name: value for name, value in recorded.values.items() if name in names}
+            _note_version(recorded, notes)
             settings = updated(default, values, f'recorded {section}')
-            found.append((after_ns, updated(settings, changes, section)))
-        return found or [(None, updated(default, changes, section))]
+            timeline.append((after_ns, updated(settings, changes, section)))
+        return timeline or [(None, updated(default, changes, section))]
     except (TypeError, ValueError) as error:
         raise InputError(str(error)) from None
 
 
-def _note_version(said: NodeSettings, notes: list[str]) -> None:
-    note = f'recorded with version {said.version}, replayed with {__version__}'
-    if said.version not in ('', __version__) and note not in notes:
+def _note_version(recorded: NodeSettings, notes: list[str]) -> None:
+    note = f'recorded with version {recorded.version}, replayed with {__version__}'
+    if recorded.version not in ('', __version__) and note not in notes:
         notes.append(note)
 
 
 def _cameras(
-    bag: Bag, run: Recording, wishes: Wishes
+    bag: Bag, run: Recording, overrides: ReplayOverrides
 ) -> Sequence[tuple[int | None, Camera | str]]:
-    if wishes.camera is not None:
-        return [(None, wishes.camera)]
+    if overrides.camera is not None:
+        return [(None, overrides.camera)]
     if not run.cameras:
         raise InputError(
             f'{bag.path}: no camera_info; name its topic with --topics camera_info=NAME, or give '
@@ -132,11 +132,13 @@ def _cameras(
     return run.cameras
 
 
-def _photographs(bag: Bag, run: Recording, wishes: Wishes) -> Sequence[tuple[int | None, Image]]:
-    if isinstance(wishes.desired, Moment):
-        return [(None, _image_at(bag, run, wishes.desired))]
-    if wishes.desired is not None:
-        return [(None, wishes.desired)]
+def _photographs(
+    bag: Bag, run: Recording, overrides: ReplayOverrides
+) -> Sequence[tuple[int | None, Image]]:
+    if isinstance(overrides.desired, Moment):
+        return [(None, _image_at(bag, run, overrides.desired))]
+    if overrides.desired is not None:
+        return [(None, overrides.desired)]
     if run.topics['desired'].name.endswith(OWN_PHOTOGRAPH):
         return run.photographs
     # Not from the tracker: when it was taken over is not known, but surely before it was needed.
@@ -145,16 +147,16 @@ def _photographs(bag: Bag, run: Recording, wishes: Wishes) -> Sequence[tuple[int
 
 def _image_at(bag: Bag, run: Recording, moment: Moment) -> Image:
     """Return the image of the bag that was taken nearest to ``moment``."""
-    best: Recorded | None = None
-    first_ns, last_ns, off_ns, wanted_ns = 0, 0, 0, moment.time_ns
+    best: RecordedMessage | None = None
+    first_ns, last_ns, distance_ns, wanted_ns = 0, 0, 0, moment.time_ns
     for number, item in enumerate(bag.messages([run.topics['image'].name])):
         last_ns = read.stamp_ns(item.message.header)
         if number == 0:
             first_ns = last_ns
             wanted_ns += first_ns if moment.since_first else 0
-        if best is None or abs(last_ns - wanted_ns) < off_ns:
-            best, off_ns = item, abs(last_ns - wanted_ns)
-    if best is None or off_ns > NEAR_NS:
+        if best is None or abs(last_ns - wanted_ns) < distance_ns:
+            best, distance_ns = item, abs(last_ns - wanted_ns)
+    if best is None or distance_ns > NEAR_NS:
         raise InputError(
             f'{bag.path}: no image was taken at {wanted_ns / NANOSECONDS:.3f} s; choose a stamp '
             f'from {first_ns / NANOSECONDS:.3f} s to {last_ns / NANOSECONDS:.3f} s'

@@ -1,16 +1,23 @@
 """
-A recorded run through the very same tracker and servo, with its own parameters or others.
+Replay: a recorded run through tracker and servo, with its own parameters or others.
 
-No clock and no ROS: it runs as fast as the machine allows, and twice the same. What the robot does
-is what it did then: the replay shows what the servo would have made of it.
+No clock and no ROS: it runs as fast as the machine allows, and deterministically. The robot moves
+as recorded: the replay shows what the servo would have commanded.
 """
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TypeVar
 
-from visual_servo_epipolar.bags.reading.bag import Bag, Recorded
-from visual_servo_epipolar.bags.reading.run import Events, History, in_force, Key, Order, Recording
+from visual_servo_epipolar.bags.reading.bag import Bag, RecordedMessage
+from visual_servo_epipolar.bags.reading.run import (
+    EventQueue,
+    History,
+    in_force,
+    Key,
+    Recording,
+    StampSequence,
+)
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError, TrackingError
 from visual_servo_epipolar.core.geometry.camera import Camera
@@ -24,7 +31,7 @@ from visual_servo_epipolar.core.servo.telemetry import telemetry
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
-from visual_servo_epipolar.messages import intake
+from visual_servo_epipolar.messages import validation
 from visual_servo_epipolar.messages.event_log import Entry, REDETECTED
 
 T = TypeVar('T')
@@ -33,7 +40,7 @@ T = TypeVar('T')
 @dataclass(frozen=True, kw_only=True)
 class Plan:
     """
-    What is replayed: from tracks or images, with which settings, camera and photographs.
+    Plan of a replay: from tracks or images, with which settings, cameras and photographs.
 
     All are histories, for they may have been changed while the robot drove.
     """
@@ -46,37 +53,37 @@ class Plan:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sighting:
-    """What came out of one image: its features, the image itself where there is one."""
+class TrackedImage:
+    """Image and the features tracked in it; None for the image in a replay of tracks."""
 
     key: Key
     log_ns: int
     camera: Camera | str
     features: Features
     image: Image | None = None
-    complaint: str = ''
+    warning: str = ''
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One step of the servo: its telemetry, its phase, the reason for it."""
+    """Step of the servo: its phase, the reason for it, its telemetry."""
 
     key: Key
     log_ns: int
     phase: Phase
     reason: str
-    numbers: Mapping[str, float]
+    telemetry: Mapping[str, float]
 
 
-Watch = Callable[[Step, Sighting], None]
+Watch = Callable[[Step, TrackedImage], None]
 
 
 def replay(bag: Bag, run: Recording, plan: Plan, *, watch: Watch | None = None) -> list[Step]:
     """
-    Let tracker and servo see what they saw, and return each step.
+    Run tracker and servo on the recorded inputs, and return each step.
 
-    Where the bag says what tracker and servo took in, they are given just that. ``watch`` is
-    called after each step.
+    Images and tracks that the nodes dropped, by what else is in the bag, are left out. ``watch``
+    is called after each step.
 
     Raises
     ------
@@ -84,64 +91,68 @@ def replay(bag: Bag, run: Recording, plan: Plan, *, watch: Watch | None = None) 
         If the bag is damaged, time jumps, or nothing in it can be used.
 
     """
-    state, steps, refused = ServoState(), list[Step](), ''
-    events = Events(run.servo_events)
-    for seen in sightings(bag, run, plan):
-        if isinstance(seen.camera, str):
-            refused = f'camera_info cannot be used: {seen.camera}'
+    state, steps, refusal = ServoState(), list[Step](), ''
+    events = EventQueue(run.servo_events)
+    for tracked in tracked_images(bag, run, plan):
+        if isinstance(tracked.camera, str):
+            refusal = f'camera_info cannot be used: {tracked.camera}'
             continue
-        if run.numbers and seen.key not in run.numbers:
+        if run.telemetry and tracked.key not in run.telemetry:
             continue  # the servo was not started
-        for entry in events.due(seen.key[0]):
+        for entry in events.due(tracked.key[0]):
             state = _after(state, entry)
-        observation = observe(seen.features, seen.camera, seen.key[0])
-        state = step(state, observation, held(plan.servo, seen.key[0]))
-        done = Step(seen.key, seen.log_ns, state.phase, state.reason, telemetry(state))
-        steps.append(done)
-        refused = refused or (seen.complaint if not len(seen.features) else '')
+        observation = observe(tracked.features, tracked.camera, tracked.key[0])
+        state = step(state, observation, value_at(plan.servo, tracked.key[0]))
+        outcome = Step(tracked.key, tracked.log_ns, state.phase, state.reason, telemetry(state))
+        steps.append(outcome)
+        refusal = refusal or (tracked.warning if not len(tracked.features) else '')
         if watch is not None:
-            watch(done, seen)
-    if not any(item.numbers['features'] for item in steps):
-        raise InputError(f'{bag.path}: nothing in it can be used: {refused or "it is empty"}')
+            watch(outcome, tracked)
+    if not any(item.telemetry['features'] for item in steps):
+        raise InputError(f'{bag.path}: nothing in it can be used: {refusal or "it is empty"}')
     return steps
 
 
-def sightings(bag: Bag, run: Recording, plan: Plan) -> Iterator[Sighting]:
-    """Yield the features of each image: as they were tracked then, or tracked now."""
+def tracked_images(bag: Bag, run: Recording, plan: Plan) -> Iterator[TrackedImage]:
+    """Yield each image with its features: those recorded, or tracked anew."""
     topic = run.topics['tracks' if plan.from_tracks else 'image']
-    order = Order(bag.path, topic)
-    see = _as_tracked if plan.from_tracks else Eye(plan, Events(run.tracker_events)).see
+    sequence = StampSequence(bag.path, topic)
+    track = (
+        _from_recorded_tracks
+        if plan.from_tracks
+        else ReplayTracker(plan, EventQueue(run.tracker_events)).track
+    )
     for item in bag.messages([topic.name]):
-        key = order.key(item)
+        key = sequence.key(item)
         if not plan.from_tracks and run.tracked and key not in run.tracked:
             continue  # an image that the tracker dropped
-        yield see(item, key, held(plan.cameras, key[0]))
+        yield track(item, key, value_at(plan.cameras, key[0]))
 
 
-class Eye:
-    """A tracker that is told what the one of the run was told, when it was told."""
+class ReplayTracker:
+    """Tracker with the settings, photographs and events of the recorded one, in their time."""
 
-    def __init__(self, plan: Plan, events: Events) -> None:
+    def __init__(self, plan: Plan, events: EventQueue) -> None:
         self._plan, self._tracker, self._events = plan, Tracker(plan.tracker[0][1]), events
         self._photograph: Image | None = None
 
-    def see(self, item: Recorded, key: Key, camera: Camera | str) -> Sighting:
+    def track(self, item: RecordedMessage, key: Key, camera: Camera | str) -> TrackedImage:
         """Track features in the next image."""
-        self._tracker.settings = held(self._plan.tracker, key[0])
+        self._tracker.settings = value_at(self._plan.tracker, key[0])
         photograph = in_force(self._plan.photographs, key[0])
         if photograph is not None and photograph is not self._photograph:
-            self._take(photograph)
+            self._set_desired(photograph)
         for entry in self._events.due(key[0]):
             if entry.event == REDETECTED:
                 self._tracker.redetect()
-        found = intake.track(self._tracker, item.message, camera)
-        features, complaint = found.features, found.complaint
+        result = validation.track(self._tracker, item.message, camera)
+        features, warning = result.features, result.warning
         if not isinstance(camera, str):
-            features, untrusted = intake.believed(features, camera)
-            complaint = untrusted or complaint
-        return Sighting(key, item.log_ns, camera, features, found.image, complaint)
+            features, untrusted = validation.checked_features(features, camera)
+            warning = untrusted or warning
+        return TrackedImage(key, item.log_ns, camera, features, result.image, warning)
 
-    def _take(self, photograph: Image) -> None:
+    def _set_desired(self, photograph: Image) -> None:
         self._photograph = photograph
         try:
             self._tracker.set_desired(photograph)
@@ -153,17 +164,17 @@ def _after(state: ServoState, entry: Entry) -> ServoState:
     try:
         return interrupted(state, Interruption(entry.event), entry.reason)
     except ValueError:
-        return state  # of a servo that knows more than this one
+        return state  # an event of a later version
 
 
-def _as_tracked(item: Recorded, key: Key, camera: Camera | str) -> Sighting:
+def _from_recorded_tracks(item: RecordedMessage, key: Key, camera: Camera | str) -> TrackedImage:
     if isinstance(camera, str):
-        return Sighting(key, item.log_ns, camera, Features())
-    features, complaint = intake.tracks(item.message, camera)
-    return Sighting(key, item.log_ns, camera, features, None, complaint)
+        return TrackedImage(key, item.log_ns, camera, Features())
+    features, warning = validation.checked_tracks(item.message, camera)
+    return TrackedImage(key, item.log_ns, camera, features, None, warning)
 
 
-def held(history: History[T], stamp_ns: int) -> T:
-    """Return what is in force for an image of ``stamp_ns``: before the first it is the first."""
-    found = in_force(history, stamp_ns)
-    return history[0][1] if found is None else found
+def value_at(history: History[T], stamp_ns: int) -> T:
+    """Return the value in force for an image of ``stamp_ns``: the first one before any."""
+    value = in_force(history, stamp_ns)
+    return history[0][1] if value is None else value

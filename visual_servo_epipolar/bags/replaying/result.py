@@ -1,4 +1,4 @@
-"""What a replay tells, in the form in which every run is told."""
+"""Result of a replay as a run log and as the JSON of a run."""
 
 from collections.abc import Sequence
 import math
@@ -24,7 +24,7 @@ FROM_TRUTH = (
 
 def has_truth(run: Recording, steps: Sequence[Step]) -> bool:
     """Return whether ground truth was recorded for every step."""
-    return all(done.key[0] in run.poses for done in steps)
+    return all(step.key[0] in run.poses for step in steps)
 
 
 def run_log(run: Recording, steps: Sequence[Step], *, seed: int, law: str) -> RunLog:
@@ -33,10 +33,10 @@ def run_log(run: Recording, steps: Sequence[Step], *, seed: int, law: str) -> Ru
 
     The path is that of the recorded run: a replay moves nothing.
     """
-    poses = [run.poses.get(done.key[0], DESIRED_POSE) for done in steps]
+    poses = [run.poses.get(step.key[0], DESIRED_POSE) for step in steps]
     samples = tuple(
-        sample(done.key[0], pose, done.phase, done.numbers)
-        for done, pose in zip(steps, poses, strict=True)
+        sample(step.key[0], pose, step.phase, step.telemetry)
+        for step, pose in zip(steps, poses, strict=True)
     )
     last = steps[-1]
     reason = last.reason
@@ -48,7 +48,7 @@ def run_log(run: Recording, steps: Sequence[Step], *, seed: int, law: str) -> Ru
         samples,
         'arrived' if last.phase is Phase.ARRIVED else 'failed',
         reason,
-        int(last.numbers['attempt']),
+        int(last.telemetry['attempt']),
         law,
     )
 
@@ -60,5 +60,5 @@ def document(log: RunLog, *, truth: bool) -> dict[str, Any]:
 
 
 def _start(pose: Pose) -> tuple[float, float, float]:
-    # As users give it: what a quaternion rounds is no part of a start.
+    # As users give it, without the rounding of a quaternion.
     return (pose.x, pose.y, round(math.degrees(pose.heading_error), 9) + 0.0)

@@ -1,4 +1,4 @@
-"""Where the files under config/ are: beside the source, or under share/ of an installation."""
+"""Resources under config/: beside the source, or under share/ of an installation."""
 
 from collections.abc import Iterator
 import os

@@ -1,4 +1,4 @@
-"""What a run leaves in its folder: result.json, run.json with every sample, and figures."""
+"""Folder of a run: result.json, run.json with every sample, and figures."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, fields
@@ -17,7 +17,7 @@ LIBRARIES = ('numpy', 'opencv-python-headless', 'opencv-python', 'matplotlib', '
 
 
 def write_run(log: RunLog, scenario: Scenario, folder: Path) -> None:
-    """Write what is known of a run into ``folder``, which must be there."""
+    """Write result, samples and figures of a run into ``folder``, which must exist."""
     from visual_servo_epipolar.report import figures
 
     write_json(summarise(log), str(folder / 'result.json'))
@@ -33,10 +33,10 @@ def settings_of(scenario: Scenario) -> Mapping[str, Mapping[str, Any]]:
 
 def versions() -> dict[str, str]:
     """Return the versions of this package, of Python, and of the libraries that matter."""
-    found = {'visual_servo_epipolar': __version__, 'Python': platform.python_version()}
+    installed = {'visual_servo_epipolar': __version__, 'Python': platform.python_version()}
     for name in LIBRARIES:
         try:
-            found[name] = metadata.version(name)
+            installed[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
             continue
-    return found
+    return installed

@@ -39,7 +39,7 @@ def add_to(kinds: Any) -> None:
 def add_bag_options(
     parser: argparse.ArgumentParser, *, metavar: str = 'BAG', text: str = BAG_KINDS
 ) -> None:
-    """Add what says which bag, and how to read and replay it."""
+    """Add the options of a bag: which, and how to read and replay it."""
     parser.add_argument('bag', metavar=metavar, help=text)
     parser.add_argument(
         '--set',
@@ -49,7 +49,7 @@ def add_bag_options(
         metavar='SECTION.NAME=VALUE',
         help='replay with other settings, such as servo.k1=0.1 or tracker.max_features=80',
     )
-    parser.add_argument('--params', metavar='FILE', help='the same from a ROS parameter file')
+    parser.add_argument('--params', metavar='FILE', help='such settings from a ROS parameter file')
     parser.add_argument(
         '--topics',
         nargs='+',
@@ -80,10 +80,10 @@ def add_bag_options(
 def run(options: argparse.Namespace) -> int:
     """Replay, print, write; return 0 if nothing differs from what was recorded."""
     try:
-        from visual_servo_epipolar.commands.replay.run import replay_and_tell
+        from visual_servo_epipolar.commands.replay.run import replay_and_report
     except ImportError as error:
         raise InputError(NO_ROSBAGS.format(error)) from None
-    return 0 if replay_and_tell(options) else 1
+    return 0 if replay_and_report(options) else 1
 
 
 def _tolerance(text: str) -> float:

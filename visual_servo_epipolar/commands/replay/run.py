@@ -19,10 +19,10 @@ from visual_servo_epipolar.bags.replaying.comparison import (
     Comparison,
     recorded_steps,
 )
-from visual_servo_epipolar.bags.replaying.plan import Moment, plan, Wishes
-from visual_servo_epipolar.bags.replaying.replay import Plan, replay, Sighting, Step, Watch
+from visual_servo_epipolar.bags.replaying.plan import Moment, plan, ReplayOverrides
+from visual_servo_epipolar.bags.replaying.replay import Plan, replay, Step, TrackedImage, Watch
 from visual_servo_epipolar.bags.replaying.result import document, has_truth, run_log
-from visual_servo_epipolar.commands.arguments import made_folder, write_json
+from visual_servo_epipolar.commands.arguments import output_folder, write_json
 from visual_servo_epipolar.commands.console import Progress
 from visual_servo_epipolar.commands.files.camera import read_camera, read_photograph
 from visual_servo_epipolar.commands.replay.settings import changes_of
@@ -37,8 +37,8 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Replayed:
-    """A bag that was replayed: what was recorded, what came out, how they compare."""
+class ReplayedBag:
+    """Replayed bag: the recording, the steps of the replay, how they compare."""
 
     run: Recording
     plan: Plan
@@ -54,90 +54,92 @@ class Replayed:
         return run_log(self.run, self.steps, seed=servo.seed, law=servo.law)
 
 
-def replay_and_tell(options: argparse.Namespace) -> bool:
+def replay_and_report(options: argparse.Namespace) -> bool:
     """Replay, print, write; return whether nothing differs from what was recorded."""
     progress = Progress()
-    done = replayed(options, tolerance=options.tolerance, watch=shown(progress))
+    replayed = replay_bag(options, tolerance=options.tolerance, watch=progress_watch(progress))
     progress.close()
-    result = result_of(done, options)
+    result = result_of(replayed, options)
     if options.out is not None:
         from visual_servo_epipolar.report.figures import save
 
-        folder = made_folder(options.out)
+        folder = output_folder(options.out)
         write_json(result, str(folder / 'replay.json'))
-        save(figure_of(done), folder / 'replay.png')
+        save(figure_of(replayed), folder / 'replay.png')
     if options.json != '-':
         print(in_words(result))
     write_json(result, options.json)
-    return done.comparison.equal
+    return replayed.comparison.equal
 
 
-def replayed(
+def replay_bag(
     options: argparse.Namespace, *, tolerance: float | None = None, watch: Watch | None = None
-) -> Replayed:
-    """Replay the bag that ``options`` name; without a tolerance own bags must be met exactly."""
-    told, changes = parse(options.topics), changes_of(options.set, options.params)
+) -> ReplayedBag:
+    """Replay the bag in ``options``; by default recorded telemetry must be met exactly."""
+    topics, changes = parse(options.topics), changes_of(options.set, options.params)
     camera = None if options.camera is None else read_camera(Path(options.camera))
-    repaired = [str(repair(Path(options.bag)))] if options.repair else []
-    began = time.perf_counter()
+    repairs = [str(repair(Path(options.bag)))] if options.repair else []
+    start_s = time.perf_counter()
     with Bag(Path(options.bag)) as bag:
-        run = read_run(bag, assigned(bag, told))
-        wishes = Wishes(
+        run = read_run(bag, assigned(bag, topics))
+        overrides = ReplayOverrides(
             from_tracks=options.tracks,
             camera=camera,
             desired=_desired(options.desired),
             changes=changes,
         )
-        made, notes = plan(bag, run, wishes)
-        steps = replay(bag, run, made, watch=watch)
-    wall_s = time.perf_counter() - began
+        replay_plan, notes = plan(bag, run, overrides)
+        steps = replay(bag, run, replay_plan, watch=watch)
+    wall_s = time.perf_counter() - start_s
     if tolerance is None:
-        tolerance = 0.0 if run.numbers else math.inf
-    return Replayed(
+        tolerance = 0.0 if run.telemetry else math.inf
+    return ReplayedBag(
         run=run,
-        plan=made,
+        plan=replay_plan,
         steps=steps,
         comparison=compare(run, steps, tolerance),
-        notes=[*repaired, *notes],
+        notes=[*repairs, *notes],
         wall_s=wall_s,
     )
 
 
-def result_of(done: Replayed, options: argparse.Namespace) -> dict[str, Any]:
+def result_of(replayed: ReplayedBag, options: argparse.Namespace) -> dict[str, Any]:
     """Return the JSON document: that of a run, and the comparison."""
     return {
-        **document(done.log, truth=has_truth(done.run, done.steps)),
+        **document(replayed.log, truth=has_truth(replayed.run, replayed.steps)),
         'bag': str(options.bag),
-        'source': 'tracks' if done.plan.from_tracks else 'images',
-        'steps': len(done.steps),
-        'wall_s': done.wall_s,
+        'source': 'tracks' if replayed.plan.from_tracks else 'images',
+        'steps': len(replayed.steps),
+        'wall_s': replayed.wall_s,
         'changes': changes_of(options.set, options.params),
-        'notes': done.notes,
-        'comparison': as_document(done.comparison),
+        'notes': replayed.notes,
+        'comparison': as_document(replayed.comparison),
     }
 
 
-def figure_of(done: Replayed) -> 'Figure':
-    """Return the figure of what was recorded and what was replayed."""
-    from visual_servo_epipolar.report.comparison import columns, comparison, PANELS, Track
+def figure_of(replayed: ReplayedBag) -> 'Figure':
+    """Return the figure of the recorded and the replayed run."""
+    from visual_servo_epipolar.report.comparison import columns, comparison, PANELS, Signals
 
     names = [name for name, _ in PANELS]
-    first = done.steps[0].key[0]
-    times = np.array([seconds_between(first, item.key[0]) for item in done.steps])
-    before = recorded_steps(done.run, done.steps)
-    recorded = Track(times, [str(row.get('phase', '')) for row in before], columns(before, names))
-    now = [item.numbers for item in done.steps]
-    phases = [item.phase.value for item in done.steps]
-    parting = done.comparison.parting
+    first = replayed.steps[0].key[0]
+    times = np.array([seconds_between(first, item.key[0]) for item in replayed.steps])
+    recorded_rows = recorded_steps(replayed.run, replayed.steps)
+    recorded = Signals(
+        times, [str(row.get('phase', '')) for row in recorded_rows], columns(recorded_rows, names)
+    )
+    replayed_rows = [item.telemetry for item in replayed.steps]
+    phases = [item.phase.value for item in replayed.steps]
+    divergence = replayed.comparison.divergence
     return comparison(
         recorded,
-        Track(times, phases, columns(now, names)),
-        None if parting is None else parting.time_s,
+        Signals(times, phases, columns(replayed_rows, names)),
+        None if divergence is None else divergence.time_s,
     )
 
 
 def _desired(text: str | None) -> Image | Moment | None:
-    """Return the photograph in a file, or when one in the bag was taken."""
+    """Return the photograph in a file, or the time of one in the bag."""
     if text is None:
         return None
     if Path(text).is_file():
@@ -149,10 +151,10 @@ def _desired(text: str | None) -> Image | Moment | None:
     return Moment(time_ns, since_first=text.startswith('+'))
 
 
-def shown(progress: Progress) -> Watch:
-    """Return what shows how far the replay is."""
+def progress_watch(progress: Progress) -> Watch:
+    """Return a callback that shows the progress of a replay."""
 
-    def watch(done: Step, seen: Sighting) -> None:
-        progress.say(f'{done.key[0] / NANOSECONDS:.1f} s  {done.phase.value}')
+    def watch(step: Step, tracked: TrackedImage) -> None:
+        progress.say(f'{step.key[0] / NANOSECONDS:.1f} s  {step.phase.value}')
 
     return watch

@@ -15,7 +15,7 @@ from visual_servo_epipolar.messages.settings_text import sections
 Changes = dict[str, dict[str, Any]]
 
 KINDS = {'servo': ServoSettings, 'tracker': TrackerSettings}
-# What tells a node how it is connected says nothing to a replay.
+# Parameters of the connections of a node: of no use to a replay.
 CONNECTION = frozenset(
     {
         'base_frame',
@@ -35,8 +35,8 @@ def changes_of(words: Sequence[str], params: str | None) -> Changes:
     Raises
     ------
     InputError
-        If a word is not SECTION.NAME=VALUE, or the file is none of parameters. Whether the values
-        will do is not looked at.
+        If a word is not SECTION.NAME=VALUE, or the file is none of parameters. The values are not
+        checked.
 
     """
     changes: Changes = {} if params is None else _from_file(Path(params))
@@ -68,30 +68,30 @@ def _value(text: str) -> Any:
 
 def _from_file(path: Path) -> Changes:
     try:
-        found = sections(path.read_text(encoding='utf-8'))
+        nodes = sections(path.read_text(encoding='utf-8'))
     except OSError as error:
         raise InputError(f'{path}: parameters cannot be read: {error.strerror}') from None
     except ValueError as error:
         raise InputError(f'{path}: {error}') from None
     changes: Changes = {}
-    for node, values in found.items():
+    for node, values in nodes.items():
         for section, kind in KINDS.items():
-            known = {item.name for item in fields(kind)}
+            names = {item.name for item in fields(kind)}
             if node.rpartition('/')[2] == f'{section}_node':
-                _refuse_unknown(path, node, values, known)
+                _refuse_unknown(path, node, values, names)
             elif node != '/**':
                 continue
-            fitting = {name: value for name, value in values.items() if name in known}
+            fitting = {name: value for name, value in values.items() if name in names}
             changes.setdefault(section, {}).update(fitting)
     if not any(changes.values()):
         raise InputError(f'{path}: no parameters of servo_node or tracker_node in this file')
     return changes
 
 
-def _refuse_unknown(path: Path, node: str, values: Mapping[str, Any], known: set[str]) -> None:
-    unknown = sorted(values.keys() - known - CONNECTION)
+def _refuse_unknown(path: Path, node: str, values: Mapping[str, Any], names: set[str]) -> None:
+    unknown = sorted(values.keys() - names - CONNECTION)
     if unknown:
         raise InputError(
             f'{path}: {node} has no parameter {", ".join(unknown)}; it has '
-            f'{", ".join(sorted(known))}'
+            f'{", ".join(sorted(names))}'
         )

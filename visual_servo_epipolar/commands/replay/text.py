@@ -1,9 +1,9 @@
-"""A replay in words: for the terminal, from its JSON document."""
+"""Text of a replay for the terminal, from its JSON document."""
 
 from collections.abc import Mapping
 from typing import Any
 
-SHOWN = (
+COMPARED = (
     'phase',
     'linear_m_s',
     'angular_rad_s',
@@ -13,11 +13,11 @@ SHOWN = (
     'bearing_desired_rad',
     'feature_difference_px2',
 )
-MANY = 6  # quantities that part in the first step, at most this many are named
+MAX_NAMED = 6  # quantities that differ in the first step, at most this many are named
 
 
 def in_words(result: Mapping[str, Any]) -> str:
-    """Return what was replayed and how it compares, for a person."""
+    """Return the result of a replay and its comparison as text."""
     duration_s, wall_s = result['duration_s'], result['wall_s']
     lines = [
         f'{result["steps"]} steps from {result["source"]}, {duration_s:.1f} s replayed in '
@@ -37,29 +37,29 @@ def in_words(result: Mapping[str, Any]) -> str:
 
 
 def compared_words(comparison: Mapping[str, Any]) -> list[str]:
-    """Return how recorded and replayed compare, line by line."""
+    """Return the comparison of recorded and replayed, line by line."""
     if not comparison['compared_steps']:
         return ['nothing was recorded to compare with']
-    lines = [*_lost(comparison), _verdict(comparison)]
-    parting = comparison['parting']
-    if parting is not None:
-        lines += _first(parting['quantities'])
-    found = comparison['differences']
-    rows = [(name, found[name]) for name in SHOWN if name in found]
-    apart = [(name, row) for name, row in rows if row['largest'] or row['apart']]
-    if apart:
+    lines = [*_missing(comparison), _verdict(comparison)]
+    divergence = comparison['parting']
+    if divergence is not None:
+        lines += _first(divergence['quantities'])
+    differences = comparison['differences']
+    rows = [(name, differences[name]) for name in COMPARED if name in differences]
+    differing = [(name, row) for name, row in rows if row['largest'] or row['apart']]
+    if differing:
         lines.append(f'{"quantity":<24}{"steps apart":>12}{"largest":>12}{"rms":>12}')
-        lines += [_row(name, row) for name, row in apart]
+        lines += [_row(name, row) for name, row in differing]
     return lines
 
 
 def _verdict(comparison: Mapping[str, Any]) -> str:
     steps, tolerance = comparison['compared_steps'], comparison['tolerance']
-    parting = comparison['parting']
-    if parting is not None:
+    divergence = comparison['parting']
+    if divergence is not None:
         return (
-            f'recorded and replayed part at {parting["time_s"]:.3f} s, '
-            f'stamp {parting["stamp_ns"]} ns:'
+            f'recorded and replayed diverge at {divergence["time_s"]:.3f} s, '
+            f'stamp {divergence["stamp_ns"]} ns:'
         )
     if tolerance == 0.0:
         how = 'the same to the last bit'
@@ -68,7 +68,7 @@ def _verdict(comparison: Mapping[str, Any]) -> str:
     return f'recorded and replayed: {steps} steps, {how}'
 
 
-def _lost(comparison: Mapping[str, Any]) -> list[str]:
+def _missing(comparison: Mapping[str, Any]) -> list[str]:
     lines = []
     if comparison['missing_steps']:
         lines.append(f'{comparison["missing_steps"]} recorded steps have no image in the bag')
@@ -78,15 +78,15 @@ def _lost(comparison: Mapping[str, Any]) -> list[str]:
 
 
 def _first(quantities: Mapping[str, Mapping[str, Any]]) -> list[str]:
-    """Name what parts first: what matters most before the rest."""
-    names = [name for name in SHOWN if name in quantities]
+    """Name the quantities of the first difference, the most important first."""
+    names = [name for name in COMPARED if name in quantities]
     names += [name for name in quantities if name not in names]
     lines = [
         f'  {name}: recorded {_plain(quantities[name]["recorded"])}, '
         f'replayed {_plain(quantities[name]["replayed"])}'
-        for name in names[:MANY]
+        for name in names[:MAX_NAMED]
     ]
-    more = len(names) - MANY
+    more = len(names) - MAX_NAMED
     return lines + ([f'  and {more} quantities more'] if more > 0 else [])
 
 

@@ -1,4 +1,4 @@
-"""The report on a bag: what was recorded, and what its replay makes of it."""
+"""Report on a bag: the recording, and its replay."""
 
 import argparse
 from collections.abc import Callable, Sequence
@@ -8,23 +8,23 @@ from pathlib import Path
 
 from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.bags.replaying.comparison import as_document
-from visual_servo_epipolar.bags.replaying.replay import Sighting, Step
+from visual_servo_epipolar.bags.replaying.replay import Step, TrackedImage
 from visual_servo_epipolar.bags.replaying.result import has_truth
 from visual_servo_epipolar.commands.console import Progress
 from visual_servo_epipolar.commands.files.run_folder import versions
 from visual_servo_epipolar.commands.replay.run import (
     figure_of,
-    Replayed,
-    replayed,
+    progress_watch,
+    replay_bag,
+    ReplayedBag,
     result_of,
-    shown,
 )
 from visual_servo_epipolar.commands.replay.text import compared_words
 from visual_servo_epipolar.commands.report.run import (
     caption_of,
-    chosen,
     FOOTER,
     path_sections,
+    sample_indices,
     verdict_of,
 )
 from visual_servo_epipolar.commands.report.tables import (
@@ -37,86 +37,94 @@ from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.core.servo.telemetry import sample
 from visual_servo_epipolar.report.images.picture import picture
-from visual_servo_epipolar.report.page import drawn, jpeg, Section, strip, table, write_page
+from visual_servo_epipolar.report.page import Cell, drawn, jpeg, Section, strip, table, write_page
 
 MOST_KEPT = 48
 
 
-class Album:
-    """Pictures of a replay as it goes: thinned out whenever they are too many."""
+class SampledPictures:
+    """Sampled pictures of a replay: thinned out whenever they are too many."""
 
     def __init__(self) -> None:
         self._kept: dict[int, bytes] = {}
         self._stride, self._count, self._phase = 1, 0, ''
 
-    def add(self, done: Step, seen: Sighting) -> None:
-        """Take in one step, if it is due or begins a phase."""
+    def add(self, step: Step, tracked: TrackedImage) -> None:
+        """Add the picture of a step, if it is due or begins a phase."""
         number, self._count = self._count, self._count + 1
-        begins, self._phase = done.phase.value != self._phase, done.phase.value
-        if seen.image is None or not isinstance(seen.camera, Camera):
+        begins, self._phase = step.phase.value != self._phase, step.phase.value
+        if tracked.image is None or not isinstance(tracked.camera, Camera):
             return
         if not begins and number % self._stride:
             return
-        moment = sample(done.key[0], DESIRED_POSE, done.phase, done.numbers)
-        self._kept[number] = jpeg(picture(seen.image, seen.features, moment, seen.camera))
+        shown_sample = sample(step.key[0], DESIRED_POSE, step.phase, step.telemetry)
+        self._kept[number] = jpeg(
+            picture(tracked.image, tracked.features, shown_sample, tracked.camera)
+        )
         if len(self._kept) > MOST_KEPT:
             self._stride *= 2
             self._kept = {k: v for k, v in self._kept.items() if not k % self._stride}
 
     def nearest(self, wanted: Sequence[int]) -> dict[int, bytes]:
-        """Return those pictures that come nearest to the steps ``wanted``."""
+        """Return the pictures that come nearest to the steps ``wanted``."""
         if not self._kept:
             return {}
-        numbers = {min(self._kept, key=lambda have: abs(have - want)) for want in wanted}
-        return {number: self._kept[number] for number in sorted(numbers)}
+        indices = {min(self._kept, key=lambda kept: abs(kept - index)) for index in wanted}
+        return {number: self._kept[number] for number in sorted(indices)}
 
 
 def report_bag(options: argparse.Namespace, place: Callable[[], Path]) -> None:
-    """Write the page on a bag where ``place`` says; raises InputError if it cannot be."""
-    album, progress = Album(), Progress()
-    show = shown(progress)
+    """Write the page on a bag to the path of ``place``; raises InputError if that fails."""
+    pictures, progress = SampledPictures(), Progress()
+    show = progress_watch(progress)
 
-    def watch(done: Step, seen: Sighting) -> None:
-        show(done, seen)
-        album.add(done, seen)
+    def watch(step: Step, tracked: TrackedImage) -> None:
+        show(step, tracked)
+        pictures.add(step, tracked)
 
-    done = replayed(options, watch=watch)
+    replayed = replay_bag(options, watch=watch)
     progress.close()
-    result = result_of(done, options)
-    log, truth = done.log, has_truth(done.run, done.steps)
-    pictures = [
-        (data, caption_of(log, number)) for number, data in album.nearest(chosen(log)).items()
+    result = result_of(replayed, options)
+    log, has_ground_truth = replayed.log, has_truth(replayed.run, replayed.steps)
+    captioned = [
+        (data, caption_of(log, number))
+        for number, data in pictures.nearest(sample_indices(log)).items()
     ]
     sections = [
         Section('Result', result_table(result)),
-        *(path_sections(log) if truth else []),
-        _comparison(done),
-        *([Section('What was seen', strip(pictures))] if pictures else []),
+        *(path_sections(log) if has_ground_truth else []),
+        _comparison(replayed),
+        *([Section('What was seen', strip(captioned))] if captioned else []),
         Section('Phases', phase_table(result)),
         parameter_section(
-            {'servo': asdict(done.plan.servo[-1][1]), 'tracker': asdict(done.plan.tracker[-1][1])}
+            {
+                'servo': asdict(replayed.plan.servo[-1][1]),
+                'tracker': asdict(replayed.plan.tracker[-1][1]),
+            }
         ),
         _topics(Path(options.bag)),
-        version_section(_recorded_versions(done), versions()),
+        version_section(_recorded_versions(replayed), versions()),
     ]
-    title = f'Bag {Path(options.bag).name}, {len(done.steps)} steps from {result["source"]}'
+    title = f'Bag {Path(options.bag).name}, {len(replayed.steps)} steps from {result["source"]}'
     write_page(place(), title, verdict_of(result), sections, footer=FOOTER)
 
 
-def _comparison(done: Replayed) -> Section:
-    lines = [*done.notes, *compared_words(as_document(done.comparison))]
+def _comparison(replayed: ReplayedBag) -> Section:
+    lines = [*replayed.notes, *compared_words(as_document(replayed.comparison))]
     words = f'<pre>{escape(chr(10).join(lines))}</pre>'
     caption = 'Phases, epipoles and commands as recorded, and as replayed with these parameters.'
-    return Section('Recorded and replayed', words + drawn(figure_of(done), caption))
+    return Section('Recorded and replayed', words + drawn(figure_of(replayed), caption))
 
 
-def _recorded_versions(done: Replayed) -> dict[str, str]:
-    said = [*done.run.servo, *done.run.tracker]
-    found = {item.version for _, item in said if item.version}
-    return {'visual_servo_epipolar': ', '.join(sorted(found))} if found else {}
+def _recorded_versions(replayed: ReplayedBag) -> dict[str, str]:
+    settings = [*replayed.run.servo, *replayed.run.tracker]
+    recorded = {item.version for _, item in settings if item.version}
+    return {'visual_servo_epipolar': ', '.join(sorted(recorded))} if recorded else {}
 
 
 def _topics(path: Path) -> Section:
     with Bag(path) as bag:
-        rows = [[item.name, item.kind, item.count] for item in bag.topics.values()]
+        rows: list[Sequence[Cell]] = [
+            (item.name, item.kind, item.count) for item in bag.topics.values()
+        ]
     return Section('Topics in the bag', table(['topic', 'type', 'messages'], rows))

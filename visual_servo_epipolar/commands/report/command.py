@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from visual_servo_epipolar.commands.arguments import made_folder
+from visual_servo_epipolar.commands.arguments import output_folder
 from visual_servo_epipolar.commands.replay.command import add_bag_options, NO_ROSBAGS
 from visual_servo_epipolar.core.errors import InputError
 
@@ -33,14 +33,14 @@ def run(options: argparse.Namespace) -> int:
         from visual_servo_epipolar.commands.report.run import report_run
 
         _refuse_bag_options(options)
-        made_folder(options.out)
+        output_folder(options.out)
         report_run(source, path)
     else:
         try:
             from visual_servo_epipolar.commands.report.bag import report_bag
         except ImportError as error:
             raise InputError(NO_ROSBAGS.format(error)) from None
-        report_bag(options, lambda: Path(made_folder(options.out), FILE))
+        report_bag(options, lambda: Path(output_folder(options.out), FILE))
     print(f'written: {path}')
     return 0
 

@@ -1,4 +1,4 @@
-"""The report on a run: from the folder that demo or simulate left."""
+"""Report on a run, from the folder of demo or simulate."""
 
 from collections.abc import Mapping
 import math
@@ -26,16 +26,16 @@ VIDEOS = ('video.webm', 'video.mp4', 'video.avi')
 
 
 def report_run(folder: Path, path: Path) -> None:
-    """Write the page on the run in ``folder``; raises InputError if it cannot be."""
-    found = load_run(folder)
-    log, result = found.log, summarise(found.log)
+    """Write the page on the run in ``folder``; raises InputError if that fails."""
+    run_file = load_run(folder)
+    log, result = run_file.log, summarise(run_file.log)
     sections = [
         Section('Result', result_table(result)),
         *path_sections(log),
         *_pictures(folder, log),
         Section('Phases', phase_table(result)),
-        parameter_section(found.settings),
-        version_section(found.versions, versions()),
+        parameter_section(run_file.settings),
+        version_section(run_file.versions, versions()),
     ]
     write_page(path, title_of(log), verdict_of(result), sections, footer=FOOTER)
 
@@ -53,7 +53,7 @@ def title_of(log: RunLog) -> str:
 
 
 def verdict_of(result: Mapping[str, Any]) -> Verdict:
-    """Return what is said first of a run."""
+    """Return the verdict on a run: outcome, duration, errors."""
     arrived = result['outcome'] == 'arrived'
     text = f'{result["outcome"].capitalize()} after {result["duration_s"]:.1f} s'
     if result['position_error_m'] is not None and math.isfinite(result['position_error_m']):
@@ -72,8 +72,8 @@ def path_sections(log: RunLog) -> list[Section]:
     ]
 
 
-def chosen(log: RunLog) -> list[int]:
-    """Return the samples worth a picture: where phases begin, and evenly in between."""
+def sample_indices(log: RunLog) -> list[int]:
+    """Return the indices of samples to picture: where phases begin, and evenly in between."""
     times = seconds(log)
     starts = [int(np.searchsorted(times, span.start_s)) for span in phase_spans(log)]
     starts = sorted({*starts, len(times) - 1})[-MOST_PICTURES:]
@@ -92,11 +92,11 @@ def _pictures(folder: Path, log: RunLog) -> list[Section]:
         return []
     capture = cv2.VideoCapture(str(video))
     count = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
-    wanted = {_frame_of(number, len(log.samples), count): number for number in chosen(log)}
+    wanted = {_frame_of(number, len(log.samples), count): number for number in sample_indices(log)}
     pictures: list[tuple[bytes, str]] = []
     for frame in range(count):
-        done, picture = capture.read()
-        if not done:
+        success, picture = capture.read()
+        if not success:
             break
         if frame in wanted:
             pictures.append((jpeg(picture), caption_of(log, wanted[frame])))

@@ -1,10 +1,10 @@
-"""The tables of a report: result, phases, parameters, versions."""
+"""Tables of a report: result, phases, parameters, versions."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
-from visual_servo_epipolar.commands.console import WORDS
+from visual_servo_epipolar.commands.console import PHASE_DESCRIPTIONS
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import range_of, Settings
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
@@ -53,7 +53,12 @@ def phase_table(result: Mapping[str, Any]) -> str:
     return table(
         ['from [s]', 'to [s]', 'phase', 'what it does'],
         [
-            [f'{item["start_s"]:.2f}', f'{item["end_s"]:.2f}', item['name'], WORDS[item['name']]]
+            [
+                f'{item["start_s"]:.2f}',
+                f'{item["end_s"]:.2f}',
+                item['name'],
+                PHASE_DESCRIPTIONS[item['name']],
+            ]
             for item in result['phases']
         ],
     )

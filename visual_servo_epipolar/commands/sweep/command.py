@@ -18,7 +18,7 @@ from visual_servo_epipolar.commands.arguments import (
     write_json,
 )
 from visual_servo_epipolar.commands.console import Progress
-from visual_servo_epipolar.commands.sweep.progress import Tally
+from visual_servo_epipolar.commands.sweep.progress import SweepProgress
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.simulation.regions import REGIONS
 from visual_servo_epipolar.simulation.views import SOURCES
@@ -94,14 +94,14 @@ def laws(text: str) -> tuple[str, ...]:
 
 def scenes(text: str) -> tuple[int, ...]:
     """Parse seeds of rooms: single ones and ranges, with commas between."""
-    found: list[int] = []
+    seeds: list[int] = []
     for part in text.split(','):
         first, dash, last = part.partition('-')
         ends = seed(first), seed(last if dash else first)
         if not 0 <= ends[1] - ends[0] < MAX_SCENES:
             raise argparse.ArgumentTypeError(f'{part!r} is not a range of up to {MAX_SCENES}')
-        found += range(ends[0], ends[1] + 1)
-    return tuple(found)
+        seeds += range(ends[0], ends[1] + 1)
+    return tuple(seeds)
 
 
 def sweep(options: argparse.Namespace) -> int:
@@ -117,7 +117,7 @@ def sweep(options: argparse.Namespace) -> int:
     if options.json != '-':
         print(text)
         print(f'written to {folder}: {", ".join(sorted(path.name for path in folder.iterdir()))}')
-    return _say_what_to_look_into(plan, documents)
+    return _name_suspect_runs(plan, documents)
 
 
 def _plan(options: argparse.Namespace) -> Plan:
@@ -139,7 +139,7 @@ def _plan(options: argparse.Namespace) -> Plan:
 
 
 def _name(plan: Plan) -> str:
-    """Return a folder's name that no other sweep has, nor the same one by other code."""
+    """Return the name of a folder, unique for the sweep and the version of the code."""
     identity = json.dumps([plan.identity(), digest()]).encode()
     mark = hashlib.sha256(identity).hexdigest()[:8]
     return '-'.join([plan.region, plan.source, *plan.laws, f'seed{plan.seed}', mark])
@@ -147,23 +147,23 @@ def _name(plan: Plan) -> str:
 
 def _work(plan: Plan, store: Store, options: argparse.Namespace) -> None:
     keys = plan.keys()
-    before = [store.results[key] for key in keys if key in store.results]
-    if before:
+    earlier = [store.results[key] for key in keys if key in store.results]
+    if earlier:
         print(
-            f'visual_servo sweep: {len(before)} of {len(keys)} runs are in {store.path} already',
+            f'visual_servo sweep: {len(earlier)} of {len(keys)} runs are in {store.path} already',
             file=sys.stderr,
         )
-    if len(before) == len(keys):
+    if len(earlier) == len(keys):
         return
     progress = Progress()
     progress.say('starting workers ...')
     try:
         with _workers(options) as workers:
-            tally = Tally(len(keys), before)
+            sweep_progress = SweepProgress(len(keys), earlier)
 
             def watch(results: Sequence[Mapping[str, Any]]) -> None:
-                tally.add(results)
-                progress.say(tally.line())
+                sweep_progress.add(results)
+                progress.say(sweep_progress.line())
 
             drive(plan, store, workers, watch)
     finally:
@@ -196,7 +196,7 @@ def _report(documents: Mapping[str, Mapping[str, Any]], folder: Path, field_of_v
     return text
 
 
-def _say_what_to_look_into(plan: Plan, documents: Mapping[str, Mapping[str, Any]]) -> int:
+def _name_suspect_runs(plan: Plan, documents: Mapping[str, Mapping[str, Any]]) -> int:
     """Name defects and silent wrongs with the commands that repeat them; return the exit code."""
     runs = [
         (law, index, run)
@@ -204,10 +204,10 @@ def _say_what_to_look_into(plan: Plan, documents: Mapping[str, Mapping[str, Any]
         for index, run in enumerate(document['runs'])
     ]
     for words, fits in (('raised', defective), ('arrived but wrong', wrong)):
-        some = [one for one in runs if fits(one[2])]
-        for law, index, run in some[:SHOWN]:
+        matching = [one for one in runs if fits(one[2])]
+        for law, index, run in matching[:SHOWN]:
             print(
-                f'visual_servo sweep: {words} ({len(some)} in all), {run["reason"]}: '
+                f'visual_servo sweep: {words} ({len(matching)} in all), {run["reason"]}: '
                 f'{plan.command_of_run(law, index, run["start"])}',
                 file=sys.stderr,
             )

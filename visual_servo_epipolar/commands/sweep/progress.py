@@ -1,4 +1,4 @@
-"""One line on how far a sweep is: outcomes so far, speed, and the time that is left."""
+"""Progress of a sweep in one line: outcomes, speed, and the remaining time."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
@@ -10,11 +10,11 @@ from visual_servo_epipolar.sweeping.summary import arrived, defective, wrong
 BAR = 20  # width [characters]
 
 
-class Tally:
+class SweepProgress:
     """
-    Counts results as they come, out of ``total``; ``clock`` gives seconds.
+    Progress of a sweep out of ``total`` runs; ``clock`` gives seconds.
 
-    ``before`` was there already: it counts, but does not tell how fast the rest will go.
+    ``before`` are results of an earlier session: they count, but say nothing about the speed.
     """
 
     def __init__(
@@ -30,7 +30,7 @@ class Tally:
         self._before = self._counts['runs']
 
     def add(self, results: Iterable[Mapping[str, Any]]) -> None:
-        """Take in results."""
+        """Count results."""
         for result in results:
             self._counts['runs'] += 1
             self._counts['arrived' if arrived(result) else 'failed'] += 1
@@ -38,16 +38,16 @@ class Tally:
             self._counts['raised'] += defective(result)
 
     def line(self) -> str:
-        """Return bar, counts, runs a second, and time left."""
+        """Return bar, counts, runs a second, and remaining time."""
         runs = self._counts['runs']
-        full = BAR * runs // self._total
+        filled = BAR * runs // self._total
         rate = (runs - self._before) / max(self._clock() - self._began, 1e-3)
-        left = _minutes((self._total - runs) / rate) if rate else '?'
+        remaining = _minutes((self._total - runs) / rate) if rate else '?'
         counts = [f'{self._counts[name]} {name}' for name in ('arrived', 'failed')]
         counts += [f'{n} {name}' for name in ('wrong', 'raised') if (n := self._counts[name])]
         return (
-            f'[{"#" * full}{"." * (BAR - full)}] {runs}/{self._total}  {"  ".join(counts)}  '
-            f'{rate:.2g} runs/s  {left} left'
+            f'[{"#" * filled}{"." * (BAR - filled)}] {runs}/{self._total}  {"  ".join(counts)}  '
+            f'{rate:.2g} runs/s  {remaining} left'
         )
 
 

@@ -1,4 +1,4 @@
-"""Topics as they come: which are wanted, their types, and what their publishers offer."""
+"""Topic discovery: which topics are selected, their types, and the QoS on offer."""
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
@@ -22,46 +22,50 @@ from visual_servo_epipolar.bags.storage import Topic
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 
-DEPTH = 100  # what may wait in DDS while this process does something else
+DEPTH = 100  # messages that may wait in DDS while this process does something else
 
 
 @dataclass(frozen=True, slots=True)
-class Wish:
+class TopicSelection:
     """
-    Which topics are wanted: names, or patterns with * and ?, without those of ``but``.
+    Topic selection: names, or patterns with * and ?, without those of ``exclude``.
 
     A name without a leading / or * is one of the namespace of the node.
     """
 
     names: tuple[str, ...]
-    but: tuple[str, ...] = ()
+    exclude: tuple[str, ...] = ()
 
-    def resolved(self, node: Node) -> 'Wish':
-        """Return the wish in full names, remapped as ``node`` is."""
-        return Wish(
+    def resolved(self, node: Node) -> 'TopicSelection':
+        """Return the selection in full names, remapped as ``node`` is."""
+        return TopicSelection(
             *(tuple(_full(node, item) for item in group if item) for group in self._groups())
         )
 
-    def wants(self, topic: str) -> bool:
-        """Return whether a topic, by its full name, is wanted."""
-        asked, refused = (
+    def selects(self, topic: str) -> bool:
+        """Return whether a topic, by its full name, is selected."""
+        included, excluded = (
             any(fnmatchcase(topic, item) for item in group) for group in self._groups()
         )
-        return asked and not refused
+        return included and not excluded
 
     @property
     def named(self) -> frozenset[str]:
-        """The topics that are wanted by name."""
-        return frozenset(name for name in self.names if not _is_pattern(name) and self.wants(name))
+        """The topics that are selected by name, not by a pattern."""
+        return frozenset(
+            name for name in self.names if not _is_pattern(name) and self.selects(name)
+        )
 
     def _groups(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        return self.names, self.but
+        return self.names, self.exclude
 
 
-def published(node: Node, wish: Wish, known: Collection[str]) -> Iterator[tuple[str, str]]:
-    """Yield name and type of every wanted topic that somebody publishes, but for those known."""
+def published(
+    node: Node, selection: TopicSelection, ignored: Collection[str]
+) -> Iterator[tuple[str, str]]:
+    """Yield name and type of every published topic that is selected, and not ``ignored``."""
     for name, kinds in node.get_topic_names_and_types():
-        if name in known or len(kinds) != 1 or not wish.wants(name):
+        if name in ignored or len(kinds) != 1 or not selection.selects(name):
             continue
         if node.count_publishers(name):
             yield name, kinds[0]
@@ -79,8 +83,8 @@ def offered(node: Node, name: str, kind: str) -> Topic:
     )
 
 
-def suitable(profiles: Sequence[Qos]) -> QoSProfile:
-    """Return the strongest profile that every one of the offers satisfies."""
+def compatible_qos(profiles: Sequence[Qos]) -> QoSProfile:
+    """Return the strongest profile that is compatible with every offer."""
     reliable = all(item.reliability == QosReliability.RELIABLE for item in profiles)
     latched = all(item.durability == QosDurability.TRANSIENT_LOCAL for item in profiles)
     return QoSProfile(

@@ -1,4 +1,4 @@
-"""Subscriptions that come and go with what is published, and hand on bytes."""
+"""Raw subscriptions: they come and go with what is published, and hand on bytes."""
 
 from collections import Counter
 from collections.abc import Callable, Mapping
@@ -12,117 +12,118 @@ from rclpy.qos import QoSProfile
 from visual_servo_epipolar.bags.storage import Topic
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.nodes.recording import discovery
-from visual_servo_epipolar.nodes.recording.discovery import Wish
+from visual_servo_epipolar.nodes.recording.discovery import TopicSelection
 
 
 @dataclass(slots=True)
-class Ear:
-    """A subscription, what is known of its topic, and the gaps in what was heard."""
+class RawSubscription:
+    """Raw subscription: its topic and QoS, and the gaps in the sequence of its messages."""
 
     topic: Topic
     profile: QoSProfile
-    subscription: Any = None
-    last: int | None = None  # number of the last message, as its publisher counts them
+    handle: Any = None
+    last_number: int | None = None  # sequence number of the last message
     gaps: int = 0  # messages missing since the last check
 
-    def notice(self, number: int) -> None:
-        """Take note of the number of a message."""
-        if self.last is not None and number > self.last:
-            self.gaps += number - self.last - 1
-        self.last = number
+    def count_gap(self, number: int) -> None:
+        """Count the messages missing before that with the sequence number ``number``."""
+        if self.last_number is not None and number > self.last_number:
+            self.gaps += number - self.last_number - 1
+        self.last_number = number
 
 
-class Ears:
+class RawSubscriptions:
     """
-    Subscribes ``node`` to every topic of ``wish`` once somebody publishes it.
+    Raw subscriptions of ``node``: one for every selected topic once somebody publishes it.
 
     Parameters
     ----------
-    begin : callable
-        Told of each topic before its first message; may raise InputError to refuse it.
-    take : callable
-        Given a topic and the bytes of a message.
+    on_topic : callable
+        Called for each topic before its first message; may raise InputError to refuse it.
+    on_message : callable
+        Called with a topic and the bytes of a message.
 
     """
 
     def __init__(
         self,
         node: Node,
-        wish: Wish,
-        begin: Callable[[Topic], None],
-        take: Callable[[Topic, bytes], None],
+        selection: TopicSelection,
+        on_topic: Callable[[Topic], None],
+        on_message: Callable[[Topic, bytes], None],
     ) -> None:
-        self._node, self._wish, self._begin, self._take = node, wish, begin, take
-        self._ears: dict[str, Ear] = {}
-        self.refused: dict[str, str] = {}  # topics that cannot be heard, and why
+        self._node, self._selection = node, selection
+        self._on_topic, self._on_message = on_topic, on_message
+        self._subscriptions: dict[str, RawSubscription] = {}
+        self.refused: dict[str, str] = {}  # topics that cannot be subscribed, and why
         self.lost: Counter[str] = Counter()  # messages that never arrived, by topic
 
     @property
-    def heard(self) -> frozenset[str]:
+    def topics(self) -> frozenset[str]:
         """The topics that are subscribed, by their full names."""
-        return frozenset(self._ears)
+        return frozenset(self._subscriptions)
 
     @property
-    def all_heard(self) -> bool:
-        """Whether all topics that were wished for by name are subscribed."""
+    def is_complete(self) -> bool:
+        """Whether all topics that are selected by name are subscribed."""
         return not self.missing
 
     @property
     def missing(self) -> frozenset[str]:
-        """The topics that are wished for by name, but that nobody publishes."""
-        return self._wish.named - self._ears.keys()
+        """The topics that are selected by name, but that nobody publishes."""
+        return self._selection.named - self._subscriptions.keys()
 
-    def look(self) -> None:
-        """Subscribe to what is new."""
-        known = self._ears.keys() | self.refused.keys()
-        for name, kind in discovery.published(self._node, self._wish, known):
-            self._open(discovery.offered(self._node, name, kind))
+    def discover(self) -> None:
+        """Subscribe to topics that are new."""
+        ignored = self._subscriptions.keys() | self.refused.keys()
+        for name, kind in discovery.published(self._node, self._selection, ignored):
+            self._subscribe(discovery.offered(self._node, name, kind))
 
-    def check(self) -> None:
-        """Ask for less where less is offered now, and count what was lost."""
-        for name, ear in self._ears.items():
-            offers = discovery.offered(self._node, name, ear.topic.kind).qos
+    def refresh(self) -> None:
+        """Weaken the QoS where less is offered now, and count lost messages."""
+        for name, raw in self._subscriptions.items():
+            offers = discovery.offered(self._node, name, raw.topic.kind).qos
             if len(offers) == 1:  # each of several publishers counts for itself
-                self.lost[name] += ear.gaps
-            ear.gaps = 0
-            profile = discovery.suitable(offers)
-            if offers and discovery.is_weaker(profile, ear.profile):
-                self._node.destroy_subscription(ear.subscription)
-                self._ears[name] = self._subscribed(ear.topic, profile)
+                self.lost[name] += raw.gaps
+            raw.gaps = 0
+            profile = discovery.compatible_qos(offers)
+            if offers and discovery.is_weaker(profile, raw.profile):
+                self._node.destroy_subscription(raw.handle)
+                self._subscriptions[name] = self._subscription(raw.topic, profile)
 
     def close(self) -> None:
-        """Hear no more; ``look`` begins anew."""
-        for ear in self._ears.values():
-            self._node.destroy_subscription(ear.subscription)
-        self._ears.clear()
+        """Drop all subscriptions; ``discover`` begins anew."""
+        for raw in self._subscriptions.values():
+            self._node.destroy_subscription(raw.handle)
+        self._subscriptions.clear()
         self.refused.clear()
         self.lost.clear()
 
-    def _open(self, topic: Topic) -> None:
+    def _subscribe(self, topic: Topic) -> None:
         try:
             discovery.message_class(topic.kind)
-            self._begin(topic)
+            self._on_topic(topic)
         except InputError as error:
             self.refused[topic.name] = str(error)
             self._node.get_logger().warning(f'{topic.name} is not recorded: {error}')
         else:
-            profile = discovery.suitable(topic.qos)
-            self._ears[topic.name] = self._subscribed(topic, profile)
+            profile = discovery.compatible_qos(topic.qos)
+            self._subscriptions[topic.name] = self._subscription(topic, profile)
 
-    def _subscribed(self, topic: Topic, profile: QoSProfile) -> Ear:
-        ear = Ear(topic, profile)
+    def _subscription(self, topic: Topic, profile: QoSProfile) -> RawSubscription:
+        raw = RawSubscription(topic, profile)
 
         def listen(data: bytes, info: Mapping[str, int]) -> None:
-            ear.notice(info['publication_sequence_number'])
-            self._take(topic, data)
+            raw.count_gap(info['publication_sequence_number'])
+            self._on_message(topic, data)
 
-        ear.subscription = self._node.create_subscription(
+        raw.handle = self._node.create_subscription(
             discovery.message_class(topic.kind),
             topic.name,
-            listen,
+            listen,  # type: ignore[arg-type] # raw, and with the info of the message
             profile,
             raw=True,
             # rclpy looks at each event of each topic for each message: a third of its time.
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
         )
-        return ear
+        return raw

@@ -1,4 +1,4 @@
-"""The live map beside the camera picture: where the robot is, where it was, where it has to go."""
+"""Live map beside the camera picture: the robot, its path, the goal."""
 
 from dataclasses import dataclass, replace
 import math
@@ -38,7 +38,7 @@ GRID_STEPS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)  # [m]
 
 @dataclass(frozen=True, slots=True)
 class Bounds:
-    """What the map shows of the plane [m]: the robot's axle is to stay inside."""
+    """Bounds of the map in the plane [m]: the robot's axle is to stay inside."""
 
     x_min: float
     x_max: float
@@ -63,14 +63,14 @@ class Bounds:
         return self.x_min <= pose.x <= self.x_max and self.y_min <= pose.y <= self.y_max
 
     def grown(self, pose: Pose) -> 'Bounds':
-        """Return bounds that hold ``pose`` as well, with room so as not to grow at each step."""
-        room = 0.1 * max(self.x_max - self.x_min, self.y_max - self.y_min, 1.0)
+        """Return bounds that hold ``pose`` too, with a margin so as not to grow at each step."""
+        margin = 0.1 * max(self.x_max - self.x_min, self.y_max - self.y_min, 1.0)
         return replace(
             self,
-            x_min=self.x_min if pose.x >= self.x_min else pose.x - room,
-            x_max=self.x_max if pose.x <= self.x_max else pose.x + room,
-            y_min=self.y_min if pose.y >= self.y_min else pose.y - room,
-            y_max=self.y_max if pose.y <= self.y_max else pose.y + room,
+            x_min=self.x_min if pose.x >= self.x_min else pose.x - margin,
+            x_max=self.x_max if pose.x <= self.x_max else pose.x + margin,
+            y_min=self.y_min if pose.y >= self.y_min else pose.y - margin,
+            y_max=self.y_max if pose.y <= self.y_max else pose.y + margin,
         )
 
 
@@ -112,10 +112,10 @@ class MapView:
     def _fit(self) -> None:
         """Choose the scale that shows the bounds, then draw all that is kept anew."""
         b = self._bounds
-        room = np.array([WIDTH - LEFT - RIGHT, self._height - HEADER - BOTTOM], dtype=np.float64)
+        area = np.array([WIDTH - LEFT - RIGHT, self._height - HEADER - BOTTOM], dtype=np.float64)
         extent = np.array([b.x_max - b.x_min, b.y_max - b.y_min]) + 2.0 * CLEARANCE
-        self._scale = float((room / extent).min())
-        middle = np.array([LEFT, HEADER]) + 0.5 * room
+        self._scale = float((area / extent).min())
+        middle = np.array([LEFT, HEADER]) + 0.5 * area
         centre = np.array([0.5 * (b.x_min + b.x_max), 0.5 * (b.y_min + b.y_max)])
         self._origin = middle - self._scale * centre * (1.0, -1.0)
         self._canvas: Image = np.full((self._height, WIDTH, 3), 255, dtype=np.uint8)
@@ -164,7 +164,7 @@ class MapView:
         draw_lines(picture, self.pixels(robot_nose(pose))[None], colour, thickness, closed=True)
 
     def _write_under(self, pose: Pose, text: str) -> None:
-        """Write beside the robot, on the side of the map with more room."""
+        """Write beside the robot, to the left where the text would leave the map."""
         (u, v), reach = self.pixels(np.array([(pose.x, pose.y)]))[0], 0.3 * self._scale
         left = u + reach + 8.0
         if left + text_size(text, 11.0)[0] > WIDTH - RIGHT:
@@ -196,7 +196,7 @@ class MapView:
 
 
 def _distance(distance: float) -> str:
-    """Say how far the goal is, in the unit that leaves three digits."""
+    """Return the distance as text, in the unit that leaves three digits."""
     return f'd {distance:.2f} m' if distance >= 0.1 else f'd {1000.0 * distance:.1f} mm'
 
 

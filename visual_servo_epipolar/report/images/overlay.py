@@ -1,5 +1,5 @@
 """
-The picture of the paper's Fig. 19: where the features are, and where they have to go.
+Overlay of features on an image, current and desired, after Fig. 19 of the paper.
 
 Actual features are red crosses, desired ones green circles, with the epipolar lines on which the
 first should lie. Used offline for the video and live by the tracker, hence fast.
@@ -101,8 +101,8 @@ def epipolar_segments(lines: FloatArray, width: int, height: int) -> FloatArray:
     centre, reach = np.array([0.5 * width, 0.5 * height]), 0.5 * math.hypot(width, height)
     normal, norm = lines[:, :2], np.linalg.norm(lines[:, :2], axis=1)
     offset = normal @ centre + lines[:, 2]
-    seen = np.abs(offset) < reach * norm
-    normal, offset = normal[seen] / norm[seen, None], offset[seen] / norm[seen]
+    visible = np.abs(offset) < reach * norm
+    normal, offset = normal[visible] / norm[visible, None], offset[visible] / norm[visible]
     foot = centre - offset[:, None] * normal
     along = reach * np.stack([-normal[:, 1], normal[:, 0]], axis=1)
     return np.stack([foot - along, foot + along], axis=1)

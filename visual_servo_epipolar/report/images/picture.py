@@ -1,4 +1,4 @@
-"""The camera picture with what the servo made of it: features, epipole, epipolar lines."""
+"""Camera picture with the measurement of the servo: features, epipole, epipolar lines."""
 
 import numpy as np
 
@@ -16,16 +16,16 @@ from visual_servo_epipolar.report.images.overlay import draw_overlay
 
 
 def picture(image: Image, features: Features, sample: Sample, camera: Camera) -> Image:
-    """Return ``image``, grey of shape (H, W), with features, epipole and lines as seen."""
-    seen = bool(np.isfinite(sample.bearing_current))
+    """Return ``image``, grey of shape (H, W), with features, epipole and epipolar lines."""
+    has_bearing = bool(np.isfinite(sample.bearing_current))
     return draw_overlay(
         image,
         features.current,
         features.desired,
         phase=sample.phase.value,
-        epipole_current=camera.cx + sample.epipole_current if seen else None,
+        epipole_current=camera.cx + sample.epipole_current if has_bearing else None,
         horizon=camera.cy,
-        fundamental=fundamental(sample, camera) if seen else None,
+        fundamental=fundamental(sample, camera) if has_bearing else None,
     )
 
 

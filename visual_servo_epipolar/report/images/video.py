@@ -1,5 +1,5 @@
 """
-A video of a run, made while it runs: the camera picture beside the live map.
+Video of a run, written while it runs: the camera picture beside the live map.
 
 What can be written depends on the build of OpenCV. The wheels on PyPI hold no H.264 encoder, for
 its licence: there ``.webm`` (VP8) is what browsers play, and ``.mp4`` falls back to MPEG-4 part 2,
@@ -23,7 +23,7 @@ from visual_servo_epipolar.report.images.map_view import Bounds, MapView, WIDTH
 
 HEIGHT = 720  # of the video [px]
 
-# What to try for each kind of file, the best first.
+# Codecs to try for each kind of file, the best first.
 CODECS: Mapping[str, tuple[str, ...]] = MappingProxyType(
     {'.webm': ('VP80', 'VP90'), '.mp4': ('avc1', 'mp4v'), '.avi': ('MJPG',)}
 )
@@ -31,7 +31,7 @@ CODECS: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 class VideoWriter:
     """
-    Writes one frame a control step; the file appears under its name when the run is complete.
+    Writer of a video, one frame a control step; the file appears when the run is complete.
 
     Use it as a context manager: if the block ends by an exception, the unfinished file is removed.
 

@@ -1,8 +1,8 @@
-"""How the errors of a sweep are spread: position and heading, on logarithmic axes."""
+"""Histograms of the errors of a sweep: position and heading, on logarithmic axes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from itertools import cycle
 import math
-from types import MappingProxyType
 from typing import Any
 
 from matplotlib import rc_context
@@ -15,11 +15,10 @@ from matplotlib.ticker import MaxNLocator
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.report.style import FIGURE_SETTINGS, INK, UNKNOWN_COLOUR
+from visual_servo_epipolar.report.style import FIGURE_SETTINGS, INK
 
-LAW_COLOURS: Mapping[str, str] = MappingProxyType(
-    {'paper': '#D55E00', 'corrected': '#E69F00', 'full': '#0072B2'}
-)
+# Colours of laws in the order of their appearance; all are of Okabe and Ito's palette.
+PALETTE = ('#D55E00', '#E69F00', '#0072B2', '#009E73', '#CC79A7', '#56B4E9')
 BINS_A_DECADE = 8
 QUANTITIES = (  # key, label, unit, beyond that an arrival is wrong
     ('position_error_m', 'position error [mm]', 1e3, 50.0),
@@ -57,27 +56,28 @@ def errors(documents: Mapping[str, Mapping[str, Any]]) -> Figure:
 
 def edges(values: FloatArray, limit: float) -> FloatArray:
     """Return edges of bins over whole decades that hold ``values`` and ``limit``."""
-    seen = np.append(values[values > 0.0], limit)
-    low, high = math.floor(math.log10(seen.min())), math.ceil(math.log10(seen.max()))
+    positive = np.append(values[values > 0.0], limit)
+    low, high = math.floor(math.log10(positive.min())), math.ceil(math.log10(positive.max()))
     return np.asarray(np.logspace(low, high, (high - low) * BINS_A_DECADE + 1), dtype=np.float64)
 
 
 def _draw_panel(axes: Axes, values: Mapping[str, FloatArray], limit: float) -> None:
     bins = edges(np.concatenate(list(values.values())), limit)
-    for law, some in values.items():
-        if not len(some):
+    colours = law_colours(values)
+    for law, errors_of_law in values.items():
+        if not len(errors_of_law):
             continue
-        colour = _colour(law)
+        colour = colours[law]
         # An error of nothing belongs into the first bin: there is no zero on this axis.
         axes.hist(
-            np.clip(some, bins[0], None),
-            bins=bins,
+            np.clip(errors_of_law, bins[0], None),
+            bins=bins.tolist(),
             histtype='stepfilled',
             facecolor=f'{colour}30',
             edgecolor=colour,
             linewidth=1.3,
         )
-        axes.axvline(float(np.quantile(some, 0.95)), color=colour, ls='--', lw=1.0)
+        axes.axvline(float(np.quantile(errors_of_law, 0.95)), color=colour, ls='--', lw=1.0)
     axes.axvline(limit, color=INK, ls=':', lw=1.0)
     axes.set_xlim(bins[0], bins[-1])
     axes.yaxis.set_major_locator(MaxNLocator(integer=True))
@@ -85,15 +85,16 @@ def _draw_panel(axes: Axes, values: Mapping[str, FloatArray], limit: float) -> N
 
 
 def _values(runs: Sequence[Mapping[str, Any]], name: str, unit: float) -> FloatArray:
-    home = [abs(run[name]) for run in runs if run['outcome'] == 'arrived']
-    return unit * np.array(home, dtype=np.float64)
+    errors_of_arrived = [abs(run[name]) for run in runs if run['outcome'] == 'arrived']
+    return unit * np.array(errors_of_arrived, dtype=np.float64)
 
 
 def _key(documents: Mapping[str, Mapping[str, Any]]) -> list[Patch | Line2D]:
+    colours = law_colours(documents)
     laws = [
         Patch(
-            facecolor=f'{_colour(law)}30',
-            edgecolor=_colour(law),
+            facecolor=f'{colours[law]}30',
+            edgecolor=colours[law],
             label=f'law {law}, {document["arrived"]} runs',
         )
         for law, document in documents.items()
@@ -102,5 +103,6 @@ def _key(documents: Mapping[str, Mapping[str, Any]]) -> list[Patch | Line2D]:
     return laws + [Line2D([], [], color=INK, lw=1.0, ls=ls, label=label) for ls, label in lines]
 
 
-def _colour(law: str) -> str:
-    return LAW_COLOURS.get(law, UNKNOWN_COLOUR)
+def law_colours(laws: Iterable[str]) -> dict[str, str]:
+    """Return a colour for each law, by the order of ``laws``; more than six repeat."""
+    return dict(zip(laws, cycle(PALETTE), strict=False))

@@ -1,4 +1,4 @@
-"""Where runs started and what became of them: a map, one panel a law."""
+"""Map of the starts of a sweep and of their outcomes, one panel a law."""
 
 from collections.abc import Mapping, Sequence
 import math
@@ -73,7 +73,7 @@ def starts(
 
 
 def kind(run: Run) -> str:
-    """Return what became of a run: arrived, wrong (more than 5 cm or 2 deg), failed, raised."""
+    """Return the outcome of a run: arrived, wrong (more than 5 cm or 2 deg), failed, raised."""
     if 'traceback' in run:
         return 'raised'
     if run['outcome'] != 'arrived':
@@ -98,19 +98,20 @@ def _draw_panel(axes: Axes, runs: Sequence[Run], field_of_view: float) -> PathCo
         name: [run for run in runs if kind(run) == name]
         for name in ('failed', 'arrived', 'wrong', 'raised')
     }
-    home, errors = groups['arrived'], [1e3 * run['position_error_m'] for run in groups['arrived']]
+    arrived = groups['arrived']
+    errors = [1e3 * run['position_error_m'] for run in arrived]
     _draw_headings(axes, groups['failed'], FAILED_COLOUR)
+    x, y = _places(arrived).T
     coloured = axes.scatter(
-        *_places(home).T, s=size, c=errors, cmap=COLOURS, norm=LogNorm(*ERRORS_MM), zorder=3
+        x, y, s=size, c=errors, cmap=COLOURS, norm=LogNorm(*ERRORS_MM), zorder=3
     )
-    _draw_headings(axes, home, coloured.to_rgba(np.array(errors)))
-    axes.scatter(
-        *_places(groups['failed']).T, s=size, marker='x', c=FAILED_COLOUR, lw=0.9, zorder=4
-    )
-    axes.scatter(
-        *_places(groups['wrong']).T, s=4 * size, marker='s', c=WRONG_COLOUR, ec=INK, zorder=5
-    )
-    axes.scatter(*_places(groups['raised']).T, s=6 * size, marker='*', c=INK, zorder=6)
+    _draw_headings(axes, arrived, coloured.to_rgba(np.array(errors)))
+    x, y = _places(groups['failed']).T
+    axes.scatter(x, y, s=size, marker='x', c=FAILED_COLOUR, lw=0.9, zorder=4)
+    x, y = _places(groups['wrong']).T
+    axes.scatter(x, y, s=4 * size, marker='s', c=WRONG_COLOUR, ec=INK, zorder=5)
+    x, y = _places(groups['raised']).T
+    axes.scatter(x, y, s=6 * size, marker='*', c=INK, zorder=6)
     return coloured
 
 

@@ -1,4 +1,4 @@
-"""A sweep in figures: one column a law for people, one row a law to collect in a document."""
+"""Tables of a sweep: one column a law for people, one row a law to collect in a document."""
 
 from collections.abc import Callable, Mapping
 import math
@@ -35,8 +35,8 @@ def convergence(documents: Documents) -> str:
     """Return one Markdown row a law with its intervals, under a head, to collect and compare."""
     rows = [_collected(document) for document in documents.values()]
     sweep = next(iter(documents.values()))['sweep']
-    made = f'`{sweep["command"]}`, {_code(sweep)}, {sweep["begun"]}.'
-    return '\n'.join([*_markdown(COLUMNS, rows), '', f'{made} {NOTE}'])
+    provenance = f'`{sweep["command"]}`, {_code(sweep)}, {sweep["begun"]}.'
+    return '\n'.join([*_markdown(COLUMNS, rows), '', f'{provenance} {NOTE}'])
 
 
 def _rows() -> Mapping[str, Callable[[Document], str]]:
@@ -60,11 +60,11 @@ def _rows() -> Mapping[str, Callable[[Document], str]]:
 def _failures(documents: Documents) -> list[list[str]]:
     """Return reason and counts, those of the last law first."""
     counts = [document['failure_reasons'] for document in documents.values()]
-    seen = sorted(
+    reasons = sorted(
         {reason for of in counts for reason in of},
         key=lambda reason: [-of.get(reason, 0) for of in counts[::-1]],
     )
-    return [[_cell(reason), *(str(of.get(reason, 0)) for of in counts)] for reason in seen]
+    return [[_cell(reason), *(str(of.get(reason, 0)) for of in counts)] for reason in reasons]
 
 
 def _collected(document: Document) -> list[str]:

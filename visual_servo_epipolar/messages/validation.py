@@ -1,4 +1,4 @@
-"""What becomes of an image or of tracks on the way to the core: for nodes and replay alike."""
+"""Validation of incoming images and tracks before they reach the core, live and in replay."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -13,15 +13,15 @@ BORDER_PX = 1.0  # a refined feature may end a little outside of the image
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Tracking:
-    """What was found in an image: none, and why, where the image or its camera is refused."""
+class TrackingResult:
+    """Result of tracking in an image: no features, and a warning, if it is refused."""
 
     features: Features
     image: Image | None
-    complaint: str
+    warning: str
 
 
-def track(tracker: Tracker, message: Any, camera: Camera | str) -> Tracking:
+def track(tracker: Tracker, message: Any, camera: Camera | str) -> TrackingResult:
     """Track features in a sensor_msgs/Image; ``camera`` may be the reason why there is none."""
     image: Image | None = None
     try:
@@ -30,21 +30,21 @@ def track(tracker: Tracker, message: Any, camera: Camera | str) -> Tracking:
         image = gray
         features = tracker.track(image)
     except ValueError as error:
-        return Tracking(Features(), image, f'image refused: {error}')
-    return Tracking(features, image, tracker.reason)
+        return TrackingResult(Features(), image, f'image refused: {error}')
+    return TrackingResult(features, image, tracker.reason)
 
 
-def tracks(message: Any, camera: Camera) -> tuple[Features, str]:
-    """Return the features in a sensor_msgs/PointCloud2: none, and why, where it is refused."""
+def checked_tracks(message: Any, camera: Camera) -> tuple[Features, str]:
+    """Return the features of a sensor_msgs/PointCloud2; none, and a warning, if it is refused."""
     try:
         features = read.features(message)
     except ValueError as error:
         return Features(), f'tracks refused: {error}'
-    return believed(features, camera)
+    return checked_features(features, camera)
 
 
-def believed(features: Features, camera: Camera) -> tuple[Features, str]:
-    """Return ``features``: none, and why, if they cannot come from ``camera``."""
+def checked_features(features: Features, camera: Camera) -> tuple[Features, str]:
+    """Return ``features``; none, and a warning, if they cannot come from ``camera``."""
     current, desired = features.current, features.desired
     inside = camera.contains(current, margin=-BORDER_PX) & camera.contains(
         desired, margin=-BORDER_PX
