@@ -31,15 +31,15 @@ def definition(kind: str, type_hash: str = '') -> tuple[str, str]:
         If no definition with this hash is known, or installed as a .msg file.
 
     """
-    wanted = type_hash if type_hash.startswith('RIHS01_') else ''
+    expected = type_hash if type_hash.startswith('RIHS01_') else ''
     for lookup in (_standard, _installed):
         store = lookup(kind)
         if store is not None:
             digest = str(store.hash_rihs01(kind))
-            if wanted in ('', digest):
+            if expected in ('', digest):
                 return store.generate_msgdef(kind, ros_version=2)[0], digest
     raise InputError(
-        f'no definition of {kind} {wanted} is known; source the workspace that defines it'
+        f'no definition of {kind} {expected} is known; source the workspace that defines it'
     )
 
 

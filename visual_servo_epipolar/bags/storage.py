@@ -77,7 +77,7 @@ class Part:
         return self._flushed + self._pending
 
     def add(self, topic: Topic) -> None:
-        """Make ``topic`` known; raises InputError if its definition is not."""
+        """Add a topic; raises InputError if its definition is not known."""
         text, digest = definition(topic.kind, topic.type_hash)
         self._connections[topic.name] = self._writer.add_connection(
             topic.name, topic.kind, msgdef=text, rihs01=digest, offered_qos_profiles=topic.qos

@@ -57,7 +57,7 @@ def spin(factory: Callable[[], Node], args: list[str] | None = None) -> int:
 
 def tune_transport() -> None:
     """
-    Give images room: shared memory for whole frames, and buffers that are kept.
+    Tune the transport for images: shared memory for whole frames, and buffers that are kept.
 
     The default segment is smaller than one image, and glibc returns megabyte buffers to the
     kernel after each message. Both are settings of this process alone; a profile of the user's

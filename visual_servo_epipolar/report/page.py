@@ -73,8 +73,8 @@ def drawn(figure: Figure, caption: str) -> str:
 
 def strip(pictures: Sequence[tuple[bytes, str]], *, wide: bool = False) -> str:
     """Return JPEGs with their captions, three beside each other, or two that are ``wide``."""
-    shown = [_figure('image/jpeg', data, caption) for data, caption in pictures]
-    return f'<div class="strip{" wide" if wide else ""}">' + '\n'.join(shown) + '</div>'
+    figures = [_figure('image/jpeg', data, caption) for data, caption in pictures]
+    return f'<div class="strip{" wide" if wide else ""}">' + '\n'.join(figures) + '</div>'
 
 
 def jpeg(picture: Image) -> bytes:
@@ -82,8 +82,8 @@ def jpeg(picture: Image) -> bytes:
     scale = PICTURE_WIDTH / picture.shape[1]
     if scale < 1.0:
         picture = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    done, encoded = cv2.imencode('.jpg', picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
-    if not done:
+    success, encoded = cv2.imencode('.jpg', picture, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+    if not success:
         raise ValueError(f'picture of shape {picture.shape} cannot be encoded as JPEG')
     return bytes(encoded)
 

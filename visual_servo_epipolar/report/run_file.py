@@ -65,8 +65,8 @@ def load_run(folder: Path) -> RunFile:
     except OSError as error:
         raise InputError(f'{path}: run cannot be read: {error.strerror}') from None
     except (AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
-        said = ' '.join(str(error).split())
-        raise InputError(f'{path}: not a run: {said}; make it anew by demo or simulate') from None
+        text = ' '.join(str(error).split())
+        raise InputError(f'{path}: not a run: {text}; write it anew by demo or simulate') from None
 
 
 def _document(run: RunFile) -> dict[str, Any]:

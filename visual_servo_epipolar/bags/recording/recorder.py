@@ -13,7 +13,7 @@ from visual_servo_epipolar.bags.recording.writer import BagWriter, DiskFullError
 from visual_servo_epipolar.bags.storage import FAULTS, Topic
 from visual_servo_epipolar.core.errors import InputError
 
-Item = tuple[Topic, int, bytes | None]  # without bytes: make the topic known
+Item = tuple[Topic, int, bytes | None]  # without bytes: add the topic
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +37,7 @@ class Recorder:
     Parameters
     ----------
     folder : Path
-        Of the bag; it is made, and must not exist.
+        Of the bag; it is created, and must not exist.
     settings : RecordSettings, optional
 
     Raises

@@ -24,14 +24,14 @@ class BagWriter:
     Parameters
     ----------
     folder : Path
-        Of the bag; it is made, and must not exist.
+        Of the bag; it is created, and must not exist.
     settings : RecordSettings
         Storage, compression, when a new file begins, and how much of the disk stays free.
 
     Raises
     ------
     InputError
-        If the folder cannot be made. Later, one of FAULTS or DiskFullError: ``abandon`` then.
+        If the folder cannot be created. Later, one of FAULTS or DiskFullError: ``abandon`` then.
 
     """
 

@@ -78,9 +78,9 @@ def _from_tracks(bag: Bag, run: Recording, overrides: ReplayOverrides, notes: li
             notes.append('the bag has no images with a desired one: recorded tracks are replayed')
         return True
     if overrides.from_tracks or not images:
-        wanted = 'tracks' if overrides.from_tracks else 'images or tracks'
+        source = 'tracks' if overrides.from_tracks else 'images or tracks'
         raise InputError(
-            f'{bag.path}: no {wanted} to replay; it has {", ".join(bag.topics) or "no topics"}: '
+            f'{bag.path}: no {source} to replay; it has {", ".join(bag.topics) or "no topics"}: '
             'name one with --topics image=NAME or tracks=NAME'
         )
     if not has_photograph:
@@ -141,7 +141,7 @@ def _photographs(
         return [(None, overrides.desired)]
     if run.topics['desired'].name.endswith(OWN_PHOTOGRAPH):
         return run.photographs
-    # Not from the tracker: when it was taken over is not known, but surely before it was needed.
+    # Not from the tracker: its time is not recorded, but it was there before the first step.
     return [(None, run.photographs[0][1]), *run.photographs[1:]]
 
 

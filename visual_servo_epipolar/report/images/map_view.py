@@ -76,7 +76,7 @@ class Bounds:
 
 class MapView:
     """
-    A map that grows with the run; each step draws one piece of path onto what is kept.
+    Map that grows with the run; each step draws one piece of path onto a kept canvas.
 
     ``height`` is that of the picture [px]; its width is ``WIDTH``.
     """
@@ -110,7 +110,7 @@ class MapView:
         return self._origin + self._scale * np.asarray(points) * (1.0, -1.0)
 
     def _fit(self) -> None:
-        """Choose the scale that shows the bounds, then draw all that is kept anew."""
+        """Choose the scale that shows the bounds, then draw all samples anew."""
         b = self._bounds
         area = np.array([WIDTH - LEFT - RIGHT, self._height - HEADER - BOTTOM], dtype=np.float64)
         extent = np.array([b.x_max - b.x_min, b.y_max - b.y_min]) + 2.0 * CLEARANCE

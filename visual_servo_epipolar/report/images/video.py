@@ -167,11 +167,11 @@ def _open(
 @contextmanager
 def _quiet() -> Iterator[None]:
     """Keep OpenCV from writing about encoders it lacks, which it does past its own log level."""
-    kept, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    stderr, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:
         os.dup2(null, 2)
         yield
     finally:
-        os.dup2(kept, 2)
-        os.close(kept)
+        os.dup2(stderr, 2)
+        os.close(stderr)
         os.close(null)

@@ -14,7 +14,7 @@ from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.commands.replay.settings import CONNECTION
 from visual_servo_epipolar.messages import read
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture(scope='module')
