@@ -139,3 +139,7 @@ def test_what_is_fixed_at_the_start_is_read_only() -> None:
     read_only = {item.name for item in fields(ServoSettings) if range_of(item).read_only}
     assert read_only >= {'estimator', 'seed'}
     assert not read_only & {'law', 'k1', 'k2', 'k_t', 'max_linear', 'max_angular'}
+
+
+def test_a_name_of_an_earlier_version_still_works_in_files_and_bags() -> None:
+    assert from_mapping(ServoSettings, {'room': 0.5}, 'a bag').spiral_ratio == 0.5

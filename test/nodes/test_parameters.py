@@ -231,3 +231,8 @@ def test_a_bad_value_is_refused_at_the_start(bench, value, error, reason) -> Non
 def test_settings_that_contradict_each_other_are_refused_at_the_start(bench) -> None:
     with pytest.raises(ValueError, match='latch_engage must not exceed latch_release'):
         bench.start(ServoNode, latch_engage=0.1)
+
+
+def test_a_parameter_of_an_earlier_version_is_named_with_its_new_name(bench) -> None:
+    with pytest.raises(ValueError, match='calls the parameter room spiral_ratio now; rename it'):
+        bench.start(ServoNode, room=0.5)

@@ -23,8 +23,10 @@ def declare(node: Node, kind: type[SettingsT]) -> SettingsT:
     """
     Declare every field of ``kind`` and return the settings that YAML and command line ask for.
 
-    Raises ValueError for a value that cannot be used; rclpy raises for a wrong type or range.
+    Raises ValueError for a value that cannot be used or a name of an earlier version; rclpy raises
+    for a wrong type or range.
     """
+    _refuse_renamed(node, kind)
     values: dict[str, Any] = {}
     for item in fields(kind):
         default = list(item.default) if isinstance(item.default, tuple) else item.default
@@ -57,6 +59,15 @@ def watch(node: Node, current: Callable[[], SettingsT], use: Callable[[SettingsT
 def override(name: str, value: Any) -> Parameter:
     """Return a parameter of ``value``; an empty list stays unset, for ROS cannot tell its type."""
     return Parameter(name, value=(list(value) or None) if isinstance(value, tuple) else value)
+
+
+def _refuse_renamed(node: Node, kind: type[Settings]) -> None:
+    for name in getattr(node, '_parameter_overrides', {}):
+        if name in kind.RENAMED:
+            raise ValueError(
+                f'{node.get_name()} calls the parameter {name} {kind.RENAMED[name]} now; '
+                'rename it in your file'
+            )
 
 
 def refuse_unknown(node: Node) -> None:

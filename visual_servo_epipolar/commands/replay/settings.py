@@ -76,7 +76,7 @@ def _from_file(path: Path) -> Changes:
     changes: Changes = {}
     for node, values in nodes.items():
         for section, kind in KINDS.items():
-            names = {item.name for item in fields(kind)}
+            names = {item.name for item in fields(kind)} | set(kind.RENAMED)
             if node.rpartition('/')[2] == f'{section}_node':
                 _refuse_unknown(path, node, values, names)
             elif node != '/**':
