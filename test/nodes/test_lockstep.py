@@ -34,7 +34,7 @@ def drive(scenario: Scenario, settings: LoopSettings) -> RunLog:
 def simulate(scenario: Scenario, settings: LoopSettings) -> RunLog:
     """Let the loop in memory drive."""
     view = view_of(scenario, 'images', settings.seed)
-    return closed_loop.run(settings, view, scenario.camera.believed)
+    return closed_loop.run(settings, view, scenario.camera.nominal_camera)
 
 
 def short(name: str = 'one second', **camera: object) -> Scenario:

@@ -14,7 +14,7 @@ from visual_servo_epipolar.reproduction import experiment_figures as figures
 from visual_servo_epipolar.reproduction.canvas import figure_data, thinned
 from visual_servo_epipolar.reproduction.experiment import drive, Experiment, scenario
 from visual_servo_epipolar.reproduction.publish import one_line_each, POINTS
-from visual_servo_epipolar.simulation.point_world import PointWorld
+from visual_servo_epipolar.simulation.views import points_of
 
 STORED = Path(__file__).with_name('figures_points.json')
 
@@ -23,7 +23,7 @@ def experiment_with_points() -> Experiment:
     """Drive as in the experiment, with points instead of images."""
     world = scenario(0)
     camera = world.camera
-    view = PointWorld(world.points, camera.camera, seed=0, jitter=camera.jitter)
+    view = points_of(world, 0)
     blank = np.full((camera.height, camera.width), 200, np.uint8)
     return drive(world, view, blank, lambda _: None)
 

@@ -27,9 +27,14 @@ from visual_servo_epipolar.simulation.closed_loop import (
     run_many,
     SETTLE_FRAMES,
 )
+from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 
 STARTS = [(1.0, -3.0, 0.0), (0.8, -3.5, 8.0), (-1.2, -4.0, -10.0), (0.3, -2.2, 0.0)]
+
+
+def points(seed: int = 0) -> PointWorld:
+    return PointWorld(PointSettings(), FixedRig(CAMERA), seed=seed)
 
 
 @cache
@@ -40,7 +45,7 @@ def driven(
     settings = LoopSettings(
         start=start, seed=seed, max_duration=limit, servo=ServoSettings(law=law, seed=seed)
     )
-    return run(settings, PointWorld(PointSettings(), CAMERA, seed=seed), CAMERA)
+    return run(settings, points(seed), CAMERA)
 
 
 @pytest.mark.parametrize('start', STARTS)
@@ -195,7 +200,7 @@ def test_a_robot_that_sees_nothing_waits_where_it_is() -> None:
 def test_whoever_watches_sees_every_sample() -> None:
     seen: list[Sample] = []
     settings = LoopSettings(start=(1.0, -3.0, 0.0), max_duration=1.0)
-    log = run(settings, PointWorld(PointSettings(), CAMERA, seed=0), CAMERA, watch=seen.append)
+    log = run(settings, points(), CAMERA, watch=seen.append)
     assert tuple(seen) == log.samples
 
 
@@ -224,7 +229,7 @@ def side_by_side(numbers: list[int], **changes: object) -> list[RunLog]:
     for k in numbers:
         servo = replace(ServoSettings(seed=k), **changes)  # type: ignore[arg-type]
         settings = LoopSettings(start=MANY[k], seed=k, max_duration=5.0, servo=servo)
-        runs.append((settings, PointWorld(PointSettings(), CAMERA, seed=k), CAMERA))
+        runs.append((settings, points(k), CAMERA))
     return run_many(runs)
 
 
@@ -239,9 +244,7 @@ def test_a_run_is_the_same_alone_and_beside_others(changes: dict[str, object]) -
 
 def test_runs_side_by_side_end_each_in_its_own_time() -> None:
     settings = [LoopSettings(start=MANY[0], max_duration=limit) for limit in (1.0, 3.0, 2.0)]
-    logs = run_many(
-        [(each, PointWorld(PointSettings(), CAMERA, seed=0), CAMERA) for each in settings]
-    )
+    logs = run_many([(each, points(), CAMERA) for each in settings])
     assert [len(log.samples) for log in logs] == [11, 33, 22]
 
 

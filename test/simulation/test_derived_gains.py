@@ -9,6 +9,7 @@ from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.run_log import RunLog, summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.simulation.closed_loop import LoopSettings, run_many
+from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 
 # alpha_0, chi_0 [rad], distance [m]: concordant, from the edge of the singularity outwards.
@@ -45,7 +46,7 @@ def driven(starts: list[tuple[float, float, float]], law: str, gains: str) -> li
                     max_duration=130.0,
                     servo=ServoSettings(law=law, gains=gains, seed=seed),
                 ),
-                PointWorld(PointSettings(), CAMERA, seed=seed),
+                PointWorld(PointSettings(), FixedRig(CAMERA), seed=seed),
                 CAMERA,
             )
             for seed, start in enumerate(starts)

@@ -12,7 +12,8 @@ from strategies import CAMERA, poses_behind_the_goal
 from visual_servo_epipolar.core.geometry.epipolar import fundamental_from_pose, sampson_distance
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, HALF_PI, Pose
 from visual_servo_epipolar.simulation.disturbances.image import Disturbances, DisturbanceSettings
-from visual_servo_epipolar.simulation.mounts.mounting import floor_jitter
+from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
+from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
 from visual_servo_epipolar.simulation.rendering.surfaces import ROOM, Scene, Surface, Texture
@@ -36,7 +37,7 @@ BEHIND = Pose(1.0, -3.0, HALF_PI)
 
 
 def world(points: PointSettings = EXACT, *, seed: int = 0) -> PointWorld:
-    return PointWorld(points, CAMERA, seed=seed)
+    return PointWorld(points, FixedRig(CAMERA), seed=seed)
 
 
 def test_from_the_goal_everything_is_where_the_photograph_has_it() -> None:
@@ -134,16 +135,15 @@ def test_points_are_seen_as_a_camera_in_a_room_sees_them(pose: Pose, frame: int)
     shaken = {'jitter': 0.01, 'tilt': 0.05, 'roll': -0.03, 'mount_forward': 0.2, 'mount_left': 0.1}
     scenario = from_document({'camera': shaken}, 'test').seeded(5)
     cloud, camera = points_of(scenario, 5), scenario.camera
-    renderer = Renderer(FLOOR, camera.camera, camera.mount)
-    tilt, roll = floor_jitter(camera.jitter, camera.seed, frame)
-    expected, visible = renderer.project(cloud.points, pose, tilt=tilt, roll=roll)
+    renderer = Renderer(FLOOR, new_rig(camera))
+    expected, visible = renderer.project(cloud.points, pose, frame)
     found, seen = cloud.project(pose, frame)
     np.testing.assert_array_equal(seen, visible)
     np.testing.assert_allclose(found[seen], expected[seen], atol=1e-9)
 
 
 def test_a_floor_that_shakes_moves_what_is_seen_from_the_goal() -> None:
-    shaken = PointWorld(EXACT, CAMERA, seed=0, jitter=0.002)
+    shaken = PointWorld(EXACT, FixedRig(CAMERA, jitter=0.002), seed=0)
     shift = [
         (seen.current - seen.desired).mean(axis=0)
         for seen in (shaken.observe(DESIRED_POSE, frame) for frame in range(200))
@@ -187,7 +187,7 @@ def test_who_passes_hides_points_and_gives_them_back() -> None:
     passing = DisturbanceSettings(disturbed_from=5, disturbed_for=10, person=0.9)
     passer = Disturbances((CAMERA.width, CAMERA.height), passing, 0)
     everything = replace(EXACT, max_features=EXACT.candidates)
-    cloud = PointWorld(everything, CAMERA, seed=0, disturbances=passer)
+    cloud = PointWorld(everything, FixedRig(CAMERA), seed=0, disturbances=passer)
     before, during, after = (cloud.observe(BEHIND, frame) for frame in (4, 10, 15))
     np.testing.assert_array_equal(before.ids, after.ids)
     gone = np.setdiff1d(before.ids, during.ids)
@@ -199,7 +199,7 @@ def test_who_passes_hides_points_and_gives_them_back() -> None:
 def test_to_see_a_person_pass_costs_no_painting() -> None:
     passing = DisturbanceSettings(disturbed_from=0, person=0.9, occlusion=0.3, shadow=0.5)
     passer = Disturbances((CAMERA.width, CAMERA.height), passing, 0)
-    PointWorld(EXACT, CAMERA, seed=0, disturbances=passer).observe(BEHIND, 10)
+    PointWorld(EXACT, FixedRig(CAMERA), seed=0, disturbances=passer).observe(BEHIND, 10)
     painted = [vars(item) for item in (passer, *passer._passers)]
     assert not any({'_board', '_clothes', '_shade'} & set(names) for names in painted)
 
@@ -207,7 +207,7 @@ def test_to_see_a_person_pass_costs_no_painting() -> None:
 def test_a_believed_camera_is_not_the_one_that_sees() -> None:
     believed = {'believed_focal_ratio': 0.5, 'believed_shift_u': 10.0, 'believed_shift_v': -4.0}
     camera = from_document({'camera': believed}, 'test').camera
-    true, told = camera.camera, camera.believed
+    true, told = camera.camera, camera.nominal_camera
     assert (told.fx, told.fy) == (0.5 * true.fx, 0.5 * true.fy)
     assert (told.cx, told.cy) == (true.cx + 10.0, true.cy - 4.0)
     plain, wrongly = (

@@ -112,7 +112,7 @@ def away(simulator: CameraSimulator, pose: Pose) -> float:
     for turn in np.arange(5) * 2.0 * math.pi / 5.0:  # the field of view is 79 deg
         looking = replace(pose, theta=pose.theta + turn)
         met = simulator.renderer.trace(pixels, looking)
-        distance = np.linalg.norm(met - simulator.renderer.mount.centre(looking), axis=1)
+        distance = np.linalg.norm(met - simulator.renderer.rig.camera_pose(looking).centre, axis=1)
         nearest = min(nearest, float(distance.min()))
     return nearest
 

@@ -23,7 +23,7 @@ def driven_from(start: tuple[float, float, float], ratio: float, seed: int) -> R
     """Return the record of one run whose camera matrix has ``ratio``."""
     seeded = scenario(ratio).seeded(seed)
     view = view_of(seeded, 'features', seed)
-    return run_many([(seeded.loop(start, seed), view, seeded.camera.believed)])[0]
+    return run_many([(seeded.loop(start, seed), view, seeded.camera.nominal_camera)])[0]
 
 
 def driven(numbers: list[tuple[float, int, float]]) -> list[RunLog]:
@@ -32,7 +32,11 @@ def driven(numbers: list[tuple[float, int, float]]) -> list[RunLog]:
     for ratio, k, deviation in numbers:
         seeded = scenario(ratio, deviation).seeded(k)
         runs.append(
-            (seeded.loop(STARTS[k], k), view_of(seeded, 'features', k), seeded.camera.believed)
+            (
+                seeded.loop(STARTS[k], k),
+                view_of(seeded, 'features', k),
+                seeded.camera.nominal_camera,
+            )
         )
     return run_many(runs)
 
@@ -65,7 +69,9 @@ def test_near_the_axis_an_unknown_lens_is_not_mistaken_for_a_miss() -> None:
 def seen(ratio: float, start: tuple[float, float, float]) -> list[Measurement]:
     """Return what the servo saw on its way."""
     seeded, sights = scenario(ratio).seeded(1), []
-    loop = Loop(seeded.loop(start, 1), view_of(seeded, 'features', 1), seeded.camera.believed)
+    loop = Loop(
+        seeded.loop(start, 1), view_of(seeded, 'features', 1), seeded.camera.nominal_camera
+    )
     while not loop.referee.done:
         sights.append(perceive_each(look([loop]))[0])
         loop.decide(sights[-1])

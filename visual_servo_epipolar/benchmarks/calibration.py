@@ -82,7 +82,7 @@ def _verdicts(scenario: Scenario, region: str, seed: int, starts: int) -> list[V
         seeded = scenario.seeded(seed + index)
         start = start_in(region, seed, index, seeded)
         view = points_of(seeded, seed + index)
-        runs.append((seeded.loop(start, seed + index), view, seeded.camera.believed))
+        runs.append((seeded.loop(start, seed + index), view, seeded.camera.nominal_camera))
     return [summarise(log) for log in run_many(runs)]
 
 

@@ -14,7 +14,8 @@ from visual_servo_epipolar.benchmarks.recording_loop import Loop, memory_mb, pro
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-from visual_servo_epipolar.simulation.camera_simulator import CameraSettings, CameraSimulator
+from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
+from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
 RATE = 30.0  # images a second
 TURNS, TURN_S = 3, 20.0  # without and with a recorder by turns: load from elsewhere hits both

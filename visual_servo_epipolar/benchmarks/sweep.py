@@ -95,7 +95,7 @@ def _runs(scenario: Scenario, count: int, seed: int) -> list[Run]:
         seeded = scenario.seeded(seed + index)
         start = start_in(REGION, seed, index, seeded)
         view = points_of(seeded, seed + index)
-        runs.append((seeded.loop(start, seed + index), view, seeded.camera.believed))
+        runs.append((seeded.loop(start, seed + index), view, seeded.camera.nominal_camera))
     return runs
 
 

@@ -21,8 +21,8 @@ from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
-from visual_servo_epipolar.simulation.camera_simulator import CameraSettings
 from visual_servo_epipolar.simulation.disturbances.image import Disturbances, DisturbanceSettings
+from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
 __all__ = ['run', 'table']
 

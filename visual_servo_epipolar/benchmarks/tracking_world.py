@@ -8,8 +8,9 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, Image
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.simulation.camera_simulator import CameraSettings
 from visual_servo_epipolar.simulation.disturbances.image import Disturbances
+from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
 from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME, Sensor, SensorSettings
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
@@ -55,7 +56,8 @@ class World:
     def __init__(self, settings: CameraSettings) -> None:
         self.settings = settings
         mount = CameraMount(settings.mount_height, settings.mount_forward)
-        self.renderer = Renderer(room(settings.scene_seed), settings.camera, mount)
+        rig = FixedRig(settings.camera, mount)
+        self.renderer = Renderer(room(settings.scene_seed), rig)
         self.size = settings.width, settings.height
         sensor = SensorSettings(noise=settings.noise, gain_drift=settings.gain_drift)
         self._sensor = Sensor(self.size, sensor, settings.seed)
@@ -173,6 +175,6 @@ class Truth:
         return clearance
 
     def _inverse_depth(self, pixels: FloatArray) -> FloatArray:
-        mount = self._renderer.mount
-        away = self._renderer.trace(pixels, DESIRED_POSE) - mount.centre(DESIRED_POSE)
-        return np.asarray(1.0 / (away @ mount.R_world_camera(DESIRED_POSE)[:, 2]))
+        axes, centre = self._renderer.rig.camera_pose(DESIRED_POSE)
+        away = self._renderer.trace(pixels, DESIRED_POSE) - centre
+        return np.asarray(1.0 / (away @ axes[:, 2]))

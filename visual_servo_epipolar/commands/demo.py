@@ -98,7 +98,7 @@ def _drive(
         def watch(sample: Sample, image: Image | None, features: Features | None) -> None:
             progress(sample)
             if film is not None and image is not None and features is not None:
-                film.add(picture(image, features, sample, scenario.camera.believed), sample)
+                film.add(picture(image, features, sample, scenario.camera.nominal_camera), sample)
 
         progress.say('starting four nodes ...')
         open_to = 'LOCALHOST' if options.visible else 'OFF'

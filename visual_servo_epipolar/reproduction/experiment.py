@@ -15,13 +15,10 @@ from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
-from visual_servo_epipolar.simulation.bases.pioneer import BaseSettings
-from visual_servo_epipolar.simulation.camera_simulator import (
-    CameraSettings,
-    CameraSimulator,
-    ImageView,
-)
+from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
+from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
 from visual_servo_epipolar.simulation.closed_loop import run, View
+from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.point_world import PointSettings
 from visual_servo_epipolar.simulation.scenario import RunSettings, Scenario
 
@@ -72,7 +69,7 @@ def scenario(seed: int = 0, **changes: Any) -> Scenario:
     """Return the world of the experiment; ``changes`` are settings of the servo."""
     return Scenario(
         run=RunSettings(max_duration=150.0),
-        base=BaseSettings(slip=0.03, dead_zone_angular=0.01),
+        base=PioneerSettings(slip=0.03, dead_zone_angular=0.01),
         camera=CameraSettings(frame_rate=1.0 / PERIOD_S, jitter=0.0017),
         points=PointSettings(max_features=FEATURES, near=4.0),
         tracker=TrackerSettings(max_features=100, min_features=40),
@@ -143,7 +140,7 @@ def drive(world: Scenario, view: View, desired: Image, say: Callable[[str], None
         say(f'experiment: {sample.stamp_ns / NANOSECONDS:5.1f} s, {sample.phase.value}')
 
     loop = world.loop(START, world.servo.seed)
-    log = run(loop, few, world.camera.believed, watch=watch)
+    log = run(loop, few, world.camera.nominal_camera, watch=watch)
     return Experiment(log, few.history, desired, world.camera)
 
 

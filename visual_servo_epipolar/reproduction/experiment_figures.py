@@ -22,7 +22,7 @@ from visual_servo_epipolar.report.style import (
 from visual_servo_epipolar.reproduction.canvas import draw_robot, GHOST, label, new_figure
 from visual_servo_epipolar.reproduction.experiment import Experiment
 from visual_servo_epipolar.reproduction.fits import Decay, decay
-from visual_servo_epipolar.simulation.camera_simulator import CameraSettings
+from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
 SNAPSHOTS = 6
 KEY = 'red crosses: actual features, green circles: desired ones;\ndashed: ghost of the goal'

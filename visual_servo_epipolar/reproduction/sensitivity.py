@@ -101,7 +101,7 @@ def from_points(
 ) -> Mapping[str, Any]:
     """Return the verdict on a run with point features instead of images."""
     loop = replace(world.loop(start, seed), max_duration=LONGEST_RUN_S)
-    return summarise(run(loop, points_of(world, seed), world.camera.believed))
+    return summarise(run(loop, points_of(world, seed), world.camera.nominal_camera))
 
 
 def _row(name: str, results: Sequence[Mapping[str, Any]]) -> Sensitivity:

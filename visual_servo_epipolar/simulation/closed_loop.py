@@ -25,10 +25,12 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import advance, step
 from visual_servo_epipolar.core.servo.telemetry import sample, telemetry
+from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.simulation import point_world
-from visual_servo_epipolar.simulation.bases.pioneer import BaseSettings, Pioneer
+from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
+from visual_servo_epipolar.simulation.bases.registry import new_base
 from visual_servo_epipolar.simulation.point_world import PointWorld
 
 Step = Callable[[ServoState, Observation, ServoSettings], ServoState]
@@ -55,7 +57,7 @@ class LoopSettings:
     frame_rate: float = 11.0
     max_duration: float = 300.0
     servo: ServoSettings = field(default_factory=ServoSettings)
-    base: BaseSettings = field(default_factory=BaseSettings)
+    base: Settings = field(default_factory=PioneerSettings)
 
 
 def period_ns(frame_rate: float) -> int:
@@ -120,7 +122,8 @@ class Loop:
         self.view, self.camera = view, camera
         self.referee = Referee(settings)
         self._servo = settings.servo
-        self._base = Pioneer(settings.base, Pose.from_start(*settings.start), seed=settings.seed)
+        start = Pose.from_start(*settings.start)
+        self._base = new_base(settings.base, start, seed=settings.seed)
         self._state, self._period_ns = ServoState(), period_ns(settings.frame_rate)
         self.pose = published(self._base.pose)
 

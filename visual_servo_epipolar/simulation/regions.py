@@ -11,7 +11,8 @@ from visual_servo_epipolar.core.errors import InputError, TrackingError
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.tracking.candidates import Candidates
 from visual_servo_epipolar.core.tracking.matching import desired_view
-from visual_servo_epipolar.simulation.camera_simulator import CameraSettings
+from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
 from visual_servo_epipolar.simulation.rooms.ground import Ground
 from visual_servo_epipolar.simulation.rooms.scene import room
@@ -84,11 +85,11 @@ class _Scenery:
     """The room, and where in it is what the photograph shows that is worth tracking."""
 
     def __init__(self, camera: CameraSettings, candidates: int) -> None:
-        scene = room(camera.scene_seed, camera.scene)
-        self.ground = Ground(scene, camera.mount)
+        scene, rig = room(camera.scene_seed, camera.scene), new_rig(camera)
+        self.ground = Ground(scene, rig)
         # What is kept has no pictures on it: they take hundreds of megabytes.
-        self._renderer = Renderer(scene.bare(), camera.camera, camera.mount)
-        photograph = Renderer(scene, camera.camera, camera.mount).render(DESIRED_POSE)
+        self._renderer = Renderer(scene.bare(), rig)
+        photograph = Renderer(scene, rig).render(DESIRED_POSE)
         points = self._renderer.trace(_worth_tracking(photograph, candidates), DESIRED_POSE)
         self._points = points[np.isfinite(points).all(axis=1)]
 

@@ -71,7 +71,7 @@ def _side_by_side(
     for start, seed in zip(starts, seeds, strict=True):
         seeded = scenario.seeded(seed)
         view = view_of(seeded, 'features', seed)
-        runs.append((seeded.loop(start, seed), view, seeded.camera.believed))
+        runs.append((seeded.loop(start, seed), view, seeded.camera.nominal_camera))
     return [summarise(log) for log in run_many(runs)]
 
 
@@ -79,7 +79,7 @@ def _verdict(scenario: Scenario, start: Start, seed: int, source: str) -> Result
     seeded = scenario.seeded(seed)
     try:
         view = view_of(seeded, source, seed)
-        return summarise(run(seeded.loop(start, seed), view, seeded.camera.believed))
+        return summarise(run(seeded.loop(start, seed), view, seeded.camera.nominal_camera))
     except Exception as error:  # a defect: one start must not take the other thousands along
         return {
             'outcome': 'failed',

@@ -1,7 +1,7 @@
 """What a sweep consists of: which starts, which laws, which world; and how to do it again."""
 
 from collections.abc import Collection, Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 import json
 import shlex
 from typing import Any
@@ -69,7 +69,7 @@ class Plan:
 
     def identity(self) -> dict[str, Any]:
         """Return, as plain JSON, all that decides what the runs are; not how many there are."""
-        scenario = asdict(self.scenario.seeded(0).with_servo({'law': self.laws[0]}))
+        scenario = self.scenario.seeded(0).with_servo({'law': self.laws[0]}).document()
         document = {
             'region': self.region,
             'source': self.source,

@@ -4,8 +4,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
+from strategies import CAMERA
 
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose
+from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
 from visual_servo_epipolar.simulation.rooms.ground import CLEARANCE, Ground, inside
 from visual_servo_epipolar.simulation.rooms.scene import room
@@ -15,7 +17,7 @@ SQUARE = np.array([[[1.0, 1.0, 0.5], [3.0, 1.0, 0.5], [3.0, 2.0, 0.5], [1.0, 2.0
 
 @pytest.fixture(scope='module')
 def ground() -> Ground:
-    return Ground(room(1), CameraMount())
+    return Ground(room(1), FixedRig(CAMERA))
 
 
 @pytest.mark.parametrize(
@@ -74,5 +76,5 @@ def test_walls_keep_a_robot_in(ground: Ground, x: float, y: float) -> None:
 def test_the_camera_must_not_be_in_the_wall_either() -> None:
     wall = room(1, 'wall')
     near = Pose(0.0, 4.4, HALF_PI)
-    assert Ground(wall, CameraMount()).is_free(near)
-    assert not Ground(wall, CameraMount(forward=0.5)).is_free(near)
+    assert Ground(wall, FixedRig(CAMERA)).is_free(near)
+    assert not Ground(wall, FixedRig(CAMERA, CameraMount(forward=0.5))).is_free(near)
