@@ -13,9 +13,9 @@ from visual_servo_epipolar.benchmarks.peer_laws.adapter import PEERS, PeerState
 from visual_servo_epipolar.benchmarks.peer_laws.homography_based import never_resting, TurningGains
 from visual_servo_epipolar.benchmarks.peer_laws.image_based import PointGains, points
 from visual_servo_epipolar.benchmarks.peer_laws.pose_measurement import (
-    close_reading,
-    Reading,
+    nearby_pose,
     relative_distance,
+    RelativePose,
 )
 from visual_servo_epipolar.benchmarks.peer_laws.position_based import is_behind, polar, PolarGains
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
@@ -34,8 +34,8 @@ from visual_servo_epipolar.core.servo.state import ServoState
 NEARLY = st.builds(Pose.from_start, floats(-0.02, 0.02), floats(-0.02, 0.02), floats(-0.5, 0.5))
 
 
-def reading_of(pose: Pose, depth: float) -> Reading:
-    return Reading(pose.distance / depth, math.atan2(pose.y, pose.x), pose.heading_error)
+def reading_of(pose: Pose, depth: float) -> RelativePose:
+    return RelativePose(pose.distance / depth, math.atan2(pose.y, pose.x), pose.heading_error)
 
 
 @given(poses_behind_the_goal())
@@ -64,7 +64,7 @@ def test_close_to_the_goal_the_pose_is_read_to_first_order(pose: Pose) -> None:
     ahead = np.array([-math.sin(alpha), 0.0, math.cos(alpha)])
     moved = wall - [pose.x, 0.0, pose.y]
     seen = np.column_stack([moved @ right, moved[:, 1]]) / (moved @ ahead)[:, None]
-    found = close_reading(seen, desired)
+    found = nearby_pose(seen, desired)
     # Second order in 0.7 % of the depth and 0.5 deg.
     assert 4.0 * found.distance * math.cos(found.psi) == pytest.approx(pose.x, abs=1.5e-3)
     assert 4.0 * found.distance * math.sin(found.psi) == pytest.approx(pose.y, abs=1.5e-3)

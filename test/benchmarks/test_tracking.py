@@ -10,7 +10,7 @@ from visual_servo_epipolar.benchmarks import tracking
 from visual_servo_epipolar.benchmarks.tracking_scores import recovered, scores
 from visual_servo_epipolar.benchmarks.tracking_world import (
     approach,
-    Judgement,
+    FrameErrors,
     RINGS,
     STANDING,
     start_of,
@@ -49,11 +49,11 @@ def true_features(world: World, pose: Pose) -> Features:
     return Features(ids, current[ids], desired[ids], np.ones(len(ids)), np.zeros(len(ids)))
 
 
-def judged(world: World, shift: np.ndarray) -> Judgement:
+def counted(world: World, shift: np.ndarray) -> FrameErrors:
     """Return features at the goal, all of them ``shift`` from their places."""
     true = true_features(world, DESIRED_POSE)
     shifted = replace(true, current=true.current + shift)
-    return world.truth.judge(shifted, DESIRED_POSE, None, 0)
+    return world.truth.errors(shifted, DESIRED_POSE, None, 0)
 
 
 @pytest.mark.parametrize('seed', range(5))
@@ -68,17 +68,17 @@ def test_an_approach_ends_at_the_goal_and_looks_where_it_goes(seed: int) -> None
 
 
 def test_features_at_their_true_places_have_no_error(world: World) -> None:
-    judgement = world.truth.judge(true_features(world, BEHIND), BEHIND, None, 0)
-    assert judgement.open.sum() > 30
-    assert judgement.errors.max() < 1e-9
+    frame_errors = world.truth.errors(true_features(world, BEHIND), BEHIND, None, 0)
+    assert frame_errors.trackable.sum() > 30
+    assert frame_errors.distances.max() < 1e-9
 
 
 def test_what_the_room_hides_is_not_seen(world: World) -> None:
     # What is behind the robot when it looks back is in no image.
     back = Pose(0.0, 0.0, -DESIRED_POSE.theta)
-    judgement = world.truth.judge(true_features(world, DESIRED_POSE), back, None, 0)
-    assert not judgement.seen.any()
-    assert np.isinf(judgement.errors).all()
+    frame_errors = world.truth.errors(true_features(world, DESIRED_POSE), back, None, 0)
+    assert not frame_errors.visible.any()
+    assert np.isinf(frame_errors.distances).all()
 
 
 def test_edges_of_depth_are_where_the_depth_jumps(world: World) -> None:
@@ -97,16 +97,16 @@ def test_the_pose_error_is_the_shift_that_was_made(
 ) -> None:
     x, y, turn = moved
     features = true_features(world, Pose(x, y, DESIRED_POSE.theta + turn))
-    judgement = world.truth.judge(features, DESIRED_POSE, None, 0)
+    frame_errors = world.truth.errors(features, DESIRED_POSE, None, 0)
     # Linear about the goal; the second order of some millimetres is a few hundredths of them.
-    assert world.truth.pose_error(judgement) == pytest.approx(moved, abs=2e-4)
+    assert world.truth.pose_error(frame_errors) == pytest.approx(moved, abs=2e-4)
 
 
 def test_scores_count_what_is_off_its_place(world: World) -> None:
     shift = np.zeros((len(true_features(world, DESIRED_POSE)), 2))
-    good = judged(world, shift + [0.3, 0.4])
+    good = counted(world, shift + [0.3, 0.4])
     shift[2] = [30.0, 40.0]
-    bad = judged(world, shift)
+    bad = counted(world, shift)
     found = scores(world.truth, [good] * 20 + [bad] * STANDING)
     assert found['route_px'] == pytest.approx(0.5)
     assert (found['gross'], len(found['gross_tracks'])) == (STANDING, 1)
@@ -117,8 +117,8 @@ def test_scores_count_what_is_off_its_place(world: World) -> None:
 
 
 def test_recovery_is_counted_from_the_last_frame_with_too_few(world: World) -> None:
-    many = judged(world, np.zeros(2))
-    few = world.truth.judge(Features(), DESIRED_POSE, None, 0)
+    many = counted(world, np.zeros(2))
+    few = world.truth.errors(Features(), DESIRED_POSE, None, 0)
     assert recovered([few, many, many], 1) == 0
     assert recovered([many, many, few, many], 1) == 2
     assert recovered([many, few], 1) is None

@@ -12,7 +12,7 @@ import numpy as np
 
 from visual_servo_epipolar.reproduction import experiment_figures as figures
 from visual_servo_epipolar.reproduction.canvas import figure_data, thinned
-from visual_servo_epipolar.reproduction.experiment import drive, Experiment, scenario
+from visual_servo_epipolar.reproduction.experiment import drive, Experiment, experiment_scenario
 from visual_servo_epipolar.reproduction.publish import one_line_each, POINTS
 from visual_servo_epipolar.simulation.views import points_of
 
@@ -21,7 +21,7 @@ STORED = Path(__file__).with_name('figures_points.json')
 
 def experiment_with_points() -> Experiment:
     """Drive as in the experiment, with points instead of images."""
-    world = scenario(0)
+    world = experiment_scenario(0)
     camera = world.camera
     view = points_of(world, 0)
     blank = np.full((camera.height, camera.width), 200, np.uint8)

@@ -17,15 +17,15 @@ from visual_servo_epipolar.reproduction import experiment_figures as figures
 from visual_servo_epipolar.reproduction import sensitivity
 from visual_servo_epipolar.reproduction.canvas import figure_data, thinned
 from visual_servo_epipolar.reproduction.experiment import (
-    chosen,
     Experiment,
     experiment,
+    experiment_scenario,
     FEATURES,
     FOCAL_PX,
     PRINTED_K_T,
-    scenario,
     servo,
     START,
+    well_spread,
 )
 from visual_servo_epipolar.reproduction.experiment_claims import claims
 from visual_servo_epipolar.reproduction.publish import POINTS
@@ -52,7 +52,7 @@ def found(points) -> Experiment:
 
 
 def test_settings_are_those_of_the_paper() -> None:
-    world = scenario()
+    world = experiment_scenario()
     assert (world.camera.width, world.camera.height, FEATURES) == (1280, 1024, 26)
     assert (world.camera.principal_u, world.camera.principal_v) == (635.0, 512.0)
     assert 1.0 / world.camera.frame_rate == pytest.approx(0.09)
@@ -84,10 +84,10 @@ def test_images_begin_as_in_the_stored_figure() -> None:
 
 
 def test_the_robot_arrives_within_the_four_centimetres_of_the_paper(found: Experiment) -> None:
-    verdict = summarise(found.log)
-    assert verdict['outcome'] == 'arrived'
-    assert verdict['position_error_m'] < 0.04
-    assert verdict['max_linear_speed'] <= 0.2 + 1e-9
+    summary = summarise(found.log)
+    assert summary['outcome'] == 'arrived'
+    assert summary['position_error_m'] < 0.04
+    assert summary['max_linear_speed'] <= 0.2 + 1e-9
 
 
 def test_difference_decays_exponentially(found: Experiment) -> None:
@@ -130,17 +130,17 @@ def test_snapshots_are_of_their_step_and_begin_and_end_with_it(found: Experiment
 def test_claims_say_where_the_printed_numbers_do_not_work(found: Experiment) -> None:
     some = sensitivity.Sensitivity('', 3, 3, 0.02, 0.03, 0.01, 0.2, '')
     rows = [replace(some, name=name, runs=3) for name, _, _ in sensitivity.ROWS]
-    verdict = {'reason': 'lost', 'max_distance_ratio': 3.0}
-    found_claims = claims(found, rows, {'paper': verdict, 'corrected': verdict})
+    summary = {'reason': 'lost', 'max_distance_ratio': 3.0}
+    found_claims = claims(found, rows, {'paper': summary, 'corrected': summary})
     wrong = [s for s in found_claims if s.agrees is False]
     assert [s.place for s in wrong] == ['Fig. 18']
     assert 'k_t = 0.0004' in wrong[0].paper
 
 
 def test_from_behind_the_printed_sign_fails() -> None:
-    verdict = sensitivity.from_points(scenario(law='paper'), sensitivity.BEHIND, 0)
-    assert verdict['outcome'] == 'failed'
-    assert 'ran away' in verdict['reason']
+    summary = sensitivity.from_points(experiment_scenario(law='paper'), sensitivity.BEHIND, 0)
+    assert summary['outcome'] == 'failed'
+    assert 'ran away' in summary['reason']
 
 
 def test_a_row_tells_arrivals_and_worst_errors() -> None:
@@ -165,7 +165,7 @@ def test_a_row_tells_arrivals_and_worst_errors() -> None:
 
 def test_every_row_names_settings_that_exist() -> None:
     for _, everything, changes in sensitivity.ROWS:
-        world = scenario() if everything else sensitivity.without(scenario())
+        world = experiment_scenario() if everything else sensitivity.without(experiment_scenario())
         for change in changes:
             assert change(world) != world
             world = change(world)
@@ -176,13 +176,13 @@ def test_chosen_features_stay_and_lie_far_apart() -> None:
     places = rng.random((100, 2)) * 1000.0
     rest = {'ages': np.zeros(100), 'errors': np.zeros(100)}
     features = Features(np.arange(100), places, places + rng.random((100, 2)), **rest)
-    first = chosen(features, np.empty(0, int), 26)
+    first = well_spread(features, np.empty(0, int), 26)
     assert len(first) == 26
     gaps = np.linalg.norm(first.current[:, None] - first.current[None], axis=2)
     assert gaps[~np.eye(26, dtype=bool)].min() > 70.0  # a grid of 26 in the square: 196
-    kept = chosen(features, first.ids[:20], 26)
+    kept = well_spread(features, first.ids[:20], 26)
     assert set(first.ids[:20]) < set(kept.ids) and len(kept) == 26
-    assert len(chosen(Features(), first.ids, 26)) == 0
+    assert len(well_spread(Features(), first.ids, 26)) == 0
 
 
 def test_phases_of_the_experiment_are_the_two_steps(found: Experiment) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.reproduction.camera import Eye
+from visual_servo_epipolar.reproduction.camera import PointCamera
 from visual_servo_epipolar.reproduction.simulations import Simulation1, transient
 
 AGREEMENT = 1e-6  # m, rad, s, m/s, and of the focal length for epipoles
@@ -23,7 +23,7 @@ def plain():
 @pytest.fixture(scope='module')
 def stages(plain, runs_1: Simulation1):
     time = runs_1.course.column('time', 2)
-    return plain.simulation_1(time[-1] - time[0], Eye(0.03, 0.03).points)
+    return plain.simulation_1(time[-1] - time[0], PointCamera(0.03, 0.03).points)
 
 
 def test_it_shares_no_code() -> None:

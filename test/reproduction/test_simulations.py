@@ -7,7 +7,7 @@ import pytest
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.reproduction.camera import Eye
+from visual_servo_epipolar.reproduction.camera import PointCamera
 from visual_servo_epipolar.reproduction.continuous import Course, run
 from visual_servo_epipolar.reproduction.fits import decay
 from visual_servo_epipolar.reproduction.simulation_claims import claims_1, claims_2
@@ -34,7 +34,7 @@ def test_numbers_are_those_of_the_paper() -> None:
     assert (case.focal, case.k1, case.k2, case.k_t) == (0.03, 0.5, 0.5, 100.0)
     assert (case.exponent, case.initial_distance, case.tolerance) == (5 / 9, 2.0, 1e-9)
     assert (case.start.x, case.start.y, np.degrees(case.start.theta)) == (1.0, 1.0, 90.0)
-    assert len(Eye(0.03, 0.03).points) == 8
+    assert len(PointCamera(0.03, 0.03).points) == 8
 
 
 def test_eight_points_give_the_epipoles_of_the_pose(course: Course) -> None:
@@ -47,8 +47,8 @@ def test_eight_points_give_the_epipoles_of_the_pose(course: Course) -> None:
 
 
 def test_every_point_stays_ahead_of_the_camera(course: Course) -> None:
-    eye = Eye(0.03, 0.03)
-    assert all(np.isfinite(eye.image(i.pose)).all() for i in course.instants)
+    camera = PointCamera(0.03, 0.03)
+    assert all(np.isfinite(camera.image(i.pose)).all() for i in course.instants)
 
 
 def test_desired_epipole_is_zero_in_finite_time_and_the_speed_with_it(course: Course) -> None:
@@ -121,7 +121,7 @@ def test_claims_disagree_where_the_paper_is_wrong_and_nowhere_else(runs_1, runs_
 
 
 def test_point_behind_the_camera_is_no_image() -> None:
-    assert np.isnan(Eye(0.03, 0.03).image(Pose(0.0, 8.0, np.pi / 2))).any()
+    assert np.isnan(PointCamera(0.03, 0.03).image(Pose(0.0, 8.0, np.pi / 2))).any()
 
 
 def test_a_decay_is_found() -> None:

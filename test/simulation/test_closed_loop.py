@@ -22,9 +22,9 @@ from visual_servo_epipolar.simulation.closed_loop import (
     LoopSettings,
     period_ns,
     published,
-    Referee,
     run,
     run_many,
+    RunMonitor,
     SETTLE_FRAMES,
 )
 from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
@@ -205,13 +205,13 @@ def test_whoever_watches_sees_every_sample() -> None:
 
 
 def test_the_referee_ignores_what_comes_after_the_end() -> None:
-    referee = Referee(LoopSettings(start=(0.0, -1.0, 0.0), max_duration=1.0))
+    monitor = RunMonitor(LoopSettings(start=(0.0, -1.0, 0.0), max_duration=1.0))
     period = period_ns(11.0)
     for frame in range(40):
         sample = Sample(frame * period, Pose(0.0, -1.0, 0.0), phase=Phase.ARRIVED)
-        referee.add(sample, reason='matched', attempts=1)
-    assert referee.done
-    assert len(referee.log().samples) == SETTLE_FRAMES
+        monitor.add(sample, reason='matched', attempts=1)
+    assert monitor.done
+    assert len(monitor.log().samples) == SETTLE_FRAMES
 
 
 def test_a_pose_survives_its_message() -> None:

@@ -183,24 +183,26 @@ def test_a_mistaken_feature_sits_on_another_point_in_view() -> None:
     np.testing.assert_allclose(distance, 0.0, atol=1e-9)
 
 
-def test_who_passes_hides_points_and_gives_them_back() -> None:
+def test_a_person_who_passes_hides_points_and_gives_them_back() -> None:
     passing = DisturbanceSettings(disturbed_from=5, disturbed_for=10, person=0.9)
-    passer = Disturbances((CAMERA.width, CAMERA.height), passing, 0)
+    crossing = Disturbances((CAMERA.width, CAMERA.height), passing, 0)
     everything = replace(EXACT, max_features=EXACT.candidates)
-    cloud = PointWorld(everything, FixedRig(CAMERA), seed=0, disturbances=passer)
+    cloud = PointWorld(everything, FixedRig(CAMERA), seed=0, disturbances=crossing)
     before, during, after = (cloud.observe(BEHIND, frame) for frame in (4, 10, 15))
     np.testing.assert_array_equal(before.ids, after.ids)
     gone = np.setdiff1d(before.ids, during.ids)
     assert 10 < len(gone) < 0.5 * len(before)
     places = cloud.project(BEHIND, 10)[0]
-    assert passer.hides(places[gone], 10).all() and not passer.hides(places[during.ids], 10).any()
+    assert (
+        crossing.hides(places[gone], 10).all() and not crossing.hides(places[during.ids], 10).any()
+    )
 
 
 def test_to_see_a_person_pass_costs_no_painting() -> None:
     passing = DisturbanceSettings(disturbed_from=0, person=0.9, occlusion=0.3, shadow=0.5)
-    passer = Disturbances((CAMERA.width, CAMERA.height), passing, 0)
-    PointWorld(EXACT, FixedRig(CAMERA), seed=0, disturbances=passer).observe(BEHIND, 10)
-    painted = [vars(item) for item in (passer, *passer._passers)]
+    disturbances = Disturbances((CAMERA.width, CAMERA.height), passing, 0)
+    PointWorld(EXACT, FixedRig(CAMERA), seed=0, disturbances=disturbances).observe(BEHIND, 10)
+    painted = [vars(item) for item in (disturbances, *disturbances._occluders)]
     assert not any({'_board', '_clothes', '_shade'} & set(names) for names in painted)
 
 

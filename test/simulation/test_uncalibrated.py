@@ -72,7 +72,7 @@ def seen(ratio: float, start: tuple[float, float, float]) -> list[Measurement]:
     loop = Loop(
         seeded.loop(start, 1), view_of(seeded, 'features', 1), seeded.camera.nominal_camera
     )
-    while not loop.referee.done:
+    while not loop.monitor.done:
         sights.append(perceive_each(look([loop]))[0])
         loop.decide(sights[-1])
         loop.record()

@@ -1,4 +1,4 @@
-"""Accuracy, honesty and speed of the estimators beside OpenCV's and poselib's, in one run."""
+"""Estimation benchmark: accuracy, consistency and speed beside OpenCV and poselib."""
 
 from collections.abc import Callable, Mapping
 from importlib.metadata import PackageNotFoundError, version
@@ -10,9 +10,9 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.benchmarks.estimation_peers import (
-    contestants,
     estimate,
     Knowledge,
+    methods,
     ours,
     peers,
     PRIOR_DEVIATION,
@@ -42,12 +42,12 @@ BASELINES = (6.0, 3.0, 1.5, 0.75, 0.4, 0.2)  # [m]
 REALISTIC: Mapping[str, Any] = {'tilt': 1.0, 'roll': 0.5, 'jitter': 0.1, 'outliers': 0.2}
 GROSS = 5.0  # error that counts as a failure [deg]
 NO_ANSWER = 90.0  # what a refusal counts as [deg]
-HONEST_PARALLAX = 25.0  # in deviations of the noise
+CONSISTENCY_PARALLAX = 25.0  # in deviations of the noise
 KINDS = ('ideal', 'realistic', 'outliers', 'wall, no prior', 'wall, prior 3 deg')
 
 
 def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
-    """Return the document of the benchmark; ``say`` hears what is going on."""
+    """Return the document of the benchmark; ``say`` is told the progress."""
     trials = QUICK_TRIALS if quick else TRIALS
     threads = cv2.getNumThreads()
     cv2.setNumThreads(1)
@@ -58,8 +58,11 @@ def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]
             'versions': {name: _version(name) for name in ('numpy', 'cv2', 'poselib')},
             'accuracy': [_accuracy(*cell, trials, seed, say) for cell in _cells()],
             'bound': [_bound(baseline, trials, seed) for baseline in BASELINES[1:]],
-            'honesty': _honesty(trials, seed, say),
-            'rivals': [_rivals(name, cell, trials, seed) for name, cell in _rival_cells().items()],
+            'honesty': _consistency(trials, seed, say),
+            'rivals': [
+                _alternatives(name, cell, trials, seed)
+                for name, cell in _alternative_cells().items()
+            ],
             'signs': [_signs(baseline, trials, seed) for baseline in (0.1, 0.3, 1.0)],
             'degeneracy': [_degeneracy(jitter, trials, seed) for jitter in (0.0, 0.1)],
             'time': times(trials, seed, say),
@@ -79,14 +82,14 @@ def _version(name: str) -> str | None:
 
 def _cells() -> list[tuple[str, str, Cell]]:
     """Return kind, name and cell of every row of the accuracy table."""
-    made = [('ideal', f'{b:g} m', Cell(baseline=b)) for b in BASELINES]
-    made += [('realistic', f'{b:g} m', Cell(baseline=b, **REALISTIC)) for b in BASELINES]
+    cells = [('ideal', f'{b:g} m', Cell(baseline=b)) for b in BASELINES]
+    cells += [('realistic', f'{b:g} m', Cell(baseline=b, **REALISTIC)) for b in BASELINES]
     shares = (0.0, 0.2, 0.4)
-    made += [('outliers', f'{s:.0%} at 3 m', Cell(baseline=3.0, outliers=s)) for s in shares]
+    cells += [('outliers', f'{s:.0%} at 3 m', Cell(baseline=3.0, outliers=s)) for s in shares]
     walls = ('slanted', 'frontal')
     for kind, scene in product(KINDS[3:], walls):
-        made.append((kind, f'{scene}, 3 m', Cell(baseline=3.0, scene=scene)))
-    return made
+        cells.append((kind, f'{scene}, 3 m', Cell(baseline=3.0, scene=scene)))
+    return cells
 
 
 def _accuracy(
@@ -94,21 +97,21 @@ def _accuracy(
 ) -> dict[str, Any]:
     pairs = draw_pairs(cell, trials, seed)
     rows = {}
-    known = PRIOR_DEVIATION if kind == KINDS[-1] else None
-    for who, solve in contestants(known).items():
-        say(f'{kind}, {name}: {who}')
-        rows[who] = _summary(np.array([_error(solve, pair, cell) for pair in pairs]))
+    deviation = PRIOR_DEVIATION if kind == KINDS[-1] else None
+    for method, solve in methods(deviation).items():
+        say(f'{kind}, {name}: {method}')
+        rows[method] = _summary(np.array([_error(solve, pair, cell) for pair in pairs]))
     return {'kind': kind, 'cell': name, 'rows': rows}
 
 
 def _error(solve: Solver, pair: Pair, cell: Cell) -> float:
     cv2.setRNGSeed(0)
-    found = solve(pair, cell)
-    return NO_ANSWER if found is None else error(found, pair.bearings)
+    bearings = solve(pair, cell)
+    return NO_ANSWER if bearings is None else error(bearings, pair.bearings)
 
 
 def _summary(errors: FloatArray) -> dict[str, float]:
-    """Return median, 95th percentile and largest error, failures, and the spread of the first."""
+    """Return median, 95th percentile and largest of errors [deg], (N,), and shares of failures."""
     parts = [float(np.median(part)) for part in np.array_split(errors, min(5, len(errors)))]
     return {
         'median_deg': float(np.median(errors)),
@@ -126,10 +129,10 @@ def _bound(baseline: float, trials: int, seed: int) -> dict[str, float]:
     solve, squared, sizes = ours(planar_2dof), [], []
     for pair in draw_pairs(cell, trials, seed):
         information = fisher_information(pair, cell.ray_noise)
-        found = solve(pair, cell)
-        if found is not None:
-            away = difference(found, pair.bearings)
-            squared.append(float(away @ information @ away) / 2.0)
+        bearings = solve(pair, cell)
+        if bearings is not None:
+            deviation = difference(bearings, pair.bearings)
+            squared.append(float(deviation @ information @ deviation) / 2.0)
         sizes.append(np.linalg.inv(information).trace() / 2.0)
     return {
         'baseline_m': baseline,
@@ -140,42 +143,42 @@ def _bound(baseline: float, trials: int, seed: int) -> dict[str, float]:
 
 def _normalised(squared: list[float]) -> dict[str, float]:
     """Return the root mean square of normalised errors, whole and without the largest 1 %."""
-    kept = np.sort(squared)[: max(1, math.ceil(0.99 * len(squared)))]
+    trimmed = np.sort(squared)[: max(1, math.ceil(0.99 * len(squared)))]
     return {
         'rms': math.sqrt(float(np.mean(squared))),
-        'trimmed_rms': math.sqrt(float(kept.mean())),
+        'trimmed_rms': math.sqrt(float(trimmed.mean())),
         'count': len(squared),
     }
 
 
-def _honesty(trials: int, seed: int, say: Callable[[str], None]) -> list[dict[str, Any]]:
-    """Return errors in units of the deviations that the estimators themselves give."""
+def _consistency(trials: int, seed: int, say: Callable[[str], None]) -> list[dict[str, Any]]:
+    """Return errors in units of the deviations that the estimators report."""
     cases: list[tuple[str, Estimator, Knowledge, Mapping[str, Any]]] = [
         ('planar_2dof, ideal', planar_2dof, Knowledge(), {}),
         ('soft cold, realistic', soft_planar, Knowledge(), REALISTIC),
         ('soft calibrated, realistic', soft_planar, Knowledge(True), REALISTIC),
     ]
-    found = []
-    for (name, estimator, knowledge, how), baseline in product(cases, BASELINES[1:4]):
+    rows = []
+    for (name, estimator, knowledge, conditions), baseline in product(cases, BASELINES[1:4]):
         say(f'covariance: {name}')
-        cell = Cell(baseline=baseline, **how)
+        cell = Cell(baseline=baseline, **conditions)
         squared = []
         for pair in draw_pairs(cell, trials, seed):
-            if _parallax(pair) < HONEST_PARALLAX * cell.ray_noise:
+            if _parallax(pair) < CONSISTENCY_PARALLAX * cell.ray_noise:
                 continue
-            made = estimate(estimator, knowledge, pair, cell)
-            if made is not None:
-                away = difference(made.bearings, pair.bearings)
-                squared.append(float(away @ np.linalg.solve(made.covariance, away)) / 2.0)
-        found.append({'case': name, 'baseline_m': baseline, **_normalised(squared)})
-    return found
+            answer = estimate(estimator, knowledge, pair, cell)
+            if answer is not None:
+                errors = difference(answer.bearings, pair.bearings)
+                squared.append(float(errors @ np.linalg.solve(answer.covariance, errors)) / 2.0)
+        rows.append({'case': name, 'baseline_m': baseline, **_normalised(squared)})
+    return rows
 
 
 def _parallax(pair: Pair) -> float:
     return fit_rotation(pair.current, pair.desired).parallax
 
 
-def _rival_cells() -> Mapping[str, Cell]:
+def _alternative_cells() -> Mapping[str, Cell]:
     return {
         'ideal, 3 m': Cell(baseline=3.0),
         'realistic, 3 m': Cell(baseline=3.0, **REALISTIC),
@@ -185,19 +188,19 @@ def _rival_cells() -> Mapping[str, Cell]:
     }
 
 
-def _rivals(name: str, cell: Cell, trials: int, seed: int) -> dict[str, Any]:
+def _alternatives(name: str, cell: Cell, trials: int, seed: int) -> dict[str, Any]:
     """Return how often a second geometry is reported, and how often one is missed that wins."""
-    made: dict[str, list[Estimate | None]] = {}
+    answers: dict[str, list[Estimate | None]] = {}
     pairs = draw_pairs(cell, trials, seed)
-    for who, estimator in (('planar_2dof', planar_2dof), ('soft cold', soft_planar)):
-        made[who] = [estimate(estimator, Knowledge(), pair, cell) for pair in pairs]
+    for method, estimator in (('planar_2dof', planar_2dof), ('soft cold', soft_planar)):
+        answers[method] = [estimate(estimator, Knowledge(), pair, cell) for pair in pairs]
     rows = {}
-    for who, estimates in made.items():
-        both = [(e, p) for e, p in zip(estimates, pairs, strict=True) if e is not None]
-        wrong = [e.alternative is None for e, p in both if error(e.bearings, p.bearings) > GROSS]
-        rows[who] = {
-            'reported': sum(e.alternative is not None for e, _ in both) / len(pairs),
-            'gross_unreported': sum(wrong) / len(pairs),
+    for method, estimates in answers.items():
+        answered = [(e, p) for e, p in zip(estimates, pairs, strict=True) if e is not None]
+        gross = [e for e, p in answered if error(e.bearings, p.bearings) > GROSS]
+        rows[method] = {
+            'reported': sum(e.alternative is not None for e, _ in answered) / len(pairs),
+            'gross_unreported': sum(e.alternative is None for e in gross) / len(pairs),
         }
     return {'cell': name, 'rows': rows}
 
@@ -205,32 +208,32 @@ def _rivals(name: str, cell: Cell, trials: int, seed: int) -> dict[str, Any]:
 def _signs(baseline: float, trials: int, seed: int) -> dict[str, Any]:
     """Return the share of baselines that point the wrong way, all around the goal."""
     cell = Cell(baseline=baseline, noise=0.5, outliers=0.3, around=True)
-    known = {
+    solvers = {
         'planar_2dof': ours(planar_2dof),
         'soft cold': ours(soft_planar),
         'soft calibrated': ours(soft_planar, Knowledge(True)),
     }
-    known |= {who: solve for who, solve in peers().items() if who == 'poselib E'}
+    solvers |= {method: solve for method, solve in peers().items() if method == 'poselib E'}
     pairs = draw_pairs(cell, 2 * trials, seed)
     return {
         'baseline_m': baseline,
         'trials': len(pairs),
         'flips': {
-            who: float(np.mean([_flipped(solve(pair, cell), pair) for pair in pairs]))
-            for who, solve in known.items()
+            method: float(np.mean([_flipped(solve(pair, cell), pair) for pair in pairs]))
+            for method, solve in solvers.items()
         },
     }
 
 
-def _flipped(found: Any, pair: Pair) -> bool:
-    return found is None or math.cos(found.psi - pair.bearings.psi) < 0.0
+def _flipped(bearings: Any, pair: Pair) -> bool:
+    return bearings is None or math.cos(bearings.psi - pair.bearings.psi) < 0.0
 
 
 def _degeneracy(jitter: float, trials: int, seed: int) -> dict[str, float]:
     """Return how well parallax tells a baseline of 2 cm from a pure rotation."""
-    still = [_parallax(p) for p in draw_pairs(Cell(baseline=0.0, jitter=jitter), trials, seed)]
+    at_rest = [_parallax(p) for p in draw_pairs(Cell(baseline=0.0, jitter=jitter), trials, seed)]
     moved = [_parallax(p) for p in draw_pairs(Cell(baseline=0.02, jitter=jitter), trials, seed)]
-    a, b = np.array(still), np.array(moved)
+    a, b = np.array(at_rest), np.array(moved)
     return {
         'jitter_deg': jitter,
         'auc': float((b[:, None] > a).mean() + 0.5 * (b[:, None] == a).mean()),

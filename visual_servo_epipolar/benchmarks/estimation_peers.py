@@ -1,4 +1,4 @@
-"""Who takes part in the estimation benchmark: our estimators and the peers, behind one door."""
+"""Methods of the estimation benchmark: our estimators and the peers behind one signature."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -20,9 +20,9 @@ from visual_servo_epipolar.core.estimators.planar_3dof import planar_3dof
 from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, epipoles
 
-KNOWN = math.radians(0.03)  # how well a calibrated camera's tilt and roll are known
-JITTER = math.radians(0.1)  # what soft_planar is told of the floor
-PRIOR_DEVIATION = math.radians(3.0)  # of bearings known beforehand
+ATTITUDE_DEVIATION = math.radians(0.03)  # of tilt and roll of a calibrated camera
+JITTER = math.radians(0.1)  # of the floor, as given to soft_planar
+PRIOR_DEVIATION = math.radians(3.0)  # of prior bearings
 NEAR = math.radians(0.3)  # how far the bearings have moved since the frame before, when timed
 GOOD = 0.999
 CAMERA = {'model': 'PINHOLE', 'width': 1280, 'height': 1024, 'params': [FOCAL, FOCAL, 0.0, 0.0]}
@@ -33,21 +33,23 @@ Solver = Callable[[Pair, Cell], Bearings | None]
 
 @dataclass(frozen=True, slots=True)
 class Knowledge:
-    """What an estimator of ours is told: the camera's attitude, bearings near the truth."""
+    """Prior knowledge of an estimator: the attitude of the camera, bearings near the truth."""
 
     calibrated: bool = False
     deviation: float | None = None  # of bearings drawn around the truth [rad]
 
     def prior(self, pair: Pair, cell: Cell) -> Prior:
-        """Return it as a Prior."""
+        """Return the prior for ``pair`` of ``cell``."""
         attitude = Attitude(jitter=JITTER)
         if self.calibrated:
             tilt, roll = math.radians(cell.tilt), math.radians(cell.roll)
-            known = math.hypot(KNOWN, JITTER)  # the floor moved the desired camera, too
-            attitude = Attitude(tilt, roll, known, known, JITTER)
+            deviation = math.hypot(
+                ATTITUDE_DEVIATION, JITTER
+            )  # the floor moved the desired camera, too
+            attitude = Attitude(tilt, roll, deviation, deviation, JITTER)
         if self.deviation is None:
             return Prior(attitude)
-        # The noise of the first match stands for chance: the same for every contestant.
+        # Seeded by the noise of the first match, so that all methods draw equal bearings.
         seed = np.frombuffer(pair.current[0].tobytes(), np.uint32)
         psi, phi = np.random.default_rng(seed).normal(0.0, self.deviation, 2).tolist()
         before = Bearings(pair.bearings.psi + psi, pair.bearings.phi + phi)
@@ -57,7 +59,7 @@ class Knowledge:
 def estimate(
     estimator: Estimator, knowledge: Knowledge, pair: Pair, cell: Cell
 ) -> Estimate | None:
-    """Return an estimate of ours, None where it says that the matches cannot answer."""
+    """Return the estimate, None where the estimator refuses the matches."""
     rng = np.random.default_rng(len(pair.current))
     prior = knowledge.prior(pair, cell)
     try:
@@ -67,11 +69,11 @@ def estimate(
 
 
 def ours(estimator: Estimator, knowledge: Knowledge = Knowledge()) -> Solver:  # noqa: B008
-    """Return an estimator of ours as a contestant."""
+    """Return an estimator of this package as a method of the benchmark."""
 
     def solve(pair: Pair, cell: Cell) -> Bearings | None:
-        found = estimate(estimator, knowledge, pair, cell)
-        return None if found is None else found.bearings
+        answer = estimate(estimator, knowledge, pair, cell)
+        return None if answer is None else answer.bearings
 
     return solve
 
@@ -92,16 +94,18 @@ def _from_fundamental(fundamental: Any) -> Bearings | None:
 
 def _opencv(method: int, pair: Pair, cell: Cell) -> Bearings | None:
     current, desired = FOCAL * pair.current, FOCAL * pair.desired
-    found, _ = cv2.findFundamentalMat(current, desired, method, _threshold(cell), GOOD, 10000)
-    return _from_fundamental(found)
+    fundamental, _ = cv2.findFundamentalMat(
+        current, desired, method, _threshold(cell), GOOD, 10000
+    )
+    return _from_fundamental(fundamental)
 
 
 def _poselib_f(poselib: Any, pair: Pair, cell: Cell) -> Bearings | None:
     options = {'max_epipolar_error': _threshold(cell), 'seed': 0}
-    found, _ = poselib.estimate_fundamental(
+    fundamental, _ = poselib.estimate_fundamental(
         FOCAL * pair.current, FOCAL * pair.desired, options, {}
     )
-    return _from_fundamental(found)
+    return _from_fundamental(fundamental)
 
 
 def _poselib_e(poselib: Any, pair: Pair, cell: Cell) -> Bearings | None:
@@ -116,25 +120,25 @@ def _poselib_e(poselib: Any, pair: Pair, cell: Cell) -> Bearings | None:
 
 def peers() -> Mapping[str, Solver]:
     """Return OpenCV's estimators and, where it is installed, poselib's."""
-    found: dict[str, Solver] = {
+    solvers: dict[str, Solver] = {
         'opencv LMedS F': partial(_opencv, cv2.FM_LMEDS),
         'opencv MAGSAC F': partial(_opencv, cv2.USAC_MAGSAC),
     }
     if find_spec('poselib') is not None:
         poselib = import_module('poselib')
-        found['poselib F'] = partial(_poselib_f, poselib)
-        found['poselib E'] = partial(_poselib_e, poselib)
-    return found
+        solvers['poselib F'] = partial(_poselib_f, poselib)
+        solvers['poselib E'] = partial(_poselib_e, poselib)
+    return solvers
 
 
-def contestants(deviation: float | None = None) -> Mapping[str, Solver]:
-    """Return everybody; ours with bearings within ``deviation`` of the truth, if it is given."""
-    told, calibrated = Knowledge(deviation=deviation), Knowledge(True, deviation)
+def methods(deviation: float | None = None) -> Mapping[str, Solver]:
+    """Return all methods; ours with prior bearings of ``deviation`` [rad], if it is given."""
+    cold, calibrated = Knowledge(deviation=deviation), Knowledge(True, deviation)
     return {
         'lmeds_8pt (paper)': ours(lmeds_8pt),
-        'planar_3dof': ours(planar_3dof, told),
-        'planar_2dof': ours(planar_2dof, told),
-        'soft cold': ours(soft_planar, told),
+        'planar_3dof': ours(planar_3dof, cold),
+        'planar_2dof': ours(planar_2dof, cold),
+        'soft cold': ours(soft_planar, cold),
         'soft calibrated': ours(soft_planar, calibrated),
         **peers(),
     }

@@ -1,4 +1,4 @@
-"""Synthetic pairs of views with known bearings, and the bound that no estimator can beat."""
+"""Synthetic pairs of views with true bearings, and the Cramer-Rao bound of any estimator."""
 
 from dataclasses import dataclass
 import math
@@ -46,7 +46,7 @@ class Cell:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pair:
-    """Rays of the matches, shape (N, 2) each, the same without noise, and the truth."""
+    """Rays of the matches, noisy and clean, shape (N, 2) each, and the true bearings."""
 
     current: FloatArray
     desired: FloatArray
@@ -60,13 +60,13 @@ def draw_pair(cell: Cell, rng: np.random.Generator) -> Pair:
     while True:
         pose = _pose(cell, rng)
         points = _points(cell, rng)
-        seen = (points - [pose.x, 0.0, pose.y]) @ rotation_desired_current(pose.heading_error)
+        solid = (points - [pose.x, 0.0, pose.y]) @ rotation_desired_current(pose.heading_error)
         desired, ahead_d = _rays(points, cell, rng)
-        current, ahead_a = _rays(seen, cell, rng)
-        good = np.flatnonzero(ahead_d & ahead_a)[: cell.points]
-        if len(good) == cell.points:
+        current, ahead_a = _rays(solid, cell, rng)
+        chosen = np.flatnonzero(ahead_d & ahead_a)[: cell.points]
+        if len(chosen) == cell.points:
             break
-    clean_current, clean_desired = current[good], desired[good]
+    clean_current, clean_desired = current[chosen], desired[chosen]
     noise = rng.normal(0.0, cell.ray_noise, (2, cell.points, 2))
     current, desired = clean_current + noise[0], clean_desired + noise[1]
     wrong = round(cell.outliers * cell.points)
@@ -108,15 +108,15 @@ def _rays(
     return rays, np.isfinite(depth) & (np.abs(rays) < HALF_VIEW).all(axis=1)
 
 
-def error(found: Bearings, true: Bearings) -> float:
-    """Return the root mean square angle between found and true epipoles, in degrees."""
-    psi, phi = math.sin(found.psi - true.psi), math.sin(found.phi - true.phi)
+def error(estimated: Bearings, true: Bearings) -> float:
+    """Return the root mean square angle between estimated and true epipoles [deg]."""
+    psi, phi = math.sin(estimated.psi - true.psi), math.sin(estimated.phi - true.phi)
     return math.degrees(math.hypot(math.asin(abs(psi)), math.asin(abs(phi))) / math.sqrt(2.0))
 
 
-def difference(found: Bearings, true: Bearings) -> FloatArray:
-    """Return found - true of the axes (psi, phi), each within 90 deg [rad]."""
-    change = np.array([found.psi - true.psi, found.phi - true.phi])
+def difference(estimated: Bearings, true: Bearings) -> FloatArray:
+    """Return estimated - true of the axes (psi, phi), shape (2,), each within pi/2 [rad]."""
+    change = np.array([estimated.psi - true.psi, estimated.phi - true.phi])
     return np.asarray(np.remainder(change + math.pi / 2, math.pi) - math.pi / 2)
 
 

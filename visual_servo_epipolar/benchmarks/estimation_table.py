@@ -20,24 +20,24 @@ def table(document: Mapping[str, Any]) -> str:
     lines += ['', 'Error of planar_2dof in units of the Cramer-Rao bound (ideal scenes)']
     lines += [_bound_row(it) for it in document['bound']]
     lines += ['', 'Error in units of the deviation that is reported, at a parallax above 25 sigma']
-    lines += [_honesty_row(it) for it in document['honesty']]
+    lines += [_consistency_row(it) for it in document['honesty']]
     lines += ['', 'A second geometry reported, and gross errors without one [% of trials]']
-    lines += [_rival_row(it) for it in document['rivals']]
+    lines += [_alternative_row(it) for it in document['rivals']]
     lines += ['', 'Baseline reversed (0.5 px, 30 % outliers, all around the goal) [%]']
     lines += [_sign_row(it) for it in document['signs']]
     lines += ['', 'Pure rotation against a baseline of 2 cm, by the parallax of fit_rotation']
     lines += [_degeneracy_row(it) for it in document['degeneracy']]
     for it in document['time']:
         lines += ['', f'Time, {it["points"]} points, {it["cell"]}; ratio to OpenCV LMedS by pairs']
-        lines += [_time_row(who, row) for who, row in it['rows'].items()]
+        lines += [_time_row(method, row) for method, row in it['rows'].items()]
     return '\n'.join(lines)
 
 
 def _accuracy(cells: Iterable[Mapping[str, Any]]) -> list[str]:
     cells = list(cells)
     lines = [' ' * 20 + ''.join(f'{it["cell"]:>20}' for it in cells)]
-    for who in cells[0]['rows']:
-        lines.append(f'  {who:<18}' + ''.join(_cell(it['rows'][who]) for it in cells))
+    for method in cells[0]['rows']:
+        lines.append(f'  {method:<18}' + ''.join(_cell(it['rows'][method]) for it in cells))
     return lines
 
 
@@ -57,23 +57,23 @@ def _bound_row(it: Mapping[str, Any]) -> str:
     )
 
 
-def _honesty_row(it: Mapping[str, Any]) -> str:
+def _consistency_row(it: Mapping[str, Any]) -> str:
     return (
         f'  {it["case"]:<28}{it["baseline_m"]:>5g} m: rms {it["rms"]:.2f}, less the largest 1 % '
         f'{it["trimmed_rms"]:.2f}, of {it["count"]}'
     )
 
 
-def _rival_row(it: Mapping[str, Any]) -> str:
+def _alternative_row(it: Mapping[str, Any]) -> str:
     rows = '   '.join(
-        f'{who} {100 * row["reported"]:.1f} and {100 * row["gross_unreported"]:.1f}'
-        for who, row in it['rows'].items()
+        f'{method} {100 * row["reported"]:.1f} and {100 * row["gross_unreported"]:.1f}'
+        for method, row in it['rows'].items()
     )
     return f'  {it["cell"]:<20}{rows}'
 
 
 def _sign_row(it: Mapping[str, Any]) -> str:
-    flips = '   '.join(f'{who} {100 * share:.1f}' for who, share in it['flips'].items())
+    flips = '   '.join(f'{method} {100 * share:.1f}' for method, share in it['flips'].items())
     return f'  {it["baseline_m"]:g} m, {it["trials"]} trials:  {flips}'
 
 
@@ -84,8 +84,8 @@ def _degeneracy_row(it: Mapping[str, Any]) -> str:
     )
 
 
-def _time_row(who: str, row: Mapping[str, float]) -> str:
+def _time_row(method: str, row: Mapping[str, float]) -> str:
     return (
-        f'  {who:<20}{row["median_ms"]:7.2f} ms  (quartiles {row["quarter_ms"]:.2f} to '
+        f'  {method:<20}{row["median_ms"]:7.2f} ms  (quartiles {row["quarter_ms"]:.2f} to '
         f'{row["three_quarters_ms"]:.2f})  {row["times_faster"]:6.1f} times faster'
     )

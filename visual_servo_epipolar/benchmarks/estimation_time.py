@@ -1,5 +1,5 @@
 """
-Time of the estimators, beside the peers on the same matches, by turns.
+Time of the estimators and of the peers, by turns on each pair of views.
 
 It is that of the thread on its processor: what else the machine does meanwhile does not count.
 """
@@ -29,7 +29,7 @@ CELLS: Mapping[str, Cell] = {
     'ideal, 3 m': Cell(baseline=3.0),
     'realistic, 3 m': Cell(baseline=3.0, tilt=1.0, roll=0.5, jitter=0.1, outliers=0.2),
 }
-# What of ours is timed, and what it is told; `warm` knows the bearings of the frame before.
+# Our estimators and their prior knowledge; `warm` has the bearings of the frame before.
 OURS: Mapping[str, tuple[Estimator, Knowledge]] = {
     'planar_2dof': (planar_2dof, Knowledge()),
     'planar_2dof warm': (planar_2dof, Knowledge(deviation=NEAR)),
@@ -44,8 +44,8 @@ OURS: Mapping[str, tuple[Estimator, Knowledge]] = {
 def _calls(pair: Pair, cell: Cell) -> Mapping[str, Callable[[], object]]:
     """Return what is timed on one pair of views."""
     calls: dict[str, Callable[[], object]] = {}
-    for who, (estimator, knowledge) in OURS.items():
-        calls[who] = partial(
+    for method, (estimator, knowledge) in OURS.items():
+        calls[method] = partial(
             estimator,
             pair.current,
             pair.desired,
@@ -53,7 +53,7 @@ def _calls(pair: Pair, cell: Cell) -> Mapping[str, Callable[[], object]]:
             prior=knowledge.prior(pair, cell),
             rng=np.random.default_rng(0),
         )
-    return calls | {who: partial(solve, pair, cell) for who, solve in peers().items()}
+    return calls | {method: partial(solve, pair, cell) for method, solve in peers().items()}
 
 
 def times(trials: int, seed: int, say: Callable[[str], None]) -> list[dict[str, Any]]:
@@ -65,22 +65,22 @@ def _times(
     name: str, cell: Cell, trials: int, seed: int, say: Callable[[str], None]
 ) -> dict[str, Any]:
     calls = [_calls(pair, cell) for pair in draw_pairs(cell, min(trials, PAIRS), seed)]
-    taken: dict[str, list[float]] = {who: [] for who in calls[0]}
+    durations: dict[str, list[float]] = {method: [] for method in calls[0]}
     for turn in range(max(1, trials // len(calls))):
         say(f'time, {name}: turn {turn + 1}')
         for each in calls:
-            for who, call in each.items():  # by turns: a busy moment hits everybody
+            for method, call in each.items():  # by turns: a busy moment hits everybody
                 began = thread_time()
                 call()
-                taken[who].append(1e3 * (thread_time() - began))
-    reference = np.array(taken[REFERENCE])
+                durations[method].append(1e3 * (thread_time() - began))
+    reference = np.array(durations[REFERENCE])
     rows = {
-        who: {
-            'median_ms': float(np.median(all_of)),
-            'quarter_ms': float(np.percentile(all_of, 25)),
-            'three_quarters_ms': float(np.percentile(all_of, 75)),
-            'times_faster': float(np.median(reference / all_of)),
+        method: {
+            'median_ms': float(np.median(milliseconds)),
+            'quarter_ms': float(np.percentile(milliseconds, 25)),
+            'three_quarters_ms': float(np.percentile(milliseconds, 75)),
+            'times_faster': float(np.median(reference / milliseconds)),
         }
-        for who, all_of in taken.items()
+        for method, milliseconds in durations.items()
     }
     return {'cell': name, 'points': cell.points, 'rows': rows}

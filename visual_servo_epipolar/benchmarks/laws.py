@@ -1,4 +1,4 @@
-"""Control laws beside each other: same starts, same features, same base, same judge."""
+"""Benchmark of control laws: shared starts, features, base and measure of success."""
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
@@ -49,7 +49,7 @@ def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]
 
 
 def one_run(law: str, start: tuple[float, float, float], seed: int) -> Run:
-    """Return the verdict on one run of ``law`` from ``start``: x [m], y [m], heading [deg]."""
+    """Return the result of one run of ``law`` from ``start``: x [m], y [m], heading [deg]."""
     scenario = Scenario().seeded(seed)
     servo = scenario.servo
     if law != 'ours':
@@ -61,16 +61,16 @@ def one_run(law: str, start: tuple[float, float, float], seed: int) -> Run:
         scenario.camera.camera,
         control=PEERS[law],
     )
-    return summarise(log) | {'law': law, 'fate': ''} | _fate(summarise(log))
+    return summarise(log) | {'law': law, 'fate': ''} | _true_outcome(summarise(log))
 
 
-def _fate(verdict: Mapping[str, Any]) -> Run:
-    """Say how a run ended, by ground truth; the robot's own word is ``outcome``."""
-    position = verdict['position_error_m']
-    reached = position <= REACHED_M and abs(verdict['heading_error_deg']) <= REACHED_DEG
+def _true_outcome(summary: Mapping[str, Any]) -> Run:
+    """Return how a run ended by ground truth; what the robot reports is ``outcome``."""
+    position = summary['position_error_m']
+    reached = position <= REACHED_M and abs(summary['heading_error_deg']) <= REACHED_DEG
     if reached:
         return {'fate': 'reached'}
-    lost = 'features' in verdict['reason'] and 'lost' in verdict['reason']
+    lost = 'features' in summary['reason'] and 'lost' in summary['reason']
     return {'fate': 'lost' if lost else 'missed'}
 
 

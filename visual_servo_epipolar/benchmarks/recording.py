@@ -1,4 +1,4 @@
-"""Recording beside the running loop: what it costs the servo, and whether a message is missing."""
+"""Recording benchmark: what a recorder costs the servo, and whether it misses a message."""
 
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack
@@ -53,7 +53,7 @@ def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]
 
 
 def views(simulator: CameraSimulator) -> list[Image]:
-    """Return what is seen on a way ahead and back again, so that it has no end."""
+    """Return images, shape (H, W), on a way ahead and back again: a cycle."""
     ahead = [
         simulator.capture(Pose(START.x, START.y + STRIDE * number, START.theta), number)
         for number in range(VIEWS)
@@ -62,7 +62,7 @@ def views(simulator: CameraSimulator) -> list[Image]:
 
 
 def _recorded(loop: Loop, folder: Path, seconds: float) -> dict[str, Any]:
-    """Drive with the recorder on, and return what it cost and what is in the bag."""
+    """Drive with the recorder on, and return its cost and the completeness of the bag."""
     bag = Path(loop.call('recorder_node/start').partition('recording to ')[2])
     loop.wait_for_listeners(2)
     recorder = loop.processes['recorder_node']
@@ -70,14 +70,14 @@ def _recorded(loop: Loop, folder: Path, seconds: float) -> dict[str, Any]:
     drive = loop.drive(seconds, RATE)
     after, ended_s = memory_mb(recorder), processor_s(recorder)
     loop.call('recorder_node/stop')
-    found = stamps(folder / bag, '/image_raw')
+    recorded = stamps(folder / bag, '/image_raw')
     size = sum(path.stat().st_size for path in (folder / bag).iterdir()) / 1e6
     shutil.rmtree(folder / bag)
     return {
         'latencies': drive.latencies,
         'published': len(drive.sent),
-        'missing': len(drive.sent.keys() - set(found)),
-        'in_order': found == sorted(found),
+        'missing': len(drive.sent.keys() - set(recorded)),
+        'in_order': recorded == sorted(recorded),
         'mb': size,
         'processor': (ended_s - began_s) / seconds,
         'memory_before_mb': before,

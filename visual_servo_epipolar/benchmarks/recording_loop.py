@@ -1,4 +1,4 @@
-"""A camera of 30 Hz, a tracker, a servo and a recorder as processes, as they are on a robot."""
+"""Processes of the recording benchmark: tracker, servo and recorder, and their camera here."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, ExitStack
@@ -36,7 +36,7 @@ START_S, WARM_UP_S, SETTLE_S = 60.0, 1.0, 0.5
 
 @dataclass(slots=True)
 class Drive:
-    """What a stretch of time brought: when images were sent, and how long the servo took."""
+    """A stretch of time: when images were sent, and the latencies of the servo."""
 
     sent: dict[int, float] = field(default_factory=dict)  # by stamp [ns], on the steady clock [s]
     latencies: list[float] = field(default_factory=list)  # image sent to epipoles received [s]
@@ -44,7 +44,7 @@ class Drive:
 
 class Loop:
     """
-    Three nodes in processes of their own; this one is their camera, and sees what they answer.
+    Three nodes in processes of their own; this process is their camera and reads the epipoles.
 
     Parameters
     ----------
@@ -99,9 +99,9 @@ class Loop:
         try:
             if not client.wait_for_service(START_S):
                 raise VisualServoError(f'nobody has served {service} within {START_S:g} s')
-            future = client.call_async(Trigger.Request())
+            future: Any = client.call_async(Trigger.Request())
             self._executor.spin_until_future_complete(future, START_S)
-            answer: Any = future.result()
+            answer = future.result()
         finally:
             self._node.destroy_client(client)
         if answer is None or not answer.success:
@@ -131,8 +131,8 @@ class Loop:
             self._drive.latencies.append(time.monotonic() - sent)
 
     def _spin_until(self, moment: float) -> None:
-        while (left := moment - time.monotonic()) > 0.0:
-            self._executor.spin_once(timeout_sec=left)
+        while (remaining := moment - time.monotonic()) > 0.0:
+            self._executor.spin_once(timeout_sec=remaining)
 
 
 def memory_mb(process: 'subprocess.Popen[bytes]') -> float:

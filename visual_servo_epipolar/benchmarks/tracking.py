@@ -1,4 +1,4 @@
-"""Accuracy, robustness and speed of the tracker on rendered approaches, against ground truth."""
+"""Tracking benchmark: accuracy, robustness and speed on rendered approaches."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -12,7 +12,7 @@ from visual_servo_epipolar.benchmarks.tracking_table import table
 from visual_servo_epipolar.benchmarks.tracking_time import times
 from visual_servo_epipolar.benchmarks.tracking_world import (
     approach,
-    Judgement,
+    FrameErrors,
     start_of,
     Truth,
     World,
@@ -26,7 +26,7 @@ from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettin
 
 __all__ = ['run', 'table']
 
-SCENES = (101, 102, 103, 104, 105)  # looked at by nobody while the tracker was tuned
+SCENES = (101, 102, 103, 104, 105)  # none of them served to tune the tracker
 DISTURBED_SCENES = 2
 CONFIGURATIONS: Mapping[str, Mapping[str, Any]] = {
     'anchored': {},
@@ -49,31 +49,31 @@ TIMED = 60  # images, the last ones of an approach
 
 
 @dataclass(slots=True)
-class Lane:
+class TrackerRun:
     """
-    One tracker on its way: what it is shown, what it made of it, how long it took [s].
+    One tracker on an approach: its disturbances, errors frame by frame, time of each frame [s].
 
-    ``given_up``: right tracks that ended, their point then out of measurement, or in full view.
+    ``given_up`` counts right tracks that ended while their point could not, or could, be tracked.
     """
 
     name: str
     tracker: Tracker
     disturbances: Disturbances | None = None
-    judgements: list[Judgement] = field(default_factory=list)
+    errors: list[FrameErrors] = field(default_factory=list)
     seconds: list[float] = field(default_factory=list)
     given_up: tuple[int, int] = 0, 0
 
     def track(self, image: Image, truth: Truth, pose: Pose, frame: int) -> None:
-        """Track and judge one image."""
+        """Track one image, shape (H, W), and note the errors."""
         began = perf_counter()
         features = self.tracker.track(image)
         self.seconds.append(perf_counter() - began)
-        if self.judgements:
-            gone = ended(self.judgements[-1], features)
-            still_open = truth.judge(gone, pose, self.disturbances, frame).open
+        if self.errors:
+            ended_tracks = ended(self.errors[-1], features)
+            trackable = truth.errors(ended_tracks, pose, self.disturbances, frame).trackable
             lost, in_view = self.given_up
-            self.given_up = lost + int((~still_open).sum()), in_view + int(still_open.sum())
-        self.judgements.append(truth.judge(features, pose, self.disturbances, frame))
+            self.given_up = lost + int((~trackable).sum()), in_view + int(trackable.sum())
+        self.errors.append(truth.errors(features, pose, self.disturbances, frame))
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,7 +112,7 @@ QUICK = Plan(
 
 
 def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
-    """Return the document of the benchmark; ``say`` hears what is going on."""
+    """Return the document of the benchmark; ``say`` is told the progress."""
     return measure(QUICK if quick else Plan(), seed, say)
 
 
@@ -146,30 +146,34 @@ def _scene(
     start = start_of(seed + scene, plan.frames)
     world = World(_with_seeds(plan.camera, scene, seed))
     desired = world.photograph()
-    lanes = [Lane(name, _tracker(desired, **how)) for name, how in CONFIGURATIONS.items()]
-    lanes += [
-        Lane(name, _tracker(desired), _disturbances(name, plan, world, seed)) for name in names
+    runs = [TrackerRun(name, _tracker(desired, **how)) for name, how in CONFIGURATIONS.items()]
+    runs += [
+        TrackerRun(name, _tracker(desired), _disturbances(name, plan, world, seed))
+        for name in names
     ]
     images: list[Image] = [desired]
     for frame, pose in enumerate(approach(start, plan.frames)):
-        say(f'scene {scene}: frame {frame + 1} of {plan.frames}, {len(lanes)} trackers')
+        say(f'scene {scene}: frame {frame + 1} of {plan.frames}, {len(runs)} trackers')
         perfect = world.renderer.render(pose)
         calm = world.capture(perfect, frame, None)
         if keep and frame >= plan.frames - keep:
             images.append(calm)
-        for lane in lanes:
-            rough = lane.disturbances
+        for tracked in runs:
+            rough = tracked.disturbances
             image = calm if rough is None else world.capture(perfect, frame, rough)
-            lane.track(image, world.truth, pose, frame)
-    calm_lanes, rough_lanes = lanes[: len(CONFIGURATIONS)], lanes[len(CONFIGURATIONS) :]
+            tracked.track(image, world.truth, pose, frame)
+    calm_runs, rough_runs = (
+        runs[: len(CONFIGURATIONS)],
+        runs[len(CONFIGURATIONS) :],
+    )
     figures = {
         'scene': scene,
         'start': list(start),
-        'configurations': {lane.name: _figures(world, lane) for lane in calm_lanes},
+        'configurations': {tracked.name: _figures(world, tracked) for tracked in calm_runs},
     }
     return (
         figures,
-        [{'scene': scene, **_rough_figures(world, lane)} for lane in rough_lanes],
+        [{'scene': scene, **_rough_figures(world, tracked)} for tracked in rough_runs],
         images,
     )
 
@@ -192,25 +196,25 @@ def _disturbances(name: str, plan: Plan, world: World, seed: int) -> Disturbance
     return Disturbances(world.size, settings, seed)
 
 
-def _figures(world: World, lane: Lane) -> dict[str, Any]:
-    milliseconds = 1e3 * np.array(lane.seconds[1:])
+def _figures(world: World, tracked: TrackerRun) -> dict[str, Any]:
+    milliseconds = 1e3 * np.array(tracked.seconds[1:])
     return {
-        **scores(world.truth, lane.judgements),
-        'given_up': list(lane.given_up),
+        **scores(world.truth, tracked.errors),
+        'given_up': list(tracked.given_up),
         'frame_ms': float(np.median(milliseconds)),
         'slowest_ms': float(milliseconds.max()),
     }
 
 
-def _rough_figures(world: World, lane: Lane) -> dict[str, Any]:
-    assert lane.disturbances is not None
-    settings = lane.disturbances.settings
+def _rough_figures(world: World, tracked: TrackerRun) -> dict[str, Any]:
+    assert tracked.disturbances is not None
+    settings = tracked.disturbances.settings
     over = settings.disturbed_from + settings.disturbed_for
-    during = lane.judgements[settings.disturbed_from : over]
-    errors = np.concatenate([*(each.errors[each.open] for each in during), np.empty(0)])
+    during = tracked.errors[settings.disturbed_from : over]
+    errors = np.concatenate([*(each.distances[each.trackable] for each in during), np.empty(0)])
     return {
-        'disturbance': lane.name,
+        'disturbance': tracked.name,
         'during_px': float(np.median(errors)) if len(errors) else None,
-        'recovered_after': recovered(lane.judgements, over),
-        **_figures(world, lane),
+        'recovered_after': recovered(tracked.errors, over),
+        **_figures(world, tracked),
     }

@@ -50,18 +50,20 @@ def _pairs(desired: Image, images: Sequence[Image], settings: TrackerSettings) -
     for k in range(1, len(images)):
         before = features
         if k % 2:  # by turns, so that neither always finds the image in the cache
-            bare = _bare(images[k - 1], images[k], before, settings)
+            bare = _lucas_kanade(images[k - 1], images[k], before, settings)
         start = perf_counter()
         features = tracker.track(images[k])
-        taken = perf_counter() - start
+        duration = perf_counter() - start
         if not k % 2:
-            bare = _bare(images[k - 1], images[k], before, settings)
+            bare = _lucas_kanade(images[k - 1], images[k], before, settings)
         if not (features.ages == 0).any():  # a match of the whole image is another matter
-            rows[k] = taken, bare, len(before)
+            rows[k] = duration, bare, len(before)
     return rows
 
 
-def _bare(last: Image, image: Image, features: Features, settings: TrackerSettings) -> float:
+def _lucas_kanade(
+    last: Image, image: Image, features: Features, settings: TrackerSettings
+) -> float:
     points = features.current.astype(np.float32)
     if not len(points):
         return float('nan')

@@ -1,4 +1,4 @@
-"""The world of the tracking benchmark: approaches to the goal, and where features really are."""
+"""World of the tracking benchmark: approaches to the goal, and true places of features."""
 
 from dataclasses import dataclass, replace
 import math
@@ -33,12 +33,12 @@ def approach(start: tuple[float, float], frames: int) -> list[Pose]:
     """
     x, y = start
     pace = np.clip(np.arange(frames - STANDING)[::-1] / BRAKING, 0.0, 1.0)
-    left = 1.0 - np.cumsum(pace) / pace.sum()
-    left = np.concatenate([left, np.zeros(STANDING)]).tolist()
-    headings = [math.atan2(-y, -2.0 * x * share) for share in left]
+    remaining = 1.0 - np.cumsum(pace) / pace.sum()
+    remaining = np.concatenate([remaining, np.zeros(STANDING)]).tolist()
+    headings = [math.atan2(-y, -2.0 * x * share) for share in remaining]
     return [
         Pose(x * share**2, y * share, heading)
-        for share, heading in zip(left, headings, strict=True)
+        for share, heading in zip(remaining, headings, strict=True)
     ]
 
 
@@ -51,7 +51,7 @@ def start_of(seed: int, frames: int) -> tuple[float, float]:
 
 
 class World:
-    """One room and its camera: perfect images, the images a tracker gets, and the truth."""
+    """A room and a camera in it: perfect images, images of the sensor, and ground truth."""
 
     def __init__(self, settings: CameraSettings) -> None:
         self.settings = settings
@@ -75,24 +75,24 @@ class World:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Judgement:
+class FrameErrors:
     """
-    Features of one frame held against the truth, rows are features.
+    Errors of the features of one frame, rows are features.
 
     ``shift``, shape (N, 2): from where the feature is to where the tracker has it [px]; infinite
     for a point behind the camera. ``clearance``: distance from the next edge of depth in the
-    desired image [px], one of RINGS, or infinite. ``seen``: its point is in the image and nothing
-    in the room hides it; ``covered``: a disturbance does.
+    desired image [px], one of RINGS, or infinite. ``visible``: its point is in the image and
+    nothing in the room hides it; ``covered``: a disturbance does.
     """
 
     features: Features
     shift: FloatArray
     clearance: FloatArray
-    seen: BoolArray
+    visible: BoolArray
     covered: BoolArray
 
     @property
-    def errors(self) -> FloatArray:
+    def distances(self) -> FloatArray:
         """Distance of each feature from its true place [px]."""
         return np.asarray(np.hypot(self.shift[:, 0], self.shift[:, 1]))
 
@@ -102,56 +102,56 @@ class Judgement:
         return np.asarray(self.clearance <= RINGS[0])
 
     @property
-    def open(self) -> BoolArray:
-        """Which features can be judged and tracked: off edges, seen, and not covered."""
-        return np.asarray(~self.on_edge & self.seen & ~self.covered)
+    def trackable(self) -> BoolArray:
+        """Which features can be tracked: off edges, visible, and not covered."""
+        return np.asarray(~self.on_edge & self.visible & ~self.covered)
 
 
 class Truth:
-    """Where the features of the desired view are, by the geometry of the room."""
+    """Ground truth: where the features of the desired view are, by the geometry of the room."""
 
     def __init__(self, renderer: Renderer) -> None:
         self._renderer = renderer
-        self._known: dict[tuple[float, float], tuple[FloatArray, float]] = {}
+        self._points: dict[tuple[float, float], tuple[FloatArray, float]] = {}
 
-    def judge(
+    def errors(
         self, features: Features, pose: Pose, disturbances: Disturbances | None, frame: int
-    ) -> Judgement:
-        """Hold ``features``, seen from ``pose`` in ``frame``, against the truth."""
+    ) -> FrameErrors:
+        """Return the errors of ``features``, tracked from ``pose`` in ``frame``."""
         points, clearance = self.points(features.desired)
         pixels, inside = self._renderer.project(points, pose)
         ahead = np.asarray(np.isfinite(pixels).all(axis=1))
         shift = np.where(ahead[:, None], features.current - np.nan_to_num(pixels), np.inf)
-        seen = inside.copy()
-        seen[inside] = self._renderer.unhidden(points[inside], pixels[inside], pose)
+        visible = inside.copy()
+        visible[inside] = self._renderer.unhidden(points[inside], pixels[inside], pose)
         covered = np.zeros(len(features), bool)
         if disturbances is not None:
             covered = disturbances.hides(pixels, frame)
-        return Judgement(features, shift, clearance, seen, covered)
+        return FrameErrors(features, shift, clearance, visible, covered)
 
     def points(self, desired: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the world points, shape (N, 3), of desired pixels, and their clearance."""
+        """Return the points [m], (N, 3), of desired pixels, (N, 2), and their clearances, (N,)."""
         keys = [(float(u), float(v)) for u, v in desired]
-        new = [key for key in dict.fromkeys(keys) if key not in self._known]
+        new = [key for key in dict.fromkeys(keys) if key not in self._points]
         if new:
             pixels = np.array(new)
-            found = self._renderer.trace(pixels, DESIRED_POSE)
+            traced = self._renderer.trace(pixels, DESIRED_POSE)
             clearance = self._clearance(pixels).tolist()
-            for key, point, space in zip(new, found, clearance, strict=True):
-                self._known[key] = point, space
-        points = np.array([self._known[key][0] for key in keys]).reshape(-1, 3)
-        return points, np.array([self._known[key][1] for key in keys])
+            for key, point, space in zip(new, traced, clearance, strict=True):
+                self._points[key] = point, space
+        points = np.array([self._points[key][0] for key in keys]).reshape(-1, 3)
+        return points, np.array([self._points[key][1] for key in keys])
 
-    def pose_error(self, judgement: Judgement) -> tuple[float, float, float] | None:
+    def pose_error(self, frame_errors: FrameErrors) -> tuple[float, float, float] | None:
         """
         Return the shift of the goal, x, y [m] and heading [rad], that explains the errors best.
 
-        Least squares over all open features, gross errors included; None for fewer than three.
+        Least squares over all trackable features, gross errors too; None for fewer than three.
         """
-        rows = judgement.open
+        rows = frame_errors.trackable
         if int(rows.sum()) < 3:
             return None
-        points, _ = self.points(judgement.features.desired[rows])
+        points, _ = self.points(frame_errors.features.desired[rows])
         columns = []
         for name, value in (('x', 0.0), ('y', 0.0), ('theta', DESIRED_POSE.theta)):
             ahead, behind = (
@@ -159,7 +159,7 @@ class Truth:
                 for nudge in (NUDGE, -NUDGE)
             )
             columns.append(((ahead - behind) / (2.0 * NUDGE)).ravel())
-        solution = np.linalg.lstsq(np.stack(columns, 1), judgement.shift[rows].ravel())[0]
+        solution = np.linalg.lstsq(np.stack(columns, 1), frame_errors.shift[rows].ravel())[0]
         return float(solution[0]), float(solution[1]), float(solution[2])
 
     def _clearance(self, pixels: FloatArray) -> FloatArray:

@@ -1,4 +1,4 @@
-"""What the camera of the paper's simulations sees: eight points, and the epipoles they give."""
+"""Camera of the paper's simulations: images of eight points, and the epipoles from them."""
 
 from dataclasses import dataclass
 import math
@@ -20,7 +20,7 @@ RAY_NOISE = 1e-6  # only scales the cheirality vote: the points are exact
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class EpipoleReading:
     """Epipole abscissae e_au and e_du [m], and the sign of cos(psi - theta) by cheirality."""
 
     e_current: float
@@ -28,7 +28,7 @@ class Reading:
     sigma: float
 
 
-class Eye:
+class PointCamera:
     """
     A pinhole camera before points: images in metres, as in the paper (k_u = k_v = 1, eq. 2).
 
@@ -59,9 +59,9 @@ class Eye:
             np.stack([right, self.points[:, 1]], axis=1) * (self.focal / forward)[:, None]
         )
 
-    def read(self, pose: Pose) -> Reading:
+    def read(self, pose: Pose) -> EpipoleReading:
         """
-        Return the epipoles seen from ``pose``, by the 8-point algorithm (eq. 3).
+        Return the epipoles at ``pose``, by the 8-point algorithm (eq. 3).
 
         DegenerateGeometryError at the goal itself, ValueError where a point is out of view.
         """
@@ -69,7 +69,7 @@ class Eye:
         desired = self.desired / self.focal_guess
         fundamental = fundamental_from_matches(current, desired)
         bearings = oriented_bearings(fundamental, current, desired, noise=RAY_NOISE).bearings
-        return Reading(
+        return EpipoleReading(
             self.focal_guess * bearings.epipole_current,
             self.focal_guess * bearings.epipole_desired,
             bearings.sigma,

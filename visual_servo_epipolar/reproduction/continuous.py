@@ -15,10 +15,10 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.control import laws
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, Twist
-from visual_servo_epipolar.core.perception.perceive import feature_difference
-from visual_servo_epipolar.reproduction.camera import Eye, Reading
+from visual_servo_epipolar.core.perception.measures import feature_difference
+from visual_servo_epipolar.reproduction.camera import EpipoleReading, PointCamera
 
-GRADING = 0.02  # of the time left until e_du = 0: there the law is not Lipschitz
+GRADING = 0.02  # of the remaining time until e_du = 0: there the law is not Lipschitz
 LONGEST_STEP_S = 0.01  # before e_du is zero
 ROTATION_STEP_S = 0.05
 TRANSLATION_STEP_S = 1.0
@@ -32,10 +32,10 @@ State = FloatArray  # x, y [m], theta [rad], d_hat [m]
 @dataclass(frozen=True, kw_only=True)
 class Case:
     """
-    One simulation: the numbers of section VII. Lengths in m, angles in rad.
+    One simulation: the parameters of section VII. Lengths in m, angles in rad.
 
-    ``sign`` is whose sigma the law takes: 'printed' sign(e_au e_du), 'cheirality' what the points
-    say at every instant, 'held' what they say at the start.
+    ``sign`` is the sigma of the law: 'printed' sign(e_au e_du), 'cheirality' the vote of the
+    points at every instant, 'held' their vote at the start.
     """
 
     name: str
@@ -53,12 +53,12 @@ class Case:
 
 @dataclass(frozen=True, slots=True)
 class Instant:
-    """All that is known at one time; ``step`` is 1 or 2, D in m^2, d_hat in m."""
+    """State, epipoles and twist at one time [s]; ``step`` is 1 or 2, D in m^2, d_hat in m."""
 
     time: float
     pose: Pose
     distance_estimate: float
-    reading: Reading
+    reading: EpipoleReading
     twist: Twist
     difference: float
     step: int
@@ -98,8 +98,8 @@ class Simulation:
     """Runs one ``Case``; ``course`` is the answer."""
 
     def __init__(self, case: Case) -> None:
-        self.case, self.eye = case, Eye(case.focal, case.focal_guess)
-        self._held = self.eye.read(case.start).sigma
+        self.case, self.camera = case, PointCamera(case.focal, case.focal_guess)
+        self._held = self.camera.read(case.start).sigma
         self._zeroed = False
 
     def course(self) -> Course:
@@ -110,7 +110,7 @@ class Simulation:
         try:
             outcome = self._transient(instants)
             if not outcome:
-                zeroed_at = instants[-1].time + self._left(instants[-1])
+                zeroed_at = instants[-1].time + self._time_to_zero(instants[-1])
                 self._rotate(instants)
                 outcome = self._translate(instants)
         except ValueError:
@@ -122,7 +122,7 @@ class Simulation:
         side = math.copysign(1.0, instants[0].reading.e_desired)
         while instants[-1].reading.e_desired * side > self.case.tolerance:
             now = instants[-1]
-            step = min(GRADING * self._left(now), LONGEST_STEP_S)
+            step = min(GRADING * self._time_to_zero(now), LONGEST_STEP_S)
             instants.append(self._after(now, step, self.first))
             if instants[-1].pose.distance > FARTHEST_M or not step > 0.0:
                 return f'diverged, {instants[-1].pose.distance:.0f} m from the goal'
@@ -181,7 +181,7 @@ class Simulation:
     def first(self, time: float, state: State) -> Instant:
         """Return the first step at ``state``: eqs. (12), (16), (17)."""
         case, pose = self.case, Pose(*state[:3].tolist())
-        reading, image = self.eye.read(pose), self.eye.image(pose)
+        reading, image = self.camera.read(pose), self.camera.image(pose)
         nu_1, nu_2 = laws.auxiliary_controls(
             reading.e_current, reading.e_desired, k1=case.k1, k2=case.k2, exponent=case.exponent
         )
@@ -193,23 +193,23 @@ class Simulation:
             nu=(nu_1, 0.0 if self._zeroed else nu_2),
             focal=case.focal_guess,
         )
-        difference = feature_difference(image, self.eye.desired)
+        difference = float(feature_difference(image, self.camera.desired))
         return Instant(time, pose, float(state[3]), reading, twist, difference, 1)
 
     def _second(self, time: float, state: State) -> Instant:
         """Return the second step at ``state``: eqs. (21), (22); it asks for no epipoles."""
         pose = Pose(*state[:3].tolist())
-        difference = feature_difference(self.eye.image(pose), self.eye.desired)
+        difference = float(feature_difference(self.camera.image(pose), self.camera.desired))
         twist = laws.match_features(difference, k_t=self.case.k_t)
-        reading = Reading(math.nan, math.nan, math.nan)
+        reading = EpipoleReading(math.nan, math.nan, math.nan)
         return Instant(time, pose, float(state[3]), reading, twist, difference, 2)
 
-    def _sigma(self, reading: Reading) -> float:
+    def _sigma(self, reading: EpipoleReading) -> float:
         if self.case.sign == 'printed':
             return laws.printed_sigma(reading.e_current, reading.e_desired)
         return self._held if self.case.sign == 'held' else reading.sigma
 
-    def _left(self, now: Instant) -> float:
+    def _time_to_zero(self, now: Instant) -> float:
         """Return the time until e_du = 0 [s] if d_hat / d stayed as it is: (15) in closed form."""
         _, rate = laws.epipole_rates(
             now.twist,

@@ -1,4 +1,4 @@
-"""The experiment of the paper (section VIII), with a simulated robot, camera and room."""
+"""Experiment of the paper (section VIII), with a simulated robot, camera and room."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.settings import setting
+from visual_servo_epipolar.core.settings import setting, updated
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
@@ -34,7 +34,7 @@ START = (0.8, 0.7, 25.0)
 
 @dataclass(frozen=True, kw_only=True)
 class ExperimentSettings(ServoSettings):
-    """Settings of the servo in which the printed k_t has room: 237 m/s at unit focal length."""
+    """Settings of the servo without a bound of k_t: 237 m/s as printed, at unit focal length."""
 
     k_t: float = setting(
         WORKING_K_T * FOCAL_PX**2, 'Gain k_t of eq. (21), D at unit focal length [m/s]', low=0.0
@@ -65,7 +65,7 @@ def servo(**changes: Any) -> ExperimentSettings:
     return ExperimentSettings(**{**paper, **changes})
 
 
-def scenario(seed: int = 0, **changes: Any) -> Scenario:
+def experiment_scenario(seed: int = 0, **changes: Any) -> Scenario:
     """Return the world of the experiment; ``changes`` are settings of the servo."""
     return Scenario(
         run=RunSettings(max_duration=150.0),
@@ -77,12 +77,12 @@ def scenario(seed: int = 0, **changes: Any) -> Scenario:
     ).seeded(seed)
 
 
-class Chosen:
+class SparseView:
     """
-    A view that hands on a few features, as the paper's authors chose theirs.
+    A view of a few features, chosen as the paper's authors chose theirs.
 
     They lie far apart in both images, hence at different depths too; one that is lost is replaced.
-    ``history`` keeps what was handed on, frame by frame.
+    ``history`` keeps them frame by frame.
     """
 
     def __init__(self, view: View, count: int = FEATURES) -> None:
@@ -91,17 +91,17 @@ class Chosen:
         self.history: list[Features] = []
 
     def observe(self, pose: Pose, frame: int) -> Features:
-        """Return the chosen features seen from ``pose``."""
-        seen = self._view.observe(pose, frame)
-        kept = chosen(seen, self._ids, self._count)
-        self._ids = kept.ids
-        self.history.append(kept)
-        return kept
+        """Return the few features visible from ``pose``."""
+        features = self._view.observe(pose, frame)
+        sparse = well_spread(features, self._ids, self._count)
+        self._ids = sparse.ids
+        self.history.append(sparse)
+        return sparse
 
 
-def chosen(features: Features, before: np.ndarray, count: int) -> Features:
-    """Return ``count`` of ``features``: those with ids in ``before``, then the farthest others."""
-    rows = np.flatnonzero(np.isin(features.ids, before))[:count].tolist()
+def well_spread(features: Features, kept_ids: np.ndarray, count: int) -> Features:
+    """Return ``count`` features: those with ids in ``kept_ids``, shape (K,), then the farthest."""
+    rows = np.flatnonzero(np.isin(features.ids, kept_ids))[:count].tolist()
     places = np.hstack([features.current, features.desired])
     gaps = np.full(len(places), np.inf)
     for row in rows:
@@ -110,8 +110,13 @@ def chosen(features: Features, before: np.ndarray, count: int) -> Features:
         rows.append(int(np.argmax(gaps)))
         gaps = np.minimum(gaps, np.linalg.norm(places - places[rows[-1]], axis=1))
     rows = sorted(rows)
-    columns = (features.ids, features.current, features.desired, features.ages, features.errors)
-    return Features(*(column[rows] for column in columns))
+    return Features(
+        features.ids[rows],
+        features.current[rows],
+        features.desired[rows],
+        features.ages[rows],
+        features.errors[rows],
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,28 +131,30 @@ class Experiment:
 
 def experiment(say: Callable[[str], None], *, seed: int = 0, longest: float = 150.0) -> Experiment:
     """Drive with images from the start of the experiment to its end, or for ``longest`` [s]."""
-    world = scenario(seed)
-    world = replace(world, run=RunSettings(max_duration=longest))
-    images = ImageView(CameraSimulator(world.camera), Tracker(world.tracker))
-    return drive(world, images, images.desired, say)
+    scenario = experiment_scenario(seed)
+    scenario = replace(scenario, run=RunSettings(max_duration=longest))
+    images = ImageView(CameraSimulator(scenario.camera), Tracker(scenario.tracker))
+    return drive(scenario, images, images.desired, say)
 
 
-def drive(world: Scenario, view: View, desired: Image, say: Callable[[str], None]) -> Experiment:
-    """Drive in ``world`` with what ``view`` shows of it; ``desired`` is only for the figures."""
-    few = Chosen(view)
+def drive(
+    scenario: Scenario, view: View, desired: Image, say: Callable[[str], None]
+) -> Experiment:
+    """Drive with the features of ``view``; the image ``desired``, (H, W), is for the figures."""
+    sparse_view = SparseView(view)
 
     def watch(sample: Sample) -> None:
         say(f'experiment: {sample.stamp_ns / NANOSECONDS:5.1f} s, {sample.phase.value}')
 
-    loop = world.loop(START, world.servo.seed)
-    log = run(loop, few, world.camera.nominal_camera, watch=watch)
-    return Experiment(log, few.history, desired, world.camera)
+    loop = scenario.loop(START, scenario.servo.seed)
+    log = run(loop, sparse_view, scenario.camera.nominal_camera, watch=watch)
+    return Experiment(log, sparse_view.history, desired, scenario.camera)
 
 
-def without(world: Scenario) -> Scenario:
-    """Return ``world`` with an even floor and no slip; the dead zone stays, and stays raised."""
+def without(scenario: Scenario) -> Scenario:
+    """Return ``scenario`` with an even floor and no slip; the dead zone stays and is raised."""
     return replace(
-        world,
-        base=replace(world.base, slip=0.0),
-        camera=replace(world.camera, jitter=0.0),
+        scenario,
+        base=updated(scenario.base, {'slip': 0.0}, 'base'),
+        camera=replace(scenario.camera, jitter=0.0),
     )

@@ -1,4 +1,4 @@
-"""What section VIII says of the experiment, each held against our run."""
+"""Claims of section VIII on the experiment, each beside our run."""
 
 from collections.abc import Mapping, Sequence
 import math
@@ -30,29 +30,30 @@ ZERO_PX = 10.0  # an epipole this near the principal point counts as zero: 0.7 d
 
 
 def claims(
-    found: Experiment,
+    experiment: Experiment,
     rows: Sequence[Sensitivity],
     behind: Mapping[str, Mapping[str, Any]],
 ) -> list[Statement]:
     """
     Return the statements on the experiment.
 
-    ``rows`` is the table of sensitivities, ``behind`` the verdicts on runs from behind the goal
+    ``rows`` is the table of sensitivities, ``behind`` the results of runs from behind the goal
     with the law 'paper' and 'corrected'.
     """
     return [
-        _beginning(found, behind),
-        *_first_step(found),
-        *_second_step(found),
-        _printed_gain(found, rows),
-        _error(found),
+        _beginning(experiment, behind),
+        *_first_step(experiment),
+        *_second_step(experiment),
+        _printed_gain(experiment, rows),
+        _error(experiment),
         _signs(rows),
     ]
 
 
-def _beginning(found: Experiment, behind: Mapping[str, Mapping[str, Any]]) -> Statement:
-    first = next(s for s in found.log.samples if not math.isnan(s.epipole_current))
-    edge = max(found.camera.principal_u, found.camera.width - found.camera.principal_u)
+def _beginning(experiment: Experiment, behind: Mapping[str, Mapping[str, Any]]) -> Statement:
+    first = next(s for s in experiment.log.samples if not math.isnan(s.epipole_current))
+    camera = experiment.camera
+    edge = max(camera.principal_u, camera.width - camera.principal_u)
     return Statement(
         'Fig. 19',
         'both epipoles are outside the image at the initial position; the text gives no start',
@@ -66,8 +67,8 @@ def _beginning(found: Experiment, behind: Mapping[str, Mapping[str, Any]]) -> St
     )
 
 
-def _first_step(found: Experiment) -> list[Statement]:
-    log, count = found.log, split(found.log)
+def _first_step(experiment: Experiment) -> list[Statement]:
+    log, count = experiment.log, split(experiment.log)
     time = np.array(seconds(log))[:count]
     current, desired = (
         signal(log, name)[:count] for name in ('epipole_current', 'epipole_desired')
@@ -113,10 +114,10 @@ def _first_zero(time: np.ndarray, values: np.ndarray) -> float:
     return float(time[both.min()]) if len(both) else math.inf
 
 
-def _second_step(found: Experiment) -> list[Statement]:
-    log, first = found.log, split(found.log)
+def _second_step(experiment: Experiment) -> list[Statement]:
+    log, first = experiment.log, split(experiment.log)
     fit, values = difference_decay(log), signal(log, 'feature_difference')[first:]
-    gaps = [np.linalg.norm(f.current - f.desired, axis=1) for f in found.features]
+    gaps = [np.linalg.norm(f.current - f.desired, axis=1) for f in experiment.features]
     scatter = float(np.std(np.diff(values[-40:]))) / math.sqrt(2.0)
     return [
         Statement(
@@ -142,8 +143,8 @@ def _second_step(found: Experiment) -> list[Statement]:
     ]
 
 
-def _printed_gain(found: Experiment, rows: Sequence[Sensitivity]) -> Statement:
-    start = abs(float(signal(found.log, 'feature_difference')[split(found.log)]))
+def _printed_gain(experiment: Experiment, rows: Sequence[Sensitivity]) -> Statement:
+    start = abs(float(signal(experiment.log, 'feature_difference')[split(experiment.log)]))
     speed = servo().max_linear
     printed = next(row for row in rows if 'printed k_t' in row.name)
     return Statement(
@@ -158,8 +159,8 @@ def _printed_gain(found: Experiment, rows: Sequence[Sensitivity]) -> Statement:
     )
 
 
-def _error(found: Experiment) -> Statement:
-    final = found.log.samples[-1].pose
+def _error(experiment: Experiment) -> Statement:
+    final = experiment.log.samples[-1].pose
     return Statement(
         'VIII',
         'the positioning error is about 4 cm',

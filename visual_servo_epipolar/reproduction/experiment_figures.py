@@ -1,6 +1,7 @@
 """Figures 17 to 20: the experiment."""
 
 import math
+from typing import Any
 
 import cv2
 from matplotlib import rc_context
@@ -55,20 +56,20 @@ def difference_decay(log: RunLog) -> Decay:
 
 
 @rc_context(FIGURE_SETTINGS)
-def epipoles(found: Experiment) -> Figure:
+def epipoles(experiment: Experiment) -> Figure:
     """Draw figure 17: both epipoles in the first step."""
     figure = new_figure(17, 'experiment, first step: epipoles', 3.2)
-    count = split(found.log)
-    time = np.array(seconds(found.log)[:count])
+    count = split(experiment.log)
+    time = np.array(seconds(experiment.log)[:count])
     whole, close = figure.subplots(1, 2)
     for name, colour, words in (
         ('epipole_current', CURRENT_COLOUR, 'actual $e_{au}$'),
         ('epipole_desired', DESIRED_COLOUR, 'desired $e_{du}$'),
     ):
-        values = signal(found.log, name)[:count]
+        values = signal(experiment.log, name)[:count]
         for axes in (whole, close):
             axes.plot(time, values, color=colour, label=words)
-    edge = found.camera.width - found.camera.principal_u
+    edge = experiment.camera.width - experiment.camera.principal_u
     whole.axhline(edge, color=INK, lw=0.7, ls='--')
     label(whole, 'time [s]', 'epipole [px]', 'dashed: right edge of the image')
     close.set_ylim(-60.0, 400.0)
@@ -78,10 +79,10 @@ def epipoles(found: Experiment) -> Figure:
 
 
 @rc_context(FIGURE_SETTINGS)
-def difference(found: Experiment) -> Figure:
+def difference(experiment: Experiment) -> Figure:
     """Draw figure 18: D in the second step."""
     figure = new_figure(18, 'experiment, second step: mean difference D of squared norms', 3.2)
-    log, first = found.log, split(found.log)
+    log, first = experiment.log, split(experiment.log)
     time = np.array(seconds(log)[first:])
     time, values = time - time[0], signal(log, 'feature_difference')[first:]
     linear, logarithmic = figure.subplots(1, 2)
@@ -101,18 +102,18 @@ def difference(found: Experiment) -> Figure:
 
 
 @rc_context(SMALL)
-def snapshots(found: Experiment, number: int) -> Figure:
+def snapshots(experiment: Experiment, number: int) -> Figure:
     """Draw figure 19 or 20: six moments of a step, from above and on the desired image."""
     word, key = ('first', KEY + EPIPOLES) if number == 19 else ('second', KEY)
     figure = new_figure(number, f'experiment, {word} step: six snapshots\n{key}', 6.0)
-    count = split(found.log)
-    rows = range(count) if number == 19 else range(count, len(found.log.samples))
-    moments = evenly_moved(found.log, rows)
+    count = split(experiment.log)
+    rows = range(count) if number == 19 else range(count, len(experiment.log.samples))
+    moments = evenly_moved(experiment.log, rows)
     grid = figure.subplots(3, 4, width_ratios=(1.0, 2.3, 1.0, 2.3))
     for place, moment in enumerate(moments):
         row, column = divmod(place, 2)
-        _draw_plane(grid[row][2 * column], found.log, moment)
-        _draw_image(grid[row][2 * column + 1], found, moment, epipoles=number == 19)
+        _draw_plane(grid[row][2 * column], experiment.log, moment)
+        _draw_image(grid[row][2 * column + 1], experiment, moment, epipoles=number == 19)
     return figure
 
 
@@ -123,8 +124,8 @@ def evenly_moved(log: RunLog, rows: range) -> list[int]:
     for a, b in zip(poses, poses[1:], strict=False):
         turn = abs(math.remainder(b.theta - a.theta, 2.0 * math.pi))
         moved.append(moved[-1] + math.hypot(b.x - a.x, b.y - a.y) + turn)
-    wanted = np.linspace(0.0, moved[-1], SNAPSHOTS)
-    return [rows[min(int(np.searchsorted(moved, part)), len(moved) - 1)] for part in wanted]
+    parts = np.linspace(0.0, moved[-1], SNAPSHOTS)
+    return [rows[min(int(np.searchsorted(moved, part)), len(moved) - 1)] for part in parts]
 
 
 def _draw_plane(axes: Axes, log: RunLog, moment: int) -> None:
@@ -139,17 +140,17 @@ def _draw_plane(axes: Axes, log: RunLog, moment: int) -> None:
     label(axes, 'x [m]', 'y [m]', f't = {seconds(log)[moment]:.1f} s')
 
 
-def _draw_image(axes: Axes, found: Experiment, moment: int, *, epipoles: bool) -> None:
-    camera, features = found.camera, found.features[moment]
-    small = cv2.resize(found.desired, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
+def _draw_image(axes: Axes, experiment: Experiment, moment: int, *, epipoles: bool) -> None:
+    camera, features = experiment.camera, experiment.features[moment]
+    small = cv2.resize(experiment.desired, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA)
     extent = (0.0, camera.width, camera.height, 0.0)
     axes.imshow(small, cmap='gray', vmin=-80, vmax=255, extent=extent, interpolation='bilinear')
     axes.grid(False)
-    green = {'mfc': 'none', 'mec': GREEN, 'ms': 4.5, 'mew': 0.9, 'ls': ''}
+    green: dict[str, Any] = {'mfc': 'none', 'mec': GREEN, 'ms': 4.5, 'mew': 0.9, 'ls': ''}
     axes.plot(*features.desired.T, 'o', label='desired', **green)
     axes.plot(*features.current.T, 'x', color=RED, ms=4.0, mew=0.9, label='actual')
     if epipoles:
-        sample = found.log.samples[moment]
+        sample = experiment.log.samples[moment]
         for value, colour, name in (
             (sample.epipole_current, CURRENT_COLOUR, '$e_{au}$'),
             (sample.epipole_desired, DESIRED_COLOUR, '$e_{du}$'),

@@ -1,4 +1,4 @@
-"""What each perturbation does to the error of the experiment; point features, no images."""
+"""Sensitivity of the positioning error to each perturbation of the experiment, on points."""
 
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -11,9 +11,9 @@ from typing import Any
 
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.reproduction.experiment import (
+    experiment_scenario,
     FOCAL_PX,
     PRINTED_K_T,
-    scenario,
     START,
     without,
 )
@@ -28,8 +28,8 @@ Change = Callable[[Scenario], Scenario]
 
 
 def _with(part: str, **changes: Any) -> Change:
-    def change(world: Scenario) -> Scenario:
-        return replace(world, **{part: replace(getattr(world, part), **changes)})
+    def change(scenario: Scenario) -> Scenario:
+        return replace(scenario, **{part: replace(getattr(scenario, part), **changes)})
 
     return change
 
@@ -62,7 +62,7 @@ ROWS: Sequence[tuple[str, bool, tuple[Change, ...]]] = (
 
 @dataclass(frozen=True, slots=True)
 class Sensitivity:
-    """What came of the runs of one row: errors in m and deg over those that arrived."""
+    """Runs of one row: errors in m and deg over those that arrived."""
 
     name: str
     runs: int
@@ -77,46 +77,46 @@ class Sensitivity:
 def sensitivities(seeds: int = SEEDS) -> list[Sensitivity]:
     """Run every row with every seed, on all processors."""
     jobs = [(row, seed) for row in range(len(ROWS)) for seed in range(seeds)]
-    rows, numbers = zip(*jobs, strict=True)
+    rows, seed_numbers = zip(*jobs, strict=True)
     # Not by fork: OpenCV and BLAS have threads of their own.
     spawn = multiprocessing.get_context('spawn')
     with ProcessPoolExecutor(os.cpu_count(), mp_context=spawn) as pool:
-        results = list(pool.map(one, rows, numbers))
+        results = list(pool.map(one, rows, seed_numbers))
     return [
         _row(ROWS[row][0], results[row * seeds : (row + 1) * seeds]) for row in range(len(ROWS))
     ]
 
 
 def one(row: int, seed: int) -> Mapping[str, Any]:
-    """Return the verdict on one run of one row."""
-    _, everything, changes = ROWS[row]
-    world = scenario(seed) if everything else without(scenario(seed))
+    """Return the result of one run of one row."""
+    _, all_perturbed, changes = ROWS[row]
+    scenario = experiment_scenario(seed) if all_perturbed else without(experiment_scenario(seed))
     for change in changes:
-        world = change(world)
-    return from_points(world, START, seed)
+        scenario = change(scenario)
+    return from_points(scenario, START, seed)
 
 
 def from_points(
-    world: Scenario, start: tuple[float, float, float], seed: int
+    scenario: Scenario, start: tuple[float, float, float], seed: int
 ) -> Mapping[str, Any]:
-    """Return the verdict on a run with point features instead of images."""
-    loop = replace(world.loop(start, seed), max_duration=LONGEST_RUN_S)
-    return summarise(run(loop, points_of(world, seed), world.camera.nominal_camera))
+    """Return the result of a run with point features instead of images."""
+    loop = replace(scenario.loop(start, seed), max_duration=LONGEST_RUN_S)
+    return summarise(run(loop, points_of(scenario, seed), scenario.camera.nominal_camera))
 
 
 def _row(name: str, results: Sequence[Mapping[str, Any]]) -> Sensitivity:
-    there = [result for result in results if result['outcome'] == 'arrived']
-    errors = sorted(result['position_error_m'] for result in there)
+    arrivals = [result for result in results if result['outcome'] == 'arrived']
+    errors = sorted(result['position_error_m'] for result in arrivals)
     failed = [result['reason'] for result in results if result['outcome'] != 'arrived']
     worst = partial(max, default=math.nan)
     return Sensitivity(
         name=name,
         runs=len(results),
-        arrived=len(there),
+        arrived=len(arrivals),
         median_error_m=errors[len(errors) // 2] if errors else math.nan,
         worst_error_m=worst(errors),
-        worst_lateral_m=worst(abs(result['lateral_error_m']) for result in there),
-        worst_heading_deg=worst(abs(result['heading_error_deg']) for result in there),
+        worst_lateral_m=worst(abs(result['lateral_error_m']) for result in arrivals),
+        worst_heading_deg=worst(abs(result['heading_error_deg']) for result in arrivals),
         reason=failed[0] if failed else '',
     )
 

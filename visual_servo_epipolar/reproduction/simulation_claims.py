@@ -1,10 +1,10 @@
-"""What section VII says of the two simulations, each held against a run."""
+"""Claims of section VII on the two simulations, each beside our run."""
 
 import math
 
 import numpy as np
 
-from visual_servo_epipolar.reproduction.camera import Eye
+from visual_servo_epipolar.reproduction.camera import PointCamera
 from visual_servo_epipolar.reproduction.continuous import Course
 from visual_servo_epipolar.reproduction.simulations import (
     growth_ratio,
@@ -85,14 +85,14 @@ def _first_step(place: str, course: Course) -> list[Statement]:
     end = [instant for instant in course.instants if instant.step == 1][-1]
     least = float(np.abs(transient(course, 'e_current')).min())
     bound = longest_transient(course.case, first.e_desired)
-    left = max(abs(end.reading.e_current), abs(end.reading.e_desired))
+    residual = max(abs(end.reading.e_current), abs(end.reading.e_desired))
     return [
         Statement(
             place,
             'both epipoles are driven to zero',
             f'from {1e3 * first.e_current:.1f} and {1e3 * first.e_desired:.1f} mm to '
-            f'{left:.1e} m or less in {end.time:.2f} s',
-            left <= course.case.tolerance,
+            f'{residual:.1e} m or less in {end.time:.2f} s',
+            residual <= course.case.tolerance,
         ),
         Statement(
             place,
@@ -169,17 +169,17 @@ def _constant_difference(course: Course) -> Statement:
 
 
 def _second_step(course: Course) -> list[Statement]:
-    way, apart = translation_decay(course, 'distance'), translation_decay(course, 'difference')
+    fit, difference_fit = (translation_decay(course, n) for n in ('distance', 'difference'))
     limit, distances = rate_at_goal(course.case), course.column('distance', 2)
     speeds = course.column('linear', 2)
     return [
         Statement(
             'Fig. 10',
             f'd decreases exponentially; {NO_NUMBER}',
-            f'fitted rate {way.rate:.5f} /s (D: {apart.rate:.5f} /s), log misfit '
-            f'{way.misfit:.0e}; k_t alpha of (23) at the goal is {limit:.5f} /s. The rate is '
+            f'fitted rate {fit.rate:.5f} /s (D: {difference_fit.rate:.5f} /s), log misfit '
+            f'{fit.misfit:.0e}; k_t alpha of (23) at the goal is {limit:.5f} /s. The rate is '
             'faster farther out, where alpha is larger, and set by the points, which are ours',
-            bool(abs(way.rate / limit - 1.0) < 0.01 and (np.diff(distances) < 0.0).all()),
+            bool(abs(fit.rate / limit - 1.0) < 0.01 and (np.diff(distances) < 0.0).all()),
         ),
         Statement(
             'Fig. 11',
@@ -198,9 +198,9 @@ def _second_step(course: Course) -> list[Statement]:
 
 
 def _feature_motion(course: Course) -> Statement:
-    eye = Eye(course.case.focal, course.case.focal_guess)
-    images = np.stack([eye.image(instant.pose) for instant in course.instants])
-    apart = 1e3 * np.linalg.norm(images - eye.desired, axis=2).mean(axis=1)
+    camera = PointCamera(course.case.focal, course.case.focal_guess)
+    images = np.stack([camera.image(instant.pose) for instant in course.instants])
+    apart = 1e3 * np.linalg.norm(images - camera.desired, axis=2).mean(axis=1)
     steps = np.array([instant.step for instant in course.instants])
     moving = len(transient(course, 'time'))
     peak, turned = float(apart[:moving].max()), float(apart[steps == 1][-1])
@@ -216,7 +216,7 @@ def _feature_motion(course: Course) -> Statement:
 
 def _printed_sign(runs: Simulation1) -> list[Statement]:
     gap = largest_gap(runs.course, runs.corrected)
-    lost, found = runs.sampled_printed[-1], runs.sampled_corrected[-1]
+    last_printed, last_corrected = runs.sampled_printed[-1], runs.sampled_corrected[-1]
     behind = runs.behind_printed
     return [
         Statement(
@@ -230,10 +230,10 @@ def _printed_sign(runs: Simulation1) -> list[Statement]:
             'sign',
             'the same law on a robot',
             f'held for {PERIOD_S:g} s between images, the printed sign turns when e_du crosses '
-            f'zero, and drives on: x = {lost.pose.x:.2f} m and growing at {lost.time:.2f} s, '
-            f'where a feature is lost. With the true sigma x = {found.pose.x:.1e} m at '
-            f'{found.time:.0f} s',
-            abs(lost.pose.x) < 0.01,
+            f'zero, and drives on: x = {last_printed.pose.x:.2f} m and growing at '
+            f'{last_printed.time:.2f} s, where a feature is lost. With the true sigma '
+            f'x = {last_corrected.pose.x:.1e} m at {last_corrected.time:.0f} s',
+            abs(last_printed.pose.x) < 0.01,
         ),
         Statement(
             'sign',

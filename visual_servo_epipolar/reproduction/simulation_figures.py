@@ -14,7 +14,7 @@ from visual_servo_epipolar.report.style import (
     INK,
     PHASE_COLOURS,
 )
-from visual_servo_epipolar.reproduction.camera import Eye
+from visual_servo_epipolar.reproduction.camera import PointCamera
 from visual_servo_epipolar.reproduction.canvas import draw_robot, GHOST, label, new_figure
 from visual_servo_epipolar.reproduction.continuous import Course
 from visual_servo_epipolar.reproduction.fits import decay
@@ -132,16 +132,16 @@ def feature_motion(course: Course, number: int) -> Figure:
     """Draw figure 13: the features in the image plane, from + to *, and how far they are."""
     figure = new_figure(number, f'{course.case.name}: motion of the features', 4.4)
     plane, gap = figure.subplots(1, 2, width_ratios=(1.25, 1.0))
-    eye = Eye(course.case.focal, course.case.focal_guess)
-    images = np.stack([eye.image(instant.pose) for instant in course.instants])
+    camera = PointCamera(course.case.focal, course.case.focal_guess)
+    images = np.stack([camera.image(instant.pose) for instant in course.instants])
     steps = course.column('time'), np.array([instant.step for instant in course.instants])
     _draw_tracks(plane, MILLI * images, steps[1])
-    plane.plot(*(MILLI * eye.desired).T, '*', color=DESIRED_COLOUR, ms=9.0, label='desired (*)')
+    plane.plot(*(MILLI * camera.desired).T, '*', color=DESIRED_COLOUR, ms=9.0, label='desired (*)')
     plane.legend(loc='lower center', bbox_to_anchor=(0.5, 1.0), ncols=2)
     label(plane, 'u [mm]', 'v [mm]')
     plane.invert_yaxis()
     plane.set_aspect('equal', adjustable='datalim')
-    apart = MILLI * np.linalg.norm(images - eye.desired, axis=2).mean(axis=1)
+    apart = MILLI * np.linalg.norm(images - camera.desired, axis=2).mean(axis=1)
     for step, colour, name in ((1, FIRST, 'first step'), (2, SECOND, 'second step')):
         rows = steps[1] == step
         gap.plot(steps[0][rows] + 0.1, apart[rows], color=colour, label=name)

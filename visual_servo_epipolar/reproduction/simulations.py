@@ -1,4 +1,4 @@
-"""Simulations 1 and 2 of the paper (section VII): the runs, and what the paper says of them."""
+"""Simulations 1 and 2 of the paper (section VII): runs under each sign, and their metrics."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -9,7 +9,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose
-from visual_servo_epipolar.reproduction.camera import Eye
+from visual_servo_epipolar.reproduction.camera import PointCamera
 from visual_servo_epipolar.reproduction.continuous import Case, Course, Instant, run
 from visual_servo_epipolar.reproduction.fits import Decay, decay
 from visual_servo_epipolar.reproduction.sampled import sampled
@@ -22,7 +22,7 @@ PERIOD_S = 0.01  # the sampling under which the printed sign is tried
 
 @dataclass(frozen=True, slots=True)
 class Simulation1:
-    """Simulation 1 under the printed sign, and what else became of that sign."""
+    """Simulation 1 under the printed and the corrected sign: continuous, sampled, from behind."""
 
     course: Course
     corrected: Course
@@ -66,7 +66,7 @@ def simulation_2() -> Simulation2:
 def longest_transient(case: Case, e_desired: float) -> float:
     """Return the bound on the time at which e_du is zero [s], d_hat >= d (section IV-C 1)."""
     power = 1.0 - case.exponent
-    return abs(e_desired) ** power / (case.k2 * power)
+    return float(abs(e_desired) ** power / (case.k2 * power))
 
 
 def rotation_decay(course: Course) -> Decay:
@@ -85,7 +85,7 @@ def translation_decay(course: Course, name: str) -> Decay:
 
 def rate_at_goal(case: Case) -> float:
     """Return k_t alpha of (23) at the goal [1/s]: what d and D decay by in the end."""
-    points = Eye(case.focal, case.focal_guess).points
+    points = PointCamera(case.focal, case.focal_guess).points
     alpha = 2.0 * case.focal**2 * (points[:, :2] ** 2).sum(axis=1) / points[:, 2] ** 3
     return case.k_t * float(alpha.mean())
 
@@ -105,10 +105,10 @@ def largest_gap(one: Course, other: Course) -> float:
     return float(np.hypot(one.column('x') - x, one.column('y') - y).max())
 
 
-def numbers(course: Course) -> Mapping[str, Any]:
-    """Return the numbers of a course as JSON has them."""
+def metrics(course: Course) -> Mapping[str, Any]:
+    """Return the metrics of a course as JSON has them."""
     last = [instant for instant in course.instants if instant.step == 1][-1]
-    found: dict[str, Any] = {
+    values: dict[str, Any] = {
         'sign': course.case.sign,
         'outcome': course.outcome,
         'e_desired_zero_s': course.zeroed_at,
@@ -119,14 +119,14 @@ def numbers(course: Course) -> Mapping[str, Any]:
         'angular_max_rad_s': float(np.abs(course.column('angular', 1)).max()),
     }
     if course.outcome == 'arrived':
-        found |= {
+        values |= {
             'e_current_rate_per_s': rotation_decay(course).rate,
             'distance_rate_per_s': translation_decay(course, 'distance').rate,
             'difference_rate_per_s': translation_decay(course, 'difference').rate,
             'final_distance_m': course.instants[-1].pose.distance,
             'duration_s': course.instants[-1].time,
         }
-    return found
+    return values
 
 
 def transient(course: Course, name: str) -> FloatArray:

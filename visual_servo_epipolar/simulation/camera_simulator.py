@@ -1,4 +1,4 @@
-"""The simulated camera: a room seen from the robot, through an imperfect sensor."""
+"""Camera simulator: images of a room from the robot, through an imperfect sensor."""
 
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
@@ -42,13 +42,13 @@ class CameraSimulator:
         self._settings, self.renderer.rig = settings, new_rig(settings)
 
     def disturb(self, settings: DisturbanceSettings) -> None:
-        """Let other things go wrong from now on."""
+        """Disturb the images from now on as ``settings`` say."""
         size = self.settings.width, self.settings.height
         self._disturbances = Disturbances(size, settings, self.settings.seed)
 
     @property
     def disturbances(self) -> DisturbanceSettings:
-        """What goes wrong."""
+        """The disturbances of the images."""
         return self._disturbances.settings
 
     def photograph(self) -> Image:
@@ -64,7 +64,7 @@ class CameraSimulator:
 
 
 class ImageView:
-    """What the servo sees through camera and tracker; keeps the last image for pictures."""
+    """View through camera and tracker; keeps the last image for pictures."""
 
     def __init__(self, simulator: CameraSimulator, tracker: Tracker) -> None:
         self.simulator, self.tracker = simulator, tracker

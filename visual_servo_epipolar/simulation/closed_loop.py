@@ -70,8 +70,8 @@ def published(pose: Pose) -> Pose:
     return Pose(pose.x, pose.y, yaw_from_quaternion(*quaternion_from_yaw(pose.theta)))
 
 
-class Referee:
-    """Keeps the record of a run, and says when it is over; in memory and beside the nodes."""
+class RunMonitor:
+    """Run monitor: keeps the samples of a run, in memory or of nodes, and says when it is over."""
 
     def __init__(self, settings: LoopSettings) -> None:
         self.settings = settings
@@ -120,7 +120,7 @@ class Loop:
 
     def __init__(self, settings: LoopSettings, view: View, camera: Camera) -> None:
         self.view, self.camera = view, camera
-        self.referee = Referee(settings)
+        self.monitor = RunMonitor(settings)
         self._servo = settings.servo
         start = Pose.from_start(*settings.start)
         self._base = new_base(settings.base, start, seed=settings.seed)
@@ -130,7 +130,7 @@ class Loop:
     @property
     def frame(self) -> int:
         """Number of the frame that comes next: 0, 1, ..."""
-        return len(self.referee.samples)
+        return len(self.monitor.samples)
 
     @property
     def now_ns(self) -> int:
@@ -154,7 +154,7 @@ class Loop:
         """Note the step that was decided."""
         state = self._state
         taken = sample(self._base.now_ns, self.pose, state.phase, telemetry(state))
-        self.referee.add(taken, reason=state.reason, attempts=state.attempts)
+        self.monitor.add(taken, reason=state.reason, attempts=state.attempts)
         return taken
 
     def drive(self) -> None:
@@ -204,13 +204,13 @@ def run(
     only then does the base move for one period.
     """
     loop = Loop(settings, view, camera)
-    while not loop.referee.done:
+    while not loop.monitor.done:
         loop.decide_by(control)
         taken = loop.record()
         if watch is not None:
             watch(taken)
         loop.drive()
-    return loop.referee.log()
+    return loop.monitor.log()
 
 
 def run_many(
@@ -226,7 +226,7 @@ def run_many(
     """
     _keep_memory()
     loops = [Loop(*each) for each in runs]
-    going = [loop for loop in loops if not loop.referee.done]
+    going = [loop for loop in loops if not loop.monitor.done]
     while going:
         glimpses = look(going)
         lap('world')
@@ -241,8 +241,8 @@ def run_many(
         for loop in going:
             loop.drive()
         lap('base')
-        going = [loop for loop in going if not loop.referee.done]
-    return [loop.referee.log() for loop in loops]
+        going = [loop for loop in going if not loop.monitor.done]
+    return [loop.monitor.log() for loop in loops]
 
 
 def _keep_memory() -> None:

@@ -1,4 +1,4 @@
-"""Point features without images: a seeded cloud seen by a noisy camera, for fast closed loops."""
+"""Point world: a seeded cloud of features and a noisy camera, for closed loops without images."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ from visual_servo_epipolar.simulation.mounts.rig import CameraRig
 from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME
 
 MIN_DEPTH_M = 0.3
-BLOCK = 32  # frames whose noise is drawn at once: to begin a generator takes longer
+BLOCK = 32  # frames drawn at once: starting a random generator costs more than drawing
 MAX_RAY = 4.0  # farther from the axis no lens sees anything (76 deg)
 
 
@@ -76,7 +76,7 @@ class PointWorld:
         return observe_each([self], [pose], [frame])[0]
 
     def tracked(self, pixels: FloatArray, visible: BoolArray, frame: int) -> Features:
-        """Return what a tracker makes of true ``pixels``, (N, 2), where ``visible``, (N,)."""
+        """Return the features at true ``pixels``, shape (N, 2), where ``visible``, shape (N,)."""
         taken_for = self.taken_for(frame)
         if taken_for is not None:
             pixels, visible = pixels[taken_for], visible[taken_for]
@@ -118,19 +118,19 @@ class PointWorld:
 def observe_each(
     worlds: Sequence[PointWorld], poses: Sequence[Pose], frames: Sequence[int]
 ) -> list[Features]:
-    """Return what each world shows from its pose in its frame, alike worlds at once."""
-    found: list[Features | None] = [None] * len(worlds)
-    alike: dict[tuple[Camera, int], list[int]] = {}
+    """Return the features of each world from its pose in its frame, by camera at once."""
+    results: list[Features | None] = [None] * len(worlds)
+    groups: dict[tuple[Camera, int], list[int]] = {}
     for k, world in enumerate(worlds):
-        alike.setdefault((world.camera, len(world.points)), []).append(k)
-    for places in alike.values():
-        some = [worlds[k] for k in places]
+        groups.setdefault((world.camera, len(world.points)), []).append(k)
+    for indices in groups.values():
+        group = [worlds[k] for k in indices]
         pixels, visible = project_each(
-            some, [poses[k] for k in places], [frames[k] for k in places]
+            group, [poses[k] for k in indices], [frames[k] for k in indices]
         )
-        for row, k in enumerate(places):
-            found[k] = worlds[k].tracked(pixels[row], visible[row], frames[k])
-    return [features for features in found if features is not None]
+        for row, k in enumerate(indices):
+            results[k] = worlds[k].tracked(pixels[row], visible[row], frames[k])
+    return [features for features in results if features is not None]
 
 
 def project_each(
@@ -139,7 +139,7 @@ def project_each(
     """
     Return the true pixels, shape (B, N, 2), and which of them are in view, shape (B, N).
 
-    The worlds have equally many points and the same camera.
+    All B worlds have equally many points and the same camera.
     """
     camera_poses = [
         world.rig.camera_pose(pose, frame)

@@ -1,4 +1,4 @@
-"""Regions of starts: where a robot may be when it is to come back to the goal."""
+"""Regions: where a robot may start when it is to come back to the goal."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -30,7 +30,7 @@ BOXES = {
 }
 REGIONS = tuple(BOXES)
 LEAST_FEATURES = 40  # of the goal's, in view from a start anywhere
-DIGITS = 6  # of a start: written down it is the same start
+DIGITS = 6  # of a start: nothing is lost when it is written down
 TRIES = 5000
 STREAM = 8  # keeps starts apart from all else that is drawn from the same seed
 
@@ -62,8 +62,8 @@ def start_in(
         if all(holds(pose) for holds in conditions):
             return x, y, heading
     raise InputError(
-        f'no start found in region {region} in {TRIES} tries; see that the scene leaves room and '
-        f'that the goal has more than {LEAST_FEATURES} features'
+        f'no start found in region {region} in {TRIES} tries; see that the scene leaves floor '
+        f'free and that the goal has more than {LEAST_FEATURES} features'
     )
 
 
@@ -95,10 +95,10 @@ class _Scenery:
 
     def in_view(self, pose: Pose) -> int:
         """Return how many of the goal's features can be seen from ``pose``."""
-        pixels, seen = self._renderer.project(self._points, pose)
-        if int(seen.sum()) < LEAST_FEATURES:
-            return int(seen.sum())  # too few even if nothing hides them
-        return int(self._renderer.unhidden(self._points[seen], pixels[seen], pose).sum())
+        pixels, visible = self._renderer.project(self._points, pose)
+        if int(visible.sum()) < LEAST_FEATURES:
+            return int(visible.sum())  # too few even if nothing hides them
+        return int(self._renderer.unhidden(self._points[visible], pixels[visible], pose).sum())
 
 
 def _worth_tracking(photograph: Image, candidates: int) -> FloatArray:

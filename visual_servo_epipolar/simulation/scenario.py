@@ -1,4 +1,4 @@
-"""Scenarios: what is perturbed in a run, read from YAML."""
+"""Scenarios: the settings of all parts of a run, read from YAML."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields, replace

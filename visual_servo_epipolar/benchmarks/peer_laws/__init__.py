@@ -1,1 +1,1 @@
-"""Other laws behind the servo's own door: same images, same base, same judge."""
+"""Peer laws: other visual servos as steps of the closed loop, with our perception."""

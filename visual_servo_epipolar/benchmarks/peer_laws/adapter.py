@@ -1,11 +1,11 @@
-"""Peers behind the door of the servo: ``step(state, observation, settings) -> state``."""
+"""Adapter: peer laws as ``step(state, observation, settings) -> state`` of the closed loop."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 
 from visual_servo_epipolar.benchmarks.peer_laws.homography_based import never_resting, TurningGains
 from visual_servo_epipolar.benchmarks.peer_laws.image_based import PointGains, points
-from visual_servo_epipolar.benchmarks.peer_laws.pose_measurement import read
+from visual_servo_epipolar.benchmarks.peer_laws.pose_measurement import relative_pose
 from visual_servo_epipolar.benchmarks.peer_laws.position_based import is_behind, polar, PolarGains
 from visual_servo_epipolar.core.geometry.motion import saturate, STANDSTILL, Twist
 from visual_servo_epipolar.core.perception.perceive import Measurement, Observation, perceive
@@ -35,7 +35,7 @@ Law = Callable[[PeerState, Measurement, Observation], Twist]
 def position_based(gains: PolarGains) -> Law:
     """Return the polar law; it decides at its first image which end goes first."""
     return lambda state, measurement, observation: polar(
-        read(measurement, observation), gains, backwards=state.backwards
+        relative_pose(measurement, observation), gains, backwards=state.backwards
     )
 
 
@@ -44,7 +44,7 @@ def homography_based(gains: TurningGains) -> Law:
 
     def law(state: PeerState, measurement: Measurement, observation: Observation) -> Twist:
         elapsed = seconds_between(state.run_start_ns, measurement.stamp_ns)
-        return never_resting(read(measurement, observation), gains, elapsed=elapsed)
+        return never_resting(relative_pose(measurement, observation), gains, elapsed=elapsed)
 
     return law
 
@@ -56,7 +56,7 @@ def image_based(gains: PointGains) -> Law:
     )
 
 
-def behind_the_door(law: Law) -> Step:
+def as_step(law: Law) -> Step:
     """
     Return ``law`` as a step of the closed loop.
 
@@ -68,7 +68,7 @@ def behind_the_door(law: Law) -> Step:
     def drive(state: ServoState, observation: Observation, settings: ServoSettings) -> ServoState:
         memory = None if state.measurement is None else state.measurement.memory
         measurement = perceive(observation, settings, state.frame, memory)
-        peer = _seen(_as_peer(state), measurement, observation)
+        peer = _updated(_as_peer(state), measurement, observation)
         return replace(
             _decided(peer, measurement, observation, law, settings), frame=state.frame + 1
         )
@@ -82,8 +82,8 @@ def _as_peer(state: ServoState) -> PeerState:
     return PeerState(**{item.name: getattr(state, item.name) for item in fields(state)})
 
 
-def _seen(state: PeerState, measurement: Measurement, observation: Observation) -> PeerState:
-    """Take in what was seen; the first trusted view says which end goes first."""
+def _updated(state: PeerState, measurement: Measurement, observation: Observation) -> PeerState:
+    """Take in a measurement; the first trusted one decides which end goes first."""
     state = replace(state, measurement=measurement)
     if state.phase is not Phase.WAITING or measurement.bearings is None:
         return state
@@ -91,7 +91,7 @@ def _seen(state: PeerState, measurement: Measurement, observation: Observation) 
         state,
         phase=Phase.MATCHING_FEATURES,
         run_start_ns=measurement.stamp_ns,
-        backwards=is_behind(read(measurement, observation)),
+        backwards=is_behind(relative_pose(measurement, observation)),
     )
 
 
@@ -152,7 +152,7 @@ def _failed(state: PeerState, reason: str) -> PeerState:
 
 PEERS: Mapping[str, Step] = {
     'ours': step,
-    'position-based': behind_the_door(position_based(PolarGains())),
-    'homography-based': behind_the_door(homography_based(TurningGains())),
-    'image-based': behind_the_door(image_based(PointGains())),
+    'position-based': as_step(position_based(PolarGains())),
+    'homography-based': as_step(homography_based(TurningGains())),
+    'image-based': as_step(image_based(PointGains())),
 }

@@ -15,7 +15,7 @@ original convergence is not exponential: the turn fades with e2.
 from dataclasses import dataclass
 import math
 
-from visual_servo_epipolar.benchmarks.peer_laws.pose_measurement import Reading
+from visual_servo_epipolar.benchmarks.peer_laws.pose_measurement import RelativePose
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.settings import setting, Settings
 
@@ -30,7 +30,7 @@ class TurningGains(Settings):
     pace: float = setting(0.4, 'Its angular frequency s [rad/s]', low=0.01, high=5.0)
 
 
-def never_resting(reading: Reading, gains: TurningGains, *, elapsed: float) -> Twist:
+def never_resting(pose: RelativePose, gains: TurningGains, *, elapsed: float) -> Twist:
     """Return the twist at ``elapsed`` [s] from the start."""
-    turn = gains.search * abs(reading.left) * reading.left * math.sin(gains.pace * elapsed)
-    return Twist(gains.forward * reading.ahead, turn - gains.heading * reading.heading_error)
+    turn = gains.search * abs(pose.left) * pose.left * math.sin(gains.pace * elapsed)
+    return Twist(gains.forward * pose.ahead, turn - gains.heading * pose.heading_error)

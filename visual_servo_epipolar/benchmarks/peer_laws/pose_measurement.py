@@ -1,4 +1,4 @@
-"""What peers see: the pose up to scale, by the very perception that our servo has."""
+"""Relative pose up to scale, from the measurements of our perception."""
 
 from dataclasses import dataclass, replace
 import math
@@ -8,13 +8,14 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, rotation_desired_current
 from visual_servo_epipolar.core.geometry.motion import HALF_PI
-from visual_servo_epipolar.core.perception.perceive import Measurement, Observation, turned
+from visual_servo_epipolar.core.perception.measures import turned
+from visual_servo_epipolar.core.perception.perceive import Measurement, Observation
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class RelativePose:
     """
-    The robot as two views show it: where it is in units of the scene's depth, and its heading.
+    Pose of the robot from two views: its place in units of the depth of the scene, its heading.
 
     ``distance`` is d / Z, Z the harmonic mean of the depths of the features from the goal, and
     ``psi`` its direction [rad]; ``heading_error`` is theta - pi/2 [rad].
@@ -35,18 +36,18 @@ class Reading:
         return -self.distance * math.sin(self.psi - self.heading_error - HALF_PI)
 
 
-def read(measurement: Measurement, observation: Observation) -> Reading:
+def relative_pose(measurement: Measurement, observation: Observation) -> RelativePose:
     """Return the pose up to scale; close to the goal, without bearings, to first order."""
     bearings = measurement.bearings
     if bearings is None:
         rotation = rotation_desired_current(measurement.heading_error)
-        close = close_reading(turned(observation.current, rotation), observation.desired)
+        close = nearby_pose(turned(observation.current, rotation), observation.desired)
         return replace(close, heading_error=close.heading_error + measurement.heading_error)
     scale = relative_distance(observation.current, observation.desired, bearings)
-    return Reading(scale, bearings.psi, bearings.heading_error)
+    return RelativePose(scale, bearings.psi, bearings.heading_error)
 
 
-def close_reading(current: FloatArray, desired: FloatArray) -> Reading:
+def nearby_pose(current: FloatArray, desired: FloatArray) -> RelativePose:
     """
     Return the pose up to scale from rays, shape (N, 2) each, where it is nearly the goal's.
 
@@ -59,13 +60,15 @@ def close_reading(current: FloatArray, desired: FloatArray) -> Reading:
         [np.stack([-one, u, 1.0 + u * u], axis=1), np.stack([none, v, u * v], axis=1)]
     )
     error = (current - desired).T.reshape(-1)
-    weights, found = np.ones(len(error)), np.zeros(3)
+    weights: FloatArray = np.ones(len(error))
+    solution: FloatArray = np.zeros(3)
     for _ in range(2):
-        found = np.linalg.lstsq(rows * weights[:, None], error * weights, rcond=None)[0]
-        residual = np.abs(error - rows @ found)
+        fit = np.linalg.lstsq(rows * weights[:, None], error * weights, rcond=None)
+        solution = np.asarray(fit[0], dtype=np.float64)
+        residual = np.abs(error - rows @ solution)
         weights = 1.0 / (1.0 + (residual / (3.0 * np.median(residual) + 1e-12)) ** 2)
-    x, y, heading = (float(value) for value in found)
-    return Reading(math.hypot(x, y), math.atan2(y, x), heading)
+    x, y, heading = (float(value) for value in solution)
+    return RelativePose(math.hypot(x, y), math.atan2(y, x), heading)
 
 
 def relative_distance(current: FloatArray, desired: FloatArray, bearings: Bearings) -> float:

@@ -1,16 +1,16 @@
 """
-Position-based: the polar law of Aicardi, Casalino, Bicchi, Balestrino (1995) on the pose read.
+Position-based: the polar law of Aicardi, Casalino, Bicchi, Balestrino (1995) on the relative pose.
 
 With e the distance, a the direction of the goal against the heading and b against the goal's
 heading, u = g cos(a) e and w = k a + g cos(a) sin(a) / a (a + h b) make (e^2 + a^2 + h b^2) / 2
-fall. It is smooth, and knows no field of view. Close to the goal, where the direction of what is
-left is noise, the robot covers the way ahead and turns to the final heading.
+fall. It is smooth, and knows no field of view. Close to the goal, where the direction of the
+residual is noise, the robot covers the way ahead and turns to the final heading.
 """
 
 from dataclasses import dataclass
 import math
 
-from visual_servo_epipolar.benchmarks.peer_laws.pose_measurement import Reading
+from visual_servo_epipolar.benchmarks.peer_laws.pose_measurement import RelativePose
 from visual_servo_epipolar.core.geometry.motion import Twist, wrap_angle
 from visual_servo_epipolar.core.settings import setting, Settings
 
@@ -26,22 +26,22 @@ class PolarGains(Settings):
     align: float = setting(1.5, 'Weight h of the final heading', low=0.01, high=20.0)
 
 
-def polar(reading: Reading, gains: PolarGains, *, backwards: bool = False) -> Twist:
+def polar(pose: RelativePose, gains: PolarGains, *, backwards: bool = False) -> Twist:
     """Return the twist of the polar law; ``backwards`` drives it with the robot's other end."""
-    if reading.distance * gains.depth < gains.close:
-        ahead = gains.approach * reading.ahead * gains.depth
-        return Twist(ahead, -gains.turn * reading.heading_error)
+    if pose.distance * gains.depth < gains.close:
+        ahead = gains.approach * pose.ahead * gains.depth
+        return Twist(ahead, -gains.turn * pose.heading_error)
     half_turn = math.pi if backwards else 0.0
-    toward = reading.psi + math.pi - half_turn  # the direction in which that end has to go
+    toward = pose.psi + math.pi - half_turn  # the direction in which that end has to go
     against_goal = wrap_angle(toward - 0.5 * math.pi)
-    against_heading = wrap_angle(against_goal - reading.heading_error)
+    against_heading = wrap_angle(against_goal - pose.heading_error)
     cosine = math.cos(against_heading)
     sinc = math.sin(against_heading) / against_heading if against_heading else 1.0
     pull = gains.approach * cosine * sinc * (against_heading + gains.align * against_goal)
-    speed = gains.approach * cosine * reading.distance * gains.depth
+    speed = gains.approach * cosine * pose.distance * gains.depth
     return Twist(-speed if backwards else speed, gains.turn * against_heading + pull)
 
 
-def is_behind(reading: Reading) -> bool:
+def is_behind(pose: RelativePose) -> bool:
     """Return whether the goal lies behind the robot, so that it is to be reached backwards."""
-    return reading.ahead < 0.0
+    return pose.ahead < 0.0

@@ -1,4 +1,4 @@
-"""Where in a world a robot can stand: on the floor, and not in the furniture."""
+"""Free floor: where in a room a robot can stand, clear of walls and furniture."""
 
 import numpy as np
 
@@ -43,7 +43,7 @@ class Ground:
 
 def inside(places: FloatArray, rectangles: FloatArray) -> FloatArray:
     """
-    Return how deep ``places`` lie in level rectangles [m]; minus the distance of those outside.
+    Return how deep ``places`` lie in level rectangles [m]; outside, minus the distance.
 
     Parameters
     ----------
