@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from strategies import floats, matches, poses_behind_the_goal
 
-from visual_servo_epipolar.benchmarks import laws
-from visual_servo_epipolar.benchmarks.peer_laws.adapter import PEERS, PeerState
-from visual_servo_epipolar.benchmarks.peer_laws.homography_based import never_resting, TurningGains
-from visual_servo_epipolar.benchmarks.peer_laws.image_based import PointGains, points
-from visual_servo_epipolar.benchmarks.peer_laws.pose_measurement import (
+from visual_servo_epipolar.benchmarks.laws import benchmark as laws
+from visual_servo_epipolar.benchmarks.laws.adapter import PEERS, PeerState
+from visual_servo_epipolar.benchmarks.laws.homography_based import never_resting, TurningGains
+from visual_servo_epipolar.benchmarks.laws.image_based import PointGains, points
+from visual_servo_epipolar.benchmarks.laws.pose_measurement import (
     nearby_pose,
     relative_distance,
     RelativePose,
 )
-from visual_servo_epipolar.benchmarks.peer_laws.position_based import is_behind, polar, PolarGains
+from visual_servo_epipolar.benchmarks.laws.position_based import is_behind, polar, PolarGains
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import (
     integrate,

@@ -6,9 +6,9 @@ import json
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.benchmarks import tracking
-from visual_servo_epipolar.benchmarks.tracking_scores import recovered, scores
-from visual_servo_epipolar.benchmarks.tracking_world import (
+from visual_servo_epipolar.benchmarks.tracking import benchmark as tracking
+from visual_servo_epipolar.benchmarks.tracking.scores import recovered, scores
+from visual_servo_epipolar.benchmarks.tracking.world import (
     approach,
     FrameErrors,
     RINGS,

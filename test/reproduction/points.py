@@ -10,9 +10,13 @@ from pathlib import Path
 from matplotlib.figure import Figure
 import numpy as np
 
-from visual_servo_epipolar.reproduction import experiment_figures as figures
 from visual_servo_epipolar.reproduction.canvas import figure_data, thinned
-from visual_servo_epipolar.reproduction.experiment import drive, Experiment, experiment_scenario
+from visual_servo_epipolar.reproduction.experiment import figures
+from visual_servo_epipolar.reproduction.experiment.experiment import (
+    drive,
+    Experiment,
+    experiment_scenario,
+)
 from visual_servo_epipolar.reproduction.publish import one_line_each, POINTS
 from visual_servo_epipolar.simulation.views import points_of
 

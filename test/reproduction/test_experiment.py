@@ -13,10 +13,10 @@ import pytest
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.reproduction import experiment_figures as figures
-from visual_servo_epipolar.reproduction import sensitivity
 from visual_servo_epipolar.reproduction.canvas import figure_data, thinned
-from visual_servo_epipolar.reproduction.experiment import (
+from visual_servo_epipolar.reproduction.experiment import figures, sensitivity
+from visual_servo_epipolar.reproduction.experiment.claims import claims
+from visual_servo_epipolar.reproduction.experiment.experiment import (
     Experiment,
     experiment,
     experiment_scenario,
@@ -27,7 +27,6 @@ from visual_servo_epipolar.reproduction.experiment import (
     START,
     well_spread,
 )
-from visual_servo_epipolar.reproduction.experiment_claims import claims
 from visual_servo_epipolar.reproduction.publish import POINTS
 
 HERE = Path(__file__).parent

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.reproduction.camera import PointCamera
-from visual_servo_epipolar.reproduction.simulations import Simulation1, transient
+from visual_servo_epipolar.reproduction.simulations.camera import PointCamera
+from visual_servo_epipolar.reproduction.simulations.runs import Simulation1, transient
 
 AGREEMENT = 1e-6  # m, rad, s, m/s, and of the focal length for epipoles
 

@@ -7,11 +7,11 @@ import pytest
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.reproduction.camera import PointCamera
-from visual_servo_epipolar.reproduction.continuous import Course, run
 from visual_servo_epipolar.reproduction.fits import decay
-from visual_servo_epipolar.reproduction.simulation_claims import claims_1, claims_2
-from visual_servo_epipolar.reproduction.simulations import (
+from visual_servo_epipolar.reproduction.simulations.camera import PointCamera
+from visual_servo_epipolar.reproduction.simulations.claims import claims_1, claims_2
+from visual_servo_epipolar.reproduction.simulations.continuous import Course, run
+from visual_servo_epipolar.reproduction.simulations.runs import (
     growth_ratio,
     longest_transient,
     rate_at_goal,

@@ -7,19 +7,23 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from visual_servo_epipolar.core.servo.run_log import summarise
-from visual_servo_epipolar.reproduction import experiment_figures, sensitivity
-from visual_servo_epipolar.reproduction import simulation_figures as figures
-from visual_servo_epipolar.reproduction.experiment import experiment, experiment_scenario
-from visual_servo_epipolar.reproduction.experiment_claims import claims, ERROR_OF_THE_PAPER_M
-from visual_servo_epipolar.reproduction.sign_figure import printed_sign
-from visual_servo_epipolar.reproduction.simulation_claims import claims_1, claims_2
-from visual_servo_epipolar.reproduction.simulations import (
+from visual_servo_epipolar.reproduction.experiment import figures as experiment_figures
+from visual_servo_epipolar.reproduction.experiment import sensitivity
+from visual_servo_epipolar.reproduction.experiment.claims import claims, ERROR_OF_THE_PAPER_M
+from visual_servo_epipolar.reproduction.experiment.experiment import (
+    experiment,
+    experiment_scenario,
+)
+from visual_servo_epipolar.reproduction.simulations import figures
+from visual_servo_epipolar.reproduction.simulations.claims import claims_1, claims_2
+from visual_servo_epipolar.reproduction.simulations.runs import (
     metrics,
     Simulation1,
     Simulation2,
     simulation_1,
     simulation_2,
 )
+from visual_servo_epipolar.reproduction.simulations.sign_figure import printed_sign
 from visual_servo_epipolar.reproduction.statements import Statement
 
 Say = Callable[[str], None]

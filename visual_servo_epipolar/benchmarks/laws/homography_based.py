@@ -15,7 +15,7 @@ original convergence is not exponential: the turn fades with e2.
 from dataclasses import dataclass
 import math
 
-from visual_servo_epipolar.benchmarks.peer_laws.pose_measurement import RelativePose
+from visual_servo_epipolar.benchmarks.laws.pose_measurement import RelativePose
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.settings import setting, Settings
 

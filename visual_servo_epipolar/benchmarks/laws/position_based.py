@@ -10,7 +10,7 @@ residual is noise, the robot covers the way ahead and turns to the final heading
 from dataclasses import dataclass
 import math
 
-from visual_servo_epipolar.benchmarks.peer_laws.pose_measurement import RelativePose
+from visual_servo_epipolar.benchmarks.laws.pose_measurement import RelativePose
 from visual_servo_epipolar.core.geometry.motion import Twist, wrap_angle
 from visual_servo_epipolar.core.settings import setting, Settings
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from visual_servo_epipolar.core.servo.run_log import seconds
-from visual_servo_epipolar.reproduction.experiment import (
+from visual_servo_epipolar.reproduction.experiment.experiment import (
     Experiment,
     FEATURES,
     PERIOD_S,
@@ -16,13 +16,13 @@ from visual_servo_epipolar.reproduction.experiment import (
     START,
     WORKING_K_T,
 )
-from visual_servo_epipolar.reproduction.experiment_figures import (
+from visual_servo_epipolar.reproduction.experiment.figures import (
     difference_decay,
     LEAST,
     signal,
     split,
 )
-from visual_servo_epipolar.reproduction.sensitivity import BEHIND, Sensitivity
+from visual_servo_epipolar.reproduction.experiment.sensitivity import BEHIND, Sensitivity
 from visual_servo_epipolar.reproduction.statements import NO_NUMBER, Statement
 
 ERROR_OF_THE_PAPER_M = 0.04

@@ -9,10 +9,10 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose
-from visual_servo_epipolar.reproduction.camera import PointCamera
-from visual_servo_epipolar.reproduction.continuous import Case, Course, Instant, run
 from visual_servo_epipolar.reproduction.fits import Decay, decay
-from visual_servo_epipolar.reproduction.sampled import sampled
+from visual_servo_epipolar.reproduction.simulations.camera import PointCamera
+from visual_servo_epipolar.reproduction.simulations.continuous import Case, Course, Instant, run
+from visual_servo_epipolar.reproduction.simulations.sampled import sampled
 
 SIMULATION_1 = Case(name='Simulation 1')
 SIMULATION_2 = Case(name='Simulation 2', focal_guess=0.005)

@@ -10,7 +10,7 @@ import os
 from typing import Any
 
 from visual_servo_epipolar.core.servo.run_log import summarise
-from visual_servo_epipolar.reproduction.experiment import (
+from visual_servo_epipolar.reproduction.experiment.experiment import (
     experiment_scenario,
     FOCAL_PX,
     PRINTED_K_T,

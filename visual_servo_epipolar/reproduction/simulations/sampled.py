@@ -3,7 +3,7 @@
 import numpy as np
 
 from visual_servo_epipolar.core.geometry.motion import integrate
-from visual_servo_epipolar.reproduction.continuous import Case, Instant, Simulation
+from visual_servo_epipolar.reproduction.simulations.continuous import Case, Instant, Simulation
 
 
 def sampled(case: Case, period: float, duration: float) -> tuple[Instant, ...]:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from rosbags.highlevel import AnyReader
 
-from visual_servo_epipolar.benchmarks.recording_loop import Loop, memory_mb, processor_s
+from visual_servo_epipolar.benchmarks.recording.loop import Loop, memory_mb, processor_s
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.stamps import NANOSECONDS

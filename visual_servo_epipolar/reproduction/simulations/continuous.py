@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.control import laws
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, Twist
 from visual_servo_epipolar.core.perception.measures import feature_difference
-from visual_servo_epipolar.reproduction.camera import EpipoleReading, PointCamera
+from visual_servo_epipolar.reproduction.simulations.camera import EpipoleReading, PointCamera
 
 GRADING = 0.02  # of the remaining time until e_du = 0: there the law is not Lipschitz
 LONGEST_STEP_S = 0.01  # before e_du is zero

@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from typing import Any
 
-from visual_servo_epipolar.benchmarks.tracking_scores import ENOUGH
+from visual_servo_epipolar.benchmarks.tracking.scores import ENOUGH
 
 
 def table(document: Mapping[str, Any]) -> str:

@@ -11,7 +11,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from visual_servo_epipolar.benchmarks.estimation_scenes import Cell, FOCAL, Pair
+from visual_servo_epipolar.benchmarks.estimation.scenes import Cell, FOCAL, Pair
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Attitude, Estimate, Estimator, Prior
 from visual_servo_epipolar.core.estimators.lmeds_8pt import lmeds_8pt

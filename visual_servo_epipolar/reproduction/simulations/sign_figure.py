@@ -10,8 +10,8 @@ import numpy as np
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.report.style import CURRENT_COLOUR, DESIRED_COLOUR, FIGURE_SETTINGS, INK
 from visual_servo_epipolar.reproduction.canvas import draw_robot, GHOST, label, page
-from visual_servo_epipolar.reproduction.continuous import Instant
-from visual_servo_epipolar.reproduction.simulations import PERIOD_S, Simulation1
+from visual_servo_epipolar.reproduction.simulations.continuous import Instant
+from visual_servo_epipolar.reproduction.simulations.runs import PERIOD_S, Simulation1
 
 Way = Sequence[Instant]
 

@@ -3,10 +3,10 @@
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields, replace
 
-from visual_servo_epipolar.benchmarks.peer_laws.homography_based import never_resting, TurningGains
-from visual_servo_epipolar.benchmarks.peer_laws.image_based import PointGains, points
-from visual_servo_epipolar.benchmarks.peer_laws.pose_measurement import relative_pose
-from visual_servo_epipolar.benchmarks.peer_laws.position_based import is_behind, polar, PolarGains
+from visual_servo_epipolar.benchmarks.laws.homography_based import never_resting, TurningGains
+from visual_servo_epipolar.benchmarks.laws.image_based import PointGains, points
+from visual_servo_epipolar.benchmarks.laws.pose_measurement import relative_pose
+from visual_servo_epipolar.benchmarks.laws.position_based import is_behind, polar, PolarGains
 from visual_servo_epipolar.core.geometry.motion import saturate, STANDSTILL, Twist
 from visual_servo_epipolar.core.perception.perceive import Measurement, Observation, perceive
 from visual_servo_epipolar.core.servo.phases.table import Phase

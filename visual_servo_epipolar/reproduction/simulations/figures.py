@@ -14,10 +14,10 @@ from visual_servo_epipolar.report.style import (
     INK,
     PHASE_COLOURS,
 )
-from visual_servo_epipolar.reproduction.camera import PointCamera
 from visual_servo_epipolar.reproduction.canvas import draw_robot, GHOST, label, new_figure
-from visual_servo_epipolar.reproduction.continuous import Course
 from visual_servo_epipolar.reproduction.fits import decay
+from visual_servo_epipolar.reproduction.simulations.camera import PointCamera
+from visual_servo_epipolar.reproduction.simulations.continuous import Course
 
 FIRST, SECOND = PHASE_COLOURS['zeroing_epipoles'], PHASE_COLOURS['matching_features']
 TRANSIENT = 1.3  # of the time at which e_du is zero: what the close-ups show

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from visual_servo_epipolar.benchmarks.tracking_world import FrameErrors, STANDING, Truth
+from visual_servo_epipolar.benchmarks.tracking.world import FrameErrors, STANDING, Truth
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.tracking.features import Features
 

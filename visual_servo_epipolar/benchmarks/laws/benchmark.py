@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from visual_servo_epipolar.benchmarks.laws_table import table as table  # part of the interface
-from visual_servo_epipolar.benchmarks.peer_laws.adapter import PEERS
+from visual_servo_epipolar.benchmarks.laws.adapter import PEERS
+from visual_servo_epipolar.benchmarks.laws.table import table as table  # part of the interface
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.simulation.closed_loop import run as drive
 from visual_servo_epipolar.simulation.regions import start_in

@@ -11,12 +11,12 @@ from typing import Any
 
 import numpy as np
 
-from visual_servo_epipolar.benchmarks.estimation_peers import (
+from visual_servo_epipolar.benchmarks.estimation.methods import (
     Knowledge,
     NEAR,
     peers,
 )
-from visual_servo_epipolar.benchmarks.estimation_scenes import Cell, draw_pairs, Pair
+from visual_servo_epipolar.benchmarks.estimation.scenes import Cell, draw_pairs, Pair
 from visual_servo_epipolar.core.estimators.base import Estimator
 from visual_servo_epipolar.core.estimators.lmeds_8pt import lmeds_8pt
 from visual_servo_epipolar.core.estimators.planar_2dof import planar_2dof

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.reproduction.camera import PointCamera
-from visual_servo_epipolar.reproduction.continuous import Course
-from visual_servo_epipolar.reproduction.simulations import (
+from visual_servo_epipolar.reproduction.simulations.camera import PointCamera
+from visual_servo_epipolar.reproduction.simulations.continuous import Course
+from visual_servo_epipolar.reproduction.simulations.runs import (
     growth_ratio,
     largest_gap,
     longest_transient,

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from visual_servo_epipolar.benchmarks.tracking_scores import ended, recovered, scores
-from visual_servo_epipolar.benchmarks.tracking_table import table
-from visual_servo_epipolar.benchmarks.tracking_time import times
-from visual_servo_epipolar.benchmarks.tracking_world import (
+from visual_servo_epipolar.benchmarks.tracking.scores import ended, recovered, scores
+from visual_servo_epipolar.benchmarks.tracking.table import table
+from visual_servo_epipolar.benchmarks.tracking.timing import times
+from visual_servo_epipolar.benchmarks.tracking.world import (
     approach,
     FrameErrors,
     start_of,

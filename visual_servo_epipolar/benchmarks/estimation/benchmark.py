@@ -9,7 +9,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from visual_servo_epipolar.benchmarks.estimation_peers import (
+from visual_servo_epipolar.benchmarks.estimation.methods import (
     estimate,
     Knowledge,
     methods,
@@ -18,7 +18,7 @@ from visual_servo_epipolar.benchmarks.estimation_peers import (
     PRIOR_DEVIATION,
     Solver,
 )
-from visual_servo_epipolar.benchmarks.estimation_scenes import (
+from visual_servo_epipolar.benchmarks.estimation.scenes import (
     Cell,
     difference,
     draw_pairs,
@@ -27,8 +27,8 @@ from visual_servo_epipolar.benchmarks.estimation_scenes import (
     FOCAL,
     Pair,
 )
-from visual_servo_epipolar.benchmarks.estimation_table import table
-from visual_servo_epipolar.benchmarks.estimation_time import times
+from visual_servo_epipolar.benchmarks.estimation.table import table
+from visual_servo_epipolar.benchmarks.estimation.timing import times
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimators.base import Estimate, Estimator
 from visual_servo_epipolar.core.estimators.planar_2dof import planar_2dof

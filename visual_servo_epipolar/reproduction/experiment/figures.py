@@ -21,7 +21,7 @@ from visual_servo_epipolar.report.style import (
     PHASE_COLOURS,
 )
 from visual_servo_epipolar.reproduction.canvas import draw_robot, GHOST, label, new_figure
-from visual_servo_epipolar.reproduction.experiment import Experiment
+from visual_servo_epipolar.reproduction.experiment.experiment import Experiment
 from visual_servo_epipolar.reproduction.fits import Decay, decay
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 

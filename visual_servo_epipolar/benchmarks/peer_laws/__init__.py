@@ -1,1 +1,0 @@
-"""Peer laws: other visual servos as steps of the closed loop, with our perception."""
