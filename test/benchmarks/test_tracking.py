@@ -44,8 +44,8 @@ def true_features(world: World, pose: Pose) -> Features:
     desired = pixels_of()
     points, clearance = world.truth.points(desired)
     current, inside = world.renderer.project(points, pose)
-    kept = inside & (clearance > RINGS[0])
-    ids = np.flatnonzero(kept)
+    tracked = inside & (clearance > RINGS[0])
+    ids = np.flatnonzero(tracked)
     return Features(ids, current[ids], desired[ids], np.ones(len(ids)), np.zeros(len(ids)))
 
 
@@ -107,13 +107,13 @@ def test_scores_count_what_is_off_its_place(world: World) -> None:
     good = counted(world, shift + [0.3, 0.4])
     shift[2] = [30.0, 40.0]
     bad = counted(world, shift)
-    found = scores(world.truth, [good] * 20 + [bad] * STANDING)
-    assert found['route_px'] == pytest.approx(0.5)
-    assert (found['gross'], len(found['gross_tracks'])) == (STANDING, 1)
-    entry = found['gross_tracks'][0]
+    figures = scores(world.truth, [good] * 20 + [bad] * STANDING)
+    assert figures['route_px'] == pytest.approx(0.5)
+    assert (figures['gross'], len(figures['gross_tracks'])) == (STANDING, 1)
+    entry = figures['gross_tracks'][0]
     assert (entry['first'], entry['last']) == (20, 24)
     assert entry['largest_px'] == pytest.approx(50.0)
-    assert found['fewest'] == len(shift)
+    assert figures['fewest'] == len(shift)
 
 
 def test_recovery_is_counted_from_the_last_frame_with_too_few(world: World) -> None:
@@ -128,9 +128,9 @@ def test_a_tiny_plan_gives_figures_that_json_and_the_table_take() -> None:
     plan = replace(
         tracking.QUICK, frames=8 + STANDING, camera=CAMERA, disturbances=('occluder at once',)
     )
-    said: list[str] = []
-    document = json.loads(json.dumps(tracking.measure(plan, 0, said.append), allow_nan=False))
+    progress: list[str] = []
+    document = json.loads(json.dumps(tracking.measure(plan, 0, progress.append), allow_nan=False))
     text = tracking.table(document)
-    assert said and all(name in text for name in tracking.CONFIGURATIONS)
+    assert progress and all(name in text for name in tracking.CONFIGURATIONS)
     assert 'occluder at once' in text
     assert document['scenes'][0]['configurations']['anchored']['goal_px'] < 0.5

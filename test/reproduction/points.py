@@ -32,13 +32,13 @@ def experiment_with_points() -> Experiment:
     return drive(world, view, blank, lambda _: None)
 
 
-def drawn(found: Experiment) -> dict[str, Figure]:
+def drawn(run: Experiment) -> dict[str, Figure]:
     """Return figures 17 to 20."""
     return {
-        'figure_17': figures.epipoles(found),
-        'figure_18': figures.difference(found),
-        'figure_19': figures.snapshots(found, 19),
-        'figure_20': figures.snapshots(found, 20),
+        'figure_17': figures.epipoles(run),
+        'figure_18': figures.difference(run),
+        'figure_19': figures.snapshots(run, 19),
+        'figure_20': figures.snapshots(run, 20),
     }
 
 

@@ -43,8 +43,8 @@ def test_the_way_to_the_axis_is_the_same(plain, stages, runs_1: Simulation1) -> 
         np.testing.assert_allclose(transient(course, name)[rows], expected, atol=AGREEMENT)
     e_current, e_desired = plain.epipoles(*state[:3])
     for name, expected in (('e_current', e_current), ('e_desired', e_desired)):
-        found = transient(course, name)[rows]
-        np.testing.assert_allclose(found, expected, atol=AGREEMENT * plain.F)
+        values = transient(course, name)[rows]
+        np.testing.assert_allclose(values, expected, atol=AGREEMENT * plain.F)
     u = np.array([plain.first_step(0, q, 1) for q in state.T])
     forward = u[:, 0] * np.cos(state[2]) + u[:, 1] * np.sin(state[2])
     np.testing.assert_allclose(transient(course, 'linear')[rows], forward, atol=AGREEMENT)
@@ -62,5 +62,5 @@ def test_the_turn_at_its_end_is_the_same(stages, runs_1: Simulation1) -> None:
 
 def test_the_second_step_is_the_same(stages, runs_1: Simulation1) -> None:
     time = runs_1.course.column('time', 2)
-    found = runs_1.course.column('distance', 2)
-    np.testing.assert_allclose(found, stages[2].sol(time - time[0])[0], atol=AGREEMENT)
+    values = runs_1.course.column('distance', 2)
+    np.testing.assert_allclose(values, stages[2].sol(time - time[0])[0], atol=AGREEMENT)

@@ -39,9 +39,9 @@ def test_numbers_are_those_of_the_paper() -> None:
 
 def test_eight_points_give_the_epipoles_of_the_pose(course: Course) -> None:
     rows = [i for i in course.instants if i.step == 1][::50]
-    seen = [Bearings.from_pose(i.pose) for i in rows]
+    bearings = [Bearings.from_pose(i.pose) for i in rows]
     for name in ('epipole_current', 'epipole_desired'):
-        exact = 0.03 * np.array([getattr(b, name) for b in seen])
+        exact = 0.03 * np.array([getattr(b, name) for b in bearings])
         read = [getattr(i.reading, name.replace('epipole', 'e')) for i in rows]
         np.testing.assert_allclose(read, exact, atol=1e-13)
 
@@ -114,10 +114,10 @@ def test_guess_that_sends_the_robot_among_the_points_is_reported() -> None:
 
 
 def test_claims_disagree_where_the_paper_is_wrong_and_nowhere_else(runs_1, runs_2) -> None:
-    found = [*claims_1(runs_1), *claims_2(runs_2)]
-    wrong = [s.place for s in found if s.agrees is False]
+    statements = [*claims_1(runs_1), *claims_2(runs_2)]
+    wrong = [s.place for s in statements if s.agrees is False]
     assert wrong == ['sign', 'sign', 'VI, end']
-    assert all(s.agrees is not None or 'no number' in s.paper for s in found)
+    assert all(s.agrees is not None or 'no number' in s.paper for s in statements)
 
 
 def test_point_behind_the_camera_is_no_image() -> None:

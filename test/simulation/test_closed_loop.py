@@ -50,11 +50,11 @@ def driven(
 
 @pytest.mark.parametrize('start', STARTS)
 def test_law_full_arrives(start: tuple[float, float, float]) -> None:
-    verdict = summarise(driven(start))
-    assert verdict['outcome'] == 'arrived'
+    summary = summarise(driven(start))
+    assert summary['outcome'] == 'arrived'
     # 0.2 px of noise on 60 features: half a millimetre and 0.1 deg are typical.
-    assert verdict['position_error_m'] < 0.005
-    assert abs(verdict['heading_error_deg']) < 0.3
+    assert summary['position_error_m'] < 0.005
+    assert abs(summary['heading_error_deg']) < 0.3
 
 
 @pytest.mark.parametrize('start', STARTS)
@@ -74,9 +74,9 @@ def test_the_phases_of_a_run_are_those_of_the_paper(start: tuple[float, float, f
 
 @pytest.mark.parametrize('start', STARTS)
 def test_the_limits_are_obeyed_all_the_way(start: tuple[float, float, float]) -> None:
-    verdict, limits = summarise(driven(start)), ServoSettings()
-    assert verdict['max_linear_speed'] <= limits.max_linear + 1e-12
-    assert verdict['max_angular_speed'] <= limits.max_angular + 1e-12
+    summary, limits = summarise(driven(start)), ServoSettings()
+    assert summary['max_linear_speed'] <= limits.max_linear + 1e-12
+    assert summary['max_angular_speed'] <= limits.max_angular + 1e-12
 
 
 def first_step_of(log: RunLog) -> list[Sample]:
@@ -198,10 +198,10 @@ def test_a_robot_that_sees_nothing_waits_where_it_is() -> None:
 
 
 def test_whoever_watches_sees_every_sample() -> None:
-    seen: list[Sample] = []
+    samples: list[Sample] = []
     settings = LoopSettings(start=(1.0, -3.0, 0.0), max_duration=1.0)
-    log = run(settings, points(), CAMERA, watch=seen.append)
-    assert tuple(seen) == log.samples
+    log = run(settings, points(), CAMERA, watch=samples.append)
+    assert tuple(samples) == log.samples
 
 
 def test_the_referee_ignores_what_comes_after_the_end() -> None:
@@ -223,10 +223,10 @@ def test_a_pose_survives_its_message() -> None:
 MANY = [*STARTS, (-0.4, -2.6, 12.0), (1.4, -4.8, -14.0), (0.0, 0.0, 10.0)]
 
 
-def side_by_side(numbers: list[int], **changes: object) -> list[RunLog]:
-    """Return the first seconds of the runs from MANY with these numbers, driven side by side."""
+def side_by_side(indices: list[int], **changes: object) -> list[RunLog]:
+    """Return the first seconds of the runs from MANY with these indices, driven side by side."""
     runs = []
-    for k in numbers:
+    for k in indices:
         servo = replace(ServoSettings(seed=k), **changes)  # type: ignore[arg-type]
         settings = LoopSettings(start=MANY[k], seed=k, max_duration=5.0, servo=servo)
         runs.append((settings, points(k), CAMERA))
@@ -235,10 +235,10 @@ def side_by_side(numbers: list[int], **changes: object) -> list[RunLog]:
 
 @pytest.mark.parametrize('changes', [{}, {'estimator': 'planar_2dof'}, {'law': 'corrected'}])
 def test_a_run_is_the_same_alone_and_beside_others(changes: dict[str, object]) -> None:
-    numbers = [3, 6, 0, 5, 1, 4, 2]
-    together = side_by_side(numbers, **changes)
+    indices = [3, 6, 0, 5, 1, 4, 2]
+    together = side_by_side(indices, **changes)
     # By text, as what could not be seen is nan; every digit counts.
-    for k, log in zip(numbers, together, strict=True):
+    for k, log in zip(indices, together, strict=True):
         assert repr(log) == repr(side_by_side([k], **changes)[0])
 
 

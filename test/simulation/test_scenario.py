@@ -26,9 +26,9 @@ def test_an_empty_file_is_the_nominal_scenario(tmp_path: Path, text: str) -> Non
 
 
 def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
-    found = load(written(tmp_path, 'base:\n  slip: 0.1\nservo: {law: paper, k1: 1}\n'))
-    assert (found.base.slip, found.servo.law, found.servo.k1) == (0.1, 'paper', 1.0)
-    assert (found.camera, found.points, found.tracker, found.run) == (
+    scenario = load(written(tmp_path, 'base:\n  slip: 0.1\nservo: {law: paper, k1: 1}\n'))
+    assert (scenario.base.slip, scenario.servo.law, scenario.servo.k1) == (0.1, 'paper', 1.0)
+    assert (scenario.camera, scenario.points, scenario.tracker, scenario.run) == (
         Scenario().camera,
         Scenario().points,
         Scenario().tracker,

@@ -1,4 +1,4 @@
-"""Closed loops with a camera that nobody calibrated (section VI of the paper)."""
+"""Closed loops with a camera that is not calibrated (section VI of the paper)."""
 
 import math
 
@@ -26,10 +26,10 @@ def driven_from(start: tuple[float, float, float], ratio: float, seed: int) -> R
     return run_many([(seeded.loop(start, seed), view, seeded.camera.nominal_camera)])[0]
 
 
-def driven(numbers: list[tuple[float, int, float]]) -> list[RunLog]:
+def driven(cases: list[tuple[float, int, float]]) -> list[RunLog]:
     """Return the records of runs with these ratios, starts, and deviations of the ratio."""
     runs = []
-    for ratio, k, deviation in numbers:
+    for ratio, k, deviation in cases:
         seeded = scenario(ratio, deviation).seeded(k)
         runs.append(
             (
@@ -44,29 +44,29 @@ def driven(numbers: list[tuple[float, int, float]]) -> list[RunLog]:
 @pytest.mark.parametrize('ratio', [0.17, 0.5, 1.0])
 def test_a_robot_with_a_wrong_focal_length_arrives(ratio: float) -> None:
     for log in driven([(ratio, k, 1.0) for k in range(len(STARTS))]):
-        verdict = summarise(log)
-        assert verdict['outcome'] == 'arrived'
+        summary = summarise(log)
+        assert summary['outcome'] == 'arrived'
         # As with a calibrated camera; the principal point alone would cost 5 to 10 mm.
-        assert verdict['position_error_m'] < 0.004
-        assert abs(verdict['heading_error_deg']) < 0.15
+        assert summary['position_error_m'] < 0.004
+        assert abs(summary['heading_error_deg']) < 0.15
 
 
 @pytest.mark.parametrize('ratio', [0.17, 1.5])
 def test_a_turn_alone_is_no_parallax_through_an_unknown_lens(ratio: float) -> None:
-    verdict = summarise(driven_from(TURNED, ratio, 0))
-    assert [phase['name'] for phase in verdict['phases']][:1] == ['orienting']
-    assert verdict['outcome'] == 'arrived'
-    assert verdict['position_error_m'] < 0.004
+    summary = summarise(driven_from(TURNED, ratio, 0))
+    assert [phase['name'] for phase in summary['phases']][:1] == ['orienting']
+    assert summary['outcome'] == 'arrived'
+    assert summary['position_error_m'] < 0.004
 
 
 def test_near_the_axis_an_unknown_lens_is_not_mistaken_for_a_miss() -> None:
     # From here one pair says little of the lens; it ends 12 % wrong, two of its deviations.
-    verdict = summarise(driven_from((-0.167036, -4.390655, -8.43563), 0.25, 2044))
-    assert (verdict['outcome'], verdict['attempts']) == ('arrived', 1)
-    assert verdict['position_error_m'] < 0.004
+    summary = summarise(driven_from((-0.167036, -4.390655, -8.43563), 0.25, 2044))
+    assert (summary['outcome'], summary['attempts']) == ('arrived', 1)
+    assert summary['position_error_m'] < 0.004
 
 
-def seen(ratio: float, start: tuple[float, float, float]) -> list[Measurement]:
+def measurements_on_the_way(ratio: float, start: tuple[float, float, float]) -> list[Measurement]:
     """Return what the servo saw on its way."""
     seeded, sights = scenario(ratio).seeded(1), []
     loop = Loop(
@@ -81,7 +81,7 @@ def seen(ratio: float, start: tuple[float, float, float]) -> list[Measurement]:
 
 
 def test_focal_length_and_principal_point_are_learnt_on_the_way() -> None:
-    sights = seen(0.5, STARTS[1])
+    sights = measurements_on_the_way(0.5, STARTS[1])
     first, last = sights[0].memory.lens, sights[-1].memory.lens
     assert first.ratio_deviation > 0.1  # from near the axis one pair says little
     assert last.ratio_deviation < 0.03
@@ -97,6 +97,6 @@ def test_focal_length_and_principal_point_are_learnt_on_the_way() -> None:
 
 
 def test_a_run_is_the_same_alone_and_beside_others_of_any_camera() -> None:
-    numbers = [(0.5, 0, 1.0), (1.0, 1, 0.0), (0.17, 1, 1.0)]
-    for number, log in zip(numbers, driven(numbers), strict=True):
-        assert repr(log) == repr(driven([number])[0])
+    cases = [(0.5, 0, 1.0), (1.0, 1, 0.0), (0.17, 1, 1.0)]
+    for case, log in zip(cases, driven(cases), strict=True):
+        assert repr(log) == repr(driven([case])[0])

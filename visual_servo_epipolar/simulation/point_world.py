@@ -139,7 +139,7 @@ def project_each(
     """
     Return the true pixels, shape (B, N, 2), and which of them are in view, shape (B, N).
 
-    All B worlds have equally many points and the same camera.
+    All B worlds have equally many points and one camera.
     """
     camera_poses = [
         world.rig.camera_pose(pose, frame)

@@ -32,7 +32,7 @@ REGIONS = tuple(BOXES)
 LEAST_FEATURES = 40  # of the goal's, in view from a start anywhere
 DIGITS = 6  # of a start: nothing is lost when it is written down
 TRIES = 5000
-STREAM = 8  # keeps starts apart from all else that is drawn from the same seed
+STREAM = 8  # keeps starts apart from other draws of one seed
 
 
 def start_in(
@@ -82,7 +82,7 @@ def _conditions(region: str, scenario: Scenario, source: str) -> list[Condition]
 
 
 class _Scenery:
-    """The room, and where in it is what the photograph shows that is worth tracking."""
+    """The room, and the points in it that are worth tracking in the photograph."""
 
     def __init__(self, camera: CameraSettings, candidates: int) -> None:
         scene, rig = room(camera.scene_seed, camera.scene), new_rig(camera)
@@ -102,7 +102,7 @@ class _Scenery:
 
 
 def _worth_tracking(photograph: Image, candidates: int) -> FloatArray:
-    """Return the pixels, shape (N, 2), of the features that a tracker would keep in mind."""
+    """Return the pixels, shape (N, 2), of the features that a tracker would keep as candidates."""
     try:
         view = desired_view(photograph)
     except TrackingError as error:

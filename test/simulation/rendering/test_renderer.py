@@ -51,14 +51,14 @@ def dot_points(y: float, *, spacing: int = 100, size: int = 1000, half: float = 
 
 def centroids(image: np.ndarray, pixels: np.ndarray, reach: int = 7) -> np.ndarray:
     """Return the centroid of what is brighter than grey 60 around each pixel, shape (N, 2)."""
-    found = []
+    middles = []
     for u, v in np.rint(pixels).astype(int):
         patch = image[v - reach : v + reach + 1, u - reach : u + reach + 1].astype(float) - 60.0
         patch[patch < 2.0] = 0.0
         span = np.arange(-reach, reach + 1)
         shift = (patch * span).sum(), (patch * span[:, None]).sum()
-        found.append(np.array([u, v]) + np.array(shift) / patch.sum())
-    return np.array(found)
+        middles.append(np.array([u, v]) + np.array(shift) / patch.sum())
+    return np.array(middles)
 
 
 @pytest.fixture(scope='module')
@@ -93,11 +93,11 @@ def test_traced_points_project_to_their_pixels(camera: Camera, pose: Pose) -> No
     u, v = np.meshgrid(np.linspace(5.0, 630.0, 9), np.linspace(5.0, 470.0, 7))
     pixels = np.stack([u.ravel(), v.ravel()], axis=1)
     points = renderer.trace(pixels, pose)
-    seen = np.isfinite(points).all(axis=1)
-    back, visible = renderer.project(points[seen], pose)
-    assert seen.sum() > 20
+    on_surface = np.isfinite(points).all(axis=1)
+    back, visible = renderer.project(points[on_surface], pose)
+    assert on_surface.sum() > 20
     assert visible.all()
-    np.testing.assert_allclose(back, pixels[seen], atol=1e-5)
+    np.testing.assert_allclose(back, pixels[on_surface], atol=1e-5)
 
 
 @pytest.mark.parametrize('camera', (CAMERA, LENS), ids=('pinhole', 'lens'))

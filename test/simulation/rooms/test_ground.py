@@ -61,7 +61,7 @@ def test_a_robot_stands_neither_in_furniture_nor_too_near_to_it(ground: Ground) 
     assert free(ground, -1.15, 4.3 - CLEARANCE - 0.15)
 
 
-def test_under_what_hangs_there_is_room(ground: Ground) -> None:
+def test_a_robot_can_stand_under_what_hangs(ground: Ground) -> None:
     # The banner, 3.9 m ahead, begins 2.15 m above the floor.
     assert free(ground, -0.3, 3.9)
 

@@ -23,8 +23,8 @@ def rooms() -> dict[int, Scene]:
 def keypoint_places(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     """Return pixels of what SIFT finds from the goal, and the world points there."""
     renderer = Renderer(scene, FixedRig(CAMERA))
-    found = cv2.SIFT_create().detect(renderer.render(DESIRED_POSE), None)
-    pixels = np.array([keypoint.pt for keypoint in found], dtype=np.float64)
+    keypoints = cv2.SIFT_create().detect(renderer.render(DESIRED_POSE), None)
+    pixels = np.array([keypoint.pt for keypoint in keypoints], dtype=np.float64)
     return pixels, renderer.trace(pixels, DESIRED_POSE)
 
 

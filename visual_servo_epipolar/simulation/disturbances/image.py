@@ -135,7 +135,7 @@ class Disturbances:
 
     @cached_property
     def _noise(self) -> Sensor:
-        # A seed of its own: the sensor that takes the image has its field from the same one.
+        # A seed of its own: the sensor that takes the image has its noise from the plain one.
         extra = SensorSettings(noise=self.settings.extra_noise)
         return Sensor(self._size, extra, int(self._generator(2).integers(2**31)))
 

@@ -95,7 +95,7 @@ class CameraSettings(Settings):
 
     @property
     def nominal_camera(self) -> Camera:
-        """The intrinsics that tracker and servo are told: those of the calibration."""
+        """The nominal intrinsics, those of the calibration, by which tracker and servo go."""
         true = self.camera
         return replace(
             true,

@@ -12,7 +12,7 @@ from visual_servo_epipolar.simulation.rendering.sampling import shade
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 
 MAX_RAY = 4.0  # what a distorting lens shows farther from the axis stays black (76 deg)
-SAME_PLACE = 0.01  # deviation of a traced point that is still the same surface, relative to depth
+SAME_PLACE = 0.01  # deviation of a traced point still on its surface, relative to depth
 
 
 class Renderer:

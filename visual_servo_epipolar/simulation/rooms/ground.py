@@ -8,7 +8,7 @@ from visual_servo_epipolar.simulation.mounts.rig import CameraRig
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 
 CLEARANCE = 0.3  # from the middle of the axle to the farthest corner of a Pioneer 3-DX [m]
-HEADROOM = 0.2  # above the camera: what hangs higher is in nobody's way [m]
+HEADROOM = 0.2  # above the camera: what hangs higher is no obstacle [m]
 LEVEL = 1e-9
 
 
