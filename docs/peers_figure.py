@@ -12,8 +12,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 import numpy as np
 
-from visual_servo_epipolar.benchmarks import laws
-from visual_servo_epipolar.benchmarks.peer_laws.adapter import PEERS
+from visual_servo_epipolar.benchmarks.laws import benchmark as laws
+from visual_servo_epipolar.benchmarks.laws.adapter import PEERS
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.report.style import FIGURE_SETTINGS, INK, robot_body, robot_nose
 

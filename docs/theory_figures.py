@@ -74,14 +74,14 @@ def first_step(
     """Drive until e_du is zero, with the twist of ``law`` held for ``dt`` [s]."""
     poses, estimates = [pose], [ratio * pose.distance]
     while len(poses) < steps and 1e-3 < abs(e_desired(pose)) < 50.0 and pose.distance < 1e3:
-        seen = Bearings.from_pose(pose)
-        a, e = seen.epipole_current, seen.epipole_desired
+        bearings = Bearings.from_pose(pose)
+        a, e = bearings.epipole_current, bearings.epipole_desired
         gains = {'k1': law.k1, 'k2': law.k2, 'exponent': law.exponent}
         nu = laws.auxiliary_controls(a, e, e_target=law.held, **gains)
-        sigma = laws.printed_sigma(a, e) if law.printed else seen.sigma
+        sigma = laws.printed_sigma(a, e) if law.printed else bearings.sigma
         twist = laws.linearizing_control(a, e, sigma=sigma, distance=estimates[-1], nu=nu)
         twist = saturate(twist, max_linear=law.max_linear, max_angular=math.inf)
-        rate = laws.distance_rate(twist.linear, a, sigma=seen.sigma)
+        rate = laws.distance_rate(twist.linear, a, sigma=bearings.sigma)
         estimates.append(max(estimates[-1] + dt * rate, 0.1))
         pose = integrate(pose, twist, dt)
         poses.append(pose)
@@ -128,9 +128,9 @@ def signs() -> Figure:
     heading = 5.0
 
     def agrees(x: float, y: float) -> bool:
-        seen = Bearings.from_pose(Pose.from_start(x, y, heading))
-        printed = laws.printed_sigma(seen.epipole_current, seen.epipole_desired)
-        return printed == seen.sigma
+        bearings = Bearings.from_pose(Pose.from_start(x, y, heading))
+        printed = laws.printed_sigma(bearings.epipole_current, bearings.epipole_desired)
+        return printed == bearings.sigma
 
     right = np.array([[agrees(x, y) for x in axis] for y in axis])
     plane.contourf(axis, axis, right, levels=[-0.5, 0.5, 1.5], colors=['#F3C6AE', '#CFE8DF'])
@@ -140,8 +140,10 @@ def signs() -> Figure:
     plane.set_aspect('equal')
     pose = Pose.from_start(0.8, -3.0, -5.0)
     target = laws.displaced_epipole(e_desired(pose), ratio=0.4, low=0.14, high=0.35)
-    seen = Bearings.from_pose(pose)
-    turned = replace(pose, theta=pose.theta + math.atan(target) - math.atan(seen.epipole_current))
+    bearings = Bearings.from_pose(pose)
+    turned = replace(
+        pose, theta=pose.theta + math.atan(target) - math.atan(bearings.epipole_current)
+    )
     for begin, law, colour, text in (
         (pose, Law(printed=True), RED, 'as printed'),
         (pose, Law(), ORANGE, 'true sigma'),

@@ -21,7 +21,7 @@ from std_msgs.msg import String
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.lockstep import Lockstep
 from visual_servo_epipolar.nodes.observer_node import ObserverNode
-from visual_servo_epipolar.simulation.closed_loop import LoopSettings, Referee
+from visual_servo_epipolar.simulation.closed_loop import LoopSettings, RunMonitor
 from visual_servo_epipolar.simulation.scenario import from_document, Scenario
 
 TYPES = get_typestore(Stores.ROS2_JAZZY)
@@ -60,12 +60,12 @@ def small_scenario(max_duration: float, **servo: Any) -> Scenario:
 
 def drive(scenario: Scenario, settings: LoopSettings) -> list[Message]:
     """Let the nodes drive, and return all their messages in the order of reception."""
-    referee = Referee(settings)
+    monitor = RunMonitor(settings)
     with Lockstep(scenario, settings) as nodes:
         listener, received = new_listener(nodes.context)
         nodes.add(listener)
-        nodes.add(ObserverNode(referee, lambda *_: None, with_images=False, context=nodes.context))
-        nodes.run(lambda: referee.done)
+        nodes.add(ObserverNode(monitor, lambda *_: None, with_images=False, context=nodes.context))
+        nodes.run(lambda: monitor.done)
     return received
 
 

@@ -52,9 +52,9 @@ class Law:
         rule = laws.finite_time_controls if self.finite else laws.auxiliary_controls
         return rule(e_current, e_desired, k1=self.k1, k2=self.k2, exponent=self.exponent)
 
-    def twist(self, seen: Bearings, estimate: float) -> Twist:
-        e_current, e_desired = seen.epipole_current, seen.epipole_desired
-        sigma = laws.printed_sigma(e_current, e_desired) if self.printed else seen.sigma
+    def twist(self, bearings: Bearings, estimate: float) -> Twist:
+        e_current, e_desired = bearings.epipole_current, bearings.epipole_desired
+        sigma = laws.printed_sigma(e_current, e_desired) if self.printed else bearings.sigma
         return laws.linearizing_control(
             e_current,
             e_desired,
@@ -104,12 +104,12 @@ def rates(law: Law) -> Callable[[float, np.ndarray], list[float]]:
     """Return the right-hand side of (4) and (13) or (25), closed by ``law``."""
 
     def side(_: float, q: np.ndarray) -> list[float]:
-        seen = Bearings.from_pose(Pose(*q[:3]))
-        twist = law.twist(seen, q[3])
-        e_current = seen.epipole_current
-        sigma = seen.sigma
-        if law.printed:  # (13) as printed holds no sigma: it believes that the signs agree
-            sigma = laws.printed_sigma(e_current, seen.epipole_desired)
+        bearings = Bearings.from_pose(Pose(*q[:3]))
+        twist = law.twist(bearings, q[3])
+        e_current = bearings.epipole_current
+        sigma = bearings.sigma
+        if law.printed:  # (13) as printed holds no sigma: it takes the signs to agree
+            sigma = laws.printed_sigma(e_current, bearings.epipole_desired)
         return [
             twist.linear * math.cos(q[2]),
             twist.linear * math.sin(q[2]),
@@ -138,7 +138,7 @@ def drive(start: Start, law: Law, *, duration: float = 1e4, count: int = 40) -> 
         event.terminal = True  # type: ignore[attr-defined]
     pose = start.pose
     q = [pose.x, pose.y, pose.theta, start.ratio * start.distance, 0.0]
-    found = solve_ivp(
+    solution = solve_ivp(
         rates(law),
         (0.0, duration),
         q,
@@ -148,8 +148,10 @@ def drive(start: Start, law: Law, *, duration: float = 1e4, count: int = 40) -> 
         atol=1e-12,
         dense_output=True,
     )
-    assert found.success, found.message
+    assert solution.success, solution.message
     names = ('zeroed', 'infinite', 'singular')
-    ended = next((n for n, hits in zip(names, found.t_events, strict=True) if hits.size), 'time')
-    times = np.linspace(0.0, found.t[-1], count)
-    return Drive(times, found.sol(times), ended, law)
+    ended = next(
+        (n for n, hits in zip(names, solution.t_events, strict=True) if hits.size), 'time'
+    )
+    times = np.linspace(0.0, solution.t[-1], count)
+    return Drive(times, solution.sol(times), ended, law)

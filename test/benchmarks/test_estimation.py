@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.benchmarks import estimation, estimation_peers
-from visual_servo_epipolar.benchmarks.estimation_scenes import (
+from visual_servo_epipolar.benchmarks.estimation import benchmark as estimation
+from visual_servo_epipolar.benchmarks.estimation import methods as estimation_peers
+from visual_servo_epipolar.benchmarks.estimation.scenes import (
     Cell,
     difference,
     draw_pair,

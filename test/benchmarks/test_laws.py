@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from strategies import floats, matches, poses_behind_the_goal
 
-from visual_servo_epipolar.benchmarks import laws
-from visual_servo_epipolar.benchmarks.peer_laws.adapter import PEERS, PeerState
-from visual_servo_epipolar.benchmarks.peer_laws.homography_based import never_resting, TurningGains
-from visual_servo_epipolar.benchmarks.peer_laws.image_based import PointGains, points
-from visual_servo_epipolar.benchmarks.peer_laws.pose_measurement import (
-    close_reading,
-    Reading,
+from visual_servo_epipolar.benchmarks.laws import benchmark as laws
+from visual_servo_epipolar.benchmarks.laws.adapter import PEERS, PeerState
+from visual_servo_epipolar.benchmarks.laws.homography_based import never_resting, TurningGains
+from visual_servo_epipolar.benchmarks.laws.image_based import PointGains, points
+from visual_servo_epipolar.benchmarks.laws.pose_measurement import (
+    nearby_pose,
     relative_distance,
+    RelativePose,
 )
-from visual_servo_epipolar.benchmarks.peer_laws.position_based import is_behind, polar, PolarGains
+from visual_servo_epipolar.benchmarks.laws.position_based import is_behind, polar, PolarGains
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import (
     integrate,
@@ -34,8 +34,8 @@ from visual_servo_epipolar.core.servo.state import ServoState
 NEARLY = st.builds(Pose.from_start, floats(-0.02, 0.02), floats(-0.02, 0.02), floats(-0.5, 0.5))
 
 
-def reading_of(pose: Pose, depth: float) -> Reading:
-    return Reading(pose.distance / depth, math.atan2(pose.y, pose.x), pose.heading_error)
+def reading_of(pose: Pose, depth: float) -> RelativePose:
+    return RelativePose(pose.distance / depth, math.atan2(pose.y, pose.x), pose.heading_error)
 
 
 @given(poses_behind_the_goal())
@@ -49,9 +49,9 @@ def test_the_distance_over_the_depth_is_read_from_the_parallax(pose: Pose) -> No
     right = np.array([math.cos(alpha), 0.0, math.sin(alpha)])
     ahead = np.array([-math.sin(alpha), 0.0, math.cos(alpha)])
     moved = wall - [pose.x, 0.0, pose.y]
-    seen = np.column_stack([moved @ right, moved[:, 1]]) / (moved @ ahead)[:, None]
-    found = relative_distance(seen, desired, Bearings.from_pose(pose))
-    assert found == pytest.approx(pose.distance / 9.0, rel=1e-9)
+    current = np.column_stack([moved @ right, moved[:, 1]]) / (moved @ ahead)[:, None]
+    estimated = relative_distance(current, desired, Bearings.from_pose(pose))
+    assert estimated == pytest.approx(pose.distance / 9.0, rel=1e-9)
 
 
 @given(NEARLY)
@@ -63,12 +63,12 @@ def test_close_to_the_goal_the_pose_is_read_to_first_order(pose: Pose) -> None:
     right = np.array([math.cos(alpha), 0.0, math.sin(alpha)])
     ahead = np.array([-math.sin(alpha), 0.0, math.cos(alpha)])
     moved = wall - [pose.x, 0.0, pose.y]
-    seen = np.column_stack([moved @ right, moved[:, 1]]) / (moved @ ahead)[:, None]
-    found = close_reading(seen, desired)
+    current = np.column_stack([moved @ right, moved[:, 1]]) / (moved @ ahead)[:, None]
+    estimated = nearby_pose(current, desired)
     # Second order in 0.7 % of the depth and 0.5 deg.
-    assert 4.0 * found.distance * math.cos(found.psi) == pytest.approx(pose.x, abs=1.5e-3)
-    assert 4.0 * found.distance * math.sin(found.psi) == pytest.approx(pose.y, abs=1.5e-3)
-    assert found.heading_error == pytest.approx(alpha, abs=3e-4)
+    assert 4.0 * estimated.distance * math.cos(estimated.psi) == pytest.approx(pose.x, abs=1.5e-3)
+    assert 4.0 * estimated.distance * math.sin(estimated.psi) == pytest.approx(pose.y, abs=1.5e-3)
+    assert estimated.heading_error == pytest.approx(alpha, abs=3e-4)
 
 
 @given(floats(-3.0, 3.0), floats(-3.0, 3.0), floats(-3.0, 3.0))
@@ -76,10 +76,10 @@ def test_a_reading_says_where_the_goal_is_in_the_frame_of_the_robot(
     x: float, y: float, theta: float
 ) -> None:
     pose = Pose(x, y, theta)
-    found = reading_of(pose, 1.0)
+    estimated = reading_of(pose, 1.0)
     ahead = -(x * math.cos(theta) + y * math.sin(theta))
     left = x * math.sin(theta) - y * math.cos(theta)
-    assert (found.ahead, found.left) == pytest.approx((ahead, left), abs=1e-12)
+    assert (estimated.ahead, estimated.left) == pytest.approx((ahead, left), abs=1e-12)
 
 
 @settings(max_examples=25)
@@ -227,17 +227,17 @@ def test_a_row_counts_what_was_said_and_what_was_true() -> None:
     }
     wrong = base | {'position_error_m': 0.3, 'fate': 'missed'}
     lost = base | {'outcome': 'failed', 'position_error_m': 2.0, 'fate': 'lost'}
-    found = laws.scores([base, wrong, lost, lost])
-    assert (found['reached'], found['lost'], found['wrong']) == (0.25, 0.5, 0.25)
-    assert found['path_ratio'] == pytest.approx(1.2)
-    assert found['position_median_m'] == pytest.approx(0.155)
+    figures = laws.scores([base, wrong, lost, lost])
+    assert (figures['reached'], figures['lost'], figures['wrong']) == (0.25, 0.5, 0.25)
+    assert figures['path_ratio'] == pytest.approx(1.2)
+    assert figures['position_median_m'] == pytest.approx(0.155)
     nothing = laws.scores([lost])
     assert math.isnan(nothing['path_ratio'])
     document = {
         'starts': 1,
         'longest_s': 120.0,
         'reached': {'position_m': 0.05, 'heading_deg': 2.0},
-        'rows': [{'region': 'front', 'law': 'ours'} | found],
+        'rows': [{'region': 'front', 'law': 'ours'} | figures],
     }
     assert 'ours' in laws.table(document)
 

@@ -6,7 +6,7 @@ import pytest
 
 pytest.importorskip('rclpy')
 
-from visual_servo_epipolar.benchmarks import recording
+from visual_servo_epipolar.benchmarks.recording import benchmark as recording
 
 
 @pytest.fixture(scope='module')

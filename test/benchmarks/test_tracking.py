@@ -6,11 +6,11 @@ import json
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.benchmarks import tracking
-from visual_servo_epipolar.benchmarks.tracking_scores import recovered, scores
-from visual_servo_epipolar.benchmarks.tracking_world import (
+from visual_servo_epipolar.benchmarks.tracking import benchmark as tracking
+from visual_servo_epipolar.benchmarks.tracking.scores import recovered, scores
+from visual_servo_epipolar.benchmarks.tracking.world import (
     approach,
-    Judgement,
+    FrameErrors,
     RINGS,
     STANDING,
     start_of,
@@ -44,16 +44,16 @@ def true_features(world: World, pose: Pose) -> Features:
     desired = pixels_of()
     points, clearance = world.truth.points(desired)
     current, inside = world.renderer.project(points, pose)
-    kept = inside & (clearance > RINGS[0])
-    ids = np.flatnonzero(kept)
+    tracked = inside & (clearance > RINGS[0])
+    ids = np.flatnonzero(tracked)
     return Features(ids, current[ids], desired[ids], np.ones(len(ids)), np.zeros(len(ids)))
 
 
-def judged(world: World, shift: np.ndarray) -> Judgement:
+def counted(world: World, shift: np.ndarray) -> FrameErrors:
     """Return features at the goal, all of them ``shift`` from their places."""
     true = true_features(world, DESIRED_POSE)
     shifted = replace(true, current=true.current + shift)
-    return world.truth.judge(shifted, DESIRED_POSE, None, 0)
+    return world.truth.errors(shifted, DESIRED_POSE, None, 0)
 
 
 @pytest.mark.parametrize('seed', range(5))
@@ -68,17 +68,17 @@ def test_an_approach_ends_at_the_goal_and_looks_where_it_goes(seed: int) -> None
 
 
 def test_features_at_their_true_places_have_no_error(world: World) -> None:
-    judgement = world.truth.judge(true_features(world, BEHIND), BEHIND, None, 0)
-    assert judgement.open.sum() > 30
-    assert judgement.errors.max() < 1e-9
+    frame_errors = world.truth.errors(true_features(world, BEHIND), BEHIND, None, 0)
+    assert frame_errors.trackable.sum() > 30
+    assert frame_errors.distances.max() < 1e-9
 
 
 def test_what_the_room_hides_is_not_seen(world: World) -> None:
     # What is behind the robot when it looks back is in no image.
     back = Pose(0.0, 0.0, -DESIRED_POSE.theta)
-    judgement = world.truth.judge(true_features(world, DESIRED_POSE), back, None, 0)
-    assert not judgement.seen.any()
-    assert np.isinf(judgement.errors).all()
+    frame_errors = world.truth.errors(true_features(world, DESIRED_POSE), back, None, 0)
+    assert not frame_errors.visible.any()
+    assert np.isinf(frame_errors.distances).all()
 
 
 def test_edges_of_depth_are_where_the_depth_jumps(world: World) -> None:
@@ -97,28 +97,28 @@ def test_the_pose_error_is_the_shift_that_was_made(
 ) -> None:
     x, y, turn = moved
     features = true_features(world, Pose(x, y, DESIRED_POSE.theta + turn))
-    judgement = world.truth.judge(features, DESIRED_POSE, None, 0)
+    frame_errors = world.truth.errors(features, DESIRED_POSE, None, 0)
     # Linear about the goal; the second order of some millimetres is a few hundredths of them.
-    assert world.truth.pose_error(judgement) == pytest.approx(moved, abs=2e-4)
+    assert world.truth.pose_error(frame_errors) == pytest.approx(moved, abs=2e-4)
 
 
 def test_scores_count_what_is_off_its_place(world: World) -> None:
     shift = np.zeros((len(true_features(world, DESIRED_POSE)), 2))
-    good = judged(world, shift + [0.3, 0.4])
+    good = counted(world, shift + [0.3, 0.4])
     shift[2] = [30.0, 40.0]
-    bad = judged(world, shift)
-    found = scores(world.truth, [good] * 20 + [bad] * STANDING)
-    assert found['route_px'] == pytest.approx(0.5)
-    assert (found['gross'], len(found['gross_tracks'])) == (STANDING, 1)
-    entry = found['gross_tracks'][0]
+    bad = counted(world, shift)
+    figures = scores(world.truth, [good] * 20 + [bad] * STANDING)
+    assert figures['route_px'] == pytest.approx(0.5)
+    assert (figures['gross'], len(figures['gross_tracks'])) == (STANDING, 1)
+    entry = figures['gross_tracks'][0]
     assert (entry['first'], entry['last']) == (20, 24)
     assert entry['largest_px'] == pytest.approx(50.0)
-    assert found['fewest'] == len(shift)
+    assert figures['fewest'] == len(shift)
 
 
 def test_recovery_is_counted_from_the_last_frame_with_too_few(world: World) -> None:
-    many = judged(world, np.zeros(2))
-    few = world.truth.judge(Features(), DESIRED_POSE, None, 0)
+    many = counted(world, np.zeros(2))
+    few = world.truth.errors(Features(), DESIRED_POSE, None, 0)
     assert recovered([few, many, many], 1) == 0
     assert recovered([many, many, few, many], 1) == 2
     assert recovered([many, few], 1) is None
@@ -128,9 +128,9 @@ def test_a_tiny_plan_gives_figures_that_json_and_the_table_take() -> None:
     plan = replace(
         tracking.QUICK, frames=8 + STANDING, camera=CAMERA, disturbances=('occluder at once',)
     )
-    said: list[str] = []
-    document = json.loads(json.dumps(tracking.measure(plan, 0, said.append), allow_nan=False))
+    progress: list[str] = []
+    document = json.loads(json.dumps(tracking.measure(plan, 0, progress.append), allow_nan=False))
     text = tracking.table(document)
-    assert said and all(name in text for name in tracking.CONFIGURATIONS)
+    assert progress and all(name in text for name in tracking.CONFIGURATIONS)
     assert 'occluder at once' in text
     assert document['scenes'][0]['configurations']['anchored']['goal_px'] < 0.5

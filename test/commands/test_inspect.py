@@ -11,7 +11,8 @@ import pytest
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.simulation.camera_simulator import CameraSettings, CameraSimulator
+from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
+from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
 START = (0.8, -3.0, 10.0)
 SMALL = {

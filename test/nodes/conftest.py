@@ -3,7 +3,8 @@
 import pytest
 
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.simulation.camera_simulator import CameraSettings, CameraSimulator
+from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
+from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
 SMALL = {
     'width': 320,

@@ -12,7 +12,7 @@ from visual_servo_epipolar.nodes import lockstep
 from visual_servo_epipolar.nodes.lockstep import Lockstep, LockstepError
 from visual_servo_epipolar.nodes.observer_node import ObserverNode
 from visual_servo_epipolar.simulation import closed_loop
-from visual_servo_epipolar.simulation.closed_loop import LoopSettings, Referee
+from visual_servo_epipolar.simulation.closed_loop import LoopSettings, RunMonitor
 from visual_servo_epipolar.simulation.disturbances.image import DisturbanceSettings
 from visual_servo_epipolar.simulation.scenario import from_document, load, Scenario
 from visual_servo_epipolar.simulation.views import view_of
@@ -23,18 +23,18 @@ CLOSE = (0.3, -2.2, 0.0)
 
 def drive(scenario: Scenario, settings: LoopSettings) -> RunLog:
     """Let the nodes drive."""
-    referee = Referee(settings)
+    monitor = RunMonitor(settings)
     with Lockstep(scenario, settings) as nodes:
-        observer = ObserverNode(referee, lambda *_: None, with_images=False, context=nodes.context)
+        observer = ObserverNode(monitor, lambda *_: None, with_images=False, context=nodes.context)
         nodes.add(observer)
-        nodes.run(lambda: referee.done)
-    return referee.log()
+        nodes.run(lambda: monitor.done)
+    return monitor.log()
 
 
 def simulate(scenario: Scenario, settings: LoopSettings) -> RunLog:
     """Let the loop in memory drive."""
     view = view_of(scenario, 'images', settings.seed)
-    return closed_loop.run(settings, view, scenario.camera.believed)
+    return closed_loop.run(settings, view, scenario.camera.nominal_camera)
 
 
 def short(name: str = 'one second', **camera: object) -> Scenario:

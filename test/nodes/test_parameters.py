@@ -20,13 +20,13 @@ from visual_servo_epipolar.nodes.recorder_node import RecorderNode, RecorderNode
 from visual_servo_epipolar.nodes.servo_node import ServoNode, ServoNodeSettings
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode, TrackerNodeSettings
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode, UnicycleSettings
-from visual_servo_epipolar.simulation.bases.pioneer import BaseSettings
-from visual_servo_epipolar.simulation.camera_simulator import CameraSettings
+from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 from visual_servo_epipolar.simulation.disturbances.image import DisturbanceSettings
+from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
 CONFIG = Path(__file__).parents[2] / 'config'
 NODES = {
-    'unicycle_node': (UnicycleNode, (UnicycleSettings, BaseSettings)),
+    'unicycle_node': (UnicycleNode, (UnicycleSettings, PioneerSettings)),
     'camera_node': (CameraNode, (CameraSettings, DisturbanceSettings)),
     'tracker_node': (TrackerNode, (TrackerNodeSettings, TrackerSettings)),
     'servo_node': (ServoNode, (ServoNodeSettings, ServoSettings)),

@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.servo.run_log import RunLog
 from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.nodes.lockstep import Lockstep
 from visual_servo_epipolar.nodes.observer_node import ObserverNode
-from visual_servo_epipolar.simulation.closed_loop import Referee
+from visual_servo_epipolar.simulation.closed_loop import RunMonitor
 from visual_servo_epipolar.simulation.scenario import from_document
 
 START = (0.3, -2.2, 0.0)
@@ -35,13 +35,13 @@ def drive(folder: Path | None) -> RunLog:
     """Let the nodes drive for a second, and record it to ``folder``."""
     scenario = from_document(TINY, 'tiny').seeded(1)
     settings = scenario.loop(START, 1)
-    referee = Referee(settings)
+    monitor = RunMonitor(settings)
     with Lockstep(scenario, settings) as nodes:
-        nodes.add(ObserverNode(referee, lambda *_: None, with_images=False, context=nodes.context))
+        nodes.add(ObserverNode(monitor, lambda *_: None, with_images=False, context=nodes.context))
         if folder is not None:
             nodes.record(folder)
-        nodes.run(lambda: referee.done)
-    return referee.log()
+        nodes.run(lambda: monitor.done)
+    return monitor.log()
 
 
 @dataclass(frozen=True)

@@ -23,10 +23,11 @@ from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import read, settings_text, write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.servo_node import ServoNode
+from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 
 CAMERA = Camera(1280, 1024, 769.2, 769.2, 635.0, 512.0)
-WORLD = PointWorld(PointSettings(), CAMERA, seed=0)
+WORLD = PointWorld(PointSettings(), FixedRig(CAMERA), seed=0)
 AWAY, GOAL = Pose.from_start(1.0, -3.5, 8.0), Pose.from_start(0.0, 0.0, 0.0)
 STAMP_NS, PERIOD_NS = 7_000_000_003, 90_909_091
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from visual_servo_epipolar.reproduction.simulations import (
+from visual_servo_epipolar.reproduction.simulations.runs import (
     Simulation1,
     Simulation2,
     simulation_1,

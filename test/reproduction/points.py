@@ -10,31 +10,35 @@ from pathlib import Path
 from matplotlib.figure import Figure
 import numpy as np
 
-from visual_servo_epipolar.reproduction import experiment_figures as figures
 from visual_servo_epipolar.reproduction.canvas import figure_data, thinned
-from visual_servo_epipolar.reproduction.experiment import drive, Experiment, scenario
+from visual_servo_epipolar.reproduction.experiment import figures
+from visual_servo_epipolar.reproduction.experiment.experiment import (
+    drive,
+    Experiment,
+    experiment_scenario,
+)
 from visual_servo_epipolar.reproduction.publish import one_line_each, POINTS
-from visual_servo_epipolar.simulation.point_world import PointWorld
+from visual_servo_epipolar.simulation.views import points_of
 
 STORED = Path(__file__).with_name('figures_points.json')
 
 
 def experiment_with_points() -> Experiment:
     """Drive as in the experiment, with points instead of images."""
-    world = scenario(0)
+    world = experiment_scenario(0)
     camera = world.camera
-    view = PointWorld(world.points, camera.camera, seed=0, jitter=camera.jitter)
+    view = points_of(world, 0)
     blank = np.full((camera.height, camera.width), 200, np.uint8)
     return drive(world, view, blank, lambda _: None)
 
 
-def drawn(found: Experiment) -> dict[str, Figure]:
+def drawn(run: Experiment) -> dict[str, Figure]:
     """Return figures 17 to 20."""
     return {
-        'figure_17': figures.epipoles(found),
-        'figure_18': figures.difference(found),
-        'figure_19': figures.snapshots(found, 19),
-        'figure_20': figures.snapshots(found, 20),
+        'figure_17': figures.epipoles(run),
+        'figure_18': figures.difference(run),
+        'figure_19': figures.snapshots(run, 19),
+        'figure_20': figures.snapshots(run, 20),
     }
 
 

@@ -16,11 +16,11 @@ def test_simulation_2_writes_figures_table_data_and_json(tmp_path, capsys) -> No
     }
     assert all(cv2.imread(str(path)).std() > 0.0 for path in out.glob('*.png'))
     assert set(json.loads((out / 'figures.json').read_text())) == {'figure_14', 'figure_15'}
-    found = json.loads(result.read_text())['sim2']
-    assert found['succeeded'] is True
-    assert found['numbers']['course']['outcome'] == 'arrived'
+    document = json.loads(result.read_text())['sim2']
+    assert document['succeeded'] is True
+    assert document['numbers']['course']['outcome'] == 'arrived'
     table = (out / 'table.md').read_text()
-    assert all(f'| {s["place"]} |' in table for s in found['statements'])
+    assert all(f'| {s["place"]} |' in table for s in document['statements'])
     assert 'DISAGREES' in capsys.readouterr().out
 
 

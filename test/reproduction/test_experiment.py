@@ -13,21 +13,20 @@ import pytest
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.reproduction import experiment_figures as figures
-from visual_servo_epipolar.reproduction import sensitivity
 from visual_servo_epipolar.reproduction.canvas import figure_data, thinned
-from visual_servo_epipolar.reproduction.experiment import (
-    chosen,
+from visual_servo_epipolar.reproduction.experiment import figures, sensitivity
+from visual_servo_epipolar.reproduction.experiment.claims import claims
+from visual_servo_epipolar.reproduction.experiment.experiment import (
     Experiment,
     experiment,
+    experiment_scenario,
     FEATURES,
     FOCAL_PX,
     PRINTED_K_T,
-    scenario,
     servo,
     START,
+    well_spread,
 )
-from visual_servo_epipolar.reproduction.experiment_claims import claims
 from visual_servo_epipolar.reproduction.publish import POINTS
 
 HERE = Path(__file__).parent
@@ -47,12 +46,12 @@ def points() -> ModuleType:
 
 
 @pytest.fixture(scope='module')
-def found(points) -> Experiment:
+def run(points) -> Experiment:
     return points.experiment_with_points()
 
 
 def test_settings_are_those_of_the_paper() -> None:
-    world = scenario()
+    world = experiment_scenario()
     assert (world.camera.width, world.camera.height, FEATURES) == (1280, 1024, 26)
     assert (world.camera.principal_u, world.camera.principal_v) == (635.0, 512.0)
     assert 1.0 / world.camera.frame_rate == pytest.approx(0.09)
@@ -66,8 +65,8 @@ def test_settings_are_those_of_the_paper() -> None:
 
 
 def test_images_begin_as_in_the_stored_figure() -> None:
-    found = experiment(lambda _: None, longest=SHORT_S)
-    shown = figure_data(figures.epipoles(found))
+    run = experiment(lambda _: None, longest=SHORT_S)
+    shown = figure_data(figures.epipoles(run))
     stored = json.loads((HERE / 'figures.json').read_text(encoding='utf-8'))['figure_17']
     for line in ('0: actual $e_{au}$', '0: desired $e_{du}$'):
         time, expected = np.array(stored[line]).T
@@ -76,29 +75,29 @@ def test_images_begin_as_in_the_stored_figure() -> None:
         values = np.interp(time[rows], *shown[line].T)
         limit = IMAGE_TOLERANCE * np.abs(expected[rows]) + IMAGE_TOLERANCE_PX
         assert (np.abs(values - expected[rows]) < limit).all(), line
-    assert all(len(features) == FEATURES for features in found.features)
+    assert all(len(features) == FEATURES for features in run.features)
     # e_du is zero, and the robot does not move on: it turns.
-    last = found.log.samples[-1]
+    last = run.log.samples[-1]
     assert abs(last.epipole_desired) < 10.0
     assert last.twist.linear == 0.0 and last.twist.angular < 0.0
 
 
-def test_the_robot_arrives_within_the_four_centimetres_of_the_paper(found: Experiment) -> None:
-    verdict = summarise(found.log)
-    assert verdict['outcome'] == 'arrived'
-    assert verdict['position_error_m'] < 0.04
-    assert verdict['max_linear_speed'] <= 0.2 + 1e-9
+def test_the_robot_arrives_within_the_four_centimetres_of_the_paper(run: Experiment) -> None:
+    summary = summarise(run.log)
+    assert summary['outcome'] == 'arrived'
+    assert summary['position_error_m'] < 0.04
+    assert summary['max_linear_speed'] <= 0.2 + 1e-9
 
 
-def test_difference_decays_exponentially(found: Experiment) -> None:
-    fit = figures.difference_decay(found.log)
+def test_difference_decays_exponentially(run: Experiment) -> None:
+    fit = figures.difference_decay(run.log)
     assert 0.05 < fit.rate < 1.0
     assert fit.misfit < 0.3
 
 
-def test_the_data_behind_the_figures_are_those_stored(points, found: Experiment) -> None:
+def test_the_data_behind_the_figures_are_those_stored(points, run: Experiment) -> None:
     reference = json.loads(points.STORED.read_text(encoding='utf-8'))
-    drawn = points.drawn(found)
+    drawn = points.drawn(run)
     assert drawn.keys() == reference.keys()
     for name, figure in drawn.items():
         shown, stored = thinned(figure_data(figure), POINTS), reference[name]
@@ -110,8 +109,8 @@ def test_the_data_behind_the_figures_are_those_stored(points, found: Experiment)
             assert (np.abs(np.array(shown[line]) - expected) <= limit).all(), (name, line)
 
 
-def test_figures_have_units_and_the_number_of_the_paper(points, found: Experiment) -> None:
-    for name, figure in points.drawn(found).items():
+def test_figures_have_units_and_the_number_of_the_paper(points, run: Experiment) -> None:
+    for name, figure in points.drawn(run).items():
         assert figure.get_suptitle().startswith(f'Fig. {name[-2:]} ')
         assert figure.get_size_inches()[0] <= 7.2
         for axes in figure.axes:
@@ -119,28 +118,28 @@ def test_figures_have_units_and_the_number_of_the_paper(points, found: Experimen
             assert axes.xaxis.label.get_fontsize() >= 7.0
 
 
-def test_snapshots_are_of_their_step_and_begin_and_end_with_it(found: Experiment) -> None:
-    count = figures.split(found.log)
-    for rows in (range(count), range(count, len(found.log.samples))):
-        moments = figures.evenly_moved(found.log, rows)
+def test_snapshots_are_of_their_step_and_begin_and_end_with_it(run: Experiment) -> None:
+    count = figures.split(run.log)
+    for rows in (range(count), range(count, len(run.log.samples))):
+        moments = figures.evenly_moved(run.log, rows)
         assert len(moments) == 6 and moments == sorted(moments)
         assert moments[0] == rows[0] and moments[-1] in rows
 
 
-def test_claims_say_where_the_printed_numbers_do_not_work(found: Experiment) -> None:
+def test_claims_say_where_the_printed_numbers_do_not_work(run: Experiment) -> None:
     some = sensitivity.Sensitivity('', 3, 3, 0.02, 0.03, 0.01, 0.2, '')
     rows = [replace(some, name=name, runs=3) for name, _, _ in sensitivity.ROWS]
-    verdict = {'reason': 'lost', 'max_distance_ratio': 3.0}
-    found_claims = claims(found, rows, {'paper': verdict, 'corrected': verdict})
-    wrong = [s for s in found_claims if s.agrees is False]
+    summary = {'reason': 'lost', 'max_distance_ratio': 3.0}
+    statements = claims(run, rows, {'paper': summary, 'corrected': summary})
+    wrong = [s for s in statements if s.agrees is False]
     assert [s.place for s in wrong] == ['Fig. 18']
     assert 'k_t = 0.0004' in wrong[0].paper
 
 
 def test_from_behind_the_printed_sign_fails() -> None:
-    verdict = sensitivity.from_points(scenario(law='paper'), sensitivity.BEHIND, 0)
-    assert verdict['outcome'] == 'failed'
-    assert 'ran away' in verdict['reason']
+    summary = sensitivity.from_points(experiment_scenario(law='paper'), sensitivity.BEHIND, 0)
+    assert summary['outcome'] == 'failed'
+    assert 'ran away' in summary['reason']
 
 
 def test_a_row_tells_arrivals_and_worst_errors() -> None:
@@ -165,7 +164,7 @@ def test_a_row_tells_arrivals_and_worst_errors() -> None:
 
 def test_every_row_names_settings_that_exist() -> None:
     for _, everything, changes in sensitivity.ROWS:
-        world = scenario() if everything else sensitivity.without(scenario())
+        world = experiment_scenario() if everything else sensitivity.without(experiment_scenario())
         for change in changes:
             assert change(world) != world
             world = change(world)
@@ -176,21 +175,21 @@ def test_chosen_features_stay_and_lie_far_apart() -> None:
     places = rng.random((100, 2)) * 1000.0
     rest = {'ages': np.zeros(100), 'errors': np.zeros(100)}
     features = Features(np.arange(100), places, places + rng.random((100, 2)), **rest)
-    first = chosen(features, np.empty(0, int), 26)
+    first = well_spread(features, np.empty(0, int), 26)
     assert len(first) == 26
     gaps = np.linalg.norm(first.current[:, None] - first.current[None], axis=2)
     assert gaps[~np.eye(26, dtype=bool)].min() > 70.0  # a grid of 26 in the square: 196
-    kept = chosen(features, first.ids[:20], 26)
-    assert set(first.ids[:20]) < set(kept.ids) and len(kept) == 26
-    assert len(chosen(Features(), first.ids, 26)) == 0
+    spread = well_spread(features, first.ids[:20], 26)
+    assert set(first.ids[:20]) < set(spread.ids) and len(spread) == 26
+    assert len(well_spread(Features(), first.ids, 26)) == 0
 
 
-def test_phases_of_the_experiment_are_the_two_steps(found: Experiment) -> None:
-    phases = {sample.phase for sample in found.log.samples}
+def test_phases_of_the_experiment_are_the_two_steps(run: Experiment) -> None:
+    phases = {sample.phase for sample in run.log.samples}
     assert phases <= {
         Phase.DISPLACING,
         Phase.ZEROING_EPIPOLES,
         Phase.MATCHING_FEATURES,
         Phase.ARRIVED,
     }
-    assert found.log.start == START
+    assert run.log.start == START

@@ -36,13 +36,15 @@ def test_every_figure_of_the_simulations_is_there(drawn) -> None:
 
 @pytest.mark.parametrize('name', [*(f'figure_{n:02d}' for n in range(7, 16)), 'sign'])
 def test_the_data_behind_a_figure_are_those_stored(chapters, name) -> None:
-    found, stored = data(chapters)[name], REFERENCE[name]
-    assert found.keys() == stored.keys()
-    for line in found:
+    current, stored = data(chapters)[name], REFERENCE[name]
+    assert current.keys() == stored.keys()
+    for line in current:
         expected = np.array(stored[line])
         scale = np.abs(expected).max(axis=0)
-        assert len(found[line]) == len(expected), line
-        assert (np.abs(np.array(found[line]) - expected) <= TOLERANCE * scale + 1e-12).all(), line
+        assert len(current[line]) == len(expected), line
+        assert (np.abs(np.array(current[line]) - expected) <= TOLERANCE * scale + 1e-12).all(), (
+            line
+        )
 
 
 @pytest.mark.parametrize('name', [*(f'figure_{n:02d}' for n in range(7, 16)), 'sign'])
@@ -62,6 +64,6 @@ def test_data_are_what_is_drawn_and_keep_both_ends() -> None:
     x = np.linspace(0.0, 1.0, 1001)
     axes.plot(x, x**2, label='a')
     axes.axhline(1.0)  # no label: an aid to the eye
-    found = thinned(figure_data(axes.figure), 11)
-    assert list(found) == ['0: a']
-    np.testing.assert_allclose(found['0: a'], np.stack([x, x**2], axis=1)[::100])
+    current = thinned(figure_data(axes.figure), 11)
+    assert list(current) == ['0: a']
+    np.testing.assert_allclose(current['0: a'], np.stack([x, x**2], axis=1)[::100])

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.reproduction.camera import Eye
-from visual_servo_epipolar.reproduction.simulations import Simulation1, transient
+from visual_servo_epipolar.reproduction.simulations.camera import PointCamera
+from visual_servo_epipolar.reproduction.simulations.runs import Simulation1, transient
 
 AGREEMENT = 1e-6  # m, rad, s, m/s, and of the focal length for epipoles
 
@@ -23,7 +23,7 @@ def plain():
 @pytest.fixture(scope='module')
 def stages(plain, runs_1: Simulation1):
     time = runs_1.course.column('time', 2)
-    return plain.simulation_1(time[-1] - time[0], Eye(0.03, 0.03).points)
+    return plain.simulation_1(time[-1] - time[0], PointCamera(0.03, 0.03).points)
 
 
 def test_it_shares_no_code() -> None:
@@ -43,8 +43,8 @@ def test_the_way_to_the_axis_is_the_same(plain, stages, runs_1: Simulation1) -> 
         np.testing.assert_allclose(transient(course, name)[rows], expected, atol=AGREEMENT)
     e_current, e_desired = plain.epipoles(*state[:3])
     for name, expected in (('e_current', e_current), ('e_desired', e_desired)):
-        found = transient(course, name)[rows]
-        np.testing.assert_allclose(found, expected, atol=AGREEMENT * plain.F)
+        values = transient(course, name)[rows]
+        np.testing.assert_allclose(values, expected, atol=AGREEMENT * plain.F)
     u = np.array([plain.first_step(0, q, 1) for q in state.T])
     forward = u[:, 0] * np.cos(state[2]) + u[:, 1] * np.sin(state[2])
     np.testing.assert_allclose(transient(course, 'linear')[rows], forward, atol=AGREEMENT)
@@ -62,5 +62,5 @@ def test_the_turn_at_its_end_is_the_same(stages, runs_1: Simulation1) -> None:
 
 def test_the_second_step_is_the_same(stages, runs_1: Simulation1) -> None:
     time = runs_1.course.column('time', 2)
-    found = runs_1.course.column('distance', 2)
-    np.testing.assert_allclose(found, stages[2].sol(time - time[0])[0], atol=AGREEMENT)
+    values = runs_1.course.column('distance', 2)
+    np.testing.assert_allclose(values, stages[2].sol(time - time[0])[0], atol=AGREEMENT)

@@ -7,11 +7,11 @@ import pytest
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.reproduction.camera import Eye
-from visual_servo_epipolar.reproduction.continuous import Course, run
 from visual_servo_epipolar.reproduction.fits import decay
-from visual_servo_epipolar.reproduction.simulation_claims import claims_1, claims_2
-from visual_servo_epipolar.reproduction.simulations import (
+from visual_servo_epipolar.reproduction.simulations.camera import PointCamera
+from visual_servo_epipolar.reproduction.simulations.claims import claims_1, claims_2
+from visual_servo_epipolar.reproduction.simulations.continuous import Course, run
+from visual_servo_epipolar.reproduction.simulations.runs import (
     growth_ratio,
     longest_transient,
     rate_at_goal,
@@ -34,21 +34,21 @@ def test_numbers_are_those_of_the_paper() -> None:
     assert (case.focal, case.k1, case.k2, case.k_t) == (0.03, 0.5, 0.5, 100.0)
     assert (case.exponent, case.initial_distance, case.tolerance) == (5 / 9, 2.0, 1e-9)
     assert (case.start.x, case.start.y, np.degrees(case.start.theta)) == (1.0, 1.0, 90.0)
-    assert len(Eye(0.03, 0.03).points) == 8
+    assert len(PointCamera(0.03, 0.03).points) == 8
 
 
 def test_eight_points_give_the_epipoles_of_the_pose(course: Course) -> None:
     rows = [i for i in course.instants if i.step == 1][::50]
-    seen = [Bearings.from_pose(i.pose) for i in rows]
+    bearings = [Bearings.from_pose(i.pose) for i in rows]
     for name in ('epipole_current', 'epipole_desired'):
-        exact = 0.03 * np.array([getattr(b, name) for b in seen])
+        exact = 0.03 * np.array([getattr(b, name) for b in bearings])
         read = [getattr(i.reading, name.replace('epipole', 'e')) for i in rows]
         np.testing.assert_allclose(read, exact, atol=1e-13)
 
 
 def test_every_point_stays_ahead_of_the_camera(course: Course) -> None:
-    eye = Eye(0.03, 0.03)
-    assert all(np.isfinite(eye.image(i.pose)).all() for i in course.instants)
+    camera = PointCamera(0.03, 0.03)
+    assert all(np.isfinite(camera.image(i.pose)).all() for i in course.instants)
 
 
 def test_desired_epipole_is_zero_in_finite_time_and_the_speed_with_it(course: Course) -> None:
@@ -114,14 +114,14 @@ def test_guess_that_sends_the_robot_among_the_points_is_reported() -> None:
 
 
 def test_claims_disagree_where_the_paper_is_wrong_and_nowhere_else(runs_1, runs_2) -> None:
-    found = [*claims_1(runs_1), *claims_2(runs_2)]
-    wrong = [s.place for s in found if s.agrees is False]
+    statements = [*claims_1(runs_1), *claims_2(runs_2)]
+    wrong = [s.place for s in statements if s.agrees is False]
     assert wrong == ['sign', 'sign', 'VI, end']
-    assert all(s.agrees is not None or 'no number' in s.paper for s in found)
+    assert all(s.agrees is not None or 'no number' in s.paper for s in statements)
 
 
 def test_point_behind_the_camera_is_no_image() -> None:
-    assert np.isnan(Eye(0.03, 0.03).image(Pose(0.0, 8.0, np.pi / 2))).any()
+    assert np.isnan(PointCamera(0.03, 0.03).image(Pose(0.0, 8.0, np.pi / 2))).any()
 
 
 def test_a_decay_is_found() -> None:

@@ -22,14 +22,19 @@ from visual_servo_epipolar.simulation.closed_loop import (
     LoopSettings,
     period_ns,
     published,
-    Referee,
     run,
     run_many,
+    RunMonitor,
     SETTLE_FRAMES,
 )
+from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 
 STARTS = [(1.0, -3.0, 0.0), (0.8, -3.5, 8.0), (-1.2, -4.0, -10.0), (0.3, -2.2, 0.0)]
+
+
+def points(seed: int = 0) -> PointWorld:
+    return PointWorld(PointSettings(), FixedRig(CAMERA), seed=seed)
 
 
 @cache
@@ -40,16 +45,16 @@ def driven(
     settings = LoopSettings(
         start=start, seed=seed, max_duration=limit, servo=ServoSettings(law=law, seed=seed)
     )
-    return run(settings, PointWorld(PointSettings(), CAMERA, seed=seed), CAMERA)
+    return run(settings, points(seed), CAMERA)
 
 
 @pytest.mark.parametrize('start', STARTS)
 def test_law_full_arrives(start: tuple[float, float, float]) -> None:
-    verdict = summarise(driven(start))
-    assert verdict['outcome'] == 'arrived'
+    summary = summarise(driven(start))
+    assert summary['outcome'] == 'arrived'
     # 0.2 px of noise on 60 features: half a millimetre and 0.1 deg are typical.
-    assert verdict['position_error_m'] < 0.005
-    assert abs(verdict['heading_error_deg']) < 0.3
+    assert summary['position_error_m'] < 0.005
+    assert abs(summary['heading_error_deg']) < 0.3
 
 
 @pytest.mark.parametrize('start', STARTS)
@@ -69,9 +74,9 @@ def test_the_phases_of_a_run_are_those_of_the_paper(start: tuple[float, float, f
 
 @pytest.mark.parametrize('start', STARTS)
 def test_the_limits_are_obeyed_all_the_way(start: tuple[float, float, float]) -> None:
-    verdict, limits = summarise(driven(start)), ServoSettings()
-    assert verdict['max_linear_speed'] <= limits.max_linear + 1e-12
-    assert verdict['max_angular_speed'] <= limits.max_angular + 1e-12
+    summary, limits = summarise(driven(start)), ServoSettings()
+    assert summary['max_linear_speed'] <= limits.max_linear + 1e-12
+    assert summary['max_angular_speed'] <= limits.max_angular + 1e-12
 
 
 def first_step_of(log: RunLog) -> list[Sample]:
@@ -193,20 +198,20 @@ def test_a_robot_that_sees_nothing_waits_where_it_is() -> None:
 
 
 def test_whoever_watches_sees_every_sample() -> None:
-    seen: list[Sample] = []
+    samples: list[Sample] = []
     settings = LoopSettings(start=(1.0, -3.0, 0.0), max_duration=1.0)
-    log = run(settings, PointWorld(PointSettings(), CAMERA, seed=0), CAMERA, watch=seen.append)
-    assert tuple(seen) == log.samples
+    log = run(settings, points(), CAMERA, watch=samples.append)
+    assert tuple(samples) == log.samples
 
 
 def test_the_referee_ignores_what_comes_after_the_end() -> None:
-    referee = Referee(LoopSettings(start=(0.0, -1.0, 0.0), max_duration=1.0))
+    monitor = RunMonitor(LoopSettings(start=(0.0, -1.0, 0.0), max_duration=1.0))
     period = period_ns(11.0)
     for frame in range(40):
         sample = Sample(frame * period, Pose(0.0, -1.0, 0.0), phase=Phase.ARRIVED)
-        referee.add(sample, reason='matched', attempts=1)
-    assert referee.done
-    assert len(referee.log().samples) == SETTLE_FRAMES
+        monitor.add(sample, reason='matched', attempts=1)
+    assert monitor.done
+    assert len(monitor.log().samples) == SETTLE_FRAMES
 
 
 def test_a_pose_survives_its_message() -> None:
@@ -218,30 +223,28 @@ def test_a_pose_survives_its_message() -> None:
 MANY = [*STARTS, (-0.4, -2.6, 12.0), (1.4, -4.8, -14.0), (0.0, 0.0, 10.0)]
 
 
-def side_by_side(numbers: list[int], **changes: object) -> list[RunLog]:
-    """Return the first seconds of the runs from MANY with these numbers, driven side by side."""
+def side_by_side(indices: list[int], **changes: object) -> list[RunLog]:
+    """Return the first seconds of the runs from MANY with these indices, driven side by side."""
     runs = []
-    for k in numbers:
+    for k in indices:
         servo = replace(ServoSettings(seed=k), **changes)  # type: ignore[arg-type]
         settings = LoopSettings(start=MANY[k], seed=k, max_duration=5.0, servo=servo)
-        runs.append((settings, PointWorld(PointSettings(), CAMERA, seed=k), CAMERA))
+        runs.append((settings, points(k), CAMERA))
     return run_many(runs)
 
 
 @pytest.mark.parametrize('changes', [{}, {'estimator': 'planar_2dof'}, {'law': 'corrected'}])
 def test_a_run_is_the_same_alone_and_beside_others(changes: dict[str, object]) -> None:
-    numbers = [3, 6, 0, 5, 1, 4, 2]
-    together = side_by_side(numbers, **changes)
+    indices = [3, 6, 0, 5, 1, 4, 2]
+    together = side_by_side(indices, **changes)
     # By text, as what could not be seen is nan; every digit counts.
-    for k, log in zip(numbers, together, strict=True):
+    for k, log in zip(indices, together, strict=True):
         assert repr(log) == repr(side_by_side([k], **changes)[0])
 
 
 def test_runs_side_by_side_end_each_in_its_own_time() -> None:
     settings = [LoopSettings(start=MANY[0], max_duration=limit) for limit in (1.0, 3.0, 2.0)]
-    logs = run_many(
-        [(each, PointWorld(PointSettings(), CAMERA, seed=0), CAMERA) for each in settings]
-    )
+    logs = run_many([(each, points(), CAMERA) for each in settings])
     assert [len(log.samples) for log in logs] == [11, 33, 22]
 
 

@@ -9,6 +9,7 @@ from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.run_log import RunLog, summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.simulation.closed_loop import LoopSettings, run_many
+from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 
 # alpha_0, chi_0 [rad], distance [m]: concordant, from the edge of the singularity outwards.
@@ -45,7 +46,7 @@ def driven(starts: list[tuple[float, float, float]], law: str, gains: str) -> li
                     max_duration=130.0,
                     servo=ServoSettings(law=law, gains=gains, seed=seed),
                 ),
-                PointWorld(PointSettings(), CAMERA, seed=seed),
+                PointWorld(PointSettings(), FixedRig(CAMERA), seed=seed),
                 CAMERA,
             )
             for seed, start in enumerate(starts)
@@ -66,11 +67,11 @@ def first_step(log: RunLog) -> list[tuple[float, float]]:
 
 def test_law_corrected_with_derived_gains_arrives_from_concordant_starts() -> None:
     for log in concordant('derived'):
-        verdict = summarise(log)
-        assert verdict['outcome'] == 'arrived'
-        assert verdict['position_error_m'] < 0.01
+        summary = summarise(log)
+        assert summary['outcome'] == 'arrived'
+        assert summary['position_error_m'] < 0.01
         # Started where the gains are legal, or turned first: no long way back.
-        assert verdict['max_distance_ratio'] < 2.0
+        assert summary['max_distance_ratio'] < 2.0
 
 
 def test_it_never_comes_near_the_singularity_on_the_way() -> None:
@@ -97,9 +98,9 @@ def test_law_full_arrives_as_exactly_and_somewhat_later() -> None:
         gains: [summarise(log) for log in driven(FRONT, 'full', gains)]
         for gains in ('given', 'derived')
     }
-    for verdict in runs['derived']:
-        assert verdict['outcome'] == 'arrived'
-        assert verdict['position_error_m'] < 0.005
-        assert verdict['max_distance_ratio'] <= 1.001
+    for summary in runs['derived']:
+        assert summary['outcome'] == 'arrived'
+        assert summary['position_error_m'] < 0.005
+        assert summary['max_distance_ratio'] <= 1.001
     duration = {gains: sum(run['duration_s'] for run in runs[gains]) for gains in runs}
     assert duration['derived'] < 1.8 * duration['given']

@@ -12,7 +12,8 @@ from strategies import CAMERA, poses_behind_the_goal
 from visual_servo_epipolar.core.geometry.epipolar import fundamental_from_pose, sampson_distance
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, HALF_PI, Pose
 from visual_servo_epipolar.simulation.disturbances.image import Disturbances, DisturbanceSettings
-from visual_servo_epipolar.simulation.mounts.mounting import floor_jitter
+from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
+from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
 from visual_servo_epipolar.simulation.rendering.surfaces import ROOM, Scene, Surface, Texture
@@ -36,32 +37,32 @@ BEHIND = Pose(1.0, -3.0, HALF_PI)
 
 
 def world(points: PointSettings = EXACT, *, seed: int = 0) -> PointWorld:
-    return PointWorld(points, CAMERA, seed=seed)
+    return PointWorld(points, FixedRig(CAMERA), seed=seed)
 
 
 def test_from_the_goal_everything_is_where_the_photograph_has_it() -> None:
-    seen = world().observe(DESIRED_POSE, 0)
-    assert len(seen) == EXACT.max_features
-    np.testing.assert_allclose(seen.current, seen.desired, atol=1e-9)
+    features = world().observe(DESIRED_POSE, 0)
+    assert len(features) == EXACT.max_features
+    np.testing.assert_allclose(features.current, features.desired, atol=1e-9)
 
 
 @settings(max_examples=30)
 @given(poses_behind_the_goal())
 def test_exact_matches_obey_the_epipolar_constraint_of_the_pose(pose: Pose) -> None:
-    seen = world().observe(pose, 0)
+    features = world().observe(pose, 0)
     fundamental = fundamental_from_pose(CAMERA.matrix, pose)
     # Pixels of 1e3 in double precision.
     np.testing.assert_allclose(
-        sampson_distance(fundamental, seen.current, seen.desired), 0.0, atol=1e-9
+        sampson_distance(fundamental, features.current, features.desired), 0.0, atol=1e-9
     )
 
 
 @settings(max_examples=30)
 @given(poses_behind_the_goal())
 def test_only_what_is_in_view_is_seen(pose: Pose) -> None:
-    seen = world().observe(pose, 0)
-    assert CAMERA.contains(seen.current).all()
-    assert len(set(seen.ids.tolist())) == len(seen)
+    features = world().observe(pose, 0)
+    assert CAMERA.contains(features.current).all()
+    assert len(set(features.ids.tolist())) == len(features)
 
 
 def test_nothing_is_seen_behind_the_camera() -> None:
@@ -69,15 +70,15 @@ def test_nothing_is_seen_behind_the_camera() -> None:
 
 
 def test_a_robot_that_turns_left_sees_the_points_move_right() -> None:
-    seen = world().observe(Pose(0.0, 0.0, HALF_PI + 0.05), 0)
-    assert (seen.current[:, 0] > seen.desired[:, 0]).all()
+    features = world().observe(Pose(0.0, 0.0, HALF_PI + 0.05), 0)
+    assert (features.current[:, 0] > features.desired[:, 0]).all()
 
 
 def test_a_robot_that_backs_off_sees_the_points_draw_together() -> None:
-    seen = world().observe(Pose(0.0, -1.0, HALF_PI), 0)
+    features = world().observe(Pose(0.0, -1.0, HALF_PI), 0)
     centre = [CAMERA.cx, CAMERA.cy]
-    current = np.linalg.norm(seen.current - centre, axis=1)
-    assert (current < np.linalg.norm(seen.desired - centre, axis=1)).all()
+    current = np.linalg.norm(features.current - centre, axis=1)
+    assert (current < np.linalg.norm(features.desired - centre, axis=1)).all()
 
 
 def test_an_id_keeps_its_point() -> None:
@@ -91,9 +92,9 @@ def test_an_id_keeps_its_point() -> None:
 def test_noise_has_the_deviation_asked_for(noise: float) -> None:
     settings = PointSettings(noise=noise, candidates=4000, max_features=4000)
     exact, visible = world(settings).project(BEHIND)
-    seen = world(settings).observe(BEHIND, 3)
-    error = seen.current - exact[seen.ids]
-    assert visible[seen.ids].all()
+    features = world(settings).observe(BEHIND, 3)
+    error = features.current - exact[features.ids]
+    assert visible[features.ids].all()
     # Some thousand coordinates: the deviation is known to 1 %, the mean to 0.02 of it.
     assert error.std() == pytest.approx(noise, rel=0.05)
     assert abs(error.mean()) < 0.08 * noise
@@ -117,10 +118,10 @@ def test_the_same_seed_and_frame_see_the_same() -> None:
 
 def test_points_lie_between_near_and_far() -> None:
     # Seen from the axis at 1 m behind the goal, a point at depth z shrinks by z / (z + 1).
-    seen = world().observe(Pose(0.0, -1.0, HALF_PI), 0)
+    features = world().observe(Pose(0.0, -1.0, HALF_PI), 0)
     centre = [CAMERA.cx, CAMERA.cy]
-    ratio = np.linalg.norm(seen.current - centre, axis=1) / np.linalg.norm(
-        seen.desired - centre, axis=1
+    ratio = np.linalg.norm(features.current - centre, axis=1) / np.linalg.norm(
+        features.desired - centre, axis=1
     )
     depth = ratio / (1.0 - ratio)
     assert EXACT.near - 1e-6 <= depth.min()
@@ -134,19 +135,18 @@ def test_points_are_seen_as_a_camera_in_a_room_sees_them(pose: Pose, frame: int)
     shaken = {'jitter': 0.01, 'tilt': 0.05, 'roll': -0.03, 'mount_forward': 0.2, 'mount_left': 0.1}
     scenario = from_document({'camera': shaken}, 'test').seeded(5)
     cloud, camera = points_of(scenario, 5), scenario.camera
-    renderer = Renderer(FLOOR, camera.camera, camera.mount)
-    tilt, roll = floor_jitter(camera.jitter, camera.seed, frame)
-    expected, visible = renderer.project(cloud.points, pose, tilt=tilt, roll=roll)
-    found, seen = cloud.project(pose, frame)
-    np.testing.assert_array_equal(seen, visible)
-    np.testing.assert_allclose(found[seen], expected[seen], atol=1e-9)
+    renderer = Renderer(FLOOR, new_rig(camera))
+    expected, expected_visible = renderer.project(cloud.points, pose, frame)
+    pixels, visible = cloud.project(pose, frame)
+    np.testing.assert_array_equal(visible, expected_visible)
+    np.testing.assert_allclose(pixels[visible], expected[visible], atol=1e-9)
 
 
 def test_a_floor_that_shakes_moves_what_is_seen_from_the_goal() -> None:
-    shaken = PointWorld(EXACT, CAMERA, seed=0, jitter=0.002)
+    shaken = PointWorld(EXACT, FixedRig(CAMERA, jitter=0.002), seed=0)
     shift = [
-        (seen.current - seen.desired).mean(axis=0)
-        for seen in (shaken.observe(DESIRED_POSE, frame) for frame in range(200))
+        (features.current - features.desired).mean(axis=0)
+        for features in (shaken.observe(DESIRED_POSE, frame) for frame in range(200))
     ]
     # Tilt moves the image by 769 px a radian and, away from the middle, some more; the deviation
     # of 200 numbers is known to 5 %. Roll moves left and right in opposite directions.
@@ -165,8 +165,8 @@ def test_as_many_features_are_mistaken_as_asked_for(ratio: float) -> None:
 
 def wrong(cloud: PointWorld, frame: int) -> np.ndarray:
     """Return which of the features seen in ``frame`` are not where their points are."""
-    seen = cloud.observe(BEHIND, frame)
-    return np.hypot(*(seen.current - cloud.project(BEHIND, frame)[0][seen.ids]).T) > 1.0
+    features = cloud.observe(BEHIND, frame)
+    return np.hypot(*(features.current - cloud.project(BEHIND, frame)[0][features.ids]).T) > 1.0
 
 
 def test_what_is_mistaken_stays_so_for_some_frames() -> None:
@@ -178,38 +178,40 @@ def test_what_is_mistaken_stays_so_for_some_frames() -> None:
 
 def test_a_mistaken_feature_sits_on_another_point_in_view() -> None:
     mistaken = world(replace(EXACT, outlier_ratio=0.5))
-    seen, (pixels, visible) = mistaken.observe(BEHIND, 0), mistaken.project(BEHIND, 0)
-    distance = np.linalg.norm(seen.current[:, None] - pixels[visible], axis=2).min(axis=1)
+    features, (pixels, visible) = mistaken.observe(BEHIND, 0), mistaken.project(BEHIND, 0)
+    distance = np.linalg.norm(features.current[:, None] - pixels[visible], axis=2).min(axis=1)
     np.testing.assert_allclose(distance, 0.0, atol=1e-9)
 
 
-def test_who_passes_hides_points_and_gives_them_back() -> None:
+def test_a_person_who_passes_hides_points_and_gives_them_back() -> None:
     passing = DisturbanceSettings(disturbed_from=5, disturbed_for=10, person=0.9)
-    passer = Disturbances((CAMERA.width, CAMERA.height), passing, 0)
+    crossing = Disturbances((CAMERA.width, CAMERA.height), passing, 0)
     everything = replace(EXACT, max_features=EXACT.candidates)
-    cloud = PointWorld(everything, CAMERA, seed=0, disturbances=passer)
+    cloud = PointWorld(everything, FixedRig(CAMERA), seed=0, disturbances=crossing)
     before, during, after = (cloud.observe(BEHIND, frame) for frame in (4, 10, 15))
     np.testing.assert_array_equal(before.ids, after.ids)
     gone = np.setdiff1d(before.ids, during.ids)
     assert 10 < len(gone) < 0.5 * len(before)
     places = cloud.project(BEHIND, 10)[0]
-    assert passer.hides(places[gone], 10).all() and not passer.hides(places[during.ids], 10).any()
+    assert (
+        crossing.hides(places[gone], 10).all() and not crossing.hides(places[during.ids], 10).any()
+    )
 
 
 def test_to_see_a_person_pass_costs_no_painting() -> None:
     passing = DisturbanceSettings(disturbed_from=0, person=0.9, occlusion=0.3, shadow=0.5)
-    passer = Disturbances((CAMERA.width, CAMERA.height), passing, 0)
-    PointWorld(EXACT, CAMERA, seed=0, disturbances=passer).observe(BEHIND, 10)
-    painted = [vars(item) for item in (passer, *passer._passers)]
+    disturbances = Disturbances((CAMERA.width, CAMERA.height), passing, 0)
+    PointWorld(EXACT, FixedRig(CAMERA), seed=0, disturbances=disturbances).observe(BEHIND, 10)
+    painted = [vars(item) for item in (disturbances, *disturbances._occluders)]
     assert not any({'_board', '_clothes', '_shade'} & set(names) for names in painted)
 
 
-def test_a_believed_camera_is_not_the_one_that_sees() -> None:
+def test_the_nominal_camera_is_not_the_one_that_sees() -> None:
     believed = {'believed_focal_ratio': 0.5, 'believed_shift_u': 10.0, 'believed_shift_v': -4.0}
     camera = from_document({'camera': believed}, 'test').camera
-    true, told = camera.camera, camera.believed
-    assert (told.fx, told.fy) == (0.5 * true.fx, 0.5 * true.fy)
-    assert (told.cx, told.cy) == (true.cx + 10.0, true.cy - 4.0)
+    true, nominal = camera.camera, camera.nominal_camera
+    assert (nominal.fx, nominal.fy) == (0.5 * true.fx, 0.5 * true.fy)
+    assert (nominal.cx, nominal.cy) == (true.cx + 10.0, true.cy - 4.0)
     plain, wrongly = (
         points_of(from_document({'camera': item}, 'test'), 0).observe(BEHIND, 3)
         for item in ({}, believed)

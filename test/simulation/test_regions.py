@@ -112,7 +112,7 @@ def away(simulator: CameraSimulator, pose: Pose) -> float:
     for turn in np.arange(5) * 2.0 * math.pi / 5.0:  # the field of view is 79 deg
         looking = replace(pose, theta=pose.theta + turn)
         met = simulator.renderer.trace(pixels, looking)
-        distance = np.linalg.norm(met - simulator.renderer.mount.centre(looking), axis=1)
+        distance = np.linalg.norm(met - simulator.renderer.rig.camera_pose(looking).centre, axis=1)
         nearest = min(nearest, float(distance.min()))
     return nearest
 
@@ -123,9 +123,9 @@ def test_in_images_anywhere_shows_what_the_photograph_shows(simulator: CameraSim
     pixels = np.stack([u.ravel(), v.ravel()], axis=1)
     points = simulator.renderer.trace(pixels, DESIRED_POSE)
     for start in room_starts('anywhere', 40):
-        seen = simulator.renderer.project(points, Pose.from_start(*start))[1]
+        visible = simulator.renderer.project(points, Pose.from_start(*start))[1]
         # At least 40 of 240 features; of an even grid perhaps half that share.
-        assert seen.mean() > 0.5 * LEAST_FEATURES / SMALL.tracker.candidates
+        assert visible.mean() > 0.5 * LEAST_FEATURES / SMALL.tracker.candidates
 
 
 @pytest.mark.parametrize(
@@ -134,7 +134,7 @@ def test_in_images_anywhere_shows_what_the_photograph_shows(simulator: CameraSim
         (lambda: start_in('behind', 0, 0, Scenario()), 'region must be one of front, beside, any'),
         (
             lambda: start_in('anywhere', 0, 0, replace(Scenario(), points=FEW_POINTS)),
-            'no start found in region anywhere in 5000 tries; see that the scene leaves room',
+            'no start found in region anywhere in 5000 tries; see that the scene leaves floor',
         ),
     ],
 )

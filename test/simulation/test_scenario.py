@@ -26,9 +26,9 @@ def test_an_empty_file_is_the_nominal_scenario(tmp_path: Path, text: str) -> Non
 
 
 def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
-    found = load(written(tmp_path, 'base:\n  slip: 0.1\nservo: {law: paper, k1: 1}\n'))
-    assert (found.base.slip, found.servo.law, found.servo.k1) == (0.1, 'paper', 1.0)
-    assert (found.camera, found.points, found.tracker, found.run) == (
+    scenario = load(written(tmp_path, 'base:\n  slip: 0.1\nservo: {law: paper, k1: 1}\n'))
+    assert (scenario.base.slip, scenario.servo.law, scenario.servo.k1) == (0.1, 'paper', 1.0)
+    assert (scenario.camera, scenario.points, scenario.tracker, scenario.run) == (
         Scenario().camera,
         Scenario().points,
         Scenario().tracker,
@@ -47,6 +47,8 @@ def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
         ('servo: {law: best}', 'bad.yaml: servo: law must be one of paper, corrected, full'),
         ('servo: {finite_time: 1}', 'bad.yaml: servo: finite_time must be bool, got 1'),
         ('servo: {latch_engage: 0.2}', 'bad.yaml: servo: latch_engage must not exceed'),
+        ('base: {model: cart}', "bad.yaml: base: model must be one of pioneer, got 'cart'"),
+        ('camera: {rig: [1]}', r'bad.yaml: camera: rig must be one of fixed, got \[1\]'),
         ('base: {slip: 2001-01-01}', 'bad.yaml: base: slip must be float'),
         pytest.param(
             f'base: {{slip: 1{"0" * 400}}}', 'bad.yaml: base: slip must lie in', id='huge'

@@ -1,4 +1,4 @@
-"""Closed loops with a camera that nobody calibrated (section VI of the paper)."""
+"""Closed loops with a camera that is not calibrated (section VI of the paper)."""
 
 import math
 
@@ -24,16 +24,20 @@ def driven_from(start: tuple[float, float, float], ratio: float, seed: int) -> R
     """Return the record of one run whose camera matrix has ``ratio``."""
     seeded = scenario(ratio).seeded(seed)
     view = view_of(seeded, 'features', seed)
-    return run_many([(seeded.loop(start, seed), view, seeded.camera.believed)])[0]
+    return run_many([(seeded.loop(start, seed), view, seeded.camera.nominal_camera)])[0]
 
 
-def driven(numbers: list[tuple[float, int, float]]) -> list[RunLog]:
+def driven(cases: list[tuple[float, int, float]]) -> list[RunLog]:
     """Return the records of runs with these ratios, starts, and deviations of the ratio."""
     runs = []
-    for ratio, k, deviation in numbers:
+    for ratio, k, deviation in cases:
         seeded = scenario(ratio, deviation).seeded(k)
         runs.append(
-            (seeded.loop(STARTS[k], k), view_of(seeded, 'features', k), seeded.camera.believed)
+            (
+                seeded.loop(STARTS[k], k),
+                view_of(seeded, 'features', k),
+                seeded.camera.nominal_camera,
+            )
         )
     return run_many(runs)
 
@@ -41,33 +45,35 @@ def driven(numbers: list[tuple[float, int, float]]) -> list[RunLog]:
 @pytest.mark.parametrize('ratio', [0.17, 0.5, 1.0])
 def test_a_robot_with_a_wrong_focal_length_arrives(ratio: float) -> None:
     for log in driven([(ratio, k, 1.0) for k in range(len(STARTS))]):
-        verdict = summarise(log)
-        assert verdict['outcome'] == 'arrived'
+        summary = summarise(log)
+        assert summary['outcome'] == 'arrived'
         # As with a calibrated camera; the principal point alone would cost 5 to 10 mm.
-        assert verdict['position_error_m'] < 0.004
-        assert abs(verdict['heading_error_deg']) < 0.15
+        assert summary['position_error_m'] < 0.004
+        assert abs(summary['heading_error_deg']) < 0.15
 
 
 @pytest.mark.parametrize('ratio', [0.17, 1.5])
 def test_a_turn_alone_is_no_parallax_through_an_unknown_lens(ratio: float) -> None:
-    verdict = summarise(driven_from(TURNED, ratio, 0))
-    assert [phase['name'] for phase in verdict['phases']][:1] == ['orienting']
-    assert verdict['outcome'] == 'arrived'
-    assert verdict['position_error_m'] < 0.004
+    summary = summarise(driven_from(TURNED, ratio, 0))
+    assert [phase['name'] for phase in summary['phases']][:1] == ['orienting']
+    assert summary['outcome'] == 'arrived'
+    assert summary['position_error_m'] < 0.004
 
 
 def test_near_the_axis_an_unknown_lens_is_not_mistaken_for_a_miss() -> None:
     # From here one pair says little of the lens; it ends 12 % wrong, two of its deviations.
-    verdict = summarise(driven_from((-0.167036, -4.390655, -8.43563), 0.25, 2044))
-    assert (verdict['outcome'], verdict['attempts']) == ('arrived', 1)
-    assert verdict['position_error_m'] < 0.004
+    summary = summarise(driven_from((-0.167036, -4.390655, -8.43563), 0.25, 2044))
+    assert (summary['outcome'], summary['attempts']) == ('arrived', 1)
+    assert summary['position_error_m'] < 0.004
 
 
-def seen(ratio: float, start: tuple[float, float, float]) -> list[Perception]:
-    """Return what the servo saw on its way."""
+def perceptions_on_the_way(ratio: float, start: tuple[float, float, float]) -> list[Perception]:
+    """Return what the servo perceived on its way."""
     seeded, perceptions = scenario(ratio).seeded(1), []
-    loop = Loop(seeded.loop(start, 1), view_of(seeded, 'features', 1), seeded.camera.believed)
-    while not loop.referee.done:
+    loop = Loop(
+        seeded.loop(start, 1), view_of(seeded, 'features', 1), seeded.camera.nominal_camera
+    )
+    while not loop.monitor.done:
         perceptions.append(perceive_each(look([loop]))[0])
         loop.decide(perceptions[-1])
         loop.record()
@@ -76,7 +82,7 @@ def seen(ratio: float, start: tuple[float, float, float]) -> list[Perception]:
 
 
 def test_focal_length_and_principal_point_are_learnt_on_the_way() -> None:
-    perceptions = seen(0.5, STARTS[1])
+    perceptions = perceptions_on_the_way(0.5, STARTS[1])
     first, last = perceptions[0].memory.lens, perceptions[-1].memory.lens
     assert first.ratio_deviation > 0.1  # from near the axis one pair says little
     assert last.ratio_deviation < 0.03
@@ -92,6 +98,6 @@ def test_focal_length_and_principal_point_are_learnt_on_the_way() -> None:
 
 
 def test_a_run_is_the_same_alone_and_beside_others_of_any_camera() -> None:
-    numbers = [(0.5, 0, 1.0), (1.0, 1, 0.0), (0.17, 1, 1.0)]
-    for number, log in zip(numbers, driven(numbers), strict=True):
-        assert repr(log) == repr(driven([number])[0])
+    cases = [(0.5, 0, 1.0), (1.0, 1, 0.0), (0.17, 1, 1.0)]
+    for case, log in zip(cases, driven(cases), strict=True):
+        assert repr(log) == repr(driven([case])[0])

@@ -45,7 +45,7 @@ def test_a_run_that_raises_does_not_take_the_others_along(monkeypatch: pytest.Mo
     record = Loop.record
 
     def sometimes(loop: Loop) -> Sample:
-        if loop.referee.settings.seed == 3 and loop.frame == 5:
+        if loop.monitor.settings.seed == 3 and loop.frame == 5:
             raise ZeroDivisionError('of all things')
         return record(loop)
 

@@ -103,12 +103,12 @@ def test_the_command_of_a_run_asks_for_this_run(
     assert tuple(options.start) == start
     assert options.source == 'features'
     # What simulate makes of these options is what the sweep runs.
-    assert scenario_of(options) == plan.world('corrected', index)
+    assert scenario_of(options) == plan.scenario_of('corrected', index)
     assert options.seed == plan.run_seed(index)
 
 
 def test_runs_take_turns_in_the_scenes() -> None:
     plan = plan_of(scenes=(4, 8, 9))
-    rooms = [plan.world('full', index).camera.scene_seed for index in range(4)]
+    rooms = [plan.scenario_of('full', index).camera.scene_seed for index in range(4)]
     assert rooms == [4, 8, 9, 4]
     assert plan.identity() != plan_of().identity()

@@ -7,20 +7,20 @@ from typing import Any
 import pytest
 from sweeps import filled, plan_of, result
 
-from visual_servo_epipolar.sweeping.summary import defective, verdicts, wrong
+from visual_servo_epipolar.sweeping.summary import defective, summaries, wrong
 
 FAILED = result(outcome='failed', reason='23 features, 26 needed', position_error_m=9.0)
 
 
-def verdict(folder: Path, runs: list[dict[str, Any]]) -> dict[str, Any]:
+def summary(folder: Path, runs: list[dict[str, Any]]) -> dict[str, Any]:
     plan = plan_of(len(runs))
     with filled(folder, plan, runs) as store:
-        return verdicts(plan, store)['full']
+        return summaries(plan, store)['full']
 
 
 def test_errors_are_those_of_the_runs_that_arrived_without_their_signs(tmp_path: Path) -> None:
     runs = [result(lateral_error_m=-0.001 * k) for k in range(1, 6)]
-    document = verdict(tmp_path, [*runs, FAILED])
+    document = summary(tmp_path, [*runs, FAILED])
     lateral = document['lateral_error_m']
     assert (lateral['median'], lateral['max']) == (0.003, 0.005)
     assert lateral['p95'] == pytest.approx(0.0048)
@@ -30,7 +30,7 @@ def test_errors_are_those_of_the_runs_that_arrived_without_their_signs(tmp_path:
 
 
 def test_a_sweep_from_which_nobody_returned_has_no_errors(tmp_path: Path) -> None:
-    document = verdict(tmp_path, [FAILED, FAILED])
+    document = summary(tmp_path, [FAILED, FAILED])
     assert (document['success_rate'], document['arrived']) == (0.0, 0)
     assert math.isnan(document['position_error_m']['median'])
 
@@ -38,7 +38,7 @@ def test_a_sweep_from_which_nobody_returned_has_no_errors(tmp_path: Path) -> Non
 def test_reasons_are_counted_whatever_their_numbers(tmp_path: Path) -> None:
     other = result(outcome='failed', reason='25 features, 26 needed')
     third = result(outcome='failed', reason='not arrived within 2.5 s')
-    document = verdict(tmp_path, [third, FAILED, result(), other])
+    document = summary(tmp_path, [third, FAILED, result(), other])
     assert document['failure_reasons'] == {
         'N features, N needed': 2,
         'not arrived within N s': 1,
@@ -58,21 +58,21 @@ def test_wrong_is_who_says_arrived_and_is_not(
     tmp_path: Path, changes: dict[str, Any], is_wrong: bool
 ) -> None:
     assert wrong(result(**changes)) is is_wrong
-    assert verdict(tmp_path, [result(**changes)])['arrived_but_wrong'] == is_wrong
+    assert summary(tmp_path, [result(**changes)])['arrived_but_wrong'] == is_wrong
 
 
 def test_a_run_that_raised_is_a_defect(tmp_path: Path) -> None:
     raised = result(outcome='failed', position_error_m=None, traceback='Traceback ...')
     assert defective(raised) and not defective(FAILED)
-    assert verdict(tmp_path, [raised, FAILED])['defects'] == 1
+    assert summary(tmp_path, [raised, FAILED])['defects'] == 1
 
 
 def test_a_run_from_the_goal_has_no_distance_ratio(tmp_path: Path) -> None:
-    document = verdict(tmp_path, [result(max_distance_ratio=None), result()])
+    document = summary(tmp_path, [result(max_distance_ratio=None), result()])
     assert document['max_distance_ratio']['max'] == 1.0
 
 
 def test_only_the_runs_asked_for_are_judged(tmp_path: Path) -> None:
     filled(tmp_path, plan_of(3), [result(), result(), FAILED]).close()
     with filled(tmp_path, plan_of(2), []) as store:
-        assert verdicts(plan_of(2), store)['full']['success_rate'] == 1.0
+        assert summaries(plan_of(2), store)['full']['success_rate'] == 1.0

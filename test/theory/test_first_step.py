@@ -10,6 +10,7 @@ import pytest
 from strategies import floats, pose_with
 
 from visual_servo_epipolar.core.control import laws
+from visual_servo_epipolar.core.control.gains import longest_transient
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
 from visual_servo_epipolar.reproduction import theory
@@ -80,13 +81,13 @@ def test_19_the_estimate_keeps_its_lead(start: Start, law: Law) -> None:
 @given(starts(), gains())
 def test_the_desired_epipole_is_zero_before_the_longest_transient(start: Start, law: Law) -> None:
     run = drive(start, law)
-    latest = gains.longest_transient(start.e_desired, k2=law.k2, exponent=law.exponent)
+    latest = longest_transient(start.e_desired, k2=law.k2, exponent=law.exponent)
     assert run.ended == 'zeroed'
     assert run.times[-1] <= latest * (1.0 + 1e-9)
     assert (np.diff(np.abs(run.e_desired)) < 0.0).all()
     # With d_hat = d the bound is the time itself, less what is left of e_du.
     if start.ratio == 1.0:
-        spare = gains.longest_transient(RESIDUE, k2=law.k2, exponent=law.exponent)
+        spare = longest_transient(RESIDUE, k2=law.k2, exponent=law.exponent)
         assert run.times[-1] == pytest.approx(latest - spare, rel=1e-6)
 
 

@@ -52,7 +52,14 @@ def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]
     scenario = replace(scenario, run=replace(scenario.run, max_duration=LONGEST_S))
     rows = []
     for number, region in enumerate(REGIONS[:1] if quick else REGIONS):
-        plan = Plan(region, starts, 'features', names, scenario, seed + SEED_STEP * number)
+        plan = Plan(
+            region=region,
+            runs=starts,
+            source='features',
+            laws=names,
+            scenario=scenario,
+            seed=seed + SEED_STEP * number,
+        )
         results = _driven(plan, say)
         rows += [
             {'law': law, 'region': region}

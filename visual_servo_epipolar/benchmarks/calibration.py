@@ -1,4 +1,4 @@
-"""Closed loops with wrong camera matrices (section VI): arrivals and errors by f_hat / f."""
+"""Calibration errors in closed loop (section VI): arrivals and position errors by f_hat / f."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +21,7 @@ STARTS, FEW_STARTS, AHEAD_STARTS = 64, 16, 32
 QUICK_CELL = ('above the axle', 'front', 0.5)
 WRONG_M, WRONG_DEG = 0.05, 2.0
 
-Verdict = dict[str, Any]
+Result = dict[str, Any]
 
 
 @dataclass(frozen=True)
@@ -43,13 +43,13 @@ METHODS: Mapping[str, Method] = {
 
 
 def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
-    """Drive from the same starts with each camera matrix, and return rows and runs."""
+    """Drive with each camera matrix, all from one set of starts, and return rows and runs."""
     rows = []
     for name, mount, region, ratio, starts in _cells(quick):
         say(f'calibration: {name}, camera {mount}, {region}, f_hat/f = {ratio:g} ...')
-        verdicts = _verdicts(_scenario(name, mount, ratio), region, seed, starts)
+        results = _results(_scenario(name, mount, ratio), region, seed, starts)
         row = {'method': name, 'mount': mount, 'region': region, 'ratio': ratio}
-        rows.append(row | scores(verdicts) | {'runs': verdicts})
+        rows.append(row | scores(results) | {'runs': results})
     return {'seed': seed, 'shift_px': SHIFT_PX, 'rows': rows}
 
 
@@ -76,27 +76,27 @@ def _scenario(name: str, mount: str, ratio: float) -> Scenario:
     return replace(plain, camera=camera)
 
 
-def _verdicts(scenario: Scenario, region: str, seed: int, starts: int) -> list[Verdict]:
+def _results(scenario: Scenario, region: str, seed: int, starts: int) -> list[Result]:
     runs = []
     for index in range(starts):
         seeded = scenario.seeded(seed + index)
         start = start_in(region, seed, index, seeded)
         view = points_of(seeded, seed + index)
-        runs.append((seeded.loop(start, seed + index), view, seeded.camera.believed))
+        runs.append((seeded.loop(start, seed + index), view, seeded.camera.nominal_camera))
     return [summarise(log) for log in run_many(runs)]
 
 
-def scores(verdicts: Sequence[Verdict]) -> dict[str, Any]:
+def scores(results: Sequence[Result]) -> dict[str, Any]:
     """Return the figures of one row, by ground truth; of no arrivals they are nan."""
-    arrived = [it for it in verdicts if it['outcome'] == 'arrived']
-    wrong = [it for it in arrived if _is_wrong(it)]
+    arrived = [result for result in results if result['outcome'] == 'arrived']
+    wrong = [result for result in arrived if _is_wrong(result)]
 
     def quantile(name: str, share: float) -> float:
-        values = [abs(it[name]) for it in arrived]
+        values = [abs(result[name]) for result in arrived]
         return float(np.quantile(values, share)) if values else math.nan
 
     return {
-        'starts': len(verdicts),
+        'starts': len(results),
         'arrived': len(arrived),
         'wrong': len(wrong),
         'position_median_m': quantile('position_error_m', 0.5),
@@ -105,13 +105,15 @@ def scores(verdicts: Sequence[Verdict]) -> dict[str, Any]:
         'heading_median_deg': quantile('heading_error_deg', 0.5),
         'heading_p95_deg': quantile('heading_error_deg', 0.95),
         'duration_s': quantile('duration_s', 0.5),
-        'reasons': sorted({it['reason'] for it in verdicts if it['outcome'] != 'arrived'}),
+        'reasons': sorted(
+            {result['reason'] for result in results if result['outcome'] != 'arrived'}
+        ),
     }
 
 
-def _is_wrong(verdict: Verdict) -> bool:
-    far = verdict['position_error_m'] > WRONG_M
-    return bool(far or abs(verdict['heading_error_deg']) > WRONG_DEG)
+def _is_wrong(result: Result) -> bool:
+    far = result['position_error_m'] > WRONG_M
+    return bool(far or abs(result['heading_error_deg']) > WRONG_DEG)
 
 
 def table(document: Mapping[str, Any]) -> str:
@@ -126,17 +128,17 @@ def table(document: Mapping[str, Any]) -> str:
         f'{"position med/p95/max":>22}{"heading med/p95":>17}{"time":>7}',
         f'{"":<13}{"":<16}{"":<8}{"":>8}{"":>10}{"":>7}{"mm":>22}{"deg":>17}{"s":>7}',
     ]
-    return '\n'.join(lines + [_row(it) for it in document['rows']])
+    return '\n'.join(lines + [_row(result) for result in document['rows']])
 
 
-def _row(it: Mapping[str, Any]) -> str:
+def _row(result: Mapping[str, Any]) -> str:
     names = ('position_median_m', 'position_p95_m', 'position_max_m')
-    position = '/'.join(_number(1e3 * it[name], 1) for name in names)
-    heading = '/'.join(_number(it[f'heading_{name}_deg'], 2) for name in ('median', 'p95'))
+    position = '/'.join(_number(1e3 * result[name], 1) for name in names)
+    heading = '/'.join(_number(result[f'heading_{name}_deg'], 2) for name in ('median', 'p95'))
     return (
-        f'{it["method"]:<13}{it["mount"]:<16}{it["region"]:<8}{it["ratio"]:8.2f}'
-        f'{it["arrived"]:6d}/{it["starts"]:<3d}{it["wrong"]:7d}{position:>22}{heading:>17}'
-        f'{_number(it["duration_s"], 0):>7}'
+        f'{result["method"]:<13}{result["mount"]:<16}{result["region"]:<8}{result["ratio"]:8.2f}'
+        f'{result["arrived"]:6d}/{result["starts"]:<3d}{result["wrong"]:7d}{position:>22}{heading:>17}'
+        f'{_number(result["duration_s"], 0):>7}'
     )
 
 

@@ -13,6 +13,7 @@ from typing import Any
 
 from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.servo.run_log import RunLog
+from visual_servo_epipolar.core.settings import updated
 from visual_servo_epipolar.simulation.closed_loop import LoopSettings, PARTS, run_many, View
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import Scenario
@@ -27,11 +28,11 @@ Run = tuple[LoopSettings, View, Camera]
 
 
 def _rough() -> Scenario:
-    """Return a world in which the short ways are taken less often."""
+    """Return a scenario in which shortcuts of the computation are rarer."""
     plain = Scenario()
     return replace(
         plain,
-        base=replace(plain.base, wheel_ratio=1.01, command_delay=0.0909),
+        base=updated(plain.base, {'wheel_ratio': 1.01, 'command_delay': 0.0909}, 'base'),
         camera=replace(plain.camera, jitter=0.0017, tilt=0.0175),
         points=replace(plain.points, outlier_ratio=0.1),
     )
@@ -44,13 +45,13 @@ class Stopwatch:
     """Adds up what the parts of the rounds take."""
 
     def __init__(self) -> None:
-        self.taken = dict.fromkeys(PARTS, 0.0)
+        self.seconds = dict.fromkeys(PARTS, 0.0)
         self._began = thread_time()
 
     def lap(self, part: str) -> None:
         """Count the time since the last lap for ``part``."""
         now = thread_time()
-        self.taken[part] += now - self._began
+        self.seconds[part] += now - self._began
         self._began = now
 
 
@@ -90,12 +91,12 @@ def table(document: Mapping[str, Any]) -> str:
 
 
 def _runs(scenario: Scenario, count: int, seed: int) -> list[Run]:
-    runs = []
+    runs: list[Run] = []
     for index in range(count):
         seeded = scenario.seeded(seed + index)
         start = start_in(REGION, seed, index, seeded)
         view = points_of(seeded, seed + index)
-        runs.append((seeded.loop(start, seed + index), view, seeded.camera.believed))
+        runs.append((seeded.loop(start, seed + index), view, seeded.camera.nominal_camera))
     return runs
 
 
@@ -104,15 +105,15 @@ def _measured(runs: Sequence[Run], batch: int) -> tuple[dict[str, Any], list[str
     watch, logs, began = Stopwatch(), [], thread_time()
     for first in range(0, len(runs), batch):
         logs += run_many(runs[first : first + batch], lap=watch.lap)
-    taken = thread_time() - began
+    seconds = thread_time() - began
     steps = sum(len(log.samples) for log in logs)
     row = {
         'batch': batch,
         'runs': len(runs),
-        'loops_per_s': len(runs) / taken,
+        'loops_per_s': len(runs) / seconds,
         'steps_per_loop': steps / len(runs),
-        'step_us': 1e6 * taken / steps,
-        'parts_us': {part: 1e6 * time / steps for part, time in watch.taken.items()},
+        'step_us': 1e6 * seconds / steps,
+        'parts_us': {part: 1e6 * time / steps for part, time in watch.seconds.items()},
         'arrived': sum(log.outcome == 'arrived' for log in logs),
     }
     return row, [_digest(log) for log in logs]

@@ -11,11 +11,11 @@ from visual_servo_epipolar.core.errors import InputError
 
 # Each module has run(*, seed, quick, say) -> document and table(document) -> text.
 BENCHMARKS: Mapping[str, str] = {
-    'estimation': 'visual_servo_epipolar.benchmarks.estimation',
-    'tracking': 'visual_servo_epipolar.benchmarks.tracking',
+    'estimation': 'visual_servo_epipolar.benchmarks.estimation.benchmark',
+    'tracking': 'visual_servo_epipolar.benchmarks.tracking.benchmark',
     'sweep': 'visual_servo_epipolar.benchmarks.sweep',
-    'laws': 'visual_servo_epipolar.benchmarks.laws',
-    'recording': 'visual_servo_epipolar.benchmarks.recording',
+    'laws': 'visual_servo_epipolar.benchmarks.laws.benchmark',
+    'recording': 'visual_servo_epipolar.benchmarks.recording.benchmark',
     'calibration': 'visual_servo_epipolar.benchmarks.calibration',
     'ablation': 'visual_servo_epipolar.benchmarks.ablation',
 }

@@ -21,7 +21,7 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample, summarise
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.simulation.closed_loop import LoopSettings, Referee
+from visual_servo_epipolar.simulation.closed_loop import LoopSettings, RunMonitor
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -91,7 +91,7 @@ def _drive(
         from visual_servo_epipolar.report.images.picture import picture
     except ImportError as error:
         raise InputError(NO_ROS.format(error)) from None
-    progress, referee = Progress(), Referee(settings)
+    progress, monitor = Progress(), RunMonitor(settings)
     with ExitStack() as stack:
         video: VideoWriter | None = None
         if not options.no_video:
@@ -100,22 +100,23 @@ def _drive(
         def watch(sample: Sample, image: Image | None, features: Features | None) -> None:
             progress(sample)
             if video is not None and image is not None and features is not None:
-                video.add(picture(image, features, sample, scenario.camera.believed), sample)
+                camera = scenario.camera.nominal_camera
+                video.add(picture(image, features, sample, camera), sample)
 
         progress.say('starting four nodes ...')
         open_to = 'LOCALHOST' if options.visible else 'OFF'
         lockstep = stack.enter_context(Lockstep(scenario, settings, open_to=open_to))
         with_images = video is not None
         lockstep.add(
-            ObserverNode(referee, watch, with_images=with_images, context=lockstep.context)
+            ObserverNode(monitor, watch, with_images=with_images, context=lockstep.context)
         )
         bag = _cleared(folder / BAG)
         if options.bag != 'none':
             lockstep.record(bag, exclude=EXCLUDED[options.bag])
-        lockstep.run(lambda: referee.done)
+        lockstep.run(lambda: monitor.done)
         progress.say('finishing the video ...')
     progress.close()
-    return referee.log()
+    return monitor.log()
 
 
 def _cleared(bag: Path) -> Path:

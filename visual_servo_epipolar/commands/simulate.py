@@ -40,7 +40,7 @@ def simulate(options: argparse.Namespace) -> int:
     progress.say('preparing the world ...')
     view = view_of(scenario, options.source, options.seed)
     settings = scenario.loop(tuple(options.start), options.seed)
-    log = run(settings, view, scenario.camera.believed, watch=progress)
+    log = run(settings, view, scenario.camera.nominal_camera, watch=progress)
     progress.close()
     result = summarise(log)
     if options.out is not None:

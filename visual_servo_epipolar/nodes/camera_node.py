@@ -15,9 +15,10 @@ from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.messages.frames import Frame, frames, upright
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.run import spin
-from visual_servo_epipolar.simulation.camera_simulator import CameraSettings, CameraSimulator
+from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.closed_loop import period_ns
 from visual_servo_epipolar.simulation.disturbances.image import DisturbanceSettings
+from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
 FRAME_ID = 'camera_optical_frame'
 WARN_PERIOD_S = 2.0
@@ -66,7 +67,7 @@ class CameraNode(Node):
             return
         image = self._simulator.capture(pose, self._frame)
         self._frame += 1
-        info = write.camera_info(self._settings.believed, stamp_ns, FRAME_ID)
+        info = write.camera_info(self._settings.nominal_camera, stamp_ns, FRAME_ID)
         self._info_pub.publish(info)
         self._image_pub.publish(self._message(image, stamp_ns))
 

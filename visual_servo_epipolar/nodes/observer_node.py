@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.servo.telemetry import sample
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import read
-from visual_servo_epipolar.simulation.closed_loop import Referee
+from visual_servo_epipolar.simulation.closed_loop import RunMonitor
 
 DEPTH = 20
 
@@ -24,16 +24,16 @@ Watch = Callable[[Sample, Pixels | None, Features | None], None]
 
 class ObserverNode(Node):
     """
-    Hands one step after the other to the ``referee``, and to ``watch`` with image and tracks.
+    Hands one step after the other to the ``monitor``, and to ``watch`` with image and tracks.
 
     Images are subscribed only ``with_images``; they are what a video is made from.
     """
 
     def __init__(
-        self, referee: Referee, watch: Watch, *, with_images: bool, **options: Any
+        self, monitor: RunMonitor, watch: Watch, *, with_images: bool, **options: Any
     ) -> None:
         super().__init__('observer_node', **options)
-        self._referee, self._watch = referee, watch
+        self._monitor, self._watch = monitor, watch
         self._pending: dict[int, dict[str, Any]] = {}  # messages of a stamp, until all are there
         kinds: dict[str, Any] = {
             'ground_truth': Odometry,
@@ -57,13 +57,13 @@ class ObserverNode(Node):
         return listen
 
     def _complete(self, stamp_ns: int, parts: dict[str, Any]) -> None:
-        if self._referee.done:
+        if self._monitor.done:
             return
         diagnosis = read.diagnosis(parts['/diagnostics'])
         telemetry = read.telemetry(parts['epipoles'])
         pose = read.pose(parts['ground_truth'])
         step = sample(stamp_ns, pose, Phase(diagnosis['phase']), telemetry)
-        self._referee.add(step, reason=diagnosis['reason'], attempts=int(telemetry['attempt']))
+        self._monitor.add(step, reason=diagnosis['reason'], attempts=int(telemetry['attempt']))
         image = read.gray(parts['image_raw']) if 'image_raw' in parts else None
         features = read.features(parts['tracks']) if 'tracks' in parts else None
         self._watch(step, image, features)

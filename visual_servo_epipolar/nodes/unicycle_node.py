@@ -17,7 +17,9 @@ from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.run import spin
-from visual_servo_epipolar.simulation.bases.pioneer import BaseSettings, Pioneer
+from visual_servo_epipolar.simulation.bases.base import Base
+from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
+from visual_servo_epipolar.simulation.bases.registry import new_base
 from visual_servo_epipolar.simulation.closed_loop import period_ns
 
 WARN_PERIOD_S = 2.0
@@ -61,7 +63,7 @@ class UnicycleSettings(Settings):
 
 class UnicycleNode(Node):
     """
-    Hosts a ``Pioneer``.
+    Hosts a ``Base``.
 
     In wall time a steady timer moves the base, and a silent commander is noticed by the base
     itself. In lockstep each command moves it by exactly one frame, the node owns /clock, and
@@ -71,7 +73,7 @@ class UnicycleNode(Node):
     def __init__(self, **options: Any) -> None:
         super().__init__('unicycle_node', **options)
         self._settings = parameters.declare(self, UnicycleSettings)
-        self._base_settings = parameters.declare(self, BaseSettings)
+        self._base_settings = parameters.declare(self, PioneerSettings)
         parameters.refuse_unknown(self)
         parameters.watch(self, lambda: self._settings, self._use_start)
         parameters.watch(self, lambda: self._base_settings, self._use)
@@ -104,13 +106,13 @@ class UnicycleNode(Node):
     def _use_start(self, settings: UnicycleSettings) -> None:
         self._settings = settings  # the start counts from the next reset
 
-    def _use(self, settings: BaseSettings) -> None:
+    def _use(self, settings: PioneerSettings) -> None:
         self._base_settings = self._base.settings = settings
 
-    def _new_base(self) -> Pioneer:
+    def _new_base(self) -> Base:
         start = Pose.from_start(*self._settings.start)
         now_ns = 0 if self._settings.lockstep else self._steady.now().nanoseconds
-        return Pioneer(self._base_settings, start, seed=self._settings.seed, now_ns=now_ns)
+        return new_base(self._base_settings, start, seed=self._settings.seed, now_ns=now_ns)
 
     def _on_command(self, message: Any) -> None:
         try:

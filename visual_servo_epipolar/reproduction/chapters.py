@@ -1,4 +1,4 @@
-"""The parts of the paper that can be reproduced: each gives figures, statements, numbers."""
+"""The parts of the paper that can be reproduced: each gives figures, statements, metrics."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -7,19 +7,23 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from visual_servo_epipolar.core.servo.run_log import summarise
-from visual_servo_epipolar.reproduction import experiment_figures, sensitivity
-from visual_servo_epipolar.reproduction import simulation_figures as figures
-from visual_servo_epipolar.reproduction.experiment import experiment, scenario
-from visual_servo_epipolar.reproduction.experiment_claims import claims, ERROR_OF_THE_PAPER_M
-from visual_servo_epipolar.reproduction.sign_figure import printed_sign
-from visual_servo_epipolar.reproduction.simulation_claims import claims_1, claims_2
-from visual_servo_epipolar.reproduction.simulations import (
-    numbers,
+from visual_servo_epipolar.reproduction.experiment import figures as experiment_figures
+from visual_servo_epipolar.reproduction.experiment import sensitivity
+from visual_servo_epipolar.reproduction.experiment.claims import claims, ERROR_OF_THE_PAPER_M
+from visual_servo_epipolar.reproduction.experiment.experiment import (
+    experiment,
+    experiment_scenario,
+)
+from visual_servo_epipolar.reproduction.simulations import figures
+from visual_servo_epipolar.reproduction.simulations.claims import claims_1, claims_2
+from visual_servo_epipolar.reproduction.simulations.runs import (
+    metrics,
     Simulation1,
     Simulation2,
     simulation_1,
     simulation_2,
 )
+from visual_servo_epipolar.reproduction.simulations.sign_figure import printed_sign
 from visual_servo_epipolar.reproduction.statements import Statement
 
 Say = Callable[[str], None]
@@ -27,12 +31,12 @@ Say = Callable[[str], None]
 
 @dataclass(frozen=True)
 class Chapter:
-    """What came of one part: figures by name, statements, numbers, a further table."""
+    """One part: figures by name, statements, metrics, a further table."""
 
     title: str
     figures: Mapping[str, Figure]
     statements: list[Statement]
-    numbers: Mapping[str, Any] = field(default_factory=dict)
+    metrics: Mapping[str, Any] = field(default_factory=dict)
     succeeded: bool = True
     more: str = ''
 
@@ -44,7 +48,7 @@ def chapter_1(say: Say) -> Chapter:
 
 
 def calibrated(runs: Simulation1) -> Chapter:
-    """Return what came of simulation 1."""
+    """Return the chapter on simulation 1."""
     course = runs.course
     drawn = {
         'figure_07': figures.epipoles(course, 7),
@@ -56,14 +60,14 @@ def calibrated(runs: Simulation1) -> Chapter:
         'figure_13': figures.feature_motion(course, 13),
         'sign': printed_sign(runs),
     }
-    found = {
-        'printed': numbers(course),
-        'corrected': numbers(runs.corrected),
-        'behind_printed': numbers(runs.behind_printed),
-        'behind_corrected': numbers(runs.behind_corrected),
+    results = {
+        'printed': metrics(course),
+        'corrected': metrics(runs.corrected),
+        'behind_printed': metrics(runs.behind_printed),
+        'behind_corrected': metrics(runs.behind_corrected),
     }
     succeeded = course.outcome == runs.corrected.outcome == 'arrived'
-    return Chapter('Simulation 1: calibrated camera', drawn, claims_1(runs), found, succeeded)
+    return Chapter('Simulation 1: calibrated camera', drawn, claims_1(runs), results, succeeded)
 
 
 def chapter_2(say: Say) -> Chapter:
@@ -73,47 +77,47 @@ def chapter_2(say: Say) -> Chapter:
 
 
 def partially_calibrated(runs: Simulation2) -> Chapter:
-    """Return what came of simulation 2."""
+    """Return the chapter on simulation 2."""
     drawn = {
         'figure_14': figures.epipoles(runs.course, 14),
         'figure_15': figures.path(runs.course, 15, 1),
     }
-    found = {name: numbers(getattr(runs, name)) for name in ('course', 'held', 'voted')}
+    results = {name: metrics(getattr(runs, name)) for name in ('course', 'held', 'voted')}
     succeeded = runs.course.outcome == 'arrived'
     return Chapter(
-        'Simulation 2: partially calibrated camera', drawn, claims_2(runs), found, succeeded
+        'Simulation 2: partially calibrated camera', drawn, claims_2(runs), results, succeeded
     )
 
 
 def chapter_3(say: Say) -> Chapter:
     """Run the experiment with images, draw figures 17 to 20, perturb it with point features."""
-    found = experiment(say)
+    run = experiment(say)
     say('sensitivity of the experiment ...')
     rows = sensitivity.sensitivities()
     behind = {
-        law: sensitivity.from_points(scenario(law=law), sensitivity.BEHIND, 0)
+        law: sensitivity.from_points(experiment_scenario(law=law), sensitivity.BEHIND, 0)
         for law in ('paper', 'corrected')
     }
     drawn = {
-        'figure_17': experiment_figures.epipoles(found),
-        'figure_18': experiment_figures.difference(found),
-        'figure_19': experiment_figures.snapshots(found, 19),
-        'figure_20': experiment_figures.snapshots(found, 20),
+        'figure_17': experiment_figures.epipoles(run),
+        'figure_18': experiment_figures.difference(run),
+        'figure_19': experiment_figures.snapshots(run, 19),
+        'figure_20': experiment_figures.snapshots(run, 20),
     }
-    verdict = summarise(found.log)
-    numbers = {
-        'run': verdict,
-        'difference_rate_per_s': experiment_figures.difference_decay(found.log).rate,
+    summary = summarise(run.log)
+    results = {
+        'run': summary,
+        'difference_rate_per_s': experiment_figures.difference_decay(run.log).rate,
         'sensitivity': sensitivity.document(rows),
         'behind': behind,
     }
-    near = verdict['position_error_m'] < ERROR_OF_THE_PAPER_M
+    near = summary['position_error_m'] < ERROR_OF_THE_PAPER_M
     return Chapter(
         'Experiment',
         drawn,
-        claims(found, rows, behind),
-        numbers,
-        verdict['outcome'] == 'arrived' and near,
+        claims(run, rows, behind),
+        results,
+        summary['outcome'] == 'arrived' and near,
         sensitivity.markdown(rows),
     )
 

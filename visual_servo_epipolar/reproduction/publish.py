@@ -1,4 +1,4 @@
-"""Writes what was reproduced: figures, the data behind them, the table."""
+"""Publication of the chapters: figures, the data behind them, the table."""
 
 from collections.abc import Mapping
 import json
@@ -34,11 +34,11 @@ def data(chapters: Mapping[str, Chapter]) -> dict[str, Any]:
 
 
 def document(chapters: Mapping[str, Chapter]) -> dict[str, Any]:
-    """Return what was found, as JSON has it."""
+    """Return the results of all chapters as JSON has them."""
     return {
         name: {
             'succeeded': chapter.succeeded,
-            'numbers': chapter.numbers,
+            'numbers': chapter.metrics,
             'statements': statements.document(chapter.statements),
         }
         for name, chapter in chapters.items()
@@ -46,7 +46,7 @@ def document(chapters: Mapping[str, Chapter]) -> dict[str, Any]:
 
 
 def text(chapters: Mapping[str, Chapter]) -> str:
-    """Return what was found, for a terminal."""
+    """Return the statements of all chapters for a terminal."""
     return '\n'.join(statements.plain(c.title, c.statements) for c in chapters.values())
 
 

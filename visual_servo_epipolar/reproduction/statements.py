@@ -1,4 +1,4 @@
-"""The table: what the paper says, what we find, whether the two agree."""
+"""Statements: claims of the paper beside our results, and whether the two agree."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -8,7 +8,7 @@ from typing import Any
 @dataclass(frozen=True, slots=True)
 class Statement:
     """
-    One claim of the paper beside our finding.
+    One claim of the paper beside our result.
 
     ``place`` is where the paper makes it; ``agrees`` is None where its text gives nothing to
     compare with, and then ``paper`` says so.
@@ -20,8 +20,8 @@ class Statement:
     agrees: bool | None = None
 
     @property
-    def verdict(self) -> str:
-        """The verdict in a word."""
+    def agreement(self) -> str:
+        """Whether the two agree, in a word."""
         return {True: 'yes', False: 'no', None: '-'}[self.agrees]
 
 
@@ -36,13 +36,13 @@ def document(statements: Sequence[Statement]) -> list[dict[str, Any]]:
 def markdown(title: str, statements: Sequence[Statement]) -> str:
     """Return the statements as a table in Markdown under a heading."""
     lines = [f'## {title}', '', '| | the paper | ours | agrees |', '|---|---|---|---|']
-    rows = [(s.place, s.paper, s.ours, s.verdict) for s in statements]
+    rows = [(s.place, s.paper, s.ours, s.agreement) for s in statements]
     lines += ['| ' + ' | '.join(cell.replace('|', '\\|') for cell in row) + ' |' for row in rows]
     return '\n'.join(lines) + '\n'
 
 
 def plain(title: str, statements: Sequence[Statement]) -> str:
-    """Return the statements as people read them on a terminal, one finding a line."""
+    """Return the statements as people read them on a terminal, one result a line."""
     marks = {True: 'agrees   ', False: 'DISAGREES', None: 'no number'}
     lines = [f'  {marks[s.agrees]}  {s.place}: {s.ours}' for s in statements]
     return '\n'.join([title, *lines])

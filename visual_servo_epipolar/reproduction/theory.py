@@ -1,8 +1,8 @@
 """
-What the closed loop of the first and second step can and cannot do: rates, invariants, bounds.
+Theory of the closed loop in both steps: rates, invariants, bounds.
 
 Epipoles and ``focal`` share one unit, as in ``laws``; ``guess`` is the focal length f_hat that the
-law believes in. With alpha = atan(e_au / f) and chi = atan(e_du / f) the law obeys, in every sign
+law assumes. With alpha = atan(e_au / f) and chi = atan(e_du / f) the law obeys, in every sign
 case and for any gains,
 
     (ln |sin alpha| d / d_hat)' = -k1 cos^2 alpha,
@@ -22,7 +22,7 @@ def rates_in_bearings(twist: Twist, bearings: Bearings, distance: float) -> tupl
     """
     Return the rates of e_au (eq. 8) and e_du (eq. 7) at unit focal length.
 
-    They need no sign: ``laws.epipole_rates`` has the same in epipoles and sigma.
+    They need no sign; in epipoles and sigma they are ``laws.epipole_rates``.
     """
     turn = twist.linear * math.sin(bearings.phi) / distance  # -psi', the baseline turning right
     return (
@@ -147,8 +147,8 @@ def least_discordant_part(
     power = 1.0 if guess is None else focal / guess
     if ratio >= power:
         return 1.0
-    left = (ratio - 1.0) / (power - 1.0)  # d / d_0 where the factor is least
-    return float((1.0 - (1.0 - left) / ratio) ** power / left) if left > 0.0 else 0.0
+    growth = (ratio - 1.0) / (power - 1.0)  # d / d_0 where the factor is least
+    return float((1.0 - (1.0 - growth) / ratio) ** power / growth) if growth > 0.0 else 0.0
 
 
 def largest_finite_time_gain(

@@ -21,10 +21,12 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import advance, step
 from visual_servo_epipolar.core.servo.telemetry import sample, telemetry
+from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.simulation import point_world
-from visual_servo_epipolar.simulation.bases.pioneer import BaseSettings, Pioneer
+from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
+from visual_servo_epipolar.simulation.bases.registry import new_base
 from visual_servo_epipolar.simulation.point_world import PointWorld
 
 Step = Callable[[ServoState, Observation, ServoSettings], ServoState]
@@ -51,7 +53,7 @@ class LoopSettings:
     frame_rate: float = 11.0
     max_duration: float = 300.0
     servo: ServoSettings = field(default_factory=ServoSettings)
-    base: BaseSettings = field(default_factory=BaseSettings)
+    base: Settings = field(default_factory=PioneerSettings)
 
 
 def period_ns(frame_rate: float) -> int:
@@ -64,8 +66,8 @@ def published(pose: Pose) -> Pose:
     return Pose(pose.x, pose.y, yaw_from_quaternion(*quaternion_from_yaw(pose.theta)))
 
 
-class Referee:
-    """Keeps the record of a run, and says when it is over; in memory and beside the nodes."""
+class RunMonitor:
+    """Run monitor: keeps the samples of a run, in memory or of nodes, and says when it is over."""
 
     def __init__(self, settings: LoopSettings) -> None:
         self.settings = settings
@@ -114,16 +116,17 @@ class Loop:
 
     def __init__(self, settings: LoopSettings, view: View, camera: Camera) -> None:
         self.view, self.camera = view, camera
-        self.referee = Referee(settings)
+        self.monitor = RunMonitor(settings)
         self._servo = settings.servo
-        self._base = Pioneer(settings.base, Pose.from_start(*settings.start), seed=settings.seed)
+        start = Pose.from_start(*settings.start)
+        self._base = new_base(settings.base, start, seed=settings.seed)
         self._state, self._period_ns = ServoState(), period_ns(settings.frame_rate)
         self.pose = published(self._base.pose)
 
     @property
     def frame(self) -> int:
         """Number of the frame that comes next: 0, 1, ..."""
-        return len(self.referee.samples)
+        return len(self.monitor.samples)
 
     @property
     def now_ns(self) -> int:
@@ -147,7 +150,7 @@ class Loop:
         """Note the step that was decided."""
         state = self._state
         taken = sample(self._base.now_ns, self.pose, state.phase, telemetry(state))
-        self.referee.add(taken, reason=state.reason, attempts=state.attempts)
+        self.monitor.add(taken, reason=state.reason, attempts=state.attempts)
         return taken
 
     def drive(self) -> None:
@@ -197,13 +200,13 @@ def run(
     only then does the base move for one period.
     """
     loop = Loop(settings, view, camera)
-    while not loop.referee.done:
+    while not loop.monitor.done:
         loop.decide_by(control)
         taken = loop.record()
         if watch is not None:
             watch(taken)
         loop.drive()
-    return loop.referee.log()
+    return loop.monitor.log()
 
 
 def run_many(
@@ -219,7 +222,7 @@ def run_many(
     """
     _keep_memory()
     loops = [Loop(*each) for each in runs]
-    going = [loop for loop in loops if not loop.referee.done]
+    going = [loop for loop in loops if not loop.monitor.done]
     while going:
         robot_views = look(going)
         lap('world')
@@ -234,8 +237,8 @@ def run_many(
         for loop in going:
             loop.drive()
         lap('base')
-        going = [loop for loop in going if not loop.referee.done]
-    return [loop.referee.log() for loop in loops]
+        going = [loop for loop in going if not loop.monitor.done]
+    return [loop.monitor.log() for loop in loops]
 
 
 def _keep_memory() -> None:

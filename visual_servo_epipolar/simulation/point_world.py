@@ -1,4 +1,4 @@
-"""Point features without images: a seeded cloud seen by a noisy camera, for fast closed loops."""
+"""Point world: a seeded cloud of features and a noisy camera, for closed loops without images."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,11 +11,11 @@ from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.simulation.disturbances.image import Disturbances
-from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, floor_jitter
+from visual_servo_epipolar.simulation.mounts.rig import CameraRig
 from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME
 
 MIN_DEPTH_M = 0.3
-BLOCK = 32  # frames whose noise is drawn at once: to begin a generator takes longer
+BLOCK = 32  # frames drawn at once: starting a random generator costs more than drawing
 MAX_RAY = 4.0  # farther from the axis no lens sees anything (76 deg)
 
 
@@ -45,22 +45,20 @@ class PointWorld:
     """
     A cloud that fills the goal's image; ``observe`` gives what a good tracker would.
 
-    ``camera`` is the true one; the floor shakes it by ``jitter`` [rad]. What ``disturbances`` put
-    before the scene hides points; light and blur do nothing here.
+    The camera of ``rig`` is the true one. What ``disturbances`` put before the scene hides points;
+    light and blur do nothing here.
     """
 
     def __init__(
         self,
         settings: PointSettings,
-        camera: Camera,
+        rig: CameraRig,
         *,
         seed: int,
-        mount: CameraMount | None = None,
-        jitter: float = 0.0,
         disturbances: Disturbances | None = None,
     ) -> None:
-        self.settings, self.camera, self.jitter, self._seed = settings, camera, jitter, seed
-        self.mount = CameraMount() if mount is None else mount
+        camera = rig.camera
+        self.settings, self.rig, self.camera, self._seed = settings, rig, camera, seed
         self._disturbances = disturbances
         # Such a lens may show, folded back into the image, what it cannot see.
         self.wide = camera.distorts or 0.5 * max(camera.width, camera.height) > camera.fx
@@ -68,7 +66,7 @@ class PointWorld:
         pixels = rng.random((settings.candidates, 2)) * [camera.width - 1, camera.height - 1]
         depth = settings.near + (settings.far - settings.near) * rng.random(settings.candidates)
         solid = np.column_stack([camera.rays(pixels) * depth[:, None], depth])
-        axes, centre = self.stance(DESIRED_POSE, DESIRED_FRAME)
+        axes, centre = rig.camera_pose(DESIRED_POSE, DESIRED_FRAME)
         self.points: FloatArray = solid @ axes.T + centre  # in the world
         self._desired = pixels + settings.noise * rng.standard_normal(pixels.shape)
         self._block, self._noises = -1, np.empty((0, *pixels.shape))
@@ -78,7 +76,7 @@ class PointWorld:
         return observe_each([self], [pose], [frame])[0]
 
     def tracked(self, pixels: FloatArray, visible: BoolArray, frame: int) -> Features:
-        """Return what a tracker makes of true ``pixels``, (N, 2), where ``visible``, (N,)."""
+        """Return the features at true ``pixels``, shape (N, 2), where ``visible``, shape (N,)."""
         taken_for = self.taken_for(frame)
         if taken_for is not None:
             pixels, visible = pixels[taken_for], visible[taken_for]
@@ -116,28 +114,23 @@ class PointWorld:
             self._block, self._noises = block, self.settings.noise * rng.standard_normal(shape)
         return np.asarray(self._noises[number])
 
-    def stance(self, pose: Pose, frame: int) -> tuple[FloatArray, FloatArray]:
-        """Return the axes of the camera as columns, and its centre."""
-        tilt, roll = floor_jitter(self.jitter, self._seed, frame)
-        return self.mount.R_world_camera(pose, tilt=tilt, roll=roll), self.mount.centre(pose)
-
 
 def observe_each(
     worlds: Sequence[PointWorld], poses: Sequence[Pose], frames: Sequence[int]
 ) -> list[Features]:
-    """Return what each world shows from its pose in its frame, alike worlds at once."""
-    found: list[Features | None] = [None] * len(worlds)
-    alike: dict[tuple[Camera, int], list[int]] = {}
+    """Return the features of each world from its pose in its frame, by camera at once."""
+    results: list[Features | None] = [None] * len(worlds)
+    groups: dict[tuple[Camera, int], list[int]] = {}
     for k, world in enumerate(worlds):
-        alike.setdefault((world.camera, len(world.points)), []).append(k)
-    for places in alike.values():
-        some = [worlds[k] for k in places]
+        groups.setdefault((world.camera, len(world.points)), []).append(k)
+    for indices in groups.values():
+        group = [worlds[k] for k in indices]
         pixels, visible = project_each(
-            some, [poses[k] for k in places], [frames[k] for k in places]
+            group, [poses[k] for k in indices], [frames[k] for k in indices]
         )
-        for row, k in enumerate(places):
-            found[k] = worlds[k].tracked(pixels[row], visible[row], frames[k])
-    return [features for features in found if features is not None]
+        for row, k in enumerate(indices):
+            results[k] = worlds[k].tracked(pixels[row], visible[row], frames[k])
+    return [features for features in results if features is not None]
 
 
 def project_each(
@@ -146,14 +139,17 @@ def project_each(
     """
     Return the true pixels, shape (B, N, 2), and which of them are in view, shape (B, N).
 
-    The worlds have equally many points and the same camera.
+    All B worlds have equally many points and one camera.
     """
-    stances = [w.stance(pose, k) for w, pose, k in zip(worlds, poses, frames, strict=True)]
-    axes = np.array([axes for axes, _ in stances])
-    centres = np.array([centre for _, centre in stances])
-    seen = (np.array([world.points for world in worlds]) - centres[:, None]) @ axes
-    depth, camera = seen[..., 2], worlds[0].camera
-    rays = seen[..., :2] / np.maximum(depth, MIN_DEPTH_M)[..., None]
+    camera_poses = [
+        world.rig.camera_pose(pose, frame)
+        for world, pose, frame in zip(worlds, poses, frames, strict=True)
+    ]
+    axes = np.array([axes for axes, _ in camera_poses])
+    centres = np.array([centre for _, centre in camera_poses])
+    solid = (np.array([world.points for world in worlds]) - centres[:, None]) @ axes
+    depth, camera = solid[..., 2], worlds[0].camera
+    rays = solid[..., :2] / np.maximum(depth, MIN_DEPTH_M)[..., None]
     rays = np.minimum(np.maximum(rays, -MAX_RAY), MAX_RAY).reshape(-1, 2)
     pixels = camera.pixels(rays)
     visible = camera.contains(pixels)

@@ -1,4 +1,4 @@
-"""Regions of starts: where a robot may be when it is to come back to the goal."""
+"""Regions: where a robot may start when it is to come back to the goal."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -11,7 +11,8 @@ from visual_servo_epipolar.core.errors import InputError, TrackingError
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.tracking.candidates import Candidates
 from visual_servo_epipolar.core.tracking.matching import desired_view
-from visual_servo_epipolar.simulation.camera_simulator import CameraSettings
+from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
 from visual_servo_epipolar.simulation.rooms.ground import Ground
 from visual_servo_epipolar.simulation.rooms.scene import room
@@ -29,9 +30,9 @@ BOXES = {
 }
 REGIONS = tuple(BOXES)
 LEAST_FEATURES = 40  # of the goal's, in view from a start anywhere
-DIGITS = 6  # of a start: written down it is the same start
+DIGITS = 6  # of a start: nothing is lost when it is written down
 TRIES = 5000
-STREAM = 8  # keeps starts apart from all else that is drawn from the same seed
+STREAM = 8  # keeps starts apart from other draws of one seed
 
 
 def start_in(
@@ -61,8 +62,8 @@ def start_in(
         if all(holds(pose) for holds in conditions):
             return x, y, heading
     raise InputError(
-        f'no start found in region {region} in {TRIES} tries; see that the scene leaves room and '
-        f'that the goal has more than {LEAST_FEATURES} features'
+        f'no start found in region {region} in {TRIES} tries; see that the scene leaves floor '
+        f'free and that the goal has more than {LEAST_FEATURES} features'
     )
 
 
@@ -81,27 +82,27 @@ def _conditions(region: str, scenario: Scenario, source: str) -> list[Condition]
 
 
 class _Scenery:
-    """The room, and where in it is what the photograph shows that is worth tracking."""
+    """The room, and the points in it that are worth tracking in the photograph."""
 
     def __init__(self, camera: CameraSettings, candidates: int) -> None:
-        scene = room(camera.scene_seed, camera.scene)
-        self.ground = Ground(scene, camera.mount)
+        scene, rig = room(camera.scene_seed, camera.scene), new_rig(camera)
+        self.ground = Ground(scene, rig)
         # What is kept has no pictures on it: they take hundreds of megabytes.
-        self._renderer = Renderer(scene.bare(), camera.camera, camera.mount)
-        photograph = Renderer(scene, camera.camera, camera.mount).render(DESIRED_POSE)
+        self._renderer = Renderer(scene.bare(), rig)
+        photograph = Renderer(scene, rig).render(DESIRED_POSE)
         points = self._renderer.trace(_worth_tracking(photograph, candidates), DESIRED_POSE)
         self._points = points[np.isfinite(points).all(axis=1)]
 
     def in_view(self, pose: Pose) -> int:
         """Return how many of the goal's features can be seen from ``pose``."""
-        pixels, seen = self._renderer.project(self._points, pose)
-        if int(seen.sum()) < LEAST_FEATURES:
-            return int(seen.sum())  # too few even if nothing hides them
-        return int(self._renderer.unhidden(self._points[seen], pixels[seen], pose).sum())
+        pixels, visible = self._renderer.project(self._points, pose)
+        if int(visible.sum()) < LEAST_FEATURES:
+            return int(visible.sum())  # too few even if nothing hides them
+        return int(self._renderer.unhidden(self._points[visible], pixels[visible], pose).sum())
 
 
 def _worth_tracking(photograph: Image, candidates: int) -> FloatArray:
-    """Return the pixels, shape (N, 2), of the features that a tracker would keep in mind."""
+    """Return the pixels, shape (N, 2), of the features that a tracker would keep as candidates."""
     try:
         view = desired_view(photograph)
     except TrackingError as error:

@@ -1,7 +1,7 @@
-"""Scenarios: what is perturbed in a run, read from YAML."""
+"""Scenarios: the settings of all parts of a run, read from YAML."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,10 +11,12 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import setting, Settings, updated
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
-from visual_servo_epipolar.simulation.bases.pioneer import BaseSettings
-from visual_servo_epipolar.simulation.camera_simulator import CameraSettings
+from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
+from visual_servo_epipolar.simulation.bases.registry import base_name, BaseModel, BASES
 from visual_servo_epipolar.simulation.closed_loop import LoopSettings
 from visual_servo_epipolar.simulation.disturbances.image import DisturbanceSettings
+from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.mounts.registry import rig_name, RigModel, RIGS
 from visual_servo_epipolar.simulation.point_world import PointSettings
 
 
@@ -30,12 +32,19 @@ class Scenario:
     """Settings of every part of a simulated run; the defaults are the nominal scenario."""
 
     run: RunSettings = field(default_factory=RunSettings)
-    base: BaseSettings = field(default_factory=BaseSettings)
+    base: Settings = field(default_factory=PioneerSettings)
     camera: CameraSettings = field(default_factory=CameraSettings)
     points: PointSettings = field(default_factory=PointSettings)
     disturbances: DisturbanceSettings = field(default_factory=DisturbanceSettings)
     tracker: TrackerSettings = field(default_factory=TrackerSettings)
     servo: ServoSettings = field(default_factory=ServoSettings)
+
+    def document(self) -> dict[str, Any]:
+        """Return all settings by section, and by name which base and which camera rig they are."""
+        sections = asdict(self)
+        sections['base']['model'] = base_name(self.base)
+        sections['camera']['rig'] = rig_name(self.camera)
+        return sections
 
     def seeded(self, seed: int) -> 'Scenario':
         """Return the scenario with noise, jitter and random subsets drawn from ``seed``."""
@@ -64,9 +73,19 @@ class Scenario:
         )
 
 
+# Sections that come in several kinds: the key that names the kind, and settings by its name.
+KINDS: Mapping[str, tuple[str, Mapping[str, BaseModel | RigModel]]] = {
+    'base': ('model', BASES),
+    'camera': ('rig', RIGS),
+}
+
+
 def from_document(document: Any, where: str) -> Scenario:
     """
     Build a scenario from a parsed YAML document: sections of settings, all optional.
+
+    ``model`` in the section ``base`` and ``rig`` in the section ``camera`` say which one it is;
+    its settings are the others of that section.
 
     Raises
     ------
@@ -78,23 +97,32 @@ def from_document(document: Any, where: str) -> Scenario:
         document = {}
     if not isinstance(document, Mapping):
         raise InputError(f'{where}: a scenario must map sections to settings, got {document!r}')
-    known = [item.name for item in fields(Scenario)]
-    unknown = sorted(str(key) for key in document if key not in known)
+    names = [item.name for item in fields(Scenario)]
+    unknown = sorted(str(key) for key in document if key not in names)
     if unknown:
         raise InputError(
-            f'{where}: no section {", ".join(unknown)}; a scenario has {", ".join(known)}'
+            f'{where}: no section {", ".join(unknown)}; a scenario has {", ".join(names)}'
         )
-    scenario = Scenario()
     try:
-        changes = {
-            name: updated(
-                getattr(scenario, name), {} if values is None else values, f'{where}: {name}'
-            )
+        sections: dict[str, Any] = {
+            name: _section(name, {} if values is None else values, f'{where}: {name}')
             for name, values in document.items()
         }
     except ValueError as error:
         raise InputError(str(error)) from None
-    return replace(scenario, **changes)
+    return replace(Scenario(), **sections)
+
+
+def _section(name: str, values: Any, where: str) -> Settings:
+    """Return the settings of one section; raises ValueError for a bad one."""
+    settings: Settings = getattr(Scenario(), name)
+    if name in KINDS and isinstance(values, Mapping):
+        key, models = KINDS[name]
+        kind, values = values.get(key), {k: v for k, v in values.items() if k != key}
+        if kind is not None and kind not in tuple(models):
+            raise ValueError(f'{where}: {key} must be one of {", ".join(models)}, got {kind!r}')
+        settings = settings if kind is None else models[kind].settings()
+    return updated(settings, values, where)
 
 
 def load(path: Path) -> Scenario:

@@ -1,9 +1,12 @@
-"""What the servo sees in a run in memory: point features, or images through a tracker."""
+"""Views of a run in memory: point features, or images through a tracker."""
+
+from dataclasses import replace
 
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
 from visual_servo_epipolar.simulation.closed_loop import View
 from visual_servo_epipolar.simulation.disturbances.image import Disturbances, DisturbanceSettings
+from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.point_world import PointWorld
 from visual_servo_epipolar.simulation.scenario import Scenario
 
@@ -27,9 +30,7 @@ def points_of(scenario: Scenario, seed: int) -> PointWorld:
         disturbances = Disturbances(size, scenario.disturbances, seed)
     return PointWorld(
         scenario.points,
-        camera.camera,
+        new_rig(replace(camera, seed=seed)),
         seed=seed,
-        mount=camera.mount,
-        jitter=camera.jitter,
         disturbances=disturbances,
     )

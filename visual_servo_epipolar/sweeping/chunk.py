@@ -1,4 +1,4 @@
-"""What a worker does: a chunk of starts through the closed loop, a verdict on each."""
+"""Chunks: a worker drives a few starts through the closed loop and returns their results."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -18,8 +18,8 @@ from visual_servo_epipolar.sweeping.plan import Chunk, Plan
 
 Start = tuple[float, float, float]
 Result = dict[str, Any]
-# What a run that raised cannot tell.
-UNKNOWN = (
+# Quantities that a run that raised does not have.
+MISSING = (
     *('position_error_m', 'lateral_error_m', 'longitudinal_error_m', 'heading_error_deg'),
     *('duration_s', 'path_length_m', 'max_distance_ratio', 'min_visible_features'),
     *('max_linear_speed', 'max_angular_speed'),
@@ -30,28 +30,28 @@ def work(plan: Plan, chunk: Chunk) -> list[Result]:
     """Do the runs of ``chunk`` and return their results in its order."""
     cv2.setNumThreads(1)  # there is a worker for each core
     results = []
-    for world, indices in _by_world(plan, chunk):
+    for scenario, indices in _by_scenario(plan, chunk):
         seeds = [plan.run_seed(index) for index in indices]
         starts = [
-            start_in(plan.region, plan.seed, index, world.seeded(seed), source=plan.source)
+            start_in(plan.region, plan.seed, index, scenario.seeded(seed), source=plan.source)
             for index, seed in zip(indices, seeds, strict=True)
         ]
-        results += run_chunk(world, starts, seeds, plan.source)
+        results += run_chunk(scenario, starts, seeds, plan.source)
     return results
 
 
-def _by_world(plan: Plan, chunk: Chunk) -> Iterator[tuple[Scenario, list[int]]]:
+def _by_scenario(plan: Plan, chunk: Chunk) -> Iterator[tuple[Scenario, list[int]]]:
     """Yield stretches of the chunk in one scenario; only the seeds of its runs differ."""
-    worlds = [(plan.world(chunk.law, index).seeded(0), index) for index in chunk.indices]
-    for world, stretch in groupby(worlds, key=itemgetter(0)):
-        yield world, [index for _, index in stretch]
+    scenarios = [(plan.scenario_of(chunk.law, index).seeded(0), index) for index in chunk.indices]
+    for scenario, stretch in groupby(scenarios, key=itemgetter(0)):
+        yield scenario, [index for _, index in stretch]
 
 
 def run_chunk(
     scenario: Scenario, starts: Sequence[Start], seeds: Sequence[int], source: str
 ) -> list[Result]:
     """
-    Drive from each start with its seed and return the verdicts, as ``simulate`` writes them.
+    Drive from each start with its seed and return the JSON document of each run.
 
     Runs on features are driven side by side, each as it would be alone. A run that raises counts
     as failed; its result then has the key ``traceback`` as well.
@@ -60,7 +60,7 @@ def run_chunk(
         with suppress(Exception):  # a defect: one by one, below, it will say in which run
             return _side_by_side(scenario, starts, seeds)
     return [
-        _verdict(scenario, start, seed, source) for start, seed in zip(starts, seeds, strict=True)
+        _alone(scenario, start, seed, source) for start, seed in zip(starts, seeds, strict=True)
     ]
 
 
@@ -71,15 +71,15 @@ def _side_by_side(
     for start, seed in zip(starts, seeds, strict=True):
         seeded = scenario.seeded(seed)
         view = view_of(seeded, 'features', seed)
-        runs.append((seeded.loop(start, seed), view, seeded.camera.believed))
+        runs.append((seeded.loop(start, seed), view, seeded.camera.nominal_camera))
     return [summarise(log) for log in run_many(runs)]
 
 
-def _verdict(scenario: Scenario, start: Start, seed: int, source: str) -> Result:
+def _alone(scenario: Scenario, start: Start, seed: int, source: str) -> Result:
     seeded = scenario.seeded(seed)
     try:
         view = view_of(seeded, source, seed)
-        return summarise(run(seeded.loop(start, seed), view, seeded.camera.believed))
+        return summarise(run(seeded.loop(start, seed), view, seeded.camera.nominal_camera))
     except Exception as error:  # a defect: one start must not take the other thousands along
         return {
             'outcome': 'failed',
@@ -87,7 +87,7 @@ def _verdict(scenario: Scenario, start: Start, seed: int, source: str) -> Result
             'start': list(start),
             'seed': seed,
             'law': scenario.servo.law,
-            **dict.fromkeys(UNKNOWN),
+            **dict.fromkeys(MISSING),
             'phases': [],
             'attempts': 0,
             'traceback': traceback.format_exc(),

@@ -1,4 +1,4 @@
-"""Workers of an existing Dask cluster."""
+"""Cluster: workers of an existing Dask cluster."""
 
 import asyncio
 from collections.abc import Callable, Iterator
@@ -103,20 +103,20 @@ def _check(client: Any, address: str) -> None:
             f'"dask worker {address}"'
         ) from None
 
-    def code() -> str:
+    def remote_digest() -> str:
         from visual_servo_epipolar.sweeping.provenance import digest
 
         return digest()
 
-    for worker, found in client.run(code, on_error='return').items():
-        if isinstance(found, Exception):
+    for worker, answer in client.run(remote_digest, on_error='return').items():
+        if isinstance(answer, Exception):
             raise InputError(
                 f'Dask worker {worker} cannot import visual_servo_epipolar '
-                f'({_first_line(found)}); install this version of it there'
+                f'({_first_line(answer)}); install this version of it there'
             )
-        if found != digest():
+        if answer != digest():
             raise InputError(
-                f'Dask worker {worker} has other code of visual_servo_epipolar ({found} there, '
+                f'Dask worker {worker} has other code of visual_servo_epipolar ({answer} there, '
                 f'{digest()} here); install this version of it there and restart the worker'
             )
 

@@ -1,4 +1,4 @@
-"""Work through a plan: hand out what is missing, keep what comes back."""
+"""Driver of a sweep: hands out the missing runs of a plan and stores their results."""
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
@@ -8,14 +8,14 @@ from typing import Any, Protocol
 from visual_servo_epipolar.sweeping.plan import Chunk, Plan
 from visual_servo_epipolar.sweeping.store import Store
 
-PATIENCE_S = 10.0  # without a result, after which the workers are looked after
+PATIENCE_S = 10.0  # without a result, after which the workers are checked
 
 Results = list[dict[str, Any]]
 Watch = Callable[[Sequence[dict[str, Any]]], None]
 
 
 class Workers(Protocol):
-    """Whoever does chunks: processes of this machine, or of a cluster; ``count`` at a time."""
+    """Workers: processes of this machine, or of a cluster; ``count`` chunks at a time."""
 
     count: int
 
@@ -24,7 +24,7 @@ class Workers(Protocol):
         ...
 
     def check(self) -> None:
-        """Raise VisualServoError if nothing can be expected of the workers any more."""
+        """Raise VisualServoError if the workers can no longer answer."""
         ...
 
 
@@ -33,20 +33,20 @@ def drive(plan: Plan, store: Store, workers: Workers, watch: Watch) -> None:
     Do the runs of ``plan`` that ``store`` does not have yet, and keep each as its chunk ends.
 
     ``watch`` is called after each chunk with its results. What a worker or its loss raises comes
-    out here; what had ended until then is kept.
+    out here; the results until then are kept.
     """
-    ended: SimpleQueue[Future[Results]] = SimpleQueue()
-    under_way: dict[Future[Results], Chunk] = {}
+    completed: SimpleQueue[Future[Results]] = SimpleQueue()
+    pending: dict[Future[Results], Chunk] = {}
     for chunk in plan.chunks(store.results.keys(), workers.count):
         future = workers.submit(plan, chunk)
-        under_way[future] = chunk
-        future.add_done_callback(ended.put)
-    while under_way:
+        pending[future] = chunk
+        future.add_done_callback(completed.put)
+    while pending:
         try:
-            future = ended.get(timeout=PATIENCE_S)
+            future = completed.get(timeout=PATIENCE_S)
         except Empty:
             workers.check()
             continue
         results = future.result()
-        store.add(under_way.pop(future), results)
+        store.add(pending.pop(future), results)
         watch(results)

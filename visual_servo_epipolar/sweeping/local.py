@@ -53,7 +53,7 @@ def local_workers(jobs: int) -> Iterator[LocalWorkers]:
 
     """
     spawn = get_context('spawn')
-    lifeline, ours = spawn.Pipe(duplex=False)
+    lifeline, parent_end = spawn.Pipe(duplex=False)
     with _one_thread_each():
         pool = ProcessPoolExecutor(jobs, spawn, _live_by, (lifeline,))
         try:
@@ -64,11 +64,11 @@ def local_workers(jobs: int) -> Iterator[LocalWorkers]:
                 'the same command goes on from there'
             ) from None
         except BaseException:
-            ours.close()
+            parent_end.close()
             raise
         finally:
             pool.shutdown(cancel_futures=True)
-            ours.close()
+            parent_end.close()
             lifeline.close()
 
 

@@ -1,7 +1,7 @@
-"""What a sweep consists of: which starts, which laws, which world; and how to do it again."""
+"""Plan of a sweep: starts, laws and scenario, and the commands that repeat it."""
 
 from collections.abc import Collection, Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 import json
 import shlex
 from typing import Any
@@ -10,7 +10,7 @@ import numpy as np
 
 from visual_servo_epipolar.simulation.scenario import Scenario
 
-RUN_STREAM = 6  # keeps the seeds of the runs apart from all else that is drawn from one seed
+RUN_STREAM = 6  # keeps the seeds of the runs apart from other draws of one seed
 # Runs handed to a worker at a time: on features it drives them side by side.
 CHUNK = {'features': 64, 'images': 1}
 CHUNKS_A_WORKER = 4  # at least, so that no worker waits long for the last one
@@ -45,11 +45,11 @@ class Plan:
     scenario_name: str | None = None
 
     def run_seed(self, index: int) -> int:
-        """Return the seed of run number ``index``, from 0 to 2^31 - 1; the same for each law."""
-        drawn = np.random.SeedSequence((self.seed, RUN_STREAM, index)).generate_state(1)
-        return int(drawn[0] >> 1)
+        """Return the seed of run number ``index``, from 0 to 2^31 - 1, which all laws share."""
+        words = np.random.SeedSequence((self.seed, RUN_STREAM, index)).generate_state(1)
+        return int(words[0] >> 1)
 
-    def world(self, law: str, index: int) -> Scenario:
+    def scenario_of(self, law: str, index: int) -> Scenario:
         """Return the scenario of run number ``index``."""
         scenario = self.scenario.with_servo({'law': law}).seeded(self.run_seed(index))
         if not self.scenes:
@@ -68,8 +68,8 @@ class Plan:
         return [chunk for law in self.laws for chunk in _cut(law, missing, size)]
 
     def identity(self) -> dict[str, Any]:
-        """Return, as plain JSON, all that decides what the runs are; not how many there are."""
-        scenario = asdict(self.scenario.seeded(0).with_servo({'law': self.laws[0]}))
+        """Return, as plain JSON, what fixes each run; not how many there are."""
+        scenario = self.scenario.seeded(0).with_servo({'law': self.laws[0]}).document()
         document = {
             'region': self.region,
             'source': self.source,
@@ -84,13 +84,13 @@ class Plan:
     def command(self) -> str:
         """Return the command line of the whole sweep."""
         laws = ('--compare', ','.join(self.laws)) if len(self.laws) > 1 else ('--law', *self.laws)
-        world = self._world(self.scenario.camera.scene_seed)
+        options = self._scenario_options(self.scenario.camera.scene_seed)
         if self.scenes:
-            world += ['--scenes', ','.join(map(str, self.scenes))]
+            options += ['--scenes', ','.join(map(str, self.scenes))]
         return shlex.join(
             [
                 *('visual_servo', 'sweep', '--region', self.region, '--runs', str(self.runs)),
-                *('--source', self.source, *laws, *world, '--seed', str(self.seed)),
+                *('--source', self.source, *laws, *options, '--seed', str(self.seed)),
             ]
         )
 
@@ -98,15 +98,15 @@ class Plan:
         """Return the command line that repeats run number ``index`` alone, from its ``start``."""
         # Never 1e-05: argparse takes that, with a minus, for an option.
         x_y_deg = [np.format_float_positional(value, trim='-') for value in start]
-        world = self._world(self.world(law, index).camera.scene_seed)
+        options = self._scenario_options(self.scenario_of(law, index).camera.scene_seed)
         return shlex.join(
             [
                 *('visual_servo', 'simulate', '--start', *x_y_deg, '--source', self.source),
-                *('--law', law, *world, '--seed', str(self.run_seed(index))),
+                *('--law', law, *options, '--seed', str(self.run_seed(index))),
             ]
         )
 
-    def _world(self, scene: int) -> list[str]:
+    def _scenario_options(self, scene: int) -> list[str]:
         """Return the options that differ from their defaults."""
         default, options = Scenario(), []
         if self.scenario_name is not None:

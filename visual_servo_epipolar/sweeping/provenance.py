@@ -1,4 +1,4 @@
-"""Which code makes the runs: a digest that any copy of it has in common, and the commit."""
+"""Provenance: a digest of the code of a run, equal for all copies of it, and the commit."""
 
 from functools import cache
 import hashlib
@@ -6,19 +6,19 @@ from pathlib import Path
 import subprocess
 
 PACKAGE = Path(__file__).resolve().parents[1]
-WHAT_DECIDES = ('core', 'simulation', 'sweeping')  # these layers make the runs what they are
+LAYERS = ('core', 'simulation', 'sweeping')  # these layers make the runs what they are
 GIT_SECONDS = 5.0
 
 
 @cache
 def digest() -> str:
     """Return twelve digits that change when the code of a run changes."""
-    seen = hashlib.sha256()
-    for layer in WHAT_DECIDES:
+    digester = hashlib.sha256()
+    for layer in LAYERS:
         for path in sorted((PACKAGE / layer).rglob('*.py')):
-            seen.update(path.relative_to(PACKAGE).as_posix().encode())
-            seen.update(hashlib.sha256(path.read_bytes()).digest())
-    return seen.hexdigest()[:12]
+            digester.update(path.relative_to(PACKAGE).as_posix().encode())
+            digester.update(hashlib.sha256(path.read_bytes()).digest())
+    return digester.hexdigest()[:12]
 
 
 @cache
@@ -33,7 +33,7 @@ def commit() -> str | None:
 
 def _git(*arguments: str) -> str | None:
     try:
-        ran = subprocess.run(
+        process = subprocess.run(
             ['git', '-C', str(PACKAGE), *arguments],
             capture_output=True,
             text=True,
@@ -42,4 +42,4 @@ def _git(*arguments: str) -> str | None:
         )
     except (OSError, subprocess.SubprocessError):
         return None
-    return ran.stdout.strip()
+    return process.stdout.strip()

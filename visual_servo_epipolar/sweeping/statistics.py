@@ -1,4 +1,4 @@
-"""How far a few hundred runs can be trusted: intervals for shares and for quantiles."""
+"""Statistics: confidence intervals of success rates and of quantiles."""
 
 from collections.abc import Sequence
 import math
@@ -35,15 +35,16 @@ def quantile_interval(values: Sequence[float] | FloatArray, share: float) -> Int
     """
     Return the 95 % percentile-bootstrap interval of a quantile of ``values``; nan if none.
 
-    The resamples are drawn from a fixed seed: the same values give the same interval.
+    The resamples are drawn from a fixed seed: the interval follows from the values alone.
     """
     if not len(values):
         return math.nan, math.nan
     data, rng = np.asarray(values, dtype=np.float64), np.random.default_rng(BOOTSTRAP_SEED)
     block = max(1, BLOCK // len(data))
-    drawn = [
-        np.quantile(data[rng.integers(len(data), size=(min(block, left), len(data)))], share, 1)
-        for left in range(RESAMPLES, 0, -block)
+    counts = [min(block, remaining) for remaining in range(RESAMPLES, 0, -block)]
+    resampled = [
+        np.quantile(data[rng.integers(len(data), size=(count, len(data)))], share, 1)
+        for count in counts
     ]
-    low, high = np.quantile(np.concatenate(drawn), (0.025, 0.975)).tolist()
+    low, high = np.quantile(np.concatenate(resampled), (0.025, 0.975)).tolist()
     return low, high

@@ -1,4 +1,4 @@
-"""Results on disk as they come, so that a sweep that was killed goes on where it was."""
+"""Store: results on disk as they come, from which a sweep that was killed is resumed."""
 
 from collections.abc import Mapping
 from datetime import date
@@ -23,7 +23,7 @@ class Store:
     The file runs.jsonl of one sweep: a header, then one line a run in the order they ended.
 
     It belongs to one process at a time. A last line that was cut off by a kill is dropped, and its
-    run is done again. ``results`` has what is known, ``wall_s`` how long that took [s].
+    run is done again. ``results`` are those so far, ``wall_s`` is the time they took [s].
 
     Raises
     ------
@@ -87,14 +87,14 @@ class Store:
             ) from None
 
     def _open(self, wanted: Header) -> Header:
-        """Read what is there; return its header, or write the one that is wanted."""
+        """Read the file and return its header; write ``wanted`` if there is none."""
         content = self.path.read_bytes()
         whole = content.rfind(b'\n') + 1
         lines = content[:whole].splitlines()
         header = _parsed(lines[0], f'{self.path}:1') if lines else wanted
         if 'sweep' not in header:
             raise InputError(f'{self.path}: not the results of a sweep; give another --out')
-        if len(lines) < 2:  # nothing came of it
+        if len(lines) < 2:  # no run ended
             os.ftruncate(self._file, 0)
             self._append([json.dumps(wanted)])
             return wanted
@@ -138,20 +138,20 @@ def header_of(plan: Plan) -> Header:
 
 def _parsed(text: bytes, where: str) -> dict[str, Any]:
     try:
-        found = json.loads(text)
+        line = json.loads(text)
     except ValueError:
-        found = None
-    if not isinstance(found, dict):
+        line = None
+    if not isinstance(line, dict):
         raise InputError(f'{where}: not a line of a sweep; remove it, or give another --out')
-    return found
+    return line
 
 
-def _check(found: Header, wanted: Header, path: Path) -> None:
+def _check(stored: Header, wanted: Header, path: Path) -> None:
     """Refuse to mix two sweeps in one folder."""
-    differences = list(_differences(found['sweep'], wanted['sweep'], ''))
-    if found.get('code') != wanted['code']:
+    differences = list(_differences(stored['sweep'], wanted['sweep'], ''))
+    if stored.get('code') != wanted['code']:
         differences.append(
-            f'code {_code(found)} there, {_code(wanted)} here',
+            f'code {_code(stored)} there, {_code(wanted)} here',
         )
     if differences:
         more = f' and {len(differences) - 3} more' if len(differences) > 3 else ''
@@ -161,13 +161,13 @@ def _check(found: Header, wanted: Header, path: Path) -> None:
         )
 
 
-def _differences(found: Any, wanted: Any, where: str) -> list[str]:
+def _differences(stored: Any, wanted: Any, where: str) -> list[str]:
     """Name the leaves in which two documents differ."""
-    if isinstance(found, Mapping) and isinstance(wanted, Mapping):
-        names = sorted(found.keys() | wanted.keys())
+    if isinstance(stored, Mapping) and isinstance(wanted, Mapping):
+        names = sorted(stored.keys() | wanted.keys())
         below = [(n, f'{where}.{n}' if where else n) for n in names]
-        return [d for n, name in below for d in _differences(found.get(n), wanted.get(n), name)]
-    return [] if found == wanted else [f'{where} {found!r} there, {wanted!r} here']
+        return [d for n, name in below for d in _differences(stored.get(n), wanted.get(n), name)]
+    return [] if stored == wanted else [f'{where} {stored!r} there, {wanted!r} here']
 
 
 def _code(header: Header) -> str:

@@ -1,4 +1,4 @@
-"""The verdict on a sweep: the JSON document of the command line, for one law."""
+"""Summary of a sweep: the JSON document of the command line, for each law."""
 
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -12,11 +12,11 @@ from visual_servo_epipolar.sweeping.store import Store
 Result = Mapping[str, Any]
 ERRORS = (*('position_error_m', 'lateral_error_m', 'longitudinal_error_m', 'heading_error_deg'),)
 EFFORTS = ('max_distance_ratio', 'duration_s', 'path_length_m', 'attempts')
-# An arrival with more than that is wrong, and was so in silence.
+# An arrival with a larger error is wrong, and the robot did not say so.
 WRONG_POSITION_M, WRONG_HEADING_DEG = 0.05, 2.0
 
 
-def verdicts(plan: Plan, store: Store) -> dict[str, dict[str, Any]]:
+def summaries(plan: Plan, store: Store) -> dict[str, dict[str, Any]]:
     """Return law -> document, each with its runs in the order of their indices."""
     return {
         law: {
@@ -29,7 +29,7 @@ def verdicts(plan: Plan, store: Store) -> dict[str, dict[str, Any]]:
 
 
 def arrived(result: Result) -> bool:
-    """Whether the robot says so."""
+    """Whether the robot reports an arrival."""
     return bool(result['outcome'] == 'arrived')
 
 
@@ -48,15 +48,15 @@ def defective(result: Result) -> bool:
 
 def summary_of(runs: Sequence[Result]) -> dict[str, Any]:
     """Return rates, errors and efforts of runs of one law, as the JSON of a sweep has them."""
-    home = [run for run in runs if arrived(run)]
+    arrivals = [run for run in runs if arrived(run)]
     return {
-        'success_rate': len(home) / len(runs),
-        'success_interval': list(wilson(len(home), len(runs))),
-        'arrived': len(home),
+        'success_rate': len(arrivals) / len(runs),
+        'success_interval': list(wilson(len(arrivals), len(runs))),
+        'arrived': len(arrivals),
         'arrived_but_wrong': sum(map(wrong, runs)),
         'defects': sum(map(defective, runs)),
         'failure_reasons': reasons(run for run in runs if not arrived(run)),
-        **{name: _spread(home, name) for name in (*ERRORS, *EFFORTS)},
+        **{name: _spread(arrivals, name) for name in (*ERRORS, *EFFORTS)},
         'runs': list(runs),
     }
 
@@ -64,8 +64,8 @@ def summary_of(runs: Sequence[Result]) -> dict[str, Any]:
 def reasons(failures: Iterable[Result]) -> dict[str, int]:
     """Count the reasons, most frequent first; those that differ in their numbers are one."""
     # `23 features, 26 needed` and `25 features, 26 needed` become `N features, N needed`.
-    said = (re.sub(r'-?\d+(\.\d+)?', 'N', failure['reason']) for failure in failures)
-    return dict(sorted(Counter(said).items(), key=lambda item: (-item[1], item[0])))
+    texts = (re.sub(r'-?\d+(\.\d+)?', 'N', failure['reason']) for failure in failures)
+    return dict(sorted(Counter(texts).items(), key=lambda item: (-item[1], item[0])))
 
 
 def _spread(runs: Sequence[Result], name: str) -> dict[str, Any]:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from strategies import floats, matches, poses, poses_behind_the_goal, regular_poses
 
-from visual_servo_epipolar.benchmarks.estimation_scenes import Cell, draw_pairs, error
+from visual_servo_epipolar.benchmarks.estimation.scenes import Cell, draw_pairs, error
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Estimate, Estimator, Prior
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import (

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from strategies import floats
 
-from visual_servo_epipolar.benchmarks.estimation_scenes import Cell, draw_pair, draw_pairs, error
+from visual_servo_epipolar.benchmarks.estimation.scenes import Cell, draw_pair, draw_pairs, error
 from visual_servo_epipolar.core.estimators.base import Attitude, Estimate, Prior
 from visual_servo_epipolar.core.estimators.machinery.tilted_planar import matrices
 from visual_servo_epipolar.core.estimators.soft_planar import soft_planar

@@ -8,7 +8,8 @@ import pytest
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, integrate, Pose, Twist
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
-from visual_servo_epipolar.simulation.camera_simulator import CameraSettings, CameraSimulator
+from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
+from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
 SETTINGS = TrackerSettings()
 

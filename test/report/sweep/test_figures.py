@@ -12,7 +12,7 @@ import pytest
 from sweeps import filled, plan_of, result
 
 from visual_servo_epipolar.report.sweep import histogram, start_map, table
-from visual_servo_epipolar.sweeping.summary import verdicts
+from visual_servo_epipolar.sweeping.summary import summaries
 
 FAILED = {'outcome': 'failed', 'reason': 'ran | away in 3.5 s'}
 RUNS = {
@@ -35,7 +35,7 @@ def documents(tmp_path: Path) -> dict[str, Any]:
     for law, runs in RUNS.items():
         plan = plan_of(len(runs), laws=(law,))
         with filled(tmp_path / law, plan, runs) as store:
-            documents.update(verdicts(plan, store))
+            documents.update(summaries(plan, store))
     return documents
 
 
@@ -120,7 +120,7 @@ def test_the_smallest_of_sweeps_can_be_drawn(
 ) -> None:
     plan = plan_of(1)
     with filled(tmp_path, plan, runs) as store:
-        figure = draw(verdicts(plan, store))
+        figure = draw(summaries(plan, store))
     figure.canvas.draw()
 
 

@@ -9,7 +9,7 @@ import pytest
 from strategies import floats, twists
 
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
-from visual_servo_epipolar.simulation.bases.pioneer import BaseSettings, Pioneer
+from visual_servo_epipolar.simulation.bases.pioneer import Pioneer, PioneerSettings
 
 START = Pose(0.0, 0.0, 0.0)
 SUBSTEP = 0.01  # [s] velocities are held this long
@@ -22,7 +22,7 @@ def ns(seconds: float) -> int:
 def base(*, seed: int = 0, **changes: float) -> Pioneer:
     """Return a base without odometry noise that never times out, but for ``changes``."""
     plain = {'command_timeout': 0.0, 'odometry_noise': 0.0}
-    return Pioneer(BaseSettings(**(plain | changes)), START, seed=seed)
+    return Pioneer(PioneerSettings(**(plain | changes)), START, seed=seed)
 
 
 def driven(robot: Pioneer, twist: Twist, seconds: float) -> Pioneer:

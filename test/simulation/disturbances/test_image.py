@@ -118,9 +118,9 @@ def test_what_hides_the_scene_is_where_the_image_changes(kind: dict[str, Any]) -
 
 def test_a_person_walks_through() -> None:
     person = disturbed(person=0.8)
-    seen = [GRID[person.hides(GRID, frame)] for frame in (14, 20, 26)]
-    assert np.diff([pixels[:, 0].mean() for pixels in seen]).min() > 50.0
-    assert np.ptp(seen[1][:, 1]) > 0.7 * SIZE[1]
+    hidden_pixels = [GRID[person.hides(GRID, frame)] for frame in (14, 20, 26)]
+    assert np.diff([pixels[:, 0].mean() for pixels in hidden_pixels]).min() > 50.0
+    assert np.ptp(hidden_pixels[1][:, 1]) > 0.7 * SIZE[1]
 
 
 def test_points_outside_the_image_are_hidden_by_nothing() -> None:

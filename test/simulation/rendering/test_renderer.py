@@ -8,6 +8,8 @@ import pytest
 
 from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
+from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
+from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
 from visual_servo_epipolar.simulation.rendering.raster import rasterize
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene, Surface, Texture
@@ -22,7 +24,7 @@ POSES = (
     Pose(0.3, 0.9, math.radians(111.0)),
     Pose(0.3, -10.0, math.radians(90.0)),
 )
-TURNED = {'tilt': 0.05, 'roll': -0.08}
+TURNED = CameraMount(tilt=0.05, roll=-0.08)
 
 
 def wall(image: np.ndarray, y: float, *, name: str = 'wall', half: float = 2.0) -> Surface:
@@ -49,23 +51,23 @@ def dot_points(y: float, *, spacing: int = 100, size: int = 1000, half: float = 
 
 def centroids(image: np.ndarray, pixels: np.ndarray, reach: int = 7) -> np.ndarray:
     """Return the centroid of what is brighter than grey 60 around each pixel, shape (N, 2)."""
-    found = []
+    middles = []
     for u, v in np.rint(pixels).astype(int):
         patch = image[v - reach : v + reach + 1, u - reach : u + reach + 1].astype(float) - 60.0
         patch[patch < 2.0] = 0.0
         span = np.arange(-reach, reach + 1)
         shift = (patch * span).sum(), (patch * span[:, None]).sum()
-        found.append(np.array([u, v]) + np.array(shift) / patch.sum())
-    return np.array(found)
+        middles.append(np.array([u, v]) + np.array(shift) / patch.sum())
+    return np.array(middles)
 
 
 @pytest.fixture(scope='module')
 def furnished() -> Renderer:
-    return Renderer(room(0), CAMERA)
+    return Renderer(room(0), FixedRig(CAMERA))
 
 
 def test_axes_are_right_down_and_ahead() -> None:
-    renderer = Renderer(Scene((wall(dots(), 4.0),)), CAMERA)
+    renderer = Renderer(Scene((wall(dots(), 4.0),)), FixedRig(CAMERA))
     points = np.array([[0.0, 4.0, 0.6], [1.0, 4.0, 0.6], [0.0, 4.0, 0.1], [0.0, -1.0, 0.6]])
     pixels, visible = renderer.project(points, DESIRED_POSE)
     np.testing.assert_allclose(
@@ -75,11 +77,11 @@ def test_axes_are_right_down_and_ahead() -> None:
 
 
 def test_looking_down_lifts_the_image_and_a_clockwise_roll_turns_it_back() -> None:
-    renderer = Renderer(Scene((wall(dots(), 4.0),)), CAMERA)
-    right = np.array([[1.0, 4.0, 0.6]])
-    level, _ = renderer.project(right, DESIRED_POSE)
-    tilted, _ = renderer.project(right, DESIRED_POSE, tilt=0.1)
-    rolled, _ = renderer.project(right, DESIRED_POSE, roll=0.1)
+    scene, right = Scene((wall(dots(), 4.0),)), np.array([[1.0, 4.0, 0.6]])
+    level, tilted, rolled = (
+        Renderer(scene, FixedRig(CAMERA, mount)).project(right, DESIRED_POSE)[0]
+        for mount in (CameraMount(), CameraMount(tilt=0.1), CameraMount(roll=0.1))
+    )
     assert tilted[0, 1] < level[0, 1] - 30.0
     assert rolled[0, 1] < level[0, 1] - 5.0
 
@@ -87,24 +89,24 @@ def test_looking_down_lifts_the_image_and_a_clockwise_roll_turns_it_back() -> No
 @pytest.mark.parametrize('camera', (CAMERA, LENS))
 @pytest.mark.parametrize('pose', POSES)
 def test_traced_points_project_to_their_pixels(camera: Camera, pose: Pose) -> None:
-    renderer = Renderer(Scene((wall(dots(), 4.0, half=20.0),)), camera)
+    renderer = Renderer(Scene((wall(dots(), 4.0, half=20.0),)), FixedRig(camera, TURNED))
     u, v = np.meshgrid(np.linspace(5.0, 630.0, 9), np.linspace(5.0, 470.0, 7))
     pixels = np.stack([u.ravel(), v.ravel()], axis=1)
-    points = renderer.trace(pixels, pose, **TURNED)
-    seen = np.isfinite(points).all(axis=1)
-    back, visible = renderer.project(points[seen], pose, **TURNED)
-    assert seen.sum() > 20
+    points = renderer.trace(pixels, pose)
+    on_surface = np.isfinite(points).all(axis=1)
+    back, visible = renderer.project(points[on_surface], pose)
+    assert on_surface.sum() > 20
     assert visible.all()
-    np.testing.assert_allclose(back, pixels[seen], atol=1e-5)
+    np.testing.assert_allclose(back, pixels[on_surface], atol=1e-5)
 
 
 @pytest.mark.parametrize('camera', (CAMERA, LENS), ids=('pinhole', 'lens'))
 @pytest.mark.parametrize('pose', POSES[:4])
 def test_spots_are_imaged_where_the_pinhole_model_says(camera: Camera, pose: Pose) -> None:
     # A spot of 1 cm is at most a fiftieth of a pixel off its middle's image by perspective.
-    renderer = Renderer(Scene((wall(dots(), 3.6),)), camera)
-    image = renderer.render(pose, **TURNED)
-    pixels, visible = renderer.project(dot_points(3.6), pose, **TURNED)
+    renderer = Renderer(Scene((wall(dots(), 3.6),)), FixedRig(camera, TURNED))
+    image = renderer.render(pose)
+    pixels, visible = renderer.project(dot_points(3.6), pose)
     pixels = pixels[visible & camera.contains(pixels, margin=10.0)]
     errors = centroids(image, pixels) - pixels
     assert len(pixels) > 15
@@ -118,9 +120,9 @@ def test_spots_are_imaged_where_the_pinhole_model_says(camera: Camera, pose: Pos
 def test_the_edges_of_a_surface_lie_between_pixels(pose: Pose) -> None:
     dark, bright = np.full((64, 64), 40, np.uint8), np.full((64, 64), 240, np.uint8)
     scene = Scene((wall(dark, 5.0, half=30.0), wall(bright, 3.0, name='panel', half=0.5)))
-    renderer = Renderer(scene, CAMERA)
-    image = renderer.render(pose, **TURNED).astype(float)
-    corners, _ = renderer.project(scene.corners[1], pose, **TURNED)
+    renderer = Renderer(scene, FixedRig(CAMERA, TURNED))
+    image = renderer.render(pose).astype(float)
+    corners, _ = renderer.project(scene.corners[1], pose)
     after = np.roll(corners, -1, axis=0)
     area = 0.5 * (corners[:, 0] * after[:, 1] - corners[:, 1] * after[:, 0]).sum()
     covered = (image - 40.0) / 200.0
@@ -135,7 +137,7 @@ def test_the_edges_of_a_surface_lie_between_pixels(pose: Pose) -> None:
 
 def test_paint_too_fine_to_see_is_grey() -> None:
     noise = np.random.default_rng(0).integers(0, 256, (4000, 1000), dtype=np.uint8)
-    renderer = Renderer(Scene((wall(noise, 8.0, half=1.0),)), CAMERA)
+    renderer = Renderer(Scene((wall(noise, 8.0, half=1.0),)), FixedRig(CAMERA))
     image = renderer.render(Pose(0.0, -8.0, math.pi / 2.0))
     assert image[225:255, 305:330].std() < 15.0
 
@@ -143,7 +145,7 @@ def test_paint_too_fine_to_see_is_grey() -> None:
 def test_what_is_painted_is_what_is_nearest(furnished: Renderer) -> None:
     rng = np.random.default_rng(1)
     for pose in POSES:
-        view = furnished._view(pose, 0.0, 0.0)
+        view = furnished._view(pose, None)
         raster = rasterize(furnished.scene, view)
         pixels = rng.integers((0, 0), (640, 480), (400, 2))
         points = furnished.trace(pixels.astype(float), pose)
@@ -164,7 +166,7 @@ def test_the_same_inputs_give_the_same_bits_on_any_number_of_threads(furnished: 
     try:
         for count in (1, 2, 4):
             cv2.setNumThreads(count)
-            images += [furnished.render(POSES[1], **TURNED), furnished.render(POSES[1], **TURNED)]
+            images += [furnished.render(POSES[1]), furnished.render(POSES[1])]
     finally:
         cv2.setNumThreads(threads)
     for image in images[1:]:

@@ -6,6 +6,7 @@ import pytest
 
 from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
+from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene, Surface, Texture
 from visual_servo_epipolar.simulation.rooms.scene import room
@@ -21,9 +22,9 @@ def rooms() -> dict[int, Scene]:
 
 def keypoint_places(scene: Scene) -> tuple[np.ndarray, np.ndarray]:
     """Return pixels of what SIFT finds from the goal, and the world points there."""
-    renderer = Renderer(scene, CAMERA)
-    found = cv2.SIFT_create().detect(renderer.render(DESIRED_POSE), None)
-    pixels = np.array([keypoint.pt for keypoint in found], dtype=np.float64)
+    renderer = Renderer(scene, FixedRig(CAMERA))
+    keypoints = cv2.SIFT_create().detect(renderer.render(DESIRED_POSE), None)
+    pixels = np.array([keypoint.pt for keypoint in keypoints], dtype=np.float64)
     return pixels, renderer.trace(pixels, DESIRED_POSE)
 
 

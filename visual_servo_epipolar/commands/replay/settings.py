@@ -9,12 +9,13 @@ import yaml
 
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.messages.settings_text import sections
 
 Changes = dict[str, dict[str, Any]]
 
-KINDS = {'servo': ServoSettings, 'tracker': TrackerSettings}
+KINDS: dict[str, type[Settings]] = {'servo': ServoSettings, 'tracker': TrackerSettings}
 # Parameters of the connections of a node: of no use to a replay.
 CONNECTION = frozenset(
     {

@@ -28,7 +28,7 @@ from visual_servo_epipolar.sweeping.local import cores, local_workers
 from visual_servo_epipolar.sweeping.plan import Plan
 from visual_servo_epipolar.sweeping.provenance import digest
 from visual_servo_epipolar.sweeping.store import Store
-from visual_servo_epipolar.sweeping.summary import defective, verdicts, wrong
+from visual_servo_epipolar.sweeping.summary import defective, summaries, wrong
 
 DEFAULT_FOLDER = 'sweep_out'
 MAX_RUNS, MAX_SCENES = 1_000_000, 10_000
@@ -110,7 +110,7 @@ def sweep(options: argparse.Namespace) -> int:
     folder = Path(options.out or Path(DEFAULT_FOLDER, _name(plan)))
     with Store(folder, plan) as store:
         _work(plan, store, options)
-        documents = verdicts(plan, store)
+        documents = summaries(plan, store)
     document = documents if options.compare else documents[plan.laws[0]]
     write_json(document, options.json)
     text = _report(documents, folder, _field_of_view(plan))

@@ -1,1 +1,1 @@
-"""Bases: what becomes of a command on the floor."""
+"""Bases: robots on the floor, behind one Protocol and by name in one table."""

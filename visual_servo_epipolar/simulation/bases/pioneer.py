@@ -22,8 +22,8 @@ SUBSTEP_S = 0.01  # accelerations are held constant this long
 
 
 @dataclass(frozen=True, kw_only=True)
-class BaseSettings(Settings):
-    """The base and what is wrong with it; the defaults are a healthy Pioneer 3-DX."""
+class PioneerSettings(Settings):
+    """A differential drive and what is wrong with it; the defaults are a healthy Pioneer 3-DX."""
 
     max_linear: float = setting(1.0, 'Largest linear speed [m/s]', low=0.01, high=5.0)
     max_angular: float = setting(1.74, 'Largest angular speed [rad/s]', low=0.01, high=10.0)
@@ -61,7 +61,9 @@ class Pioneer:
     starts at (0, 0, 0) and drifts.
     """
 
-    def __init__(self, settings: BaseSettings, pose: Pose, *, seed: int, now_ns: int = 0) -> None:
+    def __init__(
+        self, settings: PioneerSettings, pose: Pose, *, seed: int, now_ns: int = 0
+    ) -> None:
         self.settings = settings
         self.pose = pose
         self.twist = STANDSTILL

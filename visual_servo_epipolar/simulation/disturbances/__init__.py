@@ -1,1 +1,1 @@
-"""Disturbances: what the world does to an image or to features on their way to the sensor."""
+"""Disturbances: light, shadow, occluders and motion between the scene and the sensor."""

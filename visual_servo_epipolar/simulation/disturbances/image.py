@@ -1,5 +1,5 @@
 """
-What the world does to an image on its way to the sensor: light, shadow, things in the way, motion.
+Image disturbances: light, shadow, occluders and motion between the scene and the sensor.
 
 Everything depends on settings, seed and frame index alone. Each disturbance is off at zero; the
 passing ones begin with frame ``disturbed_from``, last for ``disturbed_for`` frames, and come back
@@ -15,7 +15,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import as_gray, BoolArray, FloatArray, Image
 from visual_servo_epipolar.core.settings import setting, Settings
-from visual_servo_epipolar.simulation.disturbances.occluders import Occluder, Passer, Person
+from visual_servo_epipolar.simulation.disturbances.occluders import Board, Occluder, Person
 from visual_servo_epipolar.simulation.mounts.sensor import Sensor, SensorSettings
 
 OPAQUE = 255
@@ -23,7 +23,7 @@ OPAQUE = 255
 
 @dataclass(frozen=True, kw_only=True)
 class DisturbanceSettings(Settings):
-    """What goes wrong, and when; nothing by default."""
+    """Which disturbances there are, and when; none by default."""
 
     disturbed_from: int = setting(60, 'First disturbed frame', low=0, high=10**6)
     disturbed_for: int = setting(33, 'Disturbed frames in a row', low=1, high=10**6)
@@ -81,22 +81,22 @@ class Disturbances:
 
     def __init__(self, size: tuple[int, int], settings: DisturbanceSettings, seed: int) -> None:
         self.settings, self._size, self._seed = settings, size, seed
-        self._passers: list[Passer] = []
+        self._occluders: list[Occluder] = []
         if settings.occlusion > 0.0:
             slides = settings.occlusion_from == 'side'
-            self._passers.append(Occluder(size, settings.occlusion, slides, self._chance(0)))
+            self._occluders.append(Board(size, settings.occlusion, slides, self._generator(0)))
         if settings.person > 0.0:
-            self._passers.append(Person(size, settings.person, self._chance(1)))
+            self._occluders.append(Person(size, settings.person, self._generator(1)))
 
     def apply(self, image: Image, frame: int) -> Image:
-        """Return ``image``, shape (H, W), as disturbed in ``frame``: 0, 1, ...; always a copy."""
-        settings, now = self.settings, self._progress(frame)
+        """Return a disturbed copy of ``image``, shape (H, W), for ``frame``: 0, 1, ..."""
+        settings, progress = self.settings, self._progress(frame)
         image = lit(as_gray(image), light(settings, frame))
-        if now is not None:
+        if progress is not None:
             if settings.shadow > 0.0:
-                image = shaded(image, self._shade, now)
-            for passer in self._passers:
-                passer.draw(image, now)
+                image = shaded(image, self._shade, progress)
+            for occluder in self._occluders:
+                occluder.draw(image, progress)
             if settings.motion_blur > 0.0:
                 image = np.asarray(cv2.filter2D(image, -1, self._kernel), dtype=np.uint8)
             if settings.extra_noise > 0.0:
@@ -104,17 +104,18 @@ class Disturbances:
         return image
 
     def hides(self, pixels: FloatArray, frame: int) -> BoolArray:
-        """Return at which ``pixels``, shape (N, 2), something stands before the scene."""
-        now, (width, height) = self._progress(frame), self._size
+        """Return at which ``pixels``, shape (N, 2), an occluder hides the scene, shape (N,)."""
+        progress, (width, height) = self._progress(frame), self._size
         hidden = np.zeros(len(pixels), bool)
-        if now is None or not self._passers:
+        if progress is None or not self._occluders:
             return hidden
-        places = np.nan_to_num(pixels, nan=-1.0)
+        positions = np.nan_to_num(pixels, nan=-1.0)
         # Far outside there is nothing: whole numbers need not hold what is far outside.
-        columns, rows = np.rint(np.clip(places, -1.0, [width, height])).astype(np.int64).T
-        for passer in self._passers:
-            hidden |= passer.hides(columns, rows, now)
-        return hidden & (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+        columns, rows = np.rint(np.clip(positions, -1.0, [width, height])).astype(np.int64).T
+        for occluder in self._occluders:
+            hidden |= occluder.hides(columns, rows, progress)
+        inside = (columns >= 0) & (columns < width) & (rows >= 0) & (rows < height)
+        return np.asarray(hidden & inside)
 
     def _progress(self, frame: int) -> float | None:
         """Return how much of the duration has passed, in [0, 1); None before and after."""
@@ -134,11 +135,11 @@ class Disturbances:
 
     @cached_property
     def _noise(self) -> Sensor:
-        # A seed of its own: the sensor that takes the image has its field from the same one.
+        # A seed of its own: the sensor that takes the image has its noise from the plain one.
         extra = SensorSettings(noise=self.settings.extra_noise)
-        return Sensor(self._size, extra, int(self._chance(2).integers(2**31)))
+        return Sensor(self._size, extra, int(self._generator(2).integers(2**31)))
 
-    def _chance(self, number: int) -> np.random.Generator:
+    def _generator(self, number: int) -> np.random.Generator:
         return np.random.default_rng((self._seed, 5, number))
 
 
@@ -150,7 +151,7 @@ def light(settings: DisturbanceSettings, frame: int) -> float:
 
 
 def lit(image: Image, factor: float) -> Image:
-    """Return a copy of ``image`` under ``factor`` times the light, saturated at white."""
+    """Return a copy of ``image``, shape (H, W), under ``factor`` times the light."""
     if factor == 1.0:
         return image.copy()
     return np.asarray(cv2.convertScaleAbs(image, alpha=factor), dtype=np.uint8)
@@ -158,9 +159,9 @@ def lit(image: Image, factor: float) -> Image:
 
 def shadow_band(size: tuple[int, int], depth: float, width: float) -> Image:
     """
-    Return the light under a slanted band with soft edges, 255 = all of it.
+    Return the light under a slanted band with soft edges, shape (rows, columns), 255 = all of it.
 
-    Wide enough that a window of ``size`` (width, height) slides over it from light to light;
+    It is wide enough that a window of ``size`` (width, height) slides over it from light to light;
     ``width`` is the band's, as a share of the image's. The edges are as soft as a third of it.
     """
     columns, rows = size
@@ -176,7 +177,11 @@ def shadow_band(size: tuple[int, int], depth: float, width: float) -> Image:
 
 
 def shaded(image: Image, band: Image, progress: float) -> Image:
-    """Return ``image`` with the shadow ``band`` on its way, ``progress`` 0 to 1, to the right."""
+    """
+    Return ``image``, shape (H, W), under the shadow ``band``, shape (H, L).
+
+    The band moves right as ``progress`` runs from 0 to 1.
+    """
     width = image.shape[1]
     left = round((1.0 - progress) * (band.shape[1] - width))
     shade = band[:, left : left + width]
@@ -185,9 +190,9 @@ def shaded(image: Image, band: Image, progress: float) -> Image:
 
 def blur_kernel(length: float, angle: float) -> FloatArray:
     """
-    Return what a steady motion by ``length`` [px] along ``angle`` [rad] does to a point.
+    Return the kernel, shape (K, L), of a steady motion by ``length`` [px] along ``angle`` [rad].
 
-    Centred, so that the blurred image is that of the middle of the exposure; its sum is 1.
+    It is centred, so that the blurred image is that of the middle of the exposure; its sum is 1.
     """
     reach = math.ceil(0.5 * length) + 1
     kernel = np.zeros((2 * reach + 1, 2 * reach + 1))

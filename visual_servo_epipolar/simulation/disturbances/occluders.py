@@ -1,4 +1,4 @@
-"""What passes between camera and scene: an obstacle, and a person who walks by."""
+"""Occluders: what stands or walks between camera and scene."""
 
 from functools import cached_property, lru_cache
 import math
@@ -17,24 +17,24 @@ SLIDE = 0.25  # share of its time an obstacle takes to slide in, and out again
 SOFT = 0.8  # edges are as soft as the rest of the image: sigma of the mask [px]
 
 
-class Passer(Protocol):
+class Occluder(Protocol):
     """
-    Something drawn over images of one size; ``progress`` runs from 0 to 1.
+    An object before the scene, in images of one size; ``progress`` runs from 0 to 1.
 
-    It is painted when first drawn: to know what it hides costs little.
+    It is painted when first drawn: asking what it hides costs little.
     """
 
     def draw(self, image: Image, progress: float) -> None:
-        """Draw it into ``image``."""
+        """Draw it into ``image``, shape (H, W)."""
         ...
 
     def hides(self, columns: IntArray, rows: IntArray, progress: float) -> BoolArray:
-        """Return at which pixels it hides the scene, shape (N,)."""
+        """Return at which pixels, (N,) columns and rows, it hides the scene, shape (N,)."""
         ...
 
 
-class Occluder:
-    """A textured board over a ``share`` of the image; stands at once or slides in and out."""
+class Board:
+    """A textured board over a ``share`` of the image; it stands at once or slides in and out."""
 
     def __init__(
         self, size: tuple[int, int], share: float, slides: bool, rng: np.random.Generator
@@ -49,11 +49,11 @@ class Occluder:
         self._rng = rng
 
     def draw(self, image: Image, progress: float) -> None:
-        """Draw it into ``image``."""
+        """Draw it into ``image``, shape (H, W)."""
         _paste(image, self._board, self._place(progress))
 
     def hides(self, columns: IntArray, rows: IntArray, progress: float) -> BoolArray:
-        """Return at which pixels it hides the scene, shape (N,)."""
+        """Return at which pixels, (N,) columns and rows, it hides the scene, shape (N,)."""
         (left, top), (width, height) = self._place(progress), self._size
         beside, below = columns - left, rows - top
         inside = (beside >= 0) & (beside < width) & (below >= 0) & (below < height)
@@ -75,7 +75,7 @@ class Occluder:
 
 
 class Person:
-    """Somebody who walks through the image from left to right, ``height`` of it tall."""
+    """A person who walks through the image from left to right, ``height`` of it tall."""
 
     def __init__(self, size: tuple[int, int], height: float, rng: np.random.Generator) -> None:
         self._width = size[0]
@@ -85,7 +85,7 @@ class Person:
         self._rng = rng
 
     def draw(self, image: Image, progress: float) -> None:
-        """Draw it into ``image``."""
+        """Draw it into ``image``, shape (H, W)."""
         place, mask = self._place(progress), self._mask(progress)
         under, over = _areas(image, mask, place)
         if not under.size:
@@ -95,7 +95,7 @@ class Person:
         under[:] = cv2.add(behind, cv2.multiply(clothes, over, scale=1.0 / 255.0))
 
     def hides(self, columns: IntArray, rows: IntArray, progress: float) -> BoolArray:
-        """Return at which pixels it hides the scene, shape (N,)."""
+        """Return at which pixels, (N,) columns and rows, it hides the scene, shape (N,)."""
         mask, (left, top) = self._mask(progress), self._place(progress)
         beside, below = columns - left, rows - top
         hidden = (beside >= 0) & (beside < mask.shape[1]) & (below >= 0) & (below < mask.shape[0])

@@ -1,1 +1,1 @@
-"""Camera rigs: where the camera sits on the robot, and what its sensor adds."""
+"""Camera rigs: which camera a robot carries and where, behind one Protocol; its sensor."""

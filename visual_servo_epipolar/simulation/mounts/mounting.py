@@ -1,4 +1,4 @@
-"""Where the camera sits on the robot, and what an uneven floor does to it."""
+"""Camera mount: where the camera sits on the robot, and how an uneven floor shakes it."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.arrays import FloatArray, frozen
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME
 
-BLOCK = 64  # frames whose chance is drawn at once: to begin a generator takes longer
+BLOCK = 64  # frames drawn at once: starting a random generator costs more than drawing
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,5 +68,5 @@ def floor_jitter(deviation: float, seed: int, frame: int) -> tuple[float, float]
 
 @lru_cache(maxsize=1024)
 def _bumps(seed: int, block: int) -> FloatArray:
-    """Return tilt and roll in a block of frames, of unit deviation, shape (BLOCK, 2)."""
+    """Return tilt and roll of a block of frames, unit deviation, shape (BLOCK, 2)."""
     return frozen(np.random.default_rng((seed, 4, block)).standard_normal((BLOCK, 2)))

@@ -1,4 +1,4 @@
-"""What a sensor does to a perfect image: noise, a drifting gain, blur."""
+"""Image sensor: noise, a drifting gain, blur."""
 
 from dataclasses import dataclass
 import math
@@ -25,7 +25,7 @@ class SensorSettings(Settings):
 
 class Sensor:
     """
-    Degrades images of one size; what it does depends on settings, seed and frame index alone.
+    Degrades images of one size; its output follows from settings, seed and frame index alone.
 
     Parameters
     ----------

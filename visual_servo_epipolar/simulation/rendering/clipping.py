@@ -19,16 +19,16 @@ def clipped(polygon: Polygon, plane: Plane) -> Polygon:
     sides = [a * x + b * y + c * z + d for x, y, z in polygon]
     if min(sides) >= 0.0:
         return polygon
-    kept: Polygon = []
+    corners: Polygon = []
     for k, point in enumerate(polygon):
         side, side_before = sides[k], sides[k - 1]
         if (side >= 0.0) != (side_before >= 0.0):
             t = side_before / (side_before - side)
             (x0, y0, z0), (x1, y1, z1) = polygon[k - 1], point
-            kept.append((x0 + t * (x1 - x0), y0 + t * (y1 - y0), z0 + t * (z1 - z0)))
+            corners.append((x0 + t * (x1 - x0), y0 + t * (y1 - y0), z0 + t * (z1 - z0)))
         if side >= 0.0:
-            kept.append(point)
-    return kept
+            corners.append(point)
+    return corners
 
 
 def strips(polygon: Polygon, *, sections: bool) -> Iterator[tuple[int, Polygon]]:

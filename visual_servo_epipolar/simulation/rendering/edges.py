@@ -53,7 +53,7 @@ def smooth_edges(image: Image, scene: Scene, view: View, raster: Raster) -> Imag
 
 
 def _slivers(
-    crossings: Crossings, flat: Image, seen_at: Callable[[IntArray], IntArray], thin: IntArray
+    crossings: Crossings, flat: Image, surface_at: Callable[[IntArray], IntArray], thin: IntArray
 ) -> tuple[IntArray, FloatArray]:
     """Return the pixels in which both edges of a thin surface lie, and their grey values."""
     keep = np.nonzero(np.isin(crossings.owners, thin))[0]
@@ -70,12 +70,12 @@ def _slivers(
     before, after = 1.0 - shares[two], 1.0 - shares[one]
     inside = np.full(len(at), -1)
     for place in (at - step, at + step, at):
-        inside = np.where(seen_at(place) == owner, place, inside)
-    left = np.where(seen_at(at - step) == owner, at - 2 * step, at - step)
-    right = np.where(seen_at(at + step) == owner, at + 2 * step, at + step)
+        inside = np.where(surface_at(place) == owner, place, inside)
+    left = np.where(surface_at(at - step) == owner, at - 2 * step, at - step)
+    right = np.where(surface_at(at + step) == owner, at + 2 * step, at + step)
     mixed = before * flat[left] + after * flat[right] + (1.0 - before - after) * flat[inside]
-    seen = (inside >= 0) & (before + after <= 1.0)
-    return at[seen], np.rint(mixed[seen])
+    valid = (inside >= 0) & (before + after <= 1.0)
+    return at[valid], np.rint(mixed[valid])
 
 
 def _crossings(scene: Scene, view: View, shown: IntArray) -> Crossings:

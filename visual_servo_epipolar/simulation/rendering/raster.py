@@ -1,4 +1,4 @@
-"""Which strip of which surface each pixel shows: strips of like scale, painted back to front."""
+"""Rasterizer: surfaces cut into strips of like scale, and painted from back to front."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -64,7 +64,7 @@ class View:
 
 
 class Strip(NamedTuple):
-    """A part of a surface that is sampled alike."""
+    """A part of a surface that is sampled in one way."""
 
     surface: int
     side: int  # of the image: -1, 0, 1

@@ -6,30 +6,30 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray, Image
 from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
+from visual_servo_epipolar.simulation.mounts.rig import CameraRig
 from visual_servo_epipolar.simulation.rendering.raster import NEAR, rasterize, View
 from visual_servo_epipolar.simulation.rendering.sampling import shade
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 
 MAX_RAY = 4.0  # what a distorting lens shows farther from the axis stays black (76 deg)
-SAME_PLACE = 0.01  # deviation of a traced point that is still the same surface, relative to depth
+SAME_PLACE = 0.01  # deviation of a traced point still on its surface, relative to depth
 
 
 class Renderer:
     """
-    What ``camera`` on a robot sees of ``scene``; the same inputs give the same bits.
+    Images of ``scene`` through the camera of a robot; equal inputs give equal bits.
 
-    ``tilt`` and ``roll`` [rad] add to those of the mount: the jitter of an uneven floor.
+    ``rig`` may be replaced by another with an equal camera. ``pose`` is the robot's, and ``frame``
+    that for which the rig is asked where the camera is.
     """
 
-    def __init__(self, scene: Scene, camera: Camera, mount: CameraMount | None = None) -> None:
-        self.scene, self.camera = scene, camera
-        self.mount = CameraMount() if mount is None else mount
-        self._canvas, self._maps = _canvas_of(camera)
+    def __init__(self, scene: Scene, rig: CameraRig) -> None:
+        self.scene, self.camera, self.rig = scene, rig.camera, rig
+        self._canvas, self._maps = _canvas_of(rig.camera)
 
-    def render(self, pose: Pose, *, tilt: float = 0.0, roll: float = 0.0) -> Image:
+    def render(self, pose: Pose, frame: int | None = None) -> Image:
         """Return the image taken from ``pose``, shape (H, W)."""
-        view = self._view(pose, tilt, roll)
+        view = self._view(pose, frame)
         image = shade(self.scene, view, rasterize(self.scene, view))
         if self._maps is None:
             return image
@@ -38,10 +38,10 @@ class Renderer:
         return np.asarray(distorted, dtype=np.uint8)
 
     def project(
-        self, points: FloatArray, pose: Pose, *, tilt: float = 0.0, roll: float = 0.0
+        self, points: FloatArray, pose: Pose, frame: int | None = None
     ) -> tuple[FloatArray, BoolArray]:
         """
-        Project world ``points``, shape (N, 3), whether or not something hides them.
+        Project world ``points`` [m], shape (N, 3), whether or not something hides them.
 
         Returns
         -------
@@ -51,18 +51,20 @@ class Renderer:
             Whether the point is ahead of the camera and in the image.
 
         """
-        rays = self._view(pose, tilt, roll).to_camera(np.asarray(points, dtype=np.float64))
+        rays = self._view(pose, frame).to_camera(np.asarray(points, dtype=np.float64))
         ahead = rays[:, 2] > NEAR
         pixels = np.full((len(rays), 2), np.nan)
         if ahead.any():
             pixels[ahead] = self.camera.pixels(rays[ahead, :2] / rays[ahead, 2:])
         return pixels, ahead & self.camera.contains(pixels)
 
-    def trace(
-        self, pixels: FloatArray, pose: Pose, *, tilt: float = 0.0, roll: float = 0.0
-    ) -> FloatArray:
-        """Return the world points seen at ``pixels``, shape (N, 3); NaN where there is none."""
-        view, scene = self._view(pose, tilt, roll), self.scene
+    def trace(self, pixels: FloatArray, pose: Pose, frame: int | None = None) -> FloatArray:
+        """
+        Return the world points [m], shape (N, 3), seen at ``pixels``, shape (N, 2).
+
+        They are NaN where there is no surface.
+        """
+        view, scene = self._view(pose, frame), self.scene
         rays = np.column_stack(
             [self.camera.rays(as_points(pixels, 'pixels')), np.ones(len(pixels))]
         )
@@ -81,15 +83,19 @@ class Renderer:
         return np.asarray(view.centre + nearest[:, None] * directions)
 
     def unhidden(self, points: FloatArray, pixels: FloatArray, pose: Pose) -> BoolArray:
-        """Return which ``points``, that project to ``pixels``, nothing in the scene hides."""
-        met = self.trace(pixels, pose)
-        distance = np.linalg.norm(points - self.mount.centre(pose), axis=1)
-        return np.asarray(np.linalg.norm(met - points, axis=1) <= SAME_PLACE * distance)
+        """
+        Return which points nothing in the scene hides, shape (N,), on a level floor.
 
-    def _view(self, pose: Pose, tilt: float, roll: float) -> View:
+        ``points`` [m], shape (N, 3), project to ``pixels``, shape (N, 2).
+        """
+        nearest = self.trace(pixels, pose)
+        distance = np.linalg.norm(points - self.rig.camera_pose(pose).centre, axis=1)
+        return np.asarray(np.linalg.norm(nearest - points, axis=1) <= SAME_PLACE * distance)
+
+    def _view(self, pose: Pose, frame: int | None) -> View:
         width, height, intrinsics = self._canvas
-        axes = self.mount.R_world_camera(pose, tilt=tilt, roll=roll)
-        return View(width, height, intrinsics, self.mount.centre(pose), axes)
+        axes, centre = self.rig.camera_pose(pose, frame)
+        return View(width, height, intrinsics, centre, axes)
 
 
 def _canvas_of(

@@ -1,4 +1,4 @@
-"""From numbers of strips to grey values: the textures are sampled strip by strip."""
+"""Texture sampling: grey values for the strips of the raster, one by one."""
 
 import cv2
 import numpy as np

@@ -68,7 +68,7 @@ class Surface:
     """
     A rectangle seen from one side: its upper left corner, and its edges to the right and down [m].
 
-    Surfaces of the same ``body`` belong to one convex solid, or to the shell of the room.
+    Surfaces of one ``body`` belong to one convex solid, or to the shell of the room.
     """
 
     name: str

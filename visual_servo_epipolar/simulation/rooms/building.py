@@ -1,4 +1,4 @@
-"""Builds surfaces: the shell of a room, boxes that stand or hang in it, and the light on them."""
+"""Builder of rooms: the shell, boxes that stand or hang in it, and the light on them."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -54,7 +54,7 @@ class Furniture:
 
 
 class Builder:
-    """Collects the surfaces of a world in the making; owns its chance and its lamps (x, y)."""
+    """Collects the surfaces of a room; ``lamps`` (x, y) and its ``end`` along y are in metres."""
 
     def __init__(
         self, rng: np.random.Generator, lamps: Sequence[tuple[float, float]], end: float

@@ -1,4 +1,4 @@
-"""What furniture is made of: timber, and fronts full of books, labels and notices."""
+"""Furniture: timber, and fronts full of books, labels and notices."""
 
 import numpy as np
 

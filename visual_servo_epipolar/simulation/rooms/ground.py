@@ -1,14 +1,14 @@
-"""Where in a world a robot can stand: on the floor, and not in the furniture."""
+"""Free floor: where in a room a robot can stand, clear of walls and furniture."""
 
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
+from visual_servo_epipolar.simulation.mounts.rig import CameraRig
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 
 CLEARANCE = 0.3  # from the middle of the axle to the farthest corner of a Pioneer 3-DX [m]
-HEADROOM = 0.2  # above the camera: what hangs higher is in nobody's way [m]
+HEADROOM = 0.2  # above the camera: what hangs higher is no obstacle [m]
 LEVEL = 1e-9
 
 
@@ -20,21 +20,22 @@ class Ground:
     that reaches down to the robot is in the way.
     """
 
-    def __init__(self, scene: Scene, mount: CameraMount) -> None:
-        self._mount = mount
+    def __init__(self, scene: Scene, rig: CameraRig) -> None:
+        self._rig = rig
+        height = float(rig.camera_pose(DESIRED_POSE).centre[2])
         level = np.ptp(scene.corners[..., 2], axis=1) < LEVEL
         of_room = scene.bodies == 0
         floors = scene.corners[level & of_room]
-        self._floors = floors[floors[:, 0, 2] < mount.height]
+        self._floors = floors[floors[:, 0, 2] < height]
         lowest = np.array(
             [scene.corners[scene.bodies == k][..., 2].min() for k in scene.bodies.tolist()]
         )
-        reaches_down = lowest < mount.height + HEADROOM
+        reaches_down = lowest < height + HEADROOM
         self._obstacles = scene.corners[level & ~of_room & reaches_down]
 
     def is_free(self, pose: Pose) -> bool:
         """Return whether the robot and its camera can be at ``pose``."""
-        places = np.array([[pose.x, pose.y], self._mount.centre(pose)[:2]])
+        places = np.array([[pose.x, pose.y], self._rig.camera_pose(pose).centre[:2]])
         on_floor = (inside(places, self._floors) >= CLEARANCE).any(axis=1)
         clear = (inside(places, self._obstacles) <= -CLEARANCE).all(axis=1)
         return bool((on_floor & clear).all())
@@ -42,7 +43,7 @@ class Ground:
 
 def inside(places: FloatArray, rectangles: FloatArray) -> FloatArray:
     """
-    Return how deep ``places`` lie in level rectangles [m]; minus the distance of those outside.
+    Return how deep ``places`` lie in level rectangles [m]; outside, minus the distance.
 
     Parameters
     ----------

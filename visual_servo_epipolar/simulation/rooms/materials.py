@@ -1,4 +1,4 @@
-"""What the shell of a room is made of: floors, ceilings, walls."""
+"""Materials of the shell of a room: floors, ceilings, walls."""
 
 import math
 

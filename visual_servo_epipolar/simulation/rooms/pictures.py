@@ -1,4 +1,4 @@
-"""What hangs on walls and stands on shelves: posters, windows, doors, books, labels."""
+"""Pictures and fittings: posters, windows, doors, books, labels."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""The worlds a robot is sent into: a furnished room, and one ruled by a single wall."""
+"""Scenes: a furnished room, and a room dominated by a single wall."""
 
 from collections.abc import Callable
 import math
@@ -37,12 +37,12 @@ PIECES = (
     ('right column', 3.3, 6.5, (0.38, 0.38, 2.8), c.pillar, c.pillar, 0.0),
     ('dresser', 2.2, 7.1, (1.1, 0.45, 2.0), c.cupboard, c.timber, 0.0),
 )
-ASIDE = (c.bookcase, c.cupboard, c.crate, c.noticeboard)  # what stands along the side walls
+ASIDE = (c.bookcase, c.cupboard, c.crate, c.noticeboard)  # fronts along the side walls
 
 
 def room(seed: int, kind: str = 'room') -> Scene:
     """
-    Build a world, the same for the same ``seed`` and ``kind``.
+    Build a room; ``seed`` and ``kind`` fix every texel of it.
 
     Parameters
     ----------
@@ -111,13 +111,13 @@ def _on_ceiling(builder: Builder) -> list[tuple[float, float]]:
 
 
 def _ahead(rng: np.random.Generator) -> list[Furniture]:
-    """Place the furniture ahead of the goal, a little different for each room."""
+    """Place the furniture ahead of the goal, moved a little by the random generator."""
     pieces: list[Furniture] = []
     for name, x, y, size, front, sides, bottom in PIECES:
         slack = rng.uniform(-1.0, 1.0, 3)
         moved, turn = np.array([x, y]) + slack[:2] * (0.12, 0.08), 0.05 * float(slack[2])
         below = next((piece for piece in pieces if piece.size[2] == bottom > 0.0), None)
-        if below is not None:  # stands on another piece: goes wherever that one went
+        if below is not None:  # stands on another piece, and moves with it
             base = next(item for item in PIECES if item[0] == below.name)
             right, back = below.axes()
             offset = (x - base[1]) * right + (y - base[2]) * back

@@ -34,7 +34,7 @@ class Sheet:
     """
     A rectangle being painted: lengths in metres from the upper left corner, grey in 0..255.
 
-    It owns its pixels and its chance; every method paints in place, ``image`` is the result.
+    Every method paints in place by its own random generator; ``image`` is the result.
     """
 
     def __init__(

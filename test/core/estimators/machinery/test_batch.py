@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from strategies import CAMERA
 
-from visual_servo_epipolar.benchmarks.estimation_scenes import Cell, draw_pair, Pair
+from visual_servo_epipolar.benchmarks.estimation.scenes import Cell, draw_pair, Pair
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior
 from visual_servo_epipolar.core.estimators.registry import EACH, estimates, ESTIMATORS

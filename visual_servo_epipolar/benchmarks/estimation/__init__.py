@@ -1,0 +1,1 @@
+"""Estimation benchmark: our estimators and peers on synthetic pairs of views."""

@@ -1,0 +1,136 @@
+"""Synthetic pairs of views with true bearings, and the Cramer-Rao bound of any estimator."""
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+from visual_servo_epipolar.core.geometry.attitude import rotation_level_camera
+from visual_servo_epipolar.core.geometry.epipolar import Bearings, rotation_desired_current
+from visual_servo_epipolar.core.geometry.motion import Pose
+
+FOCAL = 770.0  # [px]
+HALF_VIEW = np.array([635.0, 512.0]) / FOCAL  # tangents of half the field of view
+NEAREST = 0.5  # depth at which a point is no longer seen [m]
+CONE = 40.0  # the robot stands behind the goal within this angle of its axis [deg]
+MAX_HEADING = 15.0  # and looks this much to the side at most [deg]
+DRAWN = 4000  # points, of which the first in view from both poses are taken
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cell:
+    """
+    One kind of pair: baseline [m], noise [px], share of outliers, camera [deg], scene.
+
+    ``jitter`` is the deviation of tilt and of roll in each view; ``scene`` one of lab (points 3
+    to 8 m deep), slanted (one vertical wall, 17 deg off frontal) and frontal (one wall).
+    ``around`` puts the robot anywhere around the goal instead of behind it.
+    """
+
+    baseline: float
+    points: int = 26
+    noise: float = 0.3
+    outliers: float = 0.0
+    tilt: float = 0.0
+    roll: float = 0.0
+    jitter: float = 0.0
+    scene: str = 'lab'
+    around: bool = False
+
+    @property
+    def ray_noise(self) -> float:
+        """Deviation of a ray coordinate."""
+        return self.noise / FOCAL
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pair:
+    """Rays of the matches, noisy and clean, shape (N, 2) each, and the true bearings."""
+
+    current: FloatArray
+    desired: FloatArray
+    clean_current: FloatArray
+    clean_desired: FloatArray
+    bearings: Bearings
+
+
+def draw_pair(cell: Cell, rng: np.random.Generator) -> Pair:
+    """Draw poses until enough points are in view of both, then noise and outliers."""
+    while True:
+        pose = _pose(cell, rng)
+        points = _points(cell, rng)
+        solid = (points - [pose.x, 0.0, pose.y]) @ rotation_desired_current(pose.heading_error)
+        desired, ahead_d = _rays(points, cell, rng)
+        current, ahead_a = _rays(solid, cell, rng)
+        chosen = np.flatnonzero(ahead_d & ahead_a)[: cell.points]
+        if len(chosen) == cell.points:
+            break
+    clean_current, clean_desired = current[chosen], desired[chosen]
+    noise = rng.normal(0.0, cell.ray_noise, (2, cell.points, 2))
+    current, desired = clean_current + noise[0], clean_desired + noise[1]
+    wrong = round(cell.outliers * cell.points)
+    current[:wrong] = rng.uniform(-HALF_VIEW, HALF_VIEW, (wrong, 2))
+    truth = Bearings.from_pose(pose) if cell.baseline else Bearings(math.nan, math.nan)
+    return Pair(current, desired, clean_current, clean_desired, truth)
+
+
+def draw_pairs(cell: Cell, count: int, seed: int) -> list[Pair]:
+    """Draw ``count`` pairs, each from a generator of its own."""
+    return [draw_pair(cell, np.random.default_rng((seed, k))) for k in range(count)]
+
+
+def _pose(cell: Cell, rng: np.random.Generator) -> Pose:
+    width = 180.0 if cell.around else CONE
+    angle = math.radians(rng.uniform(-width, width))
+    heading = rng.uniform(-MAX_HEADING, MAX_HEADING)
+    x, y = cell.baseline * math.sin(angle), -cell.baseline * math.cos(angle)
+    return Pose.from_start(x, y, heading)
+
+
+def _points(cell: Cell, rng: np.random.Generator) -> FloatArray:
+    """Return points in camera axes of the goal, shape (DRAWN, 3)."""
+    x, y = rng.uniform(-5.0, 5.0, DRAWN), rng.uniform(-1.8, 0.45, DRAWN)
+    depth = rng.uniform(3.0, 8.0, DRAWN)
+    if cell.scene != 'lab':
+        depth = 5.5 + (0.3 * x if cell.scene == 'slanted' else 0.0 * x)
+    return np.stack([x, y, depth], axis=1)
+
+
+def _rays(
+    points: FloatArray, cell: Cell, rng: np.random.Generator
+) -> tuple[FloatArray, BoolArray]:
+    """Return rays of ``points`` in a camera with tilt, roll and jitter, and which are in view."""
+    tilt, roll = np.radians([cell.tilt, cell.roll] + cell.jitter * rng.standard_normal(2))
+    solid = points @ rotation_level_camera(tilt, roll)
+    depth = np.where(solid[:, 2] > NEAREST, solid[:, 2], np.inf)
+    rays = solid[:, :2] / depth[:, None]
+    return rays, np.isfinite(depth) & (np.abs(rays) < HALF_VIEW).all(axis=1)
+
+
+def error(estimated: Bearings, true: Bearings) -> float:
+    """Return the root mean square angle between estimated and true epipoles [deg]."""
+    psi, phi = math.sin(estimated.psi - true.psi), math.sin(estimated.phi - true.phi)
+    return math.degrees(math.hypot(math.asin(abs(psi)), math.asin(abs(phi))) / math.sqrt(2.0))
+
+
+def difference(estimated: Bearings, true: Bearings) -> FloatArray:
+    """Return estimated - true of the axes (psi, phi), shape (2,), each within pi/2 [rad]."""
+    change = np.array([estimated.psi - true.psi, estimated.phi - true.phi])
+    return np.asarray(np.remainder(change + math.pi / 2, math.pi) - math.pi / 2)
+
+
+def fisher_information(pair: Pair, noise: float) -> FloatArray:
+    """
+    Return the information on (psi, phi), shape (2, 2), of exact matches blurred by ``noise``.
+
+    Each match is one constraint r = 0 on four noisy coordinates, whatever its depth: it adds
+    (dr/dx)(dr/dx)^T / (noise^2 |grad r|^2) at the true configuration. Upright camera, inliers.
+    """
+    (u_a, v_a), (u_d, v_d) = pair.clean_current.T, pair.clean_desired.T
+    psi, phi = pair.bearings.psi, pair.bearings.phi
+    p0, p1, q0, q1 = math.cos(psi), math.sin(psi), math.cos(phi), math.sin(phi)
+    by_rays = np.stack([q0 * v_d, p0 - p1 * u_d, -p1 * v_a, q0 * u_a + q1])
+    by_angles = np.stack([-v_a * (p1 + p0 * u_d), v_d * (q0 - q1 * u_a)])
+    variance = noise**2 * (by_rays**2).sum(axis=0)
+    return np.asarray((by_angles / variance) @ by_angles.T)

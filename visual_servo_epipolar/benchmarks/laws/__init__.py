@@ -1,0 +1,1 @@
+"""Benchmark of control laws: peers as steps of the closed loop, with our perception."""

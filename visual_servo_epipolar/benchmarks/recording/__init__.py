@@ -1,0 +1,1 @@
+"""Recording benchmark: a recorder beside tracker and servo, as processes."""

@@ -1,0 +1,1 @@
+"""Tracking benchmark: the tracker on rendered approaches, against ground truth."""

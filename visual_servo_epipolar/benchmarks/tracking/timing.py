@@ -1,0 +1,93 @@
+"""Time of the tracker per frame, beside bare pyramidal Lucas-Kanade on the same images."""
+
+from collections.abc import Sequence
+from time import perf_counter
+from typing import Any
+
+import cv2
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.core.tracking.settings import TrackerSettings
+from visual_servo_epipolar.core.tracking.tracker import Tracker
+
+PERIOD = 5  # frames between two anchorings of the run that shows frames with and without
+
+
+def times(desired: Image, images: Sequence[Image], *, single: bool) -> list[dict[str, Any]]:
+    """Return the medians [ms] on all threads of OpenCV and, if ``single``, on one as well."""
+    threads = cv2.getNumThreads()
+    counts = dict.fromkeys((threads, 1) if single else (threads,))
+    try:
+        return [_times(desired, images, count) for count in counts]
+    finally:
+        cv2.setNumThreads(threads)
+
+
+def _times(desired: Image, images: Sequence[Image], threads: int) -> dict[str, Any]:
+    cv2.setNumThreads(threads)
+    # The tracker counts images from one and anchors every PERIOD-th.
+    anchored = (np.arange(len(images)) + 1) % PERIOD == 0
+    sometimes = _pairs(desired, images, TrackerSettings(anchor_period=PERIOD))
+    always = _pairs(desired, images, TrackerSettings(anchor_period=1))
+    never = _pairs(desired, images, TrackerSettings(anchor_period=0))
+    return {
+        'threads': threads,
+        'without': _ratio(sometimes[~anchored]),
+        'with': _ratio(sometimes[anchored]),
+        'every': _ratio(always),
+        'never': _ratio(never),
+    }
+
+
+def _pairs(desired: Image, images: Sequence[Image], settings: TrackerSettings) -> np.ndarray:
+    """Return, shape (N, 3), seconds of tracker and of bare OpenCV, and features of each image."""
+    tracker = Tracker(settings)
+    tracker.set_desired(desired)
+    rows = np.full((len(images), 3), np.nan)
+    features = tracker.track(images[0])
+    for k in range(1, len(images)):
+        before = features
+        if k % 2:  # by turns, so that neither always finds the image in the cache
+            bare = _lucas_kanade(images[k - 1], images[k], before, settings)
+        start = perf_counter()
+        features = tracker.track(images[k])
+        duration = perf_counter() - start
+        if not k % 2:
+            bare = _lucas_kanade(images[k - 1], images[k], before, settings)
+        if not (features.ages == 0).any():  # a match of the whole image is another matter
+            rows[k] = duration, bare, len(before)
+    return rows
+
+
+def _lucas_kanade(
+    last: Image, image: Image, features: Features, settings: TrackerSettings
+) -> float:
+    points = features.current.astype(np.float32)
+    if not len(points):
+        return float('nan')
+    start = perf_counter()
+    cv2.calcOpticalFlowPyrLK(
+        last,
+        image,
+        points,
+        None,
+        winSize=(settings.window, settings.window),
+        maxLevel=settings.levels,
+        criteria=(cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 20, 0.01),
+    )
+    return perf_counter() - start
+
+
+def _ratio(rows: np.ndarray) -> dict[str, float | None]:
+    rows = rows[np.isfinite(rows).all(axis=1)]
+    if not len(rows):
+        return dict.fromkeys(('tracker_ms', 'bare_ms', 'ratio', 'features'))
+    tracker, bare, features = np.median(rows, axis=0)
+    return {
+        'tracker_ms': 1e3 * float(tracker),
+        'bare_ms': 1e3 * float(bare),
+        'ratio': float(tracker / bare),
+        'features': float(features),
+    }

@@ -1,0 +1,1 @@
+"""Experiment of the paper (section VIII): run, claims, figures, sensitivity."""

@@ -1,0 +1,28 @@
+"""Bases by the name that a scenario gives them: a new one is a file of its own and a row here."""
+
+from typing import NamedTuple
+
+from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.settings import Settings
+from visual_servo_epipolar.simulation.bases.base import Base, BaseFactory
+from visual_servo_epipolar.simulation.bases.pioneer import Pioneer, PioneerSettings
+
+
+class BaseModel(NamedTuple):
+    """One row: the class of settings, which no other row has, and who makes the base."""
+
+    settings: type[Settings]
+    factory: BaseFactory
+
+
+BASES: dict[str, BaseModel] = {'pioneer': BaseModel(PioneerSettings, Pioneer)}
+
+
+def base_name(settings: Settings) -> str:
+    """Return the name of the base that ``settings`` belong to; KeyError if there is none."""
+    return {model.settings: name for name, model in BASES.items()}[type(settings)]
+
+
+def new_base(settings: Settings, pose: Pose, *, seed: int, now_ns: int = 0) -> Base:
+    """Return the base that ``settings`` describe, at ``pose`` and time ``now_ns`` [ns]."""
+    return BASES[base_name(settings)].factory(settings, pose, seed=seed, now_ns=now_ns)

@@ -1,0 +1,113 @@
+"""Settings of the simulated camera: lens and image, mount, scene, noise."""
+
+from dataclasses import dataclass, replace
+
+from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.settings import setting, Settings
+from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraSettings(Settings):
+    """
+    The camera, where it sits, what it looks at; the defaults are a Lumenera LU175C.
+
+    Its 4 mm lens and pixels of 5.2 um (assumed) make 769.23 px.
+    """
+
+    width: int = setting(1280, 'Image width [px]', low=16, high=8192, read_only=True)
+    height: int = setting(1024, 'Image height [px]', low=16, high=8192, read_only=True)
+    focal_length: float = setting(
+        769.2307692307693, 'Focal length [px]', low=1.0, high=1e5, read_only=True
+    )
+    principal_u: float = setting(
+        635.0, 'Principal point, from the left [px]', low=-1e4, high=1e4, read_only=True
+    )
+    principal_v: float = setting(
+        512.0, 'Principal point, from the top [px]', low=-1e4, high=1e4, read_only=True
+    )
+    distortion: tuple[float, ...] = setting(
+        (0.0, 0.0, 0.0, 0.0, 0.0), 'plumb_bob coefficients k1 k2 p1 p2 k3', read_only=True
+    )
+    frame_rate: float = setting(11.0, 'Frames a second [Hz]', low=0.1, high=200.0, read_only=True)
+    encoding: str = setting(
+        'mono8', 'Encoding of the images', choices=('mono8', 'bgr8'), read_only=True
+    )
+    scene: str = setting('room', 'What is seen', choices=('room', 'wall'), read_only=True)
+    scene_seed: int = setting(1, 'Seed of the scene', low=0, high=2**31 - 1, read_only=True)
+    seed: int = setting(0, 'Seed of noise and jitter', low=0, high=2**31 - 1, read_only=True)
+    mount_height: float = setting(
+        0.6, 'Height above the floor [m]', low=0.01, high=2.4, read_only=True
+    )
+    mount_forward: float = setting(
+        0.0, 'Camera ahead of the axle [m]', low=-1.0, high=1.0, read_only=True
+    )
+    mount_left: float = setting(
+        0.0, 'Camera to the left of the middle of the axle [m]', low=-1.0, high=1.0, read_only=True
+    )
+    tilt: float = setting(0.0, 'Tilt, down positive [rad]', low=-0.5, high=0.5, read_only=True)
+    roll: float = setting(0.0, 'Roll, clockwise [rad]', low=-0.5, high=0.5, read_only=True)
+    jitter: float = setting(
+        0.0, 'Deviation of tilt and of roll by an uneven floor [rad]', low=0.0, high=0.1
+    )
+    noise: float = setting(
+        2.0, 'Noise, standard deviation [grey levels]', low=0.0, high=50.0, read_only=True
+    )
+    gain_drift: float = setting(
+        0.0, 'Amplitude of the drift of the gain', low=0.0, high=0.9, read_only=True
+    )
+    blur: float = setting(0.0, 'Blur, sigma [px]', low=0.0, high=10.0, read_only=True)
+    believed_focal_ratio: float = setting(
+        1.0, 'Focal length in camera_info over the true one', low=0.1, high=10.0, read_only=True
+    )
+    believed_shift_u: float = setting(
+        0.0,
+        'Principal point in camera_info, right of the true one [px]',
+        low=-1e4,
+        high=1e4,
+        read_only=True,
+    )
+    believed_shift_v: float = setting(
+        0.0,
+        'Principal point in camera_info, below the true one [px]',
+        low=-1e4,
+        high=1e4,
+        read_only=True,
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _ = self.camera  # raises ValueError for an impossible distortion
+
+    @property
+    def camera(self) -> Camera:
+        """The true intrinsics, which images and points obey."""
+        focal = self.focal_length
+        return Camera(
+            self.width,
+            self.height,
+            focal,
+            focal,
+            self.principal_u,
+            self.principal_v,
+            self.distortion,
+        )
+
+    @property
+    def nominal_camera(self) -> Camera:
+        """The nominal intrinsics, those of the calibration, by which tracker and servo go."""
+        true = self.camera
+        return replace(
+            true,
+            fx=self.believed_focal_ratio * true.fx,
+            fy=self.believed_focal_ratio * true.fy,
+            cx=true.cx + self.believed_shift_u,
+            cy=true.cy + self.believed_shift_v,
+        )
+
+    @property
+    def mount(self) -> CameraMount:
+        """Where the camera sits."""
+        return CameraMount(
+            self.mount_height, self.mount_forward, self.tilt, self.roll, self.mount_left
+        )

@@ -1,0 +1,30 @@
+"""Fixed rig: a camera screwed to the robot, which an uneven floor tilts and rolls."""
+
+from dataclasses import dataclass
+
+from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, floor_jitter
+from visual_servo_epipolar.simulation.mounts.rig import CameraPose
+
+
+@dataclass(frozen=True, slots=True)
+class FixedRig:
+    """A camera on its mount; ``jitter`` is the deviation [rad] of what the floor adds, seeded."""
+
+    camera: Camera
+    mount: CameraMount = CameraMount()
+    jitter: float = 0.0
+    seed: int = 0
+
+    def camera_pose(self, pose: Pose, frame: int | None = None) -> CameraPose:
+        """Return where the camera is with the robot at ``pose``; frame None is a level floor."""
+        tilt, roll = (0.0, 0.0) if frame is None else floor_jitter(self.jitter, self.seed, frame)
+        axes = self.mount.R_world_camera(pose, tilt=tilt, roll=roll)
+        return CameraPose(axes, self.mount.centre(pose))
+
+
+def fixed_rig(settings: CameraSettings) -> FixedRig:
+    """Return the rig that ``settings`` describe."""
+    return FixedRig(settings.camera, settings.mount, settings.jitter, settings.seed)

@@ -1,0 +1,31 @@
+"""Camera rig: which camera a robot carries, and where it is when the robot is at a pose."""
+
+from typing import NamedTuple, Protocol
+
+from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.motion import Pose
+
+
+class CameraPose(NamedTuple):
+    """A camera in the world: axes right, down, forward as columns, (3, 3); centre, (3,) [m]."""
+
+    R_world_camera: FloatArray
+    centre: FloatArray
+
+
+class CameraRig(Protocol):
+    """What holds the camera on the robot; all that it does follows from pose and frame."""
+
+    @property
+    def camera(self) -> Camera:
+        """The true camera model."""
+        ...
+
+    def camera_pose(self, pose: Pose, frame: int | None = None) -> CameraPose:
+        """
+        Return where the camera is with the robot at ``pose`` in ``frame``: -1, 0, 1, ...
+
+        Frame -1 is that of the photograph; None is a level floor, which shakes nothing.
+        """
+        ...
