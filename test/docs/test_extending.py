@@ -1,0 +1,27 @@
+"""What docs/extending.md says of tables: a variant that is missing from one of them is found."""
+
+from dataclasses import fields
+
+from visual_servo_epipolar.commands.console import WORDS
+from visual_servo_epipolar.core.estimators.registry import ESTIMATORS
+from visual_servo_epipolar.core.servo.phases import events
+from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.settings import range_of
+from visual_servo_epipolar.report.style import PHASE_COLOURS
+
+PHASES = {phase.value for phase in Phase}
+
+
+def test_every_phase_has_its_classifier() -> None:
+    assert set(events._CLASSIFIERS) == set(Phase)
+
+
+def test_every_phase_has_words_and_a_colour() -> None:
+    assert set(WORDS) == PHASES
+    assert set(PHASE_COLOURS) == PHASES
+
+
+def test_every_estimator_can_be_chosen_and_every_choice_is_an_estimator() -> None:
+    setting = next(item for item in fields(ServoSettings) if item.name == 'estimator')
+    assert set(range_of(setting).choices) == set(ESTIMATORS)
