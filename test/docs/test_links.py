@@ -1,0 +1,46 @@
+"""Every relative link of the README and of docs/ leads to a file, and to a heading in it."""
+
+from pathlib import Path
+import re
+
+import pytest
+
+ROOT = Path(__file__).parents[2]
+PAGES = [ROOT / 'README.md', *sorted((ROOT / 'docs').rglob('*.md'))]
+CODE_BLOCK = re.compile(r'^ *```.*?^ *```', re.M | re.S)
+LINK = re.compile(r'\]\(([^)\s]+)\)')
+
+
+def links(page: Path) -> list[str]:
+    text = CODE_BLOCK.sub('', page.read_text(encoding='utf-8'))
+    return [link for link in LINK.findall(text) if '://' not in link]
+
+
+def anchors(page: Path) -> set[str]:
+    """Return the anchors of a page's headings, as GitHub makes them."""
+    text = CODE_BLOCK.sub('', page.read_text(encoding='utf-8'))
+    titles = re.findall(r'^#+ (.+)$', text, re.M)
+    return {re.sub(r'[^\w\- ]', '', title.lower()).replace(' ', '-') for title in titles}
+
+
+@pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_links_lead_somewhere(page: Path) -> None:
+    for link in links(page):
+        path, _, anchor = link.partition('#')
+        target = (page.parent / path).resolve() if path else page
+        assert target.exists(), f'{page.name} links to {link}, which is not there'
+        if anchor:
+            assert anchor in anchors(target), f'{page.name} links to {link}: no such heading'
+
+
+def test_every_page_can_be_reached_from_the_readme() -> None:
+    reached, new = set(), {PAGES[0].resolve()}
+    while new:
+        reached |= new
+        targets = {
+            (page.parent / link.partition('#')[0]).resolve()
+            for page in new
+            for link in links(page)
+        }
+        new = {target for target in targets if target.suffix == '.md'} - reached
+    assert {page.resolve() for page in PAGES} <= reached

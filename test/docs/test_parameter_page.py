@@ -1,0 +1,49 @@
+"""docs/parameters.md is what `python docs/parameters.py` writes, and leaves no parameter out."""
+
+from dataclasses import fields
+import importlib.util
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+DOCS = Path(__file__).parents[2] / 'docs'
+PAGE = DOCS / 'parameters.md'
+
+
+@pytest.fixture(scope='module')
+def generator() -> ModuleType:
+    spec = importlib.util.spec_from_file_location('parameter_page', DOCS / 'parameters.py')
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_page_is_what_the_settings_say(generator: ModuleType) -> None:
+    assert PAGE.read_text(encoding='utf-8') == generator.page(), (
+        'docs/parameters.md is not up to date; run python docs/parameters.py'
+    )
+
+
+def test_every_node_declares_two_groups_of_settings(generator: ModuleType) -> None:
+    for name in generator.NODES:
+        module = importlib.import_module(f'visual_servo_epipolar.nodes.{name}')
+        kinds = generator.settings_of(module)
+        assert len(kinds) == 2, name
+        for item in (item for kind in kinds for item in fields(kind)):
+            assert f'\n| `{item.name}` |' in PAGE.read_text(encoding='utf-8'), item.name
+
+
+def test_an_inherited_setting_stands_under_the_class_that_declares_it(
+    generator: ModuleType,
+) -> None:
+    class Base:
+        gain: float = 1.0
+
+    class Whole(Base):
+        rate: float = 2.0
+
+    assert generator._owner(Whole, 'gain') is Base
+    assert generator._owner(Whole, 'rate') is Whole
