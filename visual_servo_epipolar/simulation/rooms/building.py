@@ -39,7 +39,7 @@ class Furniture:
     turn: float = 0.0
 
     def axes(self) -> tuple[FloatArray, FloatArray]:
-        """Return unit vectors to the right of who faces it, and along its depth."""
+        """Return unit vectors, shape (3,), to the right of its front, and along its depth."""
         sin, cos = math.sin(self.turn), math.cos(self.turn)
         return np.array([cos, sin, 0.0]), np.array([-sin, cos, 0.0])
 
