@@ -64,7 +64,7 @@ class Builder:
         self._grain = fractal_grain(rng)
 
     def wall(self, side: str, paint: Painter, *, density: float = 220.0) -> None:
-        """Put up the 'front', 'left', 'right' or 'rear' wall, seen from the goal."""
+        """Put up the 'front', 'left', 'right' or 'rear' wall; ``density`` is in texels a metre."""
         start, end = {
             'front': ((LEFT, self.end), (RIGHT, self.end)),
             'right': ((RIGHT, self.end), (RIGHT, REAR)),
