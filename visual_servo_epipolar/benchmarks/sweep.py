@@ -14,9 +14,10 @@ from typing import Any
 from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.servo.run_log import RunLog
 from visual_servo_epipolar.core.settings import updated
-from visual_servo_epipolar.simulation.closed_loop import LoopSettings, PARTS, run_many, View
+from visual_servo_epipolar.simulation.closed_loop import LoopSettings, PARTS, run_many
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import Scenario
+from visual_servo_epipolar.simulation.view import View
 from visual_servo_epipolar.simulation.views import points_of
 
 BATCHES = (1, 16, 64, 256)

@@ -24,7 +24,7 @@ def page(title: str, height: float, *, width: float = WIDTH) -> Figure:
 
 
 def new_figure(number: int, title: str, height: float, *, width: float = WIDTH) -> Figure:
-    """Return an empty figure under the number that it has in the paper."""
+    """Return an empty figure of ``width`` x ``height`` inches under its number in the paper."""
     return page(f'Fig. {number} \N{EN DASH} {title}', height, width=width)
 
 

@@ -23,13 +23,13 @@ class Decay:
     end: float
 
     def at(self, time: FloatArray) -> FloatArray:
-        """Return the fitted values at ``time`` [s]."""
+        """Return the fitted values at ``time`` [s], shape (N,)."""
         return np.asarray(self.initial * np.exp(-self.rate * time))
 
 
 def decay(time: FloatArray, value: FloatArray) -> Decay:
     """
-    Fit an exponential to |value| by least squares in the logarithm.
+    Fit an exponential to |value|, shape (N,), at ``time`` [s] by least squares in the logarithm.
 
     Raises
     ------

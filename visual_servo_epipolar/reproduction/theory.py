@@ -106,8 +106,8 @@ def reserve(
     """
     Return z = |sin alpha| d / d_hat^(f / f_hat), the quantity that keeps e_au away from zero.
 
-    Its logarithm falls at the rate k1 f f_hat / (e_au^2 + f_hat^2) at most, whatever k2, sigma and
-    the signs of the epipoles (eqs. 14, 18, 19; 26, 28).
+    Distances are in m. Its logarithm falls at the rate k1 f f_hat / (e_au^2 + f_hat^2) at most,
+    whatever k2, sigma and the signs of the epipoles (eqs. 14, 18, 19; 26, 28).
     """
     power = 1.0 if guess is None else focal / guess
     sine = abs(e_current) / math.hypot(e_current, focal)

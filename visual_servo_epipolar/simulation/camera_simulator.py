@@ -52,7 +52,7 @@ class CameraSimulator:
         return self._disturbances.settings
 
     def photograph(self) -> Image:
-        """Return the desired image, taken from the goal."""
+        """Return the desired image, shape (H, W), taken from the goal."""
         return self.capture(DESIRED_POSE, DESIRED_FRAME)
 
     def capture(self, pose: Pose, frame: int) -> Image:

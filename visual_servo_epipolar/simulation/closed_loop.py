@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
 
 import numpy as np
 
@@ -28,20 +27,13 @@ from visual_servo_epipolar.simulation import point_world
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 from visual_servo_epipolar.simulation.bases.registry import new_base
 from visual_servo_epipolar.simulation.point_world import PointWorld
+from visual_servo_epipolar.simulation.view import View
 
 Step = Callable[[ServoState, Observation, ServoSettings], ServoState]
 
 PARTS = ('world', 'perception', 'servo', 'record', 'base')  # of a round of many runs
 LARGEST_BLOCK = 16 * 2**20  # bytes, more than any array of a stack takes
 SETTLE_FRAMES = 6  # the base may still be braking when the servo says that it has arrived
-
-
-class View(Protocol):
-    """What stands between the world and the servo: points, or images and a tracker."""
-
-    def observe(self, pose: Pose, frame: int) -> Features:
-        """Return the features seen from ``pose`` in frame number ``frame``."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)

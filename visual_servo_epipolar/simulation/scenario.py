@@ -62,7 +62,7 @@ class Scenario:
             raise InputError(str(error)) from None
 
     def loop(self, start: tuple[float, float, float], seed: int) -> LoopSettings:
-        """Return the settings of one run from ``start``."""
+        """Return the settings of one run from ``start``: x [m], y [m], heading error [deg]."""
         return LoopSettings(
             start=start,
             seed=seed,

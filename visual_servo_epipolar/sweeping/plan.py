@@ -95,7 +95,7 @@ class Plan:
         )
 
     def command_of_run(self, law: str, index: int, start: tuple[float, float, float]) -> str:
-        """Return the command line that repeats run number ``index`` alone, from its ``start``."""
+        """Return the command that repeats run ``index`` from its ``start``, in m, m and deg."""
         # Never 1e-05: argparse takes that, with a minus, for an option.
         x_y_deg = [np.format_float_positional(value, trim='-') for value in start]
         options = self._scenario_options(self.scenario_of(law, index).camera.scene_seed)

@@ -27,15 +27,16 @@ def wilson(successes: int, trials: int) -> Interval:
 
 
 def quantile(values: Sequence[float] | FloatArray, share: float) -> float:
-    """Return the quantile of ``values``, linear between two; nan if there are none."""
+    """Return the quantile of ``values``, shape (N,), linear between two; nan if N is 0."""
     return float(np.quantile(values, share)) if len(values) else math.nan
 
 
 def quantile_interval(values: Sequence[float] | FloatArray, share: float) -> Interval:
     """
-    Return the 95 % percentile-bootstrap interval of a quantile of ``values``; nan if none.
+    Return the 95 % percentile-bootstrap interval of a quantile of ``values``, shape (N,).
 
-    The resamples are drawn from a fixed seed: the interval follows from the values alone.
+    The resamples are drawn from a fixed seed: the interval follows from the values alone. It is
+    nan if N is 0.
     """
     if not len(values):
         return math.nan, math.nan

@@ -40,7 +40,7 @@ class Cell:
 
     @property
     def ray_noise(self) -> float:
-        """Deviation of a ray coordinate."""
+        """Deviation of a coordinate of a ray, at unit focal length."""
         return self.noise / FOCAL
 
 

@@ -84,7 +84,7 @@ class Loop:
         self.drive(WARM_UP_S, 10.0)
 
     def drive(self, seconds: float, rate: float) -> Drive:
-        """Publish images for so long, and return what came of it; ``rate`` is in Hz."""
+        """Publish images for ``seconds`` [s] at ``rate`` [Hz], and return the latencies."""
         self._drive = drive = Drive()
         begin = time.monotonic()
         for number in range(round(seconds * rate)):

@@ -75,7 +75,7 @@ def ended(before: FrameErrors, features: Features) -> Features:
 
 
 def episodes(frames: Sequence[FrameErrors], gross: Sequence[BoolArray]) -> list[dict[str, Any]]:
-    """Return one entry for each feature with gross errors: since when, how far, why perhaps."""
+    """Return one entry for each feature with gross errors; ``gross`` has shape (N,) by frame."""
     entries: dict[int, dict[str, Any]] = {}
     for frame, (frame_errors, rows) in enumerate(zip(frames, gross, strict=True)):
         for row in np.flatnonzero(rows).tolist():

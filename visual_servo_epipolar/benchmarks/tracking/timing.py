@@ -7,7 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
@@ -16,7 +16,7 @@ PERIOD = 5  # frames between two anchorings of the run that shows frames with an
 
 
 def times(desired: Image, images: Sequence[Image], *, single: bool) -> list[dict[str, Any]]:
-    """Return the medians [ms] on all threads of OpenCV and, if ``single``, on one as well."""
+    """Return medians [ms] over images, shape (H, W), on all threads and, if ``single``, on one."""
     threads = cv2.getNumThreads()
     counts = dict.fromkeys((threads, 1) if single else (threads,))
     try:
@@ -41,7 +41,7 @@ def _times(desired: Image, images: Sequence[Image], threads: int) -> dict[str, A
     }
 
 
-def _pairs(desired: Image, images: Sequence[Image], settings: TrackerSettings) -> np.ndarray:
+def _pairs(desired: Image, images: Sequence[Image], settings: TrackerSettings) -> FloatArray:
     """Return, shape (N, 3), seconds of tracker and of bare OpenCV, and features of each image."""
     tracker = Tracker(settings)
     tracker.set_desired(desired)
@@ -80,7 +80,7 @@ def _lucas_kanade(
     return perf_counter() - start
 
 
-def _ratio(rows: np.ndarray) -> dict[str, float | None]:
+def _ratio(rows: FloatArray) -> dict[str, float | None]:
     rows = rows[np.isfinite(rows).all(axis=1)]
     if not len(rows):
         return dict.fromkeys(('tracker_ms', 'bare_ms', 'ratio', 'features'))

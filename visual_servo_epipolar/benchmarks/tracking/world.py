@@ -64,11 +64,11 @@ class World:
         self.truth = Truth(self.renderer)
 
     def photograph(self) -> Image:
-        """Return the desired image."""
+        """Return the desired image, shape (H, W)."""
         return self._sensor.capture(self.renderer.render(DESIRED_POSE), DESIRED_FRAME)
 
     def capture(self, perfect: Image, frame: int, disturbances: Disturbances | None) -> Image:
-        """Return ``perfect`` as the sensor takes it through ``disturbances``."""
+        """Return ``perfect``, shape (H, W), through ``disturbances`` and the sensor."""
         if disturbances is not None:
             perfect = disturbances.apply(perfect, frame)
         return self._sensor.capture(perfect, frame)
@@ -93,17 +93,17 @@ class FrameErrors:
 
     @property
     def distances(self) -> FloatArray:
-        """Distance of each feature from its true place [px]."""
+        """Distance of each feature from its true place [px], shape (N,)."""
         return np.asarray(np.hypot(self.shift[:, 0], self.shift[:, 1]))
 
     @property
     def on_edge(self) -> BoolArray:
-        """Which features sit on an edge of depth, where there is no single true place."""
+        """Which features, shape (N,), sit on an edge of depth: they have no single true place."""
         return np.asarray(self.clearance <= RINGS[0])
 
     @property
     def trackable(self) -> BoolArray:
-        """Which features can be tracked: off edges, visible, and not covered."""
+        """Which features, shape (N,), can be tracked: off edges, visible, and not covered."""
         return np.asarray(~self.on_edge & self.visible & ~self.covered)
 
 

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.servo.run_log import seconds
 from visual_servo_epipolar.reproduction.experiment.experiment import (
     Experiment,
@@ -106,7 +107,7 @@ def _first_step(experiment: Experiment) -> list[Statement]:
     ]
 
 
-def _first_zero(time: np.ndarray, values: np.ndarray) -> float:
+def _first_zero(time: FloatArray, values: FloatArray) -> float:
     """Return when ``values`` first left the side they began on [s]; inf if never."""
     crossed = np.flatnonzero(values * values[0] <= 0.0)
     near = np.flatnonzero(np.abs(values) < 2.0)  # what the servo calls zero at this noise [px]

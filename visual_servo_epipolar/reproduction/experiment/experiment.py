@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.arrays import Image, IntArray
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -17,10 +17,11 @@ from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
-from visual_servo_epipolar.simulation.closed_loop import run, View
+from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.point_world import PointSettings
 from visual_servo_epipolar.simulation.scenario import RunSettings, Scenario
+from visual_servo_epipolar.simulation.view import View
 
 FEATURES = 26
 PERIOD_S = 0.09
@@ -87,7 +88,7 @@ class SparseView:
 
     def __init__(self, view: View, count: int = FEATURES) -> None:
         self._view, self._count = view, count
-        self._ids = np.empty(0, np.int64)
+        self._ids: IntArray = np.empty(0, np.int64)
         self.history: list[Features] = []
 
     def observe(self, pose: Pose, frame: int) -> Features:
@@ -99,7 +100,7 @@ class SparseView:
         return sparse
 
 
-def well_spread(features: Features, kept_ids: np.ndarray, count: int) -> Features:
+def well_spread(features: Features, kept_ids: IntArray, count: int) -> Features:
     """Return ``count`` features: those with ids in ``kept_ids``, shape (K,), then the farthest."""
     rows = np.flatnonzero(np.isin(features.ids, kept_ids))[:count].tolist()
     places = np.hstack([features.current, features.desired])

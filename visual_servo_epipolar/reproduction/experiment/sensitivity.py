@@ -99,7 +99,7 @@ def one(row: int, seed: int) -> Mapping[str, Any]:
 def from_points(
     scenario: Scenario, start: tuple[float, float, float], seed: int
 ) -> Mapping[str, Any]:
-    """Return the result of a run with point features instead of images."""
+    """Return the result of a run on point features from ``start``: x [m], y [m], [deg]."""
     loop = replace(scenario.loop(start, seed), max_duration=LONGEST_RUN_S)
     return summarise(run(loop, points_of(scenario, seed), scenario.camera.nominal_camera))
 

@@ -179,7 +179,7 @@ class Simulation:
         )
 
     def first(self, time: float, state: State) -> Instant:
-        """Return the first step at ``state``: eqs. (12), (16), (17)."""
+        """Return the first step at ``time`` [s] and ``state``: eqs. (12), (16), (17)."""
         case, pose = self.case, Pose(*state[:3].tolist())
         reading, image = self.camera.read(pose), self.camera.image(pose)
         nu_1, nu_2 = laws.auxiliary_controls(

@@ -161,6 +161,6 @@ def _draw_tracks(axes: Axes, images: FloatArray, steps: FloatArray) -> None:
 
 
 def second_step(course: Course, name: str) -> tuple[FloatArray, FloatArray]:
-    """Return the time from the beginning of the second step [s], and one quantity of it."""
+    """Return time from the beginning of the second step [s], and one quantity, shape (N,) each."""
     time = course.column('time', 2)
     return time - time[0], course.column(name, 2)

@@ -91,7 +91,7 @@ def rate_at_goal(case: Case) -> float:
 
 
 def growth_ratio(course: Course) -> FloatArray:
-    """Return mu = d' / d_hat' of (29) at the instants of the transient, by (25) and (28)."""
+    """Return mu = d' / d_hat' of (29) along the transient, shape (N,), by (25) and (28)."""
     case, e_current = course.case, course.column('e_current', 1)
     rows = course.column('time', 1) < course.zeroed_at
     squares = np.hypot(e_current[rows], case.focal_guess) / np.hypot(e_current[rows], case.focal)
@@ -130,7 +130,7 @@ def metrics(course: Course) -> Mapping[str, Any]:
 
 
 def transient(course: Course, name: str) -> FloatArray:
-    """Return one quantity until e_du counts as zero (all of the first step if it never does)."""
+    """Return one quantity, shape (N,), until e_du counts as zero, or all of the first step."""
     zero = np.abs(course.column('e_desired', 1)) <= course.case.tolerance
     count = int(np.argmax(zero)) + 1 if zero.any() else len(zero)
     return np.asarray(course.column(name, 1)[:count])

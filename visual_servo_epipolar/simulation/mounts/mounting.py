@@ -44,7 +44,7 @@ class CameraMount:
         return np.array([x, y, self.height])
 
     def R_world_camera(self, pose: Pose, *, tilt: float = 0.0, roll: float = 0.0) -> FloatArray:
-        """Return the camera axes right, down, forward as columns, with tilt and roll added."""
+        """Return axes right, down, forward as columns, (3, 3), with tilt and roll [rad] added."""
         sin, cos = math.sin(pose.theta), math.cos(pose.theta)
         level = np.array([[sin, 0.0, cos], [-cos, 0.0, sin], [0.0, -1.0, 0.0]])
         sin, cos = math.sin(self.tilt + tilt), math.cos(self.tilt + tilt)

@@ -5,6 +5,7 @@ import math
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from visual_servo_epipolar.core.arrays import as_gray, Image
 from visual_servo_epipolar.core.settings import setting, Settings
@@ -69,7 +70,7 @@ class Sensor:
         wave = math.sin(self._phase + 2.0 * math.pi * frame_index / DRIFT_PERIOD)
         return 1.0 + self.settings.gain_drift * (0.75 * wave + 0.25 * rng.uniform(-1.0, 1.0))
 
-    def _noise(self, rng: np.random.Generator) -> np.ndarray:
+    def _noise(self, rng: np.random.Generator) -> NDArray[np.int16]:
         """Return a part of the field of noise, shifted and mirrored by chance."""
         (height, width), (down, right) = self._shape, rng.integers(0, SPARE + 1, 2)
         part = self._field[down : down + height, right : right + width]

@@ -64,7 +64,7 @@ def _sections(strip: Polygon) -> Iterator[tuple[int, Polygon]]:
 
 
 def breadth(outline: Outline) -> float:
-    """Return the mean width of a convex outline: its area over half its perimeter."""
+    """Return the mean width [px] of a convex outline [px]: its area over half its perimeter."""
     area = perimeter = 0.0
     for k, (x, y) in enumerate(outline):
         x0, y0 = outline[k - 1]

@@ -23,7 +23,7 @@ class Crossings(NamedTuple):
 
 def smooth_edges(image: Image, scene: Scene, view: View, raster: Raster) -> Image:
     """
-    Return ``image`` with the pixels cut by an edge mixed from both sides, by covered area.
+    Return ``image``, shape (H, W), with pixels cut by an edge mixed by covered area.
 
     Where the edge of a surface crosses a pixel and the surface is seen on its inner side, the
     pixel takes as much of either side as the edge leaves it. Pixels that were painted although

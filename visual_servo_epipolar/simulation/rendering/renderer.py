@@ -1,7 +1,10 @@
 """The image of a scene through a camera, sub-pixel exact, and the truth behind each pixel."""
 
+from typing import TypeAlias
+
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray, Image
 from visual_servo_epipolar.core.geometry.camera import Camera
@@ -10,6 +13,8 @@ from visual_servo_epipolar.simulation.mounts.rig import CameraRig
 from visual_servo_epipolar.simulation.rendering.raster import NEAR, rasterize, View
 from visual_servo_epipolar.simulation.rendering.sampling import shade
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
+
+Map: TypeAlias = NDArray[np.float32]
 
 MAX_RAY = 4.0  # what a distorting lens shows farther from the axis stays black (76 deg)
 SAME_PLACE = 0.01  # deviation of a traced point still on its surface, relative to depth
@@ -100,7 +105,7 @@ class Renderer:
 
 def _canvas_of(
     camera: Camera,
-) -> tuple[tuple[int, int, FloatArray], tuple[np.ndarray, np.ndarray] | None]:
+) -> tuple[tuple[int, int, FloatArray], tuple[Map, Map] | None]:
     """Return size and intrinsics of the pinhole image to draw, and the maps to distort it."""
     if not camera.distorts:
         return (camera.width, camera.height, camera.matrix), None

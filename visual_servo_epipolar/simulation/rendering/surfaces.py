@@ -42,7 +42,7 @@ class Texture:
         self._filtered: dict[tuple[int, int], Image] = {}
 
     def filtered(self, p: int, q: int) -> tuple[Image, int, int]:
-        """Return copy (p, q), p, q >= 0, and how often its columns and rows were halved."""
+        """Return copy (p, q), shape (H, W), and how often its columns and rows were halved."""
         i, j = (p - 2) // 2, (q - 2) // 2
         if (p, q) not in self._filtered:
             sigmas = _sigma(2.0 ** (p / 2 - i), i), _sigma(2.0 ** (q / 2 - j), j)
@@ -171,10 +171,10 @@ class Scene:
 
     def back_to_front(self, centre: FloatArray) -> Sequence[int]:
         """
-        Return the bodies in an order in which nearer ones may be painted over farther ones.
+        Return the bodies in an order in which nearer ones are painted over farther ones.
 
         Of two bodies on either side of a plane, the one on the camera's side is nearer. Should
-        three bodies overlap in a ring, the one farthest from ``centre`` [m] goes first.
+        three bodies overlap in a ring, the one farthest from ``centre``, shape (3,), goes first.
         """
         faces, behind, before = self._separations
         towards = self.facing(centre)[faces]

@@ -39,7 +39,7 @@ class Furniture:
     turn: float = 0.0
 
     def axes(self) -> tuple[FloatArray, FloatArray]:
-        """Return unit vectors to the right of who faces it, and along its depth."""
+        """Return unit vectors, shape (3,), to the right of its front, and along its depth."""
         sin, cos = math.sin(self.turn), math.cos(self.turn)
         return np.array([cos, sin, 0.0]), np.array([-sin, cos, 0.0])
 
@@ -64,7 +64,7 @@ class Builder:
         self._grain = fractal_grain(rng)
 
     def wall(self, side: str, paint: Painter, *, density: float = 220.0) -> None:
-        """Put up the 'front', 'left', 'right' or 'rear' wall, seen from the goal."""
+        """Put up the 'front', 'left', 'right' or 'rear' wall; ``density`` is in texels a metre."""
         start, end = {
             'front': ((LEFT, self.end), (RIGHT, self.end)),
             'right': ((RIGHT, self.end), (RIGHT, REAR)),

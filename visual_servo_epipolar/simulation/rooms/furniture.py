@@ -1,4 +1,4 @@
-"""Furniture: timber, and fronts full of books, labels and notices."""
+"""Furniture: timber, and fronts full of books, labels and notices; grey in 0..255."""
 
 import numpy as np
 

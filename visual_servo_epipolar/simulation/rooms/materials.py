@@ -1,4 +1,4 @@
-"""Materials of the shell of a room: floors, ceilings, walls."""
+"""Materials of the shell of a room: floors, ceilings, walls; lengths in m, grey in 0..255."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Pictures and fittings: posters, windows, doors, books, labels."""
+"""Pictures and fittings: posters, windows, doors, books; lengths in m, grey in 0..255."""
 
 import math
 

@@ -15,9 +15,10 @@ SHIFT = 4  # sub-pixel bits of drawing
 
 def fractal_grain(rng: np.random.Generator, *, slope: float = 1.0, finest: float = 0.8) -> Image:
     """
-    Return periodic noise whose amplitude falls with frequency f as f^-slope, about grey 128.
+    Return periodic noise around grey 128 whose amplitude falls with frequency f as f^-slope.
 
-    Below a wavelength of some ``finest`` texels it is smoothed away, so that it can be sampled.
+    Its shape is (GRAIN_SIZE, GRAIN_SIZE). Below a wavelength of some ``finest`` texels it is
+    smoothed away, so that it can be sampled.
     """
     frequency = np.fft.fftfreq(GRAIN_SIZE)
     radius = np.hypot(frequency[:, None], frequency[None, : GRAIN_SIZE // 2 + 1])
@@ -47,7 +48,7 @@ class Sheet:
 
     @property
     def image(self) -> Image:
-        """What has been painted, softened so that no edge is sharper than a texel."""
+        """The paint, shape (H, W), softened so that no edge is sharper than a texel."""
         return np.asarray(cv2.GaussianBlur(self.pixels, (5, 5), 0.6), dtype=np.uint8)
 
     def fill(self, grey: float) -> None:
@@ -74,7 +75,7 @@ class Sheet:
         self.polygon(np.stack([x + radius * np.cos(turns), y + radius * np.sin(turns)], 1), grey)
 
     def polygon(self, points: Sequence[tuple[float, float]] | FloatArray, grey: float) -> None:
-        """Fill a polygon; its corners are measured in metres."""
+        """Fill a polygon with corners [m], shape (N, 2)."""
         texels = (np.asarray(points) * self.density - 0.5) * (1 << SHIFT)
         cv2.fillPoly(
             self.pixels, [np.rint(texels).astype(np.int32)], _level(grey), cv2.LINE_AA, SHIFT
@@ -83,7 +84,7 @@ class Sheet:
     def line(
         self, points: Sequence[tuple[float, float]] | FloatArray, width: float, grey: float
     ) -> None:
-        """Draw a line through points, at least a texel wide."""
+        """Draw a line through points [m], shape (N, 2), at least a texel wide."""
         texels = np.rint((np.asarray(points) * self.density - 0.5) * (1 << SHIFT)).astype(np.int32)
         thickness = max(1, round(width * self.density))
         cv2.polylines(self.pixels, [texels], False, _level(grey), thickness, cv2.LINE_AA, SHIFT)
@@ -105,7 +106,7 @@ class Sheet:
         )
 
     def paste(self, image: Image, x: float, y: float) -> None:
-        """Put a picture of the same density at (x, y); what sticks out is cut off."""
+        """Put a picture, shape (H, W), of equal density at (x, y); what sticks out is cut off."""
         left, top = round(x * self.density), round(y * self.density)
         bottom, right = max(0, top + len(image)), max(0, left + image.shape[1])
         area = self.pixels[max(top, 0) : bottom, max(left, 0) : right]
@@ -120,7 +121,7 @@ class Sheet:
         )
 
     def grain_patch(self, shape: tuple[int, int], zoom: tuple[float, float] = (1.0, 1.0)) -> Image:
-        """Return a patch of grain from a random place, mirrored by chance."""
+        """Return a patch of grain of ``shape`` (H, W) from a random place, mirrored at random."""
         rows, columns = (math.ceil(n / z) + 2 for n, z in zip(shape, zoom[::-1], strict=True))
         down, right = self.rng.integers(0, GRAIN_SIZE, 2)
         patch = np.roll(self.grain, (-int(down), -int(right)), (0, 1))
@@ -137,7 +138,7 @@ class Sheet:
         return patch[: shape[0], : shape[1]]
 
     def light(self, field: FloatArray) -> None:
-        """Multiply by a coarse ``field`` of light in 0..2 that covers the whole sheet."""
+        """Multiply by a coarse ``field`` of light in 0..2, shape (H, W), over the whole sheet."""
         coarse = np.clip(field * 127.5, 0.0, 255.0).astype(np.float32)
         rows, columns = self.pixels.shape
         full = cv2.resize(coarse, (columns, rows), interpolation=cv2.INTER_LINEAR)
