@@ -116,7 +116,7 @@ def test_nothing_is_trusted_from_an_uncalibrated_camera(rig, photograph, view) -
 def test_an_image_waits_for_the_first_camera_info(rig, photograph, view) -> None:
     rig.taught(photograph)
     rig.send(message(view))
-    rig.bench.until(lambda: rig.node._waiting is not None, 'the image to arrive')
+    rig.bench.until(lambda: rig.node._pending_image is not None, 'the image to arrive')
     assert rig.clouds == []
     rig.calibrated()
     rig.bench.until(lambda: bool(rig.clouds), 'tracks')
