@@ -7,7 +7,6 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, median_of_sorted
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
-from visual_servo_epipolar.core.geometry.epipolar import columns
 
 ITERATIONS = 6
 MIN_POINTS = 3
@@ -25,7 +24,7 @@ class RotationFit:
     """
     Best rotation R current -> desired, its heading error [rad] and the parallax it leaves.
 
-    ``parallax`` is a robust root mean square, in the unit of rays (times f: pixels).
+    ``parallax`` is a robust root mean square angle [rad].
     """
 
     rotation: FloatArray
@@ -34,25 +33,18 @@ class RotationFit:
 
 
 class RotationFits(NamedTuple):
-    """The same of many pairs of views: shapes (B, 3, 3), (B,) and (B,)."""
+    """The best rotations of many pairs of views: shapes (B, 3, 3), (B,) and (B,)."""
 
     rotation: FloatArray
     heading_error: FloatArray
     parallax: FloatArray
 
 
-def unit_rays(rays: FloatArray) -> FloatArray:
-    """Return ``rays`` (x/z, y/z), shape (B, N, 2), as columns of unit length, (B, 3, N)."""
-    solid = columns(rays)
-    solid /= np.sqrt((solid * solid).sum(axis=1))[:, None]
-    return solid
-
-
 def fit_rotation(current: FloatArray, desired: FloatArray) -> RotationFit:
     """
     Fit the infinite homography: the rotation alone that best carries one view into the other.
 
-    See ``fit_rotations``; rays have shape (N, 2).
+    See ``fit_rotations``; unit rays have shape (N, 3).
 
     Raises
     ------
@@ -66,7 +58,7 @@ def fit_rotation(current: FloatArray, desired: FloatArray) -> RotationFit:
 
 def fit_rotations(current: FloatArray, desired: FloatArray) -> RotationFits:
     """
-    Fit the rotation of each of many pairs of views, rays of shape (B, N, 2).
+    Fit the rotation of each of many pairs of views, unit rays of shape (B, N, 3).
 
     Weighted Kabsch alignment of the rays, reweighted (Geman-McClure) so that outliers and the few
     near features with large parallax do not turn it. The remark closing section IV-B of the paper.
@@ -82,19 +74,19 @@ def fit_rotations(current: FloatArray, desired: FloatArray) -> RotationFits:
         raise DegenerateGeometryError(
             f'a rotation needs at least {MIN_POINTS} matches, got {count}; track more'
         )
-    source, target = unit_rays(current), unit_rays(desired)
+    source, target = current.swapaxes(1, 2), desired.swapaxes(1, 2)
     rotation = _kabsch(target @ source.swapaxes(1, 2))
     for iteration in range(ITERATIONS):
-        found = rotation @ source
-        away = target - found
-        squared = (away * away).sum(axis=1)
+        carried = rotation @ source
+        offset = target - carried
+        squared = (offset * offset).sum(axis=1)
         ordered = np.sort(squared, axis=1)
         if iteration == ITERATIONS - 1:
             break
         scale = np.maximum(4.0 * median_of_sorted(ordered), SMALLEST)
         weights = 1.0 + squared / scale[:, None]
         weights *= weights
-        rotation = _turned(rotation, (target / weights[:, None]) @ found.swapaxes(1, 2))
+        rotation = _turned(rotation, (target / weights[:, None]) @ carried.swapaxes(1, 2))
     kept = max(MIN_POINTS, int(TRUSTED_SHARE * count))
     return RotationFits(
         rotation,
