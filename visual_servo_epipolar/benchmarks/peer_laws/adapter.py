@@ -8,6 +8,7 @@ from visual_servo_epipolar.benchmarks.peer_laws.image_based import PointGains, p
 from visual_servo_epipolar.benchmarks.peer_laws.pose_measurement import read
 from visual_servo_epipolar.benchmarks.peer_laws.position_based import is_behind, polar, PolarGains
 from visual_servo_epipolar.core.geometry.motion import saturate, STANDSTILL, Twist
+from visual_servo_epipolar.core.geometry.rays import image_points
 from visual_servo_epipolar.core.perception.perceive import Measurement, Observation, perceive
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -52,7 +53,7 @@ def homography_based(gains: TurningGains) -> Law:
 def image_based(gains: PointGains) -> Law:
     """Return the classical law on points."""
     return lambda state, measurement, observation: points(
-        observation.current, observation.desired, gains
+        image_points(observation.current), image_points(observation.desired), gains
     )
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, rotation_desired_current
 from visual_servo_epipolar.core.geometry.motion import HALF_PI
+from visual_servo_epipolar.core.geometry.rays import image_points
 from visual_servo_epipolar.core.perception.perceive import Measurement, Observation, turned
 
 
@@ -37,12 +38,12 @@ class Reading:
 
 def read(measurement: Measurement, observation: Observation) -> Reading:
     """Return the pose up to scale; close to the goal, without bearings, to first order."""
-    bearings = measurement.bearings
+    bearings, desired = measurement.bearings, image_points(observation.desired)
     if bearings is None:
         rotation = rotation_desired_current(measurement.heading_error)
-        close = close_reading(turned(observation.current, rotation), observation.desired)
+        close = close_reading(turned(observation.current, rotation), desired)
         return replace(close, heading_error=close.heading_error + measurement.heading_error)
-    scale = relative_distance(observation.current, observation.desired, bearings)
+    scale = relative_distance(image_points(observation.current), desired, bearings)
     return Reading(scale, bearings.psi, bearings.heading_error)
 
 

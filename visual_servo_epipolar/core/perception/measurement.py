@@ -9,7 +9,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.geometry.lens import CALIBRATED, Lens
+from visual_servo_epipolar.core.geometry.lens import CALIBRATED, corrected, Lens
 from visual_servo_epipolar.core.geometry.motion import HALF_PI
 from visual_servo_epipolar.core.perception.validation import Memory
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -18,8 +18,10 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 @dataclass(frozen=True, slots=True, eq=False)
 class Observation:
     """
-    One set of matches as rays, shape (N, 2) each, taken at ``stamp_ns``.
+    One set of matches as unit rays, shape (N, 3) each, taken at ``stamp_ns``.
 
+    ``pixel_angles``, shape (N, 2), are those of a pixel at current and desired rays [rad]: None
+    where the camera is a pinhole without distortion.
     ``focal`` [px] only turns pixel thresholds into angles and back. ``edges`` are the bearings of
     the left and the right edge of the image [rad], right positive.
     """
@@ -29,18 +31,30 @@ class Observation:
     desired: FloatArray
     focal: float
     edges: tuple[float, float] = (-HALF_PI, HALF_PI)
+    pixel_angles: FloatArray | None = None
+
+    @property
+    def resolution(self) -> FloatArray:
+        """Angle of a pixel at each current and desired ray [rad], shape (N, 2)."""
+        if self.pixel_angles is not None:
+            return self.pixel_angles
+        forward = np.stack([self.current[:, 2], self.desired[:, 2]], axis=1)
+        return np.asarray(forward**1.5 / self.focal)
 
     def corrected(self, lens: Lens) -> 'Observation':
         """Return the observation without what is wrong with the camera matrix."""
         if lens.corrects_nothing:
             return self
-        ratio, shift = math.exp(lens.log_ratio), np.array([lens.shift, 0.0])
+        ratio = math.exp(lens.log_ratio)
+        current, growth_current = corrected(self.current, lens)
+        desired, growth_desired = corrected(self.desired, lens)
         left, right = (math.atan(ratio * math.tan(edge) + lens.shift) for edge in self.edges)
         return replace(
             self,
-            current=ratio * self.current + shift,
-            desired=ratio * self.desired + shift,
+            current=current,
+            desired=desired,
             focal=self.focal / ratio,
+            pixel_angles=self.resolution * np.stack([growth_current, growth_desired], axis=1),
             edges=(left, right),
         )
 

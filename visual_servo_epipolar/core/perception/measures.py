@@ -3,6 +3,7 @@
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray, median_of_sorted
+from visual_servo_epipolar.core.geometry.rays import image_points
 
 APART, NEGLIGIBLE = 6.0, 5e-4  # times the median distance of features, plus rad
 
@@ -35,14 +36,13 @@ def distances(current: FloatArray, desired: FloatArray) -> FloatArray:
 
 def turned(rays: FloatArray, rotation: FloatArray) -> FloatArray:
     """
-    Return ``rays``, shape (..., N, 2), as a camera sees them that is turned by ``rotation``.
+    Return image points, (..., N, 2), of ``rays``, (..., N, 3), in a camera turned by ``rotation``.
 
     ``rotation`` has shape (..., 3, 3). A heading error of 0.1 deg otherwise shifts the zero of D
     by centimetres, unless the features lie evenly to the left and right; a bump of 0.1 deg in the
     floor does so by millimetres.
     """
-    solid = rays @ rotation[..., :2].swapaxes(-1, -2) + rotation[..., None, :, 2]
-    return np.asarray(solid[..., :2] / solid[..., 2:])
+    return image_points(rays @ rotation.swapaxes(-1, -2))
 
 
 def room_to_turn(

@@ -11,6 +11,7 @@ from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
 from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.epipolar import rotations_desired_current
 from visual_servo_epipolar.core.geometry.lens import change, for_wrong_rays, spurious_parallax
+from visual_servo_epipolar.core.geometry.rays import image_points
 from visual_servo_epipolar.core.geometry.rotation import fit_rotations
 from visual_servo_epipolar.core.perception.measurement import Glimpse, Measurement, Observation
 from visual_servo_epipolar.core.perception.measures import (
@@ -53,13 +54,15 @@ def observe_each(
 ) -> list[Observation]:
     """Do the same for many views through alike cameras."""
     both = [pixels for each in features for pixels in (each.current, each.desired)]
-    rays = camera.rays(np.concatenate(both)) if both else np.empty((0, 2))
+    rays = camera.unit_rays(np.concatenate(both)) if both else np.empty((0, 3))
+    resolution = camera.resolution(rays)
     rays.flags.writeable = False
     focal, first, made = math.sqrt(camera.fx * camera.fy), 0, []
     for each, stamp_ns in zip(features, stamps_ns, strict=True):
         middle, last = first + len(each), first + 2 * len(each)
         views = rays[first:middle], rays[middle:last]
-        made.append(Observation(stamp_ns, *views, focal, camera.edges))
+        angles = np.stack([resolution[first:middle], resolution[middle:last]], axis=1)
+        made.append(Observation(stamp_ns, *views, focal, camera.edges, angles))
         first = last
     return made
 
@@ -175,12 +178,13 @@ def _measured(
     stack: Stack, believed: Sequence[Verdict], headings: Sequence[float]
 ) -> list[_Measured]:
     """Return what is measured under the ``headings``."""
-    error = median_of_sorted(np.sort(distances(stack.current, stack.desired), axis=1))
+    current, desired = image_points(stack.current), image_points(stack.desired)
+    error = median_of_sorted(np.sort(distances(current, desired), axis=1))
     noise = np.array([verdict.memory.noise for verdict in believed])
     focal = np.array([glimpse.observation.focal for glimpse in stack.glimpses])
     everything = np.ones(stack.current.shape[1], bool)
     rooms = room_to_turn(
-        stack.current,
+        current,
         np.array([everything if v.estimate is None else v.estimate.inliers for v in believed]),
         np.array([glimpse.observation.edges for glimpse in stack.glimpses]),
         np.array([glimpse.settings.keep_features for glimpse in stack.glimpses]),
@@ -189,7 +193,7 @@ def _measured(
         _parallaxes(stack, believed, np.array(headings)),
         headings,
         _differences(stack, np.array(headings)),
-        difference_deviation(stack.desired, noise / focal),
+        difference_deviation(desired, noise / focal),
         error,
         *rooms.T,
     )
@@ -209,13 +213,14 @@ def _parallaxes(stack: Stack, believed: Sequence[Verdict], headings: FloatArray)
 
 def _differences(stack: Stack, headings: FloatArray) -> FloatArray:
     """Return D of each glimpse, of features turned as the goal is where settings say so."""
-    made = feature_difference(stack.current, stack.desired)
+    desired = image_points(stack.desired)
+    made = feature_difference(image_points(stack.current), desired)
     compensated = np.array([glimpse.settings.compensates for glimpse in stack.glimpses])
     if compensated.any():
         # Pitch and roll of an uneven floor are those of the best rotation, the heading is better.
         better = rotations_desired_current(headings - stack.rotations.heading_error)
         level = turned(stack.current, better @ stack.rotations.rotation)
-        made = np.where(compensated, usual_difference(level, stack.desired), made)
+        made = np.where(compensated, usual_difference(level, desired), made)
     return made
 
 

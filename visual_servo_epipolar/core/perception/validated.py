@@ -25,7 +25,7 @@ NOISE_RANGE = (0.2, 5.0)  # of the noise that the settings give to begin with
 
 
 class Stack(NamedTuple):
-    """Glimpses of equally many features: rays, shape (B, N, 2), and their best rotations."""
+    """Glimpses of equally many features: unit rays, shape (B, N, 3), and their best rotations."""
 
     glimpses: Sequence[Glimpse]
     current: FloatArray
@@ -80,13 +80,13 @@ def verdicts(stack: Stack) -> list[Verdict]:
 def _judged(stack: Stack, memories: Sequence[Memory]) -> list[Verdict]:
     """Return what is believed of geometries that show parallax."""
     glimpses = stack.glimpses
-    focal = np.array([glimpse.observation.focal for glimpse in glimpses])
     noise = np.array([memory.noise for memory in memories])
+    resolution = np.array([glimpse.observation.resolution for glimpse in glimpses])
     answers = estimates(
         glimpses[0].settings.estimator,
         stack.current,
         stack.desired,
-        noise=noise / focal,
+        noise=noise[:, None, None] * resolution,
         priors=[
             Prior(memory.attitude, memory.bearings, glimpse.settings.max_leap, memory.lens)
             for memory, glimpse in zip(memories, glimpses, strict=True)
@@ -97,7 +97,7 @@ def _judged(stack: Stack, memories: Sequence[Memory]) -> list[Verdict]:
     shown: dict[int, Evidence] = {}
     if seen:
         some = stack.take(list(seen))
-        found = evidence(list(seen.values()), some.current, some.desired)
+        found = evidence(list(seen.values()), some.current, some.desired, resolution[list(seen)])
         shown = dict(zip(seen, found, strict=True))
     parallax = stack.rotations.parallax.tolist()
     return [
@@ -127,8 +127,8 @@ def _verdict(
 
 
 def _noise(residual: float, observation: Observation, before: float, first: float) -> float:
-    """Return the deviation of a coordinate [px], slowly following the median ``residual``."""
+    """Return the deviation of a coordinate [px], slowly following the median ``residual`` [px]."""
     spare = max(len(observation.current) - 2, 1)
-    now = 1.4826 * (1.0 + 5.0 / spare) * residual * observation.focal
+    now = 1.4826 * (1.0 + 5.0 / spare) * residual
     followed = before + NOISE_ADAPTION * (now - before)
     return min(max(followed, NOISE_RANGE[0] * first), NOISE_RANGE[1] * first)

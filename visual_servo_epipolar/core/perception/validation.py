@@ -11,6 +11,7 @@ from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, median_of_s
 from visual_servo_epipolar.core.estimators.base import Attitude, Estimate
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, sampson_distance
 from visual_servo_epipolar.core.geometry.lens import CALIBRATED, learnt, Lens, unknown_lens
+from visual_servo_epipolar.core.geometry.rays import image_points
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 
 MIN_INLIERS = 8
@@ -59,7 +60,7 @@ class Evidence(NamedTuple):
     What speaks for an estimate.
 
     Number of ``inliers``, their ``spread`` [rad], the larger ``deviation`` of psi and phi [rad],
-    nan if there is none, and the median ``residual`` of all matches as rays.
+    nan if there is none, and the median ``residual`` of all matches [px].
     """
 
     inliers: int
@@ -69,19 +70,26 @@ class Evidence(NamedTuple):
 
 
 def evidence(
-    estimates: Sequence[Estimate], current: FloatArray, desired: FloatArray
+    estimates: Sequence[Estimate],
+    current: FloatArray,
+    desired: FloatArray,
+    resolution: FloatArray,
 ) -> list[Evidence]:
-    """Return what speaks for ``estimates`` from as many pairs of views, rays of (B, N, 2)."""
+    """
+    Return what speaks for ``estimates`` from as many pairs of views.
+
+    Unit rays have shape (B, N, 3), the angles of a pixel at them (B, N, 2).
+    """
     inliers = np.array([estimate.inliers for estimate in estimates])
     fundamental = np.array([estimate.fundamental for estimate in estimates])
     covariance = np.array([estimate.covariance for estimate in estimates])
     variance = np.maximum(covariance[:, 0, 0], covariance[:, 1, 1])
-    residual = np.sort(np.abs(sampson_distance(fundamental, current, desired)), axis=1)
+    residual = np.sort(np.abs(sampson_distance(fundamental, current, desired, resolution)), axis=1)
     return list(
         map(
             Evidence,
             np.count_nonzero(inliers, axis=1).tolist(),
-            spreads(desired, inliers).tolist(),
+            spreads(image_points(desired), inliers).tolist(),
             np.sqrt(np.maximum(variance, 0.0)).tolist(),
             median_of_sorted(residual).tolist(),
         )
