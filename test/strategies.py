@@ -9,6 +9,7 @@ import numpy as np
 from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
+from visual_servo_epipolar.core.geometry.rays import image_points, normalised, unit_rays
 
 # A property must not fail because another process had the core; CI draws the same every time.
 settings.register_profile(
@@ -82,7 +83,37 @@ def room() -> np.ndarray:
 
 
 def matches(pose: Pose, *, count: int = 40) -> tuple[np.ndarray, np.ndarray]:
-    """Return exact rays, current and desired, of points in front of both cameras."""
+    """Return exact unit rays, current and desired, of points in front of both cameras."""
+    current, desired = matched_points(pose, count=count)
+    return unit_rays(current), unit_rays(desired)
+
+
+def panorama(pose: Pose, *, count: int = 40) -> tuple[np.ndarray, np.ndarray]:
+    """Return exact unit rays, current and desired, of points all round, most not in front."""
+    points = room()
+    current = seen_from(pose, points)
+    near = np.minimum(np.linalg.norm(current, axis=1), np.linalg.norm(points, axis=1))
+    good = np.flatnonzero(near > MIN_DEPTH)[:count]
+    return normalised(current[good]), normalised(points[good])
+
+
+def through_lens(rays: np.ndarray, scale: float, shift: float = 0.0) -> np.ndarray:
+    """Return unit ``rays`` as a pinhole with another focal length and centre would tell them."""
+    return unit_rays(scale * image_points(rays) + [shift, 0.0])
+
+
+def random_rays(rng: np.random.Generator, count: int, size: float = 1.0) -> np.ndarray:
+    """Return unit rays to points spread evenly over a square of the image plane."""
+    return unit_rays(size * (rng.random((count, 2)) - 0.5))
+
+
+def blurred(rays: np.ndarray, noise: float, rng: np.random.Generator) -> np.ndarray:
+    """Return unit ``rays`` turned at random by ``noise`` [rad] along two axes."""
+    return normalised(rays + noise * rng.standard_normal(rays.shape))
+
+
+def matched_points(pose: Pose, *, count: int = 40) -> tuple[np.ndarray, np.ndarray]:
+    """Return exact image-plane points, current and desired, of points in front of both cameras."""
     points = room()
     current = seen_from(pose, points)
     good = np.ones(len(points), dtype=bool)

@@ -15,11 +15,13 @@ from visual_servo_epipolar.benchmarks.estimation.scenes import (
     error,
     fisher_information,
 )
+from visual_servo_epipolar.core.estimators.machinery.eight_point import image_sampson_distance
 from visual_servo_epipolar.core.geometry.epipolar import (
     Bearings,
     fundamental_from_bearings,
     sampson_distance,
 )
+from visual_servo_epipolar.core.geometry.rays import image_points
 
 
 def test_pairs_obey_the_geometry_they_are_drawn_from() -> None:
@@ -59,7 +61,8 @@ def test_the_information_is_the_curvature_of_the_sampson_cost() -> None:
 
     def cost(a: float, b: float) -> float:
         fundamental = fundamental_from_bearings(Bearings(psi + a, phi + b))
-        distance = sampson_distance(fundamental, pair.clean_current, pair.clean_desired)
+        points = image_points(pair.clean_current), image_points(pair.clean_desired)
+        distance = image_sampson_distance(fundamental, *points)
         return float((distance**2).sum()) / 4e-4**2
 
     h = 1e-5

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from strategies import CAMERA, poses_behind_the_goal
 
-from visual_servo_epipolar.core.geometry.epipolar import fundamental_from_pose, sampson_distance
+from visual_servo_epipolar.core.estimators.machinery.eight_point import image_sampson_distance
+from visual_servo_epipolar.core.geometry.epipolar import fundamental_from_pose
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, HALF_PI, Pose
 from visual_servo_epipolar.simulation.disturbances.image import Disturbances, DisturbanceSettings
 from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
@@ -53,7 +54,7 @@ def test_exact_matches_obey_the_epipolar_constraint_of_the_pose(pose: Pose) -> N
     fundamental = fundamental_from_pose(CAMERA.matrix, pose)
     # Pixels of 1e3 in double precision.
     np.testing.assert_allclose(
-        sampson_distance(fundamental, features.current, features.desired), 0.0, atol=1e-9
+        image_sampson_distance(fundamental, features.current, features.desired), 0.0, atol=1e-9
     )
 
 

@@ -11,6 +11,7 @@ from strategies import floats, seen_from
 
 from visual_servo_epipolar.core.control import laws
 from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.perception.measures import feature_difference
 from visual_servo_epipolar.reproduction import theory
 
@@ -23,7 +24,7 @@ BEHIND = st.one_of(floats(-1.5, -0.01), floats(0.01, 6.0))
 def difference(points: np.ndarray, behind: float) -> float:
     """Return D through the camera, for a robot ``behind`` [m] the goal on its axis."""
     seen = seen_from(Pose(0.0, -behind, math.pi / 2.0), points)
-    return feature_difference(seen[:, :2] / seen[:, 2:], points[:, :2] / points[:, 2:])
+    return feature_difference(normalised(seen), normalised(points))
 
 
 def slope(points: np.ndarray, behind: float) -> float:

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from strategies import CAMERA, matches, room, seen_from
+from strategies import CAMERA, matches, panorama, random_rays, room, seen_from
 
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.lmeds_8pt import lmeds_8pt
@@ -19,7 +19,7 @@ def spoiled(count: int, outliers: int) -> tuple[np.ndarray, np.ndarray]:
     """Return exact matches of POSE, the first ``outliers`` of them with a random partner."""
     current, desired = matches(POSE, count=count)
     current = current.copy()
-    current[:outliers] = np.random.default_rng(2).random((outliers, 2)) - 0.5
+    current[:outliers] = random_rays(np.random.default_rng(2), outliers)
     return current, desired
 
 
@@ -89,7 +89,8 @@ def noisy_pair(trial: int) -> tuple[np.ndarray, np.ndarray]:
         good &= CAMERA.contains(pixels)
         views.append(pixels)
     current, desired = (
-        CAMERA.rays(pixels[good][:26] + 0.3 * rng.standard_normal((26, 2))) for pixels in views
+        CAMERA.unit_rays(pixels[good][:26] + 0.3 * rng.standard_normal((26, 2)))
+        for pixels in views
     )
     return current, desired
 
@@ -105,3 +106,10 @@ def test_the_error_at_a_baseline_of_3_m_is_what_was_measured() -> None:
     ]
     # 26 points, 0.3 px: measured 0.29 deg; the bound of two parameters would be 0.10.
     assert math.degrees(float(np.median(errors))) < 0.5
+
+
+def test_features_that_are_not_in_front_have_no_image_points() -> None:
+    current, desired = panorama(POSE, count=200)
+    found = lmeds_8pt(current, desired, noise=NOISE, rng=np.random.default_rng(0))
+    assert worst_error(found.bearings, Bearings.from_pose(POSE)) < 1e-6
+    assert not found.inliers[current[:, 2] < 0.0].any()

@@ -20,7 +20,7 @@ KNOWN = Attitude(math.radians(1.0), math.radians(0.5), 5e-4, 5e-4, math.radians(
 def solve(cell: Cell, trial: int, prior: Prior) -> tuple[Estimate, float]:
     pair = draw_pair(cell, np.random.default_rng((3, trial)))
     rng = np.random.default_rng(0)
-    found = soft_planar(pair.current, pair.desired, noise=cell.ray_noise, prior=prior, rng=rng)
+    found = soft_planar(pair.current, pair.desired, noise=pair.noise, prior=prior, rng=rng)
     return found, error(found.bearings, pair.bearings)
 
 

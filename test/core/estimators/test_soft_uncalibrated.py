@@ -9,11 +9,12 @@ from strategies import floats
 
 from visual_servo_epipolar.benchmarks.estimation.scenes import Cell, draw_pair, error, Pair
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior
+from visual_servo_epipolar.core.estimators.machinery.eight_point import image_sampson_distance
 from visual_servo_epipolar.core.estimators.machinery.tilted_planar import matrices
-from visual_servo_epipolar.core.estimators.registry import estimates
+from visual_servo_epipolar.core.estimators.registry import estimate
 from visual_servo_epipolar.core.estimators.soft_uncalibrated import model
-from visual_servo_epipolar.core.geometry.epipolar import sampson_distance
 from visual_servo_epipolar.core.geometry.lens import unknown_lens
+from visual_servo_epipolar.core.geometry.rays import image_points, unit_rays
 
 CELL = Cell(baseline=3.0, points=60, noise=0.2, tilt=0.5, roll=-0.3)
 UNKNOWN = Prior(lens=unknown_lens(1.0))
@@ -44,17 +45,14 @@ def test_the_matrix_is_that_of_wrong_rays() -> None:
 def solve(trial: int, ratio: float, shift: float) -> tuple[Estimate, Pair]:
     """Return the estimate from rays by a camera matrix with ``ratio`` and ``shift``, cold."""
     pair = draw_pair(CELL, np.random.default_rng((5, trial)))
-    wrong = [(rays - [shift, 0.0]) / ratio for rays in (pair.current, pair.desired)]
-    found = estimates(
-        'soft_planar',
-        wrong[0][None],
-        wrong[1][None],
-        noise=np.array([CELL.ray_noise / ratio]),
-        priors=[UNKNOWN],
-        seeds=[(0, 0)],
-    )[0]
-    assert isinstance(found, Estimate)
-    distance = sampson_distance(found.fundamental, *wrong)
+    wrong = [
+        unit_rays((image_points(rays) - [shift, 0.0]) / ratio)
+        for rays in (pair.current, pair.desired)
+    ]
+    # Pixels are noisy alike everywhere.
+    noise = CELL.ray_noise / ratio * np.stack([rays[:, 2] for rays in wrong], axis=1) ** 1.5
+    found = estimate('soft_planar', *wrong, noise=noise, prior=UNKNOWN, seed=(0, 0))
+    distance = image_sampson_distance(found.fundamental, *map(image_points, wrong))
     assert float(np.median(np.abs(distance))) < CELL.ray_noise / ratio
     return found, pair
 

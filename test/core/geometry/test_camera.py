@@ -101,3 +101,35 @@ def test_points_of_another_shape_are_refused(shape: tuple[int, ...]) -> None:
 def test_a_pixel_that_is_not_a_number_is_refused() -> None:
     with pytest.raises(ValueError, match='pixels must be finite, got 1 rows'):
         CAMERAS['plumb_bob of 4'].rays(np.array([[1.0, 2.0], [np.nan, 3.0]]))
+
+
+@pytest.mark.parametrize('name', CAMERAS)
+@given(pixel=st.tuples(floats(0.0, 1279.0), floats(0.0, 1023.0)))
+def test_a_unit_ray_is_projected_where_it_came_from(name: str, pixel: tuple[float, float]) -> None:
+    rays = CAMERAS[name].unit_rays(np.array([pixel]))
+    assert np.linalg.norm(rays) == pytest.approx(1.0, abs=1e-15)
+    np.testing.assert_allclose(CAMERAS[name].project(rays), [pixel], atol=5e-5)
+
+
+def test_what_is_behind_is_not_in_the_image() -> None:
+    pixels = CAMERAS['pinhole'].project(np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]))
+    assert np.isnan(pixels[0]).all()
+    assert pixels[1].tolist() == [635.0, 512.0]
+
+
+@pytest.mark.parametrize('name', CAMERAS)
+@given(pixel=st.tuples(floats(10.0, 1269.0), floats(10.0, 1013.0)))
+def test_the_resolution_is_the_root_of_the_solid_angle_of_a_pixel(
+    name: str, pixel: tuple[float, float]
+) -> None:
+    camera = CAMERAS[name]
+    corners = np.array(pixel) + [[0.0, 0.0], [0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]]
+    ray, *sides = camera.unit_rays(corners)
+    solid_angle = abs(float(np.linalg.det([ray, sides[0] - sides[1], sides[2] - sides[3]])))
+    resolution = camera.resolution(ray[None])
+    assert resolution[0] == pytest.approx(np.sqrt(solid_angle), rel=1e-3)
+
+
+def test_there_is_no_resolution_where_there_are_no_rays() -> None:
+    for camera in CAMERAS.values():
+        assert camera.resolution(np.empty((0, 3))).shape == (0,)

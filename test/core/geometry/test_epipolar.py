@@ -9,11 +9,14 @@ import pytest
 from strategies import (
     angles,
     bearings,
+    blurred,
     CAMERA,
     floats,
     matches,
+    panorama,
     poses,
     poses_behind_the_goal,
+    random_rays,
     regular_poses,
     room,
     seen_from,
@@ -21,7 +24,10 @@ from strategies import (
 
 from visual_servo_epipolar.core.control.laws import printed_sigma
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
-from visual_servo_epipolar.core.estimators.machinery.eight_point import fundamental_from_matches
+from visual_servo_epipolar.core.estimators.machinery.eight_point import (
+    fundamental_from_matches,
+    image_sampson_distance,
+)
 from visual_servo_epipolar.core.geometry.cheirality import cheirality, oriented_bearings
 from visual_servo_epipolar.core.geometry.epipolar import (
     Bearings,
@@ -33,6 +39,7 @@ from visual_servo_epipolar.core.geometry.epipolar import (
     sampson_distance,
 )
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, wrap_angle
+from visual_servo_epipolar.core.geometry.rays import image_points, normalised, tangents, unit_rays
 
 K = CAMERA.matrix
 NOISE = 0.3 / 769.0  # of a ray coordinate, at the tracking error of a plain tracker
@@ -179,28 +186,66 @@ def test_exact_matches_have_no_sampson_distance(pose: Pose) -> None:
 
 
 @given(poses_behind_the_goal(), floats(1e-6, 1e-4), angles(), angles(), angles())
-def test_the_sampson_distance_is_the_offset_across_the_constraint(
-    pose: Pose, size: float, turn: float, first: float, second: float
+def test_the_sampson_distance_is_the_turn_of_the_rays_across_the_constraint(
+    pose: Pose, size: float, share: float, first: float, second: float
 ) -> None:
     current, desired = (rays[:8] for rays in matches(pose))
     fundamental = fundamental_from_bearings(Bearings.from_pose(pose))
-    solid_current = np.column_stack([current, np.ones(8)])
-    solid_desired = np.column_stack([desired, np.ones(8)])
-    normal = np.hstack(
-        [(solid_desired @ fundamental)[:, :2], (solid_current @ fundamental.T)[:, :2]]
-    )
-    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
-    offset = size * np.array(
-        [
-            math.cos(turn) * math.cos(first),
-            math.cos(turn) * math.sin(first),
-            math.sin(turn) * math.cos(second),
-            math.sin(turn) * math.sin(second),
-        ]
-    )
-    found = sampson_distance(fundamental, current + offset[:2], desired + offset[2:])
-    # First order: what is left is the offset squared over the distance to the epipole.
-    np.testing.assert_allclose(found, normal @ offset, atol=50.0 * size**2)
+    slopes, turned = [], []
+    for rays, normal, turn, part in (
+        (current, desired @ fundamental, first, math.cos(share)),
+        (desired, current @ fundamental.T, second, math.sin(share)),
+    ):
+        right, down = np.array(tangents(*rays.T)).swapaxes(1, 2)
+        move = part * (math.cos(turn) * right + math.sin(turn) * down)
+        slopes.append(
+            np.array([(normal * right).sum(1), (normal * down).sum(1), (normal * move).sum(1)])
+        )
+        turned.append(normalised(rays + size * move))
+    along = size * (slopes[0][2] + slopes[1][2])
+    gradient = np.sqrt((slopes[0][:2] ** 2).sum(axis=0) + (slopes[1][:2] ** 2).sum(axis=0))
+    distance = sampson_distance(fundamental, *turned)
+    # First order: what is left is the turn squared over the angle to the epipole.
+    np.testing.assert_allclose(distance, along / gradient, atol=50.0 * size**2)
+
+
+@given(poses_behind_the_goal())
+def test_in_a_narrow_field_the_angle_is_the_distance_in_the_image(pose: Pose) -> None:
+    rng = np.random.default_rng(1)
+    points = 0.02 * (rng.random((2, 20, 2)) - 0.5)
+    fundamental = fundamental_from_bearings(Bearings.from_pose(pose))
+    plane = image_sampson_distance(fundamental, *points)
+    angle = sampson_distance(fundamental, unit_rays(points[0]), unit_rays(points[1]))
+    # Angle and tangent differ by a third of their cube, the ray from the axis by half its square.
+    np.testing.assert_allclose(angle, plane, rtol=1e-3, atol=1e-6)
+
+
+@given(poses(min_baseline=0.3), floats(0.2, 5.0), floats(0.2, 5.0))
+def test_the_noise_of_each_ray_weighs_its_gradient(
+    pose: Pose, current_noise: float, desired_noise: float
+) -> None:
+    current, desired = matches(pose)
+    desired = desired[::-1]
+    fundamental = fundamental_from_bearings(Bearings.from_pose(pose))
+    noise = np.tile([current_noise, desired_noise], (len(current), 1))
+    weighted = sampson_distance(fundamental, current, desired, noise)
+    plain = sampson_distance(fundamental, current, desired)
+    low, high = sorted([current_noise, desired_noise])
+    assert (np.abs(weighted) <= np.abs(plain) / low * (1.0 + 1e-12)).all()
+    assert (np.abs(weighted) >= np.abs(plain) / high * (1.0 - 1e-12)).all()
+
+
+@given(poses(min_baseline=0.3))
+def test_rays_behind_the_camera_obey_f_and_vote_right(pose: Pose) -> None:
+    current, desired = panorama(pose)
+    true = Bearings.from_pose(pose)
+    assert (current[:, 2] < 0.0).any()
+    distance = sampson_distance(fundamental_from_bearings(true), current, desired)
+    np.testing.assert_allclose(distance, 0.0, atol=1e-12)
+    for bearings_told in (true, true.reversed()):
+        vote = cheirality(bearings_told, current, desired, noise=NOISE)
+        assert_same_angle(vote.bearings.psi, true.psi, 1e-9)
+        assert vote.confidence > 0.9
 
 
 def test_sampson_distances_of_many_matrices_are_those_of_each() -> None:
@@ -230,11 +275,9 @@ def test_matches_orient_the_baseline_at_every_pose(pose: Pose) -> None:
 def test_the_baseline_is_oriented_from_noisy_matches_alone(pose: Pose) -> None:
     current, desired = matches(pose)
     rng = np.random.default_rng(3)
-    current = current + NOISE * rng.standard_normal(current.shape)
-    desired = desired + NOISE * rng.standard_normal(desired.shape)
-    vote = oriented_bearings(
-        fundamental_from_matches(current, desired), current, desired, noise=NOISE
-    )
+    current, desired = blurred(current, NOISE, rng), blurred(desired, NOISE, rng)
+    fundamental = fundamental_from_matches(image_points(current), image_points(desired))
+    vote = oriented_bearings(fundamental, current, desired, noise=NOISE)
     true = Bearings.from_pose(pose)
     # Ten times the error that the 8-point algorithm has here; a wrong sign is 180 deg.
     assert_same_angle(vote.bearings.psi, true.psi, math.radians(10.0))
@@ -245,7 +288,7 @@ def test_the_baseline_is_oriented_from_noisy_matches_alone(pose: Pose) -> None:
 def test_the_vote_survives_outliers_of_three_in_ten(pose: Pose, flip: bool) -> None:
     current, desired = matches(pose)
     current = current.copy()
-    current[::3] = np.random.default_rng(5).random((14, 2)) - 0.5
+    current[::3] = random_rays(np.random.default_rng(5), 14)
     true = Bearings.from_pose(pose)
     vote = cheirality(true.reversed() if flip else true, current, desired, noise=NOISE)
     assert_same_angle(vote.bearings.psi, true.psi, 1e-9)
@@ -262,7 +305,7 @@ def test_a_pure_rotation_decides_nothing(psi: float, alpha: float) -> None:
     turned = Pose(0.0, 0.0, HALF_PI + alpha)
     current, desired = matches(turned)
     rng = np.random.default_rng(11)
-    noisy = current + NOISE * rng.standard_normal(current.shape)
+    noisy = blurred(current, NOISE, rng)
     vote = cheirality(Bearings(psi, wrap_angle(psi - turned.theta)), noisy, desired, noise=NOISE)
     # Forty random votes of weight 1/9: three deviations are 3 / sqrt(40) / 9 = 0.05.
     assert vote.confidence < 0.1

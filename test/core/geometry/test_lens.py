@@ -10,19 +10,31 @@ from strategies import floats
 from visual_servo_epipolar.core.geometry.epipolar import rotation_desired_current, sampson_distance
 from visual_servo_epipolar.core.geometry.lens import (
     change,
+    corrected,
     for_wrong_rays,
     learnt,
     Lens,
     spurious_parallax,
     unknown_lens,
 )
+from visual_servo_epipolar.core.geometry.rays import (
+    image_points,
+    normalised,
+    tangents,
+    unit_rays,
+)
 from visual_servo_epipolar.core.geometry.rotation import fit_rotations
 from visual_servo_epipolar.core.perception.measures import turned
 from visual_servo_epipolar.core.perception.observation import Observation
 
-RAYS = np.random.default_rng(0).random((2, 20, 2)) - 0.5
+RAYS = unit_rays(np.random.default_rng(0).random((2, 20, 2)) - 0.5)
 SEEN = Observation(0, *RAYS, 400.0, (-0.6, 0.7))
 UNKNOWN = unknown_lens(1.0)
+
+
+def homogeneous(rays: np.ndarray) -> np.ndarray:
+    """Return rays of any shape as vectors with z = 1, as the lens is linear for them."""
+    return np.asarray(rays / rays[:, 2:])
 
 
 TURNS = np.radians([1.0, -4.0])
@@ -62,14 +74,10 @@ def test_a_fundamental_matrix_goes_with_the_rays() -> None:
     fundamental = np.random.default_rng(1).random((3, 3))
     true = SEEN.corrected(lens)
     residuals = [
-        np.einsum('ni,ij,nj->n', *(np.column_stack([rays, np.ones(20)]), matrix), other)
+        np.einsum('ni,ij,nj->n', *(homogeneous(rays), matrix, homogeneous(other)))
         for rays, matrix, other in (
-            (true.desired, fundamental, np.column_stack([true.current, np.ones(20)])),
-            (
-                SEEN.desired,
-                for_wrong_rays(fundamental, lens),
-                np.column_stack([SEEN.current, np.ones(20)]),
-            ),
+            (true.desired, fundamental, true.current),
+            (SEEN.desired, for_wrong_rays(fundamental, lens), SEEN.current),
         )
     ]
     np.testing.assert_allclose(*residuals, atol=1e-12)
@@ -125,8 +133,8 @@ def test_a_wrong_lens_feigns_as_much_parallax_in_a_turn_as_is_said(
     rng = np.random.default_rng(2)
     desired = rng.uniform(-1.0, 1.0, (200, 2)) * [0.8, 0.6]
     for turn in TURNS.tolist():
-        current = turned(desired, rotation_desired_current(turn).T)
-        wrong = [(rays - [shift, 0.0])[None] / ratio for rays in (current, desired)]
+        current = image_points(turned(unit_rays(desired), rotation_desired_current(turn).T))
+        wrong = [unit_rays((points - [shift, 0.0]) / ratio)[None] for points in (current, desired)]
         root = np.diag([abs(math.log(ratio)), shift])
         feigned = spurious_parallax(wrong[1], np.array([turn]), root[None])[0]
         seen = fit_rotations(*wrong).parallax[0]
@@ -136,3 +144,23 @@ def test_a_wrong_lens_feigns_as_much_parallax_in_a_turn_as_is_said(
 
 def test_a_known_lens_feigns_nothing() -> None:
     assert spurious_parallax(RAYS, np.ones(2), np.zeros((2, 2, 2))).tolist() == [0.0, 0.0]
+
+
+@given(floats(-1.0, 1.0), floats(-0.05, 0.05))
+def test_corrected_rays_go_with_corrected_image_points(r: float, h: float) -> None:
+    true, _ = corrected(RAYS[0], Lens(r, h))
+    np.testing.assert_allclose(np.linalg.norm(true, axis=1), 1.0, atol=1e-15)
+    points = math.exp(r) * image_points(RAYS[0]) + [h, 0.0]
+    np.testing.assert_allclose(image_points(true), points, atol=1e-12)
+    behind, _ = corrected(-RAYS[0], Lens(r, h))
+    np.testing.assert_allclose(behind, -true, atol=1e-15)
+
+
+@given(floats(-1.0, 1.0), floats(-0.05, 0.05))
+def test_noise_grows_as_the_root_of_a_solid_angle(r: float, h: float) -> None:
+    ray, step = RAYS[0][:1], 1e-6
+    right, down = (np.array(axis).T for axis in tangents(*ray.T))
+    bundle = normalised(np.vstack([ray, ray + step * right, ray + step * down]))
+    true, growth = corrected(bundle, Lens(r, h))
+    area = np.linalg.norm(np.cross(true[1] - true[0], true[2] - true[0])) / step**2
+    assert growth[0] == pytest.approx(math.sqrt(area), rel=1e-4)

@@ -6,11 +6,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from strategies import CAMERA, floats, matches, poses_behind_the_goal
+from strategies import blurred, CAMERA, floats, matches, poses_behind_the_goal
 
 from visual_servo_epipolar.core.estimators.registry import ESTIMATORS
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, rotation_desired_current
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, wrap_angle
+from visual_servo_epipolar.core.geometry.rays import unit_rays
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.measures import feature_difference, turned
 from visual_servo_epipolar.core.perception.memory import fresh_memory, PerceptionMemory
@@ -87,9 +88,7 @@ def test_one_feature_less_than_needed_is_too_few() -> None:
 def noisy(pose: Pose = BEHIND) -> Observation:
     """Return matches with a noise of 0.8 px."""
     current, desired = matches(pose)
-    return observation(
-        current + 1e-3 * np.random.default_rng(0).standard_normal(current.shape), desired
-    )
+    return observation(blurred(current, 1e-3, np.random.default_rng(0)), desired)
 
 
 def test_a_vote_that_is_not_clear_enough_is_not_trusted() -> None:
@@ -119,7 +118,7 @@ GARBAGE = ('random', 'rows', 'columns', 'points', 'equal', 'huge', 'mirrored')
 def garbage(kind: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Return 30 finite matches that no camera would give."""
     rng = np.random.default_rng(seed)
-    current, desired = rng.random((2, 30, 2)) - 0.5
+    current, desired = rng.random((2, 30, 2)) - 0.5  # on the image plane
     if kind == 'rows':
         current[:, 1] = desired[:, 1] = 0.1
     elif kind == 'columns':
@@ -134,7 +133,7 @@ def garbage(kind: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
         current[:, 1], desired[:, 1] = current[:, 0], 2.0 * desired[:, 0]
     elif kind == 'mirrored':
         current = -desired
-    return current, desired
+    return unit_rays(current), unit_rays(desired)
 
 
 @pytest.mark.parametrize('estimator', ESTIMATORS)
@@ -160,9 +159,9 @@ def followed(noise: float, frames: int = 60) -> PerceptionMemory:
     memory = None
     for frame in range(frames):
         rng = np.random.default_rng(frame)
-        blurred = current + noise / 769.0 * rng.standard_normal(current.shape)
-        again = desired + noise / 769.0 * rng.standard_normal(desired.shape)
-        memory = perceive(observation(blurred, again), SETTINGS, frame, memory).memory
+        pixels = (CAMERA.project(rays) for rays in (current, desired))
+        views = [CAMERA.unit_rays(p + noise * rng.standard_normal(p.shape)) for p in pixels]
+        memory = perceive(observation(*views), SETTINGS, frame, memory).memory
     assert memory is not None
     return memory
 
@@ -185,8 +184,8 @@ def test_observing_turns_pixels_into_rays() -> None:
     count = len(current)
     features = Features(
         ids=np.arange(count),
-        current=CAMERA.pixels(current),
-        desired=CAMERA.pixels(desired),
+        current=CAMERA.project(current),
+        desired=CAMERA.project(desired),
         ages=np.ones(count),
         errors=np.zeros(count),
     )

@@ -11,6 +11,7 @@ from strategies import bearings, floats
 
 from visual_servo_epipolar.core.estimators.base import Attitude, Estimate, UNKNOWN_COVARIANCE
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.rays import unit_rays
 from visual_servo_epipolar.core.perception.memory import (
     fresh_memory,
     KNOWN_DEVIATION,
@@ -27,7 +28,8 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 
 SETTINGS = ServoSettings()
 BEARINGS = Bearings(-1.5, 3.0)
-RAYS = np.random.default_rng(0).random((30, 2)) - 0.5
+POINTS = np.random.default_rng(0).random((30, 2)) - 0.5
+RAYS, PIXEL = unit_rays(POINTS), np.full((30, 2), 1e-3)
 FRESH = fresh_memory(SETTINGS)
 GOOD = Estimate(
     bearings=BEARINGS,
@@ -41,7 +43,7 @@ GOOD = Estimate(
 
 def reason(memory: PerceptionMemory = FRESH, rays: np.ndarray = RAYS, **changes: object) -> str:
     estimate = replace(GOOD, **changes)  # type: ignore[arg-type]
-    return rejection_reason(estimate, fit_quality(estimate, rays, rays), memory, SETTINGS)
+    return rejection_reason(estimate, fit_quality(estimate, rays, rays, PIXEL), memory, SETTINGS)
 
 
 def some(count: int) -> np.ndarray:
@@ -57,8 +59,8 @@ def test_a_good_estimate_is_trusted() -> None:
     [
         ({'inliers': some(7)}, 'only 7 of 30 matches agree'),
         ({'inliers': some(8)}, 'only 8 of 30 matches agree'),
-        ({'rays': 0.01 * RAYS}, 'clustered within 0.2 deg'),
-        ({'rays': RAYS * [1.0, 0.0]}, 'clustered within 0.0 deg'),
+        ({'rays': unit_rays(0.01 * POINTS)}, 'clustered within 0.2 deg'),
+        ({'rays': unit_rays(POINTS * [1.0, 0.0])}, 'clustered within 0.0 deg'),
         ({'confidence': 0.01}, r'cheirality vote is undecided \(0.010\)'),
         ({'jump': 0.1}, 'the camera tilted by 5.7 deg between the views'),
         ({'covariance': 0.04 * np.eye(2)}, 'the bearings are uncertain by 11.5 deg'),
@@ -77,7 +79,7 @@ def test_nine_of_thirty_that_agree_are_enough() -> None:
 def test_an_estimator_without_covariance_is_not_doubted_for_it() -> None:
     assert reason(covariance=UNKNOWN_COVARIANCE) == ''
     blind = replace(GOOD, covariance=UNKNOWN_COVARIANCE)
-    assert math.isnan(fit_quality(blind, RAYS, RAYS).deviation)
+    assert math.isnan(fit_quality(blind, RAYS, RAYS, PIXEL).deviation)
 
 
 def test_a_rival_is_no_doubt_where_the_last_bearings_decide() -> None:

@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.benchmarks.estimation.scenes import Cell, FOCAL, Pair
+from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Attitude, Estimate, Estimator, Prior
 from visual_servo_epipolar.core.estimators.lmeds_8pt import lmeds_8pt
@@ -19,6 +20,7 @@ from visual_servo_epipolar.core.estimators.planar_2dof import planar_2dof
 from visual_servo_epipolar.core.estimators.planar_3dof import planar_3dof
 from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, epipoles
+from visual_servo_epipolar.core.geometry.rays import image_points
 
 ATTITUDE_DEVIATION = math.radians(0.03)  # of tilt and roll of a calibrated camera
 JITTER = math.radians(0.1)  # of the floor, as given to soft_planar
@@ -63,7 +65,7 @@ def estimate(
     rng = np.random.default_rng(len(pair.current))
     prior = knowledge.prior(pair, cell)
     try:
-        return estimator(pair.current, pair.desired, noise=cell.ray_noise, prior=prior, rng=rng)
+        return estimator(pair.current, pair.desired, noise=pair.noise, prior=prior, rng=rng)
     except DegenerateGeometryError:
         return None
 
@@ -76,6 +78,11 @@ def ours(estimator: Estimator, knowledge: Knowledge = Knowledge()) -> Solver:  #
         return None if answer is None else answer.bearings
 
     return solve
+
+
+def _pixels(pair: Pair) -> tuple[FloatArray, FloatArray]:
+    """Return the matches as centred pixels, shape (N, 2) each."""
+    return FOCAL * image_points(pair.current), FOCAL * image_points(pair.desired)
 
 
 def _threshold(cell: Cell) -> float:
@@ -93,7 +100,7 @@ def _from_fundamental(fundamental: Any) -> Bearings | None:
 
 
 def _opencv(method: int, pair: Pair, cell: Cell) -> Bearings | None:
-    current, desired = FOCAL * pair.current, FOCAL * pair.desired
+    current, desired = _pixels(pair)
     fundamental, _ = cv2.findFundamentalMat(
         current, desired, method, _threshold(cell), GOOD, 10000
     )
@@ -102,17 +109,13 @@ def _opencv(method: int, pair: Pair, cell: Cell) -> Bearings | None:
 
 def _poselib_f(poselib: Any, pair: Pair, cell: Cell) -> Bearings | None:
     options = {'max_epipolar_error': _threshold(cell), 'seed': 0}
-    fundamental, _ = poselib.estimate_fundamental(
-        FOCAL * pair.current, FOCAL * pair.desired, options, {}
-    )
+    fundamental, _ = poselib.estimate_fundamental(*_pixels(pair), options, {})
     return _from_fundamental(fundamental)
 
 
 def _poselib_e(poselib: Any, pair: Pair, cell: Cell) -> Bearings | None:
     options = {'max_epipolar_error': _threshold(cell), 'seed': 0}
-    pose, _ = poselib.estimate_relative_pose(
-        FOCAL * pair.current, FOCAL * pair.desired, CAMERA, CAMERA, options, {}
-    )
+    pose, _ = poselib.estimate_relative_pose(*_pixels(pair), CAMERA, CAMERA, options, {})
     desired, current = pose.t, -pose.R.T @ pose.t  # x_desired = R x_current + t
     psi = math.atan2(desired[2], desired[0])
     return Bearings(psi, math.atan2(current[0], -current[2]))

@@ -9,6 +9,7 @@ from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.geometry.attitude import rotation_level_camera
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, rotation_desired_current
 from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.geometry.rays import image_points, unit_rays
 
 FOCAL = 770.0  # [px]
 HALF_VIEW = np.array([635.0, 512.0]) / FOCAL  # tangents of half the field of view
@@ -40,18 +41,23 @@ class Cell:
 
     @property
     def ray_noise(self) -> float:
-        """Deviation of a coordinate of a ray, at unit focal length."""
+        """Deviation of a coordinate at unit focal length: of an angle on the optical axis."""
         return self.noise / FOCAL
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pair:
-    """Rays of the matches, noisy and clean, shape (N, 2) each, and the true bearings."""
+    """
+    Unit rays of the matches, shape (N, 3) each, those without noise, and the true bearings.
+
+    ``noise``, shape (N, 2), are the deviations of the angles of current and desired rays [rad].
+    """
 
     current: FloatArray
     desired: FloatArray
     clean_current: FloatArray
     clean_desired: FloatArray
+    noise: FloatArray
     bearings: Bearings
 
 
@@ -60,9 +66,9 @@ def draw_pair(cell: Cell, rng: np.random.Generator) -> Pair:
     while True:
         pose = _pose(cell, rng)
         points = _points(cell, rng)
-        solid = (points - [pose.x, 0.0, pose.y]) @ rotation_desired_current(pose.heading_error)
-        desired, ahead_d = _rays(points, cell, rng)
-        current, ahead_a = _rays(solid, cell, rng)
+        rotation = rotation_desired_current(pose.heading_error)
+        desired, ahead_d = _image(points, cell, rng)
+        current, ahead_a = _image((points - [pose.x, 0.0, pose.y]) @ rotation, cell, rng)
         chosen = np.flatnonzero(ahead_d & ahead_a)[: cell.points]
         if len(chosen) == cell.points:
             break
@@ -72,7 +78,15 @@ def draw_pair(cell: Cell, rng: np.random.Generator) -> Pair:
     wrong = round(cell.outliers * cell.points)
     current[:wrong] = rng.uniform(-HALF_VIEW, HALF_VIEW, (wrong, 2))
     truth = Bearings.from_pose(pose) if cell.baseline else Bearings(math.nan, math.nan)
-    return Pair(current, desired, clean_current, clean_desired, truth)
+    rays = unit_rays(current), unit_rays(desired)
+    return Pair(
+        current=rays[0],
+        desired=rays[1],
+        clean_current=unit_rays(clean_current),
+        clean_desired=unit_rays(clean_desired),
+        noise=cell.ray_noise * np.stack([rays[0][:, 2], rays[1][:, 2]], axis=1) ** 1.5,
+        bearings=truth,
+    )
 
 
 def draw_pairs(cell: Cell, count: int, seed: int) -> list[Pair]:
@@ -97,15 +111,15 @@ def _points(cell: Cell, rng: np.random.Generator) -> FloatArray:
     return np.stack([x, y, depth], axis=1)
 
 
-def _rays(
+def _image(
     points: FloatArray, cell: Cell, rng: np.random.Generator
 ) -> tuple[FloatArray, BoolArray]:
-    """Return rays of ``points`` in a camera with tilt, roll and jitter, and which are in view."""
+    """Return image-plane points in a camera with tilt, roll and jitter, and which are in view."""
     tilt, roll = np.radians([cell.tilt, cell.roll] + cell.jitter * rng.standard_normal(2))
-    solid = points @ rotation_level_camera(tilt, roll)
-    depth = np.where(solid[:, 2] > NEAREST, solid[:, 2], np.inf)
-    rays = solid[:, :2] / depth[:, None]
-    return rays, np.isfinite(depth) & (np.abs(rays) < HALF_VIEW).all(axis=1)
+    vectors = points @ rotation_level_camera(tilt, roll)
+    depth = np.where(vectors[:, 2] > NEAREST, vectors[:, 2], np.inf)
+    image = vectors[:, :2] / depth[:, None]
+    return image, np.isfinite(depth) & (np.abs(image) < HALF_VIEW).all(axis=1)
 
 
 def error(estimated: Bearings, true: Bearings) -> float:
@@ -127,7 +141,7 @@ def fisher_information(pair: Pair, noise: float) -> FloatArray:
     Each match is one constraint r = 0 on four noisy coordinates, whatever its depth: it adds
     (dr/dx)(dr/dx)^T / (noise^2 |grad r|^2) at the true configuration. Upright camera, inliers.
     """
-    (u_a, v_a), (u_d, v_d) = pair.clean_current.T, pair.clean_desired.T
+    (u_a, v_a), (u_d, v_d) = image_points(pair.clean_current).T, image_points(pair.clean_desired).T
     psi, phi = pair.bearings.psi, pair.bearings.phi
     p0, p1, q0, q1 = math.cos(psi), math.sin(psi), math.cos(phi), math.sin(phi)
     by_rays = np.stack([q0 * v_d, p0 - p1 * u_d, -p1 * v_a, q0 * u_a + q1])

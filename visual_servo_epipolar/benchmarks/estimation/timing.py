@@ -49,7 +49,7 @@ def _calls(pair: Pair, cell: Cell) -> Mapping[str, Callable[[], object]]:
             estimator,
             pair.current,
             pair.desired,
-            noise=cell.ray_noise,
+            noise=pair.noise,
             prior=knowledge.prior(pair, cell),
             rng=np.random.default_rng(0),
         )

@@ -9,6 +9,7 @@ from visual_servo_epipolar.benchmarks.laws.pose_measurement import relative_pose
 from visual_servo_epipolar.benchmarks.laws.position_based import is_behind, polar, PolarGains
 from visual_servo_epipolar.core.control.command import Command, HALT
 from visual_servo_epipolar.core.geometry.motion import saturate, Twist
+from visual_servo_epipolar.core.geometry.rays import image_points
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive
@@ -55,7 +56,7 @@ def homography_based(gains: TurningGains) -> Law:
 def image_based(gains: PointGains) -> Law:
     """Return the classical law on points."""
     return lambda state, measurement, observation: points(
-        observation.current, observation.desired, gains
+        image_points(observation.current), image_points(observation.desired), gains
     )
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, rotation_desired_current
 from visual_servo_epipolar.core.geometry.motion import HALF_PI
+from visual_servo_epipolar.core.geometry.rays import image_points
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.measures import turned
 from visual_servo_epipolar.core.perception.observation import Observation
@@ -39,12 +40,12 @@ class RelativePose:
 
 def relative_pose(measurement: Measurement, observation: Observation) -> RelativePose:
     """Return the pose up to scale; close to the goal, without bearings, to first order."""
-    bearings = measurement.bearings
+    bearings, desired = measurement.bearings, image_points(observation.desired)
     if bearings is None:
         rotation = rotation_desired_current(measurement.heading_error)
-        close = nearby_pose(turned(observation.current, rotation), observation.desired)
+        close = nearby_pose(image_points(turned(observation.current, rotation)), desired)
         return replace(close, heading_error=close.heading_error + measurement.heading_error)
-    scale = relative_distance(observation.current, observation.desired, bearings)
+    scale = relative_distance(image_points(observation.current), desired, bearings)
     return RelativePose(scale, bearings.psi, bearings.heading_error)
 
 

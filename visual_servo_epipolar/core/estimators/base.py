@@ -91,13 +91,30 @@ class Estimator(Protocol):
         current: FloatArray,
         desired: FloatArray,
         *,
-        noise: float,
+        noise: FloatArray | float,
         prior: Prior,
         rng: np.random.Generator,
     ) -> Estimate:
         """
-        Estimate from rays, shape (N, 2) each, with coordinate noise ``noise``.
+        Estimate the bearings from matches.
 
-        Raises DegenerateGeometryError when the matches cannot answer.
+        Parameters
+        ----------
+        current, desired : arrays, shape (N, 3)
+            Unit rays; those behind the camera (z < 0) count like any other.
+        noise : float or array, shape (N, 2)
+            Standard deviation of the angle of a ray, along either of two axes across it [rad]:
+            that of each current and desired ray, or one number for all. Of tracked pixels it is
+            their noise [px] times ``Camera.resolution`` [rad].
+        prior : Prior
+            What is known before.
+        rng : Generator
+            Source of all random choices.
+
+        Raises
+        ------
+        DegenerateGeometryError
+            When the matches cannot answer.
+
         """
         ...

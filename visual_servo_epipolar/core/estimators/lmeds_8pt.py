@@ -11,33 +11,39 @@ from visual_servo_epipolar.core.estimators.machinery.eight_point import (
     design_matrix,
     fundamental_from_matches,
     hartley_normalisation,
+    image_sampson_distance,
     MIN_MATCHES,
     transform,
 )
+from visual_servo_epipolar.core.estimators.machinery.hypotheses import rays_of
 from visual_servo_epipolar.core.geometry.cheirality import oriented_bearings
-from visual_servo_epipolar.core.geometry.epipolar import sampson_distance
+from visual_servo_epipolar.core.geometry.rays import image_points
 
 SUBSETS = 560  # one of 26 matches is clean with probability 99 % at 40 % outliers
 INLIER_DEVIATIONS = 2.5
+LEAST_FORWARD = 0.1  # z of a ray that has an image-plane point: 84 deg off the axis
 
 
 def lmeds_8pt(
     current: FloatArray,
     desired: FloatArray,
     *,
-    noise: float,
+    noise: FloatArray | float,
     rng: np.random.Generator,
     prior: Prior | None = None,
 ) -> Estimate:
     """
     Estimate F by LMedS over minimal subsets, then by all inliers (section VIII of the paper).
 
+    As in the paper, image-plane points are what is fitted, with Hartley's normalisation: only
+    features well in front of both cameras have them, others are no inliers.
+
     Parameters
     ----------
-    current, desired : arrays, shape (N, 2)
-        Matches as rays, N >= 8.
-    noise : float
-        Standard deviation of a ray coordinate; only the cheirality vote uses it.
+    current, desired : arrays, shape (N, 3)
+        Matches as unit rays, at least eight of them in front.
+    noise : float or array, shape (N, 2)
+        Deviations of the angles of rays [rad]; only the cheirality vote uses them.
     rng : Generator
         Draws the subsets.
     prior : Prior, optional
@@ -46,21 +52,28 @@ def lmeds_8pt(
     Raises
     ------
     DegenerateGeometryError
-        With fewer than eight matches, or fewer than eight inliers.
+        With fewer than eight matches in front, or fewer than eight inliers.
 
     """
     del prior
-    if len(current) < MIN_MATCHES:
+    front = np.minimum(current[:, 2], desired[:, 2]) > LEAST_FORWARD
+    points_a, points_d = image_points(current[front]), image_points(desired[front])
+    if len(points_a) < MIN_MATCHES:
         raise DegenerateGeometryError(
-            f'LMedS needs at least {MIN_MATCHES} matches, got {len(current)}; track more features'
+            f'LMedS needs at least {MIN_MATCHES} matches, got {len(points_a)}; track more features'
         )
-    candidates = _minimal_solutions(current, desired, rng)
-    squared = sampson_distance(candidates, current, desired) ** 2
+    candidates = _minimal_solutions(points_a, points_d, rng)
+    squared = image_sampson_distance(candidates, points_a, points_d) ** 2
     medians = np.median(squared, axis=-1)
     best = int(np.argmin(medians))
-    inliers = _inliers(squared[best], float(medians[best]))
-    fundamental = fundamental_from_matches(current[inliers], desired[inliers])
-    vote = oriented_bearings(fundamental, current[inliers], desired[inliers], noise=noise)
+    agree = _inliers(squared[best], float(medians[best]))
+    fundamental = fundamental_from_matches(points_a[agree], points_d[agree])
+    inliers = front.copy()
+    inliers[front] = agree
+    deviations = rays_of(current, desired, noise).noise
+    vote = oriented_bearings(
+        fundamental, current[inliers], desired[inliers], noise=deviations[inliers]
+    )
     return Estimate(vote.bearings, fundamental, inliers, vote.confidence, UNKNOWN_COVARIANCE)
 
 

@@ -1,8 +1,8 @@
 """
 The planar estimators for many pairs of views at once, as sweeps have them.
 
-Rays have shape (B, N, 2), noise (B,); an error is an answer, too. To read how an estimator works,
-read its own file: here are the steps of it that stacks of views share.
+Unit rays have shape (B, N, 3), noise (B,) or (B, N, 2); an error is an answer, too. To read how an
+estimator works, read its own file: here are the steps of it that stacks of views share.
 """
 
 from collections.abc import Sequence
@@ -45,6 +45,7 @@ from visual_servo_epipolar.core.estimators.machinery.refinement import (
 )
 from visual_servo_epipolar.core.estimators.machinery.sampson import table_of
 from visual_servo_epipolar.core.estimators.machinery.tilted_planar import matrices
+from visual_servo_epipolar.core.geometry.rays import image_axes
 
 
 def planar_2dof_each(
@@ -69,13 +70,13 @@ def soft_uncalibrated_each(
 
 
 def _refined(
-    views: Views, matches: BoolArray, model: Model, before: GaussianPrior, scale: FloatArray
+    views: Views, table: FloatArray, model: Model, before: GaussianPrior, scale: FloatArray
 ) -> Fit:
     """Return the fits from the last bearings, (B,)."""
     return refined_each(
         soft.with_bearings(before.mean, views.angles),
-        problem_of(model, table_of(views.rays, views.noise, matches), before),
-        negligible=NEGLIGIBLE * views.noise,
+        problem_of(model, table, before),
+        negligible=NEGLIGIBLE * views.rays.mean_noise,
         scale=scale,
     )
 
@@ -85,53 +86,56 @@ def _posterior(views: Views, fit: Fit) -> Posterior:
 
 
 def _widening(views: Views) -> FloatArray:
-    return np.maximum(1.0, 0.7 * attitudes_of(views.priors).jitter / views.noise)
+    return soft.widening(attitudes_of(views.priors).jitter, views.rays)
 
 
 def _plausible_2dof(views: Views) -> BoolArray:
-    return plausible(views.rays, INLIER_DEVIATIONS * views.noise[:, None])
+    return plausible(views.rays, INLIER_DEVIATIONS * views.rays.noise)
 
 
 def _refine_2dof(views: Views, matches: BoolArray) -> Fit:
     before = GaussianPrior(*np.zeros((2, *views.angles.shape)))
-    return _refined(views, matches, two.model, before, np.ones(len(views.noise)))
+    return _refined(
+        views, table_of(views.rays, matches), two.model, before, np.ones(len(views.priors))
+    )
 
 
 def _estimates_2dof(views: Views, matches: BoolArray, fit: Fit) -> list[Answer]:
     agree = matches & (fit.squared <= INLIER_DEVIATIONS**2)
-    stack = two.conclude(views.rays, views.noise, agree, _posterior(views, fit))
+    stack = two.conclude(views.rays, agree, _posterior(views, fit))
     return [answer_of(two.estimate_of, stack.take(k)) for k in range(len(agree))]
 
 
 def _plausible_soft(views: Views) -> BoolArray:
-    return plausible_matches(views.rays, views.noise, attitudes_of(views.priors))
+    return plausible_matches(views.rays, attitudes_of(views.priors))
 
 
 def _refine_soft(views: Views, matches: BoolArray) -> Fit:
     before = attitude_prior(attitudes_of(views.priors))
-    return _refined(views, matches, matrices, before, _widening(views))
+    return _refined(views, table_of(views.rays, matches), matrices, before, _widening(views))
 
 
 def _estimates_soft(views: Views, matches: BoolArray, fit: Fit) -> list[Answer]:
     agree = matches & (fit.squared <= INLIER_DEVIATIONS**2)
-    stack = soft.conclude(views.rays, views.noise, agree, _posterior(views, fit))
+    stack = soft.conclude(views.rays, agree, _posterior(views, fit))
     rows = enumerate(views.priors)
     return [answer_of(soft.estimate_of, stack.take(k), prior) for k, prior in rows]
 
 
 def _plausible_uncalibrated(views: Views) -> BoolArray:
     stretch = np.array([uncalibrated.stretch(prior) for prior in views.priors])
-    return plausible_matches(views.rays, views.noise, attitudes_of(views.priors), stretch)
+    return plausible_matches(views.rays, attitudes_of(views.priors), stretch)
 
 
 def _refine_uncalibrated(views: Views, matches: BoolArray) -> Fit:
     lenses = np.array([prior.lens.known for prior in views.priors])
     before = uncalibrated.lens_prior(attitudes_of(views.priors), lenses)
-    return _refined(views, matches, uncalibrated.model, before, _widening(views))
+    table = table_of(views.rays, matches, image_axes)
+    return _refined(views, table, uncalibrated.model, before, _widening(views))
 
 
 def _estimates_uncalibrated(views: Views, matches: BoolArray, fit: Fit) -> list[Answer]:
-    stack = uncalibrated.conclude(views.rays, views.noise, matches, fit, _posterior(views, fit))
+    stack = uncalibrated.conclude(views.rays, matches, fit, _posterior(views, fit))
     rows = enumerate(views.priors)
     return [answer_of(uncalibrated.estimate_of, stack.take(k), prior) for k, prior in rows]
 

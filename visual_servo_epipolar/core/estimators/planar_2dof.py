@@ -44,7 +44,7 @@ def planar_2dof(
     current: FloatArray,
     desired: FloatArray,
     *,
-    noise: float,
+    noise: FloatArray | float,
     prior: Prior,
     rng: np.random.Generator,
 ) -> Estimate:
@@ -63,37 +63,37 @@ def planar_2dof(
 
     """
     del rng
-    rays = rays_of(current, desired)
-    matches = plausible(rays, INLIER_DEVIATIONS * noise)
+    rays = rays_of(current, desired, noise)
+    matches = plausible(rays, INLIER_DEVIATIONS * rays.noise)
     count = int(matches.sum())
     if prior.bearings is not None and count >= MIN_MATCHES:
         fit = refined(
             prior.angles,
-            problem_of(model, table_of(rays, noise, matches), NO_PRIOR),
-            negligible=NEGLIGIBLE * noise,
+            problem_of(model, table_of(rays, matches), NO_PRIOR),
+            negligible=float(NEGLIGIBLE * rays.mean_noise),
             scale=1.0,
         )
         if is_consistent(fit, prior.angles, prior.deviation, count):
-            return _estimate(rays, noise, matches, fit, prior)
-    return search(rays, noise, matches, prior)
+            return _estimate(rays, matches, fit, prior)
+    return search(rays, matches, prior)
 
 
-def search(rays: Rays, noise: float, matches: BoolArray, prior: Prior) -> Estimate:
+def search(rays: Rays, matches: BoolArray, prior: Prior) -> Estimate:
     """Estimate from hypotheses by pairs of the plausible ``matches``, shape (N,)."""
     remaining = rays.take(matches)
-    if len(remaining.u_a) < MIN_MATCHES:
-        raise too_few(len(remaining.u_a), len(matches), MIN_MATCHES)
+    if remaining.matches < MIN_MATCHES:
+        raise too_few(remaining.matches, rays.matches, MIN_MATCHES)
     hypotheses = two_point_hypotheses(remaining, PAIRS)
-    costs = scores(hypotheses, remaining, INLIER_DEVIATIONS * noise)
+    costs = scores(hypotheses, remaining)
     best = best_modes(hypotheses, costs, MODES)
     fits = refined_modes(
         np.angle(hypotheses[:, best]).T,
-        problem_of(model, table_of(remaining, noise), NO_PRIOR),
-        negligible=NEGLIGIBLE * noise,
+        problem_of(model, table_of(remaining), NO_PRIOR),
+        negligible=float(NEGLIGIBLE * remaining.mean_noise),
     )
     mode, alternative = choose_mode(fits.parameters, fits.costs, prior)
     fit = fits.take(mode).of_all(matches)
-    return _estimate(rays, noise, matches, fit, prior, alternative)
+    return _estimate(rays, matches, fit, prior, alternative)
 
 
 def model(angles: FloatArray) -> FloatArray:
@@ -104,7 +104,6 @@ def model(angles: FloatArray) -> FloatArray:
 
 def _estimate(
     rays: Rays,
-    noise: float,
     matches: BoolArray,
     fit: Fit,
     prior: Prior,
@@ -112,15 +111,14 @@ def _estimate(
 ) -> Estimate:
     after = posterior(fit.parameters, fit.covariance(), prior.angles, prior.deviation)
     agree = matches & (fit.squared <= INLIER_DEVIATIONS**2)
-    return estimate_of(conclude(rays, noise, agree, after), alternative)
+    return estimate_of(conclude(rays, agree, after), alternative)
 
 
-def conclude(
-    rays: Rays, noise: FloatArray | float, agree: BoolArray, after: Posterior
-) -> Conclusion:
+def conclude(rays: Rays, agree: BoolArray, after: Posterior) -> Conclusion:
     """Return the oriented geometry, shape (...), of matches that ``agree``, (..., N)."""
     phasors = np.exp(1j * after.parameters)
-    balance = balances(phasors, rays.u_a, rays.u_d, agree, noise)
+    planes = (rays.x_a, rays.z_a), (rays.x_d, rays.z_d)
+    balance = balances(phasors, *planes, agree, rays.noise)
     return Conclusion(*after, agree, balance, fundamentals(phasors, balance))
 
 

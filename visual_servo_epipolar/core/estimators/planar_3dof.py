@@ -40,14 +40,14 @@ def planar_3dof(
     current: FloatArray,
     desired: FloatArray,
     *,
-    noise: float,
+    noise: FloatArray | float,
     prior: Prior,
     rng: np.random.Generator,
 ) -> Estimate:
     """
     Estimate h = (p0, p1, q0, q1) up to scale, with |q| / |p| free, from triples of matches.
 
-    A wrong focal length scales u and v alike and is absorbed by |q| / |p|: the epipoles in pixels
+    A wrong focal length scales x and y alike and is absorbed by |q| / |p|: the epipoles in pixels
     stay right, though the bearings are those of the wrong camera. On a vertical plane every such
     geometry fits, so that scenes of one wall need a known focal length. ``rng`` draws the triples.
 
@@ -58,15 +58,17 @@ def planar_3dof(
 
     """
     del prior
-    rays = rays_of(current, desired)
-    matches = plausible(rays, INLIER_DEVIATIONS * noise)
+    rays = rays_of(current, desired, noise)
+    matches = plausible(rays, INLIER_DEVIATIONS * rays.noise)
     remaining = rays.take(matches)
-    if len(remaining.u_a) < MIN_MATCHES:
-        raise too_few(len(remaining.u_a), len(matches), MIN_MATCHES)
-    table = table_of(remaining, noise)
+    if remaining.matches < MIN_MATCHES:
+        raise too_few(remaining.matches, rays.matches, MIN_MATCHES)
+    table = table_of(remaining)
     starts = _best(_three_point_hypotheses(remaining, rng), table)
     fits = refined_modes(
-        starts, problem_of(_model, table, NO_PRIOR), negligible=NEGLIGIBLE * noise
+        starts,
+        problem_of(_model, table, NO_PRIOR),
+        negligible=float(NEGLIGIBLE * remaining.mean_noise),
     )
     fit = fits.take(int(fits.costs.argmin())).of_all(matches)
     covariance = fit.covariance()
@@ -74,7 +76,7 @@ def planar_3dof(
         raise undetermined()
     psi, phi, _ = fit.parameters.tolist()
     bearings, inliers = Bearings(psi, phi), fit.squared <= INLIER_DEVIATIONS**2
-    vote = cheirality(bearings, current[inliers], desired[inliers], noise=noise)
+    vote = cheirality(bearings, current[inliers], desired[inliers], noise=rays.noise[inliers])
     sign = 1.0 if vote.bearings == bearings else -1.0
     return Estimate(
         vote.bearings,
@@ -87,9 +89,9 @@ def planar_3dof(
 
 def _three_point_hypotheses(rays: Rays, rng: np.random.Generator) -> FloatArray:
     """Return the null vector of three rows of the constraint each, shape (H, 4), by cofactors."""
-    u_a, v_a, u_d, v_d = rays
-    rows = np.stack([v_a, -v_a * u_d, v_d * u_a, v_d], axis=1)
-    picks = np.argsort(rng.random((TRIPLES, len(u_a))), axis=1)[:, :3]
+    x_a, y_a, z_a, x_d, y_d, z_d, _, _ = rays
+    rows = np.stack([y_a * z_d, -y_a * x_d, y_d * x_a, y_d * z_a], axis=1)
+    picks = np.argsort(rng.random((TRIPLES, rays.matches)), axis=1)[:, :3]
     a, b, c = (rows[picks[:, k]] for k in range(3))
     null_vectors = np.empty((TRIPLES, 4))
     for k in range(4):

@@ -44,15 +44,16 @@ def estimate(
     current: FloatArray,
     desired: FloatArray,
     *,
-    noise: float,
+    noise: FloatArray | float,
     prior: Prior,
     seed: tuple[int, int],
 ) -> Estimate:
     """
-    Return what estimator ``name`` finds in one pair of views, rays of shape (N, 2) each.
+    Return what estimator ``name`` finds in one pair of views, unit rays of shape (N, 3) each.
 
-    The ``seed`` fixes every random choice. A camera that is not calibrated gets the variant that
-    finds its lens, too, where there is one.
+    ``noise`` is the deviation of their angles [rad]: one number or, of the current and of the
+    desired ray of each match, shape (N, 2). The ``seed`` fixes every random choice. A camera that
+    is not calibrated gets the variant that finds its lens, too, where there is one.
 
     Raises
     ------
@@ -78,14 +79,15 @@ def estimates(
     """
     Return what estimator ``name`` finds in each pair of views, or the error that says why not.
 
-    Rays have shape (B, N, 2), ``noise`` (B,); the ``seeds`` fix every random choice. Either all
-    cameras are calibrated or none is. Each answer is, to the last bit, what ``estimate`` gives.
+    Unit rays have shape (B, N, 3), ``noise`` (B,) or (B, N, 2); the ``seeds`` fix every random
+    choice. Either all cameras are calibrated or none is. Each answer is, to the last bit, what
+    ``estimate`` gives.
     """
     if not priors[0].lens.calibrated and name in EACH_UNCALIBRATED:
         return EACH_UNCALIBRATED[name](current, desired, noise=noise, priors=priors)
     if name in EACH:
         return EACH[name](current, desired, noise=noise, priors=priors)
-    rows = zip(current, desired, noise.tolist(), priors, seeds, strict=True)
+    rows = zip(current, desired, noise, priors, seeds, strict=True)
     return [
         answer_of(estimate, name, a, d, noise=deviation, prior=prior, seed=seed)
         for a, d, deviation, prior, seed in rows

@@ -8,6 +8,7 @@ from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.estimators.base import Attitude, Estimate, Prior
 from visual_servo_epipolar.core.estimators.machinery.attitude_prior import (
     attitude_prior,
+    JITTER_SHARE,
     levelled,
     plausible_matches,
 )
@@ -58,7 +59,7 @@ def soft_planar(
     current: FloatArray,
     desired: FloatArray,
     *,
-    noise: float,
+    noise: FloatArray | float,
     prior: Prior,
     rng: np.random.Generator,
 ) -> Estimate:
@@ -77,47 +78,47 @@ def soft_planar(
 
     """
     del rng
-    rays = rays_of(current, desired)
-    matches = plausible_matches(rays, noise, prior.attitude)
+    rays = rays_of(current, desired, noise)
+    matches = plausible_matches(rays, prior.attitude)
     count = int(matches.sum())
     if prior.bearings is not None and count >= MIN_MATCHES:
         before = attitude_prior(prior.attitude)
         fit = refined(
             with_bearings(before.mean, prior.angles),
-            problem_of(matrices, table_of(rays, noise, matches), before),
-            negligible=NEGLIGIBLE * noise,
-            scale=widening(prior.attitude.jitter, noise),
+            problem_of(matrices, table_of(rays, matches), before),
+            negligible=float(NEGLIGIBLE * rays.mean_noise),
+            scale=float(widening(prior.attitude.jitter, rays)),
         )
         if is_consistent(fit, prior.angles, prior.deviation, count):
-            return _estimate(rays, noise, matches, fit, prior)
-    return search(rays, noise, matches, prior)
+            return _estimate(rays, matches, fit, prior)
+    return search(rays, matches, prior)
 
 
-def search(rays: Rays, noise: float, matches: BoolArray, prior: Prior) -> Estimate:
+def search(rays: Rays, matches: BoolArray, prior: Prior) -> Estimate:
     """Estimate from hypotheses by pairs of the plausible ``matches``, shape (N,)."""
     remaining = rays.take(matches)
-    if len(remaining.u_a) < MIN_MATCHES:
-        raise too_few(len(remaining.u_a), len(matches), MIN_MATCHES)
+    if remaining.matches < MIN_MATCHES:
+        raise too_few(remaining.matches, rays.matches, MIN_MATCHES)
     cold = is_cold(prior.attitude)
-    fits = _refined_hypotheses(remaining, noise, prior, NO_JUMP if cold else JUMPS)
+    fits = _refined_hypotheses(remaining, prior, NO_JUMP if cold else JUMPS)
     if cold and is_poor(fits):
-        fits = _refined_hypotheses(remaining, noise, prior, JUMPS)
+        fits = _refined_hypotheses(remaining, prior, JUMPS)
     mode, alternative = choose_mode(fits.parameters[:, : PHI + 1], fits.costs, prior)
     fit = fits.take(mode).of_all(matches)
-    return _estimate(rays, noise, matches, fit, prior, alternative)
+    return _estimate(rays, matches, fit, prior, alternative)
 
 
-def _refined_hypotheses(rays: Rays, noise: float, prior: Prior, jumps: FloatArray) -> Fit:
+def _refined_hypotheses(rays: Rays, prior: Prior, jumps: FloatArray) -> Fit:
     """Return the refined best modes of the hypotheses, and of the last bearings."""
     before = attitude_prior(prior.attitude)
-    starts = start_parameters(rays, noise, prior.attitude, jumps)
+    starts = start_parameters(rays, prior.attitude, jumps)
     if prior.bearings is not None:
         starts = np.vstack([starts, with_bearings(before.mean, prior.angles)])
     return refined_modes(
         starts,
-        problem_of(matrices, table_of(rays, noise), before),
-        negligible=NEGLIGIBLE * noise,
-        scale=widening(prior.attitude.jitter, noise),
+        problem_of(matrices, table_of(rays), before),
+        negligible=float(NEGLIGIBLE * rays.mean_noise),
+        scale=float(widening(prior.attitude.jitter, rays)),
     )
 
 
@@ -128,14 +129,13 @@ def with_bearings(mean: FloatArray, angles: FloatArray) -> FloatArray:
     return start
 
 
-def widening(jitter: float, noise: float) -> float:
-    """Return how much larger than the noise residuals are before jumps are estimated."""
-    return max(1.0, 0.7 * jitter / noise)
+def widening(jitter: FloatArray | float, rays: Rays) -> FloatArray:
+    """Return how much larger than the noise residuals are before jumps are estimated, (...)."""
+    return np.maximum(1.0, JITTER_SHARE * jitter / rays.mean_noise)
 
 
 def _estimate(
     rays: Rays,
-    noise: float,
     matches: BoolArray,
     fit: Fit,
     prior: Prior,
@@ -143,21 +143,20 @@ def _estimate(
 ) -> Estimate:
     after = posterior(fit.parameters, fit.covariance(), prior.angles, prior.deviation)
     agree = matches & (fit.squared <= INLIER_DEVIATIONS**2)
-    return estimate_of(conclude(rays, noise, agree, after), prior, alternative)
+    return estimate_of(conclude(rays, agree, after), prior, alternative)
 
 
-def conclude(
-    rays: Rays, noise: FloatArray | float, agree: BoolArray, after: Posterior
-) -> Conclusion:
+def conclude(rays: Rays, agree: BoolArray, after: Posterior) -> Conclusion:
     """Return the oriented geometry, shape (...), of matches that ``agree``, (..., N)."""
     angles = after.parameters
     upright = levelled(
         rays, angles[..., TILT], angles[..., ROLL], angles[..., TILT_JUMP], angles[..., ROLL_JUMP]
     )
-    inliers = agree & plausible(upright, INLIER_DEVIATIONS * np.asarray(noise)[..., None])
+    inliers = agree & plausible(upright, INLIER_DEVIATIONS * rays.noise)
     phasors = phasors_of(angles)
     bearings, both = phasors[..., : PHI + 1], cameras(phasors)
-    balance = balances(bearings, upright.u_a, upright.u_d, inliers, noise)
+    planes = (upright.x_a, upright.z_a), (upright.x_d, upright.z_d)
+    balance = balances(bearings, *planes, inliers, rays.noise)
     planar = fundamentals(bearings, balance)
     fundamental = both[..., 0, :, :].swapaxes(-2, -1) @ planar @ both[..., 1, :, :]
     return Conclusion(*after, inliers, balance, fundamental)

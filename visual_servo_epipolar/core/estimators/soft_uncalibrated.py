@@ -1,8 +1,8 @@
 """
 The soft planar estimator for a camera that nobody calibrated: focal length and principal point.
 
-Rays made with a wrong camera matrix are p' = A^-1 p, A = [[r, 0, h], [0, r, 0], [0, 0, 1]], with r
-the focal length that was told over the true one, and h the shift of the principal point along u.
+Rays made with a wrong camera matrix are along A^-1 p, A = [[r, 0, h], [0, r, 0], [0, 0, 1]], with
+r the focal length that was told over the true one, and h the shift of the principal point along u.
 That along v acts as a tilt. So E becomes A^T E A: with D = diag(r, r, 1) and B = D^-1 A, each
 element by r to the power of 2, 1 or 0, then h / r times the first row and column to the last ones.
 """
@@ -68,6 +68,7 @@ from visual_servo_epipolar.core.estimators.soft_planar import (
 )
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.lens import for_wrong_rays, Lens
+from visual_servo_epipolar.core.geometry.rays import image_axes
 
 # Places among the parameters: log r, the rest of h, and k, which is known: h = rest + k log r. The
 # prior of log r and h is correlated, that of log r and the rest is not.
@@ -83,7 +84,7 @@ def soft_uncalibrated(
     current: FloatArray,
     desired: FloatArray,
     *,
-    noise: float,
+    noise: FloatArray | float,
     prior: Prior,
     rng: np.random.Generator,
 ) -> Estimate:
@@ -101,60 +102,56 @@ def soft_uncalibrated(
 
     """
     del rng
-    rays = rays_of(current, desired)
-    matches = plausible_matches(rays, noise, prior.attitude, stretch(prior))
+    rays = rays_of(current, desired, noise)
+    matches = plausible_matches(rays, prior.attitude, stretch(prior))
     count = int(matches.sum())
     if prior.bearings is not None and count >= MIN_MATCHES:
         before = lens_prior(prior.attitude, np.array(prior.lens.known))
         fit = refined(
             with_bearings(before.mean, prior.angles),
-            problem_of(model, table_of(rays, noise, matches), before),
-            negligible=NEGLIGIBLE * noise,
-            scale=widening(prior.attitude.jitter, noise),
+            problem_of(model, table_of(rays, matches, image_axes), before),
+            negligible=float(NEGLIGIBLE * rays.mean_noise),
+            scale=float(widening(prior.attitude.jitter, rays)),
         )
         if is_consistent(fit, prior.angles, prior.deviation, count):
-            return _estimate(rays, noise, matches, fit, prior)
-    return search(rays, noise, matches, prior)
+            return _estimate(rays, matches, fit, prior)
+    return search(rays, matches, prior)
 
 
-def search(rays: Rays, noise: float, matches: BoolArray, prior: Prior) -> Estimate:
+def search(rays: Rays, matches: BoolArray, prior: Prior) -> Estimate:
     """Estimate from hypotheses by pairs of the plausible ``matches``, shape (N,)."""
     remaining = rays.take(matches)
-    if len(remaining.u_a) < MIN_MATCHES:
-        raise too_few(len(remaining.u_a), len(matches), MIN_MATCHES)
+    if remaining.matches < MIN_MATCHES:
+        raise too_few(remaining.matches, rays.matches, MIN_MATCHES)
     cold = is_cold(prior.attitude)
-    fits = _refined_hypotheses(remaining, noise, prior, NO_JUMP if cold else JUMPS)
+    fits = _refined_hypotheses(remaining, prior, NO_JUMP if cold else JUMPS)
     if cold and is_poor(fits):
-        fits = _refined_hypotheses(remaining, noise, prior, JUMPS)
+        fits = _refined_hypotheses(remaining, prior, JUMPS)
     mode, alternative = choose_mode(fits.parameters[:, : PHI + 1], fits.costs, prior)
     fit = fits.take(mode).of_all(matches)
-    return _estimate(rays, noise, matches, fit, prior, alternative)
+    return _estimate(rays, matches, fit, prior, alternative)
 
 
-def _refined_hypotheses(rays: Rays, noise: float, prior: Prior, jumps: FloatArray) -> Fit:
+def _refined_hypotheses(rays: Rays, prior: Prior, jumps: FloatArray) -> Fit:
     """Return the refined best modes of hypotheses by several focal lengths."""
     before = lens_prior(prior.attitude, np.array(prior.lens.known))
     steps = math.ceil(REACH * prior.lens.ratio_deviation / STEP)
-    starts = [
-        _start_parameters(rays, noise, prior, jumps, STEP * k) for k in range(-steps, steps + 1)
-    ]
+    starts = [_start_parameters(rays, prior, jumps, STEP * k) for k in range(-steps, steps + 1)]
     if prior.bearings is not None:
         starts.append(with_bearings(before.mean, prior.angles)[None])
     return refined_modes(
         np.vstack(starts),
-        problem_of(model, table_of(rays, noise), before),
-        negligible=NEGLIGIBLE * noise,
-        scale=max(ROUGHNESS, 0.7 * prior.attitude.jitter / noise),
+        problem_of(model, table_of(rays, axes=image_axes), before),
+        negligible=float(NEGLIGIBLE * rays.mean_noise),
+        scale=max(ROUGHNESS, float(widening(prior.attitude.jitter, rays))),
     )
 
 
-def _start_parameters(
-    rays: Rays, noise: float, prior: Prior, jumps: FloatArray, log_ratio: float
-) -> FloatArray:
+def _start_parameters(rays: Rays, prior: Prior, jumps: FloatArray, log_ratio: float) -> FloatArray:
     """Return the best hypotheses by one focal length as parameters, shape (K, 9)."""
     ratio, slope = math.exp(log_ratio), prior.lens.shift_slope
     right = corrected(rays, ratio, slope * log_ratio)
-    planar = start_parameters(right, ratio * noise, prior.attitude, jumps)
+    planar = start_parameters(right, prior.attitude, jumps)
     return np.hstack([planar, np.tile([log_ratio, 0.0, slope], (len(planar), 1))])
 
 
@@ -180,10 +177,23 @@ def lens_prior(attitude: AnyAttitude, lens: FloatArray) -> GaussianPrior:
 
 
 def corrected(rays: Rays, ratio: FloatArray | float, shift: FloatArray | float) -> Rays:
-    """Return ``rays``, (..., N), as a camera with the true matrix has them: r p + (h, 0)."""
+    """
+    Return ``rays``, (..., N), as a camera with the true matrix has them: along A p.
+
+    Their noise grows as the square root of a small solid angle, det A / |A p|^3.
+    """
     ratio, shift = np.asarray(ratio)[..., None], np.asarray(shift)[..., None]
-    u_a, v_a, u_d, v_d = (ratio * part for part in rays)
-    return Rays(u_a + shift, v_a, u_d + shift, v_d)
+    x_a, y_a, z_a, x_d, y_d, z_d, noise_a, noise_d = rays
+    x_a, y_a = ratio * x_a + shift * z_a, ratio * y_a
+    x_d, y_d = ratio * x_d + shift * z_d, ratio * y_d
+    long_a = np.sqrt(x_a * x_a + y_a * y_a + z_a * z_a)
+    long_d = np.sqrt(x_d * x_d + y_d * y_d + z_d * z_d)
+    return Rays(
+        *(x_a / long_a, y_a / long_a, z_a / long_a),
+        *(x_d / long_d, y_d / long_d, z_d / long_d),
+        noise_a * ratio * long_a**-1.5,
+        noise_d * ratio * long_d**-1.5,
+    )
 
 
 def model(parameters: FloatArray) -> FloatArray:
@@ -229,20 +239,17 @@ class LensConclusion(NamedTuple):
 
 def _estimate(
     rays: Rays,
-    noise: float,
     matches: BoolArray,
     fit: Fit,
     prior: Prior,
     alternative: Bearings | None = None,
 ) -> Estimate:
     after = posterior(fit.parameters, fit.covariance(), prior.angles, prior.deviation)
-    conclusion = conclude(rays, noise, matches, fit, after)
+    conclusion = conclude(rays, matches, fit, after)
     return estimate_of(conclusion, prior, alternative)
 
 
-def conclude(
-    rays: Rays, noise: FloatArray | float, matches: BoolArray, fit: Fit, after: Posterior
-) -> LensConclusion:
+def conclude(rays: Rays, matches: BoolArray, fit: Fit, after: Posterior) -> LensConclusion:
     """Return the oriented geometry and the lens of pairs of views, (...), from refined ``fit``."""
     log_ratio, rest, slope = (after.parameters[..., k] for k in (RATIO, REST, SLOPE))
     ratio, shift = np.exp(log_ratio), rest + slope * log_ratio
@@ -251,7 +258,6 @@ def conclude(
     )
     calibrated = conclude_calibrated(
         corrected(rays, ratio, shift),
-        ratio * noise,
         matches & (fit.squared <= INLIER_DEVIATIONS**2),
         Posterior(after.parameters[..., :RATIO], with_lens_known, after.determined),
     )

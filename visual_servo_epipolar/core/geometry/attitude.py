@@ -15,10 +15,15 @@ def rotation_level_camera(tilt: float, roll: float) -> FloatArray:
     return np.asarray(tilted @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]]))
 
 
-def level(u: FloatArray, v: FloatArray, tilt: Any, roll: Any) -> tuple[FloatArray, FloatArray]:
-    """Return rays (u, v) as an upright camera sees them; tilt and roll broadcast against them."""
+def level(
+    x: FloatArray, y: FloatArray, z: FloatArray, tilt: Any, roll: Any
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return rays (x, y, z) in axes of an upright camera; tilt and roll broadcast against them."""
     cos_roll, sin_roll = np.cos(roll), np.sin(roll)
-    x, y = cos_roll * u - sin_roll * v, sin_roll * u + cos_roll * v
     cos_tilt, sin_tilt = np.cos(tilt), np.sin(tilt)
-    z = cos_tilt - sin_tilt * y
-    return x / z, (cos_tilt * y + sin_tilt) / z
+    rolled = sin_roll * x + cos_roll * y
+    return (
+        cos_roll * x - sin_roll * y,
+        cos_tilt * rolled + sin_tilt * z,
+        cos_tilt * z - sin_tilt * rolled,
+    )

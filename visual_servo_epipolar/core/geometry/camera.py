@@ -8,7 +8,9 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray
+from visual_servo_epipolar.core.geometry.rays import image_points, unit_rays
 
+STEP = 1e-5  # on the image plane, that the slope of the distortion is taken over
 DISTORTION_MODELS = {'': (0,), 'plumb_bob': (0, 4, 5), 'rational_polynomial': (0, 8)}
 
 
@@ -18,7 +20,8 @@ class Camera:
     Intrinsics of a camera: image size [px], focal lengths and principal point [px], distortion.
 
     Pixel coordinates (u, v) are OpenCV's: u right, v down, integers at pixel centres. Camera axes:
-    x right, y down, z forward. Rays are (x/z, y/z), that is pixels at unit focal length.
+    x right, y down, z forward. ``rays`` and ``pixels`` speak of image-plane points (x/z, y/z),
+    ``unit_rays`` and ``project`` of directions: unit vectors (x, y, z).
     """
 
     width: int
@@ -68,7 +71,7 @@ class Camera:
 
     def rays(self, pixels: FloatArray) -> FloatArray:
         """
-        Back-project ``pixels``, shape (N, 2), to undistorted rays (x/z, y/z), shape (N, 2).
+        Back-project ``pixels``, shape (N, 2), to image-plane points (x/z, y/z), undistorted.
 
         Raises
         ------
@@ -87,15 +90,44 @@ class Camera:
         return np.asarray((points - [self.cx, self.cy]) / [self.fx, self.fy])
 
     def pixels(self, rays: FloatArray) -> FloatArray:
-        """Project ``rays`` (x/z, y/z), shape (N, 2), to pixels, shape (N, 2), with distortion."""
+        """Project image-plane points (x/z, y/z), shape (N, 2), to distorted pixels, (N, 2)."""
         points = as_points(rays, 'rays')
         if self.distorts and len(points):
-            solid = np.column_stack([points, np.ones(len(points))]).reshape(-1, 1, 3)
+            vectors = np.column_stack([points, np.ones(len(points))]).reshape(-1, 1, 3)
             projected, _ = cv2.projectPoints(
-                solid, np.zeros(3), np.zeros(3), self.matrix, np.array(self.distortion)
+                vectors, np.zeros(3), np.zeros(3), self.matrix, np.array(self.distortion)
             )
             return np.asarray(projected, dtype=np.float64).reshape(-1, 2)
         return points * [self.fx, self.fy] + [self.cx, self.cy]
+
+    def unit_rays(self, pixels: FloatArray) -> FloatArray:
+        """Return the directions, unit vectors of shape (N, 3), that ``pixels``, (N, 2), show."""
+        return unit_rays(self.rays(pixels))
+
+    def project(self, rays: FloatArray) -> FloatArray:
+        """Return the pixels, shape (N, 2), of ``rays``, shape (N, 3); nan for those behind."""
+        pixels = np.full((len(rays), 2), np.nan)
+        front = rays[:, 2] > 0.0
+        pixels[front] = self.pixels(image_points(rays[front]))
+        return pixels
+
+    def resolution(self, rays: FloatArray) -> FloatArray:
+        """
+        Return the angle of a pixel at each of ``rays``, shape (N, 3) in front: (N,) [rad].
+
+        It is the square root of its solid angle: the deviation of the angle of a ray, along
+        either of two axes across it, where pixels have a deviation of one.
+        """
+        resolution = np.asarray(rays[:, 2] ** 1.5 / math.sqrt(self.fx * self.fy))
+        if not self.distorts or not len(rays):
+            return resolution
+        points, step = image_points(rays), STEP
+        right, down = (
+            (self.pixels(points + move) - self.pixels(points - move)) / (2.0 * step)
+            for move in ([step, 0.0], [0.0, step])
+        )
+        area = right[:, 0] * down[:, 1] - right[:, 1] * down[:, 0]  # of a pixel, without: fx fy
+        return np.asarray(resolution * np.sqrt(self.fx * self.fy / np.abs(area)))
 
     def contains(self, pixels: FloatArray, *, margin: float = 0.0) -> BoolArray:
         """Return which ``pixels``, shape (N, 2), lie in the image, ``margin`` [px] inside."""

@@ -1,11 +1,12 @@
 """
-Which way the baseline points: scene points lie in front of both cameras.
+Which way the baseline points: scene points lie along the rays of both cameras, not against them.
 
 The epipolar constraint holds for a baseline and its reverse alike; only depths tell them apart.
 """
 
 from dataclasses import dataclass
 import math
+from typing import TypeAlias
 
 import numpy as np
 
@@ -15,6 +16,9 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings, epipoles
 from visual_servo_epipolar.core.geometry.motion import wrap_angle
 
 VOTE_SATURATION = 3.0
+TINY = 1e-30
+
+Plane: TypeAlias = tuple[FloatArray, FloatArray]  # x and z of rays, shape (..., N) each
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +30,11 @@ class Vote:
 
 
 def oriented_bearings(
-    fundamental: FloatArray, current: FloatArray, desired: FloatArray, *, noise: float
+    fundamental: FloatArray,
+    current: FloatArray,
+    desired: FloatArray,
+    *,
+    noise: FloatArray | float,
 ) -> Vote:
     """
     Return the bearings of F at unit focal length, oriented by the matches.
@@ -35,10 +43,10 @@ def oriented_bearings(
     ----------
     fundamental : array, shape (3, 3)
         F for rays; the small out-of-plane part that noise gives its epipoles is dropped.
-    current, desired : arrays, shape (N, 2)
-        Inlying matches as rays.
-    noise : float
-        Standard deviation of a ray coordinate (pixel noise over focal length).
+    current, desired : arrays, shape (N, 3)
+        Inlying matches as unit rays.
+    noise : float or array, shape (N,)
+        Standard deviation of the angle of a ray [rad].
 
     Raises
     ------
@@ -60,10 +68,10 @@ def oriented_bearings(
 
 
 def _relative_sign(bearings: Bearings, current: FloatArray, desired: FloatArray) -> Bearings:
-    """Turn phi by pi if the matches say so: in planar motion v_a and v_d have the same sign."""
-    first = math.cos(bearings.psi) - math.sin(bearings.psi) * desired[:, 0]
-    second = math.cos(bearings.phi) * current[:, 0] + math.sin(bearings.phi)
-    # v_a first + v_d second = 0 with v_a v_d > 0: the product is negative for every match.
+    """Turn phi by pi if the matches say so: in planar motion y_a and y_d have the same sign."""
+    first = math.cos(bearings.psi) * desired[:, 2] - math.sin(bearings.psi) * desired[:, 0]
+    second = math.cos(bearings.phi) * current[:, 0] + math.sin(bearings.phi) * current[:, 2]
+    # y_a first + y_d second = 0 with y_a y_d > 0: the product is negative for every match.
     agreement = np.clip(first * second, -0.05, 0.05)
     if float(agreement.sum()) > 0.0:
         return Bearings(bearings.psi, wrap_angle(bearings.phi + math.pi))
@@ -71,19 +79,21 @@ def _relative_sign(bearings: Bearings, current: FloatArray, desired: FloatArray)
 
 
 def cheirality(
-    bearings: Bearings, current: FloatArray, desired: FloatArray, *, noise: float
+    bearings: Bearings, current: FloatArray, desired: FloatArray, *, noise: FloatArray | float
 ) -> Vote:
     """
-    Choose between ``bearings`` and their reverse: scene points lie in front of both cameras.
+    Choose between ``bearings`` and their reverse: scene points lie along their rays.
 
     The epipolar constraint holds for both signs of the baseline; the parallax that is left once
     the rotation is compensated does not. Each match votes with the sign of its two depths,
     weighted by its parallax angle over ``noise``, squared and saturated at three, so that an
     outlier counts no more than a good match. With too little parallax the confidence is near zero.
+    Unit rays have shape (N, 3), ``noise`` [rad] is one number or of shape (N,).
     """
     phasors = np.exp(1j * np.array([bearings.psi, bearings.phi]))
     everyone = np.ones(len(current), bool)
-    balance = float(balances(phasors, current[:, 0], desired[:, 0], everyone, noise))
+    planes = (current[:, 0], current[:, 2]), (desired[:, 0], desired[:, 2])
+    balance = float(balances(phasors, *planes, everyone, np.asarray(noise)))
     return Vote(oriented(bearings.psi, bearings.phi, balance), min(abs(balance), 1.0))
 
 
@@ -94,28 +104,27 @@ def oriented(psi: float, phi: float, balance: float) -> Bearings:
 
 
 def balances(
-    phasors: ComplexArray,
-    u_current: FloatArray,
-    u_desired: FloatArray,
-    voting: BoolArray,
-    noise: FloatArray | float,
+    phasors: ComplexArray, current: Plane, desired: Plane, voting: BoolArray, noise: FloatArray
 ) -> FloatArray:
     """
     Return by how much the matches vote for the bearings, 1, or for their reverse, -1; shape (...).
 
-    ``phasors`` are exp(i psi) and exp(i phi), shape (..., 2); abscissae of the rays have shape
-    (..., N), as has ``voting``, which says who votes; ``noise`` is of shape (...).
+    ``phasors`` are exp(i psi) and exp(i phi), shape (..., 2); rays of upright cameras are given by
+    x and z; ``voting``, shape (..., N), says who votes, ``noise``, (..., N) or (), is the
+    deviation of their angles [rad].
     """
+    (x_a, z_a), (x_d, z_d) = current, desired
     psi = phasors[..., :1]
     turn = psi * phasors[..., 1:].conj()  # exp(i (alpha + pi / 2))
     cosine, sine = turn.imag, -turn.real
-    turned_x = cosine * u_current - sine
-    turned_z = sine * u_current + cosine
-    cross = u_desired * turned_z - turned_x  # h_d x h_r
-    depth_current = cross * (psi.real - u_desired * psi.imag)
+    turned_x = cosine * x_a - sine * z_a
+    turned_z = sine * x_a + cosine * z_a
+    cross = x_d * turned_z - turned_x * z_d  # h_d x h_r
+    depth_current = cross * (psi.real * z_d - x_d * psi.imag)
     depth_desired = cross * (turned_z * psi.real - turned_x * psi.imag)
-    size = (1.0 + u_desired * u_desired) * (turned_x * turned_x + turned_z * turned_z)
-    weight = cross * cross / (size * np.asarray(noise * noise)[..., None])
+    # cross is the parallax angle times the sines of both rays to the axis of rotation.
+    size = np.sqrt((x_d * x_d + z_d * z_d) * (x_a * x_a + z_a * z_a)) + TINY
+    weight = cross * cross / (size * (noise * noise))
     np.minimum(weight, VOTE_SATURATION**2, out=weight)
     weight *= voting
     score = (weight * (np.sign(depth_current) + np.sign(depth_desired))).sum(axis=-1)

@@ -175,26 +175,31 @@ def epipoles(fundamental: FloatArray) -> tuple[FloatArray, FloatArray]:
     return vt[2], u[:, 2]
 
 
-def columns(points: FloatArray) -> FloatArray:
-    """Return ``points``, shape (..., N, 2), as homogeneous columns, shape (..., 3, N)."""
-    vectors = np.ones((*points.shape[:-2], 3, points.shape[-2]))
-    vectors[..., :2, :] = np.swapaxes(points, -1, -2)
-    return vectors
-
-
 def sampson_distance(
-    fundamental: FloatArray, current: FloatArray, desired: FloatArray
+    fundamental: FloatArray,
+    current: FloatArray,
+    desired: FloatArray,
+    noise: FloatArray | float = 1.0,
 ) -> FloatArray:
     """
-    Return the first-order distance of each match from F, shape (..., N), in the points' unit.
+    Return the first-order angle of each match from F, shape (..., N) [rad].
 
-    ``fundamental``, shape (..., 3, 3), and points, shape (..., N, 2), may have leading axes.
-    Hartley and Zisserman, eq. 11.9.
+    Parameters
+    ----------
+    fundamental : array, shape (..., 3, 3)
+        F for rays, p_desired^T F p_current = 0.
+    current, desired : arrays, shape (..., N, 3)
+        Unit rays; they may point anywhere, behind the camera, too.
+    noise : float or array, shape (..., N, 2)
+        Deviations of the angles of current and desired rays [rad]: distances are then in
+        deviations. With those of one pixel they are in pixels.
+
     """
-    p_current, p_desired = columns(current), columns(desired)
-    lines_desired = fundamental @ p_current  # F p_a, (..., 3, N)
-    lines_current = np.swapaxes(fundamental, -1, -2) @ p_desired
-    residual = (lines_desired * p_desired).sum(axis=-2)
-    gradient = (lines_desired[..., :2, :] ** 2).sum(axis=-2)
-    gradient += (lines_current[..., :2, :] ** 2).sum(axis=-2)
+    # Hartley and Zisserman, eq. 11.9, with gradients in the tangent planes of both rays.
+    normal_desired = current @ np.swapaxes(fundamental, -1, -2)  # F p_a
+    normal_current = desired @ fundamental  # F^T p_d
+    residual = (normal_desired * desired).sum(axis=-1)
+    both = np.stack([(normal_current**2).sum(axis=-1), (normal_desired**2).sum(axis=-1)], axis=-1)
+    across = np.maximum(both - (residual * residual)[..., None], 0.0)
+    gradient = (across * np.square(noise)).sum(axis=-1)
     return np.asarray(residual / np.sqrt(np.maximum(gradient, 1e-300)))

@@ -10,16 +10,17 @@ from visual_servo_epipolar.core.arrays import FloatArray
 SHIFT_DEVIATION = 0.02  # of a principal point that nobody measured, in focal lengths
 SHY = 0.3  # part of the variance before above which what one pair says is taken over slowly
 SPURIOUS_DEVIATIONS = 2.0
+SMALLEST = 1e-18  # that is divided by
 LEAST_VARIANCE = np.diag([0.003, 0.0005]) ** 2  # of ratio and shift: lenses are no pinholes
 
 
 @dataclass(frozen=True, slots=True)
 class Lens:
     """
-    What is wrong with a camera matrix: true rays are exp(log_ratio) times its rays, plus shift.
+    What is wrong with a camera matrix: its rays (x, y, z) truly are along (r x + h z, r y, z).
 
-    ``log_ratio`` is the logarithm of the focal length that was told over the true one, ``shift``
-    moves all rays to the right; the offset of the principal point along v acts as a tilt. The
+    ``log_ratio`` is log r, of the focal length that was told over the true one, ``shift`` h moves
+    all image points to the right; the offset of the principal point along v acts as a tilt. The
     ratio is known to ``ratio_deviation``. If it were log_ratio + a, the shift would be shift + a
     ``shift_slope``, and then it is known to ``rest_deviation``. A calibrated camera has deviations
     of 0.
@@ -122,14 +123,30 @@ def spurious_parallax(
     """
     Return the parallax that a turn shows through a lens that is not known, shape (...) [rad].
 
-    A turn by alpha moves ``rays`` (u, v), shape (..., N, 2), by alpha (1 + u^2) to the side. If
-    the ratio is wrong by e and the shift by h, 2 alpha (e u^2 + h u) of it look like no rotation.
-    ``heading_error`` has shape (...) [rad], ``root``, that of the lens, shape (..., 2, 2).
+    A turn by alpha moves ``rays`` (x, y, z), shape (..., N, 3), by alpha s to the side, with
+    s^2 = x^2 + z^2. If the ratio is wrong by e and the shift by h, 2 alpha (e x^2 + h x z) / s of
+    it look like no rotation. ``heading_error`` has shape (...) [rad], ``root``, that of the lens,
+    shape (..., 2, 2).
     """
-    u = rays[..., 0]
-    moves = 2.0 * np.stack([np.std(u * u, axis=-1), np.std(u, axis=-1)], axis=-1)
+    x, z = rays[..., 0], rays[..., 2]
+    sideways = x / np.sqrt(np.maximum(x * x + z * z, SMALLEST))
+    moves = 2.0 * np.stack([np.std(sideways * x, axis=-1), np.std(sideways * z, axis=-1)], axis=-1)
     deviation = np.sqrt(((moves[..., None, :] @ root)[..., 0, :] ** 2).sum(axis=-1))
     return np.asarray(SPURIOUS_DEVIATIONS * np.abs(heading_error) * deviation)
+
+
+def corrected(rays: FloatArray, lens: Lens) -> tuple[FloatArray, FloatArray]:
+    """
+    Return true rays of ``rays``, unit ones of shape (..., N, 3), and how angles between them grow.
+
+    The growth, shape (..., N), is the square root of that of a small solid angle: noise of the
+    rays is to be multiplied by it.
+    """
+    ratio = math.exp(lens.log_ratio)
+    vectors = rays * [ratio, ratio, 1.0]
+    vectors[..., 0] += lens.shift * rays[..., 2]
+    length = np.sqrt((vectors * vectors).sum(axis=-1))
+    return np.asarray(vectors / length[..., None]), np.asarray(ratio * length**-1.5)
 
 
 def for_wrong_rays(fundamental: FloatArray, lens: Lens) -> FloatArray:

@@ -7,7 +7,6 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, median_of_sorted
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
-from visual_servo_epipolar.core.geometry.epipolar import columns
 
 ITERATIONS = 6
 MIN_POINTS = 3
@@ -25,7 +24,7 @@ class RotationFit:
     """
     Best rotation R current -> desired, its heading error [rad] and the parallax it leaves.
 
-    ``parallax`` is a robust root mean square, in the unit of rays (times f: pixels).
+    ``parallax`` is a robust root mean square angle [rad].
     """
 
     rotation: FloatArray
@@ -34,25 +33,18 @@ class RotationFit:
 
 
 class RotationFits(NamedTuple):
-    """The same of many pairs of views: shapes (B, 3, 3), (B,) and (B,)."""
+    """Best rotations of views, shape (..., 3, 3), heading errors and parallaxes, (...) [rad]."""
 
     rotation: FloatArray
     heading_error: FloatArray
     parallax: FloatArray
 
 
-def unit_rays(rays: FloatArray) -> FloatArray:
-    """Return ``rays`` (x/z, y/z), shape (B, N, 2), as columns of unit length, (B, 3, N)."""
-    solid = columns(rays)
-    solid /= np.sqrt((solid * solid).sum(axis=1))[:, None]
-    return solid
-
-
 def fit_rotation(current: FloatArray, desired: FloatArray) -> RotationFit:
     """
     Fit the infinite homography: the rotation alone that best carries one view into the other.
 
-    See ``fit_rotations``; rays have shape (N, 2).
+    See ``fit_rotations``; unit rays have shape (N, 3).
 
     Raises
     ------
@@ -60,13 +52,13 @@ def fit_rotation(current: FloatArray, desired: FloatArray) -> RotationFit:
         With fewer than three matches.
 
     """
-    fits = fit_rotations(current[None], desired[None])
-    return RotationFit(fits.rotation[0], float(fits.heading_error[0]), float(fits.parallax[0]))
+    rotation, heading_error, parallax = fit_rotations(current, desired)
+    return RotationFit(rotation, float(heading_error), float(parallax))
 
 
 def fit_rotations(current: FloatArray, desired: FloatArray) -> RotationFits:
     """
-    Fit the rotation of each of many pairs of views, rays of shape (B, N, 2).
+    Fit the rotation of each pair of views, unit rays of shape (..., N, 3).
 
     Weighted Kabsch alignment of the rays, reweighted (Geman-McClure) so that outliers and the few
     near features with large parallax do not turn it. The remark closing section IV-B of the paper.
@@ -77,51 +69,55 @@ def fit_rotations(current: FloatArray, desired: FloatArray) -> RotationFits:
         With fewer than three matches.
 
     """
-    count = current.shape[1]
+    count = current.shape[-2]
     if count < MIN_POINTS:
         raise DegenerateGeometryError(
             f'a rotation needs at least {MIN_POINTS} matches, got {count}; track more'
         )
-    source, target = unit_rays(current), unit_rays(desired)
-    rotation = _kabsch(target @ source.swapaxes(1, 2))
-    for iteration in range(ITERATIONS):
-        found = rotation @ source
-        away = target - found
-        squared = (away * away).sum(axis=1)
-        ordered = np.sort(squared, axis=1)
-        if iteration == ITERATIONS - 1:
-            break
-        scale = np.maximum(4.0 * median_of_sorted(ordered), SMALLEST)
-        weights = 1.0 + squared / scale[:, None]
-        weights *= weights
-        rotation = _turned(rotation, (target / weights[:, None]) @ found.swapaxes(1, 2))
+    source, target = current.swapaxes(-1, -2), desired.swapaxes(-1, -2)
+    rotation = _kabsch(target @ current)
+    for _ in range(ITERATIONS - 1):
+        carried = rotation @ source
+        weights = _squared(target - carried)
+        scale = np.maximum(4.0 * median_of_sorted(np.sort(weights, axis=-1)), SMALLEST)
+        weights = (1.0 + weights / scale[..., None]) ** 2
+        rotation = _turned(rotation, (target / weights[..., None, :]) @ carried.swapaxes(-1, -2))
+    ordered = np.sort(_squared(target - rotation @ source), axis=-1)
     kept = max(MIN_POINTS, int(TRUSTED_SHARE * count))
     return RotationFits(
         rotation,
-        np.arctan2(rotation[:, 2, 0] - rotation[:, 0, 2], rotation[:, 0, 0] + rotation[:, 2, 2]),
-        np.sqrt(ordered[:, :kept].sum(axis=1) / kept),
+        np.arctan2(
+            rotation[..., 2, 0] - rotation[..., 0, 2], rotation[..., 0, 0] + rotation[..., 2, 2]
+        ),
+        np.sqrt(ordered[..., :kept].sum(axis=-1) / kept),
     )
 
 
+def _squared(offset: FloatArray) -> FloatArray:
+    """Return the squared lengths of columns, shape (..., 3, N): (..., N)."""
+    return np.asarray((offset * offset).sum(axis=-2))
+
+
 def _kabsch(product: FloatArray) -> FloatArray:
-    """Return R that maximises tr(R^T ``product``), the sum of w target source^T, (B, 3, 3)."""
+    """Return R that maximises tr(R^T ``product``), the sum of w target source^T, (..., 3, 3)."""
     u, _, vt = np.linalg.svd(product)
-    u[:, :, 2] *= np.sign(np.linalg.det(u @ vt))[:, None]
+    u[..., 2] *= np.sign(np.linalg.det(u @ vt))[..., None]
     return np.asarray(u @ vt)
 
 
 def _turned(rotation: FloatArray, product: FloatArray) -> FloatArray:
     """
-    Return ``rotation`` after one step of Newton towards that of ``_kabsch``, (B, 3, 3).
+    Return ``rotation`` after one step of Newton towards that of ``_kabsch``, (..., 3, 3).
 
     ``product`` is the sum of w target (R source)^T, symmetric at the best R. A step leaves an
     error of the square of its length or less: new weights turn R by little, then less and less.
     """
-    transposed = product.swapaxes(1, 2)
-    pull = (product - transposed)[:, [2, 0, 1], [1, 2, 0]]  # the sum of w (R source) x target
-    trace = product.trace(axis1=1, axis2=2)[:, None, None]
+    transposed = product.swapaxes(-1, -2)
+    # The sum of w (R source) x target.
+    pull = (product - transposed)[..., [2, 0, 1], [1, 2, 0]]
+    trace = product.trace(axis1=-2, axis2=-1)[..., None, None]
     stiffness = (1.0 + RIDGE) * trace * IDENTITY - 0.5 * (product + transposed)
-    half = 0.5 * np.linalg.solve(stiffness, pull[:, :, None])
-    cross = (half.swapaxes(1, 2) @ CROSS).reshape(-1, 3, 3)
+    half = 0.5 * np.linalg.solve(stiffness, pull[..., None])
+    cross = (half.swapaxes(-1, -2) @ CROSS).reshape(*half.shape[:-2], 3, 3)
     # Cayley's map is a rotation whatever the length of the step.
     return np.asarray(np.linalg.solve(IDENTITY - cross, (IDENTITY + cross) @ rotation))

@@ -55,7 +55,7 @@ class _Known(NamedTuple):
 
 
 class _Stack(NamedTuple):
-    """Views of equally many features: rays, shape (B, N, 2), and their best rotations."""
+    """Views of equally many features: unit rays, shape (B, N, 3), and their best rotations."""
 
     views: Sequence[_Known]
     current: FloatArray
@@ -158,18 +158,19 @@ def _validated_estimates(stack: _Stack) -> list[ValidatedEstimate]:
 def _estimated(stack: _Stack) -> list[ValidatedEstimate]:
     """Return the validated estimates of views that show parallax."""
     views = stack.views
-    focal = np.array([view.observation.focal for view in views])
     noise = np.array([view.memory.noise for view in views])
+    resolution = np.array([view.observation.resolution for view in views])
     answers = estimates(
         views[0].settings.estimator,
         stack.current,
         stack.desired,
-        noise=noise / focal,
+        noise=noise[:, None, None] * resolution,
         priors=[prior_of(view.memory, view.settings) for view in views],
         seeds=[(view.settings.seed, view.frame) for view in views],
     )
     geometries = {k: answer for k, answer in enumerate(answers) if isinstance(answer, Estimate)}
-    qualities = _fit_qualities(stack.take(list(geometries)), list(geometries.values()))
+    some = list(geometries)
+    qualities = _fit_qualities(stack.take(some), list(geometries.values()), resolution[some])
     quality = dict(zip(geometries, qualities, strict=True))
     parallax = stack.rotations.parallax.tolist()
     return [
@@ -182,8 +183,10 @@ def _estimated(stack: _Stack) -> list[ValidatedEstimate]:
     ]
 
 
-def _fit_qualities(stack: _Stack, geometries: Sequence[Estimate]) -> list[FitQuality]:
-    """Return how well each estimate fits its view."""
+def _fit_qualities(
+    stack: _Stack, geometries: Sequence[Estimate], resolution: FloatArray
+) -> list[FitQuality]:
+    """Return how well each estimate fits its view, with angles of a pixel, (B, N, 2)."""
     if not geometries:
         return []
     inliers = np.array([geometry.inliers for geometry in geometries])
@@ -194,7 +197,7 @@ def _fit_qualities(stack: _Stack, geometries: Sequence[Estimate]) -> list[FitQua
         np.count_nonzero(inliers, axis=1).tolist(),
         angular_extent(stack.desired, inliers).tolist(),
         np.sqrt(np.maximum(variance, 0.0)).tolist(),
-        median_residual(fundamental, stack.current, stack.desired).tolist(),
+        median_residual(fundamental, stack.current, stack.desired, resolution).tolist(),
     )
     return [FitQuality(*row) for row in zip(*columns, strict=True)]
 

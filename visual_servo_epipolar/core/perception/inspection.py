@@ -10,6 +10,7 @@ from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.epipolar import in_pixels
+from visual_servo_epipolar.core.geometry.rays import image_points
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive
@@ -67,10 +68,13 @@ def inspect(
         pixels_current, pixels_desired = _aligned(view, match(view, current), current)
     except TrackingError as error:
         return Inspection(False, str(error))
-    rays_current = current_camera.rays(pixels_current)
-    rays_desired = desired_camera.rays(pixels_desired)
+    rays_current = current_camera.unit_rays(pixels_current)
+    rays_desired = desired_camera.unit_rays(pixels_desired)
+    resolution = np.stack(
+        [current_camera.resolution(rays_current), desired_camera.resolution(rays_desired)], axis=1
+    )
     focal = math.sqrt(current_camera.fx * current_camera.fy)
-    observation = Observation(0, rays_current, rays_desired, focal)
+    observation = Observation(0, rays_current, rays_desired, focal, pixel_angles=resolution)
     perception = perceive(observation, settings, 0)
     seen, fundamental = perception.measurement, perception.fundamental
     found = replace(
@@ -127,16 +131,13 @@ def _general(
 ) -> Inspection:
     """Return the five-point geometry (Nister 2004, by OpenCV) where motion is not planar."""
     threshold = GENERAL_PX / observation.focal
-    essential, mask = cv2.findEssentialMat(
-        observation.current, observation.desired, np.eye(3), cv2.USAC_MAGSAC, 0.999, threshold
-    )
+    points = image_points(observation.current), image_points(observation.desired)
+    essential, mask = cv2.findEssentialMat(*points, np.eye(3), cv2.USAC_MAGSAC, 0.999, threshold)
     share = found.inliers / max(len(observation.current), 1)
     reason = found.reason or f'only {100.0 * share:.0f} % of the matches fit a planar motion'
     if essential is None or essential.shape != (3, 3):
         return replace(found, trusted=False, reason=f'{reason}, and no general geometry fits')
-    _, rotation, translation, inliers = cv2.recoverPose(
-        essential, observation.current, observation.desired, np.eye(3), mask=mask
-    )
+    _, rotation, translation, inliers = cv2.recoverPose(essential, *points, np.eye(3), mask=mask)
     centre = translation.ravel()
     goal = -rotation.T @ centre
     current = math.atan2(goal[0], goal[2])

@@ -8,18 +8,22 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.camera import Camera
-from visual_servo_epipolar.core.geometry.lens import Lens
+from visual_servo_epipolar.core.geometry.lens import corrected, Lens
 from visual_servo_epipolar.core.geometry.motion import HALF_PI
 from visual_servo_epipolar.core.tracking.features import Features
+
+LEAST_FORWARD = 0.2  # z of a ray: no pinhole sees farther off its axis than 78 deg
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observation:
     """
-    One set of matches as rays, shape (N, 2) each, taken at ``stamp_ns``.
+    One set of matches as unit rays, shape (N, 3) each, taken at ``stamp_ns``.
 
-    ``focal`` [px] only turns pixel thresholds into angles and back. ``edges`` are the bearings of
-    the left and the right edge of the image [rad], right positive.
+    A feature behind the camera (z < 0) is a ray as any other. ``pixel_angles``, shape (N, 2), are
+    the angles of one pixel at each current and desired ray [rad], None for those of a pinhole
+    without distortion. ``focal`` [px] only turns pixel thresholds into angles and back. ``edges``
+    are the bearings of the left and the right edge of the image [rad], right positive.
     """
 
     stamp_ns: int
@@ -27,6 +31,15 @@ class Observation:
     desired: FloatArray
     focal: float
     edges: tuple[float, float] = (-HALF_PI, HALF_PI)
+    pixel_angles: FloatArray | None = None
+
+    @property
+    def resolution(self) -> FloatArray:
+        """Angle of one pixel at each current and desired ray [rad], shape (N, 2)."""
+        if self.pixel_angles is not None:
+            return self.pixel_angles
+        forward = np.stack([self.current[:, 2], self.desired[:, 2]], axis=1)
+        return np.asarray(np.maximum(forward, LEAST_FORWARD) ** 1.5 / self.focal)
 
     def __len__(self) -> int:
         return len(self.current)
@@ -35,24 +48,24 @@ class Observation:
         """Return the observation without what is wrong with the camera matrix."""
         if lens.corrects_nothing:
             return self
-        ratio, shift = math.exp(lens.log_ratio), np.array([lens.shift, 0.0])
+        ratio = math.exp(lens.log_ratio)
+        current, growth_current = corrected(self.current, lens)
+        desired, growth_desired = corrected(self.desired, lens)
         left, right = (math.atan(ratio * math.tan(edge) + lens.shift) for edge in self.edges)
         return replace(
             self,
-            current=ratio * self.current + shift,
-            desired=ratio * self.desired + shift,
+            current=current,
+            desired=desired,
             focal=self.focal / ratio,
             edges=(left, right),
+            pixel_angles=self.resolution * np.stack([growth_current, growth_desired], axis=1),
         )
 
 
 def observe(features: Features, camera: Camera, stamp_ns: int) -> Observation:
     """Back-project tracked features to rays, with the distortion of the camera removed."""
-    focal = math.sqrt(camera.fx * camera.fy)
-    rays = camera.rays(np.concatenate([features.current, features.desired]))
-    rays.flags.writeable = False
-    current, desired = rays[: len(features)], rays[len(features) :]
-    return Observation(stamp_ns, current, desired, focal, camera.edges)
+    rays = _frozen(camera.unit_rays(np.concatenate([features.current, features.desired])))
+    return _observation(rays, _frozen(camera.resolution(rays)), camera, stamp_ns)
 
 
 def observe_each(
@@ -61,14 +74,23 @@ def observe_each(
     """Back-project the features of many views through alike cameras, in one call."""
     if not features:
         return []
-    rays = camera.rays(
-        np.concatenate([px for view in features for px in (view.current, view.desired)])
-    )
-    rays.flags.writeable = False
-    focal, first, observations = math.sqrt(camera.fx * camera.fy), 0, []
-    for view, stamp_ns in zip(features, stamps_ns, strict=True):
-        middle, last = first + len(view), first + 2 * len(view)
-        pair = rays[first:middle], rays[middle:last]
-        observations.append(Observation(stamp_ns, *pair, focal, camera.edges))
-        first = last
-    return observations
+    pixels = [columns for view in features for columns in (view.current, view.desired)]
+    rays = _frozen(camera.unit_rays(np.concatenate(pixels)))
+    resolution = _frozen(camera.resolution(rays))
+    ends = np.cumsum([2 * len(view) for view in features])[:-1]
+    parts = zip(np.split(rays, ends), np.split(resolution, ends), stamps_ns, strict=True)
+    return [_observation(part, angles, camera, stamp_ns) for part, angles, stamp_ns in parts]
+
+
+def _observation(
+    rays: FloatArray, resolution: FloatArray, camera: Camera, stamp_ns: int
+) -> Observation:
+    """Return the observation of as many current rays as desired ones, one after the other."""
+    count, focal = len(rays) // 2, math.sqrt(camera.fx * camera.fy)
+    angles = np.stack([resolution[:count], resolution[count:]], axis=1)
+    return Observation(stamp_ns, rays[:count], rays[count:], focal, camera.edges, angles)
+
+
+def _frozen(array: FloatArray) -> FloatArray:
+    array.flags.writeable = False
+    return array

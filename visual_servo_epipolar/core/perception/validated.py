@@ -50,13 +50,15 @@ def validated_estimate(
             settings.estimator,
             observation.current,
             observation.desired,
-            noise=memory.noise / observation.focal,
+            noise=memory.noise * observation.resolution,
             prior=prior_of(memory, settings),
             seed=(settings.seed, frame),
         )
     except DegenerateGeometryError as error:
         return ValidatedEstimate(memory, str(error))
-    quality = fit_quality(geometry, observation.current, observation.desired)
+    quality = fit_quality(
+        geometry, observation.current, observation.desired, observation.resolution
+    )
     return validated(observation, parallax, memory, settings, geometry, quality)
 
 
@@ -93,8 +95,8 @@ def validated(
 
 
 def _noise(residual: float, observation: Observation, before: float, first: float) -> float:
-    """Return the deviation of a coordinate [px], slowly following the median ``residual``."""
+    """Return the deviation of a coordinate [px], slowly following the median ``residual`` [px]."""
     spare = max(len(observation) - 2, 1)
-    now = 1.4826 * (1.0 + 5.0 / spare) * residual * observation.focal
+    now = 1.4826 * (1.0 + 5.0 / spare) * residual
     followed = before + NOISE_ADAPTION * (now - before)
     return min(max(followed, NOISE_RANGE[0] * first), NOISE_RANGE[1] * first)

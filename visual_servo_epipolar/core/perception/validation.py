@@ -23,7 +23,7 @@ class FitQuality:
     How well an estimate fits: number of ``inliers``, their angular ``extent`` [rad].
 
     ``deviation`` is the larger one of psi and phi [rad], nan if there is none, ``residual`` the
-    median Sampson distance of all matches as rays.
+    median Sampson distance of all matches [px].
     """
 
     inliers: int
@@ -32,34 +32,42 @@ class FitQuality:
     residual: float
 
 
-def fit_quality(estimate: Estimate, current: FloatArray, desired: FloatArray) -> FitQuality:
-    """Return how well ``estimate`` fits rays of shape (N, 2)."""
+def fit_quality(
+    estimate: Estimate, current: FloatArray, desired: FloatArray, resolution: FloatArray
+) -> FitQuality:
+    """Return how well ``estimate`` fits unit rays, (N, 3), with angles of a pixel, (N, 2)."""
     variance = np.maximum(estimate.covariance[0, 0], estimate.covariance[1, 1])
     return FitQuality(
         int(np.count_nonzero(estimate.inliers)),
         float(angular_extent(desired, estimate.inliers)),
         float(np.sqrt(np.maximum(variance, 0.0))),
-        float(median_residual(estimate.fundamental, current, desired)),
+        float(median_residual(estimate.fundamental, current, desired, resolution)),
     )
 
 
 def median_residual(
-    fundamental: FloatArray, current: FloatArray, desired: FloatArray
+    fundamental: FloatArray, current: FloatArray, desired: FloatArray, resolution: FloatArray
 ) -> FloatArray:
-    """Return the median Sampson distance, shape (...), of rays of shape (..., N, 2) from F."""
-    distances = np.abs(sampson_distance(fundamental, current, desired))
+    """
+    Return the median Sampson distance of rays from F, shape (...) [px].
+
+    Unit rays have shape (..., N, 3), the angles of a pixel at them (..., N, 2).
+    """
+    distances = np.abs(sampson_distance(fundamental, current, desired, resolution))
     return median_of_sorted(np.sort(distances, axis=-1))
 
 
 def angular_extent(rays: FloatArray, inliers: BoolArray) -> FloatArray:
     """
-    Return how far apart the ``inliers``, (..., N), among ``rays``, (..., N, 2), are, shape (...).
+    Return how far apart the ``inliers``, (..., N), among ``rays``, (..., N, 3), are, shape (...).
 
-    It is the fourth root of the determinant of their covariance: the geometric mean of their
-    deviations along two axes.
+    It is the fourth root of the determinant of the covariance of bearing and elevation [rad]: the
+    geometric mean of the deviations along two axes.
     """
     count = np.maximum(inliers.sum(axis=-1), 2)
-    x, y = np.where(inliers, rays[..., 0], 0.0), np.where(inliers, rays[..., 1], 0.0)
+    bearing = np.arctan2(rays[..., 0], rays[..., 2])
+    elevation = np.arcsin(np.clip(rays[..., 1], -1.0, 1.0))
+    x, y = np.where(inliers, bearing, 0.0), np.where(inliers, elevation, 0.0)
     x = np.where(inliers, x - (x.sum(axis=-1) / count)[..., None], 0.0)
     y = np.where(inliers, y - (y.sum(axis=-1) / count)[..., None], 0.0)
     determinant = (x * x).sum(axis=-1) * (y * y).sum(axis=-1) - (x * y).sum(axis=-1) ** 2

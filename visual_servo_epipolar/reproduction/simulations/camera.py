@@ -9,6 +9,7 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimators.machinery.eight_point import fundamental_from_matches
 from visual_servo_epipolar.core.geometry.cheirality import oriented_bearings
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
+from visual_servo_epipolar.core.geometry.rays import unit_rays
 
 # (X, Y, Z) in the axes of the desired camera: right, down, forward [m]. The paper does not say
 # where its points are. These lie ahead of every pose of both simulations and span the view.
@@ -68,7 +69,8 @@ class PointCamera:
         current = self.image(pose) / self.focal_guess
         desired = self.desired / self.focal_guess
         fundamental = fundamental_from_matches(current, desired)
-        bearings = oriented_bearings(fundamental, current, desired, noise=RAY_NOISE).bearings
+        rays = unit_rays(current), unit_rays(desired)
+        bearings = oriented_bearings(fundamental, *rays, noise=RAY_NOISE).bearings
         return EpipoleReading(
             self.focal_guess * bearings.epipole_current,
             self.focal_guess * bearings.epipole_desired,

@@ -15,7 +15,6 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.control import laws
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, Twist
-from visual_servo_epipolar.core.perception.measures import feature_difference
 from visual_servo_epipolar.reproduction.simulations.camera import EpipoleReading, PointCamera
 
 GRADING = 0.02  # of the remaining time until e_du = 0: there the law is not Lipschitz
@@ -193,16 +192,21 @@ class Simulation:
             nu=(nu_1, 0.0 if self._zeroed else nu_2),
             focal=case.focal_guess,
         )
-        difference = float(feature_difference(image, self.camera.desired))
+        difference = self._difference(image)
         return Instant(time, pose, float(state[3]), reading, twist, difference, 1)
 
     def _second(self, time: float, state: State) -> Instant:
         """Return the second step at ``state``: eqs. (21), (22); it asks for no epipoles."""
         pose = Pose(*state[:3].tolist())
-        difference = float(feature_difference(self.camera.image(pose), self.camera.desired))
+        difference = self._difference(self.camera.image(pose))
         twist = laws.match_features(difference, k_t=self.case.k_t)
         reading = EpipoleReading(math.nan, math.nan, math.nan)
         return Instant(time, pose, float(state[3]), reading, twist, difference, 2)
+
+    def _difference(self, image: FloatArray) -> float:
+        """Return D [m^2] of image points, shape (N, 2) [m]: eq. (23)."""
+        squares = (image**2).sum(axis=1) - (self.camera.desired**2).sum(axis=1)
+        return float(squares.mean())
 
     def _sigma(self, reading: EpipoleReading) -> float:
         if self.case.sign == 'printed':

@@ -13,6 +13,7 @@ from visual_servo_epipolar.benchmarks.estimation.scenes import Cell, draw_pair, 
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior
 from visual_servo_epipolar.core.estimators.registry import EACH, estimates, ESTIMATORS
+from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.perception.batch import perceive_each, RobotView
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.observation import Observation, observe, observe_each
@@ -69,12 +70,13 @@ def test_a_view_that_cannot_answer_does_not_silence_the_others(name: str) -> Non
     pairs = [pair_of(k) for k in range(3)]
     current = np.array([pair.current for pair in pairs])
     desired = np.array([pair.desired for pair in pairs])
-    current[1, :, 1] = desired[1, :, 1] = 0.0  # all on the horizon
+    for rays in (current, desired):  # all on the horizon
+        rays[1] = normalised(rays[1] * [1.0, 0.0, 1.0])
     answers = estimates(
         name,
         current,
         desired,
-        noise=np.full(3, CELL.ray_noise),
+        noise=np.array([pair.noise for pair in pairs]),
         priors=[Prior(bearings=pair.bearings) for pair in pairs],
         seeds=[(0, 0)] * 3,
     )
@@ -84,7 +86,7 @@ def test_a_view_that_cannot_answer_does_not_silence_the_others(name: str) -> Non
         alone = ESTIMATORS[name](
             pair.current,
             pair.desired,
-            noise=CELL.ray_noise,
+            noise=pair.noise,
             prior=Prior(bearings=pair.bearings),
             rng=np.random.default_rng(0),
         )

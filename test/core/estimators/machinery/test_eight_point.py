@@ -5,13 +5,14 @@ import math
 from hypothesis import example, given
 import numpy as np
 import pytest
-from strategies import CAMERA, floats, matches, poses, poses_behind_the_goal
+from strategies import angles, CAMERA, floats, matched_points, poses, poses_behind_the_goal
 
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.machinery.eight_point import (
     design_matrix,
     fundamental_from_matches,
     hartley_normalisation,
+    image_sampson_distance,
 )
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, fundamental_from_bearings
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose
@@ -31,7 +32,7 @@ def assert_same_matrix(one: np.ndarray, other: np.ndarray, tolerance: float) -> 
 @example(AHEAD)
 @example(BESIDE)
 def test_the_8_point_algorithm_recovers_f_from_exact_matches(pose: Pose) -> None:
-    current, desired = (CAMERA.pixels(rays) for rays in matches(pose))
+    current, desired = (CAMERA.pixels(rays) for rays in matched_points(pose))
     # 1e-16 times the condition of forty matches, up to 1e8 where few points share two views.
     found = in_pixels_to_rays(fundamental_from_matches(current, desired))
     assert_same_matrix(found, fundamental_from_bearings(Bearings.from_pose(pose)), 1e-8)
@@ -46,7 +47,7 @@ def test_the_8_point_algorithm_does_not_depend_on_the_unit_of_pixels(
     pose: Pose, scale: float, shift: float
 ) -> None:
     noise = 1e-3 * np.random.default_rng(1).standard_normal((2, 40, 2))
-    current, desired = np.array(matches(pose)) + noise
+    current, desired = np.array(matched_points(pose)) + noise
     unit = np.array([[scale, 0.0, shift], [0.0, scale, -shift], [0.0, 0.0, 1.0]])
     moved = fundamental_from_matches(scale * current + [shift, -shift], scale * desired)
     expected = fundamental_from_matches(current, desired)
@@ -56,25 +57,25 @@ def test_the_8_point_algorithm_does_not_depend_on_the_unit_of_pixels(
 
 
 def test_seven_matches_are_too_few() -> None:
-    current, desired = matches(BEHIND)
+    current, desired = matched_points(BEHIND)
     with pytest.raises(DegenerateGeometryError, match='at least 8 matches, got 7 current'):
         fundamental_from_matches(current[:7], desired[:7])
 
 
 def test_unequal_numbers_of_points_are_refused() -> None:
-    current, desired = matches(BEHIND)
+    current, desired = matched_points(BEHIND)
     with pytest.raises(DegenerateGeometryError, match='got 40 current and 39 desired points'):
         fundamental_from_matches(current, desired[1:])
 
 
 def test_points_that_coincide_are_refused() -> None:
-    current, desired = matches(BEHIND)
+    current, desired = matched_points(BEHIND)
     with pytest.raises(DegenerateGeometryError, match='40 points coincide at .*spread'):
         fundamental_from_matches(np.full_like(current, 0.25), desired)
 
 
 def test_hartley_normalisation_centres_and_scales() -> None:
-    points = CAMERA.pixels(matches(BEHIND)[0])
+    points = CAMERA.pixels(matched_points(BEHIND)[0])
     matrix = hartley_normalisation(points)
     normal = points @ matrix[:2, :2].T + matrix[:2, 2]
     np.testing.assert_allclose(normal.mean(axis=0), 0.0, atol=1e-12)
@@ -82,10 +83,32 @@ def test_hartley_normalisation_centres_and_scales() -> None:
 
 
 def test_the_rows_of_the_design_matrix_are_the_constraint() -> None:
-    current, desired = matches(BEHIND)
+    current, desired = matched_points(BEHIND)
     fundamental = np.arange(9.0).reshape(3, 3)
     products = [
         [*p_d, 1.0] @ fundamental @ [*p_a, 1.0] for p_a, p_d in zip(current, desired, strict=True)
     ]
     rows = design_matrix(current, desired)
     np.testing.assert_allclose(rows @ fundamental.ravel(), products, rtol=1e-12)
+
+
+@given(poses_behind_the_goal(), floats(1e-6, 1e-4), angles(), angles(), angles())
+def test_the_image_distance_is_the_offset_across_the_constraint(
+    pose: Pose, size: float, turn: float, first: float, second: float
+) -> None:
+    current, desired = (points[:8] for points in matched_points(pose))
+    fundamental = fundamental_from_bearings(Bearings.from_pose(pose))
+    p_current, p_desired = (np.column_stack([each, np.ones(8)]) for each in (current, desired))
+    normal = np.hstack([(p_desired @ fundamental)[:, :2], (p_current @ fundamental.T)[:, :2]])
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
+    offset = size * np.array(
+        [
+            math.cos(turn) * math.cos(first),
+            math.cos(turn) * math.sin(first),
+            math.sin(turn) * math.cos(second),
+            math.sin(turn) * math.sin(second),
+        ]
+    )
+    distance = image_sampson_distance(fundamental, current + offset[:2], desired + offset[2:])
+    # First order: what is left is the offset squared over the distance to the epipole.
+    np.testing.assert_allclose(distance, normal @ offset, atol=50.0 * size**2)

@@ -23,6 +23,7 @@ from visual_servo_epipolar.core.geometry.attitude import level
 
 JITTER_DEVIATIONS = 3.0  # a prior tighter than the true jitter does harm
 LEAST_JITTER = 1e-4  # [rad]
+JITTER_SHARE = 0.7  # of the jitter that shows as noise where jumps are not estimated
 
 
 class Attitudes(NamedTuple):
@@ -58,22 +59,17 @@ def attitude_prior(attitude: AnyAttitude) -> GaussianPrior:
     return GaussianPrior(mean, information)
 
 
-def plausible_matches(
-    rays: Rays, noise: FloatArray | float, attitude: AnyAttitude, stretch: Any = 1.0
-) -> BoolArray:
+def plausible_matches(rays: Rays, attitude: AnyAttitude, stretch: Any = 1.0) -> BoolArray:
     """
     Return the matches, (..., N), on one side of the horizon, as far as the attitude is known.
 
-    Rays may be longer by ``stretch``, shape (...), and so is then what a tilt makes of them.
+    Angles may truly be larger by ``stretch``, shape (...), and so is then what a tilt does.
     """
-    slack = 2.0 * (attitude.tilt_deviation + attitude.roll_deviation)
-    slack = stretch * (slack + rigid_threshold(noise, attitude.jitter))
-    return plausible(levelled(rays, attitude.tilt, attitude.roll), np.asarray(slack)[..., None])
-
-
-def rigid_threshold(noise: Any, jitter: Any) -> Any:
-    """Return the distance within which a match agrees with a geometry without jumps."""
-    return INLIER_DEVIATIONS * np.hypot(noise, 0.7 * jitter)
+    blur = JITTER_SHARE * np.asarray(attitude.jitter)[..., None]
+    tilted = np.asarray(2.0 * (attitude.tilt_deviation + attitude.roll_deviation))[..., None]
+    slack = tilted + INLIER_DEVIATIONS * np.hypot(rays.noise, blur)
+    slack *= np.asarray(stretch)[..., None]
+    return plausible(levelled(rays, attitude.tilt, attitude.roll), slack)
 
 
 def levelled(rays: Rays, tilt: Any, roll: Any, tilt_jump: Any = 0.0, roll_jump: Any = 0.0) -> Rays:
@@ -85,6 +81,9 @@ def levelled(rays: Rays, tilt: Any, roll: Any, tilt_jump: Any = 0.0, roll_jump: 
     tilt, roll, tilt_a, roll_a = (
         np.asarray(angle)[..., None] for angle in (tilt, roll, tilt + tilt_jump, roll + roll_jump)
     )
-    u_a, v_a = level(rays.u_a, rays.v_a, tilt_a, roll_a)
-    u_d, v_d = level(rays.u_d, rays.v_d, tilt, roll)
-    return Rays(u_a, v_a, u_d, v_d)
+    return Rays(
+        *level(rays.x_a, rays.y_a, rays.z_a, tilt_a, roll_a),
+        *level(rays.x_d, rays.y_d, rays.z_d, tilt, roll),
+        rays.noise_a,
+        rays.noise_d,
+    )

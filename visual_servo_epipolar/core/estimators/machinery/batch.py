@@ -30,14 +30,13 @@ Answer: TypeAlias = Estimate | DegenerateGeometryError
 
 class Views(NamedTuple):
     """
-    Pairs of views with equally many matches: rays, shape (B, N), noise, (B,), and priors.
+    Pairs of views with equally many matches: rays, shape (B, N), and priors.
 
     ``angles``, shape (B, 2), holds the last psi and phi, nan where there are none, and
     ``deviation``, (B,), how far they may have moved.
     """
 
     rays: Rays
-    noise: FloatArray
     priors: Sequence[Prior]
     angles: FloatArray
     deviation: FloatArray
@@ -49,7 +48,6 @@ class Views(NamedTuple):
         chosen = np.array(rows)
         return Views(
             self.rays.take(chosen),
-            self.noise[chosen],
             [self.priors[row] for row in rows],
             self.angles[chosen],
             self.deviation[chosen],
@@ -59,10 +57,9 @@ class Views(NamedTuple):
 def views_of(
     current: FloatArray, desired: FloatArray, noise: FloatArray, priors: Sequence[Prior]
 ) -> Views:
-    """Return views from rays, shape (B, N, 2) each."""
+    """Return views from unit rays, shape (B, N, 3) each, and ``noise``, (B,) or (B, N, 2)."""
     return Views(
-        rays_of(current, desired),
-        noise,
+        rays_of(current, desired, noise),
         priors,
         np.array([prior.angles for prior in priors]),
         np.array([prior.deviation for prior in priors]),
@@ -81,7 +78,7 @@ class BatchMethod(NamedTuple):
     plausible: Callable[[Views], BoolArray]
     refine: Callable[[Views, BoolArray], Fit]
     estimates: Callable[[Views, BoolArray, Fit], list[Answer]]
-    search: Callable[[Rays, float, BoolArray, Prior], Estimate]
+    search: Callable[[Rays, BoolArray, Prior], Estimate]
 
 
 def answers(views: Views, method: BatchMethod) -> list[Answer]:
@@ -124,8 +121,7 @@ def _consistent(views: Views, matches: BoolArray, method: BatchMethod) -> list[t
 
 def _searched(views: Views, matches: BoolArray, k: int, method: BatchMethod) -> Answer:
     """Return the answer for pair ``k``, of which nothing is known, or nothing that fits."""
-    noise = float(views.noise[k])
-    return answer_of(method.search, views.rays.take(k), noise, matches[k], views.priors[k])
+    return answer_of(method.search, views.rays.take(k), matches[k], views.priors[k])
 
 
 def refined_each(

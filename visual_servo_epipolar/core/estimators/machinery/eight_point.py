@@ -1,4 +1,8 @@
-"""Hartley's normalised 8-point algorithm: F of any motion from eight matches or more."""
+"""
+Hartley's normalised 8-point algorithm: F of any motion from eight matches or more.
+
+As in the paper it works on image-plane points, in pixels or at unit focal length.
+"""
 
 import math
 
@@ -72,3 +76,21 @@ def rank_two(fundamental: FloatArray) -> FloatArray:
 def homogeneous(points: FloatArray) -> FloatArray:
     """Return ``points``, shape (N, 2), with a third coordinate 1, shape (N, 3)."""
     return np.column_stack([points, np.ones(len(points))])
+
+
+def image_sampson_distance(
+    fundamental: FloatArray, current: FloatArray, desired: FloatArray
+) -> FloatArray:
+    """
+    Return the first-order distance of each match from F, shape (..., N), in the points' unit.
+
+    ``fundamental`` has shape (..., 3, 3), image-plane points (N, 2). Hartley and Zisserman,
+    eq. 11.9.
+    """
+    p_current, p_desired = homogeneous(current).T, homogeneous(desired).T
+    lines_desired = fundamental @ p_current  # F p_a, (..., 3, N)
+    lines_current = np.swapaxes(fundamental, -1, -2) @ p_desired
+    residual = (lines_desired * p_desired).sum(axis=-2)
+    gradient = (lines_desired[..., :2, :] ** 2).sum(axis=-2)
+    gradient += (lines_current[..., :2, :] ** 2).sum(axis=-2)
+    return np.asarray(residual / np.sqrt(np.maximum(gradient, 1e-300)))

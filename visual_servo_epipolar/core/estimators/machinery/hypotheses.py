@@ -1,13 +1,13 @@
 """
 What the planar estimators share: two-point hypotheses, their scores, and how modes are told apart.
 
-With the phasors P = exp(i psi), Q = exp(i phi) and rays (u, v) of an upright camera,
+With the phasors P = exp(i psi), Q = exp(i phi) and rays (x, y, z) of an upright camera,
 p_d^T F p_a = 0 for the F of a planar motion reads
 
-    r = Re(P alpha + Q beta) = 0,    alpha = v_a (1 + i u_d),    beta = v_d (u_a - i).
+    r = Re(P alpha + Q beta) = 0,    alpha = y_a (z_d + i x_d),    beta = y_d (x_a - i z_a).
 
-Only v carries information: features on the horizon say nothing. In front of both cameras v_a and
-v_d have the same sign (the oriented epipolar constraint), which names some outliers beforehand.
+Only y carries information: features on the horizon say nothing. Above the horizon of one camera is
+above that of the other (the oriented epipolar constraint), which names some outliers beforehand.
 The residual is linear in (P, Q) and its squared gradient in (P^2, Q^2), so that all hypotheses are
 scored by two matrix products. Functions of rays take leading axes: one geometry each.
 """
@@ -52,27 +52,65 @@ FAMILIES = _families()
 
 
 class Rays(NamedTuple):
-    """Coordinates of the matches at unit focal length, each of shape (..., N)."""
+    """
+    Unit rays of the matches, current and desired, by components, each of shape (..., N).
 
-    u_a: FloatArray
-    v_a: FloatArray
-    u_d: FloatArray
-    v_d: FloatArray
+    ``noise_a`` and ``noise_d`` are the deviations of their angles [rad].
+    """
+
+    x_a: FloatArray
+    y_a: FloatArray
+    z_a: FloatArray
+    x_d: FloatArray
+    y_d: FloatArray
+    z_d: FloatArray
+    noise_a: FloatArray
+    noise_d: FloatArray
 
     def take(self, rows: Any) -> 'Rays':
         """Return the matches, or the pairs of views, chosen by index or mask."""
         return Rays(*(part[rows] for part in self))
 
+    @property
+    def matches(self) -> int:
+        """Number of matches N."""
+        return int(self.x_a.shape[-1])
 
-def rays_of(current: FloatArray, desired: FloatArray) -> Rays:
-    """Return the columns of ``current`` and ``desired``, shape (..., N, 2) each."""
-    both = [current[..., 0], current[..., 1], desired[..., 0], desired[..., 1]]
-    return Rays(*np.array(both))
+    @property
+    def noise(self) -> FloatArray:
+        """Deviation of the angles of each match, shape (..., N)."""
+        return np.sqrt(0.5 * (self.noise_a * self.noise_a + self.noise_d * self.noise_d))
+
+    @property
+    def mean_noise(self) -> FloatArray:
+        """Deviation of the angles of an average match, shape (...)."""
+        return np.asarray(self.noise.mean(axis=-1))
+
+    def blurred(self, deviation: float) -> 'Rays':
+        """Return the rays with a second source of noise [rad]."""
+        return self._replace(
+            noise_a=np.hypot(self.noise_a, deviation), noise_d=np.hypot(self.noise_d, deviation)
+        )
+
+
+def rays_of(current: FloatArray, desired: FloatArray, noise: FloatArray | float) -> Rays:
+    """
+    Return the components of unit rays, shape (..., N, 3), and their noise.
+
+    ``noise`` has shape (..., N, 2), of current and desired rays, or (...): one number a pair.
+    """
+    noise = np.asarray(noise)
+    if noise.ndim < current.ndim:
+        noise = noise[..., None, None]
+    parts = np.empty((8, *current.shape[:-1]))
+    parts[:3], parts[3:6] = np.moveaxis(current, -1, 0), np.moveaxis(desired, -1, 0)
+    parts[6:] = np.moveaxis(np.broadcast_to(noise, (*current.shape[:-1], 2)), -1, 0)
+    return Rays(*parts)
 
 
 def plausible(rays: Rays, slack: FloatArray | float) -> BoolArray:
-    """Return where v_a and v_d have one sign or are within ``slack`` of the horizon, (..., N)."""
-    return np.asarray(rays.v_a * rays.v_d > -slack * slack)
+    """Return where y_a and y_d have one sign or are within ``slack`` of the horizon, (..., N)."""
+    return np.asarray(rays.y_a * rays.y_d > -slack * slack)
 
 
 @lru_cache(maxsize=256)
@@ -101,9 +139,9 @@ def two_point_hypotheses(rays: Rays, limit: int) -> ComplexArray:
     A conj(B) Q^2, which leaves two angles. Where noise leaves none, the nearest one is taken; a
     pair that says nothing gives any hypothesis.
     """
-    first, second = pairs(rays.u_a.shape[-1], limit)
-    alpha = rays.v_a * (1.0 - 1j * rays.u_d)  # the conjugate
-    beta = rays.v_d * (rays.u_a - 1j)
+    first, second = pairs(rays.matches, limit)
+    alpha = rays.y_a * (rays.z_d - 1j * rays.x_d)  # the conjugate
+    beta = rays.y_d * (rays.x_a - 1j * rays.z_a)
     alpha_1, alpha_2 = alpha[..., first], alpha[..., second]
     beta_1, beta_2 = beta[..., first], beta[..., second]
     a = beta_1 * alpha_2 - beta_2 * alpha_1
@@ -124,24 +162,30 @@ def two_point_hypotheses(rays: Rays, limit: int) -> ComplexArray:
     return np.concatenate([both[0], both[1]], axis=-1)
 
 
-def scores(hypotheses: ComplexArray, rays: Rays, threshold: float) -> FloatArray:
+def scores(hypotheses: ComplexArray, rays: Rays) -> FloatArray:
     """
     Return the mean truncated squared Sampson distance of the matches, shape (..., H) (MSAC).
 
     ``hypotheses`` has shape (..., 2, H), ``rays`` (..., N); the cost runs from 0 to 1.
     """
-    u_a, v_a, u_d, v_d = rays
-    high_a, high_d = 0.5 * (u_a * u_a + v_d * v_d), 0.5 * (u_d * u_d + v_a * v_a)
-    linear = np.stack([v_a, -v_a * u_d, v_d * u_a, v_d], axis=-1)
-    # |gradient|^2 by double angles: cos^2 psi = (1 + cos 2 psi) / 2 and so on.
-    double = np.stack([0.5 - high_d, -u_d, high_a - 0.5, u_a], axis=-1)
-    squared = (linear / threshold) @ _parts(hypotheses)
+    x_a, y_a, z_a, x_d, y_d, z_d, noise_a, noise_d = rays
+    linear = np.stack([y_a * z_d, -y_a * x_d, y_d * x_a, y_d * z_a], axis=-1)
+    linear /= (INLIER_DEVIATIONS * noise_d)[..., None]
+    # |F p_a|^2 = y_a^2 + (q0 x_a + q1 z_a)^2 and |F^T p_d|^2 = y_d^2 + (p0 z_d - p1 x_d)^2 by
+    # double angles: cos^2 psi = (1 + cos 2 psi) / 2 and so on. What is along the ray itself is r.
+    ratio = noise_a / noise_d
+    ratio = ratio * ratio
+    half_a, half_d = 0.5 * (x_a * x_a + z_a * z_a), 0.5 * ratio * (x_d * x_d + z_d * z_d)
+    double = np.stack(
+        [ratio * z_d * z_d - half_d, -ratio * x_d * z_d, x_a * x_a - half_a, x_a * z_a], axis=-1
+    )
+    squared = linear @ _parts(hypotheses)
     gradient = double @ _parts(hypotheses * hypotheses)
-    gradient += (high_a + high_d + 1.0)[..., None]
+    gradient += (y_a * y_a + half_a + ratio * (y_d * y_d) + half_d)[..., None]
     squared *= squared
     squared /= np.maximum(gradient, GRADIENT)
     np.clip(squared, 0.0, 1.0, out=squared)  # faster than minimum
-    return np.asarray(squared.sum(axis=-2) / u_a.shape[-1])
+    return np.asarray(squared.sum(axis=-2) / rays.matches)
 
 
 def _parts(phasors: ComplexArray) -> FloatArray:

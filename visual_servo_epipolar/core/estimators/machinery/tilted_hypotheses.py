@@ -7,8 +7,8 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.estimators.machinery.attitude_prior import (
+    JITTER_SHARE,
     levelled,
-    rigid_threshold,
 )
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
     best_modes,
@@ -47,9 +47,7 @@ def is_poor(fits: Fit) -> bool:
     return bool(fits.costs.min() > POOR * worst)
 
 
-def start_parameters(
-    rays: Rays, noise: float, attitude: Attitude, jumps: FloatArray
-) -> FloatArray:
+def start_parameters(rays: Rays, attitude: Attitude, jumps: FloatArray) -> FloatArray:
     """
     Return the best hypotheses of different modes as parameters, shape (K, 6).
 
@@ -59,7 +57,7 @@ def start_parameters(
     grid = np.stack(np.meshgrid(tilts, attitude.jitter * jumps), axis=-1).reshape(-1, 2)
     upright = levelled(rays, grid[:, 0], attitude.roll, tilt_jump=grid[:, 1])
     hypotheses = two_point_hypotheses(upright, PAIRS)
-    costs = scores(hypotheses, upright, float(rigid_threshold(noise, attitude.jitter))).ravel()
+    costs = scores(hypotheses, upright.blurred(JITTER_SHARE * attitude.jitter)).ravel()
     each = hypotheses.shape[-1]
     hypotheses = hypotheses.swapaxes(0, 1).reshape(2, -1)
     best = best_modes(hypotheses, costs, MODES, separation=0.5 * SEPARATION)

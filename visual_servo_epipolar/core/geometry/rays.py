@@ -1,0 +1,56 @@
+"""
+Rays: unit vectors from the camera centre, in its axes: x right, y down, z forward.
+
+Any direction is a ray, a feature behind the camera (z < 0) as well. Image-plane points (x/z, y/z)
+are what a pinhole makes of rays in front of it; only such cameras have them.
+"""
+
+from typing import TypeAlias
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray
+
+SMALLEST = 1e-3  # z that is divided by
+
+
+def normalised(vectors: FloatArray) -> FloatArray:
+    """Return ``vectors``, shape (..., 3), with unit length."""
+    return np.asarray(vectors / np.sqrt((vectors * vectors).sum(axis=-1))[..., None])
+
+
+def unit_rays(points: FloatArray) -> FloatArray:
+    """Return image-plane ``points`` (x/z, y/z), shape (..., N, 2), as rays, shape (..., N, 3)."""
+    return normalised(np.concatenate([points, np.ones((*points.shape[:-1], 1))], axis=-1))
+
+
+def image_points(rays: FloatArray) -> FloatArray:
+    """Return image-plane points (x/z, y/z), shape (..., N, 2), of ``rays`` in front, z > 0."""
+    return np.asarray(rays[..., :2] / rays[..., 2:])
+
+
+Axes: TypeAlias = tuple[tuple[FloatArray, ...], tuple[FloatArray, ...]]  # x, y, z of two vectors
+
+
+def tangents(x: FloatArray, y: FloatArray, z: FloatArray) -> Axes:
+    """
+    Return two unit vectors across each ray (x, y, z) and across each other, by components.
+
+    Continuous but where z changes its sign (Duff et al. 2017, Building an orthonormal basis).
+    """
+    sign = np.copysign(1.0, z)
+    a = -1.0 / (sign + z)
+    b = x * y * a
+    return (1.0 + sign * x * x * a, sign * b, -sign * x), (b, sign + y * y * a, -y)
+
+
+def image_axes(x: FloatArray, y: FloatArray, z: FloatArray) -> Axes:
+    """
+    Return how rays of a pinhole move along u and along v, by components, for equal noise in both.
+
+    They are slopes of the ray by its image-plane point, with an area of one between them: the
+    farther off the axis, the more unequal. Rays are in front, z > 0.
+    """
+    root = np.sqrt(np.maximum(z, SMALLEST))
+    right = (1.0 - x * x) / root, -x * y / root, -x * z / root
+    return right, (-x * y / root, (1.0 - y * y) / root, -y * z / root)
