@@ -81,7 +81,7 @@ def test_features_behind_the_camera_help_as_those_in_front_do(estimator: Estimat
         rng = np.random.default_rng(trial)
         current, desired = (blurred(rays, NOISE, rng) for rays in panorama(POSE, count=26))
         errors.append(worst_error(solve(estimator, current, desired).bearings, TRUE))
-    # Measured: 0.02 deg, a fifth of what as many features in front give.
+    # Measured: 0.02 deg; as many features in front give 0.07 deg.
     assert math.degrees(float(np.median(errors))) < 0.1
 
 

@@ -75,11 +75,11 @@ def change(after: Lens, before: Lens) -> Lens:
     return Lens(log_ratio, after.shift - math.exp(log_ratio) * before.shift)
 
 
-def learnt(lens: Lens, found: Lens) -> Lens:
+def learnt(lens: Lens, estimated: Lens) -> Lens:
     """
     Return what is known of ``lens`` after one pair of views.
 
-    ``found`` is relative to ``lens``, and holds what was known before. Frames share the noise of
+    ``estimated`` is relative to ``lens``, with the prior counted in. Frames share the noise of
     the photograph: many that say little do not add up to one that says much. So a pair counts in
     full only where it alone tells more than is known, and all together tell no more than the best.
     """
@@ -88,11 +88,11 @@ def learnt(lens: Lens, found: Lens) -> Lens:
     # Ratio and shift as two numbers of which (0 +- 1, 0 +- 1) was known before.
     root = lens.root
     inverse = np.linalg.inv(root)
-    left, axes = np.linalg.eigh(_squared(inverse @ found.root))
-    values = axes.T @ inverse @ [found.log_ratio, found.shift]
-    rows = [_learnt(*row) for row in zip(values.tolist(), left.tolist(), strict=True)]
-    taken, variances = np.array(rows).T
-    log_ratio, shift = (root @ axes @ taken).tolist()
+    remaining, axes = np.linalg.eigh(_squared(inverse @ estimated.root))
+    values = axes.T @ inverse @ [estimated.log_ratio, estimated.shift]
+    rows = [_updated(*row) for row in zip(values.tolist(), remaining.tolist(), strict=True)]
+    updates, variances = np.array(rows).T
+    log_ratio, shift = (root @ axes @ updates).tolist()
     covariance = _squared(root @ axes * np.sqrt(variances))
     covariance += np.maximum(LEAST_VARIANCE - covariance, 0.0) * np.eye(2)
     return Lens.of(
@@ -104,15 +104,15 @@ def _squared(root: FloatArray) -> FloatArray:
     return np.asarray(root @ root.T)
 
 
-def _learnt(value: float, left: float) -> tuple[float, float]:
+def _updated(value: float, remaining: float) -> tuple[float, float]:
     """
     Return the part of ``value`` that is taken over, and its variance then.
 
-    It had a mean of 0 and a variance of 1, of which one pair of views has ``left`` some.
+    It had a mean of 0 and a variance of 1; ``remaining`` is the variance after one pair of views.
     """
-    if not 0.0 < left < 1.0:
+    if not 0.0 < remaining < 1.0:
         return 0.0, 1.0
-    alone = left / (1.0 - left)  # the variance of what this pair alone says
+    alone = remaining / (1.0 - remaining)  # the variance of what this pair alone says
     gain = 1.0 / (1.0 + alone * max(1.0, alone / SHY) ** 2)
     return value * gain * (1.0 + alone), max(1.0 - gain, min(alone, 1.0))
 

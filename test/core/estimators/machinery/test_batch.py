@@ -12,7 +12,8 @@ from strategies import CAMERA
 from visual_servo_epipolar.benchmarks.estimation.scenes import Cell, draw_pair, Pair
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior
-from visual_servo_epipolar.core.estimators.registry import EACH, estimates, ESTIMATORS
+from visual_servo_epipolar.core.estimators.registry import EACH, estimate, estimates, ESTIMATORS
+from visual_servo_epipolar.core.geometry.lens import unknown_lens
 from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.perception.batch import perceive_each, RobotView
 from visual_servo_epipolar.core.perception.memory import fresh_memory
@@ -94,6 +95,34 @@ def test_a_view_that_cannot_answer_does_not_silence_the_others(name: str) -> Non
         assert answer.bearings == alone.bearings
         np.testing.assert_array_equal(answer.fundamental, alone.fundamental)
         np.testing.assert_array_equal(answer.inliers, alone.inliers)
+
+
+@pytest.mark.parametrize('focal_deviation', [0.0, 1.0])
+@pytest.mark.parametrize('name', ESTIMATORS)
+def test_one_view_and_many_give_the_same_estimate(name: str, focal_deviation: float) -> None:
+    pairs, off = [pair_of(k) for k in range(4)], math.radians(0.5)
+    # The second prior does not fit, and the third view has none.
+    leaps = [off, 0.8, None, -off]
+    bearings = [
+        None if leap is None else replace(pair.bearings, psi=pair.bearings.psi + leap)
+        for pair, leap in zip(pairs, leaps, strict=True)
+    ]
+    priors = [Prior(bearings=each, lens=unknown_lens(focal_deviation)) for each in bearings]
+    together = estimates(
+        name,
+        np.array([pair.current for pair in pairs]),
+        np.array([pair.desired for pair in pairs]),
+        noise=np.array([pair.noise for pair in pairs]),
+        priors=priors,
+        seeds=[(3, k) for k in range(4)],
+    )
+    for k, (pair, prior) in enumerate(zip(pairs, priors, strict=True)):
+        alone = estimate(
+            name, pair.current, pair.desired, noise=pair.noise, prior=prior, seed=(3, k)
+        )
+        # By text: every digit counts.
+        assert repr(together[k]) == repr(alone)
+        assert (alone.lens_covariance is None) == (not focal_deviation or name != 'soft_planar')
 
 
 @pytest.mark.parametrize('distortion', [(), (-0.2, 0.05, 0.001, -0.001, 0.01)])

@@ -100,11 +100,13 @@ def rays_of(current: FloatArray, desired: FloatArray, noise: FloatArray | float)
     ``noise`` has shape (..., N, 2), of current and desired rays, or (...): one number a pair.
     """
     noise = np.asarray(noise)
-    if noise.ndim < current.ndim:
-        noise = noise[..., None, None]
     parts = np.empty((8, *current.shape[:-1]))
-    parts[:3], parts[3:6] = np.moveaxis(current, -1, 0), np.moveaxis(desired, -1, 0)
-    parts[6:] = np.moveaxis(np.broadcast_to(noise, (*current.shape[:-1], 2)), -1, 0)
+    for axis in range(3):
+        parts[axis], parts[3 + axis] = current[..., axis], desired[..., axis]
+    if noise.ndim < current.ndim:
+        parts[6:] = noise[..., None]
+    else:
+        parts[6], parts[7] = noise[..., 0], noise[..., 1]
     return Rays(*parts)
 
 

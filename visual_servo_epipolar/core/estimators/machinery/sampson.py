@@ -33,19 +33,20 @@ def table_of(
     ``plausible``, (..., N), is a column of zeros: it costs and pulls nothing, and all geometries
     of a stack have as many columns.
     """
-    desired = np.array([(rays.x_d, rays.y_d, rays.z_d), *axes(rays.x_d, rays.y_d, rays.z_d)])
-    current = np.array([(rays.x_a, rays.y_a, rays.z_a), *axes(rays.x_a, rays.y_a, rays.z_a)])
     *leading, count = rays.x_a.shape
-    left, right = np.empty((2, 5, 3, *leading, count))
-    left[0], left[1:3], left[3:] = desired[0] / rays.noise_d, desired[1:], desired[0]
-    right[:3], right[3:] = current[0], current[1:] * (rays.noise_a / rays.noise_d)
+    x, y, z = np.array([[rays.x_a, rays.x_d], [rays.y_a, rays.y_d], [rays.z_a, rays.z_d]])
+    ratio = rays.noise_a / rays.noise_d
+    # A column is the product of the desired ray, or an axis across it, and of the current one.
+    desired, current = np.empty((2, *leading, 3, 5, count))
+    for row, (ray, *across) in enumerate(zip((x, y, z), *axes(x, y, z), strict=True)):
+        desired[..., row, 0, :] = ray[1] / rays.noise_d
+        desired[..., row, 1, :], desired[..., row, 2, :] = across[0][1], across[1][1]
+        desired[..., row, 3:, :] = (ray[1] * ratio)[..., None, :]
+        current[..., row, :3, :] = ray[0][..., None, :]
+        current[..., row, 3, :], current[..., row, 4, :] = across[0][0], across[1][0]
     if plausible is not None and not plausible.all():
-        left *= plausible
-    # From (5, 3, ..., N) to (..., 3, 5, N), then all products of components.
-    left, right = (
-        np.ascontiguousarray(np.moveaxis(factor, (0, 1), (-2, -3))) for factor in (left, right)
-    )
-    table = left[..., :, None, :, :] * right[..., None, :, :, :]
+        desired *= plausible[..., None, None, :]
+    table = desired[..., :, None, :, :] * current[..., None, :, :, :]
     return np.asarray(table.reshape(*leading, 9, 5 * count))
 
 
