@@ -16,7 +16,7 @@ DEMO_ARGS ?= --out $(DEMO_OUT)
 REPRODUCE_OUT ?= reproduce_out
 
 .DEFAULT_GOAL := setup
-.PHONY: setup test test-colcon colcon lint format demo sweep reproduce peers-figure theory-figures calibration-figure bench faults clean help
+.PHONY: setup test test-colcon colcon lint format demo sweep reproduce peers-figure theory-figures calibration-figure data-flow-figure parameters ablation bench faults clean help
 
 setup: $(STAMP) ## make .venv with ROS 2 Jazzy, all tools and this package, editable (default)
 
@@ -63,6 +63,15 @@ theory-figures: $(STAMP) ## the figures of docs/theory.md
 
 calibration-figure: $(STAMP) ## the figure and the tables of docs/calibration.md, minutes
 	@$(BIN)/python docs/calibration_figure.py
+
+ablation: $(STAMP) ## each departure from the paper left out, and each alone; half an hour
+	@$(BIN)/visual_servo bench ablation
+
+parameters: $(STAMP) ## docs/parameters.md from the settings
+	@$(BIN)/python docs/parameters.py
+
+data-flow-figure: $(STAMP) ## the picture of nodes and topics
+	@$(BIN)/python docs/data_flow_figure.py
 
 bench: $(STAMP) ## accuracy and speed beside the peers, minutes; BENCH_ARGS='estimation --quick'
 	@$(PIP) install --constraint constraints.txt --no-build-isolation --editable '.[bench]'

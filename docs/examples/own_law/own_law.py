@@ -1,4 +1,4 @@
-"""A law and an estimator of one's own: what another package brings to visual_servo_epipolar."""
+"""A law of one's own: what another package brings to visual_servo_epipolar."""
 
 from dataclasses import replace
 import math

@@ -1,12 +1,13 @@
 """From matches to a Measurement: what is measured, and what is said when it cannot be."""
 
 from dataclasses import replace
+import math
 
 from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
-from strategies import blurred, CAMERA, floats, matches, poses_behind_the_goal
+from strategies import blurred, CAMERA, floats, matches, panorama, poses_behind_the_goal
 
 from visual_servo_epipolar.core.estimators.registry import ESTIMATORS
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, rotation_desired_current
@@ -213,3 +214,24 @@ def test_features_cannot_be_changed_from_outside() -> None:
     assert features.current[0, 0] == 0.0
     with pytest.raises(ValueError, match='read-only'):
         features.current[0, 0] = 1.0
+
+
+def test_features_all_round_are_perceived_as_those_in_front() -> None:
+    # What a panoramic camera or a pan head sees: most rays point behind.
+    current, desired = panorama(BEHIND, count=60)
+    assert (current[:, 2] < 0.0).sum() > 15
+    measurement = measured(observation(current, desired))
+    true = Bearings.from_pose(BEHIND)
+    assert measurement.bearings is not None
+    assert innovation(measurement.bearings, true) < 1e-3
+    assert measurement.inliers == 60
+    assert measurement.difference < 0.0  # short of the goal
+
+
+def test_rays_behind_have_no_place_in_d() -> None:
+    current, desired = panorama(BEHIND, count=60)
+    front = np.minimum(current[:, 2], desired[:, 2]) > 0.2
+    assert 0 < front.sum() < 60
+    alone = feature_difference(current[front], desired[front])
+    assert feature_difference(current, desired) == pytest.approx(alone)
+    assert math.isnan(feature_difference(-abs(current), -abs(desired)))

@@ -15,9 +15,10 @@ from matplotlib.ticker import MaxNLocator
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.control.law_table import LAWS
 from visual_servo_epipolar.report.style import FIGURE_SETTINGS, INK
 
-# Colours of laws in the order of their appearance; all are of Okabe and Ito's palette.
+# Colours of the laws in the order of their table; all are of Okabe and Ito's palette.
 PALETTE = ('#D55E00', '#E69F00', '#0072B2', '#009E73', '#CC79A7', '#56B4E9')
 BINS_A_DECADE = 8
 QUANTITIES = (  # key, label, unit, beyond that an arrival is wrong
@@ -104,5 +105,7 @@ def _key(documents: Mapping[str, Mapping[str, Any]]) -> list[Patch | Line2D]:
 
 
 def law_colours(laws: Iterable[str]) -> dict[str, str]:
-    """Return a colour for each law, by the order of ``laws``; more than six repeat."""
-    return dict(zip(laws, cycle(PALETTE), strict=False))
+    """Return a colour for each law: those of the table keep theirs, expressions take the rest."""
+    own = dict(zip(LAWS, PALETTE, strict=False))
+    spare = cycle(PALETTE[len(own) :] or PALETTE)
+    return {law: own[law] if law in own else next(spare) for law in laws}

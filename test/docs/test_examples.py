@@ -1,4 +1,4 @@
-"""The example of a law in another package: installed as its reader would, and driven with."""
+"""The examples of other packages: installed as their reader would, and driven with."""
 
 import json
 import os
@@ -11,18 +11,21 @@ from typing import Any
 import pytest
 
 ROOT = Path(__file__).parents[2]
-EXAMPLE = ROOT / 'docs' / 'examples' / 'own_law'
-LONGEST = 30  # lines of the example
+EXAMPLES = sorted((ROOT / 'docs' / 'examples').iterdir())
+LONGEST = 30  # lines of an example
 
 
 @pytest.fixture(scope='module')
 def environment(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
-    """Install the example into a folder, and return an environment that has it."""
-    source, target = tmp_path_factory.mktemp('source'), tmp_path_factory.mktemp('site')
-    shutil.copytree(EXAMPLE, source, dirs_exist_ok=True)
+    """Install the examples into a folder, and return an environment that has them."""
+    target = tmp_path_factory.mktemp('site')
     pip = [sys.executable, '-m', 'pip', '-qq', '--disable-pip-version-check', 'install']
-    options = ['--no-deps', '--no-build-isolation', '--target', str(target), str(source)]
-    subprocess.run([*pip, *options], check=True, timeout=300)
+    options = ['--no-deps', '--no-build-isolation', '--target', str(target)]
+    sources = []
+    for example in EXAMPLES:
+        sources.append(tmp_path_factory.mktemp(example.name))
+        shutil.copytree(example, sources[-1], dirs_exist_ok=True)
+    subprocess.run([*pip, *options, *map(str, sources)], check=True, timeout=300)
     return os.environ | {'PYTHONPATH': os.pathsep.join([str(target), str(ROOT)])}
 
 
@@ -71,6 +74,29 @@ def test_a_node_takes_it(environment: dict[str, str]) -> None:
     assert done.stdout.strip() == 'bounded', done.stderr
 
 
-def test_the_example_is_short() -> None:
-    lines = sum(len(file.read_text().splitlines()) for file in EXAMPLE.glob('*.py'))
+def test_an_estimator_of_ones_own_finds_the_goal(environment: dict[str, str]) -> None:
+    start = ('simulate', '--start', '0.5', '-3', '5')
+    result = run(environment, *start, '--estimator', 'linear_8pt')
+    assert result['outcome'] == 'arrived'
+    assert result['position_error_m'] < 0.02
+    assert result['path_length_m'] != run(environment, *start)['path_length_m']
+
+
+def test_an_estimator_that_nobody_has_is_named(environment: dict[str, str]) -> None:
+    command = ['simulate', '--start', '0', '-3', '0', '--estimator', 'linear_9pt']
+    done = subprocess.run(
+        [sys.executable, '-m', 'visual_servo_epipolar', *command],
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert "soft_planar, linear_8pt, got 'linear_9pt'" in done.stderr
+
+
+@pytest.mark.parametrize('example', EXAMPLES, ids=lambda path: path.name)
+def test_an_example_is_short(example: Path) -> None:
+    lines = sum(len(file.read_text().splitlines()) for file in example.glob('*.py'))
     assert lines <= LONGEST
