@@ -19,7 +19,7 @@ from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo import step as servo_step
 from visual_servo_epipolar.core.servo.interruptions import stop
-from visual_servo_epipolar.core.servo.phases.commands import wanted_twist
+from visual_servo_epipolar.core.servo.phases.commands import nominal_twist
 from visual_servo_epipolar.core.servo.phases.conditions import displacement
 from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -233,7 +233,7 @@ def test_the_displaced_epipole_begins_the_first_step() -> None:
 def test_the_sign_of_the_first_step_is_that_of_the_law(law: str, sign: float) -> None:
     # Concordant behind the goal: sigma is -1, the printed sign is +1.
     state = in_phase(Phase.ZEROING_EPIPOLES, measurement=measurement(desired=0.3), side=1.0)
-    twist = wanted_twist(state, replace(SETTINGS, law=law))
+    twist = nominal_twist(state, replace(SETTINGS, law=law))
     assert twist.linear * sign > 0.0
 
 

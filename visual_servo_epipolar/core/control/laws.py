@@ -126,7 +126,8 @@ def distance_rate(linear: float, e_current: float, *, sigma: float, focal: float
     """
     Return d' = u_1 cos(psi - theta) [m/s] (eq. 18), ``linear`` being u_1 [m/s].
 
-    cos(psi - theta) is sigma f / sqrt(e_au^2 + f^2). Integrated it updates d_hat. With the unsaturated u_1 of (16) this is eq. (13), and eq. (25) for a guessed focal length.
+    cos(psi - theta) is sigma f / sqrt(e_au^2 + f^2). Integrated with the applied u_1 it updates
+    d_hat; with the unsaturated u_1 of (16) it is eq. (13), or eq. (25) of a guessed focal length.
     """
     return linear * sigma * focal / math.hypot(e_current, focal)
 
