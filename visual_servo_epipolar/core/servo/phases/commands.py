@@ -79,7 +79,7 @@ def _first_step(state: ServoState, measurement: Measurement, settings: ServoSett
     bearings, law = measurement.bearings, settings.options
     if bearings is None:
         return STANDSTILL
-    nu = _epipole_rates(bearings, state, measurement, settings)
+    nu = _auxiliary_controls(bearings, state, measurement, settings)
     twist = laws.linearizing_control(
         bearings.epipole_current,
         bearings.epipole_desired,
@@ -93,7 +93,7 @@ def _first_step(state: ServoState, measurement: Measurement, settings: ServoSett
     return saturate(twist, max_linear=max(speed, CREEP), max_angular=math.inf)
 
 
-def _epipole_rates(
+def _auxiliary_controls(
     bearings: Bearings, state: ServoState, measurement: Measurement, settings: ServoSettings
 ) -> tuple[float, float]:
     """Return (nu_1, nu_2) of the law; a discordant turn holds e_au until e_du is latched."""
