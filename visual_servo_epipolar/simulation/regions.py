@@ -108,7 +108,9 @@ def _worth_tracking(photograph: Image, candidates: int) -> FloatArray:
     except TrackingError as error:
         raise InputError(f'the scene cannot be used: {error}') from None
     pixels = view.keypoints.pixels
-    rows = Candidates(view).spread(np.arange(len(pixels)), np.zeros(len(pixels), bool), candidates)
+    rows = Candidates(view).bucketed(
+        np.arange(len(pixels)), np.zeros(len(pixels), bool), candidates
+    )
     return pixels[rows]
 
 

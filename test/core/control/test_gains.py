@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 from strategies import floats, pose_with
 
-from visual_servo_epipolar.core.control import gains, laws
+from visual_servo_epipolar.core.control import gains as rules
+from visual_servo_epipolar.core.control import laws
 from visual_servo_epipolar.core.control.gains import Circumstances, derive, Gains
 from visual_servo_epipolar.core.control.settling import longest_landing
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
@@ -28,33 +29,33 @@ class Outcome:
     duration: float = math.inf  # [s]
 
 
-def sampled(pose: Pose, estimate: float, known: Circumstances, found: Gains) -> Outcome:
+def sampled(pose: Pose, estimate: float, circumstances: Circumstances, gains: Gains) -> Outcome:
     """Drive step 1 as a robot does: one twist a period, limits, latency in whole periods."""
-    dt = 1.0 / known.rate
-    queue = [STANDSTILL] * round(known.latency * known.rate)
+    dt = 1.0 / circumstances.rate
+    queue = [STANDSTILL] * round(circumstances.latency * circumstances.rate)
     first = Bearings.from_pose(pose)
-    side, other = first.epipole_current, first.epipole_desired
+    first_current, first_desired = first.epipole_current, first.epipole_desired
     least = math.inf
-    for i in range(math.ceil(LONGEST * known.rate)):
-        seen = Bearings.from_pose(pose)
-        e_current, e_desired = seen.epipole_current, seen.epipole_desired
-        if abs(math.atan(e_desired)) <= known.landing:
+    for i in range(math.ceil(LONGEST * circumstances.rate)):
+        bearings = Bearings.from_pose(pose)
+        e_current, e_desired = bearings.epipole_current, bearings.epipole_desired
+        if abs(math.atan(e_desired)) <= circumstances.landing:
             return Outcome('landed', least, i * dt)
-        if e_desired * other < 0.0:
+        if e_desired * first_desired < 0.0:
             return Outcome('overshot', least)
         least = min(least, abs(math.atan(e_current)))
-        if e_current * side < 0.0:
+        if e_current * first_current < 0.0:
             return Outcome('singular', least)
         nu = laws.auxiliary_controls(
-            e_current, e_desired, k1=found.k1, k2=found.k2, exponent=found.exponent
+            e_current, e_desired, k1=gains.k1, k2=gains.k2, exponent=gains.exponent
         )
-        wanted = laws.linearizing_control(
-            e_current, e_desired, sigma=seen.sigma, distance=estimate, nu=nu
+        nominal = laws.linearizing_control(
+            e_current, e_desired, sigma=bearings.sigma, distance=estimate, nu=nu
         )
-        limits = {'max_linear': known.max_linear, 'max_angular': known.max_angular}
-        queue.append(saturate(wanted, **limits))
+        limits = {'max_linear': circumstances.max_linear, 'max_angular': circumstances.max_angular}
+        queue.append(saturate(nominal, **limits))
         twist = queue.pop(0)
-        estimate += dt * laws.distance_rate(twist.linear, e_current, sigma=seen.sigma)
+        estimate += dt * laws.distance_rate(twist.linear, e_current, sigma=bearings.sigma)
         pose = integrate(pose, twist, dt)
     return Outcome('slow', least)
 
@@ -74,15 +75,15 @@ def concordant_cases(draw: st.DrawFn) -> tuple[Circumstances, Pose]:
         rate=rate,
         latency=draw(st.integers(0, 2)) / rate,
     )
-    floor = gains.least_bearing(base)
+    floor = rules.least_bearing(base)
     lead = floor + (1.0 - 1.0 / base.ratio) * base.desired
     reserve = base.ratio * math.sin(floor)
     least = min(lead, math.asin(reserve) if reserve < 1.0 else math.inf)
     assume(least < 1.3)
-    known = replace(base, current=draw(floats(1.05 * least, 1.4)))
-    distance = draw(floats(known.nearest, known.farthest))
-    alpha = draw(floats(known.current, 1.45))
-    chi = draw(floats(2.0 * known.landing, known.desired))
+    circumstances = replace(base, current=draw(floats(1.05 * least, 1.4)))
+    distance = draw(floats(circumstances.nearest, circumstances.farthest))
+    alpha = draw(floats(circumstances.current, 1.45))
+    chi = draw(floats(2.0 * circumstances.landing, circumstances.desired))
     side = draw(SIGNS)
     pose = pose_with(
         side * math.tan(alpha),
@@ -91,12 +92,12 @@ def concordant_cases(draw: st.DrawFn) -> tuple[Circumstances, Pose]:
         distance=distance,
         ahead=draw(st.booleans()),
     )
-    return known, pose
+    return circumstances, pose
 
 
 def slow_base() -> tuple[Circumstances, Pose]:
     """Return a start from which the robot backs away by 32 m at 0.125 m/s before e_du lands."""
-    known = Circumstances(
+    circumstances = Circumstances(
         concordant=True,
         current=0.5,
         desired=0.5,
@@ -105,7 +106,9 @@ def slow_base() -> tuple[Circumstances, Pose]:
         max_linear=0.125,
         rate=20.0,
     )
-    return known, Pose(x=3.8354043088336245, y=-7.020660495122981, theta=1.5707963267948966)
+    return circumstances, Pose(
+        x=3.8354043088336245, y=-7.020660495122981, theta=1.5707963267948966
+    )
 
 
 @settings(max_examples=150)
@@ -114,22 +117,22 @@ def slow_base() -> tuple[Circumstances, Pose]:
 def test_concordant_epipoles_under_the_derived_gains_never_meet_the_singularity(
     case: tuple[Circumstances, Pose],
 ) -> None:
-    known, pose = case
-    found = derive(known)
-    longest = longest_landing(known, found)
+    circumstances, pose = case
+    gains = derive(circumstances)
+    longest = longest_landing(circumstances, gains)
     assume(longest <= LONGEST)
-    run = sampled(pose, known.farthest, known, found)
+    run = sampled(pose, circumstances.farthest, circumstances, gains)
     assert run.verdict == 'landed'
     assert run.duration <= longest
-    # The floor itself is that of continuous time; the period has its part of SAMPLES_LEFT.
-    assert run.least >= found.floor * (1.0 - 0.5 / gains.SAMPLES_LEFT)
+    # The floor itself is that of continuous time; the period has its part of FLOOR_PERIODS.
+    assert run.least >= gains.floor * (1.0 - 0.5 / rules.FLOOR_PERIODS)
 
 
 @settings(max_examples=60)
 @given(st.data())
 def test_discordant_epipoles_land_without_passing_zero_or_infinity(data: st.DataObject) -> None:
     current = data.draw(floats(0.15, 0.7))
-    known = Circumstances(
+    circumstances = Circumstances(
         current=current,
         desired=data.draw(floats(0.05, min(0.7, 1.5 - current))),
         nearest=data.draw(floats(1.0, 8.0)),
@@ -137,17 +140,17 @@ def test_discordant_epipoles_land_without_passing_zero_or_infinity(data: st.Data
     )
     side = data.draw(SIGNS)
     pose = pose_with(
-        side * math.tan(known.current),
-        -side * math.tan(known.desired),
+        side * math.tan(circumstances.current),
+        -side * math.tan(circumstances.desired),
         sigma=data.draw(SIGNS),
-        distance=data.draw(floats(known.nearest, known.farthest)),
+        distance=data.draw(floats(circumstances.nearest, circumstances.farthest)),
     )
-    found = derive(known)
-    run = sampled(pose, known.farthest, known, found)
+    gains = derive(circumstances)
+    run = sampled(pose, circumstances.farthest, circumstances, gains)
     assert run.verdict == 'landed'
-    assert run.duration <= longest_landing(known, found)
+    assert run.duration <= longest_landing(circumstances, gains)
     # Sampling: the first-order error of e^(-k1 t) over one period is far below the tenth.
-    assert run.least >= 0.9 * found.floor
+    assert run.least >= 0.9 * gains.floor
 
 
 @pytest.mark.parametrize(
@@ -156,7 +159,7 @@ def test_discordant_epipoles_land_without_passing_zero_or_infinity(data: st.Data
 def test_the_longest_landing_time_is_met_by_the_worst_of_the_starts_on_a_slow_base(
     current: float, desired: float, ratio: float
 ) -> None:
-    known = Circumstances(
+    circumstances = Circumstances(
         concordant=True,
         current=current,
         desired=desired,
@@ -165,73 +168,74 @@ def test_the_longest_landing_time_is_met_by_the_worst_of_the_starts_on_a_slow_ba
         max_angular=10.0,
         rate=60.0,
     )
-    found = derive(known)
+    gains = derive(circumstances)
     durations = []
-    for distance in np.linspace(known.nearest, known.farthest, 5):
+    for distance in np.linspace(circumstances.nearest, circumstances.farthest, 5):
         pose = pose_with(
             math.tan(current), math.tan(desired), sigma=-1.0, distance=float(distance)
         )
-        durations.append(sampled(pose, known.farthest, known, found).duration)
-    longest = longest_landing(known, found)
+        durations.append(sampled(pose, circumstances.farthest, circumstances, gains).duration)
+    longest = longest_landing(circumstances, gains)
     # Turning and driving add up in the bound, and only just overlap in the run.
     assert 0.95 * longest <= max(durations) <= longest
 
 
 def tight() -> tuple[Circumstances, Pose]:
     """Return a concordant start at the edge of its circumstances."""
-    known = Circumstances(
+    circumstances = Circumstances(
         concordant=True, current=0.6, desired=0.4, nearest=4.0, farthest=5.0, max_linear=2.0
     )
     pose = pose_with(math.tan(0.6), math.tan(0.4), sigma=-1.0, distance=5.0)
-    return known, pose
+    return circumstances, pose
 
 
 def test_where_k1_breaks_the_inequality_the_epipole_meets_the_singularity() -> None:
-    known, pose = tight()
-    found = derive(known)
-    assert found.k1 * found.transient == pytest.approx(gains.largest_decay(known))
-    assert sampled(pose, 5.0, known, found).verdict == 'landed'
+    circumstances, pose = tight()
+    gains = derive(circumstances)
+    assert gains.k1 * gains.transient == pytest.approx(rules.largest_decay(circumstances))
+    assert sampled(pose, 5.0, circumstances, gains).verdict == 'landed'
     ends = [
-        sampled(pose, 5.0, known, replace(found, k1=factor * found.k1)) for factor in (1.0, 3.0, 8)
+        sampled(pose, 5.0, circumstances, replace(gains, k1=factor * gains.k1))
+        for factor in (1.0, 3.0, 8)
     ]
     least = [end.least for end in ends]
-    assert least[0] > found.floor
-    assert least[1] < found.floor
+    assert least[0] > gains.floor
+    assert least[1] < gains.floor
     # Then the robot backs away for good: no landing in six minutes.
     assert ends[2].verdict in ('slow', 'singular')
-    assert least[2] < 0.2 * found.floor
+    assert least[2] < 0.2 * gains.floor
 
 
 def test_a_small_k2_breaks_it_just_as_well() -> None:
     # The paper: "for sufficiently small k2". It is the ratio that counts, and the other way.
-    known, pose = tight()
-    found = derive(known)
-    run = sampled(pose, 5.0, known, replace(found, k2=found.k2 / 8.0))
-    assert run.least < 0.2 * found.floor
+    circumstances, pose = tight()
+    gains = derive(circumstances)
+    run = sampled(pose, 5.0, circumstances, replace(gains, k2=gains.k2 / 8.0))
+    assert run.least < 0.2 * gains.floor
 
 
 def test_a_larger_k2_jumps_past_zero() -> None:
-    known = Circumstances(current=0.6, desired=0.5, nearest=2.0)
-    found = derive(known)
+    circumstances = Circumstances(current=0.6, desired=0.5, nearest=2.0)
+    gains = derive(circumstances)
     overshot = 0
     for distance in np.linspace(2.0, 8.0, 13):
         pose = pose_with(math.tan(0.6), -math.tan(0.5), sigma=-1.0, distance=float(distance))
-        assert sampled(pose, 8.0, known, found).verdict == 'landed'
-        faster = replace(found, k2=30.0 * found.k2)
-        overshot += sampled(pose, 8.0, known, faster).verdict == 'overshot'
+        assert sampled(pose, 8.0, circumstances, gains).verdict == 'landed'
+        faster = replace(gains, k2=30.0 * gains.k2)
+        overshot += sampled(pose, 8.0, circumstances, faster).verdict == 'overshot'
     assert overshot > 0
 
 
 @given(floats(0.01, 1.0), floats(1e-4, 5e-3))
 def test_no_other_exponent_is_much_quicker(desired: float, landing: float) -> None:
-    known = Circumstances(current=0.5, desired=desired, landing=landing)
-    beta, gamma = gains.quickest_exponent(known)
+    circumstances = Circumstances(current=0.5, desired=desired, landing=landing)
+    beta, gamma = rules.quickest_exponent(circumstances)
     assert beta % 2 == gamma % 2 == 1
     assert 0 < beta < gamma
 
     def transient(exponent: float) -> float:
-        k2 = gains.landing_gain(known, exponent=exponent)
-        return gains.longest_transient(math.tan(desired), k2=k2, exponent=exponent)
+        k2 = rules.landing_gain(circumstances, exponent=exponent)
+        return rules.longest_transient(math.tan(desired), k2=k2, exponent=exponent)
 
     best = min(transient(float(b)) for b in np.linspace(0.02, 0.98, 97))
     # Odd numbers are not the real optimum, but close.
@@ -240,58 +244,60 @@ def test_no_other_exponent_is_much_quicker(desired: float, landing: float) -> No
 
 def test_the_exponent_of_the_experiment_comes_out_for_its_circumstances() -> None:
     # From 20 deg to a quarter of a degree: 7/9, which the paper took.
-    known = Circumstances(desired=math.radians(20.0), landing=math.radians(0.25))
-    assert gains.quickest_exponent(known) == (7, 9)
+    circumstances = Circumstances(desired=math.radians(20.0), landing=math.radians(0.25))
+    assert rules.quickest_exponent(circumstances) == (7, 9)
 
 
 @given(floats(0.35, 0.7), floats(0.05, 0.7), floats(1.0, 8.0))
 def test_no_run_exceeds_the_largest_ratio(current: float, desired: float, nearest: float) -> None:
-    known = Circumstances(current=current, desired=desired, nearest=nearest, rate=30.0)
-    found = derive(known)
+    circumstances = Circumstances(current=current, desired=desired, nearest=nearest, rate=30.0)
+    gains = derive(circumstances)
     pose = pose_with(math.tan(current), -math.tan(desired), sigma=-1.0, distance=nearest)
-    estimate, dt, ratio = known.farthest, 0.02, known.ratio
+    estimate, dt, ratio = circumstances.farthest, 0.02, circumstances.ratio
     for _ in range(2000):
-        seen = Bearings.from_pose(pose)
-        if abs(math.atan(seen.epipole_desired)) <= known.landing:
+        bearings = Bearings.from_pose(pose)
+        if abs(math.atan(bearings.epipole_desired)) <= circumstances.landing:
             break
         nu = laws.auxiliary_controls(
-            seen.epipole_current,
-            seen.epipole_desired,
-            k1=found.k1,
-            k2=found.k2,
-            exponent=found.exponent,
+            bearings.epipole_current,
+            bearings.epipole_desired,
+            k1=gains.k1,
+            k2=gains.k2,
+            exponent=gains.exponent,
         )
         twist = laws.linearizing_control(
-            seen.epipole_current,
-            seen.epipole_desired,
-            sigma=seen.sigma,
+            bearings.epipole_current,
+            bearings.epipole_desired,
+            sigma=bearings.sigma,
             distance=estimate,
             nu=nu,
         )
-        estimate += dt * laws.distance_rate(twist.linear, seen.epipole_current, sigma=seen.sigma)
+        estimate += dt * laws.distance_rate(
+            twist.linear, bearings.epipole_current, sigma=bearings.sigma
+        )
         pose = integrate(pose, twist, dt)
         ratio = max(ratio, estimate / pose.distance)
-    assert ratio <= gains.largest_ratio(known) * 1.01
+    assert ratio <= rules.largest_ratio(circumstances) * 1.01
 
 
 @given(floats(0.5, 6.0), floats(0.0, 0.3), floats(8.0, 30.0), SIGNS)
 def test_the_second_step_neither_overshoots_nor_brakes_too_hard(
     behind: float, latency: float, rate: float, side: float
 ) -> None:
-    known = Circumstances(latency=latency, rate=rate)
-    k_t = gains.matching_gain(known)
-    dt, depth = 1.0 / rate, known.depth
+    circumstances = Circumstances(latency=latency, rate=rate)
+    k_t = rules.matching_gain(circumstances)
+    dt, depth = 1.0 / rate, circumstances.depth
     y, speed = -behind if side > 0.0 else 0.2 * min(behind, 1.0), 0.0
     queue = [0.0] * round(latency * rate)
-    far, fastest = abs(y), known.max_linear
+    far, fastest = abs(y), circumstances.max_linear
     for i in range(3000):
-        difference = known.spread * ((depth / (depth - y)) ** 2 - 1.0)
-        wanted = laws.match_features(difference, k_t=k_t).linear
-        queue.append(min(max(wanted, -fastest), fastest))
-        before, speed = speed, queue.pop(0)
-        if i > len(queue) + 1 and abs(speed) < abs(before) and y < 0.0:
+        difference = circumstances.spread * ((depth / (depth - y)) ** 2 - 1.0)
+        nominal = laws.match_features(difference, k_t=k_t).linear
+        queue.append(min(max(nominal, -fastest), fastest))
+        last, speed = speed, queue.pop(0)
+        if i > len(queue) + 1 and abs(speed) < abs(last) and y < 0.0:
             # The slope falls with distance, so that the gain is largest at the goal.
-            assert (abs(before) - abs(speed)) / dt <= known.deceleration * 1.05
+            assert (abs(last) - abs(speed)) / dt <= circumstances.deceleration * 1.05
         y += speed * dt
         # From ahead the slope is steeper than the gain allows for: a little past, then.
         assert -far - 1e-9 <= y <= (1e-3 if side > 0.0 else far)
@@ -301,7 +307,7 @@ def test_the_second_step_neither_overshoots_nor_brakes_too_hard(
 def test_a_gain_for_no_delay_overshoots_with_one() -> None:
     quick = Circumstances(rate=30.0, deceleration=20.0)
     late = replace(quick, latency=0.5)
-    assert gains.matching_gain(quick) > 5.0 * gains.matching_gain(late)
+    assert rules.matching_gain(quick) > 5.0 * rules.matching_gain(late)
 
 
 @pytest.mark.parametrize(

@@ -36,39 +36,48 @@ def drive(
     """
 
     def rates(_: float, q: np.ndarray) -> list[float]:
-        seen = Bearings.from_pose(Pose(*q[:3]))
-        twist = control(seen, q[3])
+        bearings = Bearings.from_pose(Pose(*q[:3]))
+        twist = control(bearings, q[3])
         return [
             twist.linear * math.cos(q[2]),
             twist.linear * math.sin(q[2]),
             twist.angular,
-            laws.distance_rate(twist.linear, seen.epipole_current, sigma=seen.sigma, focal=focal),
+            laws.distance_rate(
+                twist.linear, bearings.epipole_current, sigma=bearings.sigma, focal=focal
+            ),
         ]
 
-    def desired_left(_: float, q: np.ndarray) -> float:
+    def desired_residue(_: float, q: np.ndarray) -> float:
         return abs(Bearings.from_pose(Pose(*q[:3])).epipole_desired) - RESIDUE
 
-    desired_left.terminal = True  # type: ignore[attr-defined]
+    desired_residue.terminal = True  # type: ignore[attr-defined]
     start = [pose.x, pose.y, pose.theta, distance]
     times = np.linspace(0.0, duration, 50)
-    found = solve_ivp(
-        rates, (0.0, duration), start, 'DOP853', times, events=desired_left, rtol=1e-10, atol=1e-12
+    solution = solve_ivp(
+        rates,
+        (0.0, duration),
+        start,
+        'DOP853',
+        times,
+        events=desired_residue,
+        rtol=1e-10,
+        atol=1e-12,
     )
-    assert found.success
-    found.seen = [Bearings.from_pose(Pose(*q[:3])) for q in found.y.T]
-    return found
+    assert solution.success
+    solution.bearings = [Bearings.from_pose(Pose(*q[:3])) for q in solution.y.T]
+    return solution
 
 
 def first_step(*, k1: float, k2: float, focal: float = 1.0, finite: bool = False) -> Control:
     """Return (16)-(17), as Control, for epipoles at unit focal length."""
     rule = laws.finite_time_controls if finite else laws.auxiliary_controls
 
-    def control(seen: Bearings, distance: float) -> Twist:
-        e_current, e_desired = seen.epipole_current, seen.epipole_desired
+    def control(bearings: Bearings, distance: float) -> Twist:
+        e_current, e_desired = bearings.epipole_current, bearings.epipole_desired
         return laws.linearizing_control(
             e_current,
             e_desired,
-            sigma=seen.sigma,
+            sigma=bearings.sigma,
             distance=distance,
             nu=rule(e_current, e_desired, k1=k1, k2=k2, exponent=EXPONENT),
             focal=focal,
@@ -85,12 +94,12 @@ def discordant(value: float, like: float) -> float:
 def test_the_rates_are_the_derivatives_of_the_epipoles(pose: Pose, twist: Twist) -> None:
     dt = 1e-6
     before, after = (Bearings.from_pose(integrate(pose, twist, t)) for t in (-dt, dt))
-    seen = Bearings.from_pose(pose)
-    found = laws.epipole_rates(
+    bearings = Bearings.from_pose(pose)
+    epipole_rates = laws.epipole_rates(
         twist,
-        seen.epipole_current,
-        seen.epipole_desired,
-        sigma=seen.sigma,
+        bearings.epipole_current,
+        bearings.epipole_desired,
+        sigma=bearings.sigma,
         distance=pose.distance,
     )
     expected = (
@@ -98,16 +107,16 @@ def test_the_rates_are_the_derivatives_of_the_epipoles(pose: Pose, twist: Twist)
         (after.epipole_desired - before.epipole_desired) / (2.0 * dt),
     )
     # Rounding of a difference over 2e-6 s, of abscissae up to 10.
-    assert found == pytest.approx(expected, rel=1e-6, abs=1e-6)
+    assert epipole_rates == pytest.approx(expected, rel=1e-6, abs=1e-6)
 
 
 @given(regular_poses(), twists())
 def test_the_distance_rate_is_the_derivative_of_the_distance(pose: Pose, twist: Twist) -> None:
     dt = 1e-6
-    seen = Bearings.from_pose(pose)
-    found = laws.distance_rate(twist.linear, seen.epipole_current, sigma=seen.sigma)
+    bearings = Bearings.from_pose(pose)
+    rate = laws.distance_rate(twist.linear, bearings.epipole_current, sigma=bearings.sigma)
     before, after = (integrate(pose, twist, t).distance for t in (-dt, dt))
-    assert found == pytest.approx((after - before) / (2.0 * dt), abs=1e-8)
+    assert rate == pytest.approx((after - before) / (2.0 * dt), abs=1e-8)
 
 
 @given(ABSCISSAE, ABSCISSAE, SIGMAS, DISTANCES, DISTANCES, FOCALS, floats(0.01, 2.0))
@@ -153,9 +162,9 @@ def test_velocities_do_not_depend_on_the_unit_of_the_image(
             unit * e_au, unit * e_du, sigma=sigma, distance=d_hat, nu=nu, focal=unit
         )
 
-    one, other = control(1.0), control(769.0 * scale)
-    assert other.linear == pytest.approx(one.linear, rel=1e-12)
-    assert other.angular == pytest.approx(one.angular, rel=1e-12, abs=1e-14)
+    metric, scaled = control(1.0), control(769.0 * scale)
+    assert scaled.linear == pytest.approx(metric.linear, rel=1e-12)
+    assert scaled.angular == pytest.approx(metric.angular, rel=1e-12, abs=1e-14)
 
 
 @given(ABSCISSAE, ABSCISSAE, SIGMAS, DISTANCES, FOCALS)
@@ -167,8 +176,8 @@ def test_the_update_by_the_applied_speed_is_13_and_25(
     twist = laws.linearizing_control(e_au, e_du, sigma=sigma, distance=d_hat, nu=nu, focal=f)
     power = laws.signed_power(e_du, EXPONENT)
     equation_13 = k2 * f**2 * d_hat * power / (e_au * (e_du**2 + f**2))
-    found = laws.distance_rate(twist.linear, e_au, sigma=sigma, focal=f)
-    assert found == pytest.approx(equation_13, rel=1e-12)
+    rate = laws.distance_rate(twist.linear, e_au, sigma=sigma, focal=f)
+    assert rate == pytest.approx(equation_13, rel=1e-12)
 
 
 @given(ABSCISSAE, ABSCISSAE, SIGMAS, DISTANCES)
@@ -208,12 +217,12 @@ def test_with_the_true_distance_both_epipoles_follow_their_closed_forms(
     run = drive(pose, d, first_step(k1=k1, k2=k2), duration=20.0)
     rest = 1.0 - EXPONENT
     # (15) with d_hat = d: |e|^(1-b) = |e_0|^(1-b) - k2 (1-b) t; (14): an exponential.
-    left = abs(e_du) ** rest - k2 * rest * run.t
-    desired = math.copysign(1.0, e_du) * left ** (1.0 / rest)
-    found = np.array([(seen.epipole_current, seen.epipole_desired) for seen in run.seen])
+    power = abs(e_du) ** rest - k2 * rest * run.t
+    desired = math.copysign(1.0, e_du) * power ** (1.0 / rest)
+    epipoles = np.array([(it.epipole_current, it.epipole_desired) for it in run.bearings])
     # The solver's tolerance, grown along the run.
-    np.testing.assert_allclose(found[:, 0], e_au * np.exp(-k1 * run.t), rtol=1e-5)
-    np.testing.assert_allclose(found[:, 1], desired, atol=1e-7)
+    np.testing.assert_allclose(epipoles[:, 0], e_au * np.exp(-k1 * run.t), rtol=1e-5)
+    np.testing.assert_allclose(epipoles[:, 1], desired, atol=1e-7)
     zeroed = (abs(e_du) ** rest - RESIDUE**rest) / (k2 * rest)
     assert run.t_events[0] == pytest.approx([zeroed], rel=1e-5)
 
@@ -250,14 +259,14 @@ def test_once_the_desired_epipole_is_zero_the_robot_turns_exponentially(
     start = pose_with(e_au, 0.0, sigma=sigma, distance=d)
     pose, dt = start, 1e-3
     for _ in range(500):
-        seen = Bearings.from_pose(pose).epipole_current
-        nu = laws.auxiliary_controls(seen, 0.0, k1=k1, k2=0.5, exponent=EXPONENT)
+        e_current = Bearings.from_pose(pose).epipole_current
+        nu = laws.auxiliary_controls(e_current, 0.0, k1=k1, k2=0.5, exponent=EXPONENT)
         pose = integrate(
-            pose, laws.linearizing_control(seen, 0.0, sigma=sigma, distance=9.0, nu=nu), dt
+            pose, laws.linearizing_control(e_current, 0.0, sigma=sigma, distance=9.0, nu=nu), dt
         )
-    found = Bearings.from_pose(pose).epipole_current
+    e_current = Bearings.from_pose(pose).epipole_current
     # Euler's error: half a step of 1 ms, times the rate, times the curvature of the tangent.
-    assert found == pytest.approx(e_au * math.exp(-k1 * 0.5), rel=2e-3, abs=1e-12)
+    assert e_current == pytest.approx(e_au * math.exp(-k1 * 0.5), rel=2e-3, abs=1e-12)
     assert (pose.x, pose.y) == (start.x, start.y)
 
 
@@ -268,8 +277,8 @@ def test_the_preliminary_turn_leads_the_current_epipole_exponentially_to_its_tar
     pose = pose_with(e_au, e_du, sigma=sigma, distance=2.0)
     dt = 1e-3
     for _ in range(500):
-        seen = Bearings.from_pose(pose).epipole_current
-        pose = integrate(pose, laws.turn_epipole(seen, target, k1=k1), dt)
+        e_current = Bearings.from_pose(pose).epipole_current
+        pose = integrate(pose, laws.turn_epipole(e_current, target, k1=k1), dt)
     expected = target + (e_au - target) * math.exp(-k1 * 0.5)
     after = Bearings.from_pose(pose)
     # Euler's error over 0.5 s in steps of 1 ms, as above.
@@ -286,9 +295,9 @@ def test_with_20_both_epipoles_are_zeroed_in_finite_time(
     k1 = 0.5 * k2 * (e_au / e_du) ** rest  # half of what the paper allows: e_du is first
     pose = pose_with(sign_au * e_au, sign_du * e_du, sigma=sigma, distance=2.0)
     run = drive(pose, 2.0, first_step(k1=k1, k2=k2, finite=True), duration=20.0)
-    left = np.array([abs(seen.epipole_current) ** rest for seen in run.seen])
+    powers = np.array([abs(it.epipole_current) ** rest for it in run.bearings])
     # |e_au|^(1-b) falls in a straight line, which meets zero at a finite time, after e_du's.
-    np.testing.assert_allclose(left, e_au**rest - k1 * rest * run.t, atol=1e-6)
+    np.testing.assert_allclose(powers, e_au**rest - k1 * rest * run.t, atol=1e-6)
     assert run.t_events[0][0] < e_au**rest / (k1 * rest)
 
 
@@ -383,12 +392,14 @@ def test_holding_the_displaced_epipole_is_a_spiral_that_leaves_the_room_asked_fo
     target = laws.displaced_epipole(sign * e_du, ratio=room, low=0.05, high=1.2)
     start = pose_with(target, sign * e_du, sigma=sigma, distance=3.0, ahead=ahead)
 
-    def spiral(seen: Bearings, distance: float) -> Twist:
-        e_au, desired = seen.epipole_current, seen.epipole_desired
+    def spiral(bearings: Bearings, distance: float) -> Twist:
+        e_au, desired = bearings.epipole_current, bearings.epipole_desired
         nu = laws.auxiliary_controls(
             e_au, desired, k1=0.8, k2=0.5, exponent=EXPONENT, e_target=target
         )
-        return laws.linearizing_control(e_au, desired, sigma=seen.sigma, distance=distance, nu=nu)
+        return laws.linearizing_control(
+            e_au, desired, sigma=bearings.sigma, distance=distance, nu=nu
+        )
 
     run = drive(start, 3.0, spiral, duration=20.0)
     alpha = math.atan(abs(target))
@@ -462,12 +473,12 @@ def test_the_turn_to_the_heading_is_proportional_and_against_the_error(
 def test_the_braking_speed_is_just_enough_to_stop_in_time(
     way: float, bearing: float, sign: float, speed: float, deceleration: float
 ) -> None:
-    # The bearing closes in proportion to the way left, by a scale that nobody knows.
+    # The bearing closes in proportion to the remaining distance, by a scale that nobody knows.
     rate = -sign * bearing * speed / way
-    found = laws.braking_speed(sign * bearing, rate, deceleration=deceleration)
+    limit = laws.braking_speed(sign * bearing, rate, deceleration=deceleration)
     # At the speed v itself v^2 / (2 a) = way: the bound on v is 2 a way / v.
-    assert found == pytest.approx(2.0 * deceleration * way / speed)
-    assert (found >= speed * (1.0 - 1e-9)) == (speed**2 / (2.0 * deceleration) <= way * (1 + 1e-9))
+    assert limit == pytest.approx(2.0 * deceleration * way / speed)
+    assert (limit >= speed * (1.0 - 1e-9)) == (speed**2 / (2.0 * deceleration) <= way * (1 + 1e-9))
 
 
 @pytest.mark.parametrize(('bearing', 'rate'), [(0.1, 0.2), (-0.1, -0.2), (0.1, 0.0), (0.0, 0.3)])

@@ -31,8 +31,8 @@ def advance(state: ServoState, measurement: Measurement, settings: ServoSettings
     return step.advance(state, Perception(measurement, MEMORY), settings)
 
 
-def seen(frame: int, current: float, desired: float, **changes: Any) -> Measurement:
-    """Return what is seen from behind the goal in ``frame``, epipoles at these bearings [rad]."""
+def sight(frame: int, current: float, desired: float, **changes: Any) -> Measurement:
+    """Return the measurement of a ``frame`` behind the goal, epipoles at these bearings [rad]."""
     psi = math.atan2(-1.0, -math.tan(desired))
     good = Measurement(
         stamp_ns=round(frame * PERIOD * 1e9),
@@ -56,7 +56,7 @@ def after(
     """Return the state after looking from one place for some ``frames``."""
     state = ServoState()
     for frame in range(frames):
-        state = advance(state, seen(frame, current, desired), settings)
+        state = advance(state, sight(frame, current, desired), settings)
     return state
 
 
@@ -66,14 +66,14 @@ def test_step_1_begins_with_the_gains_of_what_is_seen_then(law: str) -> None:
     state = after(settings, 0.32, -0.3, frames=2)  # where law full displaces e_au to
     assert state.phase is Phase.ZEROING_EPIPOLES
     assert state.gains is not None
-    known = circumstances(state, seen(1, 0.32, -0.3), settings, facing=0.32)
-    assert not known.concordant
-    assert (known.current, known.desired) == pytest.approx((0.32, 0.3))
-    assert known.rate == pytest.approx(1.0 / PERIOD)
-    assert known.landing == settings.latch_engage
-    assert known.deceleration == 2.0 * settings.max_acceleration
-    assert (known.farthest, known.nearest) == (settings.initial_distance, 1.0)
-    assert state.gains.k2 == pytest.approx(derive(known).k2)
+    start = circumstances(state, sight(1, 0.32, -0.3), settings, alpha=0.32)
+    assert not start.concordant
+    assert (start.current, start.desired) == pytest.approx((0.32, 0.3))
+    assert start.rate == pytest.approx(1.0 / PERIOD)
+    assert start.landing == settings.latch_engage
+    assert start.deceleration == 2.0 * settings.max_acceleration
+    assert (start.farthest, start.nearest) == (settings.initial_distance, 1.0)
+    assert state.gains.k2 == pytest.approx(derive(start).k2)
 
 
 def test_given_gains_stay_as_they_are_given() -> None:
@@ -82,32 +82,32 @@ def test_given_gains_stay_as_they_are_given() -> None:
 
 def test_the_first_step_drives_by_the_derived_gains() -> None:
     state = after(replace(DERIVED, max_linear=1.0, max_angular=1.5), 0.35, -0.3, frames=2)
-    found = state.gains
-    assert found is not None
-    wanted = state.distance * math.hypot(math.tan(0.35), 1.0) / (1.0 + math.tan(0.3) ** 2)
-    wanted *= found.k2 * math.tan(0.3) ** found.exponent / math.tan(0.35)  # eq. (16)
-    assert state.twist.linear == pytest.approx(wanted)
+    gains = state.gains
+    assert gains is not None
+    speed = state.distance * math.hypot(math.tan(0.35), 1.0) / (1.0 + math.tan(0.3) ** 2)
+    speed *= gains.k2 * math.tan(0.3) ** gains.exponent / math.tan(0.35)  # eq. (16)
+    assert state.twist.linear == pytest.approx(speed)
     # Discordant from behind, e_du < 0 and e_au > 0: both parts of (17) turn the robot.
-    turn = found.k2 * math.tan(0.3) ** found.exponent * -1.0 / (1.0 + math.tan(0.3) ** 2)
-    turn -= found.k1 * math.tan(0.35) / (1.0 + math.tan(0.35) ** 2)
+    turn = gains.k2 * math.tan(0.3) ** gains.exponent * -1.0 / (1.0 + math.tan(0.3) ** 2)
+    turn -= gains.k1 * math.tan(0.35) / (1.0 + math.tan(0.35) ** 2)
     assert state.twist.angular == pytest.approx(turn)
 
 
 def test_once_latched_only_the_delay_limits_k1() -> None:
     state = after(DERIVED, 0.35, -0.3)
-    found = state.gains
-    assert found is not None
-    landed = advance(state, seen(3, 0.01, 0.0), DERIVED)
+    gains = state.gains
+    assert gains is not None
+    landed = advance(state, sight(3, 0.01, 0.0), DERIVED)
     assert landed.latched
-    assert landed.twist.angular == pytest.approx(-found.k1_alone * 0.01, rel=1e-3)
-    assert found.k1_alone > found.k1
+    assert landed.twist.angular == pytest.approx(-gains.k1_alone * 0.01, rel=1e-3)
+    assert gains.k1_alone > gains.k1
 
 
 def test_law_full_turns_no_faster_than_a_late_image_allows() -> None:
     late = replace(DERIVED, law='full', latency=1.0, turn_gain=5.0, max_angular=0.2)
     state = after(late, 0.32, -0.3, frames=2)
     assert state.gains is not None
-    landed = advance(state, seen(2, 0.01, 0.0), replace(late, max_angular_acceleration=90.0))
+    landed = advance(state, sight(2, 0.01, 0.0), replace(late, max_angular_acceleration=90.0))
     assert landed.latched
     assert landed.twist.angular == pytest.approx(-state.gains.k1_alone * 0.01, rel=1e-3)
     assert state.gains.k1_alone < 0.4
@@ -123,7 +123,7 @@ def test_where_no_gain_is_legal_the_robot_turns_to_the_other_sign_first(side: fl
     assert state.twist.angular * side < 0.0  # a right turn takes the image to the left
     there = state
     for frame in (3, 4):
-        there = advance(there, seen(frame, target, 0.3 * side), DERIVED)
+        there = advance(there, sight(frame, target, 0.3 * side), DERIVED)
     assert there.phase is Phase.ZEROING_EPIPOLES
     assert there.gains is not None
 
@@ -139,8 +139,8 @@ def test_what_turns_illegal_in_the_last_moment_turns_the_robot_after_all() -> No
     turning = after(settings, 0.6, 0.2, frames=1)
     assert turning.phase is Phase.DISPLACING
     assert math.atan(turning.target) == pytest.approx(0.6)
-    moved = replace(turning, target=math.tan(0.2), measurement=seen(0, 0.2, 0.4))
-    state = advance(moved, seen(1, 0.2, 0.4), settings)
+    moved = replace(turning, target=math.tan(0.2), measurement=sight(0, 0.2, 0.4))
+    state = advance(moved, sight(1, 0.2, 0.4), settings)
     assert state.phase is Phase.DISPLACING
     assert state.target < 0.0
     assert 'concordant epipoles need' in state.reason
@@ -156,7 +156,7 @@ def test_where_no_turn_helps_the_run_fails_with_the_reason(law: str) -> None:
 
 
 def test_a_view_that_leaves_no_room_to_turn_is_a_reason() -> None:
-    state = advance(ServoState(), seen(0, 0.1, 0.3, view_margins=(0.01, 0.01)), DERIVED)
+    state = advance(ServoState(), sight(0, 0.1, 0.3, view_margins=(0.01, 0.01)), DERIVED)
     assert state.phase is Phase.FAILED
     assert state.reason == (
         'concordant epipoles need |atan e_au| above 0.469 rad with d_hat_0 / d_0 up to 8, '
@@ -168,14 +168,14 @@ def test_the_second_step_closes_in_at_its_rate_once_the_slope_of_d_is_known() ->
     step_2 = replace(
         after(DERIVED, 0.35, -0.3), phase=Phase.MATCHING_FEATURES, latched=True, settled=0
     )
-    known = step_2.gains
-    assert known is not None
-    plain = advance(step_2, seen(3, 0.0, 0.0, difference=-0.01), DERIVED)
-    assert plain.twist.linear == pytest.approx(0.01 * known.k_t)
+    gains = step_2.gains
+    assert gains is not None
+    plain = advance(step_2, sight(3, 0.0, 0.0, difference=-0.01), DERIVED)
+    assert plain.twist.linear == pytest.approx(0.01 * gains.k_t)
     full = replace(DERIVED, law='full', max_acceleration=20.0)
     sloped = replace(step_2, slope=Slope(0.4, 1e6))
-    closing = advance(sloped, seen(3, 0.0, 0.0, difference=-0.01), full)
-    rate = min(known.rate, full.approach_rate)
+    closing = advance(sloped, sight(3, 0.0, 0.0, difference=-0.01), full)
+    rate = min(gains.rate, full.approach_rate)
     assert closing.twist.linear == pytest.approx(0.01 * rate / 0.4, rel=1e-3)
 
 
@@ -184,7 +184,7 @@ def speed_in_step_2(difference: float, **changes: Any) -> float:
     settings = replace(ServoSettings(max_acceleration=20.0, line_following=False), **changes)
     state = ServoState(phase=Phase.MATCHING_FEATURES, distance=2.0, slope=Slope(0.4, 1e6))
     for frame in range(2):
-        state = advance(state, seen(frame, 0.0, 0.0, difference=difference), settings)
+        state = advance(state, sight(frame, 0.0, 0.0, difference=difference), settings)
     return state.twist.linear
 
 
@@ -209,7 +209,7 @@ def test_a_step_2_without_a_step_1_has_a_derived_k_t_too() -> None:
     start = ServoState(phase=Phase.ORIENTING)
     state = start
     for frame in range(5):
-        near = seen(frame, 0.0, 0.0, bearings=None, parallax=0.005, heading_error=0.0)
+        near = sight(frame, 0.0, 0.0, bearings=None, parallax=0.005, heading_error=0.0)
         state = advance(state, near, settings)
     assert state.phase is Phase.MATCHING_FEATURES
     assert state.gains is not None
@@ -217,11 +217,11 @@ def test_a_step_2_without_a_step_1_has_a_derived_k_t_too() -> None:
 
 
 def anything() -> st.SearchStrategy[Measurement]:
-    """Return whatever may be seen, in any order of stamps."""
+    """Return any measurement, in any order of stamps."""
     return st.builds(
-        lambda frame, found, difference, parallax, margins: replace(
-            seen(frame, 0.0, 0.1),
-            bearings=found,
+        lambda frame, trusted, difference, parallax, margins: replace(
+            sight(frame, 0.0, 0.1),
+            bearings=trusted,
             difference=difference,
             parallax=parallax,
             view_margins=margins,
@@ -235,7 +235,7 @@ def anything() -> st.SearchStrategy[Measurement]:
 
 
 UNDERFLOW = [
-    seen(frame, 0.0, 0.1, bearings=None, difference=difference, parallax=0.0)
+    sight(frame, 0.0, 0.1, bearings=None, difference=difference, parallax=0.0)
     for frame, difference in enumerate([1e-200, 0.0])
 ]
 

@@ -1,4 +1,4 @@
-"""Distance from two bearings and the way between, and what a real base can follow."""
+"""Ranging by two bearings and the path between, ramps, dead bands, line following."""
 
 import math
 
@@ -19,7 +19,7 @@ from visual_servo_epipolar.core.geometry.motion import (
     wrap_angle,
 )
 from visual_servo_epipolar.core.servo.identification import Curvature
-from visual_servo_epipolar.core.servo.phases.commands import straightened
+from visual_servo_epipolar.core.servo.phases.commands import curvature_compensated
 from visual_servo_epipolar.core.servo.ranging import Leg, MIN_TURN
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
@@ -31,18 +31,18 @@ SPEEDS = st.floats(-1.0, 1.0, allow_subnormal=False)
     x=st.floats(-2.0, 2.0),
     y=st.floats(-6.0, -0.5),
     heading=st.floats(-0.8, 0.8),
-    way=st.floats(0.1, 2.0),
+    travel=st.floats(0.1, 2.0),
 )
-def test_two_bearings_and_the_way_between_give_the_distance(
-    x: float, y: float, heading: float, way: float
+def test_two_bearings_and_the_path_between_give_the_distance(
+    x: float, y: float, heading: float, travel: float
 ) -> None:
     start = Pose(x, y, math.pi / 2 + heading)
-    end = integrate(start, Twist(way, 0.0), 1.0)
+    end = integrate(start, Twist(travel, 0.0), 1.0)
     assume(end.distance > 0.05)  # at the goal there are no bearings
     before, after = Bearings.from_pose(start), Bearings.from_pose(end)
     assume(abs(wrap_angle(after.psi - before.psi)) > 1.01 * MIN_TURN)
     assume(abs(wrap_angle(after.psi - before.psi)) < 3.0)
-    leg = Leg(before.psi).extended(before, way)
+    leg = Leg(before.psi).extended(before, travel)
     assert leg.distance(after.psi) == pytest.approx(end.distance, abs=1e-9)
 
 
@@ -51,15 +51,15 @@ def test_a_straight_approach_says_nothing_about_the_distance() -> None:
     assert Leg(bearings.psi).extended(bearings, 1.0).distance(bearings.psi) is None
 
 
-@given(wanted=SPEEDS, before=SPEEDS)
-def test_a_ramp_never_changes_faster_than_allowed(wanted: float, before: float) -> None:
-    found = ramped(Twist(wanted, 0.0), Twist(before, 0.0), 0.1, linear=0.5, angular=1.0).linear
-    limit = 0.1 if abs(wanted) < abs(before) or wanted * before < 0.0 else 0.05
-    assert abs(found - before) <= limit + 1e-12
-    assert min(before, wanted) - 1e-12 <= found <= max(before, wanted) + 1e-12
+@given(nominal=SPEEDS, last=SPEEDS)
+def test_a_ramp_never_changes_faster_than_allowed(nominal: float, last: float) -> None:
+    speed = ramped(Twist(nominal, 0.0), Twist(last, 0.0), 0.1, linear=0.5, angular=1.0).linear
+    limit = 0.1 if abs(nominal) < abs(last) or nominal * last < 0.0 else 0.05
+    assert abs(speed - last) <= limit + 1e-12
+    assert min(last, nominal) - 1e-12 <= speed <= max(last, nominal) + 1e-12
 
 
-def test_a_ramp_arrives_at_what_is_wanted() -> None:
+def test_a_ramp_arrives_at_the_nominal_twist() -> None:
     twist = STANDSTILL
     for _ in range(20):
         twist = ramped(Twist(0.4, -0.5), twist, 0.1, linear=0.25, angular=1.0)
@@ -93,22 +93,24 @@ def test_following_the_line_removes_offset_and_heading_at_either_sign_of_speed(
 
 def test_a_known_curvature_is_steered_against() -> None:
     state = ServoState(curvature=Curvature(0.02))
-    assert straightened(Twist(0.4, 0.1), state, ServoSettings()).angular == pytest.approx(0.092)
-    assert straightened(Twist(0.4, 0.1), state, ServoSettings(law='paper')) == Twist(0.4, 0.1)
+    assert curvature_compensated(Twist(0.4, 0.1), state, ServoSettings()).angular == pytest.approx(
+        0.092
+    )
+    assert curvature_compensated(Twist(0.4, 0.1), state, ServoSettings(law='paper')) == Twist(
+        0.4, 0.1
+    )
 
 
-def test_pulses_have_the_wanted_average() -> None:
-    dead_band_residual, sent = STANDSTILL, []
+def test_pulses_have_the_nominal_average() -> None:
+    residual, twists = STANDSTILL, []
     for _ in range(1000):
-        twist, dead_band_residual = pulsed(
-            Twist(0.003, -0.007), dead_band_residual, linear=0.01, angular=0.01
-        )
-        sent.append(twist)
-    assert {twist.linear for twist in sent} == {0.0, 0.01}
-    assert sum(twist.linear for twist in sent) == pytest.approx(3.0, abs=0.01)
-    assert sum(twist.angular for twist in sent) == pytest.approx(-7.0, abs=0.01)
+        twist, residual = pulsed(Twist(0.003, -0.007), residual, linear=0.01, angular=0.01)
+        twists.append(twist)
+    assert {twist.linear for twist in twists} == {0.0, 0.01}
+    assert sum(twist.linear for twist in twists) == pytest.approx(3.0, abs=0.01)
+    assert sum(twist.angular for twist in twists) == pytest.approx(-7.0, abs=0.01)
 
 
-@pytest.mark.parametrize('wanted', [Twist(0.01, -0.5), STANDSTILL])
-def test_what_the_motors_can_follow_is_left_alone(wanted: Twist) -> None:
-    assert pulsed(wanted, Twist(0.004, 0.004), linear=0.01, angular=0.01) == (wanted, STANDSTILL)
+@pytest.mark.parametrize('nominal', [Twist(0.01, -0.5), STANDSTILL])
+def test_a_twist_that_the_motors_can_follow_is_not_changed(nominal: Twist) -> None:
+    assert pulsed(nominal, Twist(0.004, 0.004), linear=0.01, angular=0.01) == (nominal, STANDSTILL)

@@ -19,13 +19,13 @@ from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo import step as servo_step
 from visual_servo_epipolar.core.servo.interruptions import stop
-from visual_servo_epipolar.core.servo.phases.commands import wanted_twist
+from visual_servo_epipolar.core.servo.phases.commands import nominal_twist
 from visual_servo_epipolar.core.servo.phases.conditions import displacement
 from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 
-# Accelerations as good as unlimited: what the laws ask for is seen at once.
+# Accelerations as good as unlimited: what the laws ask for shows at once.
 SETTINGS = ServoSettings(max_acceleration=20.0, max_angular_acceleration=90.0)
 MEMORY = fresh_memory(SETTINGS)
 QUIET = (Phase.WAITING, Phase.HOLDING, Phase.ARRIVED, Phase.FAILED)
@@ -85,8 +85,8 @@ def after(
 ) -> ServoState:
     """Return the state after ``sights``, from ``state`` or from the beginning."""
     state = state or ServoState()
-    for seen in sights:
-        state = advance(state, seen, settings)
+    for sight in sights:
+        state = advance(state, sight, settings)
     return state
 
 
@@ -142,23 +142,25 @@ INFINITE = measurement(0.1, bearings=Bearings(0.0, 0.3))  # e_du at infinity: co
 @example(in_phase(Phase.DISPLACING), INFINITE, 'corrected', False)
 @example(in_phase(Phase.ZEROING_EPIPOLES), INFINITE, 'full', False)
 def test_no_sight_makes_the_servo_exceed_its_limits_or_raise(
-    state: ServoState, seen: Measurement, law: str, finite_time: bool
+    state: ServoState, sight: Measurement, law: str, finite_time: bool
 ) -> None:
     settings = replace(SETTINGS, law=law, finite_time=finite_time)
-    twist = advance(state, seen, settings).twist  # a Twist is finite, or does not exist
+    twist = advance(state, sight, settings).twist  # a Twist is finite, or does not exist
     assert abs(twist.linear) <= settings.max_linear * (1.0 + 1e-15)
     assert abs(twist.angular) <= settings.max_angular * (1.0 + 1e-15)
 
 
 @given(states(), sights(), LAWS)
-def test_a_quiet_phase_stands_still(state: ServoState, seen: Measurement, law: str) -> None:
-    then = advance(state, seen, replace(SETTINGS, law=law))
+def test_a_quiet_phase_stands_still(state: ServoState, sight: Measurement, law: str) -> None:
+    then = advance(state, sight, replace(SETTINGS, law=law))
     assert then.phase not in QUIET or then.twist == STANDSTILL
 
 
 @given(states(), sights(), LAWS)
-def test_d_hat_never_falls_below_its_floor(state: ServoState, seen: Measurement, law: str) -> None:
-    then = advance(state, seen, replace(SETTINGS, law=law))
+def test_d_hat_never_falls_below_its_floor(
+    state: ServoState, sight: Measurement, law: str
+) -> None:
+    then = advance(state, sight, replace(SETTINGS, law=law))
     assert then.distance >= SETTINGS.min_distance
 
 
@@ -168,9 +170,9 @@ def test_d_hat_starts_at_its_floor_if_told_to_start_below() -> None:
 
 
 @given(states(), st.lists(sights(), min_size=1, max_size=5))
-def test_the_same_sights_give_the_same_state(state: ServoState, seen: list[Measurement]) -> None:
+def test_the_same_sights_give_the_same_state(state: ServoState, frames: list[Measurement]) -> None:
     # By text: nan is not equal to nan.
-    assert repr(after(*seen, state=state)) == repr(after(*seen, state=state))
+    assert repr(after(*frames, state=state)) == repr(after(*frames, state=state))
 
 
 def test_a_step_does_not_change_the_state_it_is_given() -> None:
@@ -183,10 +185,10 @@ def test_a_step_does_not_change_the_state_it_is_given() -> None:
 
 
 def test_a_step_on_features_is_pure() -> None:
-    seen = Observation(0, *matches(Pose(1.0, -3.0, 1.6)), CAMERA.fx)
-    one, other = (step(ServoState(), seen, SETTINGS) for _ in range(2))
-    assert one.phase is Phase.DISPLACING
-    assert repr(one) == repr(other)
+    observation = Observation(0, *matches(Pose(1.0, -3.0, 1.6)), CAMERA.fx)
+    first, second = (step(ServoState(), observation, SETTINGS) for _ in range(2))
+    assert first.phase is Phase.DISPLACING
+    assert repr(first) == repr(second)
 
 
 def test_frames_are_counted() -> None:
@@ -233,27 +235,31 @@ def test_the_displaced_epipole_begins_the_first_step() -> None:
 def test_the_sign_of_the_first_step_is_that_of_the_law(law: str, sign: float) -> None:
     # Concordant behind the goal: sigma is -1, the printed sign is +1.
     state = in_phase(Phase.ZEROING_EPIPOLES, measurement=measurement(desired=0.3), side=1.0)
-    twist = wanted_twist(state, replace(SETTINGS, law=law))
+    twist = nominal_twist(state, replace(SETTINGS, law=law))
     assert twist.linear * sign > 0.0
 
 
 def test_the_first_step_is_the_law_of_the_paper() -> None:
     settings = replace(SETTINGS, law='corrected', max_linear=5.0, max_angular=10.0)
-    seen = measurement(0.1)
-    assert seen.bearings is not None
-    e_au, e_du = seen.bearings.epipole_current, seen.bearings.epipole_desired
+    sight = measurement(0.1)
+    assert sight.bearings is not None
+    e_au, e_du = sight.bearings.epipole_current, sight.bearings.epipole_desired
     nu = laws.auxiliary_controls(
         e_au, e_du, k1=settings.k1, k2=settings.k2, exponent=settings.exponent
     )
-    expected = laws.linearizing_control(e_au, e_du, sigma=seen.bearings.sigma, distance=8.0, nu=nu)
-    assert after(seen, state=in_phase(Phase.ZEROING_EPIPOLES), settings=settings).twist == expected
+    expected = laws.linearizing_control(
+        e_au, e_du, sigma=sight.bearings.sigma, distance=8.0, nu=nu
+    )
+    assert (
+        after(sight, state=in_phase(Phase.ZEROING_EPIPOLES), settings=settings).twist == expected
+    )
 
 
 def test_d_hat_is_updated_by_the_speed_that_was_applied() -> None:
     state = in_phase(Phase.ZEROING_EPIPOLES, command=Command(Twist(0.25, 0.0)))
-    found = after(measurement(0.5), state=state).distance
+    distance = after(measurement(0.5), state=state).distance
     # (18) for half a second towards the goal, 0.2 rad off the baseline.
-    assert found == pytest.approx(8.0 - 0.5 * 0.25 * math.cos(0.2))
+    assert distance == pytest.approx(8.0 - 0.5 * 0.25 * math.cos(0.2))
 
 
 def test_a_long_gap_is_not_integrated_over() -> None:
@@ -277,18 +283,18 @@ def test_the_second_step_drives_forward_behind_the_goal_and_back_ahead_of_it() -
 
 
 def test_features_that_match_for_long_enough_are_an_arrival() -> None:
-    seen = [at_goal(0.1 * k) for k in range(1, SETTINGS.arrival_frames + 1)]
-    before = after(*seen[:-1], state=in_phase(Phase.MATCHING_FEATURES))
+    frames = [at_goal(0.1 * k) for k in range(1, SETTINGS.arrival_frames + 1)]
+    before = after(*frames[:-1], state=in_phase(Phase.MATCHING_FEATURES))
     assert before.phase is Phase.MATCHING_FEATURES
-    state = after(seen[-1], state=before)
+    state = after(frames[-1], state=before)
     assert state.phase is Phase.ARRIVED
     assert state.twist == STANDSTILL
     assert state.ended
 
 
 def test_one_frame_that_does_not_match_starts_the_count_anew() -> None:
-    seen = [at_goal(0.1 * k) for k in range(1, SETTINGS.arrival_frames)]
-    state = after(*seen, measurement(0.5), at_goal(0.6), state=in_phase(Phase.MATCHING_FEATURES))
+    frames = [at_goal(0.1 * k) for k in range(1, SETTINGS.arrival_frames)]
+    state = after(*frames, measurement(0.5), at_goal(0.6), state=in_phase(Phase.MATCHING_FEATURES))
     assert state.phase is Phase.MATCHING_FEATURES
     assert state.settled == 1
 
@@ -298,17 +304,17 @@ def missed(seconds: float) -> Measurement:
 
 
 def test_a_miss_backs_off_for_another_attempt() -> None:
-    seen = [missed(0.1 * k) for k in range(1, SETTINGS.arrival_frames + 1)]
-    state = after(*seen, state=in_phase(Phase.MATCHING_FEATURES))
+    frames = [missed(0.1 * k) for k in range(1, SETTINGS.arrival_frames + 1)]
+    state = after(*frames, state=in_phase(Phase.MATCHING_FEATURES))
     assert state.phase is Phase.RETREATING
     assert state.attempts == 2
     assert state.twist.linear == pytest.approx(-SETTINGS.retreat_speed)
 
 
 def test_a_miss_in_the_last_attempt_is_a_failure() -> None:
-    seen = [missed(0.1 * k) for k in range(1, SETTINGS.arrival_frames + 1)]
+    frames = [missed(0.1 * k) for k in range(1, SETTINGS.arrival_frames + 1)]
     last = in_phase(Phase.MATCHING_FEATURES, attempts=SETTINGS.max_attempts)
-    state = after(*seen, state=last)
+    state = after(*frames, state=last)
     assert state.phase is Phase.FAILED
     assert '20.0 px off' in state.reason
 
@@ -319,8 +325,8 @@ def test_at_the_goal_already_the_robot_does_not_move() -> None:
 
 
 def test_a_pure_rotation_is_turned_back() -> None:
-    seen = replace(at_goal(0.0), feature_error=60.0 / 769.0, heading_error=0.1)
-    state = after(seen)
+    sight = replace(at_goal(0.0), feature_error=60.0 / 769.0, heading_error=0.1)
+    state = after(sight)
     assert state.phase is Phase.ORIENTING
     assert state.twist.linear == 0.0
     assert state.twist.angular < 0.0
@@ -334,11 +340,11 @@ def test_a_pure_rotation_turned_back_is_left_to_the_second_step() -> None:
 
 
 def test_a_goal_reached_under_a_wrong_heading_is_faced_in_place() -> None:
-    seen = [
+    frames = [
         replace(at_goal(0.1 * k), heading_error=0.003)
         for k in range(1, SETTINGS.arrival_frames + 1)
     ]
-    state = after(*seen, state=in_phase(Phase.MATCHING_FEATURES))
+    state = after(*frames, state=in_phase(Phase.MATCHING_FEATURES))
     assert state.phase is Phase.ORIENTING
     assert state.twist.linear == 0.0
     assert state.twist.angular < 0.0
@@ -519,9 +525,9 @@ def test_a_stop_leaves_a_fresh_servo_at_a_standstill(phase: Phase) -> None:
 
 
 @given(sights(), twists())
-def test_an_ended_run_stays_ended(seen: Measurement, twist: Twist) -> None:
+def test_an_ended_run_stays_ended(sight: Measurement, twist: Twist) -> None:
     for phase in (Phase.ARRIVED, Phase.FAILED):
-        state = after(seen, state=in_phase(phase, reason='why', command=Command(twist)))
+        state = after(sight, state=in_phase(phase, reason='why', command=Command(twist)))
         assert (state.phase, state.twist, state.reason) == (phase, STANDSTILL, 'why')
 
 
@@ -529,9 +535,9 @@ def test_a_run_that_flaps_between_phases_ends() -> None:
     settings = replace(SETTINGS, run_timeout=10.0)
     state = ServoState()
     for number in range(300):
-        seen = measurement(0.1 * number)
+        sight = measurement(0.1 * number)
         if number % 2:
-            seen = replace(seen, bearings=None, parallax=0.3, reason='undecided')
-        state = advance(state, seen, settings)
+            sight = replace(sight, bearings=None, parallax=0.3, reason='undecided')
+        state = advance(state, sight, settings)
     assert state.phase is Phase.FAILED
     assert state.reason.startswith('the run took longer than 10 s')

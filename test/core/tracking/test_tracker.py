@@ -34,9 +34,9 @@ def approach(world: CameraSimulator) -> list[tuple[Pose, np.ndarray]]:
 
 
 def tracker(world: CameraSimulator, **changes) -> Tracker:
-    found = Tracker(replace(SETTINGS, **changes))
-    found.set_desired(world.photograph())
-    return found
+    new = Tracker(replace(SETTINGS, **changes))
+    new.set_desired(world.photograph())
+    return new
 
 
 def errors(world: CameraSimulator, features, pose: Pose) -> np.ndarray:
@@ -63,66 +63,68 @@ def test_features_are_spread_over_the_image(world: CameraSimulator) -> None:
 
 
 def test_tracking_does_not_drift_on_the_way_to_the_goal(world, approach) -> None:
-    found = tracker(world)
+    tracking = tracker(world)
     for pose, image in approach:
-        features = found.track(image)
+        features = tracking.track(image)
         assert np.nanmedian(errors(world, features, pose)) < 0.15  # half the resolution
     assert len(features) >= 26
     assert np.median(errors(world, features, pose)) < 0.06
 
 
 def test_an_identity_never_changes_its_meaning(world, approach) -> None:
-    found, meaning = tracker(world), {}
+    tracking, meaning = tracker(world), {}
     for _, image in approach[:20]:
-        features = found.track(image)
-        for key, place in zip(features.ids, features.desired, strict=True):
-            assert meaning.setdefault(int(key), tuple(place)) == tuple(place)
+        features = tracking.track(image)
+        for key, pixel in zip(features.ids, features.desired, strict=True):
+            assert meaning.setdefault(int(key), tuple(pixel)) == tuple(pixel)
 
 
 def test_ages_count_frames_since_detection(world, approach) -> None:
-    found = tracker(world)
+    tracking = tracker(world)
     for _, image in approach[:4]:
-        features = found.track(image)
+        features = tracking.track(image)
     assert features.ages.max() == 3
 
 
 def test_a_sudden_change_of_light_is_survived(world, approach) -> None:
-    found = tracker(world)
+    tracking = tracker(world)
     for number, (pose, image) in enumerate(approach[:16]):  # noqa: B007
         dimmed = (image * 0.7).astype(np.uint8) if number >= 8 else image
-        features = found.track(dimmed)
+        features = tracking.track(dimmed)
         assert len(features) >= 26
     assert np.nanmedian(errors(world, features, pose)) < 0.2
 
 
-def test_what_was_hidden_is_found_again(world, approach) -> None:
-    found = tracker(world, min_features=1)
+def test_hidden_features_are_reacquired(world, approach) -> None:
+    tracking = tracker(world, min_features=1)
     for number, (_, image) in enumerate(approach[:24]):
         hidden = image.copy()
         if 6 <= number < 12:
             hidden[:, 320:] = 90
-        features = found.track(hidden)
+        features = tracking.track(hidden)
         if number == 11:
             assert not (features.current[:, 0] > 320).any()
     assert (features.current[:, 0] > 320).sum() >= 5
-    assert found.matchings == 1  # by looking where they went, not by matching all anew
+    assert (
+        tracking.matchings == 1
+    )  # by prediction and search, not by matching the whole image anew
 
 
 def test_a_view_of_nothing_loses_everything_and_says_so(world, approach) -> None:
-    found = tracker(world)
-    found.track(approach[0][1])
+    tracking = tracker(world)
+    tracking.track(approach[0][1])
     for _ in range(12):
-        features = found.track(np.full((480, 640), 90, np.uint8))
+        features = tracking.track(np.full((480, 640), 90, np.uint8))
     assert len(features) == 0
-    assert 'not seen' in found.reason
+    assert 'not seen' in tracking.reason
 
 
 def test_tracking_resumes_after_a_view_of_nothing(world, approach) -> None:
-    found = tracker(world)
-    found.track(approach[0][1])
-    found.track(np.full((480, 640), 90, np.uint8))
+    tracking = tracker(world)
+    tracking.track(approach[0][1])
+    tracking.track(np.full((480, 640), 90, np.uint8))
     for _, image in approach[1:16]:
-        features = found.track(image)
+        features = tracking.track(image)
     assert len(features) >= 26
 
 
@@ -133,9 +135,9 @@ def test_the_same_images_give_the_same_features(world, approach) -> None:
 
 
 def test_without_anchoring_features_are_checked_backward(world, approach) -> None:
-    found = tracker(world, anchor_period=0)
+    tracking = tracker(world, anchor_period=0)
     for pose, image in approach[:10]:  # noqa: B007
-        features = found.track(image)
+        features = tracking.track(image)
     assert np.nanmedian(errors(world, features, pose)) < 1.0
 
 

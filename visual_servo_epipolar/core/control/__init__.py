@@ -1,1 +1,1 @@
-"""The laws of the paper as pure functions, the table of laws, and gains."""
+"""Control: the laws of the paper as pure functions, the table of laws, gains, settling time."""

@@ -1,4 +1,4 @@
-"""What the servo commands: today a twist; a pan head or a steering angle would join it here."""
+"""Command: what the servo asks of the base; a pan head or a steering angle would join it here."""
 
 from dataclasses import dataclass
 
@@ -7,7 +7,7 @@ from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """One command to the robot: the ``twist`` of its base."""
+    """Command of one control step: the ``twist`` of the base [m/s, rad/s]."""
 
     twist: Twist = STANDSTILL
 

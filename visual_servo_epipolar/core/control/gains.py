@@ -1,8 +1,8 @@
 """
-Gains that need no luck: section IV-C turned into code, from what is known before the robot moves.
+Gains of both steps, derived from section IV-C by what is known before the robot moves.
 
-The law works in continuous time for any gains (``theory.least_sine``); what limits them is that it
-is sampled, late and bounded. Saturation by one common factor costs time and leaves the path, so
+In continuous time the law works for any gains (``theory.least_sine``); sampling, delay and limits
+of speed are what bounds them. Saturation by one common factor costs time and leaves the path, so
 that limits of speed enter only where a command is held for one period. docs/theory.md has the
 reasons, test/core/control/test_gains.py the runs.
 """
@@ -12,14 +12,14 @@ import math
 
 from visual_servo_epipolar.core.settings import setting, Settings
 
-UNHURRIED = 1.0 / math.e  # gain times delay of an integrator that does not overshoot
-SAMPLES_LEFT = 2.0  # turns of one period that e_au keeps from zero
-DECAY = 1.0  # k1 t_max of discordant epipoles: e_au keeps 1/e of where it began
+CRITICAL_GAIN_DELAY = 1.0 / math.e  # gain times delay at which an integrator is critically damped
+FLOOR_PERIODS = 2.0  # turns of one period that e_au keeps from zero
+DISCORDANT_DECAY = 1.0  # k1 t_max of discordant epipoles: e_au keeps 1/e of where it began
 
 
 @dataclass(frozen=True, kw_only=True)
 class Circumstances(Settings):
-    """What is known when step 1 begins; bearings are magnitudes, of abscissae at f = 1."""
+    """Circumstances of a start of step 1; bearings are |atan e|, e at unit focal length."""
 
     concordant: bool = setting(False, 'Whether the epipoles have the same sign')
     current: float = setting(0.35, 'Bearing |atan e_au| at least [rad]', low=0.001, high=1.57)
@@ -55,23 +55,25 @@ class Circumstances(Settings):
 
     @property
     def period(self) -> float:
-        """Time for which what was seen determines what is done [s]."""
+        """Time from an image to the end of the command that it causes [s]."""
         return 1.0 / self.rate + self.latency
 
     @property
     def ratio(self) -> float:
-        """Largest d_hat_0 / d_0."""
+        """Largest ratio d_hat_0 / d_0 of the first estimate to the distance."""
         return self.farthest / self.nearest
 
 
 @dataclass(frozen=True, slots=True)
 class Gains:
     """
-    Gains of (12), (21) at unit focal length, beta / gamma, and what can be promised of them.
+    Gains of eqs. (12) and (21) at unit focal length, with the bounds that hold for them.
 
-    ``k1_alone`` [1/s] may replace ``k1`` once e_du is zero, or where e_au is held; ``transient``
-    is the longest time to zero e_du [s] at speeds without limit; ``floor`` the bearing of e_au
-    [rad] that is kept until then. ``rate`` [1/s] is that of step 2, which k_t has at the goal.
+    Step 1, eq. (12): ``k1`` [1/s], ``k2`` [1/s], and ``beta``, ``gamma``, odd, of the exponent
+    beta / gamma. ``k1_alone`` [1/s] may replace k1 once e_du is zero, or where e_au is held.
+    Step 2, eq. (21): ``k_t`` [m/s], and ``rate`` [1/s], at which k_t closes in at the goal.
+    Bounds: ``transient`` [s], the longest time to zero e_du at speeds without limit, and
+    ``floor`` [rad], the bearing that e_au keeps until then.
     """
 
     k1: float
@@ -90,35 +92,36 @@ class Gains:
         return self.beta / self.gamma
 
 
-def derive(known: Circumstances) -> Gains:
+def derive(circumstances: Circumstances) -> Gains:
     """
-    Return the gains for ``known`` (section IV-C).
+    Return the gains for the ``circumstances`` of a start (section IV-C).
 
     Raises
     ------
     ValueError
-        If concordant epipoles begin too close to the singularity for any gain.
+        If concordant epipoles begin too close to the singularity for any gain, or one period is
+        too long for the limits of speed.
 
     """
-    beta, gamma = quickest_exponent(known)
+    beta, gamma = quickest_exponent(circumstances)
     exponent = beta / gamma
-    k2 = landing_gain(known, exponent=exponent)
-    transient = longest_transient(math.tan(known.desired), k2=k2, exponent=exponent)
-    alone = UNHURRIED / known.period
-    decay = largest_decay(known)
-    floor = least_bearing(known)
-    if not known.concordant:
-        floor = math.atan(math.tan(known.current) * math.exp(-decay))
+    k2 = landing_gain(circumstances, exponent=exponent)
+    transient = longest_transient(math.tan(circumstances.desired), k2=k2, exponent=exponent)
+    k1_alone = CRITICAL_GAIN_DELAY / circumstances.period
+    decay = largest_decay(circumstances)
+    floor = least_bearing(circumstances)
+    if not circumstances.concordant:
+        floor = math.atan(math.tan(circumstances.current) * math.exp(-decay))
     return Gains(
-        k1=min(decay / transient, alone),
+        k1=min(decay / transient, k1_alone),
         k2=k2,
         beta=beta,
         gamma=gamma,
-        k_t=matching_gain(known),
-        k1_alone=alone,
+        k_t=matching_gain(circumstances),
+        k1_alone=k1_alone,
         transient=transient,
         floor=floor,
-        rate=closing_rate(known),
+        rate=closing_rate(circumstances),
     )
 
 
@@ -128,63 +131,69 @@ def longest_transient(
     """
     Return t_max [s], by which e_du is zero (section IV-C 1): that of d_hat = d, the slowest.
 
-    ``shrink`` is f_hat / f, 1 for a calibrated camera. With a guess d_hat / d may fall to
-    f_hat / f while the robot backs away, and (27) to the third power of it.
+    With b the exponent, t_max = |e_du(0)|^(1 - b) / (k2 (1 - b)). ``e_desired`` is e_du(0) at unit
+    focal length, ``k2`` in 1/s. ``shrink`` is f_hat / f, 1 for a calibrated camera: with a guess
+    d_hat / d may fall to f_hat / f while the robot backs away, and (27) to its third power.
     """
-    rest = 1.0 - exponent
-    return float(abs(e_desired) ** rest / (k2 * rest * shrink**3))
+    complement = 1.0 - exponent
+    return float(abs(e_desired) ** complement / (k2 * complement * shrink**3))
 
 
-def quickest_exponent(known: Circumstances) -> tuple[int, int]:
+def quickest_exponent(circumstances: Circumstances) -> tuple[int, int]:
     """
-    Return beta, gamma that zero e_du soonest, as sampling allows (section IV-C 1, revised).
+    Return the odd beta, gamma that zero e_du soonest under sampling (section IV-C 1, revised).
 
     With k2 of ``landing_gain``, t_max is (e_0 / e_landing)^(1 - b) / (1 - b) periods: least where
     1 - b = 1 / ln(e_0 / e_landing). The paper has b near 0 to bound the increment of d, which
     does not depend on b (``theory.largest_growth``).
     """
-    span = math.log(math.tan(known.desired) / math.tan(known.landing))
-    gamma = max(3, 2 * round((2.0 * span - 1.0) / 2.0) + 1)  # odd, and 1 - b = 2 / gamma
+    log_span = math.log(math.tan(circumstances.desired) / math.tan(circumstances.landing))
+    gamma = max(3, 2 * round((2.0 * log_span - 1.0) / 2.0) + 1)  # odd, and 1 - b = 2 / gamma
     return gamma - 2, gamma
 
 
-def largest_ratio(known: Circumstances) -> float:
+def largest_ratio(circumstances: Circumstances) -> float:
     """
-    Return a bound of d_hat / d in step 1 (from eqs. 17 and 19).
+    Return an upper bound of d_hat / d in step 1 (from eqs. 17 and 19).
 
     It falls while concordant epipoles move apart from the goal. For discordant ones it is
     |sin alpha| over the reserve, where alpha grows to |alpha_0| + |chi_0| at most.
     """
-    if known.concordant:
-        return known.ratio
-    gained = math.sin(known.current + known.desired) / math.sin(known.current)
-    return known.ratio * math.exp(DECAY) * gained
+    if circumstances.concordant:
+        return circumstances.ratio
+    alpha, chi = circumstances.current, circumstances.desired
+    sine_growth = math.sin(alpha + chi) / math.sin(alpha)
+    return circumstances.ratio * math.exp(DISCORDANT_DECAY) * sine_growth
 
 
-def landing_gain(known: Circumstances, *, exponent: float) -> float:
-    """Return k2: in one period (15) takes e_du to zero from the landing at most, never past it."""
-    landing = math.tan(known.landing)
-    return float(landing ** (1.0 - exponent) / (largest_ratio(known) * known.period))
+def landing_gain(circumstances: Circumstances, *, exponent: float) -> float:
+    """Return k2 [1/s]: in one period (15) takes e_du from the landing to zero, never past it."""
+    landing = math.tan(circumstances.landing)
+    ratio = largest_ratio(circumstances)
+    return float(landing ** (1.0 - exponent) / (ratio * circumstances.period))
 
 
-def least_bearing(known: Circumstances) -> float:
+def least_bearing(circumstances: Circumstances) -> float:
     """
-    Return what |atan e_au| [rad] must keep, lest a command held for one period carry it past zero.
+    Return the floor alpha_m of |atan e_au| [rad]: twice the turn of e_au in one period T.
 
-    It turns by u_2 and by u_1 sin(alpha) / d: twice what the limits allow.
+    By u_2 and by u_1 sin(alpha) / d: alpha_m = 2 w_max T / (1 - v_max T / d). A command held for
+    one period then never carries e_au past zero.
     """
-    way = known.max_linear * known.period / known.nearest
-    turn = SAMPLES_LEFT * known.max_angular * known.period
-    if way >= 0.5 or turn / (1.0 - way) >= 0.5 * math.pi:
+    period, distance = circumstances.period, circumstances.nearest
+    linear, angular = circumstances.max_linear, circumstances.max_angular
+    approach = linear * period / distance
+    turn = FLOOR_PERIODS * angular * period
+    if approach >= 0.5 or turn / (1.0 - approach) >= 0.5 * math.pi:
         raise ValueError(
-            f'one period must be short for the limits, got {known.period:g} s at '
-            f'{known.max_linear:g} m/s and {known.max_angular:g} rad/s from {known.nearest:g} m; '
+            f'one period must be short for the limits, got {period:g} s at '
+            f'{linear:g} m/s and {angular:g} rad/s from {distance:g} m; '
             'lower max_linear or max_angular, or raise rate or nearest'
         )
-    return turn / (1.0 - way)
+    return turn / (1.0 - approach)
 
 
-def largest_decay(known: Circumstances) -> float:
+def largest_decay(circumstances: Circumstances) -> float:
     """
     Return the bound of k1 t_max in step 1: the inequality of section IV-C 2 for concordant signs.
 
@@ -194,7 +203,7 @@ def largest_decay(known: Circumstances) -> float:
         ln(|alpha_0| / (alpha_m + (1 - 1/r_0) |chi_0|))    from (14) and (15) for any r_0;
 
     so k1 must be small *against* k2, and k2 large, not small. Discordant epipoles are pushed
-    outwards and need no bound; DECAY keeps the robot from coming too near the goal.
+    outwards and need no bound; DISCORDANT_DECAY keeps the robot from coming too near the goal.
 
     Raises
     ------
@@ -202,35 +211,37 @@ def largest_decay(known: Circumstances) -> float:
         If both are negative: no gain is legal.
 
     """
-    if not known.concordant:
-        return DECAY
-    floor = least_bearing(known)
-    by_reserve = known.ratio * math.sin(floor)
-    by_lead = floor + (1.0 - 1.0 / known.ratio) * known.desired
-    decay = max(math.log(math.sin(known.current) / by_reserve), math.log(known.current / by_lead))
+    if not circumstances.concordant:
+        return DISCORDANT_DECAY
+    alpha, ratio = circumstances.current, circumstances.ratio
+    floor = least_bearing(circumstances)
+    by_reserve = ratio * math.sin(floor)
+    by_lead = floor + (1.0 - 1.0 / ratio) * circumstances.desired
+    decay = max(math.log(math.sin(alpha) / by_reserve), math.log(alpha / by_lead))
     if decay <= 0.0:
         least = min(by_lead, math.asin(by_reserve) if by_reserve < 1.0 else math.inf)
         raise ValueError(
             f'concordant epipoles need |atan e_au| above {least:.3g} rad with d_hat_0 / d_0 up to '
-            f'{known.ratio:.3g}, got {known.current:.3g}; turn first, best to the other sign'
+            f'{ratio:.3g}, got {alpha:.3g}; turn first, best to the other sign'
         )
     return decay
 
 
-def closing_rate(known: Circumstances) -> float:
+def closing_rate(circumstances: Circumstances) -> float:
     """
-    Return the rate of step 2 [1/s]: no overshoot by delay, no more braking than the base can do.
+    Return the rate of step 2 [1/s]: critically damped under the delay, and within the brakes.
 
-    At max_linear it asks for the deceleration rate * max_linear.
+    At the speed max_linear a rate asks for the deceleration rate * max_linear.
     """
-    return min(UNHURRIED / known.period, known.deceleration / known.max_linear)
+    damped = CRITICAL_GAIN_DELAY / circumstances.period
+    return min(damped, circumstances.deceleration / circumstances.max_linear)
 
 
-def matching_gain(known: Circumstances) -> float:
+def matching_gain(circumstances: Circumstances) -> float:
     """
-    Return k_t of (21) for D in rays, from the depth of the scene.
+    Return k_t of (21) [m/s], D at unit focal length, from the depth Z of the scene [m].
 
-    Near the goal (23) is D = -2 mean|p_d|^2 / Z d~ at most, so that k_t 2 mean|p_d|^2 / Z is the
-    rate.
+    Near the goal (23) is D = -(2 mean|p_d|^2 / Z) d~ at most, d~ the signed distance [m], so that
+    the rate of step 2 is k_t 2 mean|p_d|^2 / Z.
     """
-    return closing_rate(known) * known.depth / (2.0 * known.spread)
+    return closing_rate(circumstances) * circumstances.depth / (2.0 * circumstances.spread)

@@ -1,5 +1,5 @@
 """
-A law is data: which departures from the paper it takes, and the controls of its two steps.
+Law table: a law is the departures from the paper that it takes, and the controls of its steps.
 
 ``LAWS`` is the only place that knows the names. A law is chosen by an expression: a name, then
 departures to add or to leave out, such as ``full-retreat`` or ``paper+true_sigma+speed_ramps``.
@@ -20,7 +20,7 @@ MatchingControl: TypeAlias = Callable[..., Twist]
 
 
 def departure(text: str) -> bool:
-    """Declare a field that says whether a law departs from the paper; the paper does not."""
+    """Declare a departure: a field, False in the paper, that ``text`` describes."""
     value: bool = field(default=False, metadata={'departure': text})
     return value
 
@@ -28,7 +28,7 @@ def departure(text: str) -> bool:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LawOptions:
     """
-    One law of the servo: departures from the paper, each True or False, and its controls.
+    Law of the servo: its departures from the paper, each True or False, and its controls.
 
     ``epipole_controls`` takes the place of eq. (12) or (20), with the signature of
     ``laws.auxiliary_controls``; ``matching_control`` that of eqs. (21)-(22), with the signature
@@ -109,12 +109,12 @@ def law_options(expression: str) -> LawOptions:
 
 
 def epipole_controls(law: LawOptions, *, finite_time: bool) -> EpipoleControls:
-    """Return what gives (nu_1, nu_2) under ``law``: eq. (12), eq. (20), or its own."""
+    """Return the function that gives (nu_1, nu_2): eq. (12), eq. (20), or the law's own."""
     if law.epipole_controls is not None:
         return law.epipole_controls
     return laws.finite_time_controls if finite_time else laws.auxiliary_controls
 
 
 def matching_control(law: LawOptions) -> MatchingControl:
-    """Return what gives the twist of step 2 under ``law``: eqs. (21)-(22), or its own."""
+    """Return the function that gives the twist of step 2: eqs. (21)-(22), or the law's own."""
     return law.matching_control or laws.match_features

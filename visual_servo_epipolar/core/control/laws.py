@@ -1,10 +1,11 @@
 """
-The control laws of the paper, one pure function each, in the paper's order.
+Control laws of the paper and of its departures, one pure function each, in the paper's order.
 
 Epipole abscissae ``e_current`` (e_au) and ``e_desired`` (e_du) and ``focal`` share one unit, which
-may be metres, pixels, or one focal length (focal = 1, as the servo has it). An unknown focal
-length (section VI, eq. 24) is the same law with the guess f_hat <= f passed as ``focal``.
-Velocities come out unlimited: ``motion.saturate`` is a function of its own.
+may be metres, pixels, or one focal length (focal = 1, as the servo has it). For an unknown focal
+length (section VI, eq. 24) pass the guess f_hat <= f as ``focal``. Gains k1 are in 1/s, k2 in 1/s
+times that unit to the power 1 - beta/gamma. Twists are in m/s and rad/s, left positive, and
+unlimited: ``motion.saturate`` is a function of its own.
 """
 
 import math
@@ -26,23 +27,33 @@ def auxiliary_controls(
     exponent: float,
     e_target: float = 0.0,
 ) -> tuple[float, float]:
-    """Return (nu_1, nu_2) of eq. (12); ``e_target`` holds e_au away from zero meanwhile."""
+    """
+    Return (nu_1, nu_2) of eq. (12), the rates asked of the two epipoles, in their unit per second.
+
+    nu_1 = -k1 (e_au - e_target), nu_2 = -k2 e_du^(beta/gamma); the paper has ``e_target`` = 0,
+    another one holds e_au away from the singularity.
+    """
     return -k1 * (e_current - e_target), -k2 * signed_power(e_desired, exponent)
 
 
 def finite_time_controls(
     e_current: float, e_desired: float, *, k1: float, k2: float, exponent: float
 ) -> tuple[float, float]:
-    """Return (nu_1, nu_2) of eq. (20), which zeroes both epipoles in finite time."""
+    """
+    Return (nu_1, nu_2) of eq. (20), the rates that zero both epipoles in finite time.
+
+    nu_1 = -k1 e_au^(beta/gamma), nu_2 = -k2 e_du^(beta/gamma), in the epipoles' unit per second;
+    k1 as k2 is in 1/s times that unit to the power 1 - beta/gamma.
+    """
     return -k1 * signed_power(e_current, exponent), -k2 * signed_power(e_desired, exponent)
 
 
 def printed_sigma(e_current: float, e_desired: float) -> float:
     """
-    Return sign(e_au e_du), as the paper prints it in (9), (10), (16), (24).
+    Return sign(e_au e_du), which the paper prints for sigma in (9), (10), (16), (24).
 
-    It stands there for sigma = sign cos(psi - theta), but differs from it in nearly every pose
-    behind the goal that looks at the scene. Drive with ``Bearings.sigma``.
+    It differs from sigma = sign cos(psi - theta) in nearly every pose behind the goal that looks
+    at the scene. Drive with ``Bearings.sigma``.
     """
     return math.copysign(1.0, e_current * e_desired)
 
@@ -67,8 +78,8 @@ def linearizing_control(
         Sign of cos(psi - theta).
     distance : float
         Estimate d_hat of the distance to the goal [m].
-    nu : tuple
-        Auxiliary controls (nu_1, nu_2): wanted rates of the two epipoles.
+    nu : (float, float)
+        Auxiliary controls (nu_1, nu_2): rates asked of e_au and e_du, in their unit per second.
     focal : float
         Focal length, or its guess (eq. 24), in the unit of the epipoles.
 
@@ -94,26 +105,40 @@ def epipole_rates(
     distance: float,
     focal: float = 1.0,
 ) -> tuple[float, float]:
-    """Return the rates of e_au and e_du under ``twist`` (eqs. 9 and 10, with sigma corrected)."""
-    root = math.sqrt(e_current * e_current + focal * focal)
-    pull = twist.linear * sigma / distance * e_current / focal
+    """
+    Return the rates of e_au and e_du under ``twist`` (eqs. 9 and 10, with sigma corrected).
+
+    ``distance`` is d [m], ``sigma`` the sign of cos(psi - theta). The rates are in the epipoles'
+    unit per second; with h = sqrt(e_au^2 + f^2) they are
+
+        e_au' = -sigma u_1 e_au h / (f d) + u_2 h^2 / f,
+        e_du' = -sigma u_1 e_au (e_du^2 + f^2) / (f d h).
+    """
+    hypotenuse = math.sqrt(e_current * e_current + focal * focal)
+    common = twist.linear * sigma / distance * e_current / focal
     return (
-        -pull * root + twist.angular * root * root / focal,
-        -pull * (focal * focal + e_desired * e_desired) / root,
+        -common * hypotenuse + twist.angular * hypotenuse * hypotenuse / focal,
+        -common * (focal * focal + e_desired * e_desired) / hypotenuse,
     )
 
 
 def distance_rate(linear: float, e_current: float, *, sigma: float, focal: float = 1.0) -> float:
     """
-    Return d' = u_1 cos(psi - theta) [m/s] (eq. 18), which updates d_hat by the applied speed.
+    Return d' = u_1 cos(psi - theta) [m/s] (eq. 18), ``linear`` being u_1 [m/s].
 
-    With the unsaturated u_1 of (16) this is eq. (13), and eq. (25) for a guessed focal length.
+    cos(psi - theta) is sigma f / sqrt(e_au^2 + f^2). Integrated with the applied u_1 it updates
+    d_hat; with the unsaturated u_1 of (16) it is eq. (13), or eq. (25) of a guessed focal length.
     """
     return linear * sigma * focal / math.hypot(e_current, focal)
 
 
 def turn_epipole(e_current: float, e_target: float, *, k1: float, focal: float = 1.0) -> Twist:
-    """Turn in place until e_au = e_target, exponentially at rate k1 (section IV-B, remarks)."""
+    """
+    Return the turn in place by which e_au goes to ``e_target`` (section IV-B, remarks).
+
+    e_au' = -k1 (e_au - e_target), exponential at the rate k1 [1/s]: with u_1 = 0 in (9),
+    u_2 = -k1 (e_au - e_target) f / (e_au^2 + f^2).
+    """
     rate = -k1 * (e_current - e_target)
     return Twist(0.0, focal / (e_current * e_current + focal * focal) * rate)
 
@@ -122,7 +147,7 @@ def displaced_epipole(
     e_desired: float, *, ratio: float, low: float, high: float, focal: float = 1.0
 ) -> float:
     """
-    Return where to hold e_au while e_du is zeroed, on the discordant side of ``e_desired``.
+    Return the e_au to hold while e_du is zeroed, on the discordant side of ``e_desired``.
 
     With e_au constant the path is a logarithmic spiral, ln(d_end / d_0) = -|chi_0| / tan(alpha),
     chi_0 = atan(e_du / f), alpha = atan(|e_au| / f). d shrinks if and only if the epipoles are
@@ -132,9 +157,9 @@ def displaced_epipole(
     Parameters
     ----------
     e_desired : float
-        Desired epipole.
+        Desired epipole e_du.
     ratio : float
-        Part of the distance to keep for the second step, d_end / d_0 in (0, 1).
+        Ratio d_end / d_0 in (0, 1): the part of the distance to keep for the second step.
     low, high : float
         Bounds of alpha [rad]; the upper one is what the field of view leaves.
     focal : float
@@ -149,8 +174,10 @@ def braking_speed(bearing: float, rate: float, *, deceleration: float) -> float:
     """
     Return the largest speed [m/s] from which the robot can stop before ``bearing`` is zero.
 
-    What is left to go is v tau, tau = bearing / rate the time to contact, and stopping takes
-    v^2 / (2 a): hence v <= 2 a tau, without knowing any distance.
+    ``bearing`` [rad] changes at ``rate`` [rad/s], and the robot brakes with ``deceleration``
+    [m/s^2]. The remaining distance is v tau, tau = |bearing / rate| the time to contact, and
+    stopping takes v^2 / (2 a): hence v <= 2 a tau, without knowing any distance. Infinite where
+    the bearing does not close in.
     """
     if bearing * rate >= 0.0:
         return math.inf  # not closing in
@@ -158,33 +185,37 @@ def braking_speed(bearing: float, rate: float, *, deceleration: float) -> float:
 
 
 def match_features(difference: float, *, k_t: float) -> Twist:
-    """Return the second step: u_1 = -k_t D, u_2 = 0 (eqs. 21 and 22)."""
+    """
+    Return the twist of the second step: u_1 = -k_t D, u_2 = 0 (eqs. 21 and 22).
+
+    ``difference`` is D of eq. (23) at unit focal length, ``k_t`` in m/s; or px^2 and m/s/px^2.
+    """
     return Twist(-k_t * difference, 0.0)
 
 
-def adaptive_gain(size: float, *, at_zero: float, far: float, slope: float) -> float:
+def adaptive_gain(error: float, *, at_zero: float, far: float, slope: float) -> float:
     """
-    Return the gain for an error of ``size``: ``at_zero`` at zero, ``far`` for a large one.
+    Return the gain for an ``error`` e: ``at_zero`` k_0 at zero, ``far`` k_inf for a large one.
 
-    (k_0 - k_inf) exp(-k'_0 |e| / (k_0 - k_inf)) + k_inf with the slope k'_0 at zero, as
-    vpAdaptiveGain of ViSP has it: gentle where limits of speed and braking count, brisk where the
-    error is nearly gone and a constant gain would take its time.
+    k(e) = (k_0 - k_inf) exp(-k'_0 |e| / |k_0 - k_inf|) + k_inf, ``slope`` being k'_0, the size of
+    that at zero (vpAdaptiveGain of ViSP): gentle where limits of speed and braking count, brisk
+    where the error is nearly gone. Any unit of gain; the slope has that unit over the error's.
     """
     span = at_zero - far
     if span == 0.0:
         return far
-    return span * math.exp(-slope * abs(size) / abs(span)) + far
+    return span * math.exp(-slope * abs(error) / abs(span)) + far
 
 
 def follow_line(
     linear: float, lateral: float, heading_error: float, *, look_ahead: float
 ) -> Twist:
     """
-    Return the second step on the y axis: u_1 as given, u_2 steers back onto the line.
+    Return the twist of the second step along the y axis: u_1 as given, u_2 steers to the axis.
 
     Linearised at the axis, x' = -u_1 alpha and alpha' = u_2 give x'' + 1.8 x' / L + x / L^2 = 0
-    in the length of the way, damped by 0.9, forward and backward. Replaces u_2 = 0 (eq. 22),
-    which leaves what the first step left and what unequal wheels add.
+    in the length of the path, of damping ratio 0.9, forward and backward. Replaces u_2 = 0 (eq.
+    22), under which the residual offset of the first step and that of unequal wheels remain.
 
     Parameters
     ----------
@@ -195,7 +226,12 @@ def follow_line(
     heading_error : float
         alpha, left positive [rad].
     look_ahead : float
-        L [m].
+        Look-ahead distance L [m].
+
+    Returns
+    -------
+    twist : Twist
+        u_1 and u_2 = u_1 x / L^2 - 1.8 |u_1| alpha / L.
 
     """
     damping = abs(linear) * 1.8 * heading_error / look_ahead
@@ -203,5 +239,9 @@ def follow_line(
 
 
 def turn_to_heading(heading_error: float, *, gain: float) -> Twist:
-    """Turn in place until the heading of the desired view is reached: a proportional rotation."""
+    """
+    Return the turn in place to the heading of the desired view: u_2 = -k alpha.
+
+    ``heading_error`` is alpha [rad], left positive, ``gain`` k [1/s].
+    """
     return Twist(0.0, -gain * heading_error)

@@ -17,7 +17,7 @@ def departure_setting(name: str) -> Any:
 @dataclass(frozen=True, kw_only=True)
 class ControlSettings(Settings):
     """
-    What the laws may be told. Angles in rad, lengths in m, times in s.
+    Settings of control: the law, its gains, limits of the base. Units are rad, m and s.
 
     Epipoles are in units of the focal length, so that gains do not depend on the image size; a
     gain k2 given for pixels is k2 f^(beta/gamma - 1) here, and k_t for px^2 is k_t f^2.

@@ -1,5 +1,5 @@
 """
-How long step 1 takes at most with speeds as limited as they are, and how far it leads.
+Settling time of step 1 within the limits of speed, and the path that it drives until then.
 
 t_max of section IV-C is a bound for a robot without limits. Concordant epipoles make it back away,
 up to exp(|chi_0| / tan|alpha|) times as far as it was, and a slow base spends its time there.
@@ -9,54 +9,65 @@ import math
 
 import numpy as np
 
+from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.control.gains import Circumstances, Gains
 
-RATIOS, STEPS = 9, 100  # of d_hat_0 / d_0 and of e_du, to find the longest way
+RATIOS = 9  # values of d_hat_0 / d_0, of which one gives the longest path
+STEPS = 100  # of the integration over e_du
 
 
-def longest_landing(known: Circumstances, found: Gains) -> float:
+def longest_landing(circumstances: Circumstances, gains: Gains) -> float:
     """
-    Return the longest time until e_du is zero [s], with speeds as limited as they are.
+    Return the longest time until e_du is zero [s], within the limits of speed.
 
-    One common factor max(1, |u_1| / v, |u_2| / w) stretches the time of the bare law, so that it
-    takes t_max + way / v + turn / w at most. Of the turn, (17) has |chi_0| from nu_2 and
-    k1 |sin alpha cos alpha| a second from nu_1.
+    One common factor max(1, |u_1| / v_max, |u_2| / w_max) stretches the time of the bare law, so
+    that e_du lands within t_max + path / v_max + turn / w_max. Of the turn, (17) has |chi_0| from
+    nu_2 and k1 |sin alpha cos alpha| a second from nu_1.
     """
-    way = known.farthest * (1.0 + known.desired)  # |dd| + d |dchi| while d falls
-    if known.concordant:
-        way = longest_way(known, found)
-    turn = known.desired + 0.5 * found.k1 * found.transient
-    return found.transient + way / known.max_linear + turn / known.max_angular + known.period
+    path = circumstances.farthest * (1.0 + circumstances.desired)  # |dd| + d |dchi| while d falls
+    if circumstances.concordant:
+        path = longest_path(circumstances, gains)
+    turn = circumstances.desired + 0.5 * gains.k1 * gains.transient
+    return (
+        gains.transient
+        + path / circumstances.max_linear
+        + turn / circumstances.max_angular
+        + circumstances.period
+    )
 
 
-def longest_way(known: Circumstances, found: Gains) -> float:
+def longest_path(circumstances: Circumstances, gains: Gains) -> float:
     """
-    Return the way of step 1 from concordant epipoles [m]; it leads away from the goal.
+    Return the longest path of step 1 from concordant epipoles [m]; it leads away from the goal.
 
     Integrates (14), (15), (18) at f = 1 from the worst start, by the midpoint rule. A smaller
-    |e_au| or a larger |e_du| makes it longer, d_hat_0 / d_0 may do either: the longest of some
-    ratios is returned. Saturation by one common factor does not change it.
+    |e_au| or a larger |e_du| makes it longer, d_hat_0 / d_0 may do either: the longest over RATIOS
+    values of it is returned. Saturation by one common factor does not change the path.
     """
-    ratios = np.geomspace(1.0, known.ratio, RATIOS)
-    rest = 1.0 - found.exponent
-    powers = np.linspace(
-        math.tan(known.desired) ** rest, math.tan(known.landing) ** rest, STEPS + 1
-    )  # linear in time
-    bearings = np.arctan(powers ** (1.0 / rest))
-    wait = -np.diff(powers) / (found.k2 * rest)
-    growth = np.zeros(RATIOS)  # ln d / d_0
-    kept = np.log(math.sin(known.current) / ratios)  # ln of the reserve
-    way = np.zeros(RATIOS)
-    for turn, time in zip(-np.diff(bearings), wait, strict=True):
-        middle = [growth, kept]
+    ratios = np.geomspace(1.0, circumstances.ratio, RATIOS)
+    turns, durations = _grid(circumstances, gains)
+    log_distance = np.zeros(RATIOS)  # ln d / d_0
+    log_reserve = np.log(math.sin(circumstances.current) / ratios)  # ln |sin alpha| d / d_hat
+    path = np.zeros(RATIOS)  # over d_0
+    for turn, decay in zip(turns, gains.k1 * durations, strict=True):
+        middle = [log_distance, log_reserve]
         for part in (0.5, 1.0):
             lead = 1.0 + (ratios - 1.0) * np.exp(-middle[0])  # d_hat / d
             sine = lead * np.exp(middle[1])
             cosine = np.sqrt(1.0 - sine * sine)
             middle = [
-                growth + part * turn * cosine / sine,
-                kept - part * found.k1 * time / lead * cosine**2,
+                log_distance + part * turn * cosine / sine,
+                log_reserve - part * decay / lead * cosine**2,
             ]
-        way += turn * np.exp(0.5 * (growth + middle[0])) / sine
-        growth, kept = middle
-    return known.farthest * float(np.max(way / ratios))
+        path += turn * np.exp(0.5 * (log_distance + middle[0])) / sine
+        log_distance, log_reserve = middle
+    return circumstances.farthest * float(np.max(path / ratios))
+
+
+def _grid(circumstances: Circumstances, gains: Gains) -> tuple[FloatArray, FloatArray]:
+    """Return the turn of chi [rad] and the duration [s] of each step to zero, shape (STEPS,)."""
+    complement = 1.0 - gains.exponent
+    first, last = math.tan(circumstances.desired), math.tan(circumstances.landing)
+    powers = np.linspace(first**complement, last**complement, STEPS + 1)  # linear in time
+    bearings = np.arctan(powers ** (1.0 / complement))
+    return -np.diff(bearings), -np.diff(powers) / (gains.k2 * complement)

@@ -1,1 +1,1 @@
-"""From a measurement to a velocity: the step-switching state machine and what it remembers."""
+"""Servo: from a measurement to a velocity, by a step-switching state machine and its state."""

@@ -1,4 +1,4 @@
-"""What driving teaches: by how much the robot turns by itself, and how fast D changes."""
+"""Identification: the curvature that the base adds, and the slope of D, learnt while driving."""
 
 from dataclasses import dataclass, replace
 import math
@@ -6,31 +6,31 @@ import math
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
-LATENCY_S = 0.2  # from a command to what the next image shows of it
-UNREST_DECAY = 0.5  # in one frame
+LATENCY_S = 0.2  # from a command to the image that shows its effect
+CHANGE_DECAY = 0.5  # of a change of the angular velocity, in one frame
 LEAST_HEADING_VARIANCE = 5e-4**2  # [rad^2]
 FIRST_VARIANCE = 0.05**2  # of the curvature: 3 deg/m [rad^2/m^2]
-LEAST_WAY = 1e-9  # from which D may show a slope; its square must not vanish [m]
-SLOPE_WAY = 0.5  # over which the past is forgotten [m]
+LEAST_TRAVEL = 1e-9  # over which D may show a slope; its square must not vanish [m]
+MEMORY_LENGTH = 0.5  # travel in which the weight of past slopes falls to 1/e [m]
 
 
 @dataclass(frozen=True, slots=True)
 class Curvature:
     """
-    The turn that the robot adds by itself, ``value`` [rad/m] with its ``variance``.
+    Curvature that the base adds to every command: ``value`` [rad/m] and ``variance`` [rad^2/m^2].
 
-    ``unrest`` is how much the angular velocity changed lately, ``last_angular`` that before the
-    last [rad/s].
+    ``change`` is the largest recent change of the angular velocity, decayed, and ``last_angular``
+    the angular velocity commanded last [rad/s].
     """
 
     value: float = 0.0
     variance: float = FIRST_VARIANCE
-    unrest: float = 0.0
+    change: float = 0.0
     last_angular: float = 0.0
 
-    def learnt(
+    def updated(
         self,
-        before: Measurement | None,
+        previous: Measurement | None,
         measurement: Measurement,
         twist: Twist,
         dt: float,
@@ -38,46 +38,53 @@ class Curvature:
         drift: float,
     ) -> 'Curvature':
         """
-        Return what ``twist`` for ``dt`` [s] between two sights teaches: a scalar Kalman filter.
+        Return the curvature after ``twist`` for ``dt`` [s]: one step of a scalar Kalman filter.
 
-        ``drift`` is the change of the curvature in a metre [rad/m]. The command reaches the wheels
-        late by an unknown part of LATENCY_S, so that a change of the angular velocity is as good
-        as noise in the heading.
+        The state c is a random walk of ``drift`` [rad/m] in a metre. With s = u_1 dt the turn of
+        the heading between the measurements is u_2 dt + c s + noise. A command reaches the wheels
+        late by an unknown part of LATENCY_S, so that a change of u_2 counts as heading noise.
         """
-        unrest = max(abs(twist.angular - self.last_angular), UNREST_DECAY * self.unrest)
-        if before is None or before.bearings is None or measurement.bearings is None or dt == 0.0:
-            return replace(self, unrest=unrest, last_angular=twist.angular)
-        way = twist.linear * dt
-        turned = math.remainder(measurement.heading_error - before.heading_error, 2.0 * math.pi)
-        surplus = turned - twist.angular * dt - self.value * way
-        variance = self.variance + drift**2 * abs(way)
-        noise = (
-            (LATENCY_S * unrest) ** 2 + _heading_variance(before) + _heading_variance(measurement)
-        )
-        gain = variance * way / (variance * way * way + noise)
+        change = max(abs(twist.angular - self.last_angular), CHANGE_DECAY * self.change)
+        if previous is None or not _both_have_bearings(previous, measurement) or dt == 0.0:
+            return replace(self, change=change, last_angular=twist.angular)
+        travel = twist.linear * dt
+        turn = math.remainder(measurement.heading_error - previous.heading_error, 2.0 * math.pi)
+        innovation = turn - twist.angular * dt - self.value * travel
+        variance = self.variance + drift**2 * abs(travel)
+        late = (LATENCY_S * change) ** 2
+        noise = late + _heading_variance(previous) + _heading_variance(measurement)
+        gain = variance * travel / (variance * travel * travel + noise)
         return Curvature(
-            self.value + gain * surplus, variance * (1.0 - gain * way), unrest, twist.angular
+            self.value + gain * innovation, variance * (1.0 - gain * travel), change, twist.angular
         )
 
 
 @dataclass(frozen=True, slots=True)
 class Slope:
-    """dD/dy, ``value`` [1/m], by least squares; ``weight`` is the squared way behind it [m^2]."""
+    """
+    Slope dD/dy by recursive least squares: ``value`` [1/m], D at unit focal length.
+
+    ``weight`` is the sum of squared travels behind it, decayed [m^2].
+    """
 
     value: float = math.nan
     weight: float = 0.0
 
-    def learnt(self, change: float, way: float) -> 'Slope':
-        """Return the slope after D changed by ``change`` over ``way`` [m]."""
-        if not math.isfinite(change) or abs(way) < LEAST_WAY:
+    def updated(self, change: float, travel: float) -> 'Slope':
+        """Return the slope after D changed by ``change`` over ``travel`` [m]."""
+        if not math.isfinite(change) or abs(travel) < LEAST_TRAVEL:
             return self
-        weight = self.weight * math.exp(-abs(way) / SLOPE_WAY) + way * way
+        weight = self.weight * math.exp(-abs(travel) / MEMORY_LENGTH) + travel * travel
         value = 0.0 if math.isnan(self.value) else self.value
-        return Slope(value + way * (change - value * way) / weight, weight)
+        return Slope(value + travel * (change - value * travel) / weight, weight)
+
+
+def _both_have_bearings(previous: Measurement, measurement: Measurement) -> bool:
+    return previous.bearings is not None and measurement.bearings is not None
 
 
 def _heading_variance(measurement: Measurement) -> float:
-    """Return the variance of alpha = psi - phi - pi/2 [rad^2], never too good to be true."""
-    (psi, both), (_, phi) = measurement.covariance.tolist()
-    variance = psi + phi - 2.0 * both
+    """Return the variance of alpha = psi - phi - pi/2 [rad^2], never below the least."""
+    (psi, psi_phi), (_, phi) = measurement.covariance.tolist()
+    variance = psi + phi - 2.0 * psi_phi
     return LEAST_HEADING_VARIANCE if math.isnan(variance) else variance + LEAST_HEADING_VARIANCE

@@ -1,4 +1,4 @@
-"""What takes the servo out of its course from outside: orders, and silence."""
+"""Interruptions of the servo from outside: orders, and tracks that do not come."""
 
 from dataclasses import replace
 from enum import Enum
@@ -10,10 +10,10 @@ from visual_servo_epipolar.core.servo.state import ServoState
 
 class Interruption(Enum):
     """
-    Why a servo does not simply go on from its last step.
+    Interruption of a run between two steps.
 
-    STOPPED: told to stop. RESET: a new run. HALTED: the robot was stopped, the state is kept.
-    LOST: no tracks came in time.
+    STOPPED: ordered to stop. RESET: a new run. HALTED: a standstill that keeps the state. LOST: no
+    tracks came in time.
     """
 
     STOPPED = 'stopped'
@@ -23,7 +23,7 @@ class Interruption(Enum):
 
 
 def interrupted(state: ServoState, kind: Interruption, reason: str = '') -> ServoState:
-    """Return the state after an interruption; in all of them the robot stands."""
+    """Return the state after an interruption, with the command to stand; ``reason`` of LOST."""
     if kind is Interruption.STOPPED:
         return stop(state)
     if kind is Interruption.RESET:
@@ -34,7 +34,7 @@ def interrupted(state: ServoState, kind: Interruption, reason: str = '') -> Serv
 
 
 def lost(state: ServoState, reason: str) -> ServoState:
-    """Return the state of a servo that hears nothing any more: holding, at a standstill."""
+    """Return the state after tracks stopped coming: holding where it drove, at a standstill."""
     phase = next_phase(state.phase, Event.LOST)
     if phase is state.phase:
         return replace(state, command=HALT)
@@ -42,5 +42,5 @@ def lost(state: ServoState, reason: str) -> ServoState:
 
 
 def stop(state: ServoState) -> ServoState:
-    """Return the state of a servo that was told to stop: waiting, at a standstill."""
+    """Return the state after an order to stop: waiting, at a standstill."""
     return ServoState(phase=next_phase(state.phase, Event.STOPPED), frame=state.frame)

@@ -1,13 +1,13 @@
 """
-Distance to the goal from two bearings and the way between them.
+Ranging: the distance to the goal from two bearings and the path between them.
 
-The servo has no odometry, but it knows what it commanded: between two images the robot went
-u_1 dt along its heading, and the heading is measured. From where the leg began the goal is seen
-under psi_0, from its end under psi; the goal is at the origin, hence
+The servo has no odometry, but it knows its commands: between two images the robot went u_1 dt
+along its heading, and the heading is measured. The goal is at the origin, and the bearing is psi_0
+where the leg began, psi at its end; hence, with r the displacement and p the unit vector of psi,
 
-    (d_0 p_0 + way) x p = 0,    d_0 = -(way x p) / (p_0 x p),
+    (d_0 p_0 + r) x p = 0,    d_0 = -(r x p) / (p_0 x p),    d = (d_0 p_0 + r) . p.
 
-with p the unit vector of psi. Unlike d_hat of eq. (13) this needs no upper bound to begin with.
+Unlike d_hat of eq. (13) this needs no upper bound to begin with.
 """
 
 from dataclasses import dataclass, replace
@@ -15,14 +15,19 @@ import math
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 
-MIN_TURN = 0.04  # of the line of sight, before it says anything about the distance [rad]
+MIN_TURN = 0.04  # of the line of sight, below which the distance is not observable [rad]
 
-UNKNOWN_RANGE = 2.0  # of d_hat at most, where the distance was never measured [m]
-LOOK_AHEADS, LEAST_LOOK_AHEAD = 4.0, 0.25  # in the way that is left, and [m]
+UNKNOWN_RANGE = 2.0  # largest use of d_hat where the distance was never measured [m]
+LOOK_AHEADS = 4.0  # look-ahead distances in the remaining distance, at least
+LEAST_LOOK_AHEAD = 0.25  # [m]
 
 
 def look_ahead(distance: float, largest: float) -> float:
-    """Return L of line following [m]: some of them fit into the ``distance``, if it is known."""
+    """
+    Return the look-ahead L of line following [m]: a part of the ``distance`` [m], if it is known.
+
+    It lies between LEAST_LOOK_AHEAD and ``largest`` [m].
+    """
     if not distance > 0.0:
         return largest
     return min(max(distance / LOOK_AHEADS, LEAST_LOOK_AHEAD), largest)
@@ -30,28 +35,31 @@ def look_ahead(distance: float, largest: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """A leg of the way: bearing psi [rad] where it began, and the way since [m]."""
+    """Leg of the path: bearing ``psi`` [rad] at its start, displacement ``x``, ``y`` since [m]."""
 
     psi: float
     x: float = 0.0
     y: float = 0.0
 
-    def extended(self, bearings: Bearings, way: float) -> 'Leg':
-        """Return the leg after ``way`` [m] in the direction that ``bearings`` imply."""
+    def extended(self, bearings: Bearings, travel: float) -> 'Leg':
+        """Return the leg after ``travel`` [m] along the heading theta = psi - phi."""
         theta = bearings.psi - bearings.phi
-        return replace(self, x=self.x + way * math.cos(theta), y=self.y + way * math.sin(theta))
+        return replace(
+            self, x=self.x + travel * math.cos(theta), y=self.y + travel * math.sin(theta)
+        )
 
     def distance(self, psi: float, *, min_turn: float = MIN_TURN) -> float | None:
-        """Return the distance now to the goal, seen under ``psi``; None before it shows."""
-        cos_0, sin_0, cos_1, sin_1 = (
-            math.cos(self.psi),
-            math.sin(self.psi),
-            math.cos(psi),
-            math.sin(psi),
-        )
-        turn = cos_0 * sin_1 - sin_0 * cos_1
-        if abs(turn) < math.sin(min_turn):
+        """
+        Return the distance to the goal [m] at the end of the leg, of bearing ``psi`` [rad].
+
+        None where the line of sight has turned by less than ``min_turn`` [rad], or the distance is
+        negative.
+        """
+        cos_0, sin_0 = math.cos(self.psi), math.sin(self.psi)
+        cos_1, sin_1 = math.cos(psi), math.sin(psi)
+        sine = cos_0 * sin_1 - sin_0 * cos_1
+        if abs(sine) < math.sin(min_turn):
             return None
-        first = -(self.x * sin_1 - self.y * cos_1) / turn
-        now = (first * cos_0 + self.x) * cos_1 + (first * sin_0 + self.y) * sin_1
-        return now if now > 0.0 else None
+        first = -(self.x * sin_1 - self.y * cos_1) / sine
+        last = (first * cos_0 + self.x) * cos_1 + (first * sin_0 + self.y) * sin_1
+        return last if last > 0.0 else None

@@ -1,4 +1,4 @@
-"""The record of one run, and the verdict on it: what figures, files and sweeps are made from."""
+"""Run log: the record of one run, from which figures, files, sweeps and the verdict are made."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -13,12 +13,13 @@ from visual_servo_epipolar.core.stamps import NANOSECONDS
 @dataclass(frozen=True, slots=True)
 class Sample:
     """
-    One control step: what was true, what was seen, what was commanded.
+    Sample of one control step: ground truth, measurement, command.
 
-    ``pose`` is ground truth, known to the judge alone. Epipoles are abscissae in pixels from the
-    principal point (nan where undefined), bearings of the other camera's centre in rad, right
-    positive; ``feature_difference`` is D of eq. (23) in px^2, rotation compensated or not as the
-    law has it.
+    ``pose`` is ground truth, which the servo never gets; ``twist`` is commanded [m/s, rad/s].
+    Epipoles are abscissae from the principal point [px], nan where undefined; bearings are those
+    of the other camera's centre [rad], right positive. ``feature_difference`` is D of eq. (23)
+    [px^2], compensated for rotation if the law asks for it; ``feature_error`` is the median
+    distance of current from desired features [px]; ``distance_estimate`` is d_hat [m].
     """
 
     stamp_ns: int
@@ -31,18 +32,22 @@ class Sample:
     bearing_current: float = math.nan
     bearing_desired: float = math.nan
     feature_difference: float = math.nan
-    feature_error: float = math.nan  # median distance of current from desired features [px]
-    distance_estimate: float = math.nan  # d_hat [m]
+    feature_error: float = math.nan
+    distance_estimate: float = math.nan
 
 
 @dataclass(frozen=True, slots=True)
 class RunLog:
-    """A whole run: how it began, its samples in time order, how it ended."""
+    """
+    Record of one run: its start, its samples in order of time, its outcome.
 
-    start: tuple[float, float, float]  # x [m], y [m], heading error [deg]
+    ``start`` is x [m], y [m] and heading error [deg]; ``outcome`` is 'arrived' or 'failed'.
+    """
+
+    start: tuple[float, float, float]
     seed: int
     samples: Sequence[Sample]
-    outcome: str  # 'arrived' or 'failed'
+    outcome: str
     reason: str
     attempts: int = 1
     law: str = 'full'
@@ -50,7 +55,7 @@ class RunLog:
 
 @dataclass(frozen=True, slots=True)
 class PhaseSpan:
-    """A stretch of time spent in one phase; times in seconds from the start of the run."""
+    """Span of time in one phase, of ``name``, from ``start_s`` to ``end_s`` of the run [s]."""
 
     name: str
     start_s: float
@@ -58,13 +63,13 @@ class PhaseSpan:
 
 
 def seconds(log: RunLog) -> list[float]:
-    """Return the time of each sample from the first [s]."""
+    """Return the time of each sample since the first [s]."""
     first = log.samples[0].stamp_ns
     return [(sample.stamp_ns - first) / NANOSECONDS for sample in log.samples]
 
 
 def phase_spans(log: RunLog) -> list[PhaseSpan]:
-    """Return the phases of a run one after the other."""
+    """Return the spans of the phases of a run, one after the other."""
     times = seconds(log)
     spans: list[PhaseSpan] = []
     for time, sample in zip(times, log.samples, strict=True):
@@ -77,10 +82,14 @@ def phase_spans(log: RunLog) -> list[PhaseSpan]:
 
 
 def summarise(log: RunLog) -> dict[str, Any]:
-    """Return the verdict on a run as the JSON document of the command line."""
+    """
+    Return the verdict on a run, with the keys of the command line's JSON document.
+
+    Errors are those of the final true pose; units end the keys (speeds in m/s and rad/s).
+    """
     poses = [sample.pose for sample in log.samples]
     final, distance_0 = poses[-1], poses[0].distance
-    seen = [s.features for s in log.samples if s.phase not in (Phase.WAITING, Phase.FAILED)]
+    idle = (Phase.WAITING, Phase.FAILED)
     return {
         'outcome': log.outcome,
         'reason': log.reason,
@@ -92,11 +101,11 @@ def summarise(log: RunLog) -> dict[str, Any]:
         'longitudinal_error_m': final.y,
         'heading_error_deg': math.degrees(final.heading_error),
         'duration_s': seconds(log)[-1],
-        'path_length_m': sum(
-            math.hypot(b.x - a.x, b.y - a.y) for a, b in zip(poses, poses[1:], strict=False)
-        ),
+        'path_length_m': _path_length(poses),
         'max_distance_ratio': max(p.distance for p in poses) / distance_0 if distance_0 else None,
-        'min_visible_features': min(seen, default=0),
+        'min_visible_features': min(
+            (sample.features for sample in log.samples if sample.phase not in idle), default=0
+        ),
         'max_linear_speed': max(abs(sample.twist.linear) for sample in log.samples),
         'max_angular_speed': max(abs(sample.twist.angular) for sample in log.samples),
         'phases': [
@@ -105,3 +114,8 @@ def summarise(log: RunLog) -> dict[str, Any]:
         ],
         'attempts': log.attempts,
     }
+
+
+def _path_length(poses: Sequence[Pose]) -> float:
+    """Return the length of the polyline through ``poses`` [m]."""
+    return sum(math.hypot(b.x - a.x, b.y - a.y) for a, b in zip(poses, poses[1:], strict=False))

@@ -1,4 +1,4 @@
-"""Settings of the servo: those of perception and control, when phases end, how long to wait."""
+"""Settings of the servo: bounds at which phases end, timeouts, and those of both layers below."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -12,7 +12,7 @@ from visual_servo_epipolar.core.settings import setting
 @dataclass(frozen=True, kw_only=True)
 class ServoSettings(PerceptionSettings, ControlSettings):
     """
-    What the servo may be told: one flat list, in groups that each layer may know.
+    Settings of the servo: those of perception and control, and its own, in one flat list.
 
     Angles in rad, lengths in m, times in s; epipoles in units of the focal length.
     """

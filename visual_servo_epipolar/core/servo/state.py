@@ -1,4 +1,4 @@
-"""The state of the servo: all that it knows between two images."""
+"""State: all that the servo remembers from one image to the next."""
 
 from dataclasses import dataclass
 import math
@@ -16,19 +16,31 @@ from visual_servo_epipolar.core.servo.ranging import Leg
 @dataclass(frozen=True, slots=True)
 class ServoState:
     """
-    All that the servo knows; a new run starts from ``ServoState()``.
+    State of the servo; a new run starts from ``ServoState()``.
 
-    ``measurement`` is the last one, ``memory`` what perception carries to the next, None before
-    the first image; ``distance`` is d_hat [m], nan before the first image; ``target`` the abscissa
-    at which e_au is held while e_du is zeroed, ``side`` the sign of e_du when that began,
-    ``latched`` whether e_du counts as zero since, ``desired_rate`` how fast its bearing changes
-    [rad/s], smoothed;
-    ``leg`` is the way since step 1 began, ``range`` the distance that it shows [m]; ``period`` is
-    the time between two images [s], smoothed; ``gains`` are those derived when the phase began,
-    None where they are given; ``curvature`` and ``slope`` are what driving taught;
-    ``dead_band_residual`` is what the dead band of the base kept back; ``settled`` counts frames
-    in a row that fulfil the aim of the phase, ``settled_parallax`` is the root mean square of the
-    parallax over them.
+    Phase: ``phase``; ``phase_start_ns`` and ``run_start_ns``, stamps of the images at which it and
+    the run began [ns]; ``reason`` of the last change of phase; ``attempts`` at both steps, from 1;
+    ``frame``, the number of steps so far.
+
+    Measurement and memory: ``measurement``, the last one, and ``memory``, what perception carries
+    to the next image, both None before the first; ``period``, the time between two images [s],
+    smoothed, nan before the second.
+
+    Command: ``command``, the last one; ``dead_band_residual``, the part of it that the dead band
+    of the base withheld [m/s, rad/s].
+
+    Distance to the goal: ``distance``, d_hat of eq. (13) [m], nan before the first image; ``leg``,
+    the path since step 1 began; ``range``, the distance measured over it [m], nan while unknown.
+
+    Step 1: ``target``, the abscissa at unit focal length at which e_au is held while e_du is
+    zeroed; ``side``, the sign of e_du when that began; ``latched``, whether e_du counts as zero
+    since; ``desired_rate``, the rate of its bearing [rad/s], smoothed; ``gains``, those derived
+    when the phase began (that of step 2 as well), None where they are given.
+
+    Identification: ``curvature`` that the base adds to commands, ``slope`` of D in step 2.
+
+    Settling: ``settled``, frames in a row that fulfil the aim of the phase; ``settled_parallax``,
+    the root mean square of the parallax over them [rad].
     """
 
     phase: Phase = Phase.WAITING
@@ -57,12 +69,12 @@ class ServoState:
 
     @property
     def twist(self) -> Twist:
-        """The velocity that was commanded last."""
+        """Velocity of the last command [m/s, rad/s]."""
         return self.command.twist
 
     @property
     def longitudinal_error(self) -> float:
-        """Return y by D [m], negative short of the goal; nan while unknown."""
+        """Longitudinal error y = D / (dD/dy) [m], negative behind the goal; nan while unknown."""
         return (
             self.measurement.difference / self.slope.value
             if self.measurement is not None

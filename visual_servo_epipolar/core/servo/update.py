@@ -1,4 +1,4 @@
-"""The update of the state by a measurement: distance, rates, latch, what driving identifies."""
+"""Update of the state by a measurement: distance, rates, latch, identification, settling."""
 
 from dataclasses import replace
 import math
@@ -17,22 +17,22 @@ from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
 
 MAX_STEP_S = 1.0  # a longer gap between two images is not integrated over
-RATE_SMOOTHING = 0.4
+RATE_SMOOTHING = 0.4  # weight of the newest value in an exponential mean, as the next two
 RANGE_SMOOTHING = 0.2
 PERIOD_SMOOTHING = 0.1
-MIN_SPEED = 0.05  # below, the way says nothing about the range [m/s]
-TURN_DEVIATIONS = 8.0  # of a bearing, that the line of sight must have turned by
+MIN_SPEED = 0.05  # below which the path says nothing about the range [m/s]
+TURN_DEVIATIONS = 8.0  # least turn of the line of sight, in deviations of a bearing
 
 
 def interval(earlier_ns: int, later_ns: int) -> float:
-    """Return the time to integrate over between two images [s]."""
+    """Return the time between two stamps [ns] to integrate over [s], from 0 to MAX_STEP_S."""
     return min(max(seconds_between(earlier_ns, later_ns), 0.0), MAX_STEP_S)
 
 
 def updated(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
-    """Return the state after it took a ``measurement`` in, before it is classified."""
-    before = state.measurement
-    dt = 0.0 if before is None else interval(before.stamp_ns, measurement.stamp_ns)
+    """Return the state updated by a ``measurement``, before it is classified."""
+    previous = state.measurement
+    dt = 0.0 if previous is None else interval(previous.stamp_ns, measurement.stamp_ns)
     leg = _leg(state, dt)
     state = replace(
         state,
@@ -41,8 +41,8 @@ def updated(state: ServoState, measurement: Measurement, settings: ServoSettings
         period=_period(state, dt),
         range=_range(state, measurement, leg, dt),
         desired_rate=_desired_rate(state, measurement, dt),
-        curvature=state.curvature.learnt(
-            before, measurement, state.twist, dt, drift=settings.curvature_drift
+        curvature=state.curvature.updated(
+            previous, measurement, state.twist, dt, drift=settings.curvature_drift
         ),
         slope=_slope(state, measurement, dt),
         latched=_latch(state, measurement, settings),
@@ -54,17 +54,17 @@ def updated(state: ServoState, measurement: Measurement, settings: ServoSettings
 def _with_settled(
     state: ServoState, measurement: Measurement, settings: ServoSettings
 ) -> ServoState:
-    """Count the frames that fulfil the aim of the phase, and average their parallax."""
+    """Return the state with its count of settled frames and the mean of their parallax."""
     if not is_settled(state, settings):
         return replace(state, settled=0) if state.settled else state
     settled = state.settled + 1
-    earlier = state.settled_parallax if state.settled else 0.0
-    square = earlier**2 + (measurement.parallax**2 - earlier**2) / settled
+    mean = state.settled_parallax if state.settled else 0.0
+    square = mean**2 + (measurement.parallax**2 - mean**2) / settled
     return replace(state, settled=settled, settled_parallax=math.sqrt(max(square, 0.0)))
 
 
 def lateral_offset(state: ServoState, measurement: Measurement) -> float:
-    """Return x [m], right positive, as the baseline shows it; 0 without bearings."""
+    """Return the lateral offset x = d cos(psi) [m], right positive; 0 without bearings."""
     if measurement.bearings is None:
         return 0.0
     distance = min(state.distance, UNKNOWN_RANGE) if math.isnan(state.range) else state.range
@@ -72,15 +72,15 @@ def lateral_offset(state: ServoState, measurement: Measurement) -> float:
 
 
 def _distance(state: ServoState, dt: float, settings: ServoSettings) -> float:
-    """Integrate d_hat by the applied speed (18)."""
+    """Return d_hat [m], integrated over ``dt`` [s] by the applied speed (18)."""
     if math.isnan(state.distance):
         return max(settings.initial_distance, settings.min_distance)
-    before = state.measurement
-    if before is None or before.bearings is None:
+    previous = state.measurement
+    if previous is None or previous.bearings is None:
         return state.distance
     # sigma of the geometry itself, also under the printed law: this is kinematics.
     rate = laws.distance_rate(
-        state.twist.linear, before.bearings.epipole_current, sigma=before.bearings.sigma
+        state.twist.linear, previous.bearings.epipole_current, sigma=previous.bearings.sigma
     )
     return max(state.distance + rate * dt, settings.min_distance)
 
@@ -93,50 +93,56 @@ def _period(state: ServoState, dt: float) -> float:
 
 
 def _leg(state: ServoState, dt: float) -> Leg | None:
+    """Return the leg extended by the last command for ``dt`` [s]."""
     if state.leg is None or state.measurement is None or state.measurement.bearings is None:
         return state.leg
     return state.leg.extended(state.measurement.bearings, state.twist.linear * dt)
 
 
 def _range(state: ServoState, measurement: Measurement, leg: Leg | None, dt: float) -> float:
-    """Return the measured distance to the goal [m], carried on by the commands in between."""
-    before = state.measurement
-    driven = state.range
-    if before is not None and before.bearings is not None:
-        driven += state.twist.linear * math.cos(before.bearings.phi) * dt
-    measured, moving = None, abs(state.twist.linear) >= MIN_SPEED
-    if (
-        leg is not None
-        and measurement.bearings is not None
-        and state.phase is Phase.ZEROING_EPIPOLES
-    ):
-        # At a standstill nothing new is learnt, and noise would be taken for news.
-        uncertain = 0.0 if math.isnan(measurement.deviation) else measurement.deviation
-        least = max(MIN_TURN, TURN_DEVIATIONS * uncertain)
-        measured = leg.distance(measurement.bearings.psi, min_turn=least) if moving else None
+    """Return the distance to the goal [m]: predicted by the command, corrected by the ``leg``."""
+    previous, predicted = state.measurement, state.range
+    if previous is not None and previous.bearings is not None:
+        predicted += state.twist.linear * math.cos(previous.bearings.phi) * dt
+    measured = _measured_range(state, measurement, leg)
     if measured is None:
-        return driven if math.isnan(driven) else max(driven, 0.0)
-    return measured if math.isnan(driven) else driven + RANGE_SMOOTHING * (measured - driven)
+        return predicted if math.isnan(predicted) else max(predicted, 0.0)
+    if math.isnan(predicted):
+        return measured
+    return predicted + RANGE_SMOOTHING * (measured - predicted)
+
+
+def _measured_range(state: ServoState, measurement: Measurement, leg: Leg | None) -> float | None:
+    """Return the distance that the ``leg`` shows [m]; None outside step 1, or at a standstill."""
+    if leg is None or measurement.bearings is None or state.phase is not Phase.ZEROING_EPIPOLES:
+        return None
+    if abs(state.twist.linear) < MIN_SPEED:  # noise alone would move the estimate
+        return None
+    deviation = 0.0 if math.isnan(measurement.deviation) else measurement.deviation
+    min_turn = max(MIN_TURN, TURN_DEVIATIONS * deviation)
+    return leg.distance(measurement.bearings.psi, min_turn=min_turn)
 
 
 def _desired_rate(state: ServoState, measurement: Measurement, dt: float) -> float:
-    before = state.measurement
-    if before is None or before.bearings is None or measurement.bearings is None or dt == 0.0:
+    """Return the rate of the bearing of e_du [rad/s], smoothed; 0 where it is unknown."""
+    previous = state.measurement
+    if previous is None or previous.bearings is None or measurement.bearings is None or dt == 0.0:
         return 0.0
-    rate = (measurement.bearings.chi - before.bearings.chi) / dt
+    rate = (measurement.bearings.chi - previous.bearings.chi) / dt
     return state.desired_rate + RATE_SMOOTHING * (rate - state.desired_rate)
 
 
 def _slope(state: ServoState, measurement: Measurement, dt: float) -> Slope:
+    """Return the slope of D, updated by the last command for ``dt`` [s] in step 2."""
     if state.phase is not Phase.MATCHING_FEATURES or state.measurement is None:
         return state.slope
-    return state.slope.learnt(
+    return state.slope.updated(
         measurement.difference - state.measurement.difference, state.twist.linear * dt
     )
 
 
 def _latch(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
-    """Call e_du zero once it is small or has crossed; only a new phase lets go of it (escaped)."""
+    """Return whether e_du counts as zero: once small or of the other sign, until a new phase."""
     if state.phase is not Phase.ZEROING_EPIPOLES or measurement.bearings is None:
         return state.latched
     bearing = measurement.bearings.chi

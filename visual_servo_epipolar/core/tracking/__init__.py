@@ -1,1 +1,1 @@
-"""Which feature of the desired image is where in the current one; images stay in here."""
+"""Tracking: the features of the desired image in each current one; no image leaves this layer."""

@@ -1,4 +1,4 @@
-"""Tracks features: what the tracker hands to the servo."""
+"""Features: what the tracker hands to the servo, the rows of the topic ``tracks``."""
 
 from dataclasses import dataclass, field
 
@@ -14,11 +14,11 @@ def _no_points() -> FloatArray:
 @dataclass(frozen=True, slots=True, eq=False)
 class Features:
     """
-    Features of the desired view found in the current image, rows are features.
+    Features of the desired view in the current image, rows are features.
 
     ``ids``, shape (N,), never change their meaning within one desired view. ``current`` and
-    ``desired``, shape (N, 2), are pixels; ``ages``, shape (N,), frames since (re)detection;
-    ``errors``, shape (N,), residual of the tracker [grey levels].
+    ``desired``, shape (N, 2), are pixels (u, v) in the two images; ``ages``, shape (N,), frames
+    since (re)detection; ``errors``, shape (N,), residuals of the alignment [grey levels].
     """
 
     ids: IntArray = field(default_factory=lambda: np.empty(0, np.int64))

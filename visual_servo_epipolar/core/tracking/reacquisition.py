@@ -1,8 +1,9 @@
 """
-Features that left the view and come back: predicted by their neighbours, found by correlation.
+Reacquisition: lost features are predicted, then searched for by correlation.
 
-No geometry is needed: what the nearest tracked features did, as a local affine map from the
-desired to the current image, says where to look, and how much they scatter says how far.
+No geometry is needed. A feature lost a moment ago is looked for at its predicted position; one
+lost for long where a local affine map from the desired to the current image, fitted to its nearest
+tracked neighbours, puts it. The scatter of the neighbours sets the search radius.
 """
 
 from dataclasses import dataclass, replace
@@ -21,17 +22,23 @@ from visual_servo_epipolar.core.tracking.template_alignment import (
 
 NEIGHBOURS = 8
 MIN_NEIGHBOURS = 5
-SCATTERS = 3.0  # search radius, in deviations of the neighbours from their affine map
-SEARCH_RANGE = (4.0, 24.0)  # [px]
-MIN_PEAK = 0.8  # correlation at the best place
-MAX_RIVAL = 0.9  # second best place over the best one
-PEAK_RADIUS = 4  # what belongs to one peak [px]
-GHOST_DRIFT, GHOST_LIFE = 0.3, 40  # of a guess: growth of its radius [px a frame], frames
+RADIUS_DEVIATIONS = 3.0  # search radius, in deviations of the neighbours from their affine map
+SEARCH_RANGE = (4.0, 24.0)  # smallest and largest search radius [px]
+DISTANCE_FLOOR = 100.0  # squared distance at which a neighbour's weight levels off [px^2]
+MIN_PEAK = 0.8  # correlation of a match
+MAX_RIVAL = 0.9  # largest ratio of the second peak to the first
+PEAK_RADIUS = 4  # half side of one peak [px]
+RADIUS_GROWTH = 0.3  # of a predicted feature's search radius [px a frame]
+MAX_UNSEEN = 40  # frames for which a prediction is followed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prediction:
-    """Where a feature may be: current pixel, local map, search radius [px]."""
+    """
+    Predicted warp of a lost feature.
+
+    ``current`` pixel, shape (2,); ``affine`` map of offsets, shape (2, 2); search ``radius`` [px].
+    """
 
     current: FloatArray
     affine: FloatArray
@@ -40,9 +47,9 @@ class Prediction:
 
 def predict(desired: FloatArray, tracked: Warps) -> Prediction | None:
     """
-    Predict a feature at ``desired``, shape (2,), from the tracked ones nearest to it.
+    Predict the feature at ``desired``, shape (2,) [px], from its nearest ``tracked`` neighbours.
 
-    Returns None where they are too few, or move so differently that nothing can be said.
+    Returns None where they are too few, or scatter so much that the radius would be too large.
     """
     if len(tracked) < MIN_NEIGHBOURS:
         return None
@@ -52,73 +59,78 @@ def predict(desired: FloatArray, tracked: Warps) -> Prediction | None:
     rows = np.column_stack([offsets, np.ones(len(near))])
     solution = np.linalg.lstsq(rows, tracked.current[near], rcond=None)[0]
     scatter = np.sqrt(((rows @ solution - tracked.current[near]) ** 2).sum(axis=1).mean())
-    radius = SCATTERS * float(scatter) + SEARCH_RANGE[0]
+    radius = RADIUS_DEVIATIONS * float(scatter) + SEARCH_RANGE[0]
     if radius > SEARCH_RANGE[1]:
         return None
-    weight = 1.0 / (squared[near] + 100.0)
+    weight = 1.0 / (squared[near] + DISTANCE_FLOOR)
     affine = np.einsum('n,nij->ij', weight / weight.sum(), tracked.affine[near])
     return Prediction(solution[2], affine, radius)
 
 
 def search(
-    key: int, desired: FloatArray, guess: Prediction, anchor: Anchor, image: FloatImage
+    feature: int, desired: FloatArray, prediction: Prediction, anchor: Anchor, image: FloatImage
 ) -> FloatArray | None:
-    """Return the current pixel, shape (2,), that looks like the desired patch; None if unsure."""
-    patch, local = anchor.patch(key, desired, guess.affine)
-    reach = RADIUS + int(np.ceil(guess.radius))
-    region = anchor.region(image, guess.current, local, reach)
+    """
+    Return the current pixel, shape (2,), that correlates best with the desired patch.
+
+    The patch is that of ``feature`` at ``desired``, shape (2,) [px]; ``image`` is float32 of shape
+    (H, W). Returns None where the peak is low, or a second one nearly as high.
+    """
+    patch, local = anchor.patch(feature, desired, prediction.affine)
+    reach = RADIUS + int(np.ceil(prediction.radius))
+    region = anchor.region(image, prediction.current, local, reach)
     score = cv2.matchTemplate(region, patch, cv2.TM_CCOEFF_NORMED)
-    _, best, _, (column, row) = cv2.minMaxLoc(score)
-    if not best >= MIN_PEAK:
+    _, peak, _, (column, row) = cv2.minMaxLoc(score)
+    if not peak >= MIN_PEAK:
         return None
-    around = score.copy()
-    around[
+    rivals = score.copy()
+    rivals[
         max(row - PEAK_RADIUS, 0) : row + PEAK_RADIUS + 1,
         max(column - PEAK_RADIUS, 0) : column + PEAK_RADIUS + 1,
     ] = -1.0
-    if float(around.max()) > MAX_RIVAL * best:
+    if float(rivals.max()) > MAX_RIVAL * peak:
         return None
     step = np.array([column, row], dtype=np.float64) - (reach - RADIUS)
-    return np.asarray(guess.current + local @ step)
+    return np.asarray(prediction.current + local @ step)
 
 
-def found_again(
+def reacquire(
     predicted: PredictedFeatures, tracked: Warps, anchor: Anchor, image: FloatImage
 ) -> Warps:
     """
-    Return those of the ``predicted`` that are found near where they should be.
+    Return the warps of those ``predicted`` features that are in ``image``, to be aligned yet.
 
-    One that was seen a moment ago is looked for where the features around it went since; one that
-    was away for long, where its neighbours in the desired image are now.
+    ``image`` is float32 of shape (H, W).
     """
-    height, width = image.shape
     rows: list[int] = []
-    places: list[FloatArray] = []
-    maps: list[FloatArray] = []
-    for row, (key, unseen) in enumerate(zip(predicted.warps.ids, predicted.unseen, strict=True)):
-        desired = predicted.warps.desired[row]
-        guess: Prediction | None = Prediction(
-            predicted.warps.current[row],
-            predicted.warps.affine[row],
-            SEARCH_RANGE[0] + GHOST_DRIFT * float(unseen),
-        )
-        if unseen > GHOST_LIFE:
-            guess = predict(desired, tracked)
-        if guess is None or not _inside(guess.current, width, height):
+    pixels: list[FloatArray] = []
+    affines: list[FloatArray] = []
+    for row, feature in enumerate(predicted.warps.ids):
+        prediction = _prediction(predicted, row, tracked)
+        if prediction is None or not _inside(prediction.current, image):
             continue
-        place = search(int(key), desired, guess, anchor, image)
-        if place is not None:
+        pixel = search(int(feature), predicted.warps.desired[row], prediction, anchor, image)
+        if pixel is not None:
             rows.append(row)
-            places.append(place)
-            maps.append(guess.affine)
-    found = predicted.warps.take(np.array(rows, dtype=np.int64))
+            pixels.append(pixel)
+            affines.append(prediction.affine)
     return replace(
-        found,
-        current=np.array(places).reshape(-1, 2),
-        affine=np.array(maps).reshape(-1, 2, 2),
+        predicted.warps.take(np.array(rows, dtype=np.int64)),
+        current=np.array(pixels).reshape(-1, 2),
+        affine=np.array(affines).reshape(-1, 2, 2),
     )
 
 
-def _inside(pixel: FloatArray, width: int, height: int) -> bool:
+def _prediction(predicted: PredictedFeatures, row: int, tracked: Warps) -> Prediction | None:
+    """Return the prediction carried on from frame to frame, or by neighbours where it is old."""
+    warps, unseen = predicted.warps, predicted.unseen[row]
+    if unseen > MAX_UNSEEN:
+        return predict(warps.desired[row], tracked)
+    radius = SEARCH_RANGE[0] + RADIUS_GROWTH * float(unseen)
+    return Prediction(warps.current[row], warps.affine[row], radius)
+
+
+def _inside(pixel: FloatArray, image: FloatImage) -> bool:
+    height, width = image.shape
     u, v = float(pixel[0]), float(pixel[1])
-    return RADIUS <= u < width - RADIUS and RADIUS <= v < height - RADIUS
+    return bool(RADIUS <= u < width - RADIUS and RADIUS <= v < height - RADIUS)

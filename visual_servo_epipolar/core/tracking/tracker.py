@@ -1,31 +1,30 @@
 """
-The tracker: which feature of the desired view is where in the current image.
+Tracker: the features of the desired view, from frame to frame of the current one.
 
-Pyramidal Lucas-Kanade keeps the features from frame to frame; each is then anchored to its patch
-in the desired image, so that small errors do not add up to drift. Lost ones are looked for where
-their neighbours went, and when too few are left the whole image is matched anew.
+Pyramidal Lucas-Kanade follows the features; each is then aligned with its patch in the desired
+image, so that small errors do not add up to drift. Lost features are predicted and searched for,
+and when too few remain the whole image is matched anew.
 """
 
 from dataclasses import replace
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import as_gray, BoolArray, FloatArray, Image
+from visual_servo_epipolar.core.arrays import as_gray, Image
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.tracking.candidates import Candidates
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.core.tracking.flow import as_bright, flow
+from visual_servo_epipolar.core.tracking.flow import checked_flow
 from visual_servo_epipolar.core.tracking.matching import (
     desired_view,
     DesiredView,
+    inside_border,
     match,
+    match_quickly,
     Matches,
 )
-from visual_servo_epipolar.core.tracking.predicted_features import (
-    motion_between,
-    PredictedFeatures,
-)
-from visual_servo_epipolar.core.tracking.reacquisition import found_again
+from visual_servo_epipolar.core.tracking.predicted_features import fit_motion, PredictedFeatures
+from visual_servo_epipolar.core.tracking.reacquisition import reacquire
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.template_alignment import (
     Anchor,
@@ -36,18 +35,19 @@ from visual_servo_epipolar.core.tracking.template_alignment import (
 from visual_servo_epipolar.core.tracking.tracks import Tracks
 
 FIRST_ITERATIONS = 15  # of the alignment after a match: its scale is only known by SIFT
-BORDER = 4.0
+BORDER = 4.0  # features nearer to the border of the current image are dropped [px]
 FEW, FEW_PERIOD = 20, 3  # below so many features, matching may come after so few frames
-FEW_FACTOR = 3  # and so many times more are looked for in a frame
-ASTRAY_PX = 8.0  # motion against that of all others at which Lucas-Kanade is not believed
+FEW_FACTOR = 3  # the search is so many times wider below min_features
+OUTLIER_PX = 8.0  # distance from the common motion at which the flow of a feature is dropped
 
 
 class Tracker:
     """
-    Tracks the features of one desired image through a stream of current images.
+    Tracker of the features of one desired image through a stream of current images.
 
     ``track`` returns no features before ``set_desired``. The id of a feature is its number in the
     desired view and never changes; a feature that was lost may come back under its id.
+    ``matchings`` counts matchings of whole images; ``reason`` says why the last one failed.
     """
 
     def __init__(self, settings: TrackerSettings) -> None:
@@ -55,24 +55,24 @@ class Tracker:
         self._view: DesiredView | None = None
         self._anchor: Anchor | None = None
         self._previous: Image | None = None
-        self._tracked = Tracks.nothing()
+        self._tracked = Tracks.empty()
         self._candidates: Candidates | None = None
-        self._predicted = PredictedFeatures.none()
+        self._predicted = PredictedFeatures.empty()
         self._frame = 0
         self._match_frame: int | None = None
-        self.matchings = 0  # of whole images, since the start
+        self.matchings = 0
         self.reason = 'no desired image yet'
 
     @property
     def has_desired(self) -> bool:
-        """Whether there is a photograph to come back to."""
+        """Whether there is a desired view."""
         return self._view is not None
 
     def set_desired(self, image: Image) -> None:
         """
-        Take ``image`` as the desired view and forget all features.
+        Make ``image``, uint8 of shape (H, W), the desired view and forget all features.
 
-        Raises ValueError or TrackingError, and keeps the view it had, if it cannot be used.
+        Raises ValueError or TrackingError, and keeps the former view, if it cannot be used.
         """
         view = desired_view(image)
         self._view, self._anchor = view, Anchor(view.image)
@@ -80,13 +80,13 @@ class Tracker:
 
     def redetect(self) -> None:
         """Forget all features; the next image is matched to the desired one anew."""
-        self._previous, self._tracked, self._match_frame = None, Tracks.nothing(), None
+        self._previous, self._tracked, self._match_frame = None, Tracks.empty(), None
         self._candidates = None if self._view is None else Candidates(self._view)
-        self._predicted = PredictedFeatures.none()
+        self._predicted = PredictedFeatures.empty()
 
     def track(self, image: Image) -> Features:
         """
-        Return the features of the desired view seen in ``image``, uint8 of shape (H, W).
+        Return the features of the desired view in ``image``, uint8 of shape (H, W).
 
         Raises
         ------
@@ -103,148 +103,127 @@ class Tracker:
                 f'{_size(image)}; take both with the same camera and resolution'
             )
         self._frame += 1
-        tracked = self._followed(image)
-        image_float = float_image(image) if self._anchors_now else None
-        if image_float is not None:
-            tracked = self._align(tracked, image_float, self.settings.anchor_iterations)
-            tracked = tracked.trustworthy()
-        tracked = self._with_the_others(tracked)
-        if image_float is not None:
-            tracked = self._found_again(tracked, image_float).consistent()
+        tracked = self._carried_on(image)
         if len(tracked) < self.settings.min_features and self._may_match():
             tracked = self._replenished(tracked, image)
         self._tracked, self._previous = tracked, image
-        self._predicted = self._predicted.seen(tracked.warps)
+        self._predicted = self._predicted.corrected(tracked.warps)
         return self._features()
+
+    def _carried_on(self, image: Image) -> Tracks:
+        """Return the tracks of the last frame in this one, without matching the whole image."""
+        tracked = self._followed(image)
+        if not self._aligns_now:
+            return self._on_common_motion(tracked)
+        pixels = float_image(image)
+        tracked = self._aligned(tracked, pixels, self.settings.anchor_iterations)
+        tracked = self._on_common_motion(tracked.without_residual_outliers())
+        return self._reacquired(tracked, pixels).without_epipolar_outliers()
 
     def _may_match(self) -> bool:
         """Return whether it is time: matching takes as long as several frames."""
         if self._match_frame is None:
             return True
-        waited = self._frame - self._match_frame
+        elapsed = self._frame - self._match_frame
         few = len(self._tracked) < FEW
-        return waited >= (self.settings.rematch_period if not few else FEW_PERIOD)
+        return elapsed >= (FEW_PERIOD if few else self.settings.rematch_period)
 
     @property
-    def _anchors_now(self) -> bool:
+    def _aligns_now(self) -> bool:
         period = self.settings.anchor_period
         return period > 0 and self._frame % period == 0
 
     def _followed(self, image: Image) -> Tracks:
-        """
-        Follow the features from the last image by Lucas-Kanade.
-
-        Checked backward as well if features are never anchored: else the desired patch is judge.
-        """
+        """Return the tracks of the last frame, followed to this one by optical flow."""
         if self._previous is None or not len(self._tracked):
-            return Tracks.nothing()
+            return Tracks.empty()
         before = self._tracked.warps.current.astype(np.float32)
-        previous = as_bright(self._previous, image)
-        after, found = flow(previous, image, before, settings=self.settings)
-        if self.settings.anchor_period == 0:
-            back, found_back = flow(image, previous, after, before, settings=self.settings)
-            found &= found_back & (np.hypot(*(back - before).T) <= self.settings.forward_backward)
+        after, valid = checked_flow(self._previous, image, before, settings=self.settings)
         warps = replace(self._tracked.warps, current=after.astype(np.float64))
-        good = found & _inside(warps.current, image)
-        return replace(self._tracked, warps=warps, ages=self._tracked.ages + 1).take(good)
+        valid &= inside_border(warps.current, image.shape, BORDER)
+        return replace(self._tracked, warps=warps, ages=self._tracked.ages + 1).take(valid)
 
-    def _with_the_others(self, tracked: Tracks) -> Tracks:
-        """Drop features that went another way than all others, and move the predicted along."""
-        before = self._tracked.warps
-        if not len(tracked):
-            self._predicted = self._predicted.aged()
-            return tracked
-        # Both lists are in the order of the last frame: what was lost is missing from the second.
-        places = before.current[np.isin(before.ids, tracked.warps.ids)]
-        motion = motion_between(places, tracked.warps.current)
+    def _on_common_motion(self, tracked: Tracks) -> Tracks:
+        """Drop outliers of the motion since the last frame; propagate the predictions by it."""
+        last, current = self._tracked.warps, tracked.warps.current
+        # Both lists are in the order of the last frame; lost features are missing in the second.
+        before = last.current[np.isin(last.ids, tracked.warps.ids)]
+        motion = fit_motion(before, current)
+        self._predicted = self._predicted.propagated(motion)
         if motion is None:
-            self._predicted = self._predicted.aged()
             return tracked
-        self._predicted = self._predicted.moved(motion)
-        return tracked.take(~motion.astray(places, tracked.warps.current, ASTRAY_PX))
+        return tracked.take(~motion.outliers(before, current, OUTLIER_PX))
 
-    def _align(self, tracked: Tracks, image: FloatImage, iterations: int) -> Tracks:
+    def _aligned(self, tracked: Tracks, image: FloatImage, iterations: int) -> Tracks:
+        """Return the tracks aligned with the desired image, without those unlike it."""
         assert self._anchor is not None
         alignment = self._anchor.align(tracked.warps, image, iterations=iterations)
         aligned = Tracks(alignment.warps, tracked.ages, alignment.residual)
-        good = alignment.correlation >= self.settings.min_correlation
-        return aligned.take(good & _inside(alignment.warps.current, image))
+        similar = alignment.correlation >= self.settings.min_correlation
+        return aligned.take(similar & inside_border(aligned.warps.current, image.shape, BORDER))
 
-    def _found_again(self, tracked: Tracks, image: FloatImage) -> Tracks:
-        """
-        Look for some of the candidates that are not tracked, others in each frame.
-
-        With a full set only for those from where the desired image is hardly covered any more.
-        """
+    def _reacquired(self, tracked: Tracks, image: FloatImage) -> Tracks:
+        """Return the tracks and those missing candidates, tried in turn, that are in ``image``."""
         assert self._anchor is not None and self._candidates is not None
-        few = FEW_FACTOR if len(tracked) < self.settings.min_features else 1
-        keys = self._candidates.next_missing(
-            tracked.warps, few * self.settings.search_per_frame, self.settings.max_features
+        factor = FEW_FACTOR if len(tracked) < self.settings.min_features else 1
+        ids = self._candidates.next_missing(
+            tracked.warps, factor * self.settings.search_per_frame, self.settings.max_features
         )
-        if not len(keys):
+        if not len(ids):
             return tracked
-        found = found_again(self._predicted.among(keys), tracked.warps, self._anchor, image)
-        both = tracked.joined(self._align(Tracks.fresh(found), image, FIRST_ITERATIONS))
-        if len(both) <= self.settings.max_features:
-            return both
-        kept = np.arange(len(both)) < len(tracked)
-        return both.take(self._candidates.spread(both.warps.ids, kept, self.settings.max_features))
+        warps = reacquire(self._predicted.select(ids), tracked.warps, self._anchor, image)
+        joined = tracked.joined(self._aligned(Tracks.detected(warps), image, FIRST_ITERATIONS))
+        if len(joined) <= self.settings.max_features:
+            return joined
+        return self._limited(joined, tracked)
 
     def _replenished(self, tracked: Tracks, image: Image) -> Tracks:
-        """Match the whole image with the desired one and fill up with new features."""
-        assert self._view is not None and self._candidates is not None
-        first = self._match_frame is None
-        self._match_frame, self.matchings = self._frame, self.matchings + 1
+        """Return the tracks filled up with features of a new matching of the whole image."""
+        assert self._candidates is not None
         try:
-            matches = self._matched(image, halved=not first)
+            matches = self._matched(image)
         except TrackingError as error:
             self.reason = str(error)
             return tracked
         self.reason = ''
-        other = np.flatnonzero(~np.isin(matches.indices, tracked.warps.ids))
-        nobody = np.zeros(len(other), bool)
-        rows = other[
-            self._candidates.spread(matches.indices[other], nobody, self.settings.candidates)
-        ]
-        indices = matches.indices[rows]
-        warps = Warps(
-            indices,
-            self._view.keypoints.pixels[indices],
-            matches.pixels[rows],
-            matches.scales[rows, None, None] * np.eye(2),
-        )
-        fresh = self._align(Tracks.fresh(warps), float_image(image), FIRST_ITERATIONS)
-        both = tracked.joined(fresh).consistent()
-        self._candidates.remember(both.warps.ids, self.settings.candidates)
-        self._predicted = self._predicted.seen(both.warps)
-        kept = np.isin(both.warps.ids, tracked.warps.ids)
-        return both.take(self._candidates.spread(both.warps.ids, kept, self.settings.max_features))
+        warps = self._untracked(matches, tracked)
+        detected = self._aligned(Tracks.detected(warps), float_image(image), FIRST_ITERATIONS)
+        joined = tracked.joined(detected).without_epipolar_outliers()
+        self._candidates.remember(joined.warps.ids, self.settings.candidates)
+        self._predicted = self._predicted.corrected(joined.warps)
+        return self._limited(joined, tracked)
 
-    def _matched(self, image: Image, *, halved: bool) -> Matches:
-        """Match by the halved image, and by the whole one where that gives too little."""
+    def _matched(self, image: Image) -> Matches:
+        """Match the desired view with ``image``; not on the halved one where nothing is known."""
         assert self._view is not None
-        if halved:
-            try:
-                matches = match(self._view, image, halved=True)
-            except TrackingError:
-                pass
-            else:
-                if len(matches.indices) >= self.settings.max_features:
-                    return matches
-        return match(self._view, image)
+        first = self._match_frame is None
+        self._match_frame, self.matchings = self._frame, self.matchings + 1
+        if first:
+            return match(self._view, image)
+        return match_quickly(self._view, image, enough=self.settings.max_features)
+
+    def _untracked(self, matches: Matches, tracked: Tracks) -> Warps:
+        """Return the warps of matches that are not ``tracked``, spread over the desired image."""
+        assert self._view is not None and self._candidates is not None
+        rows = np.flatnonzero(~np.isin(matches.indices, tracked.warps.ids))
+        preferred, limit = np.zeros(len(rows), bool), self.settings.candidates
+        rows = rows[self._candidates.bucketed(matches.indices[rows], preferred, limit)]
+        ids = matches.indices[rows]
+        affine = matches.scales[rows, None, None] * np.eye(2)
+        return Warps(ids, self._view.keypoints.pixels[ids], matches.pixels[rows], affine)
+
+    def _limited(self, tracks: Tracks, preferred: Tracks) -> Tracks:
+        """Return at most ``max_features`` of ``tracks``, spread, ``preferred`` ones first."""
+        assert self._candidates is not None
+        ids, limit = tracks.warps.ids, self.settings.max_features
+        first = np.isin(ids, preferred.warps.ids)
+        return tracks.take(self._candidates.bucketed(ids, first, limit))
 
     def _features(self) -> Features:
         warps = self._tracked.warps
         return Features(
             warps.ids, warps.current, warps.desired, self._tracked.ages, self._tracked.residuals
         )
-
-
-def _inside(pixels: FloatArray, image: Image | FloatImage) -> BoolArray:
-    height, width = image.shape
-    u, v = pixels[:, 0], pixels[:, 1]
-    inside = (u >= BORDER) & (u < width - BORDER) & (v >= BORDER) & (v < height - BORDER)
-    return np.asarray(inside)
 
 
 def _size(image: Image) -> str:

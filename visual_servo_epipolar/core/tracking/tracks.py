@@ -1,4 +1,4 @@
-"""What is tracked at a time: warps with their ages and residuals."""
+"""Tracks: the features tracked at a time, and the tests by which outliers are dropped."""
 
 from dataclasses import dataclass
 
@@ -8,62 +8,61 @@ from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.core.tracking.matching import epipolar_inliers
 from visual_servo_epipolar.core.tracking.template_alignment import Warps
 
-MIN_CONSISTENT = 15  # features below which a consistency check says nothing
-RESIDUAL_FACTOR, RESIDUAL_FLOOR = 3.0, 2.0  # times the median, plus grey levels
+MIN_FEATURES = 15  # below which a test of outliers says nothing
+RESIDUAL_FACTOR, RESIDUAL_FLOOR = 3.0, 2.0  # limit: times the median, plus grey levels
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Tracks:
-    """What is tracked now; ages [frames] and residuals [grey levels], shape (N,)."""
+    """Tracks of N features: ``warps``, ``ages`` [frames], ``residuals`` [grey levels], (N,)."""
 
     warps: Warps
     ages: IntArray
     residuals: FloatArray
 
     @classmethod
-    def nothing(cls) -> 'Tracks':
-        """Return no features."""
-        empty = np.empty((0, 2))
-        return cls.fresh(Warps(np.empty(0, np.int64), empty, empty, np.empty((0, 2, 2))))
+    def empty(cls) -> 'Tracks':
+        """Return the tracks of no feature."""
+        return cls.detected(Warps.empty())
 
     @classmethod
-    def fresh(cls, warps: Warps) -> 'Tracks':
-        """Return features that were detected just now."""
+    def detected(cls, warps: Warps) -> 'Tracks':
+        """Return the tracks of features detected in this frame."""
         return cls(warps, np.zeros(len(warps), np.int64), np.zeros(len(warps)))
 
     def __len__(self) -> int:
         return len(self.warps)
 
     def take(self, rows: IntArray | BoolArray) -> 'Tracks':
-        """Return the rows chosen by index or mask."""
+        """Return the rows chosen by index, shape (M,), or mask, shape (N,)."""
         return Tracks(self.warps.take(rows), self.ages[rows], self.residuals[rows])
 
-    def joined(self, other: 'Tracks') -> 'Tracks':
-        """Return the rows of both."""
+    def joined(self, more: 'Tracks') -> 'Tracks':
+        """Return these tracks followed by ``more``."""
         return Tracks(
-            self.warps.joined(other.warps),
-            np.concatenate([self.ages, other.ages]),
-            np.concatenate([self.residuals, other.residuals]),
+            self.warps.joined(more.warps),
+            np.concatenate([self.ages, more.ages]),
+            np.concatenate([self.residuals, more.residuals]),
         )
 
-    def trustworthy(self) -> 'Tracks':
+    def without_residual_outliers(self) -> 'Tracks':
         """
-        Drop features whose patch looks much less like the desired one than those of the others.
+        Drop features whose residual exceeds RESIDUAL_FACTOR medians plus RESIDUAL_FLOOR.
 
         Such a patch lies across an edge in depth, and its parts pull in different directions.
         """
-        if len(self) < MIN_CONSISTENT:
+        if len(self) < MIN_FEATURES:
             return self
         limit = RESIDUAL_FACTOR * float(np.median(self.residuals)) + RESIDUAL_FLOOR
         return self.take(self.residuals <= limit)
 
-    def consistent(self) -> 'Tracks':
+    def without_epipolar_outliers(self) -> 'Tracks':
         """
-        Drop features that contradict the epipolar geometry of the others: mistaken twins.
+        Drop features off the common epipolar geometry: mistaken twins.
 
-        Where less than half agree there is no telling who is right, and nothing is dropped.
+        Where it has less than half of them as inliers it is no judge, and nothing is dropped.
         """
-        if len(self) < MIN_CONSISTENT:
+        if len(self) < MIN_FEATURES:
             return self
-        agree = epipolar_inliers(self.warps.current, self.warps.desired)
-        return self.take(agree) if 2 * int(agree.sum()) >= len(self) else self
+        inliers = epipolar_inliers(self.warps.current, self.warps.desired)
+        return self.take(inliers) if 2 * int(inliers.sum()) >= len(self) else self

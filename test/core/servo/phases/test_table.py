@@ -61,11 +61,11 @@ def test_nothing_never_changes_the_phase() -> None:
 
 def reachable(start: Phase) -> set[Phase]:
     """Return the phases that some sequence of events leads to."""
-    found, new = {start}, {start}
+    reached, new = {start}, {start}
     while new:
-        new = {next_phase(phase, event) for phase in new for event in Event} - found
-        found |= new
-    return found
+        new = {next_phase(phase, event) for phase in new for event in Event} - reached
+        reached |= new
+    return reached
 
 
 @pytest.mark.parametrize('start', Phase)

@@ -1,1 +1,1 @@
-"""Phases: their table, what leads from one to another, and what each commands."""
+"""Phases: their table, the events that lead from one to another, the commands of each."""

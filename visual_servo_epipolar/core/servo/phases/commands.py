@@ -1,8 +1,8 @@
 """
-Phase commands: the velocity that each phase asks for, the paper's equations and what departs.
+Phase commands: the nominal velocity of each phase, by the paper's equations and departures.
 
-Which departures are taken is data: ``control.law_table.LawOptions``. All of it is pure: the state
-in, the wanted twist out, before limits, ramps and the dead band.
+The law says which departures are taken (``control.law_table.LawOptions``). Nominal is a twist
+before limits, ramps and the dead band; twists are in m/s and rad/s.
 """
 
 from collections.abc import Callable, Mapping
@@ -10,7 +10,7 @@ from dataclasses import replace
 import math
 
 from visual_servo_epipolar.core.control import laws
-from visual_servo_epipolar.core.control.gains import UNHURRIED
+from visual_servo_epipolar.core.control.gains import CRITICAL_GAIN_DELAY
 from visual_servo_epipolar.core.control.law_table import epipole_controls, matching_control
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import saturate, STANDSTILL, Twist
@@ -21,21 +21,22 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.update import lateral_offset
 
-CREEP = 0.02  # braking never asks for less, lest noise in the rate stop the robot [m/s]
+CREEP = 0.02  # least speed under contact braking, lest noise in the rate stop the robot [m/s]
+LEAST_DELAY = 1e-3  # of a loop [s]
 
 
-def wanted_twist(state: ServoState, settings: ServoSettings) -> Twist:
-    """Return the velocity that the law of the phase asks for, before saturation."""
+def nominal_twist(state: ServoState, settings: ServoSettings) -> Twist:
+    """Return the nominal twist of the phase: that of its law, before saturation."""
     if state.measurement is None:
         return STANDSTILL
     return COMMANDS[state.phase](state, state.measurement, settings)
 
 
-def straightened(wanted: Twist, state: ServoState, settings: ServoSettings) -> Twist:
-    """Return ``wanted`` without the turn that unequal wheels are known to add to it."""
+def curvature_compensated(twist: Twist, state: ServoState, settings: ServoSettings) -> Twist:
+    """Return ``twist`` less the turn c u_1 that the identified curvature c would add to it."""
     if not settings.options.curvature_feedforward:
-        return wanted
-    return replace(wanted, angular=wanted.angular - state.curvature.value * wanted.linear)
+        return twist
+    return replace(twist, angular=twist.angular - state.curvature.value * twist.linear)
 
 
 def _stand(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Twist:
@@ -43,21 +44,21 @@ def _stand(state: ServoState, measurement: Measurement, settings: ServoSettings)
 
 
 def _orient(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Twist:
-    """Turn to the goal's heading."""
+    """Return the turn in place to the goal's heading."""
     return laws.turn_to_heading(measurement.heading_error, gain=settings.turn_gain)
 
 
 def _retreat(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Twist:
-    """Turn to the goal's heading as far as the view allows, then back off."""
+    """Return the turn to the goal's heading as far as the view allows, then with backing off."""
     left, right = measurement.view_margins
-    allowed = min(max(-measurement.heading_error, -right), left)
-    turning = abs(allowed) > settings.retreat_heading
-    turn = laws.turn_to_heading(-allowed, gain=settings.turn_gain)
+    angle = min(max(-measurement.heading_error, -right), left)
+    turn = laws.turn_to_heading(-angle, gain=settings.turn_gain)
+    turning = abs(angle) > settings.retreat_heading
     return replace(turn, linear=0.0 if turning else -settings.retreat_speed)
 
 
 def _displace(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Twist:
-    """Turn in place until the current epipole is at its target (section IV-B, remarks)."""
+    """Return the turn in place of e_au to its target (section IV-B, remarks)."""
     if measurement.bearings is None:
         return STANDSTILL
     return laws.turn_epipole(
@@ -66,24 +67,19 @@ def _displace(state: ServoState, measurement: Measurement, settings: ServoSettin
 
 
 def _held_epipole(state: ServoState, measurement: Measurement) -> float:
-    """Return where to hold e_au: at the target, but never so that features leave the view."""
+    """Return the abscissa to hold e_au at: the target, as far as features stay in view."""
     if measurement.bearings is None:
         return state.target
-    here, (left, right) = measurement.bearings.alpha, measurement.view_margins
-    wanted = math.atan(state.target)
-    return math.tan(min(max(wanted, here - right), here + left))
+    alpha, (left, right) = measurement.bearings.alpha, measurement.view_margins
+    return math.tan(min(max(math.atan(state.target), alpha - right), alpha + left))
 
 
 def _first_step(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Twist:
-    """Return eqs. (16)-(17), with e_au held at the target until e_du is latched, and braking."""
+    """Return eqs. (16)-(17), braked before contact if the law says so."""
     bearings, law = measurement.bearings, settings.options
     if bearings is None:
         return STANDSTILL
-    gains = _first_gains(state, settings)
-    if law.discordant_turn and not state.latched and not settings.finite_time:
-        gains['e_target'] = _held_epipole(state, measurement)
-    controls = epipole_controls(law, finite_time=settings.finite_time)
-    nu = controls(bearings.epipole_current, bearings.epipole_desired, **gains)
+    nu = _auxiliary_controls(bearings, state, measurement, settings)
     twist = laws.linearizing_control(
         bearings.epipole_current,
         bearings.epipole_desired,
@@ -97,13 +93,22 @@ def _first_step(state: ServoState, measurement: Measurement, settings: ServoSett
     return saturate(twist, max_linear=max(speed, CREEP), max_angular=math.inf)
 
 
+def _auxiliary_controls(
+    bearings: Bearings, state: ServoState, measurement: Measurement, settings: ServoSettings
+) -> tuple[float, float]:
+    """Return (nu_1, nu_2) of the law; a discordant turn holds e_au until e_du is latched."""
+    law = settings.options
+    gains = _first_gains(state, settings)
+    if law.discordant_turn and not state.latched and not settings.finite_time:
+        gains['e_target'] = _held_epipole(state, measurement)
+    controls = epipole_controls(law, finite_time=settings.finite_time)
+    return controls(bearings.epipole_current, bearings.epipole_desired, **gains)
+
+
 def _second_step(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Twist:
-    """Return eqs. (21)-(22), or the same speed along the axis of the goal instead of u_2 = 0."""
-    control, gain = (
-        matching_control(settings.options),
-        _matching_gain(state, measurement, settings),
-    )
-    twist = control(measurement.difference, k_t=gain)
+    """Return eqs. (21)-(22), or their u_1 with line following instead of u_2 = 0."""
+    control = matching_control(settings.options)
+    twist = control(measurement.difference, k_t=_matching_gain(state, measurement, settings))
     if not settings.options.line_following:
         return twist
     linear = min(max(twist.linear, -settings.max_linear), settings.max_linear)
@@ -116,19 +121,20 @@ def _second_step(state: ServoState, measurement: Measurement, settings: ServoSet
 
 
 def _first_gains(state: ServoState, settings: ServoSettings) -> dict[str, float]:
-    """Return k1, k2 and the exponent of (12), given or derived."""
-    derived, held = state.gains, settings.options.discordant_turn
-    k1 = settings.turn_gain if held else settings.k1
+    """Return k1, k2 and the exponent of (12), given or derived; a held e_au has the turn gain."""
+    derived, holds = state.gains, settings.options.discordant_turn
+    k1 = settings.turn_gain if holds else settings.k1
     if derived is None:
         return {'k1': k1, 'k2': settings.k2, 'exponent': settings.exponent}
-    k1 = min(k1, derived.k1_alone) if held else derived.k1
-    if state.latched and not held:
-        k1 = derived.k1_alone
+    if holds:
+        k1 = min(k1, derived.k1_alone)
+    else:
+        k1 = derived.k1_alone if state.latched else derived.k1
     return {'k1': k1, 'k2': derived.k2, 'exponent': derived.exponent}
 
 
 def _matching_gain(state: ServoState, measurement: Measurement, settings: ServoSettings) -> float:
-    """Return k_t of (21), or what closes in at a rate once D has shown its slope."""
+    """Return k_t of (21) [m/s]: given, derived, or a rate over the slope of D once it is known."""
     derived = state.gains
     k_t = settings.k_t if derived is None else derived.k_t
     if not settings.options.slope_gain or not state.slope.value > 0.0:
@@ -138,16 +144,17 @@ def _matching_gain(state: ServoState, measurement: Measurement, settings: ServoS
     )
     rate = settings.approach_rate
     rate = min(k_t * state.slope.value, rate) if derived is None else min(derived.rate, rate)
-    return _unhurried(factor * rate, rate, state, settings) / state.slope.value
+    return min(factor * rate, max(rate, _damped_rate(state, settings))) / state.slope.value
 
 
-def _unhurried(wanted: float, least: float, state: ServoState, settings: ServoSettings) -> float:
-    """Return the rate ``wanted`` [1/s] as far as the delay allows, ``least`` at least."""
+def _damped_rate(state: ServoState, settings: ServoSettings) -> float:
+    """Return the rate [1/s] that is critically damped under the delay of the loop."""
     delay = settings.latency + (state.period if state.period > 0.0 else 0.0)
-    return min(wanted, max(least, UNHURRIED / max(delay, 1e-3)))
+    return CRITICAL_GAIN_DELAY / max(delay, LEAST_DELAY)
 
 
 def _sigma(bearings: Bearings, settings: ServoSettings) -> float:
+    """Return sign cos(psi - theta), or the sign that the paper prints."""
     if settings.options.true_sigma:
         return bearings.sigma
     return laws.printed_sigma(bearings.epipole_current, bearings.epipole_desired)

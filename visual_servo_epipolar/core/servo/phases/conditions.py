@@ -1,7 +1,7 @@
 """
-Where the robot is, as far as it can tell: bearings, bounds that know the noise, and judgements.
+Conditions on a measurement: bounds no smaller than the noise, and the predicates they decide.
 
-``events`` makes events of them, ``steering`` and ``recollection`` look at them as well.
+``events`` classifies by them, ``switch`` and ``derived_gains`` take the displacement from them.
 """
 
 import math
@@ -15,40 +15,40 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 
 ENGAGE_DEVIATIONS, RELEASE_DEVIATIONS, NOISE_DEVIATIONS = 1.0, 4.0, 2.0
-RESIDUAL = 1.25  # parallax of a standstill, in deviations of the noise: see ``fit_rotation``
-FOLLOWED = 1e-3  # offset that line following may leave [m]
+STANDSTILL_PARALLAX = 1.25  # without a baseline, in deviations of the noise: see ``fit_rotation``
+RESIDUAL_OFFSET = 1e-3  # at the end of line following [m]
 LARGEST_ESCAPE = 0.1  # [rad]
-FRAME_S = 0.1  # the shortest turn: one command, at the usual frame rate [s]
+FRAME_S = 0.1  # duration of the shortest turn: one command, at the usual frame rate
 
 
 def engage_bound(measurement: Measurement, settings: ServoSettings) -> float:
-    """Return the bearing of e_du [rad] that counts as zero: it cannot be less than its noise."""
+    """Return the largest bearing of e_du [rad] that counts as zero, its noise at least."""
     return max(settings.latch_engage, ENGAGE_DEVIATIONS * _deviation(measurement))
 
 
 def release_bound(measurement: Measurement, settings: ServoSettings) -> float:
-    """Return the bearing of e_du [rad] that has left zero, and not by noise alone."""
+    """Return the bearing of e_du [rad] beyond which it has left zero, and not by noise alone."""
     return max(settings.latch_release, RELEASE_DEVIATIONS * _deviation(measurement))
 
 
 def escape_bound(state: ServoState, measurement: Measurement, settings: ServoSettings) -> float:
     """
-    Return the bearing of e_du [rad] at which step 1 has to begin anew.
+    Return the bearing of e_du [rad] beyond which step 1 has to begin anew.
 
-    Line following shrinks an offset x by exp(0.9 d / L) on the way d that is left: what it brings
-    below a millimetre need not be zeroed first, as when a camera ahead of the axle swings aside
-    while the robot turns.
+    Line following shrinks an offset x by exp(0.9 d / L) over the remaining distance d: one that
+    ends below a millimetre need not be zeroed first, as when a camera ahead of the axle swings
+    aside while the robot turns.
     """
     bound = release_bound(measurement, settings)
     if not settings.options.line_following:
         return bound
-    way = state.range if state.range > 0.0 else min(state.distance, UNKNOWN_RANGE)
-    follows = min(0.9 * way / look_ahead(way, settings.look_ahead), 9.0)
-    return max(bound, min(FOLLOWED * math.exp(follows) / way, LARGEST_ESCAPE))
+    distance = state.range if state.range > 0.0 else min(state.distance, UNKNOWN_RANGE)
+    decay = min(0.9 * distance / look_ahead(distance, settings.look_ahead), 9.0)
+    return max(bound, min(RESIDUAL_OFFSET * math.exp(decay) / distance, LARGEST_ESCAPE))
 
 
 def align_bound(measurement: Measurement, settings: ServoSettings) -> float:
-    """Return the bearing of e_au [rad] that counts as zero: it cannot be less than its noise."""
+    """Return the largest bearing of e_au [rad] that counts as zero, its noise at least."""
     return max(settings.align_tolerance, ENGAGE_DEVIATIONS * _deviation(measurement))
 
 
@@ -58,20 +58,21 @@ def _deviation(measurement: Measurement) -> float:
 
 def is_sideways(measurement: Measurement, settings: ServoSettings) -> bool:
     """
-    Return whether law full backs off before step 1.
+    Return whether a law with retreat backs off before step 1.
 
-    So it does from beside or past the goal, and where the field of view leaves no room for a turn
+    From beside or past the goal, and where the field of view leaves no room for a displacement
     that would bring the robot onto the axis before it is at the goal.
     """
     return _backs_off(measurement, settings, settings.least_spiral_ratio)
 
 
 def is_off_course(measurement: Measurement, settings: ServoSettings) -> bool:
-    """Return whether step 1, once begun, had better be given up: later than it would not begin."""
+    """Return whether step 1, once begun, is given up for a retreat: with a hysteresis."""
     return _backs_off(measurement, settings, settings.least_spiral_ratio**2)
 
 
 def _backs_off(measurement: Measurement, settings: ServoSettings, least_ratio: float) -> bool:
+    """Return whether the goal is not ahead, or the spiral ends below ``least_ratio``."""
     bearings, law = measurement.bearings, settings.options
     if not law.retreat or bearings is None:
         return False
@@ -83,7 +84,7 @@ def _backs_off(measurement: Measurement, settings: ServoSettings, least_ratio: f
 
 
 def is_behind(bearings: Bearings) -> bool:
-    """Return whether the robot stands behind the goal and has it ahead."""
+    """Return whether the robot is behind the goal and has it ahead."""
     return bearings.sigma < 0.0 and math.sin(bearings.psi) < 0.0
 
 
@@ -93,13 +94,13 @@ def displacement(
     """
     Return the bearing of e_au [rad] to hold in step 1, as far as the field of view allows.
 
-    None where the spiral would leave less than ``least_ratio`` of the distance, that of the
-    settings if not given: see ``laws.displaced_epipole``.
+    None where the spiral would end below ``least_ratio`` of its first distance, by default that of
+    the settings: see ``laws.displaced_epipole``.
     """
     bearings = measurement.bearings
     if bearings is None:
         return None
-    here, chi = bearings.alpha, bearings.chi
+    alpha, chi = bearings.alpha, bearings.chi
     epipole = laws.displaced_epipole(
         bearings.epipole_desired,
         ratio=settings.spiral_ratio,
@@ -107,12 +108,13 @@ def displacement(
         high=settings.max_displacement,
     )
     left, right = measurement.view_margins
-    wanted = math.atan(epipole)
-    found = min(max(wanted, here - right), here + left)
-    if abs(chi) <= engage_bound(measurement, settings) or found == wanted:
-        return found
-    enough = abs(chi) / math.log(1.0 / (least_ratio or settings.least_spiral_ratio))
-    return found if found * wanted > 0.0 and math.tan(abs(found)) >= enough else None
+    target = math.atan(epipole)
+    visible = min(max(target, alpha - right), alpha + left)
+    if abs(chi) <= engage_bound(measurement, settings) or visible == target:
+        return visible
+    least_tangent = abs(chi) / math.log(1.0 / (least_ratio or settings.least_spiral_ratio))
+    ends_in_time = visible * target > 0.0 and math.tan(abs(visible)) >= least_tangent
+    return visible if ends_in_time else None
 
 
 def is_settled(state: ServoState, settings: ServoSettings) -> bool:
@@ -134,26 +136,27 @@ def is_settled(state: ServoState, settings: ServoSettings) -> bool:
 
 
 def facing_bound(settings: ServoSettings) -> float:
-    """Return the heading error [rad] that counts as zero: no less than the motors can turn."""
+    """Return the largest heading error [rad] that counts as zero, the least turn at least."""
     frames = 2.0 if settings.dead_band_mode == 'raise' else 0.5
     return max(settings.arrival_heading, frames * FRAME_S * settings.dead_band_angular)
 
 
 def matched_bound(measurement: Measurement, settings: ServoSettings) -> float:
-    """Return the |D| that counts as zero: it cannot be less than its noise."""
+    """Return the largest |D|, at unit focal length, that counts as zero, its noise at least."""
     return max(settings.arrival_difference, NOISE_DEVIATIONS * measurement.difference_deviation)
 
 
 def has_parallax(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
-    """Return whether the features show parallax that noise does not explain: not at the goal."""
-    seen = measurement.parallax if state.settled < 2 else state.settled_parallax
+    """Return whether the parallax exceeds what noise explains: the robot is not at the goal."""
+    parallax = measurement.parallax if state.settled < 2 else state.settled_parallax
     # The root of a mean square over N features varies by 0.5 / sqrt(N) and more.
-    noise = RESIDUAL * measurement.noise * (1.0 + 1.5 / math.sqrt(max(measurement.features, 1)))
-    return not seen <= math.hypot(settings.arrival_parallax, noise)
+    variation = 1.0 + 1.5 / math.sqrt(max(measurement.features, 1))
+    noise = STANDSTILL_PARALLAX * measurement.noise * variation
+    return not parallax <= math.hypot(settings.arrival_parallax, noise)
 
 
 def is_at_goal(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
-    """Return whether the photograph could have been taken from here: heading, parallax and D."""
-    faces_it = abs(measurement.heading_error) <= facing_bound(settings)
+    """Return whether heading, parallax and D are those of the photograph, within their noise."""
+    faces_goal = abs(measurement.heading_error) <= facing_bound(settings)
     matched = abs(measurement.difference) <= matched_bound(measurement, settings)
-    return faces_it and matched and not has_parallax(state, measurement, settings)
+    return faces_goal and matched and not has_parallax(state, measurement, settings)

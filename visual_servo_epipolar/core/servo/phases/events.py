@@ -1,4 +1,4 @@
-"""What an observation means to the state machine: from situation to event."""
+"""Events: the measurement of a frame, classified in the phase of the servo."""
 
 from collections.abc import Callable
 import math
@@ -21,26 +21,30 @@ from visual_servo_epipolar.core.stamps import seconds_between
 
 
 def classify(state: ServoState, settings: ServoSettings) -> Event:
-    """Return what ``state.measurement`` means in ``state.phase``."""
+    """Return the event of ``state.measurement`` in ``state.phase``."""
     measurement, phase = state.measurement, state.phase
     if measurement is None or phase in ENDED:
         return Event.NOTHING
-    elapsed = seconds_between(state.phase_start_ns, measurement.stamp_ns)
-    running = phase in DRIVING or phase is Phase.HOLDING
-    run = seconds_between(state.run_start_ns, measurement.stamp_ns)
-    if running and run > settings.run_timeout:
-        return Event.TIMED_OUT
-    if phase is Phase.HOLDING and elapsed > settings.holding_timeout:
-        return Event.TIMED_OUT
-    if phase in DRIVING and elapsed > settings.phase_timeout:
+    if _has_timed_out(state, measurement, settings):
         return Event.TIMED_OUT
     if measurement.features < settings.min_features:
         return Event.LOST if phase in DRIVING else Event.NOTHING
     return _CLASSIFIERS[phase](state, measurement, settings)
 
 
+def _has_timed_out(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
+    """Return whether the run or the phase has lasted too long; waiting may last for ever."""
+    holding = state.phase is Phase.HOLDING
+    if not holding and state.phase not in DRIVING:
+        return False
+    run_time = seconds_between(state.run_start_ns, measurement.stamp_ns)
+    phase_time = seconds_between(state.phase_start_ns, measurement.stamp_ns)
+    timeout = settings.holding_timeout if holding else settings.phase_timeout
+    return run_time > settings.run_timeout or phase_time > timeout
+
+
 def _survey(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
-    """Decide how to begin, or to begin again after the tracks came back."""
+    """Return the event that begins a run, or resumes it after the tracks came back."""
     if is_at_goal(state, measurement, settings):
         return Event.MATCHED
     if measurement.bearings is None:
@@ -62,12 +66,12 @@ def _orienting(state: ServoState, measurement: Measurement, settings: ServoSetti
         return Event.SIDEWAYS
     if measurement.bearings is not None:
         return Event.APART
-    # Turned to the goal's heading and still no baseline: what is left is removed by step 2.
+    # At the goal's heading and still no baseline: step 2 removes the residual.
     return Event.ALIGNED
 
 
 def _is_astray(measurement: Measurement, settings: ServoSettings) -> bool:
-    """Return whether the goal is not near, and where it is cannot be trusted."""
+    """Return whether the goal is not near and its bearing not trusted."""
     return measurement.bearings is None and measurement.parallax > settings.near_parallax
 
 
@@ -76,31 +80,31 @@ def _retreating(state: ServoState, measurement: Measurement, settings: ServoSett
         return Event.LOST
     if measurement.bearings is None or measurement.difference > -settings.retreat_difference:
         return Event.NOTHING
-    inside = abs(measurement.bearings.chi) <= settings.retreat_bearing
-    return Event.APART if inside and not is_sideways(measurement, settings) else Event.NOTHING
+    within = abs(measurement.bearings.chi) <= settings.retreat_bearing
+    return Event.APART if within and not is_sideways(measurement, settings) else Event.NOTHING
 
 
 def _displacing(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
     if measurement.bearings is None:
         return Event.LOST
-    bearing = measurement.bearings.alpha
+    alpha = measurement.bearings.alpha
     if abs(measurement.bearings.chi) <= engage_bound(measurement, settings):
-        return Event.DISPLACED  # e_du is zero already: no need for e_au to be anywhere
+        return Event.DISPLACED  # e_du is zero already: any e_au will do
     if not settings.options.discordant_turn and not settings.derives:
-        return Event.DISPLACED if abs(bearing) > settings.singular_epipole else Event.NOTHING
-    near = abs(bearing - math.atan(state.target)) <= settings.displacement_tolerance
+        return Event.DISPLACED if abs(alpha) > settings.singular_epipole else Event.NOTHING
+    near = abs(alpha - math.atan(state.target)) <= settings.displacement_tolerance
     return Event.DISPLACED if near else Event.NOTHING
 
 
 def _zeroing(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
     if measurement.bearings is None:
         return Event.NO_BASELINE if measurement.parallax <= settings.near_parallax else Event.LOST
-    bearing = measurement.bearings.chi
-    if abs(bearing) >= settings.divergence:
+    chi = measurement.bearings.chi
+    if abs(chi) >= settings.divergence:
         return Event.DIVERGED
     if not state.latched and is_off_course(measurement, settings):
         return Event.SIDEWAYS
-    if state.latched and abs(bearing) > escape_bound(state, measurement, settings):
+    if state.latched and abs(chi) > escape_bound(state, measurement, settings):
         near = measurement.difference > -settings.retreat_difference
         return Event.SIDEWAYS if near and settings.options.retreat else Event.ESCAPED
     return Event.ALIGNED if state.settled >= settings.align_frames else Event.NOTHING
@@ -112,10 +116,11 @@ def _matching(state: ServoState, measurement: Measurement, settings: ServoSettin
     if state.settled < settings.arrival_frames:
         return Event.NOTHING
     if has_parallax(state, measurement, settings):
-        again = settings.options.new_attempts and state.attempts < settings.max_attempts
-        return Event.MISSED if again else Event.EXHAUSTED
-    faces_it = abs(measurement.heading_error) <= facing_bound(settings)
-    if settings.options.final_turn and not faces_it:
+        attempts_remain = state.attempts < settings.max_attempts
+        repeats = settings.options.new_attempts and attempts_remain
+        return Event.MISSED if repeats else Event.EXHAUSTED
+    faces_goal = abs(measurement.heading_error) <= facing_bound(settings)
+    if settings.options.final_turn and not faces_goal:
         return Event.TURNED
     return Event.MATCHED
 

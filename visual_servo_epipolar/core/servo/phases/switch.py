@@ -1,10 +1,10 @@
-"""From one phase to the next: what the new phase needs, and why the last one was left."""
+"""Switch of the phase: the target, gains and counters of the new one, the reason to leave."""
 
 from dataclasses import replace
 import math
 
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.derived_gains import gains_here, legal_target
+from visual_servo_epipolar.core.servo.derived_gains import gains_now, legal_target
 from visual_servo_epipolar.core.servo.phases.conditions import displacement
 from visual_servo_epipolar.core.servo.phases.table import Event, next_phase, Phase
 from visual_servo_epipolar.core.servo.ranging import Leg
@@ -12,13 +12,13 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
 
-LEAST_PART = 1e-9  # of the distance, where no law would back off to gain more of it
+LEAST_RATIO = 1e-9  # of the spiral, where the law never backs off for a larger one
 
 
 def switched(
     state: ServoState, measurement: Measurement, event: Event, settings: ServoSettings
 ) -> ServoState:
-    """Follow the transition table, and prepare what the new phase needs."""
+    """Return the state in the phase that follows ``event``; that of NO_GAIN if none is legal."""
     phase = next_phase(state.phase, event)
     if phase is state.phase:
         return state
@@ -38,35 +38,36 @@ def switched(
     try:
         return _prepared(state, measurement, settings)
     except ValueError as error:
-        refused = switched(state, measurement, Event.NO_GAIN, settings)
-        return replace(refused, reason=str(error))
+        state = switched(state, measurement, Event.NO_GAIN, settings)
+        return replace(state, reason=str(error))
 
 
 def _prepared(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
-    """Return ``state`` with the target or the gains of its phase; raises if none are legal."""
+    """Return ``state`` with the target or the gains of its phase; ValueError if none is legal."""
+    if state.phase is Phase.DISPLACING and settings.derives:
+        return replace(state, target=legal_target(state, measurement, settings))
     if state.phase is Phase.DISPLACING:
-        target = legal_target(state, measurement, settings) if settings.derives else None
-        return replace(state, target=_target(measurement, settings) if target is None else target)
+        return replace(state, target=_target(measurement, settings))
     if settings.derives and state.phase in (Phase.ZEROING_EPIPOLES, Phase.MATCHING_FEATURES):
-        return replace(state, gains=gains_here(state, measurement, settings))
+        return replace(state, gains=gains_now(state, measurement, settings))
     return state
 
 
 def _target(measurement: Measurement, settings: ServoSettings) -> float:
-    """Return where DISPLACING puts the current epipole (section IV-B, remarks; or discordant)."""
+    """Return the abscissa of e_au for DISPLACING (section IV-B, remarks; or discordant)."""
     bearings, law = measurement.bearings, settings.options
     if bearings is None:
         return 0.0
     if not law.discordant_turn:
         return math.copysign(math.tan(2.0 * settings.singular_epipole), bearings.epipole_current)
-    least = None if law.retreat else LEAST_PART
-    return math.tan(displacement(measurement, settings, least_ratio=least) or 0.0)
+    least_ratio = None if law.retreat else LEAST_RATIO
+    return math.tan(displacement(measurement, settings, least_ratio=least_ratio) or 0.0)
 
 
 def _reason(
     state: ServoState, measurement: Measurement, event: Event, settings: ServoSettings
 ) -> str:
-    """Say why a phase was left, for the log and for the verdict on the run."""
+    """Return the reason to leave the phase, for the log and for the verdict on the run."""
     name = state.phase.value
     run = seconds_between(state.run_start_ns, measurement.stamp_ns)
     if event is Event.TIMED_OUT and run > settings.run_timeout:

@@ -1,4 +1,4 @@
-"""The step-switching state machine: phases, events, and the table that joins them."""
+"""Transition table of the step-switching state machine, with its phases and events."""
 
 from collections.abc import Mapping
 from enum import Enum
@@ -6,7 +6,7 @@ from types import MappingProxyType
 
 
 class Phase(str, Enum):
-    """What the servo is doing; the words appear in messages, files and plots."""
+    """Phase of the servo; the words appear in messages, files and plots."""
 
     WAITING = 'waiting'
     ORIENTING = 'orienting'
@@ -20,14 +20,14 @@ class Phase(str, Enum):
 
 
 class Event(str, Enum):
-    """What one observation means to the state machine."""
+    """Event: what one measurement means to the state machine."""
 
     NOTHING = 'nothing'
     NO_BASELINE = 'no baseline'  # pure rotation, or too close for the epipoles
     SIDEWAYS = 'sideways'  # the goal is beside or behind: turn and back off first
     APART = 'apart'  # a baseline, and epipoles that can be trusted
     ALIGNED = 'aligned'  # both epipoles at the principal point
-    DISPLACED = 'displaced'  # the current epipole stands where step 1 wants it
+    DISPLACED = 'displaced'  # the current epipole is at the target of step 1
     ESCAPED = 'escaped'  # the desired epipole left zero again
     MATCHED = 'matched'  # the features are where the photograph has them
     TURNED = 'turned'  # at the goal, but not facing as the photograph was taken
@@ -49,7 +49,7 @@ DRIVING = (
 )
 ENDED = (Phase.ARRIVED, Phase.FAILED)
 
-# Where a survey of the situation sends the robot: at the start, and after tracks came back.
+# From a survey of the situation: at the start, and after tracks came back.
 _SURVEY = {
     Event.NO_BASELINE: Phase.ORIENTING,
     Event.SIDEWAYS: Phase.RETREATING,
@@ -91,5 +91,5 @@ TRANSITIONS: Mapping[tuple[Phase, Event], Phase] = MappingProxyType(
 
 
 def next_phase(phase: Phase, event: Event) -> Phase:
-    """Follow the table; a pair it does not list keeps the phase."""
+    """Return the phase that follows ``event``; a pair not in the table keeps the phase."""
     return TRANSITIONS.get((phase, event), phase)
