@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 import math
+import pickle
 
 from hypothesis import given
 from hypothesis import strategies as st
@@ -11,14 +12,21 @@ from strategies import blurred, CAMERA, floats, matches, panorama, poses_behind_
 
 from visual_servo_epipolar.core.estimators.registry import ESTIMATORS
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, rotation_desired_current
+from visual_servo_epipolar.core.geometry.lens import Lens
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, wrap_angle
-from visual_servo_epipolar.core.geometry.rays import unit_rays
+from visual_servo_epipolar.core.geometry.rays import normalised, unit_rays
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.perception.measures import feature_difference, turned
+from visual_servo_epipolar.core.perception.measures import (
+    difference_deviation,
+    feature_difference,
+    IN_FRONT,
+    turned,
+    view_margins,
+)
 from visual_servo_epipolar.core.perception.memory import fresh_memory, PerceptionMemory
 from visual_servo_epipolar.core.perception.observation import Observation, observe
 from visual_servo_epipolar.core.perception.perceive import perceive
-from visual_servo_epipolar.core.perception.validation import innovation
+from visual_servo_epipolar.core.perception.validation import angular_extent, innovation
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.tracking.features import Features
 
@@ -101,9 +109,10 @@ def test_a_vote_that_is_not_clear_enough_is_not_trusted() -> None:
 
 
 @pytest.mark.parametrize('estimator', ['lmeds_8pt', 'soft_planar'])
-def test_a_sight_is_fixed_by_seed_and_frame(estimator: str) -> None:
+def test_a_perception_is_fixed_by_seed_and_frame(estimator: str) -> None:
     settings = ServoSettings(estimator=estimator, seed=3)
-    assert repr(perceive(noisy(), settings, 4)) == repr(perceive(noisy(), settings, 4))
+    first, again = (perceive(noisy(), settings, 4) for _ in range(2))
+    assert pickle.dumps(first) == pickle.dumps(again)
 
 
 def test_another_frame_or_seed_draws_other_subsets() -> None:
@@ -113,7 +122,24 @@ def test_another_frame_or_seed_draws_other_subsets() -> None:
     assert perceive(noisy(), replace(settings, seed=2), 4).measurement.bearings != found
 
 
-GARBAGE = ('random', 'rows', 'columns', 'points', 'equal', 'huge', 'mirrored')
+GARBAGE = (
+    'behind',
+    'all round',
+    'random',
+    'rows',
+    'columns',
+    'points',
+    'equal',
+    'huge',
+    'mirrored',
+)
+
+
+def _anywhere(rng: np.random.Generator, *, behind: bool) -> tuple[np.ndarray, np.ndarray]:
+    rays = normalised(rng.standard_normal((2, 30, 3)))
+    if behind:
+        rays[..., 2] = -abs(rays[..., 2])
+    return rays[0], rays[1]
 
 
 def garbage(kind: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -134,6 +160,8 @@ def garbage(kind: str, seed: int) -> tuple[np.ndarray, np.ndarray]:
         current[:, 1], desired[:, 1] = current[:, 0], 2.0 * desired[:, 0]
     elif kind == 'mirrored':
         current = -desired
+    if kind in ('behind', 'all round'):
+        return _anywhere(rng, behind=kind == 'behind')
     return unit_rays(current), unit_rays(desired)
 
 
@@ -235,3 +263,53 @@ def test_rays_behind_have_no_place_in_d() -> None:
     alone = feature_difference(current[front], desired[front])
     assert feature_difference(current, desired) == pytest.approx(alone)
     assert math.isnan(feature_difference(-abs(current), -abs(desired)))
+
+
+def test_the_deviation_of_d_is_that_of_the_features_it_is_taken_over() -> None:
+    rng = np.random.default_rng(5)
+    _, desired = panorama(BEHIND, count=60)
+    front = desired[:, 2] > IN_FRONT
+    assert 10 < front.sum() < 50
+    values = []
+    for _ in range(400):
+        points = desired[front, :2] / desired[front, 2:]
+        both = desired.copy(), desired.copy()
+        for view in both:
+            view[front] = unit_rays(points + 1e-3 * rng.standard_normal(points.shape))
+        values.append(float(feature_difference(*both)))
+    stated = float(difference_deviation(desired, desired, 1e-3))
+    assert np.std(values) == pytest.approx(stated, rel=0.15)
+
+
+def test_a_camera_that_sees_all_round_may_turn_without_end() -> None:
+    current, _ = panorama(BEHIND, count=30)
+    everything = np.ones(30, bool)
+    margins = view_margins(current, everything, np.array([-math.pi, math.pi]), 20)
+    assert [float(margin) for margin in margins] == [math.inf, math.inf]
+
+
+@pytest.mark.parametrize('turn', [0.0, 1.0, 2.0, math.pi])
+def test_a_cluster_is_as_small_wherever_it_is(turn: float) -> None:
+    cluster = unit_rays(0.01 * (np.random.default_rng(3).random((30, 2)) - 0.5))
+    extent = angular_extent(turned(cluster, rotation_desired_current(turn)), np.ones(30, bool))
+    assert extent == pytest.approx(float(angular_extent(cluster, np.ones(30, bool))), rel=1e-6)
+    assert 0.002 < extent < 0.004
+
+
+@pytest.mark.parametrize('edge', [0.6, 1.6, 2.5, math.pi])
+def test_edges_of_the_image_are_corrected_as_rays_are(edge: float) -> None:
+    lens = Lens(log_ratio=0.2, shift=0.01)
+    ray = np.array([[math.sin(edge), 0.0, math.cos(edge)]])
+    seen = Observation(0, ray, ray, 500.0, edges=(-edge, edge), pixel_angles=np.ones((1, 2)))
+    after = seen.corrected(lens)
+    expected = math.atan2(after.current[0, 0], after.current[0, 2])
+    assert after.edges[1] == pytest.approx(math.pi if edge == math.pi else expected)
+
+
+@pytest.mark.parametrize('distortion', [(), (-0.2, 0.05, 0.0, 0.0)])
+def test_every_ray_has_a_resolution(distortion: tuple[float, ...]) -> None:
+    camera = replace(CAMERA, distortion=distortion)
+    rays = normalised(np.random.default_rng(0).standard_normal((50, 3)))
+    resolution = camera.resolution(rays)
+    assert np.isfinite(resolution).all()
+    assert (resolution > 0.0).all()

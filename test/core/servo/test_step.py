@@ -11,6 +11,7 @@ from strategies import bearings, CAMERA, floats, matches, twists
 
 from visual_servo_epipolar.core.control import laws
 from visual_servo_epipolar.core.control.command import Command
+from visual_servo_epipolar.core.control.law_table import DEPARTURES
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.perception.measurement import Measurement
@@ -29,7 +30,12 @@ from visual_servo_epipolar.core.servo.state import ServoState
 SETTINGS = ServoSettings(max_acceleration=20.0, max_angular_acceleration=90.0)
 MEMORY = fresh_memory(SETTINGS)
 QUIET = (Phase.WAITING, Phase.HOLDING, Phase.ARRIVED, Phase.FAILED)
-LAWS = st.sampled_from(['paper', 'corrected', 'full'])
+LAWS = st.sampled_from(['paper', 'corrected', 'full']) | st.builds(
+    '{}{}{}'.format,
+    st.sampled_from(['paper', 'corrected', 'full']),
+    st.sampled_from('+-'),
+    st.sampled_from(sorted(DEPARTURES)),
+)
 
 
 step = servo_step.step
@@ -111,7 +117,9 @@ def sights() -> st.SearchStrategy[Measurement]:
         inliers=st.integers(8, 60),
         parallax=floats(0.0, 1.0),
         heading_error=floats(-math.pi, math.pi),
-        difference=floats(-5.0, 5.0),
+        difference=floats(-5.0, 5.0) | st.just(math.nan),  # nan: nothing is ahead
+        deviation=floats(0.0, 0.5) | st.just(math.nan),
+        view_margins=st.tuples(floats(0.0, 3.0), floats(0.0, 3.0)),
         feature_error=floats(0.0, 2.0),
         reason=st.sampled_from(['', 'cheirality vote undecided']),
     )
@@ -541,3 +549,12 @@ def test_a_run_that_flaps_between_phases_ends() -> None:
         state = advance(state, sight, settings)
     assert state.phase is Phase.FAILED
     assert state.reason.startswith('the run took longer than 10 s')
+
+
+@pytest.mark.parametrize('phase', [Phase.RETREATING, Phase.MATCHING_FEATURES])
+def test_a_robot_that_has_no_d_holds_and_says_why(phase: Phase) -> None:
+    state = after(measurement(0.1, difference=math.nan), state=in_phase(phase))
+    assert (state.phase, state.twist) == (Phase.HOLDING, STANDSTILL)
+    assert state.reason == 'no feature is ahead in both views'
+    assert after(measurement(0.2, difference=math.nan), state=state).phase is Phase.HOLDING
+    assert after(measurement(0.3), state=state).phase is Phase.DISPLACING

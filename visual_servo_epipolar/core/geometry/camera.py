@@ -10,6 +10,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray
 from visual_servo_epipolar.core.geometry.rays import image_points, unit_rays
 
+LEAST_FORWARD = 0.2  # z of a ray: no pinhole sees farther off its axis than 78 deg
 STEP = 1e-5  # on the image plane, that the slope of the distortion is taken over
 DISTORTION_MODELS = {'': (0,), 'plumb_bob': (0, 4, 5), 'rational_polynomial': (0, 8)}
 
@@ -113,15 +114,17 @@ class Camera:
 
     def resolution(self, rays: FloatArray) -> FloatArray:
         """
-        Return the angle of a pixel at each of ``rays``, shape (N, 3) in front: (N,) [rad].
+        Return the angle of a pixel at each of ``rays``, shape (N, 3): (N,) [rad].
 
         It is the square root of its solid angle: the deviation of the angle of a ray, along
-        either of two axes across it, where pixels have a deviation of one.
+        either of two axes across it, where pixels have a deviation of one. Rays that no pinhole
+        sees have that of the farthest it does.
         """
-        resolution = np.asarray(rays[:, 2] ** 1.5 / math.sqrt(self.fx * self.fy))
+        forward = np.maximum(rays[:, 2], LEAST_FORWARD)
+        resolution = np.asarray(forward**1.5 / math.sqrt(self.fx * self.fy))
         if not self.distorts or not len(rays):
             return resolution
-        points, step = image_points(rays), STEP
+        points, step = rays[:, :2] / forward[:, None], STEP
         right, down = (
             (self.pixels(points + move) - self.pixels(points - move)) / (2.0 * step)
             for move in ([step, 0.0], [0.0, step])

@@ -219,7 +219,7 @@ def _measures(stack: _Stack, estimates: Sequence[ValidatedEstimate]) -> list[Mea
         _parallaxes(stack, estimates, headings).tolist(),
         headings.tolist(),
         _differences(stack, headings).tolist(),
-        measures.difference_deviation(stack.desired, noise / focal).tolist(),
+        measures.difference_deviation(stack.current, stack.desired, noise / focal).tolist(),
         median_of_sorted(distances).tolist(),
         _view_margins(stack, estimates),
     )

@@ -10,6 +10,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray, median_of_sorted
 
 APART, NEGLIGIBLE = 6.0, 5e-4  # times the median distance of features, plus rad
+FULL_CIRCLE = 2.0 * np.pi - 1e-6  # between the edges of an image [rad]
 IN_FRONT = 0.2  # least z of a ray that has an image-plane point: 78 deg off the axis
 
 
@@ -26,15 +27,18 @@ def usual_difference(current: FloatArray, desired: FloatArray) -> FloatArray:
     return _difference(current, desired, usual & _in_front(current, desired))
 
 
-def difference_deviation(desired: FloatArray, noise: FloatArray | float) -> FloatArray:
+def difference_deviation(
+    current: FloatArray, desired: FloatArray, noise: FloatArray | float
+) -> FloatArray:
     """
-    Return the deviation of D, shape (...), of ``desired`` rays, shape (..., N, 3).
+    Return the deviation of D, shape (...), of rays of shape (..., N, 3).
 
     ``noise``, shape (...), is that of image-plane coordinates of both views.
     """
-    # Of |p_a|^2 - |p_d|^2, on the average of N features.
-    squares = np.where(desired[..., 2] > IN_FRONT, _squares(desired), 0.0)
-    return np.asarray(np.sqrt(8.0 * squares.sum(axis=-1)) * noise / desired.shape[-2])
+    counted = _in_front(current, desired)
+    # Of |p_a|^2 - |p_d|^2, on the average of the features that are counted.
+    squares = np.where(counted, _squares(desired), 0.0).sum(axis=-1)
+    return np.asarray(np.sqrt(8.0 * squares) * noise / _count(counted))
 
 
 def distances(current: FloatArray, desired: FloatArray) -> FloatArray:
@@ -62,7 +66,8 @@ def view_margins(
 
     ``current`` rays have shape (..., N, 3), and ``counted``, shape (..., N), says which of them
     count; ``edges``, shape (..., 2), are the bearings of the left and the right edge of the image
-    [rad], right positive; ``keep`` and both results have shape (...).
+    [rad], right positive; ``keep`` and both results have shape (...). A camera that sees all round
+    may turn without end.
     """
     counts = counted.sum(axis=-1)
     keep = np.minimum(keep, counts)
@@ -74,7 +79,8 @@ def view_margins(
     some = keep > 0
     left = np.where(some, np.maximum(edges[..., 1] - first, 0.0), 0.0)
     right = np.where(some, np.maximum(last - edges[..., 0], 0.0), 0.0)
-    return left, right
+    all_round = edges[..., 1] - edges[..., 0] >= FULL_CIRCLE
+    return np.where(all_round, np.inf, left), np.where(all_round, np.inf, right)
 
 
 def _taken(values: FloatArray, place: IntArray) -> FloatArray:
@@ -85,8 +91,13 @@ def _taken(values: FloatArray, place: IntArray) -> FloatArray:
 def _difference(current: FloatArray, desired: FloatArray, counted: BoolArray) -> FloatArray:
     """Return D over the features that are ``counted``, (..., N), shape (...); nan of none."""
     squares = np.where(counted, _squares(current) - _squares(desired), 0.0)
+    return np.asarray(squares.sum(axis=-1) / _count(counted))
+
+
+def _count(counted: BoolArray) -> FloatArray:
+    """Return how many are ``counted``, shape (..., N): (...), nan of none."""
     count = counted.sum(axis=-1)
-    return np.asarray(squares.sum(axis=-1) / np.where(count, count, np.nan))
+    return np.asarray(np.where(count, count, np.nan))
 
 
 def _in_front(current: FloatArray, desired: FloatArray) -> BoolArray:

@@ -7,12 +7,10 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.camera import Camera, LEAST_FORWARD
 from visual_servo_epipolar.core.geometry.lens import corrected, Lens
 from visual_servo_epipolar.core.geometry.motion import HALF_PI
 from visual_servo_epipolar.core.tracking.features import Features
-
-LEAST_FORWARD = 0.2  # z of a ray: no pinhole sees farther off its axis than 78 deg
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,7 +49,7 @@ class Observation:
         ratio = math.exp(lens.log_ratio)
         current, growth_current = corrected(self.current, lens)
         desired, growth_desired = corrected(self.desired, lens)
-        left, right = (math.atan(ratio * math.tan(edge) + lens.shift) for edge in self.edges)
+        left, right = (_corrected_edge(edge, ratio, lens.shift) for edge in self.edges)
         return replace(
             self,
             current=current,
@@ -60,6 +58,14 @@ class Observation:
             edges=(left, right),
             pixel_angles=self.resolution * np.stack([growth_current, growth_desired], axis=1),
         )
+
+
+def _corrected_edge(edge: float, ratio: float, shift: float) -> float:
+    """Return the bearing of an edge of the image [rad], beyond a right angle as well."""
+    if abs(edge) >= math.pi:
+        return edge
+    sine, cosine = math.sin(edge), math.cos(edge)
+    return math.atan2(ratio * sine + shift * cosine, cosine)
 
 
 def observe(features: Features, camera: Camera, stamp_ns: int) -> Observation:

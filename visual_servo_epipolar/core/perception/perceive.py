@@ -109,7 +109,7 @@ def _measures(
         _parallax(observation, rotation, heading_error, estimate.memory, settings),
         heading_error,
         _difference(observation, rotation, heading_error, settings),
-        float(measures.difference_deviation(desired, noise)),
+        float(measures.difference_deviation(current, desired, noise)),
         float(median_of_sorted(np.sort(measures.distances(current, desired)))),
         (float(left), float(right)),
     )

@@ -8,12 +8,14 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, median_of_sorted
 from visual_servo_epipolar.core.estimators.base import Estimate
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, sampson_distance
+from visual_servo_epipolar.core.geometry.rays import tangents
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 
 MIN_INLIERS = 8
 MIN_INLIER_SHARE = 0.3
 MAX_JUMP = 12.0  # of tilt and roll between the views, in deviations of the floor's jitter
+TINY = 1e-30
 MAX_REJECTIONS = 3  # estimates in a row that contradict the past before the past is given up
 
 
@@ -61,13 +63,16 @@ def angular_extent(rays: FloatArray, inliers: BoolArray) -> FloatArray:
     """
     Return how far apart the ``inliers``, (..., N), among ``rays``, (..., N, 3), are, shape (...).
 
-    It is the fourth root of the determinant of the covariance of bearing and elevation [rad]: the
-    geometric mean of the deviations along two axes.
+    It is the fourth root of the determinant of their covariance across their mean direction: the
+    geometric mean of the deviations along two axes [rad].
     """
     count = np.maximum(inliers.sum(axis=-1), 2)
-    bearing = np.arctan2(rays[..., 0], rays[..., 2])
-    elevation = np.arcsin(np.clip(rays[..., 1], -1.0, 1.0))
-    x, y = np.where(inliers, bearing, 0.0), np.where(inliers, elevation, 0.0)
+    mean = np.where(inliers[..., None], rays, 0.0).sum(axis=-2) + [0.0, 0.0, TINY]
+    mean /= np.sqrt((mean * mean).sum(axis=-1))[..., None]
+    axes = tangents(mean[..., 0], mean[..., 1], mean[..., 2])
+    # Along the two axes that are across the mean direction.
+    x, y = ((rays * np.stack(axis, axis=-1)[..., None, :]).sum(axis=-1) for axis in axes)
+    x, y = np.where(inliers, x, 0.0), np.where(inliers, y, 0.0)
     x = np.where(inliers, x - (x.sum(axis=-1) / count)[..., None], 0.0)
     y = np.where(inliers, y - (y.sum(axis=-1) / count)[..., None], 0.0)
     determinant = (x * x).sum(axis=-1) * (y * y).sum(axis=-1) - (x * y).sum(axis=-1) ** 2

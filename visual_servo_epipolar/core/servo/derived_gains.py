@@ -9,7 +9,11 @@ import math
 
 from visual_servo_epipolar.core.control.gains import Circumstances, derive, Gains
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.phases.conditions import displacement, engage_bound
+from visual_servo_epipolar.core.servo.phases.conditions import (
+    discordant_bearing,
+    displacement,
+    engage_bound,
+)
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
@@ -94,9 +98,9 @@ def legal_target(state: ServoState, measurement: Measurement, settings: ServoSet
 
 def _displacements(alpha: float, measurement: Measurement, settings: ServoSettings) -> list[float]:
     """Return the bearings of e_au [rad] to try: ``alpha`` first, if the law may keep it."""
-    discordant = displacement(measurement, settings)
     if settings.options.discordant_turn:
-        return [discordant or 0.0]
+        return [discordant_bearing(measurement, settings)]
+    discordant = displacement(measurement, settings)
     regular = abs(alpha) >= 2.0 * settings.singular_epipole
     return ([alpha] if regular else []) + ([] if discordant is None else [discordant])
 

@@ -29,10 +29,11 @@ def interval(earlier_ns: int, later_ns: int) -> float:
     return min(max(seconds_between(earlier_ns, later_ns), 0.0), MAX_STEP_S)
 
 
-def updated(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
-    """Return the state updated by a ``measurement``, before it is classified."""
+def updated(
+    state: ServoState, measurement: Measurement, dt: float, settings: ServoSettings
+) -> ServoState:
+    """Return the state updated by a ``measurement`` ``dt`` [s] after the last, unclassified."""
     previous = state.measurement
-    dt = 0.0 if previous is None else interval(previous.stamp_ns, measurement.stamp_ns)
     leg = _leg(state, dt)
     state = replace(
         state,

@@ -19,6 +19,7 @@ STANDSTILL_PARALLAX = 1.25  # without a baseline, in deviations of the noise: se
 RESIDUAL_OFFSET = 1e-3  # at the end of line following [m]
 LARGEST_ESCAPE = 0.1  # [rad]
 FRAME_S = 0.1  # duration of the shortest turn: one command, at the usual frame rate
+LEAST_RATIO = 1e-9  # part of the distance that a law without retreat keeps
 
 
 def engage_bound(measurement: Measurement, settings: ServoSettings) -> float:
@@ -115,6 +116,17 @@ def displacement(
     least_tangent = abs(chi) / math.log(1.0 / (least_ratio or settings.least_spiral_ratio))
     ends_in_time = visible * target > 0.0 and math.tan(abs(visible)) >= least_tangent
     return visible if ends_in_time else None
+
+
+def discordant_bearing(measurement: Measurement, settings: ServoSettings) -> float:
+    """
+    Return the bearing of e_au [rad] for DISPLACING, 0 where there is none.
+
+    A law without retreat takes what the field of view allows, however near the goal the spiral
+    ends: it has no other way to begin.
+    """
+    least_ratio = None if settings.options.retreat else LEAST_RATIO
+    return displacement(measurement, settings, least_ratio=least_ratio) or 0.0
 
 
 def is_settled(state: ServoState, settings: ServoSettings) -> bool:

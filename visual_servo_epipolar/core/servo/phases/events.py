@@ -45,6 +45,8 @@ def _has_timed_out(state: ServoState, measurement: Measurement, settings: ServoS
 
 def _survey(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
     """Return the event that begins a run, or resumes it after the tracks came back."""
+    if not math.isfinite(measurement.difference):
+        return Event.LOST
     if is_at_goal(state, measurement, settings):
         return Event.MATCHED
     if measurement.bearings is None:
@@ -71,8 +73,9 @@ def _orienting(state: ServoState, measurement: Measurement, settings: ServoSetti
 
 
 def _is_astray(measurement: Measurement, settings: ServoSettings) -> bool:
-    """Return whether the goal is not near and its bearing not trusted."""
-    return measurement.bearings is None and measurement.parallax > settings.near_parallax
+    """Return whether D is unknown, or the goal is not near and its bearing not trusted."""
+    untrusted = measurement.bearings is None and measurement.parallax > settings.near_parallax
+    return untrusted or not math.isfinite(measurement.difference)
 
 
 def _retreating(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:

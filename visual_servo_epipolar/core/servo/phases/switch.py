@@ -5,14 +5,12 @@ import math
 
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.derived_gains import gains_now, legal_target
-from visual_servo_epipolar.core.servo.phases.conditions import displacement
+from visual_servo_epipolar.core.servo.phases.conditions import discordant_bearing
 from visual_servo_epipolar.core.servo.phases.table import Event, next_phase, Phase
 from visual_servo_epipolar.core.servo.ranging import Leg
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
-
-LEAST_RATIO = 1e-9  # of the spiral, where the law never backs off for a larger one
 
 
 def switched(
@@ -55,13 +53,12 @@ def _prepared(state: ServoState, measurement: Measurement, settings: ServoSettin
 
 def _target(measurement: Measurement, settings: ServoSettings) -> float:
     """Return the abscissa of e_au for DISPLACING (section IV-B, remarks; or discordant)."""
-    bearings, law = measurement.bearings, settings.options
+    bearings = measurement.bearings
     if bearings is None:
         return 0.0
-    if not law.discordant_turn:
+    if not settings.options.discordant_turn:
         return math.copysign(math.tan(2.0 * settings.singular_epipole), bearings.epipole_current)
-    least_ratio = None if law.retreat else LEAST_RATIO
-    return math.tan(displacement(measurement, settings, least_ratio=least_ratio) or 0.0)
+    return math.tan(discordant_bearing(measurement, settings))
 
 
 def _reason(
@@ -84,6 +81,8 @@ def _reason(
             f'features are {error:.1f} px off, parallax {measurement.parallax_px:.1f} px, '
             f'at the end of attempt {state.attempts}'
         )
+    if event is Event.LOST and not math.isfinite(measurement.difference):
+        return measurement.reason or 'no feature is ahead in both views'
     if event is Event.LOST:
         return measurement.reason or f'bearings not trusted in {name}'
     return str(event.value)
