@@ -242,8 +242,8 @@ def test_rays_behind_the_camera_obey_f_and_vote_right(pose: Pose) -> None:
     assert (current[:, 2] < 0.0).any()
     distance = sampson_distance(fundamental_from_bearings(true), current, desired)
     np.testing.assert_allclose(distance, 0.0, atol=1e-12)
-    for bearings in (true, true.reversed()):
-        vote = cheirality(bearings, current, desired, noise=NOISE)
+    for candidate in (true, true.reversed()):
+        vote = cheirality(candidate, current, desired, noise=NOISE)
         assert_same_angle(vote.bearings.psi, true.psi, 1e-9)
         assert vote.confidence > 0.9
 
