@@ -1,30 +1,38 @@
 """The way of one feature, as docs/architecture.md tells it: as the imports have it, and short."""
 
 import ast
+from collections.abc import Callable
 from pathlib import Path
 import re
+from typing import TypeAlias
 
 import pytest
 
 ROOT = Path(__file__).parents[2]
-PAGE = ROOT / 'docs' / 'architecture.md'
-ROWS = re.findall(r'^\| (\d+) \| \[`[\w.]+`\]\(\.\./([\w/.]+)\) \|', PAGE.read_text(), re.M)
+PAGE = (ROOT / 'docs' / 'architecture.md').read_text(encoding='utf-8')
+ROWS = re.findall(r'^\| (\d+) \| \[`[\w.]+`\]\(\.\./([\w/.]+)\) \|', PAGE, re.M)
 WAY = [ROOT / path for _, path in ROWS]
+LEAF_TABLE = PAGE[PAGE.index('| leaves |') :].split('\n\n')[0]
+LEAVES = [ROOT / path for path in re.findall(r'\]\(\.\./([\w/.]+)\)', LEAF_TABLE)]
+ORDERING = [path for path in WAY if path.name in ('step.py', 'perceive.py', 'validated.py')]
 LONGEST = 15
-TOPIC = "'tracks'"
+TOPIC = 'tracks'
 # Named by the registry, which the settings ask for an estimator.
 THROUGH = {'estimators/soft_planar.py': 'estimators/registry.py'}
+
+Topics: TypeAlias = Callable[[Path], set[str]]
 
 
 def imports(path: Path) -> set[Path]:
     """Return the files of the package that ``path`` imports by name."""
-    files = set()
+    files: set[Path] = set()
     for node in ast.walk(ast.parse(path.read_text(encoding='utf-8'))):
-        if isinstance(node, ast.ImportFrom) and node.module:
+        if isinstance(node, ast.Import):
+            files |= {ROOT.joinpath(*name.name.split('.')) for name in node.names}
+        elif isinstance(node, ast.ImportFrom) and node.module:
             module = ROOT.joinpath(*node.module.split('.'))
-            files |= {module.with_suffix('.py')}
-            files |= {(module / name.name).with_suffix('.py') for name in node.names}
-    return {file for file in files if file.is_file()}
+            files |= {module, *(module / name.name for name in node.names)}
+    return {file for file in (path.with_suffix('.py') for path in files) if file.is_file()}
 
 
 def reaches(first: Path, other: Path) -> bool:
@@ -37,10 +45,18 @@ def reaches(first: Path, other: Path) -> bool:
     )
 
 
-def joined_by_a_topic(first: Path, other: Path) -> bool:
-    """Whether both are nodes, and name the topic of the features."""
-    nodes = (file for file in (first, other) if file.parts[-2] == 'nodes')
-    return sum(TOPIC in file.read_text(encoding='utf-8') for file in nodes) == 2
+def is_leaf(path: Path) -> bool:
+    """Whether the page names ``path``, or a folder that it is in, among the leaves."""
+    return any(leaf in (path, *path.parents) for leaf in LEAVES)
+
+
+def returns(path: Path) -> dict[str, str]:
+    """Return what each public function of ``path`` is annotated to return."""
+    return {
+        node.name: ast.unparse(node.returns)
+        for node in ast.parse(path.read_text(encoding='utf-8')).body
+        if isinstance(node, ast.FunctionDef) and node.returns and not node.name.startswith('_')
+    }
 
 
 def test_the_way_has_its_files_and_no_more_than_one_sits_down_to_read() -> None:
@@ -50,27 +66,46 @@ def test_the_way_has_its_files_and_no_more_than_one_sits_down_to_read() -> None:
 
 
 @pytest.mark.parametrize('place', range(1, len(WAY)))
-def test_each_file_calls_or_is_called_by_one_above_it(place: int) -> None:
+def test_each_file_calls_or_is_called_by_one_above_it(
+    place: int, published: Topics, subscribed: Topics
+) -> None:
     path, above = WAY[place], WAY[:place]
     assert any(
-        reaches(other, path) or reaches(path, other) or joined_by_a_topic(other, path)
+        reaches(other, path)
+        or reaches(path, other)
+        or TOPIC in published(other) & subscribed(path)
         for other in above
     ), path
 
 
-def test_the_way_leads_from_an_image_to_a_twist() -> None:
-    assert 'Image' in WAY[0].read_text(encoding='utf-8')
-    assert 'Twist' in WAY[-1].read_text(encoding='utf-8')
+def test_the_way_begins_with_an_image_and_ends_with_a_twist(
+    published: Topics, subscribed: Topics
+) -> None:
+    tracker, servo = (path for path in WAY if path.parts[-2] == 'nodes')
+    assert tracker == WAY[0]
+    assert 'image_raw' in subscribed(tracker)
+    assert 'cmd_vel' in published(servo)
+    commands, laws = WAY[-2:]
+    assert returns(commands)['nominal_twist'] == 'Twist'
+    assert returns(laws)['linearizing_control'] == returns(laws)['match_features'] == 'Twist'
 
 
-def test_what_the_servo_calls_between_tracks_and_twist_is_on_the_way() -> None:
-    # Whoever hands the measurement on must be listed; settings, state and table are data.
-    step = next(path for path in WAY if path.name == 'step.py')
-    listed = {path for path in WAY if path.parts[-2] in ('servo', 'phases', 'perception')}
-    called = {
-        path
-        for path in imports(step)
-        if path.parts[-2] in ('servo', 'phases')
-        and path.name not in ('settings.py', 'state.py', 'table.py')
-    }
-    assert called <= listed
+def test_three_files_order_the_others() -> None:
+    assert [path.name for path in ORDERING] == ['step.py', 'perceive.py', 'validated.py']
+
+
+@pytest.mark.parametrize('path', ORDERING, ids=lambda path: path.name)
+def test_what_such_a_file_imports_is_on_the_way_or_a_leaf(path: Path) -> None:
+    # Whatever is new there: list it if it hands the row on, else name it among the leaves.
+    others = {file for file in imports(path) if file not in WAY and not is_leaf(file)}
+    assert others == set()
+
+
+def test_a_leaf_is_a_file_or_folder_that_one_of_them_uses() -> None:
+    used = {file for path in ORDERING for file in imports(path)}
+    unused = [leaf for leaf in LEAVES if not any(leaf in (file, *file.parents) for file in used)]
+    assert unused == []
+
+
+def test_nothing_is_both_on_the_way_and_a_leaf() -> None:
+    assert [path for path in WAY if is_leaf(path)] == []

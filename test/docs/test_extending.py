@@ -3,26 +3,58 @@
 from dataclasses import fields
 from pathlib import Path
 import re
+from typing import Any
+
+import pytest
 
 from visual_servo_epipolar.commands.console import PHASE_DESCRIPTIONS
 from visual_servo_epipolar.core.estimators.registry import ESTIMATORS
-from visual_servo_epipolar.core.servo.phases import events
-from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.servo.phases.commands import COMMANDS
+from visual_servo_epipolar.core.servo.phases.events import _CLASSIFIERS
+from visual_servo_epipolar.core.servo.phases.table import ENDED, Event, Phase, TRANSITIONS
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import range_of
 from visual_servo_epipolar.report.style import PHASE_COLOURS
 
 ROOT = Path(__file__).parents[2]
-PHASES = {phase.value for phase in Phase}
+WORDS = {phase.value for phase in Phase}
 
 
-def test_every_phase_has_its_classifier() -> None:
-    assert set(events._CLASSIFIERS) == set(Phase)
+@pytest.mark.parametrize('phase', Phase)
+def test_a_phase_has_a_way_in(phase: Phase) -> None:
+    assert any(then is phase and start is not phase for (start, _), then in TRANSITIONS.items())
 
 
-def test_every_phase_has_words_and_a_colour() -> None:
-    assert set(PHASE_DESCRIPTIONS) == PHASES
-    assert set(PHASE_COLOURS) == PHASES
+@pytest.mark.parametrize('phase', Phase)
+def test_a_phase_has_a_way_out(phase: Phase) -> None:
+    exits = {
+        event
+        for (start, event), then in TRANSITIONS.items()
+        if start is phase and then is not phase
+    }
+    # Of an ended run the only one; any other phase ends by itself as well.
+    assert exits == {Event.STOPPED} if phase in ENDED else exits - {Event.STOPPED}
+
+
+@pytest.mark.parametrize(
+    ('table', 'phases'),
+    [
+        (_CLASSIFIERS, set(Phase)),
+        (COMMANDS, set(Phase)),
+        (PHASE_COLOURS, WORDS),
+        (PHASE_DESCRIPTIONS, WORDS),
+    ],
+    ids=['classifiers', 'commands', 'colours', 'words'],
+)
+def test_a_table_of_phases_has_a_row_for_each_and_no_other(
+    table: dict[Any, Any], phases: set[Any]
+) -> None:
+    assert set(table) == phases
+
+
+def test_the_words_of_a_phase_are_its_own() -> None:
+    assert all(PHASE_DESCRIPTIONS.values())
+    assert len(set(PHASE_DESCRIPTIONS.values())) == len(PHASE_DESCRIPTIONS)
 
 
 def test_every_estimator_of_our_own_is_named_in_the_setting() -> None:

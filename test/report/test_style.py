@@ -41,6 +41,7 @@ def test_phases_differ_even_to_the_colour_blind(eye: FloatArray) -> None:
 
 def test_word_that_is_no_phase_has_a_colour() -> None:
     assert phase_colour('tracking') == UNKNOWN_COLOUR
+    assert UNKNOWN_COLOUR not in [phase_colour(phase.value) for phase in Phase]
 
 
 def test_text_is_black_on_bright_and_white_on_dark() -> None:

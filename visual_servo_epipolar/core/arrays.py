@@ -17,7 +17,8 @@ def as_points(points: Any, name: str) -> FloatArray:
     array = np.asarray(points, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] != 2:
         raise ValueError(
-            f'{name} must have shape (N, 2), got {array.shape}; pass one (u, v) row a point'
+            f'{name} must have shape (N, 2), got {array.shape}; '
+            'pass one row (u, v) or (x, y) a point'
         )
     if not np.isfinite(array).all():
         bad = int((~np.isfinite(array).all(axis=1)).sum())

@@ -242,8 +242,8 @@ def test_rays_behind_the_camera_obey_f_and_vote_right(pose: Pose) -> None:
     assert (current[:, 2] < 0.0).any()
     distance = sampson_distance(fundamental_from_bearings(true), current, desired)
     np.testing.assert_allclose(distance, 0.0, atol=1e-12)
-    for bearings_told in (true, true.reversed()):
-        vote = cheirality(bearings_told, current, desired, noise=NOISE)
+    for candidate in (true, true.reversed()):
+        vote = cheirality(candidate, current, desired, noise=NOISE)
         assert_same_angle(vote.bearings.psi, true.psi, 1e-9)
         assert vote.confidence > 0.9
 
@@ -328,9 +328,9 @@ def test_epipoles_off_the_plane_of_motion_are_refused() -> None:
 
 def agreement(starts: list[Pose]) -> float:
     """Return in which part of ``starts`` the printed sign is the true sigma."""
-    seen = [Bearings.from_pose(start) for start in starts]
+    bearings = [Bearings.from_pose(start) for start in starts]
     return float(
-        np.mean([b.sigma == printed_sigma(b.epipole_current, b.epipole_desired) for b in seen])
+        np.mean([b.sigma == printed_sigma(b.epipole_current, b.epipole_desired) for b in bearings])
     )
 
 
@@ -351,10 +351,10 @@ def test_the_printed_sign_is_right_in_half_of_all_poses() -> None:
 
 
 def test_the_printed_sign_is_wrong_nearly_always_behind_the_goal() -> None:
-    # DESIGN 3 has 5 to 14 %; there the law is needed.
+    # Right in 5 to 14 %, as the starts lie; there the law is needed.
     assert 0.05 < agreement(grid((-1.5, 1.5), (-5.0, -2.0), (-15.0, 15.0))) < 0.2
 
 
 def test_the_printed_sign_is_wrong_at_the_first_start_of_the_experiments() -> None:
-    seen = Bearings.from_pose(BEHIND)
-    assert printed_sigma(seen.epipole_current, seen.epipole_desired) == -seen.sigma == 1.0
+    behind = Bearings.from_pose(BEHIND)
+    assert printed_sigma(behind.epipole_current, behind.epipole_desired) == -behind.sigma == 1.0

@@ -137,9 +137,9 @@ def test_a_wrong_lens_feigns_as_much_parallax_in_a_turn_as_is_said(
         wrong = [unit_rays((points - [shift, 0.0]) / ratio)[None] for points in (current, desired)]
         root = np.diag([abs(math.log(ratio)), shift])
         feigned = spurious_parallax(wrong[1], np.array([turn]), root[None])[0]
-        seen = fit_rotations(*wrong).parallax[0]
+        parallax = fit_rotations(*wrong).parallax[0]
         # Feigned is two deviations; parallax leaves out the worst 40 % of the matches.
-        assert 0.15 < seen / feigned < 1.0
+        assert 0.15 < parallax / feigned < 1.0
 
 
 def test_a_known_lens_feigns_nothing() -> None:

@@ -1,9 +1,9 @@
 """
 Gains of both steps, derived from section IV-C by what is known before the robot moves.
 
-In continuous time the law works for any gains (``theory.least_sine``); sampling, delay and limits
-of speed are what bounds them. Saturation by one common factor costs time and leaves the path, so
-that limits of speed enter only where a command is held for one period. docs/theory.md has the
+In continuous time the law works for any gains (docs/theory.md, 2.1); sampling, delay and limits of
+speed are what bounds them. Saturation by one common factor costs time and leaves the path, so that
+limits of speed enter only where a command is held for one period. docs/theory.md, 3, has the
 reasons, test/core/control/test_gains.py the runs.
 """
 
@@ -145,7 +145,7 @@ def quickest_exponent(circumstances: Circumstances) -> tuple[int, int]:
 
     With k2 of ``landing_gain``, t_max is (e_0 / e_landing)^(1 - b) / (1 - b) periods: least where
     1 - b = 1 / ln(e_0 / e_landing). The paper has b near 0 to bound the increment of d, which
-    does not depend on b (``theory.largest_growth``).
+    does not depend on b (docs/theory.md, 2.3).
     """
     log_span = math.log(math.tan(circumstances.desired) / math.tan(circumstances.landing))
     gamma = max(3, 2 * round((2.0 * log_span - 1.0) / 2.0) + 1)  # odd, and 1 - b = 2 / gamma

@@ -52,13 +52,13 @@ class Prior:
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
     """
-    Epipolar geometry of one pair of views, at unit focal length.
+    Epipolar geometry of one pair of views, from unit rays.
 
-    ``inliers`` has shape (N,); ``fundamental`` is for rays; ``confidence`` of the cheirality vote
-    runs from 0 to 1; ``covariance`` of (psi, phi) has shape (2, 2) [rad^2], nan where the
-    estimator has none. ``attitude`` is the camera's as estimated. ``alternative`` is another
-    geometry that fits nearly as well, as there is one wherever a plane dominates the scene.
-    ``jump`` is by how much tilt and roll differ between the views [rad].
+    ``inliers`` has shape (N,); ``fundamental`` is F for rays, shape (3, 3); ``confidence`` of the
+    cheirality vote runs from 0 to 1; ``covariance`` of (psi, phi) has shape (2, 2) [rad^2], nan
+    where the estimator has none. ``attitude`` is the camera's as estimated. ``alternative`` is
+    another geometry that fits nearly as well, as there is one wherever a plane dominates the
+    scene. ``jump`` is by how much tilt and roll differ between the views [rad].
     """
 
     bearings: Bearings

@@ -11,17 +11,18 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings
 @dataclass(frozen=True, slots=True, eq=False)
 class Measurement:
     """
-    What one observation tells about the goal, at unit focal length.
+    What one observation tells about the goal.
 
-    ``bearings`` is None where no estimate passed the validation gates, and ``reason`` says why.
-    ``difference`` is D of eq. (23), averaged over the features, ``difference_deviation`` its
-    noise; ``feature_error`` the median distance of current from desired features; ``parallax``
-    what the best rotation leaves unexplained; ``heading_error`` comes from the bearings where
-    there are any, else from that rotation. ``deviation`` is the larger one of psi and phi,
-    ``covariance`` that of both, shape (2, 2), ``jump`` the change of tilt and roll between the
-    views [rad]; ``view_margins`` is how far the robot may turn to the left and to the right before
-    the features run out of the image [rad]; ``noise_px`` the deviation of a tracked coordinate as
-    the residuals show it.
+    Angles are in rad; times ``focal`` [px] they are pixels at the image centre. ``bearings`` is
+    None where no estimate passed the validation gates, and ``reason`` says why. ``difference`` is
+    D of eq. (23) at unit focal length, averaged over the features, ``difference_deviation`` its
+    noise; ``feature_error`` the median angle between current and desired features [rad];
+    ``parallax`` the angle that the best rotation leaves unexplained [rad]; ``heading_error``
+    [rad], left positive, comes from the bearings where there are any, else from that rotation.
+    ``deviation`` is the larger one of psi and phi [rad], ``covariance`` that of both, shape (2, 2)
+    [rad^2], ``jump`` the change of tilt and roll between the views [rad]; ``view_margins`` is how
+    far the robot may turn to the left and to the right before the features run out of the image
+    [rad]; ``noise_px`` the deviation of a tracked coordinate [px] as the residuals show it.
     """
 
     stamp_ns: int
@@ -44,10 +45,10 @@ class Measurement:
 
     @property
     def noise(self) -> float:
-        """Deviation of a coordinate at unit focal length, as the residuals show it."""
+        """Deviation of the angle of a ray at the image centre [rad], as the residuals show it."""
         return self.noise_px / self.focal
 
     @property
     def parallax_px(self) -> float:
-        """Parallax in pixels."""
+        """Parallax in pixels at the image centre."""
         return self.parallax * self.focal

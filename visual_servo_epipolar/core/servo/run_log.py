@@ -18,8 +18,9 @@ class Sample:
     ``pose`` is ground truth, which the servo never gets; ``twist`` is commanded [m/s, rad/s].
     Epipoles are abscissae from the principal point [px], nan where undefined; bearings are those
     of the other camera's centre [rad], right positive. ``feature_difference`` is D of eq. (23)
-    [px^2], compensated for rotation if the law asks for it; ``feature_error`` is the median
-    distance of current from desired features [px]; ``distance_estimate`` is d_hat [m].
+    [px^2], compensated for rotation if the law asks for it; ``feature_error`` is the median angle
+    between current and desired features, as pixels at the image centre [px];
+    ``distance_estimate`` is d_hat [m].
     """
 
     stamp_ns: int

@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.servo.phases.table import (
     TRANSITIONS,
 )
 
-# Written down anew on purpose: the table of DESIGN 4, not a copy of the code's.
+# Written down anew on purpose: the transitions that are meant, not a copy of the code's.
 ROAD = [
     (Phase.WAITING, Event.APART, Phase.DISPLACING),
     (Phase.DISPLACING, Event.DISPLACED, Phase.ZEROING_EPIPOLES),

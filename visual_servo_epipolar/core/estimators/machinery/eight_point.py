@@ -1,7 +1,7 @@
 """
 Hartley's normalised 8-point algorithm: F of any motion from eight matches or more.
 
-As in the paper it works on image-plane points, in pixels or at unit focal length.
+As in the paper it works on image-plane points: pixels, or (x/z, y/z) of rays in front.
 """
 
 import math
@@ -41,7 +41,7 @@ def fundamental_from_matches(current: FloatArray, desired: FloatArray) -> FloatA
     Parameters
     ----------
     current, desired : arrays, shape (N, 2)
-        At least eight matches, in pixels or as rays; F is for the same unit.
+        At least eight matches, in pixels or as (x/z, y/z); F is for the same unit.
 
     Raises
     ------

@@ -122,8 +122,8 @@ def refined_modes(
         longest = float(np.maximum.reduce(step.length))
         if math.isnan(longest):
             raise DegenerateGeometryError(
-                'the normal equations of the matches are singular; check the camera matrix, the '
-                'rays are far from unit focal length'
+                'the normal equations of the matches are singular; pass rays of unit length and '
+                'their noise as an angle [rad]'
             )
         if iteration == ITERATIONS or (width == 1.0 and longest < negligible):
             break

@@ -31,7 +31,7 @@ COLD = math.radians(0.3)  # above this deviation of the tilt, hypotheses are mad
 TILTS = np.linspace(-1.0, 1.0, 9)  # of those, in deviations of the prior
 PAIRS = 60  # for each attitude that is tried
 MODES = 6
-POOR = 0.4  # part of the worst possible cost above which a fit is doubted
+POOR = 0.4  # part of the worst possible cost above which few matches agree
 NO_JUMP = np.zeros(1)
 JUMPS = np.array([-3.2, -1.6, 0.0, 1.6, 3.2])  # of tilt between the views, in jitters
 
