@@ -53,10 +53,12 @@ def updated_memory(
     if informative:
         lens = learnt(lens, estimate.lens)
     if informative and estimate.attitude is not None:
-        attitude = replace(
-            estimate.attitude,
-            tilt_deviation=max(estimate.attitude.tilt_deviation, KNOWN_DEVIATION),
-            roll_deviation=max(estimate.attitude.roll_deviation, KNOWN_DEVIATION),
-            jitter=attitude.jitter,
+        estimated = estimate.attitude
+        attitude = Attitude(
+            estimated.tilt,
+            estimated.roll,
+            max(estimated.tilt_deviation, KNOWN_DEVIATION),
+            max(estimated.roll_deviation, KNOWN_DEVIATION),
+            attitude.jitter,
         )
     return PerceptionMemory(attitude, noise, estimate.bearings, lens=lens)

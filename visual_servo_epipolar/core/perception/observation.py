@@ -93,7 +93,7 @@ def _observation(
 ) -> Observation:
     """Return the observation of as many current rays as desired ones, one after the other."""
     count, focal = len(rays) // 2, math.sqrt(camera.fx * camera.fy)
-    angles = np.stack([resolution[:count], resolution[count:]], axis=1)
+    angles = resolution.reshape(2, count).T.copy()
     return Observation(stamp_ns, rays[:count], rays[count:], focal, camera.edges, angles)
 
 

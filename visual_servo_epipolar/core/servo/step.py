@@ -43,7 +43,7 @@ def advance(state: ServoState, perception: Perception, settings: ServoSettings) 
     """Return the state after a ``perception``: the part of the step that needs no features."""
     previous, last_twist, measurement = state.measurement, state.twist, perception.measurement
     dt = 0.0 if previous is None else interval(previous.stamp_ns, measurement.stamp_ns)
-    state = updated(replace(state, memory=perception.memory), measurement, dt, settings)
+    state = updated(state, perception, dt, settings)
     event = classify(state, settings)
     if previous is not None and measurement.stamp_ns <= previous.stamp_ns:
         state, event = _out_of_order(state, measurement)

@@ -5,6 +5,7 @@ import math
 
 from visual_servo_epipolar.core.control import laws
 from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.identification import Slope
 from visual_servo_epipolar.core.servo.phases.conditions import (
     engage_bound,
@@ -30,10 +31,10 @@ def interval(earlier_ns: int, later_ns: int) -> float:
 
 
 def updated(
-    state: ServoState, measurement: Measurement, dt: float, settings: ServoSettings
+    state: ServoState, perception: Perception, dt: float, settings: ServoSettings
 ) -> ServoState:
-    """Return the state updated by a ``measurement`` ``dt`` [s] after the last, unclassified."""
-    previous = state.measurement
+    """Return the state updated by a ``perception`` ``dt`` [s] after the last, unclassified."""
+    previous, measurement = state.measurement, perception.measurement
     leg = _leg(state, dt)
     state = replace(
         state,
@@ -48,6 +49,7 @@ def updated(
         slope=_slope(state, measurement, dt),
         latched=_latch(state, measurement, settings),
         measurement=measurement,
+        memory=perception.memory,
     )
     return _with_settled(state, measurement, settings)
 
