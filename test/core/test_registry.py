@@ -1,6 +1,7 @@
 """Named variants, our own and those of other packages: found, checked, named where broken."""
 
 from importlib.metadata import EntryPoint
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -61,6 +62,34 @@ def test_what_nobody_has_is_a_key_error(variants: Registry[float]) -> None:
 def test_a_broken_variant_is_named(variants: Registry[float], name: str, message: str) -> None:
     with pytest.raises(ValueError, match=message):
         variants[name]
+
+
+@pytest.mark.parametrize(
+    ('code', 'reason'),
+    [
+        ('raise RuntimeError("no licence\\nask for one")', 'RuntimeError: no licence ask for one'),
+        ('law = (', 'SyntaxError: .*'),
+        ('law = lwa', "NameError: name 'lwa' is not defined"),
+        ('{}["law"]', "KeyError: 'law'"),
+        ('import no_such_module', 'ModuleNotFoundError: .*'),
+    ],
+    ids=['runtime', 'syntax', 'name', 'key', 'import'],
+)
+def test_whatever_a_foreign_module_raises_is_one_sentence(
+    code: str,
+    reason: str,
+    tmp_path: Path,
+    request: pytest.FixtureRequest,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    module = f'foreign_{request.node.callspec.id}'  # one that no other test has imported
+    (tmp_path / f'{module}.py').write_text(code)
+    monkeypatch.syspath_prepend(tmp_path)
+    points = [EntryPoint('foreign', f'{module}:law', GROUP)]
+    monkeypatch.setattr(registry, 'entry_points', lambda group: points)
+    message = f'^foreign of {GROUP} cannot be loaded from {module}:law: {reason}; mend the entry'
+    with pytest.raises(ValueError, match=message):
+        Registry(GROUP, {}, float)['foreign']
 
 
 def test_without_a_type_a_variant_must_be_callable(monkeypatch: pytest.MonkeyPatch) -> None:

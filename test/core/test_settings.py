@@ -1,11 +1,16 @@
 """Settings: a value that exists is within its ranges, and refusals say what is allowed."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, FrozenInstanceError, replace
+from importlib.metadata import EntryPoint
 import math
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 
+from visual_servo_epipolar.core import registry
+from visual_servo_epipolar.core.control.settings import ControlSettings
+from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import from_mapping, range_of, setting, Settings, updated
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
@@ -143,3 +148,52 @@ def test_what_is_fixed_at_the_start_is_read_only() -> None:
 
 def test_a_name_of_an_earlier_version_still_works_in_files_and_bags() -> None:
     assert from_mapping(ServoSettings, {'room': 0.5}, 'a bag').spiral_ratio == 0.5
+
+
+@pytest.mark.parametrize('names', [('room', 'spiral_ratio'), ('spiral_ratio', 'room')])
+def test_a_setting_is_not_given_by_its_old_and_its_new_name_at_once(
+    names: tuple[str, str],
+) -> None:
+    message = f'^a bag must give spiral_ratio once, got {names[0]} and {names[1]}, .*; keep spiral'
+    with pytest.raises(ValueError, match=message):
+        from_mapping(ServoSettings, dict.fromkeys(names, 0.5), 'a bag')
+
+
+@dataclass(frozen=True, kw_only=True)
+class Renamed(Settings):
+    RENAMED: ClassVar[Mapping[str, str]] = {'amount': 'number', 'pace': 'speed'}
+    number: int = setting(1, 'Number', low=0, high=9)
+    speed: float = setting(1.0, 'Speed [m/s]', low=0.0, high=9.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Both(Renamed, ControlSettings):
+    RENAMED: ClassVar[Mapping[str, str]] = {'rate': 'number', 'pace': 'number'}
+
+
+def test_a_kind_has_the_earlier_names_of_all_its_bases() -> None:
+    both = from_mapping(Both, {'amount': 4, 'room': 0.5}, 'a file')
+    assert (both.number, both.spiral_ratio) == (4, 0.5)
+    assert from_mapping(Both, {'rate': 5}, 'a file').number == 5
+
+
+def test_an_earlier_name_means_what_the_kind_itself_says() -> None:
+    assert from_mapping(Both, {'pace': 6}, 'a file').number == 6
+    assert from_mapping(Renamed, {'pace': 6}, 'a file').speed == 6.0
+
+
+def test_a_broken_estimator_is_refused_before_there_is_an_image(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    group = 'visual_servo_epipolar.estimators'
+    points = [EntryPoint('broken', 'math:no_such_thing', group)]
+    monkeypatch.setattr(registry, 'entry_points', lambda group: points)
+    for kind in (PerceptionSettings, ServoSettings):
+        with pytest.raises(ValueError, match=f'^broken of {group} cannot be loaded from math:no'):
+            kind(estimator='broken')
+
+
+def test_an_estimator_that_nobody_has_is_refused_with_those_that_there_are() -> None:
+    message = r"^estimator must be one of lmeds_8pt, .*, got 'linear_9pt'"
+    with pytest.raises(ValueError, match=message):
+        PerceptionSettings(estimator='linear_9pt')

@@ -12,6 +12,7 @@ from rclpy.parameter import Parameter
 import yaml
 
 from visual_servo_epipolar.bags.recording.settings import RecordSettings
+from visual_servo_epipolar.core.control.law_table import law_options
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import range_of
 from visual_servo_epipolar.core.tracking.tracker import TrackerSettings
@@ -204,6 +205,39 @@ def test_a_good_change_reaches_what_it_is_for(bench, name, parameter, current) -
     result = set_one(bench, name, parameter)
     assert result.successful, result.reason
     assert current(node) == parameter.value
+
+
+@pytest.mark.parametrize(
+    ('values', 'expression'),
+    [
+        ({'law': 'full-retreat'}, 'full-retreat'),
+        ({'retreat': False}, 'full-retreat'),
+        ({'law': 'full-speed_ramps', 'retreat': False}, 'full-speed_ramps-retreat'),
+        ({'law': 'paper+speed_ramps', 'retreat': False}, 'paper+speed_ramps'),
+    ],
+    ids=['expression', 'departure', 'both', 'added'],
+)
+def test_a_law_is_changed_by_an_expression_and_by_its_departures(
+    bench, values, expression
+) -> None:
+    servo = bench.start(ServoNode)
+    before = servo._settings
+    assert before.options == law_options('full')
+    changed = [Parameter(name, value=value) for name, value in values.items()]
+    assert set_one(bench, 'servo_node', *changed).successful
+    assert servo._settings.options == law_options(expression) != before.options
+    assert servo._settings.law_expression == expression
+    back = [Parameter(name, value=getattr(before, name)) for name in values]
+    assert set_one(bench, 'servo_node', *back).successful
+    assert servo._settings.options == before.options
+
+
+def test_a_misspelt_departure_is_refused_while_the_node_runs(bench) -> None:
+    servo = bench.start(ServoNode)
+    result = set_one(bench, 'servo_node', Parameter('law', value='full-retreet'))
+    assert not result.successful
+    assert 'names no departure retreet; there are true_sigma' in result.reason
+    assert servo._settings.options == law_options('full')
 
 
 def test_a_misspelt_parameter_is_refused_at_the_start_with_a_suggestion(bench) -> None:

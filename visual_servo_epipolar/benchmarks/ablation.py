@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from visual_servo_epipolar.core.control.law_table import DEPARTURES, law_options, LAWS
+from visual_servo_epipolar.core.control.law_table import DEPARTURES, law_options
 from visual_servo_epipolar.simulation.scenario import Scenario
 from visual_servo_epipolar.sweeping.local import cores, local_workers
 from visual_servo_epipolar.sweeping.plan import Plan
@@ -20,6 +20,8 @@ REGIONS = ('front', 'beside', 'anywhere')
 STARTS, QUICK_STARTS = 100, 1
 LONGEST_S = 150.0  # law full needs 30 s in front and at most 100 s beside
 SEED_STEP = 100  # between the seeds of two regions
+BASES = ('paper', 'corrected')
+NAMES = (*BASES, 'full')  # laws of other packages have no row, and need not load
 QUICK_LAWS = ('full', 'full-retreat', 'paper')
 
 
@@ -31,7 +33,7 @@ def laws() -> tuple[str, ...]:
 def _laws() -> Iterator[str]:
     yield 'full'
     yield from (f'full-{name}' for name in DEPARTURES)
-    for base in ('paper', 'corrected'):
+    for base in BASES:
         yield base
         taken = law_options(base)
         for name in DEPARTURES:
@@ -40,8 +42,8 @@ def _laws() -> Iterator[str]:
 
 
 def _known(expression: str) -> str:
-    """Return the name of a law that is the same as ``expression``, or the expression."""
-    same = (name for name in LAWS if LAWS[name] == law_options(expression))
+    """Return the name of our law that is the same as ``expression``, or the expression."""
+    same = (name for name in NAMES if law_options(name) == law_options(expression))
     return next(same, expression)
 
 

@@ -58,9 +58,10 @@ class Registry(Mapping[str, VariantT], Generic[VariantT]):
         """Import what an entry point names, and check that it is what the group is for."""
         try:
             variant = point.load()
-        except (ImportError, AttributeError) as error:
+        except Exception as error:  # foreign code may raise anything while it is imported
+            reason = ' '.join(f'{type(error).__name__}: {error}'.split())  # it may have many lines
             raise ValueError(
-                f'{point.name} of {self.group} cannot be loaded from {point.value}: {error}; '
+                f'{point.name} of {self.group} cannot be loaded from {point.value}: {reason}; '
                 'mend the entry point of the package that brings it'
             ) from error
         fits = callable(variant) if self._check is None else isinstance(variant, self._check)

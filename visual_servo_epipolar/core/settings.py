@@ -46,10 +46,16 @@ class Settings:
     """
     Base of every settings value: a value that exists is within its ranges.
 
-    ``RENAMED`` has the names of earlier versions, which files and bags may still use.
+    ``RENAMED`` has the names of earlier versions, which files and bags may still use; a kind has
+    those of all its bases, too.
     """
 
     RENAMED: ClassVar[Mapping[str, str]] = {}
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        bases = (vars(base).get('RENAMED', {}) for base in reversed(cls.__mro__))
+        cls.RENAMED = dict(item for renamed in bases for item in renamed.items())
 
     def __post_init__(self) -> None:
         for item in fields(self):
@@ -74,7 +80,7 @@ def updated(settings: SettingsT, values: Mapping[str, Any], where: str) -> Setti
     """Return ``settings`` with ``values`` in place; raises as from_mapping does."""
     if not isinstance(values, Mapping):
         raise ValueError(f'{where} must map names to values, got {values!r}; write "name: value"')
-    values = {settings.RENAMED.get(name, name): value for name, value in values.items()}
+    values = _renamed(settings.RENAMED, values, where)
     known = [item.name for item in fields(settings)]
     unknown = sorted(set(map(str, values)) - set(known))
     if unknown:
@@ -85,6 +91,20 @@ def updated(settings: SettingsT, values: Mapping[str, Any], where: str) -> Setti
         return replace(settings, **values)
     except ValueError as error:
         raise ValueError(f'{where}: {error}') from None
+
+
+def _renamed(renamed: Mapping[str, str], values: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """Return ``values`` by today's names; no setting may be given by two names at once."""
+    given: dict[str, str] = {}
+    for name in values:
+        today = renamed.get(name, name)
+        if today in given:
+            raise ValueError(
+                f'{where} must give {today} once, got {given[today]} and {name}, names of one '
+                f'setting; keep {today}'
+            )
+        given[today] = name
+    return {today: values[name] for today, name in given.items()}
 
 
 def _checked(name: str, value: Any, item: 'Field[Any]') -> Any:

@@ -1,14 +1,18 @@
 """A law is data: rows of a table, departures added and left out, and rows of other packages."""
 
+import ast
+from collections.abc import Iterator
 from dataclasses import fields, replace
+from importlib.metadata import EntryPoint
 import math
 from pathlib import Path
-import re
+import pickle
 
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
 
+from visual_servo_epipolar.core import registry
 from visual_servo_epipolar.core.control import law_table
 from visual_servo_epipolar.core.control.law_table import (
     DEPARTURES,
@@ -21,8 +25,29 @@ from visual_servo_epipolar.core.control.law_table import (
 from visual_servo_epipolar.core.control.settings import ControlSettings
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.settings import range_of
 
 PACKAGE = Path(law_table.__file__).parents[2]
+GROUP = 'visual_servo_epipolar.laws'
+# Laws of another package, which brings them by entry points that name this module.
+MY_LAW = replace(LAWS['paper'], epipole_controls=lambda *_, **__: (1.0, 2.0))
+MY_LAW_PLUS = replace(LAWS['full'], true_sigma=False)
+EXPRESSIONS = st.builds(
+    lambda name, changes: name + ''.join(changes),
+    st.sampled_from(list(LAWS)),
+    st.lists(st.sampled_from([f'{sign}{name}' for sign in '-+' for name in DEPARTURES])),
+)
+
+
+@pytest.fixture()
+def foreign(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    names = {'my': 'MY_LAW', 'my-law': 'MY_LAW', 'my-law+': 'MY_LAW_PLUS'}
+    points = [EntryPoint(name, f'{__name__}:{law}', GROUP) for name, law in names.items()]
+    monkeypatch.setattr(registry, 'entry_points', lambda group: points)
+    monkeypatch.setattr(LAWS, '_loaded', {})
+    law_options.cache_clear()
+    yield
+    law_options.cache_clear()
 
 
 def test_the_paper_departs_in_nothing_but_its_own_section_ix() -> None:
@@ -65,6 +90,81 @@ def test_every_departure_has_its_setting() -> None:
     }
 
 
+@pytest.mark.parametrize('name', DEPARTURES)
+def test_a_setting_tells_of_its_departure_in_the_words_of_the_table(name: str) -> None:
+    (item,) = (item for item in fields(ServoSettings) if item.name == name)
+    assert range_of(item).text == f'False: no law may {DEPARTURES[name]}'
+
+
+@given(EXPRESSIONS, st.sets(st.sampled_from(sorted(DEPARTURES))))
+def test_settings_name_the_law_that_drives(law: str, out: set[str]) -> None:
+    settings = ServoSettings(law=law, **dict.fromkeys(out, False))
+    assert law_options(settings.law_expression) == settings.options
+    assert ServoSettings(law=settings.law_expression).options == settings.options
+
+
+@given(EXPRESSIONS)
+def test_a_law_that_nothing_is_left_out_of_is_named_as_written(law: str) -> None:
+    assert ServoSettings(law=law).law_expression == law
+
+
+@pytest.mark.parametrize(
+    ('law', 'out', 'expression'),
+    [
+        ('full', ['retreat'], 'full-retreat'),
+        ('full', ['speed_ramps', 'true_sigma'], 'full-true_sigma-speed_ramps'),
+        ('paper', ['retreat'], 'paper'),
+        ('full-retreat', ['retreat', 'final_turn'], 'full-retreat-final_turn'),
+        ('paper+retreat', ['retreat'], 'paper+retreat-retreat'),
+    ],
+)
+def test_what_a_setting_leaves_out_is_left_out_of_the_expression(
+    law: str, out: list[str], expression: str
+) -> None:
+    assert ServoSettings(law=law, **dict.fromkeys(out, False)).law_expression == expression
+
+
+@pytest.mark.parametrize(
+    ('law', 'options'),
+    [
+        ('my', MY_LAW),
+        ('my-law', MY_LAW),
+        ('my-law+retreat', replace(MY_LAW, retreat=True)),
+        ('my-law+', MY_LAW_PLUS),
+        ('my-law+-retreat', replace(MY_LAW_PLUS, retreat=False)),
+        ('my-law++true_sigma', LAWS['full']),
+        ('my-new_attempts', replace(MY_LAW, new_attempts=False)),
+    ],
+)
+def test_a_name_that_another_package_gives_may_hold_signs(
+    foreign: None, law: str, options: LawOptions
+) -> None:
+    assert ServoSettings(law=law).options == options
+    assert ServoSettings(law=law, final_turn=False).options == replace(options, final_turn=False)
+
+
+@pytest.mark.parametrize(
+    ('law', 'message'),
+    [
+        ('my-lwa+retreat', "law 'my-lwa[+]retreat' names no departure lwa; there are"),
+        ('my_law+retreat', r"law must be one of .*, my, my-law, .* got 'my_law[+]retreat'"),
+        ('my-law+retreet', "law 'my-law[+]retreet' names no departure retreet;"),
+        ('my-laws', "law 'my-laws' names no departure laws;"),
+    ],
+)
+def test_a_misspelt_name_with_signs_is_named(foreign: None, law: str, message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        ServoSettings(law=law)
+
+
+def test_settings_pickle_whatever_functions_their_law_holds(foreign: None) -> None:
+    settings = ServoSettings(law='my-law', retreat=False)
+    options = settings.options  # kept from here on, with the lambda of the law in it
+    back = pickle.loads(pickle.dumps(settings))
+    assert back == settings
+    assert back.options == options
+
+
 @pytest.mark.parametrize(
     ('law', 'message'),
     [
@@ -99,12 +199,77 @@ def test_the_paper_brings_its_own_controls() -> None:
     assert math.isclose(matching_control(LAWS['paper'])(0.1, k_t=2.0).angular, 0.0)
 
 
+def is_name(node: ast.AST) -> bool:
+    """Whether an operand is the name of a law, or a choice of some that holds one."""
+    if isinstance(node, ast.Tuple | ast.List | ast.Set):
+        return any(map(is_name, node.elts))
+    if isinstance(node, ast.Name | ast.Attribute):
+        return (node.id if isinstance(node, ast.Name) else node.attr) == 'DEFAULT_LAW'
+    return isinstance(node, ast.Constant) and node.value in list(LAWS)
+
+
+def operands(node: ast.AST) -> list[ast.expr]:
+    """Return what a node compares, by an operator, a pattern or a method of text."""
+    if isinstance(node, ast.Compare):
+        return [node.left, *node.comparators]
+    if isinstance(node, ast.MatchValue):
+        return [node.value]
+    methods = ('startswith', 'endswith', 'removeprefix', '__eq__')
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+        return node.args if node.func.attr in methods else []
+    return []
+
+
+def comparisons(source: str) -> Iterator[int]:
+    """Yield the lines that compare something with the name of a law."""
+    for node in ast.walk(ast.parse(source)):
+        compared = operands(node)
+        if any(map(is_name, compared)):
+            yield compared[0].lineno
+
+
+@pytest.mark.parametrize(
+    'source',
+    [
+        "law == 'full'",
+        "'full' == law",
+        "settings.law != 'paper'",
+        "name in ('paper', 'corrected')",
+        "name not in {'paper'}",
+        "1 < 2 == (law is 'full')",
+        'law == DEFAULT_LAW',
+        'law_table.DEFAULT_LAW == law',
+        "law.startswith('full')",
+        "law.startswith(('full', 'other'))",
+        "match law:\n    case 'full':\n        pass",
+        "match law:\n    case 'other' | 'full':\n        pass",
+        'match law:\n    case law_table.DEFAULT_LAW:\n        pass',
+    ],
+)
+def test_a_comparison_with_a_name_is_found(source: str) -> None:
+    assert list(comparisons(source))
+
+
+@pytest.mark.parametrize(
+    'source',
+    [
+        "LAWS = {'full': 1}",
+        "def drive(law='full', other=DEFAULT_LAW): pass",
+        "for law in ('paper', 'corrected'): pass",
+        "[law for law in ('paper', 'corrected')]",
+        "results['paper'] == results['full']",
+        "law == 'other'",
+        "kind = 'full'",
+    ],
+)
+def test_a_name_that_is_compared_with_nothing_is_allowed(source: str) -> None:
+    assert not list(comparisons(source))
+
+
 def test_no_module_compares_a_law_with_a_name() -> None:
-    names = '|'.join(LAWS)
-    comparison = re.compile(rf"(?<!for )\blaw\w*\s*(?:==|!=|in)\s*\(?['\"]({names})['\"]")
     guilty = [
-        str(path.relative_to(PACKAGE))
+        f'{path.relative_to(PACKAGE)}:{line}'
         for path in PACKAGE.rglob('*.py')
-        if comparison.search(path.read_text(encoding='utf-8'))
+        for line in comparisons(path.read_text(encoding='utf-8'))
     ]
     assert guilty == []

@@ -91,14 +91,8 @@ def law_options(expression: str) -> LawOptions:
         If there is no such law or departure; says which there are.
 
     """
-    if expression in LAWS:
-        return LAWS[expression]
-    name, *changes = re.split(r'(?=[+-])', expression)
-    if name not in LAWS:
-        raise ValueError(
-            f'law must be one of {", ".join(LAWS)}, got {name!r}; departures are added and left '
-            'out as in full-retreat'
-        )
+    name = _name_in(expression)
+    _, *changes = re.split(r'(?=[+-])', expression[len(name) :])
     unknown = [change[1:] for change in changes if change[1:] not in DEPARTURES]
     if unknown:
         raise ValueError(
@@ -106,6 +100,17 @@ def law_options(expression: str) -> LawOptions:
             f'{", ".join(DEPARTURES)}'
         )
     return LAWS[name].changed({change[1:]: change[0] == '+' for change in changes})
+
+
+def _name_in(expression: str) -> str:
+    """Return the longest name of a law that ``expression`` begins with; names may hold + and -."""
+    names = [name for name in LAWS if re.match(rf'{re.escape(name)}(?![^+-])', expression)]
+    if not names:
+        raise ValueError(
+            f'law must be one of {", ".join(LAWS)}, got {expression!r}; departures are added and '
+            'left out as in full-retreat'
+        )
+    return max(names, key=len)
 
 
 def epipole_controls(law: LawOptions, *, finite_time: bool) -> EpipoleControls:

@@ -57,10 +57,12 @@ class PerceptionSettings(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.estimator not in ESTIMATORS:
+        try:
+            ESTIMATORS[self.estimator]  # a broken one is refused here, not at the first image
+        except KeyError:
             raise ValueError(
                 f'estimator must be one of {", ".join(ESTIMATORS)}, got {self.estimator!r}'
-            )
+            ) from None
 
     @property
     def calibrated(self) -> bool:

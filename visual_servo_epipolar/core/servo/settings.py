@@ -1,7 +1,8 @@
 """Settings of the servo: bounds at which phases end, timeouts, and those of both layers below."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property
+from typing import Any
 
 from visual_servo_epipolar.core.control.law_table import DEPARTURES, law_options, LawOptions
 from visual_servo_epipolar.core.control.settings import ControlSettings
@@ -79,11 +80,27 @@ class ServoSettings(PerceptionSettings, ControlSettings):
                 f'{self.latch_release:g} rad; without hysteresis noise would switch the law'
             )
 
+    def __getstate__(self) -> dict[str, Any]:
+        # Without the cached options: a law of one's own may hold functions that do not pickle.
+        return {item.name: getattr(self, item.name) for item in fields(self)}
+
     @cached_property
     def options(self) -> LawOptions:
         """The law, without the departures that these settings leave out."""
         off = {name: False for name in DEPARTURES if not getattr(self, name)}
         return law_options(self.law).changed(off)
+
+    @property
+    def law_expression(self) -> str:
+        """
+        Expression of the law that drives: ``law``, less what other settings leave out of it.
+
+        It is ``law`` as written, then ``-departure`` for each departure that ``law`` takes and
+        the setting of that name leaves out: ``full-retreat`` for law full and retreat False.
+        """
+        law = law_options(self.law)
+        out = (name for name in DEPARTURES if getattr(law, name) and not getattr(self, name))
+        return self.law + ''.join(f'-{name}' for name in out)
 
     @property
     def compensates(self) -> bool:
