@@ -147,7 +147,7 @@ class Loop:
 
     def drive(self) -> None:
         """Obey for one period."""
-        self._base.command(self._state.twist)
+        self._base.command(self._state.command)
         self._base.advance(self._base.now_ns + self._period_ns)
         self.pose = published(self._base.pose)
 
