@@ -36,7 +36,7 @@ test-colcon: $(STAMP) ## build with colcon in a scratch workspace, run what it i
 
 colcon: test-colcon
 
-lint: $(STAMP) ## style, types of the core, and who may import whom
+lint: $(STAMP) ## style, types, and who may import whom
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy

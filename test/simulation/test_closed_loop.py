@@ -18,6 +18,7 @@ from visual_servo_epipolar.core.servo.run_log import (
     summarise,
 )
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.simulation.closed_loop import (
     LoopSettings,
     period_ns,
@@ -29,6 +30,7 @@ from visual_servo_epipolar.simulation.closed_loop import (
 )
 from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
+from visual_servo_epipolar.simulation.view import View
 
 STARTS = [(1.0, -3.0, 0.0), (0.8, -3.5, 8.0), (-1.2, -4.0, -10.0), (0.3, -2.2, 0.0)]
 
@@ -240,6 +242,24 @@ def test_a_run_is_the_same_alone_and_beside_others(changes: dict[str, object]) -
     # By text, as what could not be seen is nan; every digit counts.
     for k, log in zip(indices, together, strict=True):
         assert repr(log) == repr(side_by_side([k], **changes)[0])
+
+
+class OneByOne(View):
+    """A view that has no way of its own to be observed together with others."""
+
+    def __init__(self, view: View) -> None:
+        self._view = view
+
+    def observe(self, pose: Pose, frame: int) -> Features:
+        return self._view.observe(pose, frame)
+
+
+def test_views_of_different_kinds_may_stand_side_by_side() -> None:
+    settings = [LoopSettings(start=start, max_duration=2.0) for start in STARTS[:3]]
+    views = [points(), OneByOne(points()), points()]
+    mixed = run_many([(each, view, CAMERA) for each, view in zip(settings, views, strict=True)])
+    alone = [run(each, points(), CAMERA) for each in settings]
+    assert repr(mixed) == repr(alone)
 
 
 def test_runs_side_by_side_end_each_in_its_own_time() -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from visual_servo_epipolar.core.control.command import Command
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 from visual_servo_epipolar.simulation.bases.pioneer import Pioneer
@@ -113,7 +114,7 @@ def test_a_command_is_late_by_whole_frames(name: str, frames: int) -> None:
     scenario, period = load(path), period_ns(load(path).camera.frame_rate)
     start = Pose(0.0, 0.0, 0.0)
     base = Pioneer(replace(scenario.base, dead_zone_linear=0.0), start, seed=0)
-    base.command(Twist(0.3, 0.0))
+    base.command(Command(Twist(0.3, 0.0)))
     base.advance(frames * period)
     assert base.pose == start
     base.advance((frames + 1) * period)

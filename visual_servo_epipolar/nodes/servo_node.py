@@ -15,8 +15,8 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
+from visual_servo_epipolar.core.control.command import Command, HALT
 from visual_servo_epipolar.core.geometry.camera import Camera
-from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.servo.interruptions import interrupted, Interruption
 from visual_servo_epipolar.core.servo.phases.table import DRIVING
@@ -90,7 +90,7 @@ class ServoNode(Node):
     def stop(self) -> None:
         """Stop the robot, and wait until the command is acknowledged."""
         self._active, self._state = False, self._interrupted(Interruption.STOPPED)
-        self._command(STANDSTILL, self.get_clock().now().nanoseconds)
+        self._command(HALT, self.get_clock().now().nanoseconds)
         self._command_pub.wait_for_all_acked(Duration(seconds=STOP_TIMEOUT_S))
 
     def _create_publishers(self) -> None:
@@ -169,20 +169,21 @@ class ServoNode(Node):
             diagnostics.diagnosis(state, stamp_ns, name=self.get_fully_qualified_name())
         )
         self._markers_pub.publish(diagnostics.markers(state, stamp_ns, frame_id))
-        self._command(state.twist, stamp_ns)
+        self._command(state.command, stamp_ns)
 
-    def _command(self, twist: Twist, stamp_ns: int) -> None:
+    def _command(self, command: Command, stamp_ns: int) -> None:
+        """Publish ``command``: its twist on cmd_vel."""
         if self._node_settings.enable_stamped_cmd_vel:
             frame = self._node_settings.base_frame
-            self._command_pub.publish(write.twist_stamped(twist, stamp_ns, frame))
+            self._command_pub.publish(write.twist_stamped(command.twist, stamp_ns, frame))
         else:
-            self._command_pub.publish(write.twist(twist))
+            self._command_pub.publish(write.twist(command.twist))
 
     def _halt(self) -> None:
         """Stop a robot that may be moving; the state remembers that it stands."""
-        if self._state.twist != STANDSTILL:
+        if self._state.command != HALT:
             self._state = self._interrupted(Interruption.HALTED)
-            self._command(STANDSTILL, self.get_clock().now().nanoseconds)
+            self._command(HALT, self.get_clock().now().nanoseconds)
 
     def _interrupted(self, kind: Interruption, reason: str = '') -> ServoState:
         """Return the state after an interruption, and publish it as an event for replays."""

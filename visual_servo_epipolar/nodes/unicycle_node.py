@@ -12,6 +12,7 @@ from rclpy.node import Node
 from rosgraph_msgs.msg import Clock as ClockMessage
 from std_srvs.srv import Trigger
 
+from visual_servo_epipolar.core.control.command import Command
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.messages import read, write
@@ -117,7 +118,7 @@ class UnicycleNode(Node):
     def _on_command(self, message: Any) -> None:
         try:
             self._check_age(message)
-            self._base.command(read.twist(message))
+            self._base.command(Command(read.twist(message)))
         except ValueError as error:
             self._base.halt()
             self.get_logger().error(str(error), throttle_duration_sec=WARN_PERIOD_S)

@@ -30,7 +30,7 @@ from visual_servo_epipolar.report.style import (
 DOTS_PER_INCH = 150
 ZOOM = 0.1  # half the side of the close-up around the goal [m]
 WEDGE_REACH = 0.9  # [m]
-GHOST = '#8C8C8C'
+GREY = '#8C8C8C'
 
 
 @rc_context(FIGURE_SETTINGS)
@@ -144,10 +144,10 @@ def _milestones(log: RunLog) -> list[Sample]:
 
 
 def _draw_plane(axes: Axes, log: RunLog, field_of_view: float) -> None:
-    _draw_robot(axes, DESIRED_POSE, GHOST, dashed=True)
+    _draw_robot(axes, DESIRED_POSE, GREY, dashed=True)
     for pose in (DESIRED_POSE, log.samples[0].pose):
         wedge = view_wedge(pose, angle=field_of_view, reach=WEDGE_REACH)
-        axes.add_patch(Polygon(wedge, facecolor=GHOST, alpha=0.15, edgecolor='none', zorder=1))
+        axes.add_patch(Polygon(wedge, facecolor=GREY, alpha=0.15, edgecolor='none', zorder=1))
     _draw_path(axes, log, 1.0)
     for sample in _milestones(log):
         _draw_robot(axes, sample.pose, phase_colour(sample.phase.value))
@@ -184,8 +184,8 @@ def _draw_key(axes: Axes, log: RunLog) -> None:
     handles = [
         *(Line2D([], [], color=phase_colour(n), lw=2.0, label=phase_label(n)) for n in names),
         Patch(facecolor='none', edgecolor=INK, label='robot at a change of phase'),
-        Patch(facecolor='none', edgecolor=GHOST, linestyle='--', label='goal'),
-        Patch(facecolor=GHOST, alpha=0.25, label='field of view'),
+        Patch(facecolor='none', edgecolor=GREY, linestyle='--', label='goal'),
+        Patch(facecolor=GREY, alpha=0.25, label='field of view'),
         Line2D([], [], ls='', marker='s', mfc='none', mec=INK, mew=0.7, label='close-up below'),
     ]
     axes.set_axis_off()

@@ -11,7 +11,7 @@ import numpy as np
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.report.style import INK, robot_body, robot_nose
 
-GHOST = '#8C8C8C'
+GREY = '#8C8C8C'
 WIDTH = 7.2  # of a page between its margins [inches]
 
 
@@ -35,9 +35,9 @@ def label(axes: Axes, x: str, y: str, title: str = '') -> None:
         axes.set_title(title, fontsize=9.0)
 
 
-def draw_robot(axes: Axes, pose: Pose, colour: str = INK, *, ghost: bool = False) -> None:
-    """Draw the robot at ``pose``; dashed and empty as a ghost."""
-    style, face = ('--', 'none') if ghost else ('-', colour)
+def draw_robot(axes: Axes, pose: Pose, colour: str = INK, *, dashed: bool = False) -> None:
+    """Draw the robot at ``pose``, or only its dashed outline."""
+    style, face = ('--', 'none') if dashed else ('-', colour)
     axes.fill(*robot_body(pose).T, facecolor='none', edgecolor=colour, ls=style, lw=1.0)
     axes.fill(*robot_nose(pose).T, facecolor=face, edgecolor=colour, ls=style, lw=1.0)
 

@@ -10,6 +10,7 @@ from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME, Sensor, SensorSettings
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
 from visual_servo_epipolar.simulation.rooms.scene import room
+from visual_servo_epipolar.simulation.view import View
 
 
 class CameraSimulator:
@@ -63,7 +64,7 @@ class CameraSimulator:
         return self._sensor.capture(image, frame)
 
 
-class ImageView:
+class ImageView(View):
     """View through camera and tracker; keeps the last image for pictures."""
 
     def __init__(self, simulator: CameraSimulator, tracker: Tracker) -> None:

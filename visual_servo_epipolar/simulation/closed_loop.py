@@ -12,7 +12,7 @@ from visual_servo_epipolar.core.geometry.motion import (
     yaw_from_quaternion,
 )
 from visual_servo_epipolar.core.perception.batch import perceive_each, RobotView
-from visual_servo_epipolar.core.perception.observation import Observation, observe_each
+from visual_servo_epipolar.core.perception.observation import Observation, observe, observe_each
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.phases.table import ENDED, Phase
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
@@ -22,11 +22,8 @@ from visual_servo_epipolar.core.servo.step import advance, step
 from visual_servo_epipolar.core.servo.telemetry import sample, telemetry
 from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.simulation import point_world
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 from visual_servo_epipolar.simulation.bases.registry import new_base
-from visual_servo_epipolar.simulation.point_world import PointWorld
 from visual_servo_epipolar.simulation.view import View
 
 Step = Callable[[ServoState, Observation, ServoSettings], ServoState]
@@ -99,7 +96,7 @@ class RunMonitor:
             'arrived' if phase is Phase.ARRIVED else 'failed',
             reason,
             self._attempts,
-            self.settings.servo.law,
+            self.settings.servo.law_expression,
         )
 
 
@@ -135,7 +132,8 @@ class Loop:
 
     def decide_by(self, control: Step) -> None:
         """Look, and let ``control`` take it in."""
-        observation = look([self])[0].observation
+        features = self.view.observe(self.pose, self.frame)
+        observation = observe(features, self.camera, self.now_ns)
         self._state = control(self._state, observation, self._servo)
 
     def record(self) -> Sample:
@@ -147,33 +145,28 @@ class Loop:
 
     def drive(self) -> None:
         """Obey for one period."""
-        self._base.command(self._state.twist)
+        self._base.command(self._state.command)
         self._base.advance(self._base.now_ns + self._period_ns)
         self.pose = published(self._base.pose)
 
 
 def look(loops: Sequence[Loop]) -> list[RobotView]:
-    """Return what each loop sees from where its robot is now, those with one camera at once."""
-    found: list[RobotView | None] = [None] * len(loops)
-    alike: dict[Camera, list[int]] = {}
+    """Return what each loop sees from where its robot is now, alike views and cameras at once."""
+    robot_views: list[RobotView | None] = [None] * len(loops)
+    groups: dict[tuple[type[View], Camera], list[int]] = {}
     for k, loop in enumerate(loops):
-        alike.setdefault(loop.camera, []).append(k)
-    for camera, places in alike.items():
-        some = [loops[k] for k in places]
-        observations = observe_each(_features(some), camera, [loop.now_ns for loop in some])
-        for k, observation in zip(places, observations, strict=True):
-            found[k] = loops[k].robot_view(observation)
-    return [robot_view for robot_view in found if robot_view is not None]
-
-
-def _features(loops: Sequence[Loop]) -> list[Features]:
-    """Return the features in each view; clouds of points are projected together."""
-    worlds = [loop.view for loop in loops if isinstance(loop.view, PointWorld)]
-    if len(worlds) < len(loops):
-        return [loop.view.observe(loop.pose, loop.frame) for loop in loops]
-    return point_world.observe_each(
-        worlds, [loop.pose for loop in loops], [loop.frame for loop in loops]
-    )
+        groups.setdefault((type(loop.view), loop.camera), []).append(k)
+    for (kind, camera), indices in groups.items():
+        group = [loops[k] for k in indices]
+        features = kind.observe_each(
+            [loop.view for loop in group],
+            [loop.pose for loop in group],
+            [loop.frame for loop in group],
+        )
+        observations = observe_each(features, camera, [loop.now_ns for loop in group])
+        for k, observation in zip(indices, observations, strict=True):
+            robot_views[k] = loops[k].robot_view(observation)
+    return [robot_view for robot_view in robot_views if robot_view is not None]
 
 
 def run(

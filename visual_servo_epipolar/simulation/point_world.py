@@ -13,6 +13,7 @@ from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.simulation.disturbances.image import Disturbances
 from visual_servo_epipolar.simulation.mounts.rig import CameraRig
 from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME
+from visual_servo_epipolar.simulation.view import View
 
 MIN_DEPTH_M = 0.3
 BLOCK = 32  # frames drawn at once: starting a random generator costs more than drawing
@@ -41,7 +42,7 @@ class PointSettings(Settings):
             raise ValueError(f'near must be below far, got {self.near:g} and {self.far:g} m')
 
 
-class PointWorld:
+class PointWorld(View):
     """
     A cloud that fills the goal's image; ``observe`` gives what a good tracker would.
 
@@ -60,20 +61,38 @@ class PointWorld:
         camera = rig.camera
         self.settings, self.rig, self.camera, self._seed = settings, rig, camera, seed
         self._disturbances = disturbances
-        # Such a lens may show, folded back into the image, what it cannot see.
-        self.wide = camera.distorts or 0.5 * max(camera.width, camera.height) > camera.fx
         rng = np.random.default_rng((seed, 2))
         pixels = rng.random((settings.candidates, 2)) * [camera.width - 1, camera.height - 1]
         depth = settings.near + (settings.far - settings.near) * rng.random(settings.candidates)
-        solid = np.column_stack([camera.rays(pixels) * depth[:, None], depth])
+        points = np.column_stack([camera.rays(pixels) * depth[:, None], depth])
         axes, centre = rig.camera_pose(DESIRED_POSE, DESIRED_FRAME)
-        self.points: FloatArray = solid @ axes.T + centre  # in the world
+        self.points: FloatArray = points @ axes.T + centre  # in the world
         self._desired = pixels + settings.noise * rng.standard_normal(pixels.shape)
         self._block, self._noises = -1, np.empty((0, *pixels.shape))
 
     def observe(self, pose: Pose, frame: int) -> Features:
         """Return the features in view from ``pose``; ``frame``, 0, 1, ..., fixes their noise."""
-        return observe_each([self], [pose], [frame])[0]
+        pixels, visible = self.project(pose, frame)
+        return self.tracked(pixels, visible, frame)
+
+    @classmethod
+    def observe_each(
+        cls, views: Sequence['PointWorld'], poses: Sequence[Pose], frames: Sequence[int]
+    ) -> list[Features]:
+        """Return the features of each world from its pose in its frame, by camera at once."""
+        results: list[Features | None] = [None] * len(views)
+        groups: dict[tuple[Camera, int], list[int]] = {}
+        for k, world in enumerate(views):
+            groups.setdefault((world.camera, len(world.points)), []).append(k)
+        for indices in groups.values():
+            pixels, visible = project_each(
+                [views[k] for k in indices],
+                [poses[k] for k in indices],
+                [frames[k] for k in indices],
+            )
+            for row, k in enumerate(indices):
+                results[k] = views[k].tracked(pixels[row], visible[row], frames[k])
+        return [features for features in results if features is not None]
 
     def tracked(self, pixels: FloatArray, visible: BoolArray, frame: int) -> Features:
         """Return the features at true ``pixels``, shape (N, 2), where ``visible``, shape (N,)."""
@@ -93,8 +112,8 @@ class PointWorld:
 
     def project(self, pose: Pose, frame: int = DESIRED_FRAME) -> tuple[FloatArray, BoolArray]:
         """Return the true pixels, shape (N, 2), and which of them are in view, shape (N,)."""
-        pixels, visible = project_each([self], [pose], [frame])
-        return pixels[0], visible[0]
+        axes, centre = self.rig.camera_pose(pose, frame)
+        return in_image((self.points - centre) @ axes, self.camera)
 
     def taken_for(self, frame: int) -> IntArray | None:
         """Return which point each feature is taken for, shape (N,); None: each for itself."""
@@ -115,24 +134,6 @@ class PointWorld:
         return np.asarray(self._noises[number])
 
 
-def observe_each(
-    worlds: Sequence[PointWorld], poses: Sequence[Pose], frames: Sequence[int]
-) -> list[Features]:
-    """Return the features of each world from its pose in its frame, by camera at once."""
-    results: list[Features | None] = [None] * len(worlds)
-    groups: dict[tuple[Camera, int], list[int]] = {}
-    for k, world in enumerate(worlds):
-        groups.setdefault((world.camera, len(world.points)), []).append(k)
-    for indices in groups.values():
-        group = [worlds[k] for k in indices]
-        pixels, visible = project_each(
-            group, [poses[k] for k in indices], [frames[k] for k in indices]
-        )
-        for row, k in enumerate(indices):
-            results[k] = worlds[k].tracked(pixels[row], visible[row], frames[k])
-    return [features for features in results if features is not None]
-
-
 def project_each(
     worlds: Sequence[PointWorld], poses: Sequence[Pose], frames: Sequence[int]
 ) -> tuple[FloatArray, BoolArray]:
@@ -147,12 +148,22 @@ def project_each(
     ]
     axes = np.array([axes for axes, _ in camera_poses])
     centres = np.array([centre for _, centre in camera_poses])
-    solid = (np.array([world.points for world in worlds]) - centres[:, None]) @ axes
-    depth, camera = solid[..., 2], worlds[0].camera
-    rays = solid[..., :2] / np.maximum(depth, MIN_DEPTH_M)[..., None]
+    points = (np.array([world.points for world in worlds]) - centres[:, None]) @ axes
+    return in_image(points, worlds[0].camera)
+
+
+def in_image(points: FloatArray, camera: Camera) -> tuple[FloatArray, BoolArray]:
+    """
+    Return the pixels, shape (..., N, 2), and which are in view, shape (..., N).
+
+    ``points``, shape (..., N, 3), have the axes of the camera.
+    """
+    depth = points[..., 2]
+    rays = points[..., :2] / np.maximum(depth, MIN_DEPTH_M)[..., None]
     rays = np.minimum(np.maximum(rays, -MAX_RAY), MAX_RAY).reshape(-1, 2)
     pixels = camera.pixels(rays)
     visible = camera.contains(pixels)
-    if worlds[0].wide:
+    if camera.distorts or 0.5 * max(camera.width, camera.height) > camera.fx:
+        # Such a lens may show, folded back into the image, what it cannot see.
         visible &= (np.abs(rays) < MAX_RAY).all(axis=1)
     return pixels.reshape(*depth.shape, 2), visible.reshape(depth.shape) & (depth > MIN_DEPTH_M)

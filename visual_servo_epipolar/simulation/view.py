@@ -1,9 +1,12 @@
 """View: what every source of features in a closed loop takes and gives."""
 
-from typing import Protocol
+from collections.abc import Sequence
+from typing import Protocol, TypeVar
 
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.tracking.features import Features
+
+V = TypeVar('V', bound='View')
 
 
 class View(Protocol):
@@ -12,3 +15,18 @@ class View(Protocol):
     def observe(self, pose: Pose, frame: int) -> Features:
         """Return the features visible from ``pose`` in frame number ``frame``: 0, 1, ..."""
         ...
+
+    @classmethod
+    def observe_each(
+        cls: type[V], views: Sequence[V], poses: Sequence[Pose], frames: Sequence[int]
+    ) -> list[Features]:
+        """
+        Return the features of many ``views``, each from its own pose in its own frame.
+
+        They equal, bit by bit, those of ``observe``; a class that is faster with many views at
+        once overrides this.
+        """
+        return [
+            view.observe(pose, frame)
+            for view, pose, frame in zip(views, poses, frames, strict=True)
+        ]

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from strategies import floats, twists
 
+from visual_servo_epipolar.core.control.command import Command
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
 from visual_servo_epipolar.simulation.bases.pioneer import Pioneer, PioneerSettings
 
@@ -27,7 +28,7 @@ def base(*, seed: int = 0, **changes: float) -> Pioneer:
 
 def driven(robot: Pioneer, twist: Twist, seconds: float) -> Pioneer:
     """Command ``twist`` once, and let ``seconds`` pass."""
-    robot.command(twist)
+    robot.command(Command(twist))
     robot.advance(robot.now_ns + ns(seconds))
     return robot
 
@@ -38,7 +39,7 @@ def test_speeds_and_accelerations_stay_within_their_limits(wanted: list[Twist]) 
     robot, before = base(), STANDSTILL
     limits = robot.settings
     for twist in wanted:
-        robot.command(twist)
+        robot.command(Command(twist))
         for _ in range(40):
             robot.advance(robot.now_ns + ns(SUBSTEP))
             now = robot.twist
@@ -124,7 +125,7 @@ def test_a_timeout_of_zero_never_stops_the_base() -> None:
 
 def test_halt_forgets_what_is_pending_and_brakes() -> None:
     robot = driven(base(command_delay=0.5), Twist(0.3, 0.0), 2.0)
-    robot.command(Twist(1.0, 1.0))
+    robot.command(Command(Twist(1.0, 1.0)))
     robot.halt()
     robot.advance(robot.now_ns + ns(2.0))
     assert not robot.moving
@@ -164,7 +165,7 @@ def test_slip_shortens_the_way_but_not_the_odometry() -> None:
 @pytest.mark.parametrize('delay', [0.0, 0.09, 0.5])
 def test_a_command_reaches_the_motors_after_the_delay(delay: float) -> None:
     robot = base(command_delay=delay)
-    robot.command(Twist(0.3, 0.0))
+    robot.command(Command(Twist(0.3, 0.0)))
     robot.advance(ns(delay))
     assert robot.pose == START
     robot.advance(ns(delay + 2.0 * SUBSTEP))

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import pytest
 
+from visual_servo_epipolar.core.control.command import Command
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.core.settings import setting, Settings
@@ -36,8 +37,9 @@ class IdealBase:
     def moving(self) -> bool:
         return self.twist != STANDSTILL
 
-    def command(self, twist: Twist) -> None:
-        self.twist = Twist(self.settings.gain * twist.linear, self.settings.gain * twist.angular)
+    def command(self, command: Command) -> None:
+        gain, twist = self.settings.gain, command.twist
+        self.twist = Twist(gain * twist.linear, gain * twist.angular)
 
     def halt(self) -> None:
         self.twist = STANDSTILL

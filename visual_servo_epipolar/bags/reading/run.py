@@ -25,7 +25,7 @@ MAX_GAP_S = 3600.0
 
 
 @dataclass(frozen=True, slots=True)
-class Command:
+class RecordedTwist:
     """Velocity command as recorded; ``stamp_ns`` is None where the type has none."""
 
     log_ns: int
@@ -53,7 +53,7 @@ class Recording:
     tracked: set[Key] = field(default_factory=set)
     telemetry: dict[Key, dict[str, float]] = field(default_factory=dict)
     diagnoses: dict[int, dict[str, str]] = field(default_factory=dict)
-    commands: list[Command] = field(default_factory=list)
+    commands: list[RecordedTwist] = field(default_factory=list)
     poses: dict[int, Pose] = field(default_factory=dict)
 
 
@@ -181,7 +181,7 @@ def _read_diagnosis(run: Recording, item: RecordedMessage, key: Key) -> None:
 def _read_command(run: Recording, item: RecordedMessage, key: Key) -> None:
     header = getattr(item.message, 'header', None)
     stamp_ns = None if header is None else read.stamp_ns(header)
-    run.commands.append(Command(item.log_ns, stamp_ns, read.twist(item.message)))
+    run.commands.append(RecordedTwist(item.log_ns, stamp_ns, read.twist(item.message)))
 
 
 def _read_pose(run: Recording, item: RecordedMessage, key: Key) -> None:

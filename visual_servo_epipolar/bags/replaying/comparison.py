@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 import math
 from typing import Any
 
-from visual_servo_epipolar.bags.reading.run import Command, Recording
+from visual_servo_epipolar.bags.reading.run import RecordedTwist, Recording
 from visual_servo_epipolar.bags.replaying.replay import Step
 from visual_servo_epipolar.core.stamps import seconds_between
 
@@ -100,7 +100,7 @@ def _telemetry(run: Recording, step: Step) -> dict[str, Value]:
     return {**phase, **run.telemetry.get(step.key, {})}
 
 
-def _commands(commands: Sequence[Command], steps: Sequence[Step]) -> list[dict[str, Value]]:
+def _commands(commands: Sequence[RecordedTwist], steps: Sequence[Step]) -> list[dict[str, Value]]:
     """Return the recorded command of each step: that of its stamp, or the next without one."""
     by_stamp = {item.stamp_ns: item for item in commands if item.stamp_ns is not None}
     pending = [item for item in commands if item.stamp_ns is None]
@@ -116,7 +116,7 @@ def _commands(commands: Sequence[Command], steps: Sequence[Step]) -> list[dict[s
     return answers
 
 
-def _values(command: Command) -> dict[str, Value]:
+def _values(command: RecordedTwist) -> dict[str, Value]:
     return dict(zip(COMMANDS, (command.twist.linear, command.twist.angular), strict=True))
 
 
@@ -148,7 +148,7 @@ def _distance(recorded: Value, replayed: Value) -> float:
     return math.inf if math.isnan(distance) else distance
 
 
-def _count_unpublished(commands: Sequence[Command], steps: Sequence[Step]) -> int:
+def _count_unpublished(commands: Sequence[RecordedTwist], steps: Sequence[Step]) -> int:
     """Count replayed commands that are missing, in their order, among the published ones."""
     expected = [(s.telemetry['linear_m_s'], s.telemetry['angular_rad_s']) for s in steps]
     position = 0

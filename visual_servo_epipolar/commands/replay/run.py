@@ -51,7 +51,7 @@ class ReplayedBag:
     def log(self) -> RunLog:
         """The record of the replayed run."""
         servo = self.plan.servo[-1][1]
-        return run_log(self.run, self.steps, seed=servo.seed, law=servo.law)
+        return run_log(self.run, self.steps, seed=servo.seed, law=servo.law_expression)
 
 
 def replay_and_report(options: argparse.Namespace) -> bool:

@@ -7,7 +7,11 @@ from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """Command of one control step: the ``twist`` of the base [m/s, rad/s]."""
+    """
+    Command of one control step: the ``twist`` of the base [m/s, rad/s].
+
+    A base and the publisher of the servo take it whole, so that a new field reaches both.
+    """
 
     twist: Twist = STANDSTILL
 

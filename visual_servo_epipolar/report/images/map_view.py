@@ -31,7 +31,7 @@ from visual_servo_epipolar.report.style import (
 WIDTH = 560  # of the map [px]
 HEADER, LEFT, BOTTOM, RIGHT = 124, 64, 58, 16  # margins around the plane [px]
 CLEARANCE = 0.65  # of the robot's axle from the border of the map [m]: body and wedge fit
-GHOST: BGR = (175, 175, 175)
+GREY: BGR = (175, 175, 175)
 GRID: BGR = (228, 228, 228)
 GRID_STEPS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)  # [m]
 
@@ -120,7 +120,7 @@ class MapView:
         self._origin = middle - self._scale * centre * (1.0, -1.0)
         self._canvas: Image = np.full((self._height, WIDTH, 3), 255, dtype=np.uint8)
         self._draw_grid()
-        self._draw_outline(self._canvas, DESIRED_POSE, GHOST, 2)
+        self._draw_outline(self._canvas, DESIRED_POSE, GREY, 2)
         self._write_under(DESIRED_POSE, 'goal')
         if self._samples:
             self._draw_start()
@@ -151,7 +151,7 @@ class MapView:
         return np.asarray((np.array(pixel) - self._origin) / self._scale * (1.0, -1.0))
 
     def _draw_start(self) -> None:
-        self._draw_outline(self._canvas, self._samples[0].pose, GHOST, 1)
+        self._draw_outline(self._canvas, self._samples[0].pose, GREY, 1)
         self._write_under(self._samples[0].pose, 'start')
 
     def _draw_step(self, before: Sample, after: Sample) -> None:

@@ -56,7 +56,7 @@ def draw_overlay(
     current_pixels, desired_pixels : arrays, shape (N, 2)
         Features (u, v) in pixels, row by row the same ones; N may be 0.
     phase : str
-        What to call the situation in the header; a phase has its colour.
+        Text in the header: the phase, which has its colour, or any other.
     epipole_current : float, optional
         Abscissa u of the epipole in this image [px], from the left border and not from the
         principal point; outside the picture, or not finite, it is not drawn.

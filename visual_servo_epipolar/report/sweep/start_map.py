@@ -34,7 +34,7 @@ WRONG_COLOUR = '#CC79A7'
 WEDGE_REACH = 1.0  # [m]
 PANEL_HEIGHT, PANEL_WIDTHS = 4.6, (2.5, 6.0)  # [in]; narrower ones have no room for a title
 LEAST_WIDTH = 5.0  # of the figure [in]: so wide is the key
-GHOST = '#8C8C8C'
+GREY = '#8C8C8C'
 LIMIT_M, LIMIT_DEG = 0.05, 2.0
 
 
@@ -142,9 +142,9 @@ def _places(runs: Sequence[Run]) -> FloatArray:
 
 def _draw_goal(axes: Axes, field_of_view: float) -> None:
     wedge = view_wedge(DESIRED_POSE, angle=field_of_view, reach=WEDGE_REACH)
-    axes.add_patch(Polygon(wedge, facecolor=GHOST, alpha=0.15, edgecolor='none', zorder=1))
-    for shape, face in ((robot_body(DESIRED_POSE), 'none'), (robot_nose(DESIRED_POSE), GHOST)):
-        axes.add_patch(Polygon(shape, facecolor=face, edgecolor=GHOST, lw=1.1, zorder=1))
+    axes.add_patch(Polygon(wedge, facecolor=GREY, alpha=0.15, edgecolor='none', zorder=1))
+    for shape, face in ((robot_body(DESIRED_POSE), 'none'), (robot_nose(DESIRED_POSE), GREY)):
+        axes.add_patch(Polygon(shape, facecolor=face, edgecolor=GREY, lw=1.1, zorder=1))
     axes.update_datalim(wedge)
 
 

@@ -78,7 +78,7 @@ def experiment_scenario(seed: int = 0, **changes: Any) -> Scenario:
     ).seeded(seed)
 
 
-class SparseView:
+class SparseView(View):
     """
     A view of a few features, chosen as the paper's authors chose theirs.
 

@@ -20,13 +20,13 @@ from visual_servo_epipolar.report.style import (
     INK,
     PHASE_COLOURS,
 )
-from visual_servo_epipolar.reproduction.canvas import draw_robot, GHOST, label, new_figure
+from visual_servo_epipolar.reproduction.canvas import draw_robot, GREY, label, new_figure
 from visual_servo_epipolar.reproduction.experiment.experiment import Experiment
 from visual_servo_epipolar.reproduction.fits import Decay, decay
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
 SNAPSHOTS = 6
-KEY = 'red crosses: actual features, green circles: desired ones;\ndashed: ghost of the goal'
+KEY = 'red crosses: actual features, green circles: desired ones;\ndashed: the goal'
 EPIPOLES = '; diamonds: epipoles'
 LEAST = 0.03  # of the first D: below, the uneven floor has the say
 SMALL = {**FIGURE_SETTINGS, 'axes.labelsize': 7.0, 'xtick.labelsize': 7.0, 'ytick.labelsize': 7.0}
@@ -132,7 +132,7 @@ def _draw_plane(axes: Axes, log: RunLog, moment: int) -> None:
     way = np.array([(sample.pose.x, sample.pose.y) for sample in log.samples])
     sample = log.samples[moment]
     axes.plot(*way[: moment + 1].T, color=DESIRED_COLOUR, lw=1.0, label='way')
-    draw_robot(axes, DESIRED_POSE, GHOST, ghost=True)
+    draw_robot(axes, DESIRED_POSE, GREY, dashed=True)
     draw_robot(axes, sample.pose, INK)
     low, high = way.min(axis=0) - 0.4, way.max(axis=0) + 0.4
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]))

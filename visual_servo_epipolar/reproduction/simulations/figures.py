@@ -14,7 +14,7 @@ from visual_servo_epipolar.report.style import (
     INK,
     PHASE_COLOURS,
 )
-from visual_servo_epipolar.reproduction.canvas import draw_robot, GHOST, label, new_figure
+from visual_servo_epipolar.reproduction.canvas import draw_robot, GREY, label, new_figure
 from visual_servo_epipolar.reproduction.fits import decay
 from visual_servo_epipolar.reproduction.simulations.camera import PointCamera
 from visual_servo_epipolar.reproduction.simulations.continuous import Course
@@ -85,7 +85,7 @@ def path(course: Course, number: int, step: int) -> Figure:
     x, y = course.column('x', step), course.column('y', step)
     axes.plot(x, y, color=colour, lw=2.0, label=f'{word} step')
     axes.plot(0.0, 0.0, '+', color=INK, markersize=10.0)
-    draw_robot(axes, DESIRED_POSE, GHOST, ghost=True)
+    draw_robot(axes, DESIRED_POSE, GREY, dashed=True)
     way = np.concatenate([[0.0], np.cumsum(np.hypot(np.diff(x), np.diff(y)))])
     for part in np.linspace(0.0, way[-1], 5):
         draw_robot(axes, instants[int(np.searchsorted(way, part))].pose, colour)

@@ -9,7 +9,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.report.style import CURRENT_COLOUR, DESIRED_COLOUR, FIGURE_SETTINGS, INK
-from visual_servo_epipolar.reproduction.canvas import draw_robot, GHOST, label, page
+from visual_servo_epipolar.reproduction.canvas import draw_robot, GREY, label, page
 from visual_servo_epipolar.reproduction.simulations.continuous import Instant
 from visual_servo_epipolar.reproduction.simulations.runs import PERIOD_S, Simulation1
 
@@ -27,7 +27,7 @@ def printed_sign(runs: Simulation1) -> Figure:
         (runs.corrected.instants, runs.sampled_corrected, runs.behind_corrected.instants),
         strict=True,
     ):
-        draw_robot(axes, DESIRED_POSE, GHOST, ghost=True)
+        draw_robot(axes, DESIRED_POSE, GREY, dashed=True)
         _draw(axes, corrected, DESIRED_COLOUR, 2.4, 'true sigma')
         _draw(axes, printed, CURRENT_COLOUR, 1.1, 'as printed')
         draw_robot(axes, printed[0].pose, INK)

@@ -2,12 +2,13 @@
 
 from typing import Any, Protocol
 
+from visual_servo_epipolar.core.control.command import Command
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 
 
 class Base(Protocol):
     """
-    A robot on the floor: twists in, ground truth and odometry out.
+    A robot on the floor: commands in, ground truth and odometry out.
 
     It lives in simulated time and moves in ``advance`` alone.
     """
@@ -45,8 +46,8 @@ class Base(Protocol):
         """Whether the last command is older than the base accepts."""
         ...
 
-    def command(self, twist: Twist) -> None:
-        """Take a command now."""
+    def command(self, command: Command) -> None:
+        """Take ``command`` now."""
         ...
 
     def halt(self) -> None:

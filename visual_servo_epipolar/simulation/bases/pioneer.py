@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 
+from visual_servo_epipolar.core.control.command import Command
 from visual_servo_epipolar.core.geometry.motion import (
     arc,
     integrate,
@@ -76,11 +77,11 @@ class Pioneer:
         self._odometry = Pose(0.0, 0.0, 0.0)
         self._unread = array('d')  # wheels, time and noise of each step that odometry lacks
 
-    def command(self, twist: Twist) -> None:
-        """Take a command now; it reaches the motors ``command_delay`` later."""
+    def command(self, command: Command) -> None:
+        """Take ``command`` now; it reaches the motors ``command_delay`` later."""
         self._command_ns = self.now_ns
         delay_ns = round(self.settings.command_delay * NANOSECONDS)
-        self._pending.append((self.now_ns + delay_ns, twist))
+        self._pending.append((self.now_ns + delay_ns, command.twist))
 
     def halt(self) -> None:
         """Forget every command and brake, as on a refused command."""

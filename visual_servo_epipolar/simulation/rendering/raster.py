@@ -173,8 +173,8 @@ def _slopes(
 ) -> FloatArray:
     """Return by how many texels along u, v one moves for a pixel in x, y; shape (K, 2, 2)."""
     maps, (x, y) = maps[owners], pixels.T[:, :, None]
-    solid = maps[:, :, 0] * x + maps[:, :, 1] * y + maps[:, :, 2]
-    ab, w = solid[:, :2] / solid[:, 2:], solid[:, 2]
+    homogeneous = maps[:, :, 0] * x + maps[:, :, 1] * y + maps[:, :, 2]
+    ab, w = homogeneous[:, :2] / homogeneous[:, 2:], homogeneous[:, 2]
     shapes = np.array([scene.surfaces[k].texture.image.shape[::-1] for k in shown])[owners]
     shifts = maps[:, :2, :2] - ab[:, :, None] * maps[:, 2:, :2]
     return np.asarray(shifts * (shapes / w[:, None])[:, :, None])
