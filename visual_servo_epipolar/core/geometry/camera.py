@@ -121,7 +121,7 @@ class Camera:
         sees have that of the farthest it does.
         """
         forward = np.maximum(rays[:, 2], LEAST_FORWARD)
-        resolution = np.asarray(forward**1.5 / math.sqrt(self.fx * self.fy))
+        resolution = np.asarray(forward * np.sqrt(forward) / math.sqrt(self.fx * self.fy))
         if not self.distorts or not len(rays):
             return resolution
         points, step = rays[:, :2] / forward[:, None], STEP

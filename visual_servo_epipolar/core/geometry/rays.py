@@ -21,7 +21,10 @@ def normalised(vectors: FloatArray) -> FloatArray:
 
 def unit_rays(points: FloatArray) -> FloatArray:
     """Return image-plane ``points`` (x/z, y/z), shape (..., N, 2), as rays, shape (..., N, 3)."""
-    return normalised(np.concatenate([points, np.ones((*points.shape[:-1], 1))], axis=-1))
+    rays = np.empty((*points.shape[:-1], 3))
+    np.divide(1.0, np.sqrt((points * points).sum(axis=-1) + 1.0), out=rays[..., 2])
+    np.multiply(points, rays[..., 2:], out=rays[..., :2])
+    return rays
 
 
 def image_points(rays: FloatArray) -> FloatArray:

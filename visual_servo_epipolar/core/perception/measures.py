@@ -106,4 +106,5 @@ def _in_front(current: FloatArray, desired: FloatArray) -> BoolArray:
 
 def _squares(rays: FloatArray) -> FloatArray:
     """Return |p|^2 of the image-plane points of ``rays`` in front, shape (..., N)."""
-    return np.asarray(np.maximum(rays[..., 2], IN_FRONT) ** -2.0 - 1.0)
+    forward = np.maximum(rays[..., 2], IN_FRONT)
+    return np.asarray(1.0 / (forward * forward) - 1.0)

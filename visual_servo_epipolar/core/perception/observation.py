@@ -37,7 +37,8 @@ class Observation:
         if self.pixel_angles is not None:
             return self.pixel_angles
         forward = np.stack([self.current[:, 2], self.desired[:, 2]], axis=1)
-        return np.asarray(np.maximum(forward, LEAST_FORWARD) ** 1.5 / self.focal)
+        forward = np.maximum(forward, LEAST_FORWARD)
+        return np.asarray(forward * np.sqrt(forward) / self.focal)
 
     def __len__(self) -> int:
         return len(self.current)
