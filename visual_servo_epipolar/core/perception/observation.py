@@ -84,9 +84,12 @@ def observe_each(
     pixels = [columns for view in features for columns in (view.current, view.desired)]
     rays = _frozen(camera.unit_rays(np.concatenate(pixels)))
     resolution = _frozen(camera.resolution(rays))
-    ends = np.cumsum([2 * len(view) for view in features])[:-1]
-    parts = zip(np.split(rays, ends), np.split(resolution, ends), stamps_ns, strict=True)
-    return [_observation(part, angles, camera, stamp_ns) for part, angles, stamp_ns in parts]
+    observations, first = [], 0
+    for view, stamp_ns in zip(features, stamps_ns, strict=True):
+        both = slice(first, first + 2 * len(view))
+        observations.append(_observation(rays[both], resolution[both], camera, stamp_ns))
+        first = both.stop
+    return observations
 
 
 def _observation(

@@ -8,7 +8,6 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, median_of_sorted
 from visual_servo_epipolar.core.estimators.base import Estimate
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, sampson_distance
-from visual_servo_epipolar.core.geometry.rays import tangents
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 
@@ -67,15 +66,14 @@ def angular_extent(rays: FloatArray, inliers: BoolArray) -> FloatArray:
     geometric mean of the deviations along two axes [rad].
     """
     count = np.maximum(inliers.sum(axis=-1), 2)
-    mean = np.where(inliers[..., None], rays, 0.0).sum(axis=-2) + [0.0, 0.0, TINY]
-    mean /= np.sqrt((mean * mean).sum(axis=-1))[..., None]
-    axes = tangents(mean[..., 0], mean[..., 1], mean[..., 2])
-    # Along the two axes that are across the mean direction.
-    x, y = ((rays * np.stack(axis, axis=-1)[..., None, :]).sum(axis=-1) for axis in axes)
-    x, y = np.where(inliers, x, 0.0), np.where(inliers, y, 0.0)
-    x = np.where(inliers, x - (x.sum(axis=-1) / count)[..., None], 0.0)
-    y = np.where(inliers, y - (y.sum(axis=-1) / count)[..., None], 0.0)
-    determinant = (x * x).sum(axis=-1) * (y * y).sum(axis=-1) - (x * y).sum(axis=-1) ** 2
+    counted = rays * inliers[..., None]
+    mean = counted.sum(axis=-2)
+    centred = counted - inliers[..., None] * (mean / count[..., None])[..., None, :]
+    scatter = centred.swapaxes(-1, -2) @ centred
+    direction = mean / np.sqrt(np.maximum((mean * mean).sum(axis=-1), TINY))[..., None]
+    # Across the mean direction: its quadratic form with the adjugate of the scatter.
+    adjugate = np.cross(scatter[..., [1, 2, 0], :], scatter[..., [2, 0, 1], :], axis=-1)
+    determinant = ((direction[..., None, :] @ adjugate)[..., 0, :] * direction).sum(axis=-1)
     return np.asarray((np.maximum(determinant, 0.0) / (count - 1.0) ** 2) ** 0.25)
 
 

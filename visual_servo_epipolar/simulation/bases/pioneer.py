@@ -127,12 +127,13 @@ class Pioneer:
         steps, start_ns = math.ceil(duration / SUBSTEP_S), self.now_ns
         dt, noise = duration / steps, self.settings.odometry_noise
         x, y, theta = self.pose.x, self.pose.y, self.pose.theta
-        twist, aim = (0.0, 0.0), self._limited(self.wanted)
+        twist, aim = self._true(*self._wheels), self._limited(self.wanted)
         for number in range(1, steps + 1):
             if self._receive():
                 aim = self._limited(self.wanted)
-            wheels = self._wheels = self._accelerated(*aim, dt)
-            twist = self._true(*wheels)
+            wheels = self._accelerated(*aim, dt)
+            if wheels is not self._wheels:
+                twist, self._wheels = self._true(*wheels), wheels
             if twist != (0.0, 0.0):
                 x, y, theta = arc(x, y, theta, *twist, dt)
             self._unread.extend((*wheels, dt, noise))
@@ -144,7 +145,7 @@ class Pioneer:
         before = self.wanted
         while self._pending and self._pending[0][0] <= self.now_ns:
             self.wanted = self._pending.popleft()[1]
-        if self.timed_out:
+        if self._command_ns is not None and self.timed_out:
             self.halt()
         return self.wanted is not before
 

@@ -67,7 +67,7 @@ def plausible_matches(rays: Rays, attitude: AnyAttitude, stretch: Any = 1.0) -> 
     """
     blur = JITTER_SHARE * np.asarray(attitude.jitter)[..., None]
     tilted = np.asarray(2.0 * (attitude.tilt_deviation + attitude.roll_deviation))[..., None]
-    slack = tilted + INLIER_DEVIATIONS * np.hypot(rays.noise, blur)
+    slack = tilted + INLIER_DEVIATIONS * np.sqrt(rays.noise * rays.noise + blur * blur)
     slack *= np.asarray(stretch)[..., None]
     return plausible(levelled(rays, attitude.tilt, attitude.roll), slack)
 
