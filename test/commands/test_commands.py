@@ -119,7 +119,7 @@ def test_a_bad_start_is_refused(capsys, start, reason) -> None:
         ('--seed', '-1', 'not a whole number'),
         ('--seed', '1.5', 'not a whole number'),
         ('--seed', '99999999999', 'not a whole number'),
-        ('--law', 'other', 'invalid choice'),
+        ('--law', 'other', 'law must be one of'),
         ('--estimator', 'other', 'estimator must be one of'),
         ('--source', 'other', 'invalid choice'),
         ('--scenario', 'other', 'no scenario file'),

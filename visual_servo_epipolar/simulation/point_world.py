@@ -64,7 +64,7 @@ class PointWorld(View):
         rng = np.random.default_rng((seed, 2))
         pixels = rng.random((settings.candidates, 2)) * [camera.width - 1, camera.height - 1]
         depth = settings.near + (settings.far - settings.near) * rng.random(settings.candidates)
-        points = np.column_stack([camera.rays(pixels) * depth[:, None], depth])
+        points = np.column_stack([camera.image_points(pixels) * depth[:, None], depth])
         axes, centre = rig.camera_pose(DESIRED_POSE, DESIRED_FRAME)
         self.points: FloatArray = points @ axes.T + centre  # in the world
         self._desired = pixels + settings.noise * rng.standard_normal(pixels.shape)
@@ -161,7 +161,7 @@ def in_image(points: FloatArray, camera: Camera) -> tuple[FloatArray, BoolArray]
     depth = points[..., 2]
     rays = points[..., :2] / np.maximum(depth, MIN_DEPTH_M)[..., None]
     rays = np.minimum(np.maximum(rays, -MAX_RAY), MAX_RAY).reshape(-1, 2)
-    pixels = camera.pixels(rays)
+    pixels = camera.pixels_of(rays)
     visible = camera.contains(pixels)
     if camera.distorts or 0.5 * max(camera.width, camera.height) > camera.fx:
         # Such a lens may show, folded back into the image, what it cannot see.

@@ -85,12 +85,11 @@ def noisy_pair(trial: int) -> tuple[np.ndarray, np.ndarray]:
     views = []
     good = (points[:, 2] > 3.0) & (points[:, 2] < 8.0)
     for view in (seen_from(behind, points), points):
-        pixels = CAMERA.pixels(view[:, :2] / np.where(good, view[:, 2], 1.0)[:, None])
+        pixels = CAMERA.pixels_of(view[:, :2] / np.where(good, view[:, 2], 1.0)[:, None])
         good &= CAMERA.contains(pixels)
         views.append(pixels)
     current, desired = (
-        CAMERA.unit_rays(pixels[good][:26] + 0.3 * rng.standard_normal((26, 2)))
-        for pixels in views
+        CAMERA.rays(pixels[good][:26] + 0.3 * rng.standard_normal((26, 2))) for pixels in views
     )
     return current, desired
 

@@ -28,7 +28,7 @@ CAMERAS = {
 def test_projection_undoes_back_projection(name: str, pixel: tuple[float, float]) -> None:
     camera = CAMERAS[name]
     # A thousandth of the tracking error, up to the corners, where the iteration is slowest.
-    np.testing.assert_allclose(camera.pixels(camera.rays([pixel])), [pixel], atol=5e-5)
+    np.testing.assert_allclose(camera.pixels_of(camera.image_points([pixel])), [pixel], atol=5e-5)
 
 
 @pytest.mark.parametrize('name', CAMERAS)
@@ -36,26 +36,27 @@ def test_many_pixels_are_back_projected_as_each_alone(name: str) -> None:
     camera = CAMERAS[name]
     pixels = np.array([[0.0, 0.0], [635.0, 512.0], [1279.0, 100.0]])
     np.testing.assert_array_equal(
-        camera.rays(pixels), np.vstack([camera.rays(pixel[None]) for pixel in pixels])
+        camera.image_points(pixels),
+        np.vstack([camera.image_points(pixel[None]) for pixel in pixels]),
     )
 
 
 @pytest.mark.parametrize('name', CAMERAS)
 def test_no_pixels_give_no_rays(name: str) -> None:
-    assert CAMERAS[name].rays(np.empty((0, 2))).shape == (0, 2)
+    assert CAMERAS[name].image_points(np.empty((0, 2))).shape == (0, 2)
 
 
 def test_projection_is_equation_2_without_distortion() -> None:
     camera = CAMERAS['pinhole']
     u, v, _ = camera.matrix @ [0.3, -0.2, 1.0]
-    np.testing.assert_allclose(camera.pixels(np.array([[0.3, -0.2]])), [[u, v]], rtol=1e-15)
+    np.testing.assert_allclose(camera.pixels_of(np.array([[0.3, -0.2]])), [[u, v]], rtol=1e-15)
 
 
 def test_barrel_distortion_draws_points_to_the_centre() -> None:
     ray = np.array([[0.6, 0.4]])
     centre = [635.0, 512.0]
-    bent = np.linalg.norm(CAMERAS['plumb_bob of 4'].pixels(ray) - centre)
-    assert bent < np.linalg.norm(CAMERAS['pinhole'].pixels(ray) - centre)
+    bent = np.linalg.norm(CAMERAS['plumb_bob of 4'].pixels_of(ray) - centre)
+    assert bent < np.linalg.norm(CAMERAS['pinhole'].pixels_of(ray) - centre)
 
 
 def test_the_image_ends_at_its_last_pixel_less_the_margin() -> None:
@@ -93,26 +94,26 @@ def test_a_camera_that_cannot_be_is_refused(change: dict[str, Any], message: str
 def test_points_of_another_shape_are_refused(shape: tuple[int, ...]) -> None:
     camera = CAMERAS['pinhole']
     with pytest.raises(ValueError, match=r'pixels must have shape \(N, 2\), got'):
-        camera.rays(np.zeros(shape))
-    with pytest.raises(ValueError, match=r'rays must have shape \(N, 2\), got'):
-        camera.pixels(np.zeros(shape))
+        camera.image_points(np.zeros(shape))
+    with pytest.raises(ValueError, match=r'points must have shape \(N, 2\), got'):
+        camera.pixels_of(np.zeros(shape))
 
 
 def test_a_pixel_that_is_not_a_number_is_refused() -> None:
     with pytest.raises(ValueError, match='pixels must be finite, got 1 rows'):
-        CAMERAS['plumb_bob of 4'].rays(np.array([[1.0, 2.0], [np.nan, 3.0]]))
+        CAMERAS['plumb_bob of 4'].image_points(np.array([[1.0, 2.0], [np.nan, 3.0]]))
 
 
 @pytest.mark.parametrize('name', CAMERAS)
 @given(pixel=st.tuples(floats(0.0, 1279.0), floats(0.0, 1023.0)))
 def test_a_unit_ray_is_projected_where_it_came_from(name: str, pixel: tuple[float, float]) -> None:
-    rays = CAMERAS[name].unit_rays(np.array([pixel]))
+    rays = CAMERAS[name].rays(np.array([pixel]))
     assert np.linalg.norm(rays) == pytest.approx(1.0, abs=1e-15)
-    np.testing.assert_allclose(CAMERAS[name].project(rays), [pixel], atol=5e-5)
+    np.testing.assert_allclose(CAMERAS[name].pixels(rays), [pixel], atol=5e-5)
 
 
 def test_what_is_behind_is_not_in_the_image() -> None:
-    pixels = CAMERAS['pinhole'].project(np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]))
+    pixels = CAMERAS['pinhole'].pixels(np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]))
     assert np.isnan(pixels[0]).all()
     assert pixels[1].tolist() == [635.0, 512.0]
 
@@ -124,7 +125,7 @@ def test_the_resolution_is_the_root_of_the_solid_angle_of_a_pixel(
 ) -> None:
     camera = CAMERAS[name]
     corners = np.array(pixel) + [[0.0, 0.0], [0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]]
-    ray, *sides = camera.unit_rays(corners)
+    ray, *sides = camera.rays(corners)
     solid_angle = abs(float(np.linalg.det([ray, sides[0] - sides[1], sides[2] - sides[3]])))
     resolution = camera.resolution(ray[None])
     assert resolution[0] == pytest.approx(np.sqrt(solid_angle), rel=1e-3)

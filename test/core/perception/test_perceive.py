@@ -188,8 +188,8 @@ def followed(noise: float, frames: int = 60) -> PerceptionMemory:
     memory = None
     for frame in range(frames):
         rng = np.random.default_rng(frame)
-        pixels = (CAMERA.project(rays) for rays in (current, desired))
-        views = [CAMERA.unit_rays(p + noise * rng.standard_normal(p.shape)) for p in pixels]
+        pixels = (CAMERA.pixels(rays) for rays in (current, desired))
+        views = [CAMERA.rays(p + noise * rng.standard_normal(p.shape)) for p in pixels]
         memory = perceive(observation(*views), SETTINGS, frame, memory).memory
     assert memory is not None
     return memory
@@ -213,8 +213,8 @@ def test_observing_turns_pixels_into_rays() -> None:
     count = len(current)
     features = Features(
         ids=np.arange(count),
-        current=CAMERA.project(current),
-        desired=CAMERA.project(desired),
+        current=CAMERA.pixels(current),
+        desired=CAMERA.pixels(desired),
         ages=np.ones(count),
         errors=np.zeros(count),
     )

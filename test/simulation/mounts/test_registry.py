@@ -67,7 +67,7 @@ def test_points_are_seen_through_the_rig_of_the_scenario(panned: Scenario) -> No
     rays = (world.points - [0.0, 0.0, 0.6]) @ CameraMount().R_world_camera(LEFT_TURNED)
     pixels, visible = world.project(DESIRED_POSE)
     assert visible.all()
-    expected = panned.camera.camera.pixels(rays[:, :2] / rays[:, 2:])
+    expected = panned.camera.camera.pixels_of(rays[:, :2] / rays[:, 2:])
     np.testing.assert_allclose(pixels, expected, atol=1e-9)
 
 

@@ -21,8 +21,8 @@ class Camera:
     Intrinsics of a camera: image size [px], focal lengths and principal point [px], distortion.
 
     Pixel coordinates (u, v) are OpenCV's: u right, v down, integers at pixel centres. Camera axes:
-    x right, y down, z forward. ``rays`` and ``pixels`` speak of image-plane points (x/z, y/z),
-    ``unit_rays`` and ``project`` of directions: unit vectors (x, y, z).
+    x right, y down, z forward. ``rays`` and ``pixels`` speak of directions, unit vectors
+    (x, y, z); ``image_points`` and ``pixels_of`` of image-plane points (x/z, y/z).
     """
 
     width: int
@@ -70,7 +70,7 @@ class Camera:
         """Bearings of the left and of the right edge of the image [rad], right positive."""
         return _edges(self)
 
-    def rays(self, pixels: FloatArray) -> FloatArray:
+    def image_points(self, pixels: FloatArray) -> FloatArray:
         """
         Back-project ``pixels``, shape (N, 2), to image-plane points (x/z, y/z), undistorted.
 
@@ -90,9 +90,9 @@ class Camera:
             return np.asarray(undistorted, dtype=np.float64).reshape(-1, 2)
         return np.asarray((points - [self.cx, self.cy]) / [self.fx, self.fy])
 
-    def pixels(self, rays: FloatArray) -> FloatArray:
+    def pixels_of(self, points: FloatArray) -> FloatArray:
         """Project image-plane points (x/z, y/z), shape (N, 2), to distorted pixels, (N, 2)."""
-        points = as_points(rays, 'rays')
+        points = as_points(points, 'points')
         if self.distorts and len(points):
             vectors = np.column_stack([points, np.ones(len(points))]).reshape(-1, 1, 3)
             projected, _ = cv2.projectPoints(
@@ -101,15 +101,15 @@ class Camera:
             return np.asarray(projected, dtype=np.float64).reshape(-1, 2)
         return points * [self.fx, self.fy] + [self.cx, self.cy]
 
-    def unit_rays(self, pixels: FloatArray) -> FloatArray:
+    def rays(self, pixels: FloatArray) -> FloatArray:
         """Return the directions, unit vectors of shape (N, 3), that ``pixels``, (N, 2), show."""
-        return unit_rays(self.rays(pixels))
+        return unit_rays(self.image_points(pixels))
 
-    def project(self, rays: FloatArray) -> FloatArray:
+    def pixels(self, rays: FloatArray) -> FloatArray:
         """Return the pixels, shape (N, 2), of ``rays``, shape (N, 3); nan for those behind."""
         pixels = np.full((len(rays), 2), np.nan)
         front = rays[:, 2] > 0.0
-        pixels[front] = self.pixels(image_points(rays[front]))
+        pixels[front] = self.pixels_of(image_points(rays[front]))
         return pixels
 
     def resolution(self, rays: FloatArray) -> FloatArray:
@@ -126,7 +126,7 @@ class Camera:
             return resolution
         points, step = rays[:, :2] / forward[:, None], STEP
         right, down = (
-            (self.pixels(points + move) - self.pixels(points - move)) / (2.0 * step)
+            (self.pixels_of(points + move) - self.pixels_of(points - move)) / (2.0 * step)
             for move in ([step, 0.0], [0.0, step])
         )
         area = right[:, 0] * down[:, 1] - right[:, 1] * down[:, 0]  # of a pixel, without: fx fy
@@ -142,5 +142,7 @@ class Camera:
 @lru_cache(maxsize=16)
 def _edges(camera: Camera) -> tuple[float, float]:
     middle = 0.5 * (camera.height - 1)
-    (left, _), (right, _) = camera.rays(np.array([[0.0, middle], [camera.width - 1.0, middle]]))
+    (left, _), (right, _) = camera.image_points(
+        np.array([[0.0, middle], [camera.width - 1.0, middle]])
+    )
     return math.atan(left), math.atan(right)

@@ -68,8 +68,8 @@ def inspect(
         pixels_current, pixels_desired = _aligned(view, match(view, current), current)
     except TrackingError as error:
         return Inspection(False, str(error))
-    rays_current = current_camera.unit_rays(pixels_current)
-    rays_desired = desired_camera.unit_rays(pixels_desired)
+    rays_current = current_camera.rays(pixels_current)
+    rays_desired = desired_camera.rays(pixels_desired)
     resolution = np.stack(
         [current_camera.resolution(rays_current), desired_camera.resolution(rays_desired)], axis=1
     )

@@ -71,7 +71,7 @@ def _corrected_edge(edge: float, ratio: float, shift: float) -> float:
 
 def observe(features: Features, camera: Camera, stamp_ns: int) -> Observation:
     """Back-project tracked features to rays, with the distortion of the camera removed."""
-    rays = _frozen(camera.unit_rays(np.concatenate([features.current, features.desired])))
+    rays = _frozen(camera.rays(np.concatenate([features.current, features.desired])))
     return _observation(rays, _frozen(camera.resolution(rays)), camera, stamp_ns)
 
 
@@ -82,7 +82,7 @@ def observe_each(
     if not features:
         return []
     pixels = [columns for view in features for columns in (view.current, view.desired)]
-    rays = _frozen(camera.unit_rays(np.concatenate(pixels)))
+    rays = _frozen(camera.rays(np.concatenate(pixels)))
     resolution = _frozen(camera.resolution(rays))
     observations, first = [], 0
     for view, stamp_ns in zip(features, stamps_ns, strict=True):

@@ -43,7 +43,7 @@ class PerceptionSettings(Settings):
         0.1, 'Standard deviation of a bearing above which it is not trusted [rad]', low=0, high=3
     )
     max_leap: float = setting(
-        0.15, 'Change of a bearing in one frame that is doubted at first [rad]', low=0.0, high=4.0
+        0.15, 'Change of a bearing in one frame that is rejected at first [rad]', low=0.0, high=4.0
     )
     min_spread: float = setting(
         0.03, 'Least spread of the features that agree [rad]', low=0.0, high=1.0

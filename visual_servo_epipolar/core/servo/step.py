@@ -3,7 +3,7 @@ Control step: from an observation and the state to the next state, with its comm
 
 The live node, the replay of a bag and the simulation in memory all call ``step``. An observation
 is perceived (estimated, validated, measured: ``perception.perceive``), the measurement updates the
-state (``update``), the situation becomes an event (``phases.events``), the event a phase
+state (``update``), it becomes an event (``phases.events``), the event a phase
 (``phases.table``), the phase a nominal velocity (``phases.commands``), which is then limited to
 what the base can follow.
 """

@@ -60,7 +60,7 @@ class Renderer:
         ahead = rays[:, 2] > NEAR
         pixels = np.full((len(rays), 2), np.nan)
         if ahead.any():
-            pixels[ahead] = self.camera.pixels(rays[ahead, :2] / rays[ahead, 2:])
+            pixels[ahead] = self.camera.pixels_of(rays[ahead, :2] / rays[ahead, 2:])
         return pixels, ahead & self.camera.contains(pixels)
 
     def trace(self, pixels: FloatArray, pose: Pose, frame: int | None = None) -> FloatArray:
@@ -71,7 +71,7 @@ class Renderer:
         """
         view, scene = self._view(pose, frame), self.scene
         rays = np.column_stack(
-            [self.camera.rays(as_points(pixels, 'pixels')), np.ones(len(pixels))]
+            [self.camera.image_points(as_points(pixels, 'pixels')), np.ones(len(pixels))]
         )
         directions = rays @ view.R_world_camera.T
         origins = scene.corners[:, 0] - view.centre
@@ -110,7 +110,7 @@ def _canvas_of(
     if not camera.distorts:
         return (camera.width, camera.height, camera.matrix), None
     u, v = np.meshgrid(np.arange(float(camera.width)), np.arange(float(camera.height)))
-    rays = camera.rays(np.stack([u.ravel(), v.ravel()], axis=1))
+    rays = camera.image_points(np.stack([u.ravel(), v.ravel()], axis=1))
     ideal = np.clip(rays, -MAX_RAY, MAX_RAY) * [camera.fx, camera.fy] + [camera.cx, camera.cy]
     shift = 4.0 - np.floor(ideal.min(axis=0))  # the sampling reaches four pixels out
     width, height = (np.ceil(ideal.max(axis=0)) + shift + 5.0).astype(int).tolist()

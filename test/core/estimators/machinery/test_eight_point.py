@@ -32,7 +32,7 @@ def assert_same_matrix(one: np.ndarray, other: np.ndarray, tolerance: float) -> 
 @example(AHEAD)
 @example(BESIDE)
 def test_the_8_point_algorithm_recovers_f_from_exact_matches(pose: Pose) -> None:
-    current, desired = (CAMERA.pixels(rays) for rays in matched_points(pose))
+    current, desired = (CAMERA.pixels_of(rays) for rays in matched_points(pose))
     # 1e-16 times the condition of forty matches, up to 1e8 where few points share two views.
     found = in_pixels_to_rays(fundamental_from_matches(current, desired))
     assert_same_matrix(found, fundamental_from_bearings(Bearings.from_pose(pose)), 1e-8)
@@ -75,7 +75,7 @@ def test_points_that_coincide_are_refused() -> None:
 
 
 def test_hartley_normalisation_centres_and_scales() -> None:
-    points = CAMERA.pixels(matched_points(BEHIND)[0])
+    points = CAMERA.pixels_of(matched_points(BEHIND)[0])
     matrix = hartley_normalisation(points)
     normal = points @ matrix[:2, :2].T + matrix[:2, 2]
     np.testing.assert_allclose(normal.mean(axis=0), 0.0, atol=1e-12)
