@@ -15,6 +15,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import ComplexArray, FloatArray
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, wrap_angle
+from visual_servo_epipolar.core.geometry.rays import dot
 
 MIN_SINGULAR_RATIO = 1e-9
 SMALLEST_SINE = 1e-16
@@ -198,8 +199,10 @@ def sampson_distance(
     # Hartley and Zisserman, eq. 11.9, with gradients in the tangent planes of both rays.
     normal_desired = current @ np.swapaxes(fundamental, -1, -2)  # F p_a
     normal_current = desired @ fundamental  # F^T p_d
-    residual = (normal_desired * desired).sum(axis=-1)
-    both = np.stack([(normal_current**2).sum(axis=-1), (normal_desired**2).sum(axis=-1)], axis=-1)
-    across = np.maximum(both - (residual * residual)[..., None], 0.0)
-    gradient = (across * np.square(noise)).sum(axis=-1)
+    residual = dot(normal_desired, desired)
+    square = residual * residual
+    across_current = np.maximum(dot(normal_current, normal_current) - square, 0.0)
+    across_desired = np.maximum(dot(normal_desired, normal_desired) - square, 0.0)
+    variance = np.square(np.broadcast_to(noise, (*square.shape, 2)))
+    gradient = across_current * variance[..., 0] + across_desired * variance[..., 1]
     return np.asarray(residual / np.sqrt(np.maximum(gradient, 1e-300)))

@@ -8,6 +8,7 @@ It is taken over the features that both views have well in front; all else is of
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray, median_of_sorted
+from visual_servo_epipolar.core.geometry.rays import dot
 
 APART, NEGLIGIBLE = 6.0, 5e-4  # times the median distance of features, plus rad
 FULL_CIRCLE = 2.0 * np.pi - 1e-6  # between the edges of an image [rad]
@@ -44,7 +45,7 @@ def difference_deviation(
 def distances(current: FloatArray, desired: FloatArray) -> FloatArray:
     """Return the angles between rays, (..., N, 3), where they are small: shape (..., N) [rad]."""
     offset = current - desired
-    return np.asarray(np.sqrt((offset * offset).sum(axis=-1)))
+    return np.sqrt(dot(offset, offset))
 
 
 def turned(rays: FloatArray, rotation: FloatArray) -> FloatArray:
