@@ -168,7 +168,7 @@ def estimate_of(
     """Return what is concluded of one pair of views as an estimate, if it is determined."""
     conclusion.require_determined()
     psi, phi, tilt, tilt_jump, roll, roll_jump = conclusion.parameters.tolist()
-    of_tilt, of_roll = np.sqrt(conclusion.covariance[[TILT, ROLL], [TILT, ROLL]]).tolist()
+    of_tilt, of_roll = (math.sqrt(conclusion.covariance[k, k]) for k in (TILT, ROLL))
     balance = float(conclusion.balance)
     return Estimate(
         oriented(psi, phi, balance),
