@@ -5,9 +5,19 @@ VENV := .venv
 BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 PIP := $(BIN)/python -m pip -qq --disable-pip-version-check
+OLDEST_PIP = $(OLDEST)/bin/python -m pip -qq --disable-pip-version-check
 # Ask nothing of the caller's shell: no packages and ROS libraries but those of .venv.
 unexport PYTHONPATH PYTHONHOME LD_LIBRARY_PATH _ROS_WHEELS_BOOTSTRAP_COMPLETE AMENT_PREFIX_PATH
 
+# Ubuntu 24.04 has Python 3.12. matplotlib 3.6.3 has wheels up to 3.11 and is built above that,
+# which needs freetype and qhull (libfreetype-dev, libqhull-dev).
+OLDEST_PYTHON ?= $(PYTHON)
+OLDEST := .venv-oldest
+OLDEST_STAMP := $(OLDEST)/.installed
+
+# One worker a core; PYTEST_ARGS='-n 0' runs the tests in one process, for a debugger.
+WORKERS ?= auto
+PYTEST := -m pytest -ra -n $(WORKERS) --dist loadfile
 PYTEST_ARGS ?=
 BENCH_ARGS ?=
 DEMO_OUT ?= demo_out
@@ -16,7 +26,7 @@ DEMO_ARGS ?= --out $(DEMO_OUT)
 REPRODUCE_OUT ?= reproduce_out
 
 .DEFAULT_GOAL := setup
-.PHONY: setup test test-colcon colcon lint format demo sweep reproduce peers-figure theory-figures calibration-figure data-flow-figure parameters ablation bench faults clean help
+.PHONY: setup test test-oldest test-colcon colcon lint format demo sweep reproduce peers-figure theory-figures calibration-figure data-flow-figure parameters ablation bench faults clean help
 
 setup: $(STAMP) ## make .venv with ROS 2 Jazzy, all tools and this package, editable (default)
 
@@ -29,7 +39,19 @@ $(STAMP): setup.py setup.cfg constraints.txt
 	@echo 'Ready: $(BIN)/visual_servo --help'
 
 test: lint ## lint, then all tests; PYTEST_ARGS='-x test/core' for some of them
-	@$(BIN)/python -m pytest -ra $(PYTEST_ARGS)
+	@$(BIN)/python $(PYTEST) $(PYTEST_ARGS)
+
+test-oldest: $(OLDEST_STAMP) ## all tests on the oldest versions that are supported; OLDEST_PYTHON=python3.12
+	@$(OLDEST)/bin/python $(PYTEST) $(PYTEST_ARGS)
+
+$(OLDEST_STAMP): export MPLSETUPCFG := $(CURDIR)/$(OLDEST)/mplsetup.cfg
+$(OLDEST_STAMP): setup.py setup.cfg constraints-oldest.txt
+	@echo 'Preparing $(OLDEST): one to four minutes ...'
+	@$(OLDEST_PYTHON) -m venv $(OLDEST)
+	@printf '[libs]\nsystem_freetype = true\nsystem_qhull = true\n' >$(MPLSETUPCFG)
+	@$(OLDEST_PIP) install --constraint constraints-oldest.txt setuptools wheel
+	@$(OLDEST_PIP) install --constraint constraints-oldest.txt --no-build-isolation --editable '.[ros,test]'
+	@touch $@
 
 test-colcon: $(STAMP) ## build with colcon in a scratch workspace, run what it installed
 	@$(BIN)/python -m pytest -ra -m colcon test/packaging $(PYTEST_ARGS)
@@ -81,7 +103,7 @@ faults: $(STAMP) ## kill -9 the recorder at 20 random moments: each bag loses a 
 	@RECORDER_KILLS=20 $(BIN)/python -m pytest -ra test/nodes/test_recorder_process.py -k killed
 
 clean: ## remove .venv and all that make, the tools and colcon left
-	rm -rf $(VENV) build install log dist demo_out sweep_out reproduce_out *.egg-info
+	rm -rf $(VENV) $(OLDEST) build install log dist demo_out sweep_out reproduce_out *.egg-info
 	rm -rf .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 

@@ -45,11 +45,11 @@ setup(
     # made by setuptools >= 47.2 start through importlib.metadata and do not check requirements.
     # rclpy and the messages are no pip packages on a native ROS: never list them here.
     install_requires=[
-        'matplotlib>=3.6',
+        'matplotlib>=3.6.3',
         'mcap>=1.2.1',
-        'numpy>=1.23',
-        'opencv-python-headless>=4.8',
-        'PyYAML>=6.0',
+        'numpy>=1.26.4',
+        'opencv-python-headless>=4.6.0.66',
+        'PyYAML>=6.0.1',
         'rosbags>=0.11.9,<0.12',  # bags/storage.py reaches below its promises
     ],
     extras_require={
@@ -62,16 +62,17 @@ setup(
         ],
         # `colcon test` runs pytest only if this extra has this name and lists pytest.
         'test': [
-            'dask[distributed]',
-            'hypothesis',
+            'dask[distributed]>=2023.12.1',
+            'hypothesis>=6.98.15',
             'mcap-ros2-support',
-            'psutil',
-            'pytest>=7.4',
-            'scipy',
+            'psutil>=5.9.8',
+            'pytest>=7.4.4',
+            'pytest-xdist>=3.4.0',
+            'scipy>=1.11.4',
         ],
         'lint': ['import-linter', 'mypy', 'ruff', 'types-PyYAML'],
         'bench': ['poselib'],  # a peer to measure against
-        'dask': ['dask[distributed]>=2023.1'],  # sweep --scheduler
+        'dask': ['dask[distributed]>=2023.12.1'],  # sweep --scheduler
         'colcon': ['colcon-common-extensions', 'setuptools<80'],
     },
     entry_points={

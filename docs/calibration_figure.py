@@ -12,6 +12,7 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from visual_servo_epipolar.benchmarks import calibration
+from visual_servo_epipolar.report.legend import legend_outside
 from visual_servo_epipolar.report.style import FIGURE_SETTINGS
 
 COLOURS = {'front': '#0072B2', 'beside': '#D55E00'}
@@ -28,8 +29,8 @@ def draw(document: Mapping[str, Any]) -> Figure:
         _panel(axes, [it for it in rows if it['mount'] == mount])
         axes.set_title(f'camera {mount}', fontsize=9.0)
     left.set_ylabel('distance from the goal at the end [mm]')
-    handles, labels = left.get_legend_handles_labels()
-    figure.legend(handles, labels, loc='outside upper center', ncols=4)
+    handles, _ = left.get_legend_handles_labels()
+    legend_outside(figure, handles, 'upper center', ncols=4)
     return figure
 
 

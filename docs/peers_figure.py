@@ -15,6 +15,7 @@ import numpy as np
 from visual_servo_epipolar.benchmarks.laws import benchmark as laws
 from visual_servo_epipolar.benchmarks.laws.adapter import PEERS
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
+from visual_servo_epipolar.report.legend import legend_outside
 from visual_servo_epipolar.report.style import FIGURE_SETTINGS, INK, robot_body, robot_nose
 
 FATES = {
@@ -36,8 +37,8 @@ def draw(document: Mapping[str, Any]) -> Figure:
         axes = figure.add_subplot(grid[0, column])
         _map(axes, [it for it in runs if it['law'] == law], law)
     figure.axes[0].set_ylabel('y [m]')
-    handles, labels = figure.axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc='outside upper center', ncols=3)
+    handles, _ = figure.axes[0].get_legend_handles_labels()
+    legend_outside(figure, handles, 'upper center', ncols=3)
     for place, name, scale, label in (
         (grid[1, :2], 'position_error_m', 1e3, 'distance from the goal at the end [mm]'),
         (grid[1, 2:], 'duration_s', 1.0, 'duration of the runs that reached it [s]'),

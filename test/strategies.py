@@ -2,7 +2,7 @@
 
 import math
 
-from hypothesis import reject, settings
+from hypothesis import reject
 from hypothesis import strategies as st
 import numpy as np
 
@@ -10,12 +10,6 @@ from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 from visual_servo_epipolar.core.geometry.rays import image_points, normalised, unit_rays
-
-# A property must not fail because another process had the core; CI draws the same every time.
-settings.register_profile(
-    'visual_servo', settings(settings.default, deadline=None, max_examples=60)
-)
-settings.load_profile('visual_servo')
 
 CAMERA = Camera(1280, 1024, 769.0, 769.0, 635.0, 512.0)
 MIN_DEPTH, MAX_SLOPE = 0.5, 2.0  # a scene point is this far ahead [m], this far off axis (63 deg)

@@ -37,3 +37,16 @@ def test_the_change_log_is_open_or_knows_the_version() -> None:
         r'^(Forthcoming|\d+\.\d+\.\d+) ?.*\n-+$', (ROOT / 'CHANGELOG.rst').read_text(), re.M
     )
     assert {'Forthcoming', VERSION} & set(headings)
+
+
+def test_what_setup_py_promises_is_what_the_oldest_versions_are_tested_on() -> None:
+    tested = dict(
+        line.split('==')
+        for line in (ROOT / 'constraints-oldest.txt').read_text().splitlines()
+        if '==' in line
+    )
+    promised = dict(
+        re.findall(r"'([\w-]+)(?:\[\w+\])?>=([\d.]+)", (ROOT / 'setup.py').read_text())
+    )
+    assert promised.keys() >= {'numpy', 'opencv-python-headless', 'matplotlib', 'PyYAML'}
+    assert promised == {name: tested[name] for name in promised}

@@ -57,8 +57,12 @@ def test_close_up_is_in_millimetres(log: RunLog) -> None:
     assert close.get_xlim() == (-100.0, 100.0)
 
 
+def suptitle(figure: Figure) -> str:
+    return next(text.get_text() for text in figure.texts)
+
+
 def test_title_tells_start_and_errors(log: RunLog) -> None:
-    title = trajectory(log).get_suptitle()
+    title = suptitle(trajectory(log))
     final = log.samples[-1].pose
     assert f'{1000.0 * final.distance:.1f} mm' in title
     assert f'{math.degrees(final.heading_error):+.2f} deg' in title
@@ -66,9 +70,7 @@ def test_title_tells_start_and_errors(log: RunLog) -> None:
 
 
 def test_reason_of_a_failure_is_in_the_title(log: RunLog) -> None:
-    assert (
-        'too dark' in trajectory(replace(log, outcome='failed', reason='too dark')).get_suptitle()
-    )
+    assert 'too dark' in suptitle(trajectory(replace(log, outcome='failed', reason='too dark')))
 
 
 @pytest.mark.parametrize('draw', [trajectory, signals])

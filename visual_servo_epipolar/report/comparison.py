@@ -12,6 +12,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.servo.run_log import PhaseSpan
+from visual_servo_epipolar.report.legend import legend_outside
 from visual_servo_epipolar.report.panels import draw_strip, phase_patches, robust_limit
 from visual_servo_epipolar.report.style import CURRENT_COLOUR, FIGURE_SETTINGS, INK
 
@@ -77,7 +78,7 @@ def comparison(recorded: Signals, replayed: Signals, divergence_s: float | None 
     figure.axes[-1].set_xlabel('time [s]')
     figure.align_ylabels(figure.axes[2:])
     spans = [*recorded.spans(), *replayed.spans()]
-    figure.legend(handles=phase_patches(spans), loc='outside upper left', ncols=5)
+    legend_outside(figure, phase_patches(spans), 'upper left', ncols=5)
     return figure
 
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.servo.run_log import phase_spans, RunLog, Sample, seconds
+from visual_servo_epipolar.report.legend import legend_outside
 from visual_servo_epipolar.report.panels import draw_strip, PANELS, phase_patches, shade
 from visual_servo_epipolar.report.style import (
     CURRENT_COLOUR,
@@ -88,7 +89,7 @@ def signals(log: RunLog) -> Figure:
         axes.tick_params(labelbottom=row == len(PANELS))
     figure.axes[-1].set_xlabel('time [s]')
     figure.align_ylabels(figure.axes[1:])
-    figure.legend(handles=phase_patches(spans), loc='outside upper left', ncols=5)
+    legend_outside(figure, phase_patches(spans), 'upper left', ncols=5)
     return figure
 
 

@@ -143,12 +143,16 @@ def states() -> st.SearchStrategy[ServoState]:
     )
 
 
+NOTHING_AHEAD = measurement(0.1, bearings=None, difference=math.nan)
+ALIGNED_BLINDLY = measurement(0.1, bearings=Bearings(0.0, 0.0), difference=math.nan)
 INFINITE = measurement(0.1, bearings=Bearings(0.0, 0.3))  # e_du at infinity: cot(0)
 
 
 @given(states(), sights(), LAWS, st.booleans())
 @example(in_phase(Phase.DISPLACING), INFINITE, 'corrected', False)
 @example(in_phase(Phase.ZEROING_EPIPOLES), INFINITE, 'full', False)
+@example(in_phase(Phase.ORIENTING, settled=9), NOTHING_AHEAD, 'paper', False)
+@example(in_phase(Phase.ZEROING_EPIPOLES, settled=9), ALIGNED_BLINDLY, 'full', False)
 def test_no_sight_makes_the_servo_exceed_its_limits_or_raise(
     state: ServoState, sight: Measurement, law: str, finite_time: bool
 ) -> None:

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 import numpy as np
 import pytest
@@ -132,7 +132,6 @@ def test_extra_noise_has_the_deviation_asked_for() -> None:
     assert disturbed(extra_noise=5.0).apply(GREY, 12).std() == pytest.approx(5.0, rel=0.05)
 
 
-@settings(deadline=None)
 @given(length=st.floats(0.0, 40.0), angle=st.floats(-3.1, 3.1))
 def test_blur_keeps_light_and_place(length: float, angle: float) -> None:
     kernel = blur_kernel(length, angle)

@@ -82,11 +82,7 @@ class Camera:
         """
         points = as_points(pixels, 'pixels')
         if self.distorts and len(points):
-            # Iterate to 1e-12: OpenCV's default of five iterations leaves 0.1 px at the corners.
-            criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-12)
-            undistorted = cv2.undistortPoints(
-                points.reshape(-1, 1, 2), self.matrix, np.array(self.distortion), criteria=criteria
-            )
+            undistorted = _undistort(points, self.matrix, np.array(self.distortion))
             return np.asarray(undistorted, dtype=np.float64).reshape(-1, 2)
         return np.asarray((points - [self.cx, self.cy]) / [self.fx, self.fy])
 
@@ -137,6 +133,15 @@ class Camera:
         u, v = pixels[:, 0], pixels[:, 1]
         inside_u = (u >= margin) & (u <= self.width - 1 - margin)
         return np.asarray(inside_u & (v >= margin) & (v <= self.height - 1 - margin))
+
+
+def _undistort(pixels: FloatArray, matrix: FloatArray, distortion: FloatArray) -> FloatArray:
+    """Iterate to 1e-12: OpenCV's default of five iterations leaves 0.1 px at the corners."""
+    criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-12)
+    pixels = pixels.reshape(-1, 1, 2)
+    if hasattr(cv2, 'undistortPointsIter'):  # OpenCV 4; 5 has one function for both
+        return cv2.undistortPointsIter(pixels, matrix, distortion, None, None, criteria)
+    return cv2.undistortPoints(pixels, matrix, distortion, criteria=criteria)
 
 
 @lru_cache(maxsize=16)

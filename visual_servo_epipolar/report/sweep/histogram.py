@@ -16,6 +16,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.control.law_table import LAWS
+from visual_servo_epipolar.report.legend import legend_outside
 from visual_servo_epipolar.report.style import FIGURE_SETTINGS, INK
 
 # Colours of the laws in the order of their table; all are of Okabe and Ito's palette.
@@ -51,7 +52,7 @@ def errors(documents: Mapping[str, Mapping[str, Any]]) -> Figure:
         _draw_panel(axes, values, limit)
         axes.set(xscale='log', xlabel=label)
     panels[0].set_ylabel('runs that arrived')
-    figure.legend(handles=_key(documents), loc='outside upper left', ncols=len(documents) + 2)
+    legend_outside(figure, _key(documents), 'upper left', ncols=len(documents) + 2)
     return figure
 
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, HALF_PI
+from visual_servo_epipolar.report.legend import legend_outside
 from visual_servo_epipolar.report.style import (
     FIELD_OF_VIEW,
     FIGURE_SETTINGS,
@@ -68,7 +69,7 @@ def starts(
     panels[0].set_ylabel('y [m]')
     bar = figure.colorbar(coloured, ax=list(panels), extend='min', shrink=0.8)
     bar.set_label('position error of the runs that arrived [mm]')
-    figure.legend(handles=_key(), loc='outside lower center', ncols=2)
+    legend_outside(figure, _key(), 'lower center', ncols=2)
     return figure
 
 

@@ -14,7 +14,13 @@ from visual_servo_epipolar.core.servo.phases.conditions import (
     is_off_course,
     is_sideways,
 )
-from visual_servo_epipolar.core.servo.phases.table import DRIVING, ENDED, Event, Phase
+from visual_servo_epipolar.core.servo.phases.table import (
+    DRIVING,
+    ENDED,
+    Event,
+    next_phase,
+    Phase,
+)
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
@@ -29,7 +35,9 @@ def classify(state: ServoState, settings: ServoSettings) -> Event:
         return Event.TIMED_OUT
     if measurement.features < settings.min_features:
         return Event.LOST if phase in DRIVING else Event.NOTHING
-    return _CLASSIFIERS[phase](state, measurement, settings)
+    event = _CLASSIFIERS[phase](state, measurement, settings)
+    into_step_2 = next_phase(phase, event) is Phase.MATCHING_FEATURES
+    return Event.LOST if into_step_2 and not math.isfinite(measurement.difference) else event
 
 
 def _has_timed_out(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
