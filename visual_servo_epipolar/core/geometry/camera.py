@@ -82,8 +82,7 @@ class Camera:
         """
         points = as_points(pixels, 'pixels')
         if self.distorts and len(points):
-            undistorted = _undistort(points, self.matrix, np.array(self.distortion))
-            return np.asarray(undistorted, dtype=np.float64).reshape(-1, 2)
+            return _undistort(points, self.matrix, np.array(self.distortion))
         return np.asarray((points - [self.cx, self.cy]) / [self.fx, self.fy])
 
     def pixels_of(self, points: FloatArray) -> FloatArray:
@@ -140,8 +139,10 @@ def _undistort(pixels: FloatArray, matrix: FloatArray, distortion: FloatArray) -
     criteria = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 100, 1e-12)
     pixels = pixels.reshape(-1, 1, 2)
     if hasattr(cv2, 'undistortPointsIter'):  # OpenCV 4; 5 has one function for both
-        return cv2.undistortPointsIter(pixels, matrix, distortion, None, None, criteria)
-    return cv2.undistortPoints(pixels, matrix, distortion, criteria=criteria)
+        points = cv2.undistortPointsIter(pixels, matrix, distortion, None, None, criteria)
+    else:
+        points = cv2.undistortPoints(pixels, matrix, distortion, criteria=criteria)
+    return np.asarray(points, dtype=np.float64).reshape(-1, 2)
 
 
 @lru_cache(maxsize=16)
