@@ -127,7 +127,8 @@ def _hint(node: Node, parameter: str, owner: str) -> str:
     if owner:
         return f', but {owner} has; give it there, or in a file that both read'
     declared = sorted(node.list_parameters([], 0).names)
-    close = difflib.get_close_matches(parameter, declared, n=1)
+    names = {*declared, *table.parameters()}  # a file may be shared
+    close = difflib.get_close_matches(parameter, sorted(names), n=1)
     return f'; did you mean {close[0]}?' if close else f'; it has {", ".join(declared)}'
 
 

@@ -44,7 +44,7 @@ class Input:
     message: Any
     subscription: Subscription
     since_ns: int
-    patience_s: float = PATIENCE_S
+    patience_s: float
 
 
 class Inputs:
@@ -70,7 +70,7 @@ class Inputs:
             callback(message)
 
         subscription = self._node.create_subscription(message, topic, arrived, profile)
-        source = Input(kind, message, subscription, self._now_ns())
+        source = Input(kind, message, subscription, self._now_ns(), PATIENCE_S)
         self._inputs.append(source)
 
     def look(self) -> None:

@@ -100,3 +100,10 @@ def owner_of(parameter: str) -> str:
             if parameter in kind.RENAMED or parameter in {item.name for item in fields(kind)}:
                 return node
     return ''
+
+
+def parameters() -> Iterator[str]:
+    """Yield the parameters of all nodes."""
+    for node in NODES:
+        for kind in settings_of(node):
+            yield from (item.name for item in fields(kind))
