@@ -1,6 +1,6 @@
 """Settings as ROS parameters: declared with text and range, validated as a whole."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields, replace
 import difflib
 import sys
@@ -18,6 +18,7 @@ from rclpy.parameter import Parameter
 
 from visual_servo_epipolar.core.settings import range_of, Settings
 from visual_servo_epipolar.nodes.startup import command_line, parameter_files, table
+from visual_servo_epipolar.nodes.startup.parameter_files import Section
 from visual_servo_epipolar.nodes.startup.parameter_types import explain_refusals, wrong_type
 
 SettingsT = TypeVar('SettingsT', bound=Settings)
@@ -93,26 +94,19 @@ def refuse_unknown(node: Node, options: Mapping[str, Any] = MappingProxyType({})
     another node of this package may stand in a file that both read. ``options`` are those that the
     node was made with. Warns of a file that sets nothing of the node.
     """
-    name, full_name = node.get_name(), node.get_fully_qualified_name()
-    words = _ros_arguments(options)
-    paths = command_line.parameter_files(words)
-    shared = {
-        item
-        for path in paths
-        for section in parameter_files.sections(path)
-        if section.reaches(full_name)
-        for item in section.names
-    }
-    shared -= command_line.parameter_names(words, name)
-    shared -= {item.name for item in options.get('parameter_overrides') or ()}
+    name, words = node.get_name(), _ros_arguments(options)
+    files = {path: parameter_files.sections(path) for path in command_line.parameter_files(words)}
+    told = command_line.parameter_names(words, name)
+    told |= {item.name for item in options.get('parameter_overrides') or ()}
+    shared = {item for sections in files.values() for item in _heard(node, sections)} - told
     for item in sorted(getattr(node, '_parameter_overrides', {})):
         if node.has_parameter(item) or item.startswith('qos_'):
             continue
         owner = table.owner_of(item)
         if not (owner and item in shared):
             raise ValueError(f'{name} has no parameter {item}{_hint(node, item, owner)}')
-    for path in paths:
-        _warn_of_no_effect(node, path)
+    for path, sections in files.items():
+        _warn_of_no_effect(node, path, sections)
 
 
 def _ros_arguments(options: Mapping[str, Any]) -> list[str]:
@@ -132,20 +126,24 @@ def _hint(node: Node, parameter: str, owner: str) -> str:
     return f'; did you mean {close[0]}?' if close else f'; it has {", ".join(declared)}'
 
 
-def _warn_of_no_effect(node: Node, path: str) -> None:
-    """Warn of a file without a parameter of the node: it keeps its defaults, and drives on."""
+def _heard(node: Node, sections: Iterable[Section]) -> set[str]:
+    """Return the parameters in those sections of a file that reach the node."""
     full_name = node.get_fully_qualified_name()
-    sections = parameter_files.sections(path)
-    reaching = [section for section in sections if section.reaches(full_name)]
-    names = {name for section in reaching for name in section.names}
-    if not sections or any(map(node.has_parameter, names)):
+    return {name for item in sections if item.reaches(full_name) for name in item.names}
+
+
+def _warn_of_no_effect(node: Node, path: str, sections: Sequence[Section]) -> None:
+    """Warn of a file without a parameter of the node: it keeps its defaults, and drives on."""
+    heard = _heard(node, sections)
+    if not sections or any(map(node.has_parameter, heard)):
         return
     keys = ', '.join(section.key for section in sections)
     reason = (
         'its parameters are those of other nodes'
-        if reaching
+        if heard
         else f'it is for {keys}; key it /**: to reach every node that is given the file'
     )
+    full_name = node.get_fully_qualified_name()
     node.get_logger().warning(f'{path} sets no parameter of {full_name}: {reason}')
 
 

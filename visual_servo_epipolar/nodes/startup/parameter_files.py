@@ -27,9 +27,11 @@ class Section:
 
 def sections(path: str) -> list[Section]:
     """Return the sections of a file that rcl has accepted; none if it cannot be read again."""
+    if not Path(path).is_file():
+        return []  # a pipe is read up, and to read it once more waits for ever
     try:
         document = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
-    except (OSError, ValueError, yaml.YAMLError):  # for instance a pipe, which is empty now
+    except (OSError, ValueError, yaml.YAMLError):
         return []
     return list(_walk(document, ''))
 
