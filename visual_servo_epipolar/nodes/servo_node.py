@@ -36,7 +36,7 @@ from visual_servo_epipolar.messages import (
 )
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.run import spin
-from visual_servo_epipolar.nodes.startup.inputs import Inputs, NO_TIME
+from visual_servo_epipolar.nodes.startup.inputs import NO_TIME
 
 WARN_PERIOD_S, STOP_TIMEOUT_S, WATCH_PERIOD_S = 5.0, 0.2, 0.05
 
@@ -79,7 +79,6 @@ class ServoNode(Node):
         self._fresh_ns: int | None = None
         self._stamp_ns: int | None = None
         self._watch_clock = Clock(clock_type=ClockType.STEADY_TIME)
-        self.inputs = Inputs(self)
         self._create_publishers()
         self._create_subscriptions()
         if self._node_settings.watchdog:
@@ -110,8 +109,8 @@ class ServoNode(Node):
 
     def _create_subscriptions(self) -> None:
         info = qos.IMAGES[self._node_settings.camera_reliability]
-        self.inputs.subscribe(CameraInfo, 'camera_info', self._on_info, info)
-        self.inputs.subscribe(PointCloud2, 'tracks', self._on_tracks, qos.STREAM)
+        self.create_subscription(CameraInfo, 'camera_info', self._on_info, info)
+        self.create_subscription(PointCloud2, 'tracks', self._on_tracks, qos.STREAM)
         self.create_service(Trigger, '~/start', self._on_start)
         self.create_service(Trigger, '~/stop', self._on_stop)
         self.create_service(Trigger, '~/reset', self._on_reset)

@@ -24,7 +24,6 @@ from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.messages import event_log, read, settings_text, validation, write
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.run import spin
-from visual_servo_epipolar.nodes.startup.inputs import Inputs
 from visual_servo_epipolar.report.images.overlay import draw_overlay
 
 WARN_PERIOD_S = 5.0
@@ -68,7 +67,6 @@ class TrackerNode(Node):
         self._latest: Pixels | None = None
         self._latest_ns, self._steady = 0, Clock(clock_type=ClockType.STEADY_TIME)
         self._pending_image: Image | None = None
-        self.inputs = Inputs(self)
         self._create_publishers()
         if self._node_settings.desired_image:
             self._set_desired(_photograph(self._node_settings.desired_image))
@@ -90,8 +88,8 @@ class TrackerNode(Node):
 
     def _create_subscriptions(self) -> None:
         images = qos.IMAGES[self._node_settings.camera_reliability]
-        self.inputs.subscribe(CameraInfo, 'camera_info', self._on_info, images)
-        self.inputs.subscribe(Image, 'image_raw', self._on_image, images)
+        self.create_subscription(CameraInfo, 'camera_info', self._on_info, images)
+        self.create_subscription(Image, 'image_raw', self._on_image, images)
         if not self._node_settings.desired_image:
             self.create_subscription(Image, 'desired/image_raw', self._on_desired, qos.LATCHED)
         self.create_service(Trigger, '~/capture_desired', self._on_capture)

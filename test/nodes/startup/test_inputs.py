@@ -15,6 +15,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import parameters, qos, recorder_node
+from visual_servo_epipolar.nodes.camera_node import CameraNode
 from visual_servo_epipolar.nodes.recorder_node import RecorderNode
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.startup import inputs
@@ -27,9 +28,13 @@ BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 @pytest.fixture
 def impatient(monkeypatch):
+    """Let nodes look often and miss things early; return the list of their looks."""
     monkeypatch.setattr(inputs, 'LOOK_PERIOD_S', 0.05)
     monkeypatch.setattr(inputs, 'PATIENCE_S', 0.3)
     monkeypatch.setattr(inputs, 'REPEAT_S', 60.0)
+    looks, look = [], inputs.Inputs.look
+    monkeypatch.setattr(inputs.Inputs, 'look', lambda self: (looks.append(self), look(self)))
+    return looks
 
 
 def start(bench, kind, *words, **values):
@@ -51,6 +56,11 @@ def test_a_tracker_without_a_camera_says_where_it_listens(bench, impatient) -> N
     until_said(bench, 'waits for the calibration of the camera on /robot1/camera_info (0 publ')
 
 
+def test_a_camera_without_a_robot_says_so(bench, impatient) -> None:
+    start(bench, CameraNode, width=320, height=240)
+    until_said(bench, 'waits for the pose of the simulated robot on /ground_truth (0 publishers)')
+
+
 def test_a_servo_without_tracks_says_so(bench, impatient) -> None:
     start(bench, ServoNode)
     until_said(bench, 'waits for tracks of features on /tracks (0 publishers)')
@@ -59,11 +69,9 @@ def test_a_servo_without_tracks_says_so(bench, impatient) -> None:
 
 def test_it_is_said_once_and_then_now_and_then(bench, impatient, monkeypatch) -> None:
     monkeypatch.setattr(inputs, 'REPEAT_S', 0.6)
-    node = start(bench, ServoNode)
-    looks = []
-    plain, node.inputs.look = node.inputs.look, lambda: (looks.append(1), plain())
+    start(bench, ServoNode)
     bench.until(lambda: len(bench.logged('waits for tracks')) == 2, 'a second time')
-    assert len(looks) > 5
+    assert len(impatient) > 5
 
 
 def test_what_comes_is_not_waited_for(bench, impatient) -> None:
@@ -114,11 +122,10 @@ def test_a_recorder_names_the_topics_that_nobody_publishes(bench, tmp_path, monk
 
 
 def test_simulated_time_without_a_clock_is_said_once(bench, impatient) -> None:
-    node = start(bench, ServoNode, use_sim_time=True)
+    start(bench, ServoNode, use_sim_time=True)
     until_said(bench, 'use_sim_time is true: the stamps do not advance; is /clock published?')
-    looks = []
-    plain, node.inputs.look = node.inputs.look, lambda: (looks.append(1), plain())
-    bench.until(lambda: len(looks) > 3, 'three more looks')
+    count = len(impatient)
+    bench.until(lambda: len(impatient) > count + 3, 'three more looks')
     assert len(bench.logged('use_sim_time is true')) == 1
 
 

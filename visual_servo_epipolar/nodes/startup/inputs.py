@@ -1,13 +1,12 @@
 """Inputs of a node: what it waits for, and what may keep that from coming."""
 
-from collections.abc import Callable
 from dataclasses import dataclass
 import math
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.qos import qos_check_compatible, QoSCompatibility, QoSProfile
+from rclpy.qos import qos_check_compatible, QoSCompatibility
 from rclpy.subscription import Subscription
 
 from visual_servo_epipolar.core.stamps import seconds_between
@@ -41,7 +40,6 @@ class Input:
     """Input: silent since it came last, or since that was said; ``patience_s`` until it is."""
 
     kind: Kind
-    message: Any
     subscription: Subscription
     since_ns: int
     patience_s: float
@@ -49,36 +47,49 @@ class Input:
 
 class Inputs:
     """
-    Inputs of ``node``: subscriptions that are missed when they stay silent.
+    Inputs of ``node``: those of its subscriptions that are missed when they stay silent.
 
     Time is that of the steady clock: where /clock is missing, any other stands still.
     """
 
     def __init__(self, node: Node) -> None:
         self._node, self._steady = node, Clock(clock_type=ClockType.STEADY_TIME)
-        self._inputs: list[Input] = []
+        self._begin_ns, self._timeless_said = self._now_ns(), False
+        kinds = {node.resolve_topic_name(topic): kind for topic, kind in KINDS.items()}
+        self._inputs = [
+            self._listen(kinds[item.topic_name], item)
+            for item in node.subscriptions
+            if item.topic_name in kinds and not item.raw
+        ]
 
-    def subscribe(
-        self, message: Any, topic: str, callback: Callable[[Any], None], profile: QoSProfile
-    ) -> None:
-        """Subscribe as ``node.create_subscription`` does, to a topic that has a row in KINDS."""
-        kind = KINDS[topic]
+    def _listen(self, kind: Kind, subscription: Subscription) -> Input:
+        """Return an input that notices each message on its way to the callback."""
+        source = Input(kind, subscription, self._now_ns(), PATIENCE_S)
+        callback = subscription.callback
 
         def arrived(message: Any) -> None:
             source.since_ns = self._now_ns()
             source.patience_s = math.inf if kind.once else PATIENCE_S
             callback(message)
 
-        subscription = self._node.create_subscription(message, topic, arrived, profile)
-        source = Input(kind, message, subscription, self._now_ns(), PATIENCE_S)
-        self._inputs.append(source)
+        subscription.callback = arrived
+        return source
 
     def look(self) -> None:
-        """Say which inputs are silent: after a while, and now and then again."""
+        """Say what is missing: after a while, and silent inputs now and then again."""
+        if not self._timeless_said and self._age(self._begin_ns) >= PATIENCE_S and self._timeless:
+            self._timeless_said = True
+            self._node.get_logger().warning(f'use_sim_time is true: {NO_TIME}')
         for source in self._inputs:
-            if seconds_between(source.since_ns, self._now_ns()) >= source.patience_s:
+            if self._age(source.since_ns) >= source.patience_s:
                 source.since_ns, source.patience_s = self._now_ns(), REPEAT_S
                 self._node.get_logger().warning(self._complaint(source))
+
+    @property
+    def _timeless(self) -> bool:
+        """Whether the node lives in simulated time that nobody tells."""
+        simulated = bool(self._node.get_parameter('use_sim_time').value)
+        return simulated and self._node.get_clock().now().nanoseconds == 0
 
     def _complaint(self, source: Input) -> str:
         topic = source.subscription.topic_name
@@ -90,7 +101,8 @@ class Inputs:
         """Return what keeps messages from coming, as far as it can be seen from here."""
         if not publishers:
             return '; start what publishes them, or remap the topic'
-        expected = f'{source.message.__module__.partition(".")[0]}/msg/{source.message.__name__}'
+        message: Any = source.subscription.msg_type
+        expected = f'{message.__module__.partition(".")[0]}/msg/{message.__name__}'
         kinds = sorted({item.topic_type for item in publishers})
         if expected not in kinds:
             return f'; they are {", ".join(kinds)}, it takes {expected}'
@@ -103,27 +115,14 @@ class Inputs:
             return f'; their QoS does not fit: {refusals[0].strip(" ;")}; {source.kind.remedy}'
         return ''
 
+    def _age(self, stamp_ns: int) -> float:
+        return seconds_between(stamp_ns, self._now_ns())
+
     def _now_ns(self) -> int:
         return int(self._steady.now().nanoseconds)
 
 
 def watch(node: Node) -> None:
-    """Let ``node`` say what it waits for: its ``inputs``, if it has some, and /clock."""
-    steady = Clock(clock_type=ClockType.STEADY_TIME)
-    begin_ns = steady.now().nanoseconds
-    inputs: Inputs | None = getattr(node, 'inputs', None)
-
-    def look() -> None:
-        if seconds_between(begin_ns, steady.now().nanoseconds) >= PATIENCE_S and _timeless(node):
-            node.get_logger().warning(f'use_sim_time is true: {NO_TIME}', once=True)
-        if inputs is not None:
-            inputs.look()
-
-    node.create_timer(LOOK_PERIOD_S, look, clock=steady)
-
-
-def _timeless(node: Node) -> bool:
-    """Return whether the node lives in simulated time that nobody tells."""
-    return (
-        bool(node.get_parameter('use_sim_time').value) and not node.get_clock().now().nanoseconds
-    )
+    """Let ``node`` say what it waits for: messages, and /clock where time is simulated."""
+    clock = Clock(clock_type=ClockType.STEADY_TIME)
+    node.create_timer(LOOK_PERIOD_S, Inputs(node).look, clock=clock)
