@@ -6,7 +6,7 @@ import sys
 from visual_servo_epipolar.nodes.startup.command_line import answer, USAGE_ERROR
 from visual_servo_epipolar.nodes.startup.table import PACKAGE
 
-# Of what else a node imports, these alone come with ROS 2.
+# What nodes import beside ROS 2.
 PIP_PACKAGES = ('cv2', 'matplotlib', 'mcap', 'numpy', 'rosbags', 'yaml')
 
 
