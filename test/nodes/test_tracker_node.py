@@ -188,6 +188,7 @@ def test_the_photograph_may_be_a_file(bench, simulator, photograph, view, tmp_pa
     path.write_bytes(cv2.imencode('.png', photograph)[1].tobytes())
     rig = Rig(bench, simulator, desired_image=str(path))
     assert len(rig.calibrated().track(view)) >= 40
+    bench.until(lambda: bench.logged(f'desired image is {path}'), 'the file in the log')
 
 
 def test_the_photograph_in_use_is_published_for_those_who_come_late(rig, photograph) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 import signal
 import subprocess
 import sys
+import threading
 
 from bench import Bench, next_domain
 import pytest
@@ -137,7 +138,7 @@ def test_simulated_time_with_a_clock_is_not_complained_about(bench, impatient) -
     assert not bench.logged('use_sim_time is true')
 
 
-def test_a_node_that_runs_by_itself_says_what_it_waits_for(tmp_path) -> None:
+def test_a_node_that_runs_by_itself_says_what_it_waits_for() -> None:
     command = [sys.executable, '-m', 'visual_servo_epipolar.nodes.tracker_node', '--ros-args']
     environment = {
         **os.environ,
@@ -151,12 +152,15 @@ def test_a_node_that_runs_by_itself_says_what_it_waits_for(tmp_path) -> None:
         text=True,
         start_new_session=True,
     ) as process:
+        timeout = threading.Timer(START_SEC, process.kill)  # then there are no more lines
+        timeout.start()
         try:
             lines = iter(process.stderr.readline, '')
             said = [line for _, line in zip(range(3), lines, strict=False)]
             process.send_signal(signal.SIGINT)
-            assert process.wait(END_SEC) == 0
+            assert process.wait(END_SEC) == 0, f'it has said {said} in {START_SEC:g} s'
         finally:
+            timeout.cancel()
             process.kill()
     assert any('waits for images on /image_raw (0 publishers)' in line for line in said), said
     assert any('is /clock published?' in line for line in said), said
