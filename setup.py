@@ -78,7 +78,7 @@ setup(
     entry_points={
         'console_scripts': [
             f'visual_servo = {NAME}.commands.main:main',
-            *(f'{node} = {NAME}.nodes.{node}:main' for node in NODES),
+            *(f'{node} = {NAME}.nodes.startup.executables:{node}' for node in NODES),
         ],
     },
 )

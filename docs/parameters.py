@@ -25,8 +25,9 @@ HEAD = """\
 All parameters of all nodes, in the order of [`config/*.yaml`](../config), under the class that
 declares them. Written by `python docs/parameters.py` from those classes; a test compares.
 
-* A double is written with a point: `1.0`, never `1`. A name that a node does not have is refused
-  at the start, and so is a value out of range.
+* A double is written with a point: `1.0`, never `1`. A value out of range is refused at the start,
+  and so is a name that a node does not have; a file under `/**:` may hold those of several nodes,
+  as [`robot.yaml`](../config/robot.yaml) does.
 * *fixed* says that a parameter can be set at the start alone. The others follow
   `ros2 param set /servo_node look_ahead 0.3` while the robot drives.
 * Scenario files know the names of the servo, the tracker, the base, the camera and the

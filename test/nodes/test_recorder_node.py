@@ -156,6 +156,7 @@ def test_start_and_stop_make_one_bag_after_the_other(bench, tmp_path) -> None:
     say = bench.talk(String, 'words')
     recording = Recording(bench, tmp_path, topics=('words',), autostart=False)
     assert recording.bags() == []
+    bench.until(lambda: bench.logged('waits for /recorder_node/start'), 'what to do in the log')
     for number in range(2):
         answer = bench.call('recorder_node/start')
         assert (answer.success, answer.message.split()[:2]) == (True, ['recording', 'to'])

@@ -41,7 +41,7 @@ class Rig:
         self.commands = bench.listen(kind, 'cmd_vel')
         self.send = bench.talk(PointCloud2, 'tracks')
         self.calibrate = bench.talk(CameraInfo, 'camera_info')
-        self.node = bench.start(ServoNode, **values)
+        self.node = bench.start(ServoNode, **{'autostart': True, **values})
         if calibrated:
             self.calibrate(write.camera_info(CAMERA, 0, 'camera'))
             bench.until(lambda: self.node._camera is not None, 'camera_info to arrive')
@@ -95,9 +95,10 @@ def test_one_set_of_tracks_is_one_command(rig) -> None:
 
 
 def test_it_is_silent_until_it_is_started(bench) -> None:
-    rig = Rig(bench, autostart=False, stale_timeout=60.0)
+    rig = Rig(bench, autostart=ServoSettings().autostart, stale_timeout=60.0)
     rig.see()
     assert rig.commands == []
+    bench.until(lambda: bench.logged('stands until /servo_node/start is called'), 'what to do')
     assert bench.call('servo_node/start').success
     rig.see()
     assert len(rig.commands) == 1
@@ -332,3 +333,20 @@ def test_a_gain_changed_on_the_way_is_published_with_the_stamp_it_holds_from(rig
     before, after = (settings_text.from_text(message.data) for message in received)
     assert (before.values['k1'], before.after_stamp_ns) == (ServoSettings().k1, None)
     assert (after.values['k1'], after.after_stamp_ns) == (0.5, STAMP_NS)
+
+
+@pytest.mark.parametrize('later_ns', [0, -PERIOD_NS], ids=['repeated', 'backwards'])
+def test_stamps_that_do_not_advance_are_said_so(rig, later_ns) -> None:
+    rig.tell(tracks(stamp_ns=STAMP_NS))
+    assert not rig.bench.logged('the stamps do not advance')
+    rig.node._active = False  # nor while it stands
+    rig.send(tracks(stamp_ns=STAMP_NS + later_ns))
+    rig.bench.until(
+        lambda: rig.bench.logged('the stamps do not advance; is /clock published?'), 'the warning'
+    )
+
+
+def test_orders_are_logged(rig) -> None:
+    for order, text in (('stop', 'stopped'), ('start', 'started'), ('reset', 'reset, ready')):
+        rig.bench.call(f'servo_node/{order}')
+        rig.bench.until(lambda text=text: rig.bench.logged(text), text)

@@ -134,6 +134,20 @@ def test_the_view_of_now_can_be_captured_as_the_goal(rig, view) -> None:
     np.testing.assert_allclose(features.current, features.desired, atol=0.01)
 
 
+def test_a_capture_is_logged_and_so_is_its_refusal(rig, view) -> None:
+    rig.bench.call('tracker_node/capture_desired')
+    rig.bench.until(lambda: rig.bench.logged('not captured: no usable image'), 'the refusal')
+    rig.calibrated().track(view)
+    assert rig.bench.call('tracker_node/capture_desired').success
+    rig.bench.until(lambda: rig.bench.logged('captured: this is the pose'), 'the capture')
+
+
+def test_there_is_nothing_to_redetect_without_a_photograph(rig) -> None:
+    answer = rig.bench.call('tracker_node/redetect')
+    assert not answer.success
+    assert answer.message == 'no desired image yet; take one by ~/capture_desired'
+
+
 def test_a_view_cannot_be_captured_before_there_is_one(rig) -> None:
     answer = rig.bench.call('tracker_node/capture_desired')
     assert not answer.success
@@ -174,6 +188,7 @@ def test_the_photograph_may_be_a_file(bench, simulator, photograph, view, tmp_pa
     path.write_bytes(cv2.imencode('.png', photograph)[1].tobytes())
     rig = Rig(bench, simulator, desired_image=str(path))
     assert len(rig.calibrated().track(view)) >= 40
+    bench.until(lambda: bench.logged(f'desired image is {path}'), 'the file in the log')
 
 
 def test_the_photograph_in_use_is_published_for_those_who_come_late(rig, photograph) -> None:

@@ -35,7 +35,7 @@ class CameraNode(Node):
         super().__init__('camera_node', **options)
         self._settings = parameters.declare(self, CameraSettings)
         self._disturbances = parameters.declare(self, DisturbanceSettings)
-        parameters.refuse_unknown(self)
+        parameters.refuse_unknown(self, options)
         parameters.watch(self, lambda: self._settings, self._use)
         parameters.watch(self, lambda: self._disturbances, self._disturb)
         self._simulator = CameraSimulator(self._settings, self._disturbances)

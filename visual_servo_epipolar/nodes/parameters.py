@@ -1,8 +1,10 @@
 """Settings as ROS parameters: declared with text and range, validated as a whole."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields, replace
 import difflib
+import sys
+from types import MappingProxyType
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import (
@@ -15,6 +17,9 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from visual_servo_epipolar.core.settings import range_of, Settings
+from visual_servo_epipolar.nodes.startup import command_line, parameter_files, table
+from visual_servo_epipolar.nodes.startup.parameter_files import Section
+from visual_servo_epipolar.nodes.startup.parameter_types import explain_refusals, wrong_type
 
 SettingsT = TypeVar('SettingsT', bound=Settings)
 
@@ -23,13 +28,15 @@ def declare(node: Node, kind: type[SettingsT]) -> SettingsT:
     """
     Declare every field of ``kind`` and return the settings that YAML and command line ask for.
 
-    Raises ValueError for a value that cannot be used or a name of an earlier version; rclpy raises
-    for a wrong type or range.
+    Raises ValueError for a value that cannot be used, of another type, or a name of an earlier
+    version; rclpy raises for a wrong range.
     """
     _refuse_renamed(node, kind)
+    explain_refusals(node)
     values: dict[str, Any] = {}
     for item in fields(kind):
         default = list(item.default) if isinstance(item.default, tuple) else item.default
+        _refuse_wrong_type(node, Parameter(item.name, value=default))
         value = node.declare_parameter(item.name, default, _descriptor(item)).value
         if isinstance(item.default, tuple):
             value = tuple(value or ())  # an empty list in YAML leaves the parameter unset
@@ -53,7 +60,16 @@ def watch(node: Node, current: Callable[[], SettingsT], use: Callable[[SettingsT
         return SetParametersResult(successful=True)
 
     node.add_on_set_parameters_callback(validate)
-    node.add_post_set_parameters_callback(lambda parameters: use(changed(parameters)))
+
+    def take(parameters: Sequence[Parameter]) -> None:
+        before, after = current(), changed(parameters)
+        for item in fields(before):
+            old, new = getattr(before, item.name), getattr(after, item.name)
+            if old != new:
+                node.get_logger().info(f'{item.name}: {old} -> {new}')
+        use(after)
+
+    node.add_post_set_parameters_callback(take)
 
 
 def override(name: str, value: Any) -> Parameter:
@@ -70,21 +86,72 @@ def _refuse_renamed(node: Node, kind: type[Settings]) -> None:
             )
 
 
-def refuse_unknown(node: Node) -> None:
+def refuse_unknown(node: Node, options: Mapping[str, Any] = MappingProxyType({})) -> None:
     """
     Raise ValueError for a parameter that was given but that the node does not have.
 
-    ROS ignores it silently, and a misspelt gain then drives the robot with its default.
+    ROS ignores it silently, and a misspelt gain then drives the robot with its default. A name of
+    another node of this package may stand in a file that both read. ``options`` are those that the
+    node was made with. Warns of a file that sets nothing of the node.
     """
-    given = set(getattr(node, '_parameter_overrides', {}))
-    unknown = sorted(
-        name for name in given if not node.has_parameter(name) and not name.startswith('qos_')
+    name, words = node.get_name(), _ros_arguments(options)
+    files = {path: parameter_files.sections(path) for path in command_line.parameter_files(words)}
+    told = command_line.parameter_names(words, name)
+    told |= {item.name for item in options.get('parameter_overrides') or ()}
+    shared = {item for sections in files.values() for item in _heard(node, sections)} - told
+    for item in sorted(getattr(node, '_parameter_overrides', {})):
+        if node.has_parameter(item) or item.startswith('qos_'):
+            continue
+        owner = table.owner_of(item)
+        if not (owner and item in shared):
+            raise ValueError(f'{name} has no parameter {item}{_hint(node, item, owner)}')
+    for path, sections in files.items():
+        _warn_of_no_effect(node, path, sections)
+
+
+def _ros_arguments(options: Mapping[str, Any]) -> list[str]:
+    """Return the ROS arguments that a node made with ``options`` follows."""
+    heard = list(options.get('cli_args') or ())
+    if options.get('use_global_arguments', True):
+        heard = [*sys.argv[1:], '--', *heard]
+    return command_line.split(heard)[0]
+
+
+def _hint(node: Node, parameter: str, owner: str) -> str:
+    if owner:
+        return f', but {owner} has; give it there, or in a file that both read'
+    declared = sorted(node.list_parameters([], 0).names)
+    names = {*declared, *table.parameters()}  # a file may be shared
+    close = difflib.get_close_matches(parameter, sorted(names), n=1)
+    return f'; did you mean {close[0]}?' if close else f'; it has {", ".join(declared)}'
+
+
+def _heard(node: Node, sections: Iterable[Section]) -> set[str]:
+    """Return the parameters in those sections of a file that reach the node."""
+    full_name = node.get_fully_qualified_name()
+    return {name for item in sections if item.reaches(full_name) for name in item.names}
+
+
+def _warn_of_no_effect(node: Node, path: str, sections: Sequence[Section]) -> None:
+    """Warn of a file without a parameter of the node: it keeps its defaults, and drives on."""
+    heard = _heard(node, sections)
+    if not sections or any(map(node.has_parameter, heard)):
+        return
+    keys = ', '.join(section.key for section in sections)
+    reason = (
+        'its parameters are those of other nodes'
+        if heard
+        else f'it is for {keys}; key it /**: to reach every node that is given the file'
     )
-    if unknown:
-        declared = sorted(node.list_parameters([], 0).names)
-        close = difflib.get_close_matches(unknown[0], declared, n=1)
-        hint = f'; did you mean {close[0]}?' if close else f'; it has {", ".join(declared)}'
-        raise ValueError(f'{node.get_name()} has no parameter {", ".join(unknown)}{hint}')
+    full_name = node.get_fully_qualified_name()
+    node.get_logger().warning(f'{path} sets no parameter of {full_name}: {reason}')
+
+
+def _refuse_wrong_type(node: Node, default: Parameter) -> None:
+    given = getattr(node, '_parameter_overrides', {}).get(default.name)
+    reason = '' if given is None else wrong_type(given, default.type_)
+    if reason:
+        raise ValueError(reason)
 
 
 def _value(parameter: Parameter) -> Any:

@@ -1,7 +1,6 @@
 """The recorder: published messages into a bag; none is decoded, none waits for the disk."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 import sys
@@ -17,40 +16,17 @@ from visual_servo_epipolar.bags.recording.settings import RecordSettings
 from visual_servo_epipolar.bags.recording.writer import MB
 from visual_servo_epipolar.bags.storage import Topic
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.recording.discovery import TopicSelection
 from visual_servo_epipolar.nodes.recording.raw_subscriptions import RawSubscriptions
+from visual_servo_epipolar.nodes.recording.settings import RecorderNodeSettings
 from visual_servo_epipolar.nodes.run import spin
 
 DISCOVERY_PERIOD_S = 0.2
 DISCOVERIES_A_REPORT = 5  # one report a second
-WARN_PERIOD_S = 5.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class RecorderNodeSettings(Settings):
-    """Settings of the node: what is recorded, where to, and what the robot does if that fails."""
-
-    bag: str = setting(
-        '', 'Folder of the bag; empty: rosbag2_ and the date, where it was started', read_only=True
-    )
-    topics: tuple[str, ...] = setting(
-        ('*',), 'Topics to record: names, or patterns with * and ?', read_only=True
-    )
-    exclude: tuple[str, ...] = setting(
-        ('*overlay/image_raw',), 'Topics not to record, likewise', read_only=True
-    )
-    autostart: bool = setting(True, 'Begin at once, not on ~/start', read_only=True)
-    report: bool = setting(True, 'Publish /diagnostics once a second', read_only=True)
-    on_error: str = setting(
-        'continue',
-        'When the disk fails or is full, the robot',
-        choices=('continue', 'stop_servo'),
-        read_only=True,
-    )
-    servo: str = setting('servo_node', 'Whose ~/stop is called by stop_servo', read_only=True)
+WARN_PERIOD_S, MISSING_PERIOD_S = 5.0, 30.0
+PATIENT_DISCOVERIES = 25  # before a topic is missed, five seconds
 
 
 class RecorderNode(Node):
@@ -64,7 +40,7 @@ class RecorderNode(Node):
         super().__init__('recorder_node', **options)
         self._node_settings = parameters.declare(self, RecorderNodeSettings)
         self._settings = parameters.declare(self, RecordSettings)
-        parameters.refuse_unknown(self)
+        parameters.refuse_unknown(self, options)
         settings = self._node_settings
         selection = TopicSelection(settings.topics, settings.exclude).resolved(self)
         self._raw_subscriptions = RawSubscriptions(
@@ -81,6 +57,8 @@ class RecorderNode(Node):
         self._servo_stop = self.create_client(Trigger, f'{settings.servo}/stop')
         if settings.autostart:
             self._begin_or_destroy()
+        else:
+            self.get_logger().info(f'waits for {self.get_fully_qualified_name()}/start')
         steady_clock = Clock(clock_type=ClockType.STEADY_TIME)  # in simulated time as well
         self.create_timer(DISCOVERY_PERIOD_S, self._on_discovery, clock=steady_clock)
 
@@ -154,10 +132,20 @@ class RecorderNode(Node):
             self._fail(status)
         elif self._recorder is not None:
             self._raw_subscriptions.discover()
+            self._miss_topics()
         self._discoveries += 1
         if self._discoveries % DISCOVERIES_A_REPORT == 0:
             self._raw_subscriptions.refresh()
             self._report(status)
+
+    def _miss_topics(self) -> None:
+        """Say which topics are to be recorded by name, but published by nobody."""
+        missing = sorted(self._raw_subscriptions.missing)
+        if missing and self._discoveries >= PATIENT_DISCOVERIES:
+            self.get_logger().warning(
+                f'waits for {", ".join(missing)} (0 publishers)',
+                throttle_duration_sec=MISSING_PERIOD_S,
+            )
 
     def _fail(self, status: RecordingStatus) -> None:
         """Report that the bag has ended early, and stop the robot if the settings say so."""

@@ -1,12 +1,13 @@
 """Main loop of every node: init, spin, a clean exit with a zero twist."""
 
-from collections.abc import Callable
 import ctypes
 import os
 from pathlib import Path
+import re
 import signal
 import sys
 import threading
+from typing import Any
 
 import rclpy
 from rclpy.exceptions import ParameterException
@@ -15,19 +16,23 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from visual_servo_epipolar.core.errors import VisualServoError
+from visual_servo_epipolar.nodes.startup import command_line, inputs
 
-USAGE_ERROR = 2
 MALLOPT_MMAP_THRESHOLD, MALLOPT_TRIM_THRESHOLD = -3, -1
 KEEP_BYTES = 2**29 - 1
 
 
-def spin(factory: Callable[[], Node], args: list[str] | None = None) -> int:
+def spin(kind: type[Any], args: list[str] | None = None) -> int:
     """
-    Run the node that ``factory`` makes until SIGINT or SIGTERM; return the exit code.
+    Run a node of this ``kind`` until SIGINT or SIGTERM; return the exit code.
 
     rclpy's own signal handlers end the context before Python runs again, so that no last twist
     could be published: these set an event only.
     """
+    name = _executable(kind)
+    code = command_line.answer(name, sys.argv[1:] if args is None else args)
+    if code is not None:
+        return code
     tune_transport()
     ending = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -35,7 +40,8 @@ def spin(factory: Callable[[], Node], args: list[str] | None = None) -> int:
     node: Node | None = None
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-        node = factory()
+        node = kind()
+        inputs.watch(node)
         executor = SingleThreadedExecutor()
         executor.add_node(node)
         while not ending.is_set():
@@ -43,8 +49,8 @@ def spin(factory: Callable[[], Node], args: list[str] | None = None) -> int:
     except (ParameterException, VisualServoError, ValueError, RuntimeError, OSError) as error:
         if node is not None:
             raise
-        print(f'{Path(sys.argv[0]).name}: {_one_line(error)}', file=sys.stderr)
-        return USAGE_ERROR
+        print(f'{name}: {_one_line(error)}', file=sys.stderr)
+        return command_line.USAGE_ERROR
     finally:
         if node is not None:
             stop = getattr(node, 'stop', None)
@@ -71,6 +77,11 @@ def tune_transport() -> None:
         if hasattr(libc, 'mallopt'):
             libc.mallopt(MALLOPT_MMAP_THRESHOLD, KEEP_BYTES)
             libc.mallopt(MALLOPT_TRIM_THRESHOLD, KEEP_BYTES)
+
+
+def _executable(kind: type[Any]) -> str:
+    """Return the name of the executable: servo_node of a ServoNode."""
+    return re.sub(r'(?<=[a-z])(?=[A-Z])', '_', kind.__name__).lower()
 
 
 def _one_line(error: Exception) -> str:

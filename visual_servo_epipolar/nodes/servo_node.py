@@ -36,10 +36,9 @@ from visual_servo_epipolar.messages import (
 )
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.run import spin
+from visual_servo_epipolar.nodes.startup.inputs import NO_TIME
 
-WARN_PERIOD_S = 5.0
-STOP_TIMEOUT_S = 0.2
-WATCH_PERIOD_S = 0.05
+WARN_PERIOD_S, STOP_TIMEOUT_S, WATCH_PERIOD_S = 5.0, 0.2, 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,20 +71,22 @@ class ServoNode(Node):
         super().__init__('servo_node', **options)
         self._node_settings = parameters.declare(self, ServoNodeSettings)
         self._settings = parameters.declare(self, ServoSettings)
-        parameters.refuse_unknown(self)
+        parameters.refuse_unknown(self, options)
         parameters.watch(self, lambda: self._settings, self._use)
         self._active, self._state = self._settings.autostart, ServoState()
         self._camera: Camera | None = None
         self._pending_tracks: PointCloud2 | None = None
         self._fresh_ns: int | None = None
         self._stamp_ns: int | None = None
+        self._watch_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._create_publishers()
         self._create_subscriptions()
-        self._watch_clock = Clock(clock_type=ClockType.STEADY_TIME)
         if self._node_settings.watchdog:
             self.create_timer(WATCH_PERIOD_S, self._on_watch, clock=self._watch_clock)
         self._phase_pub.publish(write.text(self._state.phase.value))
         self._announce()
+        if not self._active:
+            self._log(f'the robot stands until {self.get_fully_qualified_name()}/start is called')
 
     def stop(self) -> None:
         """Stop the robot, and wait until the command is acknowledged."""
@@ -139,6 +140,8 @@ class ServoNode(Node):
         stamp_ns = read.stamp_ns(message.header)
         if stamp_ns != self._stamp_ns:  # a camera that hangs may repeat its last image for ever
             self._fresh_ns = self._watch_clock.now().nanoseconds
+        if self._stamp_ns is not None and stamp_ns <= self._stamp_ns:
+            self._warn(NO_TIME)
         self._stamp_ns = stamp_ns
         if not self._active:
             return
@@ -156,9 +159,7 @@ class ServoNode(Node):
     def _follow(self, state: ServoState) -> None:
         """Take over a new state, and log a change of phase."""
         if state.phase is not self._state.phase:
-            self.get_logger().info(
-                f'{self._state.phase.value} -> {state.phase.value} ({state.reason})'
-            )
+            self._log(f'{self._state.phase.value} -> {state.phase.value} ({state.reason})')
         self._state = state
 
     def _publish(self, stamp_ns: int, frame_id: str) -> None:
@@ -214,12 +215,14 @@ class ServoNode(Node):
             self._state = self._interrupted(Interruption.RESET)
         self._active = response.success = True
         response.message = 'started' if self._camera else 'started; waits for camera_info'
+        self._log(response.message)
         return response
 
     def _on_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.stop()
         self._phase_pub.publish(write.text(self._state.phase.value))
         response.success, response.message = True, 'the robot stands'
+        self._log('stopped, the robot stands')
         return response
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -227,7 +230,11 @@ class ServoNode(Node):
         self._state = self._interrupted(Interruption.RESET)  # stopped, it waits for ~/start
         self._phase_pub.publish(write.text(self._state.phase.value))
         response.success, response.message = True, 'ready for a new run'
+        self._log('reset, ready for a new run')
         return response
+
+    def _log(self, text: str) -> None:
+        self.get_logger().info(text)
 
     def _warn(self, text: str) -> None:
         self.get_logger().warning(text, throttle_duration_sec=WARN_PERIOD_S)

@@ -58,7 +58,7 @@ class TrackerNode(Node):
         super().__init__('tracker_node', **options)
         self._node_settings = parameters.declare(self, TrackerNodeSettings)
         self._settings = parameters.declare(self, TrackerSettings)
-        parameters.refuse_unknown(self)
+        parameters.refuse_unknown(self, options)
         parameters.watch(self, lambda: self._settings, self._use)
         self._tracker = Tracker(self._settings)
         self._stamp_ns: int | None = None
@@ -70,6 +70,7 @@ class TrackerNode(Node):
         self._create_publishers()
         if self._node_settings.desired_image:
             self._set_desired(_photograph(self._node_settings.desired_image))
+            self.get_logger().info(f'desired image is {self._node_settings.desired_image}')
         self._create_subscriptions()
         self._announce()
 
@@ -158,17 +159,24 @@ class TrackerNode(Node):
                 raise ValueError(f'the last image is {age:.1f} s old; check the camera')
             self._set_desired(self._latest)
             response.success, response.message = True, 'this is the pose to come back to'
+            self.get_logger().info(f'captured: {response.message}')
         except (ValueError, TrackingError) as error:
             response.success, response.message = False, str(error)
+            self.get_logger().warning(f'not captured: {error}')
         return response
 
     def _on_redetect(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
+        if not self._tracker.has_desired:
+            response.success = False
+            response.message = 'no desired image yet; take one by ~/capture_desired'
+            return response
         self._tracker.redetect()
         entry = event_log.Entry(event_log.REDETECTED, self._stamp_ns)
         self._events_pub.publish(write.text(event_log.to_text(entry)))
         response.success, response.message = True, 'the next image is matched anew'
+        self.get_logger().info(response.message)
         return response
 
     def _warn(self, text: str) -> None:

@@ -75,7 +75,7 @@ class UnicycleNode(Node):
         super().__init__('unicycle_node', **options)
         self._settings = parameters.declare(self, UnicycleSettings)
         self._base_settings = parameters.declare(self, PioneerSettings)
-        parameters.refuse_unknown(self)
+        parameters.refuse_unknown(self, options)
         parameters.watch(self, lambda: self._settings, self._use_start)
         parameters.watch(self, lambda: self._base_settings, self._use)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)

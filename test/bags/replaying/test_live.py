@@ -15,6 +15,8 @@ from visual_servo_epipolar.bags.replaying.replay import replay, Step
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 
+DRIVING = {'autostart': True, 'stale_timeout': 60.0}
+
 
 class Robot:
     """Servo, tracker or both in wall time, fed with the messages of a run one by one."""
@@ -52,7 +54,7 @@ def replayed(path, **overrides: object) -> tuple[list[Step], Comparison]:
 
 @pytest.fixture
 def servo(bench, small_run) -> Robot:
-    return Robot(bench, small_run, '/tracks', ServoNode, {'stale_timeout': 60.0})
+    return Robot(bench, small_run, '/tracks', ServoNode, DRIVING)
 
 
 def test_stop_start_and_reset_are_replayed_where_they_happened(servo, tmp_path) -> None:
@@ -73,7 +75,7 @@ def test_stop_start_and_reset_are_replayed_where_they_happened(servo, tmp_path) 
 
 
 def test_silence_is_replayed_where_it_fell(bench, small_run, tmp_path) -> None:
-    servo = Robot(bench, small_run, '/tracks', ServoNode, {'stale_timeout': 60.0})
+    servo = Robot(bench, small_run, '/tracks', ServoNode, DRIVING)
     servo.see(0, 5)
     servo.nodes[0].set_parameters([Parameter('stale_timeout', value=0.05)])
     bench.until(lambda: servo.nodes[0]._state.phase.value == 'holding', 'the watchdog')
@@ -96,7 +98,7 @@ def test_a_photograph_taken_on_the_way_and_redetection_are_replayed(
         TrackerNode,
         {'camera_reliability': 'reliable'},
         ServoNode,
-        {'stale_timeout': 60.0, 'camera_reliability': 'reliable'},
+        {**DRIVING, 'camera_reliability': 'reliable'},
     )
     robot.calibrate(next(item[2] for item in small_run if item[0] == '/camera_info'))
     bench.settle()

@@ -165,7 +165,10 @@ def test_a_bag_cut_short_is_refused_and_replayed_once_it_is_repaired(
         (['--set', 'servo.k1={a'], 'k1 must be float'),
         (['--set', 'tracker.min_features=500'], 'min_features must not exceed max_features'),
         (['--params', 'nowhere.yaml'], 'nowhere.yaml: parameters cannot be read'),
-        (['--params', str(ROOT / 'config/camera_node.yaml')], 'no parameters of servo_node or'),
+        (
+            ['--params', str(ROOT / 'config/camera_node_640x480.yaml')],
+            'no parameters of servo_node or',
+        ),
         (['--params', str(ROOT / 'setup.py')], 'parameters'),
         (['--topics', 'picture=/image_raw'], '--topics takes ROLE=NAME with a role of image'),
         (['--desired', 'nowhere.png'], "--desired must be an image file or a stamp [s], got 'now"),

@@ -148,7 +148,7 @@ def test_a_bag_can_be_reported_with_other_parameters(bag, tmp_path) -> None:
         == 0
     )
     text = (tmp_path / 'report.html').read_text(encoding='utf-8')
-    assert 'servo: 1 of ' in text
+    assert 'servo: 2 of ' in text  # and autostart, as the simulation sets it
     assert 'data:image/jpeg' not in text
 
 

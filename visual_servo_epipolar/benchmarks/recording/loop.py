@@ -25,7 +25,7 @@ from visual_servo_epipolar.nodes.run import tune_transport
 
 NODES = {
     'tracker_node': ('-p', 'camera_reliability:=reliable'),
-    'servo_node': ('-p', 'camera_reliability:=reliable'),
+    'servo_node': ('-p', 'camera_reliability:=reliable', '-p', 'autostart:=true'),
     'recorder_node': ('-p', 'autostart:=false', '-p', 'topics:=["*"]'),
 }
 DOMAIN = 67

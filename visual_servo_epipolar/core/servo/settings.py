@@ -18,7 +18,9 @@ class ServoSettings(PerceptionSettings, ControlSettings):
     Angles in rad, lengths in m, times in s; epipoles in units of the focal length.
     """
 
-    autostart: bool = setting(True, 'Start by itself once there are tracks', read_only=True)
+    autostart: bool = setting(
+        False, 'Start by itself once there are tracks; false: on ~/start', read_only=True
+    )
     latch_engage: float = setting(
         0.002, 'Bearing of e_du at which step 1 calls it zero [rad]', low=0.0, high=0.2
     )

@@ -60,7 +60,7 @@ def _out_of_order(state: ServoState, measurement: Measurement) -> tuple[ServoSta
     """Return state and event of an image whose stamp does not advance: hold if driving."""
     if state.phase not in DRIVING:
         return replace(state, phase_start_ns=measurement.stamp_ns), Event.NOTHING
-    measurement = replace(measurement, reason='the stamps of the images do not advance')
+    measurement = replace(measurement, reason='the stamps do not advance; is /clock published?')
     state = replace(state, measurement=measurement, phase_start_ns=measurement.stamp_ns)
     return state, Event.LOST
 

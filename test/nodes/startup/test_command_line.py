@@ -1,0 +1,94 @@
+"""The command line of the nodes: help, leftover words, and an executable without ROS 2."""
+
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+import pytest
+
+from visual_servo_epipolar.nodes.startup import command_line
+from visual_servo_epipolar.nodes.startup.table import NODES
+
+ROOT = Path(__file__).parents[3]
+END_SEC = 30.0
+
+
+def run(code, *words, folder=ROOT):
+    """Run Python code with words on its command line, as an executable is."""
+    return subprocess.run(
+        [sys.executable, '-c', f'import sys; sys.argv[0] = "node"\n{code}', *words],
+        env={**os.environ, 'PYTHONPATH': str(ROOT)},
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=END_SEC,
+    )
+
+
+def executable(node):
+    return f'from visual_servo_epipolar.nodes.startup import executables; executables.{node}()'
+
+
+def module(node):
+    return f'from visual_servo_epipolar.nodes import {node}; {node}.main()'
+
+
+@pytest.mark.parametrize('node', NODES)
+@pytest.mark.parametrize('option', ['-h', '--help'])
+def test_help_says_what_a_node_does_and_takes(node, option, capsys) -> None:
+    assert command_line.answer(node, [option]) == 0
+    text = capsys.readouterr().out
+    row = NODES[node]
+    assert text.startswith(f'usage: {node} [--ros-args -p NAME:=VALUE --params-file FILE')
+    assert all(word in text for word in (row.does, *row.subscribes, *row.publishes, *row.services))
+    assert max(map(len, text.splitlines())) <= 99
+
+
+@pytest.mark.parametrize('start', [executable, module])
+def test_help_ends_well_and_starts_nothing(start) -> None:
+    ended = run(start('servo_node'), '--help')
+    assert (ended.returncode, ended.stderr) == (0, '')
+    assert ended.stdout.startswith('usage: servo_node')
+
+
+@pytest.mark.parametrize('start', [executable, module])
+@pytest.mark.parametrize(
+    'words', [['--foo'], ['config.yaml'], ['-p', 'k1:=0.1'], ['--ros-args', '--', 'config.yaml']]
+)
+def test_what_is_no_ros_argument_is_refused_with_one_line(start, words) -> None:
+    ended = run(start('servo_node'), *words)
+    assert ended.returncode == 2
+    assert len(ended.stderr.splitlines()) == 1, ended.stderr
+    rest = [word for word in words if word not in ('--ros-args', '--')]
+    assert f'servo_node: takes ROS arguments alone, got {" ".join(rest)};' in ended.stderr
+
+
+@pytest.mark.parametrize('node', NODES)
+def test_without_ros_an_executable_says_so_in_one_line(node) -> None:
+    ended = run(f'sys.modules["rclpy"] = None\n{executable(node)}')
+    assert ended.returncode == 2
+    assert len(ended.stderr.splitlines()) == 1, ended.stderr
+    assert ended.stderr.startswith(f'{node}: ROS 2 cannot be imported (')
+    assert 'source your ROS 2 Jazzy' in ended.stderr
+
+
+def test_help_needs_no_ros() -> None:
+    ended = run(f'sys.modules["rclpy"] = None\n{executable("camera_node")}', '--help')
+    assert (ended.returncode, ended.stderr) == (0, '')
+
+
+def test_another_missing_package_is_not_taken_for_ros() -> None:
+    ended = run(f'sys.modules["rosbags"] = None\n{executable("recorder_node")}')
+    assert ended.returncode == 2
+    assert ended.stderr.startswith('recorder_node: rosbags cannot be imported (')
+
+
+def test_ros_arguments_end_at_two_dashes() -> None:
+    words = ['--ros-args', '-p', 'a:=1', '--', 'b', '--ros-args', '-r', 'c:=d']
+    assert command_line.split(words) == (['-p', 'a:=1', '-r', 'c:=d'], ['b'])
+
+
+def test_a_parameter_may_be_for_one_node() -> None:
+    words = ['-p', 'a:=1', '--param', 'servo:b:=2', '-p', 'tracker:c:=3', '-p', '/ns/servo:d:=4']
+    assert command_line.parameter_names(words, 'servo') == {'a', 'b', 'd'}

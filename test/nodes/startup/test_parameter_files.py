@@ -1,0 +1,214 @@
+"""Parameter files: shared by nodes, in any namespace, and never passed over in silence."""
+
+from dataclasses import fields
+from pathlib import Path
+
+import pytest
+from rclpy.node import Node
+import yaml
+
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.tracking.settings import TrackerSettings
+from visual_servo_epipolar.nodes.camera_node import CameraNode
+from visual_servo_epipolar.nodes.recorder_node import RecorderNode
+from visual_servo_epipolar.nodes.servo_node import ServoNode, ServoNodeSettings
+from visual_servo_epipolar.nodes.startup.parameter_files import sections
+from visual_servo_epipolar.nodes.tracker_node import TrackerNode, TrackerNodeSettings
+from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
+
+CONFIG = Path(__file__).parents[3] / 'config'
+KINDS = {
+    'servo_node': ServoNode,
+    'tracker_node': TrackerNode,
+    'camera_node': CameraNode,
+    'unicycle_node': UnicycleNode,
+    'recorder_node': RecorderNode,
+}
+ELSEWHERE = ('-r', '__ns:=/robot1', '-r', '__node:=dock')
+WARNING = 'sets no parameter of'
+
+
+def start(bench, kind, *words):
+    """Start a node as its command line would."""
+    return bench.add(kind(context=bench.context, cli_args=['--ros-args', *words]))
+
+
+def given(path, *more):
+    return ('--params-file', str(path), *more)
+
+
+def file(folder, **keys):
+    """Write a parameter file; keys by name, values are parameters."""
+    path = folder / 'given.yaml'
+    path.write_text(yaml.safe_dump(keys))
+    return path
+
+
+def under(key, **values):
+    return {key: {'ros__parameters': values}}
+
+
+KEYS = [
+    under('/**', k1=0.1),
+    under('dock', k1=0.1),
+    under('/dock', k1=0.1),
+    under('/robot1/dock', k1=0.1),
+    under('robot1/dock', k1=0.1),
+    under('/**/dock', k1=0.1),
+    under('/*/dock', k1=0.1),
+    under('/*', k1=0.1),
+    under('/*/*', k1=0.1),
+    under('/robot1/**', k1=0.1),
+    under('/robot1/*', k1=0.1),
+    under('/robot2/dock', k1=0.1),
+    under('/robot1/docks', k1=0.1),
+    {'robot1': under('dock', k1=0.1)},
+    {'/robot1': under('dock', k1=0.1)},
+    {'/robot1': under('**', k1=0.1)},
+    {'robot2': under('dock', k1=0.1)},
+]
+
+
+@pytest.mark.parametrize('keys', KEYS, ids=str)
+@pytest.mark.parametrize('namespace', ['/', '/robot1', '/a/robot1'])
+def test_a_section_reaches_the_nodes_that_rcl_gives_it_to(
+    bench, tmp_path, keys, namespace
+) -> None:
+    path = file(tmp_path, **keys)
+    node = Node(
+        'dock',
+        context=bench.context,
+        namespace=namespace,
+        cli_args=['--ros-args', *given(path)],
+        automatically_declare_parameters_from_overrides=True,
+    )
+    bench.nodes.append(node)
+    (section,) = sections(str(path))
+    assert section.names == {'k1'}
+    assert section.reaches(node.get_fully_qualified_name()) is node.has_parameter('k1')
+
+
+def test_nested_parameters_have_points(tmp_path) -> None:
+    (section,) = sections(str(file(tmp_path, **under('/**', a={'b': {'c': 1}}, d=2))))
+    assert section.names == {'a.b.c', 'd'}
+
+
+@pytest.mark.parametrize('name', KINDS)
+def test_the_files_of_the_package_hold_in_a_namespace_and_under_another_name(
+    bench, tmp_path, monkeypatch, name
+) -> None:
+    monkeypatch.chdir(tmp_path)  # the recorder begins a bag where it is started
+    text = (CONFIG / f'{name}.yaml').read_text()
+    changes = {
+        'servo_node': ('max_linear: 0.4', 'max_linear: 0.1'),
+        'tracker_node': ('max_features: 60', 'max_features: 61'),
+        'camera_node': ('noise: 2.0', 'noise: 2.5'),
+        'unicycle_node': ('max_linear: 1.0', 'max_linear: 0.1'),
+        'recorder_node': ('min_free: 200.0', 'min_free: 0.0'),
+    }
+    assert changes[name][0] in text
+    (tmp_path / 'edited.yaml').write_text(text.replace(*changes[name]))
+    node = start(bench, KINDS[name], *given(tmp_path / 'edited.yaml'), *ELSEWHERE)
+    assert node.get_fully_qualified_name() == '/robot1/dock'
+    parameter, value = changes[name][1].split(': ')
+    assert node.get_parameter(parameter).value == yaml.safe_load(value)
+    node.get_logger().info('after all warnings')
+    bench.until(lambda: bench.logged('after all warnings'), 'the end of the log')
+    assert not bench.logged(WARNING)
+
+
+@pytest.mark.parametrize('path', sorted(CONFIG.glob('*.yaml')), ids=lambda path: path.stem)
+def test_every_file_is_keyed_for_any_node(path) -> None:
+    assert [section.key for section in sections(str(path))] == ['/**']
+
+
+def test_a_file_that_sets_nothing_is_warned_of(bench, tmp_path) -> None:
+    path = file(tmp_path, **under('servo_node', max_linear=0.1), **under('/tracker', window=9))
+    start(bench, ServoNode, *given(path), *ELSEWHERE)
+    expected = (
+        f'{path} sets no parameter of /robot1/dock: it is for /tracker, servo_node; key it /**: '
+        'to reach every node that is given the file'
+    )
+    bench.until(lambda: bench.logged(expected), f'{expected}; heard {bench.logged(WARNING)}')
+
+
+def test_a_file_with_nothing_but_parameters_of_others_is_warned_of(bench, tmp_path) -> None:
+    start(bench, ServoNode, *given(file(tmp_path, **under('/**', window=9))))
+    expected = 'sets no parameter of /servo_node: its parameters are those of other nodes'
+    bench.until(lambda: bench.logged(expected), expected)
+
+
+def test_a_file_that_sets_the_clock_alone_is_not_warned_of(bench, tmp_path) -> None:
+    start(bench, ServoNode, *given(file(tmp_path, **under('/**', use_sim_time=False))))
+    start(bench, TrackerNode, *given(file(tmp_path, **under('other', window=9))))
+    bench.until(lambda: bench.logged('parameter of /tracker_node'), 'the second warning')
+    assert not bench.logged('parameter of /servo_node')
+
+
+@pytest.mark.parametrize('kind', [ServoNode, TrackerNode, UnicycleNode, CameraNode])
+def test_a_file_may_hold_the_parameters_of_all_nodes(bench, tmp_path, kind) -> None:
+    values = {'turn_gain': 0.5, 'window': 9, 'wheel_ratio': 1.1, 'tilt': 0.1, 'split_size': 1.0}
+    node = start(bench, kind, *given(file(tmp_path, **under('/**', **values))))
+    assert sum(node.has_parameter(name) for name in values) == 1
+
+
+@pytest.mark.parametrize(
+    ('kind', 'name', 'hint'),
+    [
+        (ServoNode, 'max_linaer', 'did you mean max_linear'),
+        (ServoNode, 'max_featuers', 'did you mean max_features'),
+        (TrackerNode, 'max_linaer', 'did you mean max_linear'),
+        (ServoNode, 'zzz', 'it has .*max_linear'),
+    ],
+)
+def test_a_name_that_no_node_has_is_refused_in_a_shared_file(
+    bench, tmp_path, kind, name, hint
+) -> None:
+    path = file(tmp_path, **under('/**', **{name: 1.0}))
+    with pytest.raises(ValueError, match=f'has no parameter {name}; {hint}'):
+        start(bench, kind, *given(path))
+
+
+def test_a_name_of_another_node_is_refused_on_the_command_line(bench, tmp_path) -> None:
+    path = file(tmp_path, **under('/**', max_features=50, k1=0.1))
+    for words in (('-p', 'max_features:=50'), given(path, '-p', 'max_features:=40')):
+        with pytest.raises(ValueError, match='no parameter max_features, but tracker_node has'):
+            start(bench, ServoNode, *words)
+    with pytest.raises(ValueError, match='no parameter max_features, but tracker_node has'):
+        bench.start(ServoNode, max_features=50)
+
+
+ROBOT = yaml.safe_load((CONFIG / 'robot.yaml').read_text())['/**']['ros__parameters']
+SERVO, TRACKER = (
+    {item.name: item for kind in kinds for item in fields(kind)}
+    for kinds in ((ServoNodeSettings, ServoSettings), (TrackerNodeSettings, TrackerSettings))
+)
+
+
+@pytest.mark.parametrize(('kind', 'known'), [(ServoNode, SERVO), (TrackerNode, TRACKER)])
+def test_a_real_robot_takes_its_file_in_a_namespace_under_another_name(
+    bench, tmp_path, kind, known
+) -> None:
+    text = (CONFIG / 'robot.yaml').read_text()
+    edited = text.replace('max_linear: 0.2', 'max_linear: 0.125').replace("''", "'goal.png'")
+    (tmp_path / 'robot.yaml').write_text(edited if kind is ServoNode else text)
+    node = start(bench, kind, *given(tmp_path / 'robot.yaml'), *ELSEWHERE)
+    expected = {**ROBOT, **({'max_linear': 0.125} if kind is ServoNode else {})}
+    values = {name: node.get_parameter(name).value for name in expected if name in known}
+    assert values == {name: value for name, value in expected.items() if name in known}
+    assert len(values) > 1
+
+
+def test_the_file_of_a_robot_waits_for_a_start_and_hears_any_driver() -> None:
+    assert (ROBOT['autostart'], ROBOT['camera_reliability']) == (False, 'best_effort')
+
+
+def test_the_file_of_a_robot_means_one_thing_by_one_name() -> None:
+    assert set(ROBOT) <= set(SERVO) | set(TRACKER)
+    assert set(ROBOT) & set(SERVO) & set(TRACKER) == {'camera_reliability'}
+
+
+def test_each_parameter_of_a_robot_says_when_to_change_it() -> None:
+    lines = (CONFIG / 'robot.yaml').read_text().splitlines()
+    for name in ROBOT:
+        assert any(line.strip().startswith(f'{name}:') and ' # ' in line for line in lines), name

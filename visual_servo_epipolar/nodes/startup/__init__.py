@@ -1,0 +1,1 @@
+"""Start of a node: its command line, its parameter files, its inputs; which nodes there are."""

@@ -1,0 +1,86 @@
+"""Command line of a node: --help, what is no ROS argument, and the parameters it gives."""
+
+from collections.abc import Iterator, Sequence
+import sys
+
+from visual_servo_epipolar.nodes.startup.table import NODES
+
+USAGE_ERROR = 2
+HELP = ('-h', '--help')
+ROS_ARGUMENTS = '--ros-args -p NAME:=VALUE --params-file FILE'
+
+
+def answer(node: str, arguments: Sequence[str]) -> int | None:
+    """Return the exit code where ``arguments`` leave nothing to run, having said why; or None."""
+    _, rest = split(arguments)
+    if any(word in HELP for word in rest):
+        print(usage(node))
+        return 0
+    if rest:
+        print(
+            f'{node}: takes ROS arguments alone, got {" ".join(rest)}; write {node} '
+            f'{ROS_ARGUMENTS}, or see {node} --help',
+            file=sys.stderr,
+        )
+        return USAGE_ERROR
+    return None
+
+
+def usage(node: str) -> str:
+    """Return what a node does, what it is connected to, and how it takes parameters."""
+    row = NODES[node]
+    connections = (
+        ('subscribes', row.subscribes),
+        ('publishes', row.publishes),
+        ('services', row.services),
+    )
+    return '\n'.join(
+        [
+            f'usage: {node} [{ROS_ARGUMENTS} -r OLD:=NEW]',
+            '',
+            row.does,
+            '',
+            *(f'{title + ":":12}{", ".join(names)}' for title, names in connections if names),
+            '',
+            '-p name:=value sets a parameter, --params-file FILE those of a YAML file; a double',
+            'has a point (1.0). -r image_raw:=/cam/image_raw connects to another topic,',
+            f'-r __ns:=/robot1 sets the namespace. ros2 param describe /{node} NAME explains a',
+            'parameter, docs/parameters.md explains all.',
+        ]
+    )
+
+
+def split(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return ROS arguments, which stand between --ros-args and --, and the rest."""
+    ros: list[str] = []
+    rest: list[str] = []
+    within = False
+    for word in arguments:
+        if word == '--ros-args':
+            within = True
+        elif within and word == '--':
+            within = False
+        else:
+            (ros if within else rest).append(word)
+    return ros, rest
+
+
+def parameter_files(ros_arguments: Sequence[str]) -> list[str]:
+    """Return the files of parameters, in their order."""
+    return list(_values(ros_arguments, '--params-file'))
+
+
+def parameter_names(ros_arguments: Sequence[str], name: str) -> set[str]:
+    """Return the parameters that ``-p`` gives to the node called ``name``, or to any node."""
+    names = set()
+    for rule in _values(ros_arguments, '-p', '--param'):
+        node, _, parameter = rule.partition(':=')[0].rpartition(':')
+        if not node or node.rpartition('/')[2] in (name, '*', '**'):
+            names.add(parameter)
+    return names
+
+
+def _values(ros_arguments: Sequence[str], *options: str) -> Iterator[str]:
+    for option, value in zip(ros_arguments, ros_arguments[1:], strict=False):
+        if option in options:
+            yield value

@@ -1,0 +1,62 @@
+"""Executables of the nodes: they import ROS only when they run, and say it if there is none."""
+
+from importlib import import_module
+import sys
+
+from visual_servo_epipolar.nodes.startup.command_line import answer, USAGE_ERROR
+from visual_servo_epipolar.nodes.startup.table import PACKAGE
+
+# What nodes import beside ROS 2.
+PIP_PACKAGES = ('cv2', 'matplotlib', 'mcap', 'numpy', 'rosbags', 'yaml')
+
+
+def run(node: str) -> int:
+    """Run the main function of a node, which ends the process; return the code if it cannot."""
+    code = answer(node, sys.argv[1:])
+    if code is not None:
+        return code
+    try:
+        main = import_module(f'{PACKAGE}.nodes.{node}').main
+    except ImportError as error:
+        if (error.name or '').startswith(PACKAGE):
+            raise  # a mistake of our own
+        print(f'{node}: {_missing(error)}', file=sys.stderr)
+        return USAGE_ERROR
+    main()
+    return 0
+
+
+def _missing(error: ImportError) -> str:
+    package = (error.name or '').partition('.')[0]
+    text = ' '.join(str(error).split())
+    if package in PIP_PACKAGES:
+        return f'{package} cannot be imported ({text}); install it by rosdep or pip'
+    return (
+        f'ROS 2 cannot be imported ({text}); source your ROS 2 Jazzy, or run "make setup" and use '
+        '.venv'
+    )
+
+
+def servo_node() -> None:
+    """Run the servo."""
+    sys.exit(run('servo_node'))
+
+
+def tracker_node() -> None:
+    """Run the tracker."""
+    sys.exit(run('tracker_node'))
+
+
+def unicycle_node() -> None:
+    """Run the simulated base."""
+    sys.exit(run('unicycle_node'))
+
+
+def camera_node() -> None:
+    """Run the simulated camera."""
+    sys.exit(run('camera_node'))
+
+
+def recorder_node() -> None:
+    """Run the recorder."""
+    sys.exit(run('recorder_node'))

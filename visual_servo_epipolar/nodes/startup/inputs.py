@@ -1,0 +1,128 @@
+"""Inputs of a node: what it waits for, and what may keep that from coming."""
+
+from dataclasses import dataclass
+import math
+from typing import Any
+
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from rclpy.qos import qos_check_compatible, QoSCompatibility
+from rclpy.subscription import Subscription
+
+from visual_servo_epipolar.core.stamps import seconds_between
+
+LOOK_PERIOD_S = 1.0
+PATIENCE_S = 5.0  # time without a message, or without /clock, before it is said
+REPEAT_S = 30.0
+NO_TIME = 'the stamps do not advance; is /clock published?'
+
+
+@dataclass(frozen=True, slots=True)
+class Kind:
+    """Kind of input: in words; what to do about its QoS; whether one message is enough."""
+
+    what: str
+    remedy: str = 'change the QoS of either side'
+    once: bool = False
+
+
+ANY_DRIVER = 'set camera_reliability: best_effort'
+KINDS = {
+    'image_raw': Kind('images', ANY_DRIVER),
+    'camera_info': Kind('the calibration of the camera', ANY_DRIVER, once=True),
+    'tracks': Kind('tracks of features'),
+    'ground_truth': Kind('the pose of the simulated robot'),
+}
+
+
+@dataclass(slots=True)
+class Input:
+    """Input: silent since it came last, or since that was said; ``patience_s`` until it is."""
+
+    kind: Kind
+    subscription: Subscription
+    since_ns: int
+    patience_s: float
+
+
+class Inputs:
+    """
+    Inputs of ``node``: those of its subscriptions that are missed when they stay silent.
+
+    Time is that of the steady clock: where /clock is missing, any other stands still.
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node, self._steady = node, Clock(clock_type=ClockType.STEADY_TIME)
+        self._begin_ns, self._timeless_said = self._now_ns(), False
+        kinds = {node.resolve_topic_name(topic): kind for topic, kind in KINDS.items()}
+        self._inputs = [
+            self._listen(kinds[item.topic_name], item)
+            for item in node.subscriptions
+            if item.topic_name in kinds and not item.raw
+        ]
+
+    def _listen(self, kind: Kind, subscription: Subscription) -> Input:
+        """Return an input that notices each message on its way to the callback."""
+        source = Input(kind, subscription, self._now_ns(), PATIENCE_S)
+        callback = subscription.callback
+
+        def arrived(message: Any) -> None:
+            source.since_ns = self._now_ns()
+            source.patience_s = math.inf if kind.once else PATIENCE_S
+            callback(message)
+
+        subscription.callback = arrived
+        return source
+
+    def look(self) -> None:
+        """Say what is missing: after a while, and silent inputs now and then again."""
+        if not self._timeless_said and self._age(self._begin_ns) >= PATIENCE_S and self._timeless:
+            self._timeless_said = True
+            self._node.get_logger().warning(f'use_sim_time is true: {NO_TIME}')
+        for source in self._inputs:
+            if self._age(source.since_ns) >= source.patience_s:
+                source.since_ns, source.patience_s = self._now_ns(), REPEAT_S
+                self._node.get_logger().warning(self._complaint(source))
+
+    @property
+    def _timeless(self) -> bool:
+        """Whether the node lives in simulated time that nobody tells."""
+        simulated = bool(self._node.get_parameter('use_sim_time').value)
+        return simulated and self._node.get_clock().now().nanoseconds == 0
+
+    def _complaint(self, source: Input) -> str:
+        topic = source.subscription.topic_name
+        publishers = self._node.get_publishers_info_by_topic(topic)
+        count = f'{len(publishers)} publisher{"" if len(publishers) == 1 else "s"}'
+        return f'waits for {source.kind.what} on {topic} ({count}){self._hint(source, publishers)}'
+
+    def _hint(self, source: Input, publishers: list[Any]) -> str:
+        """Return what keeps messages from coming, as far as it can be seen from here."""
+        if not publishers:
+            return '; start what publishes them, or remap the topic'
+        message: Any = source.subscription.msg_type
+        expected = f'{message.__module__.partition(".")[0]}/msg/{message.__name__}'
+        kinds = sorted({item.topic_type for item in publishers})
+        if expected not in kinds:
+            return f'; they are {", ".join(kinds)}, it takes {expected}'
+        checks = (
+            qos_check_compatible(item.qos_profile, source.subscription.qos_profile)
+            for item in publishers
+        )
+        refusals = [reason for level, reason in checks if level == QoSCompatibility.ERROR]
+        if len(refusals) == len(publishers):
+            return f'; their QoS does not fit: {refusals[0].strip(" ;")}; {source.kind.remedy}'
+        return ''
+
+    def _age(self, stamp_ns: int) -> float:
+        return seconds_between(stamp_ns, self._now_ns())
+
+    def _now_ns(self) -> int:
+        return int(self._steady.now().nanoseconds)
+
+
+def watch(node: Node) -> None:
+    """Let ``node`` say what it waits for: messages, and /clock where time is simulated."""
+    clock = Clock(clock_type=ClockType.STEADY_TIME)
+    node.create_timer(LOOK_PERIOD_S, Inputs(node).look, clock=clock)

@@ -1,0 +1,109 @@
+"""Table of the nodes: what each does and is connected to, and where its settings are."""
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields
+from importlib import import_module
+
+from visual_servo_epipolar.core.settings import Settings
+
+PACKAGE = 'visual_servo_epipolar'
+
+
+@dataclass(frozen=True, slots=True)
+class NodeRow:
+    """A node in words; ``settings`` are classes by module and name, imported when asked for."""
+
+    does: str
+    subscribes: tuple[str, ...]
+    publishes: tuple[str, ...]
+    services: tuple[str, ...]
+    settings: tuple[str, ...]
+
+
+# Nodes that run on a robot come first: looking up a name of theirs imports no simulation.
+NODES: Mapping[str, NodeRow] = {
+    'servo_node': NodeRow(
+        does='Drives the robot to the pose of the photograph: features in, velocities out.',
+        subscribes=('tracks', 'camera_info'),
+        publishes=(
+            'cmd_vel',
+            'epipoles',
+            'phase',
+            '/diagnostics',
+            '~/markers',
+            '~/settings',
+            '~/events',
+        ),
+        services=('~/start', '~/stop', '~/reset'),
+        settings=('nodes.servo_node:ServoNodeSettings', 'core.servo.settings:ServoSettings'),
+    ),
+    'tracker_node': NodeRow(
+        does='Finds the features of the photograph in each image.',
+        subscribes=('image_raw', 'camera_info', 'desired/image_raw'),
+        publishes=(
+            'tracks',
+            'overlay/image_raw',
+            '~/desired/image_raw',
+            '~/settings',
+            '~/events',
+        ),
+        services=('~/capture_desired', '~/redetect'),
+        settings=(
+            'nodes.tracker_node:TrackerNodeSettings',
+            'core.tracking.settings:TrackerSettings',
+        ),
+    ),
+    'unicycle_node': NodeRow(
+        does='Simulates the base of a Pioneer 3-DX.',
+        subscribes=('cmd_vel',),
+        publishes=('odom', 'ground_truth', 'cmd_vel_applied'),
+        services=('~/reset',),
+        settings=(
+            'nodes.unicycle_node:UnicycleSettings',
+            'simulation.bases.pioneer:PioneerSettings',
+        ),
+    ),
+    'camera_node': NodeRow(
+        does='Simulates the camera of the robot in a textured room.',
+        subscribes=('ground_truth', 'odom'),
+        publishes=('image_raw', 'camera_info', 'desired/image_raw', '~/frames'),
+        services=(),
+        settings=(
+            'simulation.mounts.camera_settings:CameraSettings',
+            'simulation.disturbances.image:DisturbanceSettings',
+        ),
+    ),
+    'recorder_node': NodeRow(
+        does='Records topics into a rosbag2 folder.',
+        subscribes=('every topic that is published',),
+        publishes=('/diagnostics',),
+        services=('~/start', '~/stop'),
+        settings=(
+            'nodes.recording.settings:RecorderNodeSettings',
+            'bags.recording.settings:RecordSettings',
+        ),
+    ),
+}
+
+
+def settings_of(node: str) -> Iterator[type[Settings]]:
+    """Yield the classes whose fields are the parameters of a node, in its order."""
+    for place in NODES[node].settings:
+        module, _, name = place.partition(':')
+        yield getattr(import_module(f'{PACKAGE}.{module}'), name)
+
+
+def owner_of(parameter: str) -> str:
+    """Return the first node that has a parameter, of today or of an earlier version; or ''."""
+    for node in NODES:
+        for kind in settings_of(node):
+            if parameter in kind.RENAMED or parameter in {item.name for item in fields(kind)}:
+                return node
+    return ''
+
+
+def parameters() -> Iterator[str]:
+    """Yield the parameters of all nodes."""
+    for node in NODES:
+        for kind in settings_of(node):
+            yield from (item.name for item in fields(kind))
