@@ -62,6 +62,7 @@ setup(
         ],
         # `colcon test` runs pytest only if this extra has this name and lists pytest.
         'test': [
+            'av>=10',
             'dask[distributed]',
             'hypothesis',
             'mcap-ros2-support',
@@ -69,6 +70,7 @@ setup(
             'pytest>=7.4',
             'scipy',
         ],
+        'video': ['av>=10'],  # a small video of the demo, H.264; no robot needs it
         'lint': ['import-linter', 'mypy', 'ruff', 'types-PyYAML'],
         'bench': ['poselib'],  # a peer to measure against
         'dask': ['dask[distributed]>=2023.1'],  # sweep --scheduler
