@@ -32,6 +32,7 @@ def shown_video(video: Path, page: Path) -> str:
 def codec_of(video: Path) -> str:
     """Return the four letters of the codec of a video; empty if it cannot be read."""
     capture = cv2.VideoCapture(str(video))
-    letters = int(capture.get(cv2.CAP_PROP_FOURCC)).to_bytes(4, 'little')
+    code = int(capture.get(cv2.CAP_PROP_FOURCC)) if capture.isOpened() else 0
     capture.release()
+    letters = max(code, 0).to_bytes(4, 'little')
     return letters.decode('ascii', 'replace').strip('\0')

@@ -51,10 +51,12 @@ def _waiting(state: ServoState, measurement: Measurement, settings: ServoSetting
 
 def too_few_features(features: int, settings: ServoSettings) -> str:
     """Return in words that a run cannot begin with so few features in view."""
-    none = 'no feature of the photograph is in view'
     if features == 0:
-        return none
-    return f'{none} for certain: {features} found, {settings.min_features} needed'
+        return 'no feature of the photograph is in view'
+    return (
+        f'no feature of the photograph is in view for certain: {features} found, '
+        f'{settings.min_features} needed'
+    )
 
 
 def _prepared(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
