@@ -62,6 +62,7 @@ setup(
         ],
         # `colcon test` runs pytest only if this extra has this name and lists pytest.
         'test': [
+            'av>=12.3.0',
             'dask[distributed]>=2023.12.1',
             'hypothesis>=6.98.15',
             'mcap-ros2-support',
@@ -70,6 +71,7 @@ setup(
             'pytest-xdist>=3.4.0',
             'scipy>=1.11.4',
         ],
+        'video': ['av>=12.3.0'],  # a small video of the demo, H.264; no robot needs it
         'lint': ['import-linter', 'mypy', 'ruff', 'types-PyYAML'],
         'bench': ['poselib'],  # a peer to measure against
         'dask': ['dask[distributed]>=2023.12.1'],  # sweep --scheduler

@@ -8,7 +8,7 @@ import yaml
 
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.control.gains import Circumstances, derive
-from visual_servo_epipolar.core.control.settling import longest_landing
+from visual_servo_epipolar.core.control.settling import longest_landing, longest_matching
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import from_mapping
 
@@ -19,13 +19,14 @@ CIRCUMSTANCES = Circumstances(farthest=12.0, nearest=2.0, rate=11.0, latency=0.0
 def test_the_table_has_the_derived_gains_with_their_units(capsys: pytest.CaptureFixture) -> None:
     assert main(['gains', *CASE]) == 0
     gains, lines = derive(CIRCUMSTANCES), capsys.readouterr().out.splitlines()
-    rows = {line[:11].strip(): line[11:].split() for line in lines[:9]}
+    rows = {line[:11].strip(): line[11:].split() for line in lines[:10]}
     assert rows['k1'][:2] == [f'{gains.k1:.4g}', '1/s']
     assert rows['k2'][0] == f'{gains.k2:.4g}'
     assert rows['beta/gamma'][0] == f'{gains.beta}/{gains.gamma}'
     assert rows['t_max'][:2] == [f'{gains.transient:.4g}', 's']
     assert rows['floor'][:2] == [f'{math.degrees(gains.floor):.4g}', 'deg']
     assert rows[''][0] == f'{longest_landing(CIRCUMSTANCES, gains):.4g}'
+    assert rows['step 2'][:2] == [f'{longest_matching(CIRCUMSTANCES, gains):.4g}', 's']
 
 
 def test_the_lines_to_paste_are_settings_of_the_servo(capsys: pytest.CaptureFixture) -> None:
@@ -57,8 +58,56 @@ def test_the_document_has_everything(capsys: pytest.CaptureFixture) -> None:
 
 
 @pytest.mark.parametrize(
+    ('options', 'phase', 'remedy'),
+    [
+        (
+            ['--latency', '0.3'],
+            'zeroing_epipoles may take 355 s',
+            'raise phase_timeout to 360, or raise --nearest, or lower --latency',
+        ),
+        (
+            ['--farthest', '90', '--nearest', '80'],
+            'matching_features may take 229 s',
+            'raise phase_timeout to 380, or raise --max-linear',
+        ),
+        (
+            ['--latency', '2', '--max-linear', '0.05', '--max-angular', '0.1', '--farthest', '50'],
+            'zeroing_epipoles may take 12325 s',
+            'phase_timeout may be 3600 s at most: raise --nearest, or lower --latency',
+        ),
+    ],
+)
+def test_gains_that_are_too_slow_for_a_phase_are_a_warning(
+    options: list[str], phase: str, remedy: str, capsys: pytest.CaptureFixture
+) -> None:
+    assert main(['gains', *options]) == 0
+    output = capsys.readouterr()
+    assert output.err.startswith('visual_servo gains: warning: ')
+    assert phase in output.err
+    assert remedy in output.err
+    text = output.out.partition('\n\n')[2]
+    values = yaml.safe_load(text)['servo_node']['ros__parameters']
+    assert main(['gains', *options, '--phase-timeout', str(values['phase_timeout'])]) == 0
+    again = capsys.readouterr()
+    assert (again.err == '') == ('at most' not in remedy), again.err
+    assert f'phase_timeout: {values["phase_timeout"]}' in again.out
+    from_mapping(ServoSettings, values, 'pasted')
+
+
+def test_gains_that_are_quick_enough_are_no_warning(capsys: pytest.CaptureFixture) -> None:
+    assert main(['gains', '--json', '-']) == 0
+    output = capsys.readouterr()
+    assert output.err == ''
+    assert (json.loads(output.out)['warnings'], json.loads(output.out)['phase_timeout_s']) == (
+        [],
+        ServoSettings.phase_timeout,
+    )
+
+
+@pytest.mark.parametrize(
     ('options', 'message'),
     [
+        (['--phase-timeout', '0'], 'phase_timeout must lie in [1, 3600], got 0'),
         (['--concordant', '--current', '0.1'], 'concordant epipoles need |atan e_au| above'),
         (['--nearest', '9'], 'nearest must not exceed farthest, got 9 and 8 m'),
         (['--rate', '0'], 'rate must lie in [0.5, 1000], got 0; it is: Images a second [Hz]'),

@@ -41,7 +41,7 @@ def test_the_change_log_is_open_or_knows_the_version() -> None:
 
 def test_what_setup_py_promises_is_what_the_oldest_versions_are_tested_on() -> None:
     tested = dict(
-        line.split('==')
+        line.partition('#')[0].strip().split('==')
         for line in (ROOT / 'constraints-oldest.txt').read_text().splitlines()
         if '==' in line
     )

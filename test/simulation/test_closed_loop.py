@@ -270,3 +270,41 @@ def test_runs_side_by_side_end_each_in_its_own_time() -> None:
 
 def test_no_runs_are_no_records() -> None:
     assert run_many([]) == []
+
+
+def test_a_start_from_which_nothing_is_in_view_ends_soon_with_the_reason() -> None:
+    log = driven((0.0, -3.0, 180.0))
+    assert (log.outcome, log.reason) == ('failed', 'no feature of the photograph is in view')
+    waited = ServoSettings.holding_timeout
+    assert waited < summarise(log)['duration_s'] < waited + 0.2
+    assert {sample.phase for sample in log.samples} == {Phase.WAITING}
+
+
+def test_runs_side_by_side_end_there_too_and_do_not_hold_up_the_others() -> None:
+    starts = [(0.0, -3.0, 180.0), (0.3, -2.2, 0.0)]
+    logs = run_many([(LoopSettings(start=start), points(), CAMERA) for start in starts])
+    assert [log.outcome for log in logs] == ['failed', 'arrived']
+    assert logs[0].reason == 'no feature of the photograph is in view'
+
+
+def test_features_that_come_into_view_in_time_begin_the_run() -> None:
+    monitor = RunMonitor(LoopSettings(start=STARTS[0], max_duration=60.0))
+    period = period_ns(11.0)
+
+    def see(frames: range, features: int, phase: Phase = Phase.WAITING) -> None:
+        for k in frames:
+            sample = Sample(stamp_ns=k * period, pose=Pose(0.0, 0.0, 0.0), phase=phase)
+            monitor.add(replace(sample, features=features), reason='', attempts=1)
+
+    see(range(50), 11)
+    assert not monitor.done
+    see(range(50, 60), 12)  # a frame with enough starts the wait anew
+    see(range(60, 110), 3)
+    assert not monitor.done
+    see(range(110, 200), 3, Phase.HOLDING)  # whose timeout is the servo's
+    assert not monitor.done
+    see(range(200, 260), 3)
+    assert monitor.done
+    assert monitor.log().reason == (
+        'no feature of the photograph is in view for certain: 3 found, 12 needed'
+    )

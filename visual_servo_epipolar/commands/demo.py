@@ -5,6 +5,7 @@ from contextlib import ExitStack
 from pathlib import Path
 import re
 import shutil
+import sys
 from typing import Any, TYPE_CHECKING
 
 from visual_servo_epipolar.commands.arguments import (
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 DEFAULT_START = (1.0, -3.5, 8.0)
 DEFAULT_FOLDER = 'demo_out'
 BAG = 'bag'
+VIDEO = 'video.mp4'
 # What a bag leaves out. Images have 1.3 MB each; a bag without them is replayed from tracks.
 EXCLUDED = {'tracks': ('*image_raw',), 'images': ('*overlay/image_raw',)}
 NO_ROS = (
@@ -92,8 +94,9 @@ def _drive(
     except ImportError as error:
         raise InputError(NO_ROS.format(error)) from None
     progress, monitor = Progress(), RunMonitor(settings)
+    (folder / VIDEO).unlink(missing_ok=True)  # of an earlier run
+    video: VideoWriter | None = None
     with ExitStack() as stack:
-        video: VideoWriter | None = None
         if not options.no_video:
             video = stack.enter_context(_video_writer(scenario, settings, folder))
 
@@ -116,6 +119,8 @@ def _drive(
         lockstep.run(lambda: monitor.done)
         progress.say('finishing the video ...')
     progress.close()
+    if video is not None and video.advice:
+        print(f'visual_servo demo: {video.advice}', file=sys.stderr)
     return monitor.log()
 
 
@@ -139,7 +144,7 @@ def _video_writer(scenario: Scenario, settings: LoopSettings, folder: Path) -> '
 
     camera = scenario.camera
     return VideoWriter(
-        folder / 'video.mp4',
+        folder / VIDEO,
         camera.frame_rate,
         image_size=(camera.width, camera.height),
         bounds=Bounds.around(Pose.from_start(*settings.start)),

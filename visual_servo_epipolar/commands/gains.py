@@ -1,20 +1,26 @@
 """
 ``visual_servo gains``: the gains of section IV-C from what is known before the robot moves.
 
-A table of the gains and of what they promise, and lines to paste into the file of servo_node.
+A table of the gains and of what they promise, and lines to paste into the file of servo_node. A
+warning where they need longer than a phase of the servo may last.
 """
 
 import argparse
 from dataclasses import asdict, Field, fields
 import math
+import sys
 from typing import Any
 
 from visual_servo_epipolar.commands.arguments import finite, write_json
 from visual_servo_epipolar.core.control.gains import Circumstances, derive, Gains
-from visual_servo_epipolar.core.control.settling import longest_landing
+from visual_servo_epipolar.core.control.settling import longest_landing, longest_matching
 from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.servo.derived_gains import enough
+from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import range_of
+
+TIMEOUT = ServoSettings.__dataclass_fields__['phase_timeout']
 
 
 def add_to(kinds: Any) -> None:
@@ -34,6 +40,14 @@ def add_to(kinds: Any) -> None:
             metavar=item.name.upper(),
             help=f'{limits.text}, {limits.low:g} to {limits.high:g} (default {item.default:g})',
         )
+    limits = range_of(TIMEOUT)
+    parser.add_argument(
+        '--phase-timeout',
+        type=finite,
+        default=TIMEOUT.default,
+        metavar='PHASE_TIMEOUT',
+        help=f'{limits.text}, {limits.low:g} to {limits.high:g} (default {TIMEOUT.default:g})',
+    )
     parser.add_argument(
         '--json', metavar='FILE', help='write the result as JSON to FILE, - for standard output'
     )
@@ -47,12 +61,45 @@ def run(options: argparse.Namespace) -> int:
             **{item.name: getattr(options, item.name) for item in fields(Circumstances)}
         )
         gains = derive(circumstances)
+        timeout = ServoSettings(phase_timeout=options.phase_timeout).phase_timeout
     except ValueError as error:
         raise InputError(str(error)) from None
+    warnings = slow_phases(circumstances, gains, timeout)
     if options.json != '-':
-        print(f'{in_words(circumstances, gains)}\n\n{as_yaml(circumstances, gains)}')
-    write_json(document(circumstances, gains), options.json)
+        print(f'{in_words(circumstances, gains)}\n\n{as_yaml(circumstances, gains, timeout)}')
+    for warning in warnings:
+        print(f'visual_servo gains: warning: {warning}', file=sys.stderr)
+    result = document(circumstances, gains)
+    write_json({**result, 'phase_timeout_s': timeout, 'warnings': warnings}, options.json)
     return 0
+
+
+def durations(circumstances: Circumstances, gains: Gains) -> dict[str, float]:
+    """Return the longest time of each phase that drives by derived gains [s]."""
+    return {
+        Phase.ZEROING_EPIPOLES.value: longest_landing(circumstances, gains),
+        Phase.MATCHING_FEATURES.value: longest_matching(circumstances, gains),
+    }
+
+
+def slow_phases(circumstances: Circumstances, gains: Gains, timeout: float) -> list[str]:
+    """Return a line on each phase that may last longer than ``timeout`` [s]."""
+    transients = {Phase.ZEROING_EPIPOLES.value: gains.transient}
+    return [
+        f'{name} may take {duration:.0f} s, and fails after phase_timeout, {timeout:g} s; '
+        + _remedy(duration, driving=duration - transients.get(name, 0.0))
+        for name, duration in durations(circumstances, gains).items()
+        if duration > timeout
+    ]
+
+
+def _remedy(duration: float, *, driving: float) -> str:
+    """Return what to do about ``duration`` [s], of which ``driving`` is spent at full speed."""
+    largest = range_of(TIMEOUT).high or math.inf
+    others = '--max-linear' if driving > 0.5 * duration else '--nearest, or lower --latency'
+    if enough(duration) > largest:
+        return f'phase_timeout may be {largest:g} s at most: raise {others}'
+    return f'raise phase_timeout to {enough(duration):g}, or raise {others}'
 
 
 def document(circumstances: Circumstances, gains: Gains) -> dict[str, Any]:
@@ -68,6 +115,7 @@ def document(circumstances: Circumstances, gains: Gains) -> dict[str, Any]:
         'closing_rate': gains.rate,
         't_max_s': gains.transient,
         'longest_landing_s': longest_landing(circumstances, gains),
+        'longest_matching_s': longest_matching(circumstances, gains),
         'floor_deg': math.degrees(gains.floor),
         'circumstances': asdict(circumstances),
     }
@@ -85,12 +133,18 @@ def in_words(circumstances: Circumstances, gains: Gains) -> str:
         ('rate', f'{gains.rate:.4g}', '1/s', 'at which k_t closes in, near the goal'),
         ('t_max', f'{gains.transient:.4g}', 's', 'until e_du is zero, at any speed'),
         ('', f'{landing:.4g}', 's', 'the same within the limits of speed'),
+        (
+            'step 2',
+            f'{longest_matching(circumstances, gains):.4g}',
+            's',
+            'at most, within them too',
+        ),
         ('floor', f'{math.degrees(gains.floor):.4g}', 'deg', 'that |atan e_au| keeps until then'),
     ]
     return '\n'.join(f'{name:<11}{value:>9} {unit:<4} {text}' for name, value, unit, text in rows)
 
 
-def as_yaml(circumstances: Circumstances, gains: Gains) -> str:
+def as_yaml(circumstances: Circumstances, gains: Gains, timeout: float) -> str:
     """Return the gains as lines of servo_node.yaml, in its order and its ranges."""
     values = {
         'k1': gains.k1,
@@ -104,10 +158,18 @@ def as_yaml(circumstances: Circumstances, gains: Gains) -> str:
         'max_linear': circumstances.max_linear,
         'max_angular': circumstances.max_angular,
     }
+    values |= _timeouts(max(durations(circumstances, gains).values()), timeout)
     lines = [
         _line(item, values[item.name]) for item in fields(ServoSettings) if item.name in values
     ]
     return '\n'.join(['servo_node:', '  ros__parameters:', *lines])
+
+
+def _timeouts(longest: float, timeout: float) -> dict[str, float]:
+    """Return the timeouts of the servo [s] that are not its defaults; phases last ``longest``."""
+    phase = enough(longest) if longest > timeout else timeout
+    values = {'phase_timeout': phase, 'run_timeout': max(2.0 * phase, ServoSettings.run_timeout)}
+    return {name: value for name, value in values.items() if value != getattr(ServoSettings, name)}
 
 
 def _line(item: 'Field[Any]', value: float) -> str:

@@ -17,7 +17,11 @@ LEVELS = {Phase.HOLDING: DiagnosticStatus.WARN, Phase.FAILED: DiagnosticStatus.E
 
 def diagnosis(state: ServoState, stamp_ns: int, *, name: str) -> DiagnosticArray:
     """Return phase, reason and telemetry as a diagnostic status."""
-    values: dict[str, object] = {'phase': state.phase.value, 'reason': state.reason}
+    values: dict[str, object] = {
+        'phase': state.phase.value,
+        'reason': state.reason,
+        'warning': state.warning,
+    }
     if state.measurement is not None:
         values['untrusted_because'] = state.measurement.reason
         values |= telemetry(state)

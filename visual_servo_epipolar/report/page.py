@@ -87,6 +87,20 @@ def strip(pictures: Sequence[tuple[bytes, str]], *, wide: bool = False) -> str:
     return f'<div class="strip{" wide" if wide else ""}">' + '\n'.join(figures) + '</div>'
 
 
+def film(data: bytes, mime: str, caption: str) -> str:
+    """Return a video with controls, inside the page."""
+    source = f'data:{mime};base64,{base64.b64encode(data).decode("ascii")}'
+    return linked_film(source, caption)
+
+
+def linked_film(source: str, caption: str) -> str:
+    """Return a video with controls that the page loads from ``source``."""
+    return (
+        f'<figure><video controls muted src="{escape(source)}"></video>'
+        f'<figcaption>{escape(caption)}</figcaption></figure>'
+    )
+
+
 def jpeg(picture: Image) -> bytes:
     """Return ``picture`` as JPEG, no wider than it is shown."""
     scale = PICTURE_WIDTH / picture.shape[1]

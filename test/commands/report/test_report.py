@@ -4,22 +4,13 @@ from html.parser import HTMLParser
 import json
 from pathlib import Path
 import re
-import shutil
-import subprocess
 
 from bagmaker import write_bag
+from browser import needs_browser, open_in_browser
 import pytest
 
 from visual_servo_epipolar.commands.main import main
 
-BROWSERS = ('chromium', 'chromium-browser', 'google-chrome', 'google-chrome-stable')
-BROWSER = next(filter(None, map(shutil.which, BROWSERS)), None)
-FLAGS = (
-    *('--headless', '--no-sandbox', '--disable-gpu', '--disable-quic', '--no-first-run'),
-    *('--disable-background-networking', '--disable-component-update', '--disable-sync'),
-    *('--disable-dev-shm-usage', '--enable-logging=stderr', '--virtual-time-budget=10000'),
-)
-PATIENCE_S = 60.0
 # Written into a copy of the page: what the browser made of it.
 PROBE = """
 <pre id="probe"></pre>
@@ -49,24 +40,6 @@ class References(HTMLParser):
     def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
         self.tags.append(tag)
         self.urls += [value or '' for name, value in attrs if name in ('src', 'href', 'srcset')]
-
-
-def open_in_browser(page: Path, folder: Path) -> tuple[str, str]:
-    """Return the document as the browser has it in the end, and what it logged."""
-    ended = subprocess.run(
-        [
-            str(BROWSER),
-            *FLAGS,
-            f'--user-data-dir={folder / "profile"}',
-            '--dump-dom',
-            page.as_uri(),
-        ],
-        capture_output=True,
-        text=True,
-        timeout=PATIENCE_S,
-        check=True,
-    )
-    return ended.stdout, ended.stderr
 
 
 @pytest.fixture(scope='module')
@@ -100,7 +73,7 @@ def test_a_page_loads_nothing_from_anywhere(kind, request) -> None:
     assert 'script' not in references.tags
 
 
-@pytest.mark.skipif(BROWSER is None, reason=f'none of {", ".join(BROWSERS)} is installed')
+@needs_browser
 @pytest.mark.parametrize(('kind', 'figures'), [('run_page', 2), ('bag_page', 6)])
 def test_a_browser_shows_it_without_errors_and_without_network(
     kind, figures, request, tmp_path

@@ -12,7 +12,11 @@ from strategies import floats, pose_with
 from visual_servo_epipolar.core.control import gains as rules
 from visual_servo_epipolar.core.control import laws
 from visual_servo_epipolar.core.control.gains import Circumstances, derive, Gains
-from visual_servo_epipolar.core.control.settling import longest_landing
+from visual_servo_epipolar.core.control.settling import (
+    LAST_DISTANCE,
+    longest_landing,
+    longest_matching,
+)
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, saturate, STANDSTILL
 
@@ -302,6 +306,24 @@ def test_the_second_step_neither_overshoots_nor_brakes_too_hard(
         # From ahead the slope is steeper than the gain allows for: a little past, then.
         assert -far - 1e-9 <= y <= (1e-3 if side > 0.0 else far)
     assert abs(y) < 1e-3
+
+
+@given(floats(0.5, 6.0), floats(8.0, 20.0), floats(0.2, 1.0))
+def test_the_longest_time_of_the_second_step_is_that_from_farthest_away(
+    farthest: float, rate: float, fastest: float
+) -> None:
+    circumstances = Circumstances(
+        farthest=farthest, nearest=min(farthest, 1.0), rate=rate, max_linear=fastest
+    )
+    k_t, depth = rules.matching_gain(circumstances), circumstances.depth
+    y, duration = -farthest, 0.0
+    while abs(y) > LAST_DISTANCE:
+        difference = circumstances.spread * ((depth / (depth - y)) ** 2 - 1.0)
+        y += min(laws.match_features(difference, k_t=k_t).linear, fastest) / rate
+        duration += 1.0 / rate
+    longest = longest_matching(circumstances, rules.derive(circumstances))
+    # With samples it closes in faster: 1 - r T is below exp(-r T), where r T is 0.37 at most.
+    assert 0.75 * longest - 0.5 <= duration <= longest + 0.1
 
 
 def test_a_gain_for_no_delay_overshoots_with_one() -> None:

@@ -10,6 +10,7 @@ import pytest
 from strategies import bearings, floats
 
 from visual_servo_epipolar.core.control.gains import derive
+from visual_servo_epipolar.core.control.settling import longest_landing
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
@@ -153,6 +154,38 @@ def test_where_no_turn_helps_the_run_fails_with_the_reason(law: str) -> None:
     assert state.phase is Phase.FAILED
     assert 'one period must be short for the limits' in state.reason
     assert state.twist.linear == state.twist.angular == 0.0
+
+
+def test_gains_too_slow_for_the_phase_are_a_warning_and_the_reason_why_it_fails() -> None:
+    late = replace(DERIVED, law='full', latency=0.3)
+    state = after(late, 0.32, -0.3, frames=2)
+    assert state.phase is Phase.ZEROING_EPIPOLES
+    assert state.gains is not None
+    start = circumstances(state, sight(1, 0.32, -0.3), late, alpha=0.32)
+    needed = longest_landing(start, state.gains)
+    assert needed > late.phase_timeout
+    assert state.warning.startswith(
+        f'derived gains need up to {needed:.0f} s; raise phase_timeout'
+    )
+    later = round((late.phase_timeout + 1.0) / PERIOD)
+    failed = advance(state, sight(later, 0.32, -0.3), late)
+    assert failed.phase is Phase.FAILED
+    assert failed.reason == f'zeroing_epipoles took longer than 120 s: {state.warning}'
+    assert failed.warning == ''
+
+
+def test_more_than_a_run_may_last_asks_for_both_timeouts() -> None:
+    late = replace(DERIVED, law='full', latency=0.3, run_timeout=200.0)
+    assert ' phase_timeout and run_timeout to ' in after(late, 0.32, -0.3, frames=2).warning
+
+
+def test_a_timeout_that_is_long_enough_leaves_nothing_to_warn_of() -> None:
+    patient = replace(DERIVED, law='full', latency=0.3, phase_timeout=600.0)
+    state = after(patient, 0.32, -0.3, frames=2)
+    assert state.gains is not None
+    assert state.warning == ''
+    given = after(replace(DERIVED, law='full', gains='given', latency=0.3), 0.32, -0.3, frames=2)
+    assert given.warning == ''
 
 
 def test_a_view_that_leaves_no_room_to_turn_is_a_reason() -> None:

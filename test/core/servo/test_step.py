@@ -148,6 +148,17 @@ ALIGNED_BLINDLY = measurement(0.1, bearings=Bearings(0.0, 0.0), difference=math.
 INFINITE = measurement(0.1, bearings=Bearings(0.0, 0.3))  # e_du at infinity: cot(0)
 
 
+def test_a_servo_that_waits_says_for_what_and_does_not_give_up() -> None:
+    few = after(blind(0.0), blind(400.0), blind(700.0))
+    assert (few.phase, few.command) == (Phase.WAITING, ServoState().command)
+    assert few.reason == 'no feature of the photograph is in view for certain: 3 found, 12 needed'
+    none = after(replace(blind(700.1), features=0), state=few)
+    assert none.reason == 'no feature of the photograph is in view'
+    seen = after(measurement(700.2), state=none)
+    assert seen.phase is Phase.DISPLACING
+    assert seen.reason == 'apart'
+
+
 @given(states(), sights(), LAWS, st.booleans())
 @example(in_phase(Phase.DISPLACING), INFINITE, 'corrected', False)
 @example(in_phase(Phase.ZEROING_EPIPOLES), INFINITE, 'full', False)

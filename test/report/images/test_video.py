@@ -11,6 +11,7 @@ from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
+from visual_servo_epipolar.report.images.encoders import Codec, OPENCV, PYAV
 from visual_servo_epipolar.report.images.map_view import Bounds, HEADER, MapView, WIDTH
 from visual_servo_epipolar.report.images.video import HEIGHT, VideoWriter
 from visual_servo_epipolar.report.style import phase_colour, rgb
@@ -84,8 +85,9 @@ def test_file_that_cannot_be_written_is_refused(tmp_path: Path, name: str, reaso
 def test_missing_encoder_is_told_in_one_sentence(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr('visual_servo_epipolar.report.images.video.CODECS', {'.mp4': ('zzzz',)})
-    with pytest.raises(InputError, match='needs one of the encoders zzzz'):
+    codecs = {'.mp4': (Codec(PYAV, 'none such'), Codec(OPENCV, 'zzzz'))}
+    monkeypatch.setattr('visual_servo_epipolar.report.images.encoders.CODECS', codecs)
+    with pytest.raises(InputError, match=r'needs one of the encoders .*zzzz \(OpenCV\)'):
         VideoWriter(
             tmp_path / 'run.mp4', 11.0, image_size=SIZE, bounds=Bounds.around(DESIRED_POSE)
         )

@@ -15,6 +15,7 @@ from visual_servo_epipolar.commands.report.tables import (
     result_table,
     version_section,
 )
+from visual_servo_epipolar.commands.report.video import shown_video
 from visual_servo_epipolar.core.servo.run_log import phase_spans, RunLog, seconds, summarise
 from visual_servo_epipolar.report import figures
 from visual_servo_epipolar.report.page import drawn, jpeg, Section, strip, Verdict, write_page
@@ -32,7 +33,7 @@ def report_run(folder: Path, path: Path) -> None:
     sections = [
         Section('Result', result_table(result)),
         *path_sections(log),
-        *_pictures(folder, log),
+        *_seen(folder, path, log),
         Section('Phases', phase_table(result)),
         parameter_section(run_file.settings),
         version_section(run_file.versions, versions()),
@@ -86,10 +87,17 @@ def caption_of(log: RunLog, number: int) -> str:
     return f'{seconds(log)[number]:.1f} s, {phase_label(log.samples[number].phase.value)}'
 
 
-def _pictures(folder: Path, log: RunLog) -> list[Section]:
+def _seen(folder: Path, page: Path, log: RunLog) -> list[Section]:
+    """Return the video of the run and pictures from it, where there is one."""
     video = next((folder / name for name in VIDEOS if (folder / name).is_file()), None)
     if video is None:
         return []
+    pictures = _pictures(video, log)
+    stills = strip(pictures, wide=True) if pictures else ''
+    return [Section('What was seen', shown_video(video, page) + stills)]
+
+
+def _pictures(video: Path, log: RunLog) -> list[tuple[bytes, str]]:
     capture = cv2.VideoCapture(str(video))
     count = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
     wanted = {_frame_of(number, len(log.samples), count): number for number in sample_indices(log)}
@@ -101,7 +109,7 @@ def _pictures(folder: Path, log: RunLog) -> list[Section]:
         if frame in wanted:
             pictures.append((jpeg(picture), caption_of(log, wanted[frame])))
     capture.release()
-    return [Section('What was seen', strip(pictures, wide=True))] if pictures else []
+    return pictures
 
 
 def _frame_of(number: int, samples: int, frames: int) -> int:

@@ -1,5 +1,5 @@
 """
-Settling time of step 1 within the limits of speed, and the path that it drives until then.
+Settling times of both steps within the limits of speed, and the path that step 1 drives.
 
 t_max of section IV-C is a bound for a robot without limits. Concordant epipoles make it back away,
 up to exp(|chi_0| / tan|alpha|) times as far as it was, and a slow base spends its time there.
@@ -13,7 +13,8 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.control.gains import Circumstances, Gains
 
 RATIOS = 9  # values of d_hat_0 / d_0, of which one gives the longest path
-STEPS = 100  # of the integration over e_du
+STEPS = 100  # of the integration over e_du, or over the distance
+LAST_DISTANCE = 1e-3  # distance at which step 2 is at the goal [m]
 
 
 def longest_landing(circumstances: Circumstances, gains: Gains) -> float:
@@ -34,6 +35,27 @@ def longest_landing(circumstances: Circumstances, gains: Gains) -> float:
         + turn / circumstances.max_angular
         + circumstances.period
     )
+
+
+def longest_matching(circumstances: Circumstances, gains: Gains) -> float:
+    """
+    Return the longest time of step 2 [s], from where step 1 may have left the robot.
+
+    Integrates (21), D = mean|p_d|^2 (1 - (Z / (Z + d))^2) at the depth Z of the nearest features,
+    at no more than max_linear.
+    """
+    distance = circumstances.farthest
+    if circumstances.concordant:
+        distance += longest_path(circumstances, gains)
+    distances = np.geomspace(LAST_DISTANCE, distance, STEPS + 1)
+    ratio = circumstances.depth / (circumstances.depth + distances)
+    speeds = np.minimum(
+        gains.k_t * circumstances.spread * (1.0 - ratio**2), circumstances.max_linear
+    )
+    # Trapezoids over ln d: v is proportional to d near the goal.
+    pace = distances / speeds
+    duration = float(np.sum(0.5 * (pace[1:] + pace[:-1]) * np.diff(np.log(distances))))
+    return duration + circumstances.period
 
 
 def longest_path(circumstances: Circumstances, gains: Gains) -> float:

@@ -2,12 +2,15 @@
 Derived gains: ``gains.derive`` for the circumstances of the moment step 1 or 2 begins.
 
 Where no gain is legal the robot turns first (section IV-C 2, concordant epipoles too close to the
-singularity); where no turn can help, the run fails with the reason.
+singularity); where no turn can help, the run fails with the reason. Gains that need longer than
+a phase may last are a warning.
 """
 
+from dataclasses import replace
 import math
 
 from visual_servo_epipolar.core.control.gains import Circumstances, derive, Gains
+from visual_servo_epipolar.core.control.settling import longest_landing, longest_matching
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.phases.conditions import (
     discordant_bearing,
@@ -34,6 +37,35 @@ def gains_now(state: ServoState, measurement: Measurement, settings: ServoSettin
     """
     alpha = 0.0 if measurement.bearings is None else measurement.bearings.alpha
     return derive(circumstances(state, measurement, settings, alpha=alpha))
+
+
+def with_gains_of_now(
+    state: ServoState, measurement: Measurement, settings: ServoSettings
+) -> ServoState:
+    """Return ``state`` with ``gains_now``, and a warning if they are too slow for the phase."""
+    gains = gains_now(state, measurement, settings)
+    alpha = 0.0 if measurement.bearings is None else measurement.bearings.alpha
+    now = circumstances(state, measurement, settings, alpha=alpha)
+    first = state.phase is Phase.ZEROING_EPIPOLES
+    duration = longest_landing(now, gains) if first else longest_matching(now, gains)
+    return replace(state, gains=gains, warning=slow_gains(duration, settings))
+
+
+def slow_gains(duration: float, settings: ServoSettings) -> str:
+    """Return the warning that derived gains need longer than a phase may last; empty if not."""
+    if duration <= settings.phase_timeout:
+        return ''
+    needed = enough(duration)
+    both = ' and run_timeout' if needed > settings.run_timeout else ''
+    return (
+        f'derived gains need up to {duration:.0f} s; raise phase_timeout{both} to {needed:g}, or '
+        'nearest_distance'
+    )
+
+
+def enough(duration: float) -> float:
+    """Return a timeout that is enough for ``duration`` [s], a multiple of ten."""
+    return 10.0 * math.ceil(duration / 10.0)
 
 
 def circumstances(

@@ -19,8 +19,8 @@ class ServoState:
     State of the servo; a new run starts from ``ServoState()``.
 
     Phase: ``phase``; ``phase_start_ns`` and ``run_start_ns``, stamps of the images at which it and
-    the run began [ns]; ``reason`` of the last change of phase; ``attempts`` at both steps, from 1;
-    ``frame``, the number of steps so far.
+    the run began [ns]; ``reason`` of the last change of phase, or why it waits; ``warning``, what
+    may make the phase fail; ``attempts`` at both steps, from 1; ``frame``, the number of steps.
 
     Measurement and memory: ``measurement``, the last one, and ``memory``, what perception carries
     to the next image, both None before the first; ``period``, the time between two images [s],
@@ -66,6 +66,7 @@ class ServoState:
     attempts: int = 1
     frame: int = 0
     reason: str = ''
+    warning: str = ''
 
     @property
     def twist(self) -> Twist:

@@ -1,32 +1,18 @@
-"""
-Video of a run, written while it runs: the camera picture beside the live map.
+"""Video of a run, written while it runs: the camera picture beside the live map."""
 
-What can be written depends on the build of OpenCV. The wheels on PyPI hold no H.264 encoder, for
-its licence: there ``.webm`` (VP8) is what browsers play, and ``.mp4`` falls back to MPEG-4 part 2,
-ten times faster to encode but for video players alone.
-"""
-
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 import math
-import os
 from pathlib import Path
-from types import MappingProxyType, TracebackType
+from types import TracebackType
 
 import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.servo.run_log import Sample
+from visual_servo_epipolar.report.images.encoders import open_encoder, WHAT_TO_INSTALL
 from visual_servo_epipolar.report.images.map_view import Bounds, MapView, WIDTH
 
 HEIGHT = 720  # of the video [px]
-
-# Codecs to try for each kind of file, the best first.
-CODECS: Mapping[str, tuple[str, ...]] = MappingProxyType(
-    {'.webm': ('VP80', 'VP90'), '.mp4': ('avc1', 'mp4v'), '.avi': ('MJPG',)}
-)
 
 
 class VideoWriter:
@@ -38,7 +24,7 @@ class VideoWriter:
     Parameters
     ----------
     path : path
-        Where to write; its suffix chooses the kind of file, see ``CODECS``.
+        Where to write; its suffix chooses the kind of file, see ``encoders.CODECS``.
     fps : float
         Frames a second of the video; with ``stride`` times fewer it plays faster than real time.
     image_size : (int, int)
@@ -51,7 +37,7 @@ class VideoWriter:
     Raises
     ------
     InputError
-        If this OpenCV can write no such file there.
+        If no encoder here can write such a file there.
     ValueError
         If a number is out of its range.
 
@@ -77,7 +63,7 @@ class VideoWriter:
         self.size = self._view_width + WIDTH, HEIGHT
         self._map, self._steps, self.frames = MapView(bounds, HEIGHT), 0, 0
         self._part = self.path.with_name(f'.{self.path.stem}.part{self.path.suffix}')
-        self._encoder, self.codec = _open(self._part, self.path, fps, self.size)
+        self._encoder, self.codec = open_encoder(self._part, self.path, fps, self.size)
 
     def __enter__(self) -> 'VideoWriter':
         return self
@@ -92,6 +78,16 @@ class VideoWriter:
             self.close()
         else:
             self.abort()
+
+    @property
+    def advice(self) -> str:
+        """One line on what to install where no browser plays the video; empty where they do."""
+        if self.codec.in_browsers or self.path.suffix.lower() == '.avi':
+            return ''
+        return (
+            f'{self.path.name} is for video players: browsers play no {self.codec.name}; for one '
+            f'that they play, install PyAV ({WHAT_TO_INSTALL})'
+        )
 
     def add(self, overlay: Image, sample: Sample) -> None:
         """
@@ -127,7 +123,7 @@ class VideoWriter:
 
     def close(self) -> None:
         """Finish the file and give it its name; without a single frame there will be none."""
-        self._encoder.release()
+        self._encoder.close()
         if not self._part.exists():
             return
         if self.frames:
@@ -137,41 +133,7 @@ class VideoWriter:
 
     def abort(self) -> None:
         """Give up, and leave no file behind."""
-        self._encoder.release()
-        self._part.unlink(missing_ok=True)
-
-
-def _open(
-    part: Path, path: Path, fps: float, size: tuple[int, int]
-) -> tuple[cv2.VideoWriter, str]:
-    """Open the first encoder that works for the suffix; return it and its four letters."""
-    codecs = CODECS.get(path.suffix.lower())
-    if codecs is None:
-        raise InputError(
-            f'a video must end in {", ".join(CODECS)}, got {path.name!r}; rename the output'
-        )
-    if not path.parent.is_dir():
-        raise InputError(f'{path.parent} must be a folder to write {path.name} to; create it')
-    for codec in codecs:
-        with _quiet():
-            encoder = cv2.VideoWriter(str(part), cv2.VideoWriter.fourcc(*codec), fps, size)
-        if encoder.isOpened():
-            return encoder, codec
-        part.unlink(missing_ok=True)
-    raise InputError(
-        f'{path} needs one of the encoders {", ".join(codecs)}, and this OpenCV '
-        f'({cv2.__version__}) opened none; choose another suffix or check that it is writable'
-    )
-
-
-@contextmanager
-def _quiet() -> Iterator[None]:
-    """Keep OpenCV from writing about encoders it lacks, which it does past its own log level."""
-    stderr, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(null, 2)
-        yield
-    finally:
-        os.dup2(stderr, 2)
-        os.close(stderr)
-        os.close(null)
+        try:
+            self._encoder.close()
+        finally:
+            self._part.unlink(missing_ok=True)

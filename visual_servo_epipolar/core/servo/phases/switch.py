@@ -4,7 +4,7 @@ from dataclasses import replace
 import math
 
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.derived_gains import gains_now, legal_target
+from visual_servo_epipolar.core.servo.derived_gains import legal_target, with_gains_of_now
 from visual_servo_epipolar.core.servo.phases.conditions import discordant_bearing
 from visual_servo_epipolar.core.servo.phases.table import Event, next_phase, Phase
 from visual_servo_epipolar.core.servo.ranging import Leg
@@ -19,7 +19,7 @@ def switched(
     """Return the state in the phase that follows ``event``; that of NO_GAIN if none is legal."""
     phase = next_phase(state.phase, event)
     if phase is state.phase:
-        return state
+        return _waiting(state, measurement, settings)
     state = replace(
         state,
         phase=phase,
@@ -28,6 +28,7 @@ def switched(
         settled=0,
         reason=_reason(state, measurement, event, settings),
         attempts=state.attempts + (event is Event.MISSED),
+        warning='',
     )
     if phase in (Phase.DISPLACING, Phase.ZEROING_EPIPOLES) and measurement.bearings is not None:
         side = math.copysign(1.0, measurement.bearings.chi)
@@ -40,6 +41,24 @@ def switched(
         return replace(state, reason=str(error))
 
 
+def _waiting(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
+    """Return ``state`` with the reason to go on waiting: it waits for features, if need be."""
+    few = measurement.features < settings.min_features
+    if state.phase is not Phase.WAITING or not few:
+        return state
+    return replace(state, reason=too_few_features(measurement.features, settings))
+
+
+def too_few_features(features: int, settings: ServoSettings) -> str:
+    """Return in words that a run cannot begin with so few features in view."""
+    if features == 0:
+        return 'no feature of the photograph is in view'
+    return (
+        f'no feature of the photograph is in view for certain: {features} found, '
+        f'{settings.min_features} needed'
+    )
+
+
 def _prepared(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
     """Return ``state`` with the target or the gains of its phase; ValueError if none is legal."""
     if state.phase is Phase.DISPLACING and settings.derives:
@@ -47,7 +66,7 @@ def _prepared(state: ServoState, measurement: Measurement, settings: ServoSettin
     if state.phase is Phase.DISPLACING:
         return replace(state, target=_target(measurement, settings))
     if settings.derives and state.phase in (Phase.ZEROING_EPIPOLES, Phase.MATCHING_FEATURES):
-        return replace(state, gains=gains_now(state, measurement, settings))
+        return with_gains_of_now(state, measurement, settings)
     return state
 
 
@@ -72,7 +91,8 @@ def _reason(
     if event is Event.TIMED_OUT and state.phase is Phase.HOLDING:
         return f'tracks lost or untrusted for {settings.holding_timeout:g} s: {state.reason}'
     if event is Event.TIMED_OUT:
-        return f'{name} took longer than {settings.phase_timeout:g} s'
+        because = f': {state.warning}' if state.warning else ''
+        return f'{name} took longer than {settings.phase_timeout:g} s{because}'
     if event is Event.DIVERGED:
         return f'the desired epipole ran away to infinity in {name}'
     if event in (Event.MISSED, Event.EXHAUSTED):

@@ -1,0 +1,225 @@
+"""
+Encoders of a video: PyAV where it is installed, otherwise OpenCV.
+
+Browsers play H.264, VP8 and VP9, no MPEG-4 part 2. The wheels of OpenCV hold no H.264 encoder,
+for its licence, and set its libvpx so that a frame takes 0.2 s; PyAV is FFmpeg with all its
+options. It is optional: what runs on a robot needs no video.
+"""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from fractions import Fraction
+from importlib import import_module
+import os
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Protocol
+
+import cv2
+
+from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.errors import InputError
+
+PYAV, OPENCV = 'PyAV', 'OpenCV'
+WHAT_TO_INSTALL = 'pip install av, or apt install python3-av'
+
+
+class Encoder(Protocol):
+    """Encoder: frames in, a file out; ``close`` finishes the file."""
+
+    def write(self, frame: Image) -> None:
+        """Append a frame, BGR."""
+
+    def close(self) -> None:
+        """Write what is still missing; a second call does nothing."""
+
+
+@dataclass(frozen=True)
+class Codec:
+    """
+    Codec: ``name`` is FFmpeg's for PyAV and four letters for OpenCV.
+
+    ``in_browsers``: whether Chromium and Firefox play it.
+    """
+
+    library: str
+    name: str
+    in_browsers: bool = True
+    options: Mapping[str, str] = field(default_factory=dict)
+
+    def open(self, path: Path, fps: float, size: tuple[int, int]) -> Encoder | None:
+        """Return the encoder for a file, None if this machine has none."""
+        return OPENERS[self.library](self, path, fps, size)
+
+
+# Camera noise is most of what is to be encoded: nr takes some of it out, crf lets the rest go.
+# A key frame every 10 s is what a browser can jump to.
+_X264 = {'preset': 'superfast', 'crf': '30', 'x264-params': 'nr=1000', 'g': '110'}
+_OPENH264 = {'b': '1000000', 'g': '110'}
+_VPX = {'deadline': 'realtime', 'cpu-used': '8', 'row-mt': '1', 'crf': '46', 'b': '0', 'g': '110'}
+_VP8 = {'deadline': 'realtime', 'cpu-used': '8', 'b': '1200000', 'g': '110'}
+
+# Codecs to try for each kind of file, the best first.
+CODECS: Mapping[str, tuple[Codec, ...]] = MappingProxyType(
+    {
+        '.mp4': (
+            Codec(PYAV, 'libx264', options=_X264),
+            Codec(PYAV, 'libopenh264', options=_OPENH264),
+            Codec(PYAV, 'libvpx-vp9', options=_VPX),
+            Codec(OPENCV, 'avc1'),
+            Codec(OPENCV, 'mp4v', in_browsers=False),
+        ),
+        '.webm': (
+            Codec(PYAV, 'libvpx-vp9', options=_VPX),
+            Codec(PYAV, 'libvpx', options=_VP8),
+            Codec(OPENCV, 'VP80'),
+            Codec(OPENCV, 'VP90'),
+        ),
+        '.avi': (Codec(OPENCV, 'MJPG', in_browsers=False),),
+    }
+)
+
+
+def open_encoder(
+    part: Path, path: Path, fps: float, size: tuple[int, int]
+) -> tuple[Encoder, Codec]:
+    """
+    Open the first encoder that works for the suffix of ``path``, writing to ``part``.
+
+    Raises
+    ------
+    InputError
+        If none does.
+
+    """
+    codecs = CODECS.get(path.suffix.lower())
+    if codecs is None:
+        raise InputError(
+            f'a video must end in {", ".join(CODECS)}, got {path.name!r}; rename the output'
+        )
+    if not path.parent.is_dir():
+        raise InputError(f'{path.parent} must be a folder to write {path.name} to; create it')
+    for codec in codecs:
+        encoder = codec.open(part, fps, size)
+        if encoder is not None:
+            return encoder, codec
+        part.unlink(missing_ok=True)
+    names = ', '.join(f'{codec.name} ({codec.library})' for codec in codecs)
+    raise InputError(
+        f'{path} needs one of the encoders {names}, and none opened; choose another suffix, '
+        f'install PyAV ({WHAT_TO_INSTALL}), or check that the folder is writable'
+    )
+
+
+class AvEncoder:
+    """Encoder by PyAV, of any version since 10."""
+
+    def __init__(
+        self, codec: Codec, path: Path, fps: float, size: tuple[int, int], av: Any
+    ) -> None:
+        self._av, self._path, self._frames = av, path, 0
+        rate = Fraction(fps).limit_denominator(1000)
+        self._time_base = 1 / rate
+        # The index comes first, so that a page can play what it has so far.
+        options = {'movflags': '+faststart'} if path.suffix.lower() == '.mp4' else {}
+        self._container = av.open(str(path), 'w', options=options)
+        try:
+            self._stream = self._container.add_stream(codec.name, rate=rate)
+            self._stream.options, self._stream.pix_fmt = dict(codec.options), 'yuv420p'
+            self._stream.width, self._stream.height = size
+            self._stream.codec_context.time_base = self._time_base
+            self._stream.codec_context.open()
+        except (av.error.FFmpegError, ValueError):
+            self._container.close()
+            raise
+
+    def write(self, frame: Image) -> None:
+        """Append a frame, BGR; raises InputError if the file cannot be written."""
+        planes = cv2.cvtColor(frame, cv2.COLOR_BGR2YUV_I420)
+        picture = self._av.VideoFrame.from_ndarray(planes, format='yuv420p')
+        picture.pts, picture.time_base = self._frames, self._time_base
+        with self._told():
+            self._container.mux(self._stream.encode(picture))
+        self._frames += 1
+
+    def close(self) -> None:
+        """Write what the encoder still holds, and the index; raises InputError as ``write``."""
+        container, self._container = self._container, None
+        if container is None:
+            return
+        with self._told():
+            if self._frames:
+                container.mux(self._stream.encode())
+            container.close()
+
+    @contextmanager
+    def _told(self) -> Iterator[None]:
+        try:
+            yield
+        except self._av.error.FFmpegError as error:
+            self._container = None  # closed after a failure, some versions crash
+            raise InputError(
+                f'{self._path.parent}: the video cannot be written: {error.strerror}; make room '
+                'there, or leave the video out'
+            ) from None
+
+
+class OpenCvEncoder:
+    """Encoder by OpenCV, with what its build has."""
+
+    def __init__(self, writer: Any) -> None:
+        self._writer = writer
+
+    def write(self, frame: Image) -> None:
+        """Append a frame, BGR."""
+        self._writer.write(frame)
+
+    def close(self) -> None:
+        """Write the index."""
+        self._writer.release()
+
+
+def pyav() -> Any:
+    """Return PyAV, or None where it is not installed."""
+    try:
+        import_module('av.logging').set_level(0)  # older ones log every start of an encoder
+        return import_module('av')
+    except ImportError:
+        return None
+
+
+def _open_with_pyav(
+    codec: Codec, path: Path, fps: float, size: tuple[int, int]
+) -> AvEncoder | None:
+    av = pyav()
+    if av is None or codec.name not in av.codecs_available:
+        return None
+    try:
+        return AvEncoder(codec, path, fps, size, av)
+    except (av.error.FFmpegError, ValueError):  # listed, but its library cannot be loaded
+        return None
+
+
+def _open_with_opencv(
+    codec: Codec, path: Path, fps: float, size: tuple[int, int]
+) -> OpenCvEncoder | None:
+    with _quiet():
+        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*codec.name), fps, size)
+    return OpenCvEncoder(writer) if writer.isOpened() else None
+
+
+OPENERS = MappingProxyType({PYAV: _open_with_pyav, OPENCV: _open_with_opencv})
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """Keep OpenCV from writing about encoders it lacks, which it does past its own log level."""
+    stderr, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(null, 2)
+        yield
+    finally:
+        os.dup2(stderr, 2)
+        os.close(stderr)
+        os.close(null)
