@@ -74,7 +74,7 @@ def controller(context):
             parameters=[
                 config('robot.yaml'),
                 *own_file(value),
-                given(value, desired_image=str, use_sim_time=bool),
+                *given(value, desired_image=str, use_sim_time=bool),
             ],
             remappings=[('image_raw', value['image']), ('camera_info', value['camera_info'])],
             output='screen',
@@ -86,7 +86,7 @@ def controller(context):
             parameters=[
                 config('robot.yaml'),
                 *own_file(value),
-                given(value, autostart=bool, use_sim_time=bool),
+                *given(value, autostart=bool, use_sim_time=bool),
             ],
             remappings=[('camera_info', value['camera_info']), ('cmd_vel', value['cmd_vel'])],
             output='screen',
@@ -104,7 +104,8 @@ def recorder(context):
         parameters=[
             config('recorder_node.yaml'),
             *own_file(value),
-            {'bag': value['record'], **given(value, use_sim_time=bool)},
+            {'bag': value['record']},
+            *given(value, use_sim_time=bool),
         ],
         output='screen',
     )
@@ -123,8 +124,8 @@ def own_file(value):
 
 def given(value, **kinds):
     """Return the parameters, of these types, whose argument of the same name is not empty."""
-    return {
-        name: ParameterValue(LaunchConfiguration(name), value_type=kind)
+    return [
+        {name: ParameterValue(LaunchConfiguration(name), value_type=kind)}
         for name, kind in kinds.items()
         if value[name]
-    }
+    ]

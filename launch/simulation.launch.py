@@ -34,7 +34,7 @@ def generate_launch_description():
             DeclareLaunchArgument(
                 'params_file',
                 default_value='',
-                description='Parameters of your own, by node: /**/servo_node: ...',
+                description='Parameters of your own, keyed /**: each node takes what is its own',
             ),
             DeclareLaunchArgument(
                 'image', default_value='image_raw', description='Topic of the images'
@@ -107,7 +107,7 @@ def world(context):
                 config('unicycle_node.yaml'),
                 *own_file(value),
                 *([{'start': numbers(value['start'])}] if value['start'] else []),
-                given(value, seed=int, frame_prefix=str, use_sim_time=bool),
+                *given(value, seed=int, frame_prefix=str, use_sim_time=bool),
             ],
             remappings=[('cmd_vel', value['cmd_vel'])],
             output='screen',
@@ -119,7 +119,7 @@ def world(context):
             parameters=[
                 *camera_files,
                 *own_file(value),
-                given(value, seed=int, frame_prefix=str, use_sim_time=bool),
+                *given(value, seed=int, frame_prefix=str, use_sim_time=bool),
             ],
             remappings=[('image_raw', value['image']), ('camera_info', value['camera_info'])],
             output='screen',
@@ -139,7 +139,7 @@ def controller(context):
             parameters=[
                 config('tracker_node.yaml'),
                 *own_file(value),
-                given(value, desired_image=str, use_sim_time=bool),
+                *given(value, desired_image=str, use_sim_time=bool),
             ],
             remappings=[('image_raw', value['image']), ('camera_info', value['camera_info'])],
             output='screen',
@@ -152,7 +152,7 @@ def controller(context):
                 config('servo_node.yaml'),
                 *([{'base_frame': f'{prefix}base_link'}] if prefix else []),
                 *own_file(value),
-                given(value, autostart=bool, use_sim_time=bool),
+                *given(value, autostart=bool, use_sim_time=bool),
             ],
             remappings=[('camera_info', value['camera_info']), ('cmd_vel', value['cmd_vel'])],
             output='screen',
@@ -173,7 +173,8 @@ def onlookers(context):
             # In a namespace: of this robot alone, and what robots share.
             *([{'topics': [f'/{namespace}/*', '/diagnostics', '/tf*']}] if namespace else []),
             *own_file(value),
-            {'bag': value['record'], **given(value, use_sim_time=bool)},
+            {'bag': value['record']},
+            *given(value, use_sim_time=bool),
         ],
         output='screen',
     )
@@ -182,7 +183,7 @@ def onlookers(context):
         executable='rviz2',
         namespace=value['namespace'],
         arguments=['-d', config('visual_servo.rviz'), '-f', f'{value["frame_prefix"]}odom'],
-        parameters=[given(value, use_sim_time=bool)],
+        parameters=given(value, use_sim_time=bool),
         remappings=[
             ('/image_raw', value['image']),
             ('/camera_info', value['camera_info']),
@@ -215,8 +216,8 @@ def numbers(text):
 
 def given(value, **kinds):
     """Return the parameters, of these types, whose argument of the same name is not empty."""
-    return {
-        name: ParameterValue(LaunchConfiguration(name), value_type=kind)
+    return [
+        {name: ParameterValue(LaunchConfiguration(name), value_type=kind)}
         for name, kind in kinds.items()
         if value[name]
-    }
+    ]

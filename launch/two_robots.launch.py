@@ -34,7 +34,7 @@ def generate_launch_description():
             DeclareLaunchArgument(
                 'params_file',
                 default_value='',
-                description='Parameters of your own, by node: /robot1/servo_node: ...',
+                description='Parameters of your own, keyed /**: or /robot1/**: for one robot',
             ),
             DeclareLaunchArgument(
                 'camera_size',
