@@ -57,6 +57,11 @@ def generate_launch_description():
             DeclareLaunchArgument(
                 'record', default_value='', description='Folder of a new bag; empty: no recorder'
             ),
+            DeclareLaunchArgument(
+                'sigterm_timeout',
+                default_value='30',
+                description='Time to end after Ctrl-C [s]: a recorder completes its bag in it',
+            ),
             OpaqueFunction(function=controller),
             OpaqueFunction(function=recorder),
         ]

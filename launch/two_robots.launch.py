@@ -59,6 +59,11 @@ def generate_launch_description():
                 choices=['true', 'false'],
                 description='true: open RViz for each robot',
             ),
+            DeclareLaunchArgument(
+                'sigterm_timeout',
+                default_value='30',
+                description='Time to end after Ctrl-C [s]: a recorder completes its bag in it',
+            ),
             OpaqueFunction(function=robots),
         ]
     )

@@ -88,7 +88,14 @@ def test_each_argument_is_described_and_used(name) -> None:
     assert own <= launch.declared.keys()
     for argument in launch.declared.values():
         assert len(argument.description) > 10, argument.name
-    assert own <= launch.configurations.used  # one that is not declared is a KeyError
+    # One that is not declared is a KeyError; launch itself asks for the time to end.
+    assert own - {'sigterm_timeout'} <= launch.configurations.used
+
+
+@pytest.mark.parametrize('name', FILES)
+def test_a_recorder_has_time_to_complete_its_bag(name) -> None:
+    # launch gives 5 s from Ctrl-C to SIGTERM, and as many to SIGKILL; a group forgets its own.
+    assert float(Launch(name).configurations['sigterm_timeout']) >= 20.0
 
 
 @pytest.mark.parametrize('name', FILES)
