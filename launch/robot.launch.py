@@ -78,7 +78,7 @@ def controller(context):
             namespace=value['namespace'],
             parameters=[
                 config('robot.yaml'),
-                *own_file(value),
+                *own(value['params_file']),
                 *given(value, desired_image=str, use_sim_time=bool),
             ],
             remappings=[('image_raw', value['image']), ('camera_info', value['camera_info'])],
@@ -90,7 +90,7 @@ def controller(context):
             namespace=value['namespace'],
             parameters=[
                 config('robot.yaml'),
-                *own_file(value),
+                *own(value['params_file']),
                 *given(value, autostart=bool, use_sim_time=bool),
             ],
             remappings=[('camera_info', value['camera_info']), ('cmd_vel', value['cmd_vel'])],
@@ -107,8 +107,7 @@ def recorder(context):
         executable='recorder_node',
         namespace=value['namespace'],
         parameters=[
-            config('recorder_node.yaml'),
-            *own_file(value),
+            config('recorder_node.yaml'),  # no file of the servo's: its autostart is another
             {'bag': value['record']},
             *given(value, use_sim_time=bool),
         ],
@@ -122,9 +121,9 @@ def config(name):
     return PathJoinSubstitution([FindPackageShare(PACKAGE), 'config', name])
 
 
-def own_file(value):
-    """Return the parameter file of the user, if there is one."""
-    return [value['params_file']] if value['params_file'] else []
+def own(file):
+    """Return the user's parameter file, if there is one."""
+    return [file] if file else []
 
 
 def given(value, **kinds):

@@ -34,7 +34,12 @@ def generate_launch_description():
             DeclareLaunchArgument(
                 'params_file',
                 default_value='',
-                description='Parameters of your own, keyed /**: each node takes what is its own',
+                description='Parameters of tracker and servo, as in config/robot.yaml',
+            ),
+            DeclareLaunchArgument(
+                'world_file',
+                default_value='',
+                description='Parameters of the simulated base and camera, likewise',
             ),
             DeclareLaunchArgument(
                 'image', default_value='image_raw', description='Topic of the images'
@@ -110,7 +115,7 @@ def world(context):
             namespace=value['namespace'],
             parameters=[
                 config('unicycle_node.yaml'),
-                *own_file(value),
+                *own(value['world_file']),
                 *([{'start': numbers(value['start'])}] if value['start'] else []),
                 *given(value, seed=int, frame_prefix=str, use_sim_time=bool),
             ],
@@ -123,7 +128,7 @@ def world(context):
             namespace=value['namespace'],
             parameters=[
                 *camera_files,
-                *own_file(value),
+                *own(value['world_file']),
                 *given(value, seed=int, frame_prefix=str, use_sim_time=bool),
             ],
             remappings=[('image_raw', value['image']), ('camera_info', value['camera_info'])],
@@ -143,7 +148,7 @@ def controller(context):
             namespace=value['namespace'],
             parameters=[
                 config('tracker_node.yaml'),
-                *own_file(value),
+                *own(value['params_file']),
                 *given(value, desired_image=str, use_sim_time=bool),
             ],
             remappings=[('image_raw', value['image']), ('camera_info', value['camera_info'])],
@@ -156,7 +161,7 @@ def controller(context):
             parameters=[
                 config('servo_node.yaml'),
                 *([{'base_frame': f'{prefix}base_link'}] if prefix else []),
-                *own_file(value),
+                *own(value['params_file']),
                 *given(value, autostart=bool, use_sim_time=bool),
             ],
             remappings=[('camera_info', value['camera_info']), ('cmd_vel', value['cmd_vel'])],
@@ -177,7 +182,6 @@ def onlookers(context):
             config('recorder_node.yaml'),
             # In a namespace: of this robot alone, and what robots share.
             *([{'topics': [f'/{namespace}/*', '/diagnostics', '/tf*']}] if namespace else []),
-            *own_file(value),
             {'bag': value['record']},
             *given(value, use_sim_time=bool),
         ],
@@ -203,9 +207,9 @@ def config(name):
     return PathJoinSubstitution([FindPackageShare(PACKAGE), 'config', name])
 
 
-def own_file(value):
-    """Return the parameter file of the user, if there is one."""
-    return [value['params_file']] if value['params_file'] else []
+def own(file):
+    """Return the user's parameter file, if there is one."""
+    return [file] if file else []
 
 
 def numbers(text):

@@ -12,7 +12,7 @@ from launch.substitutions import PathJoinSubstitution
 from launch_ros.substitutions import FindPackageShare
 
 PACKAGE = 'visual_servo_epipolar'
-PASSED_ON = ['params_file', 'camera_size', 'autostart', 'rviz']
+PASSED_ON = ['params_file', 'world_file', 'camera_size', 'autostart', 'rviz']
 
 
 def generate_launch_description():
@@ -34,7 +34,12 @@ def generate_launch_description():
             DeclareLaunchArgument(
                 'params_file',
                 default_value='',
-                description='Parameters of your own, keyed /**: or /robot1/**: for one robot',
+                description='Parameters of tracker and servo; keyed /robot1/**: of that robot',
+            ),
+            DeclareLaunchArgument(
+                'world_file',
+                default_value='',
+                description='Parameters of the simulated bases and cameras, likewise',
             ),
             DeclareLaunchArgument(
                 'camera_size',

@@ -152,13 +152,29 @@ def test_what_is_left_empty_is_left_to_the_files(name) -> None:
 
 @pytest.mark.parametrize('name', ['simulation.launch.py', 'robot.launch.py'])
 def test_own_parameters_win_over_ours_and_arguments_over_both(name) -> None:
-    launch = Launch(name, params_file='/mine.yaml', use_sim_time='true', record='/bags/one')
-    for node in ours(launch):
-        first, *others = node.parameters
-        assert first.startswith(str(ROOT))
-        assert others.index('/mine.yaml') < others.index({'use_sim_time': True})
-    servo = by_name(Launch(name, params_file='/mine.yaml', autostart='false'))['servo_node']
-    assert servo.parameters[-2:] == ['/mine.yaml', {'autostart': False}]
+    launch = Launch(name, params_file='/mine.yaml', use_sim_time='true')
+    for node in (by_name(launch)['tracker_node'], by_name(launch)['servo_node']):
+        assert node.parameters[0].startswith(str(ROOT))
+        assert node.parameters[1:] == ['/mine.yaml', {'use_sim_time': True}]
+
+
+def test_own_parameters_reach_those_alone_whom_they_are_meant_for() -> None:
+    # Under /**: servo and base would share max_linear, servo and recorder autostart.
+    launch = Launch(
+        'simulation.launch.py', params_file='/servo.yaml', world_file='/base.yaml', record='/bag'
+    )
+    files = {node.executable: node.parameters[1] for node in launch.nodes}
+    assert files == {
+        'unicycle_node': '/base.yaml',
+        'camera_node': '/base.yaml',
+        'tracker_node': '/servo.yaml',
+        'servo_node': '/servo.yaml',
+        'recorder_node': {'bag': '/bag'},
+    }
+    recorder = by_name(Launch('robot.launch.py', params_file='/servo.yaml', record='/bag'))[
+        'recorder_node'
+    ]
+    assert recorder.parameters[1:] == [{'bag': '/bag'}]
 
 
 @pytest.mark.parametrize('name', ['simulation.launch.py', 'robot.launch.py'])
