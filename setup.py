@@ -39,6 +39,7 @@ setup(
         (SHARE, ['package.xml']),
         (f'{SHARE}/config', sorted(glob('config/*.*'))),
         (f'{SHARE}/config/scenarios', sorted(glob('config/scenarios/*.yaml'))),
+        (f'{SHARE}/launch', sorted(glob('launch/*.launch.py'))),
     ],
     # For pip alone. On a native ROS these come from rosdep (package.xml), and apt's cv2 has no
     # metadata for pip to see. That does no harm: colcon installs with --no-deps, and executables

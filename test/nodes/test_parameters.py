@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.control.law_table import law_options
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import range_of
 from visual_servo_epipolar.core.tracking.tracker import TrackerSettings
-from visual_servo_epipolar.nodes.camera_node import CameraNode
+from visual_servo_epipolar.nodes.camera_node import CameraFrames, CameraNode
 from visual_servo_epipolar.nodes.recorder_node import RecorderNode
 from visual_servo_epipolar.nodes.recording.settings import RecorderNodeSettings
 from visual_servo_epipolar.nodes.servo_node import ServoNode, ServoNodeSettings
@@ -29,7 +29,7 @@ from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettin
 CONFIG = Path(__file__).parents[2] / 'config'
 NODES = {
     'unicycle_node': (UnicycleNode, (UnicycleSettings, PioneerSettings)),
-    'camera_node': (CameraNode, (CameraSettings, DisturbanceSettings)),
+    'camera_node': (CameraNode, (CameraSettings, DisturbanceSettings, CameraFrames)),
     'tracker_node': (TrackerNode, (TrackerNodeSettings, TrackerSettings)),
     'servo_node': (ServoNode, (ServoNodeSettings, ServoSettings)),
     'recorder_node': (RecorderNode, (RecorderNodeSettings, RecordSettings)),

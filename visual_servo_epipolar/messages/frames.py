@@ -1,4 +1,4 @@
-"""Coordinate frames as markers, for viewers where nobody publishes /tf."""
+"""Coordinate frames: their names, and markers for viewers where nobody publishes /tf."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,6 +24,17 @@ class Frame:
     name: str
     axes: FloatArray
     origin: FloatArray
+
+
+def frame_name(prefix: str, name: str) -> str:
+    """Return the full name of a frame; ValueError if tf2 would refuse it."""
+    full = prefix + name
+    if not name or full.startswith('/'):
+        raise ValueError(
+            f'a frame must have a name that does not begin with /, got {full!r}; '
+            "write 'base_link', and a prefix as 'robot1/'"
+        )
+    return full
 
 
 def upright(name: str, pose: Pose) -> Frame:

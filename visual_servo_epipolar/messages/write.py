@@ -12,6 +12,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, Image, JointState, PointCloud2, PointField
 from std_msgs.msg import Header, String
 
+from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.motion import Pose, quaternion_from_yaw, Twist
 from visual_servo_epipolar.core.stamps import NANOSECONDS
@@ -28,6 +29,8 @@ TRACK_LAYOUT = np.dtype(
         ('error', '<f8'),
     ]
 )
+UNMEASURED = 1e6  # variance of an axis that nothing measures, by the custom of ROS
+X, Y, YAW = 0, 1, 5  # rows and columns of a covariance: x, y, z, then turns about them
 POINT_TYPES = {'<u4': PointField.UINT32, '<f8': PointField.FLOAT64}
 
 
@@ -81,15 +84,38 @@ def twist_stamped(value: Twist, stamp_ns: int, frame_id: str) -> TwistStamped:
 
 
 def odometry(
-    pose: Pose, velocity: Twist, stamp_ns: int, frame_id: str, child_frame_id: str
+    pose: Pose,
+    velocity: Twist,
+    stamp_ns: int,
+    frame_id: str,
+    child_frame_id: str,
+    *,
+    pose_covariance: FloatArray | None = None,
+    twist_covariance: FloatArray | None = None,
 ) -> Odometry:
-    """Return a nav_msgs/Odometry: pose in ``frame_id``, velocity in ``child_frame_id``."""
+    """
+    Return a nav_msgs/Odometry: pose in ``frame_id``, velocity in ``child_frame_id``.
+
+    Covariances, (3, 3) of x, y [m], yaw [rad] and (2, 2) of linear [m/s], angular [rad/s], leave
+    the other axes unmeasured; None is the truth, exact in all of them.
+    """
     message = Odometry(header=header(stamp_ns, frame_id), child_frame_id=child_frame_id)
     message.pose.pose.position.x, message.pose.pose.position.y = float(pose.x), float(pose.y)
     turn = message.pose.pose.orientation
     turn.x, turn.y, turn.z, turn.w = quaternion_from_yaw(pose.theta)
     message.twist.twist = twist(velocity)
+    if pose_covariance is not None:
+        message.pose.covariance = _covariance(pose_covariance, (X, Y, YAW))
+    if twist_covariance is not None:
+        message.twist.covariance = _covariance(twist_covariance, (X, YAW))
     return message
+
+
+def _covariance(measured: FloatArray, axes: tuple[int, ...]) -> FloatArray:
+    """Return the 36 numbers, row by row, of a covariance in which only ``axes`` are measured."""
+    whole = np.diag(np.full(6, UNMEASURED))
+    whole[np.ix_(axes, axes)] = measured
+    return whole.ravel()
 
 
 def features(value: Features, stamp_ns: int, frame_id: str) -> PointCloud2:

@@ -1,9 +1,11 @@
 """A simulated camera: ground truth in, images of a room out."""
 
+from dataclasses import dataclass
 import sys
 from typing import Any
 
 import cv2
+from geometry_msgs.msg import TransformStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image
@@ -11,17 +13,45 @@ from visualization_msgs.msg import MarkerArray
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.messages import read, write
-from visual_servo_epipolar.messages.frames import Frame, frames, upright
+from visual_servo_epipolar.core.settings import setting, Settings
+from visual_servo_epipolar.messages import read, transforms, write
+from visual_servo_epipolar.messages.frames import Frame, frame_name, frames, upright
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.run import spin
+from visual_servo_epipolar.nodes.transforms.broadcaster import TransformBroadcaster
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.closed_loop import period_ns
 from visual_servo_epipolar.simulation.disturbances.image import DisturbanceSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
-FRAME_ID = 'camera_optical_frame'
 WARN_PERIOD_S = 2.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraFrames(Settings):
+    """Names of the frames of the camera and of what it is screwed to."""
+
+    camera_frame: str = setting(
+        'camera_optical_frame', 'Frame of the images: x right, y down, z ahead', read_only=True
+    )
+    base_frame: str = setting('base_link', 'Frame of the base', read_only=True)
+    frame_prefix: str = setting(
+        '', 'Put before both, as robot1/ where robots share /tf', read_only=True
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _ = self.camera, self.base  # raise ValueError for a name that tf2 refuses
+
+    @property
+    def camera(self) -> str:
+        """The full name of the camera's frame."""
+        return frame_name(self.frame_prefix, self.camera_frame)
+
+    @property
+    def base(self) -> str:
+        """The full name of the base's frame."""
+        return frame_name(self.frame_prefix, self.base_frame)
 
 
 class CameraNode(Node):
@@ -35,6 +65,7 @@ class CameraNode(Node):
         super().__init__('camera_node', **options)
         self._settings = parameters.declare(self, CameraSettings)
         self._disturbances = parameters.declare(self, DisturbanceSettings)
+        self._names = parameters.declare(self, CameraFrames)
         parameters.refuse_unknown(self, options)
         parameters.watch(self, lambda: self._settings, self._use)
         parameters.watch(self, lambda: self._disturbances, self._disturb)
@@ -47,7 +78,16 @@ class CameraNode(Node):
         self._frames_pub = self.create_publisher(MarkerArray, '~/frames', qos.STREAM)
         self.create_subscription(Odometry, 'ground_truth', self._on_truth, qos.STREAM)
         self.create_subscription(Odometry, 'odom', self._on_odometry, qos.STREAM)
+        self._tf = TransformBroadcaster(self, static=True)
+        self._tf.send([self._mounted()])
         self._desired_pub.publish(self._message(self._simulator.photograph(), 0))
+
+    def _mounted(self) -> TransformStamped:
+        """Return where the camera sits on the base; the floor's jitter is not known to anybody."""
+        mount, base = self._settings.mount, Pose(0.0, 0.0, 0.0)
+        return transforms.mounted(
+            self._names.base, self._names.camera, mount.R_world_camera(base), mount.centre(base)
+        )
 
     def _use(self, settings: Any) -> None:
         self._settings = self._simulator.settings = settings
@@ -67,7 +107,7 @@ class CameraNode(Node):
             return
         image = self._simulator.capture(pose, self._frame)
         self._frame += 1
-        info = write.camera_info(self._settings.nominal_camera, stamp_ns, FRAME_ID)
+        info = write.camera_info(self._settings.nominal_camera, stamp_ns, self._names.camera)
         self._info_pub.publish(info)
         self._image_pub.publish(self._message(image, stamp_ns))
 
@@ -83,7 +123,7 @@ class CameraNode(Node):
         coordinate_frames = (
             upright(odom, Pose(0.0, 0.0, 0.0)),
             upright(message.child_frame_id, pose),
-            Frame(FRAME_ID, mount.R_world_camera(pose), mount.centre(pose)),
+            Frame(self._names.camera, mount.R_world_camera(pose), mount.centre(pose)),
         )
         self._frames_pub.publish(frames(coordinate_frames, stamp_ns, odom))
 
@@ -102,7 +142,7 @@ class CameraNode(Node):
         encoding = self._settings.encoding
         if encoding == 'bgr8':
             image = cv2.cvtColor(image, cv2.COLOR_GRAY2BGR)
-        return write.image(image, encoding, stamp_ns, FRAME_ID)
+        return write.image(image, encoding, stamp_ns, self._names.camera)
 
 
 def main() -> None:

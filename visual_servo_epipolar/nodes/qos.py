@@ -20,6 +20,8 @@ LATCHED = _newest(ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL)
 # /clock as ROS defines it.
 CLOCK = _newest(ReliabilityPolicy.BEST_EFFORT)
 DIAGNOSTICS = QoSProfile(depth=10)
+# /tf as tf2 has it: many publish on it.
+TRANSFORMS = QoSProfile(depth=100)
 
 # A reliable subscriber never connects to a best-effort camera driver; a best-effort one connects
 # to every driver but loses large images on default transports. Hence a choice.

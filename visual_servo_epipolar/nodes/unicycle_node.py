@@ -15,10 +15,16 @@ from std_srvs.srv import Trigger
 from visual_servo_epipolar.core.control.command import Command
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.settings import setting, Settings
-from visual_servo_epipolar.messages import read, write
+from visual_servo_epipolar.messages import read, transforms, write
+from visual_servo_epipolar.messages.frames import frame_name
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.run import spin
+from visual_servo_epipolar.nodes.transforms.broadcaster import TransformBroadcaster
 from visual_servo_epipolar.simulation.bases.base import Base
+from visual_servo_epipolar.simulation.bases.dead_reckoning import (
+    DeadReckoning,
+    world_to_odometry,
+)
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 from visual_servo_epipolar.simulation.bases.registry import new_base
 from visual_servo_epipolar.simulation.closed_loop import period_ns
@@ -53,6 +59,11 @@ class UnicycleSettings(Settings):
     )
     odom_frame: str = setting('odom', 'Frame of the odometry', read_only=True)
     base_frame: str = setting('base_link', 'Frame of the base', read_only=True)
+    frame_prefix: str = setting(
+        '',
+        'Put before odom_frame and base_frame, as robot1/ where robots share /tf',
+        read_only=True,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -60,6 +71,17 @@ class UnicycleSettings(Settings):
             raise ValueError(
                 f'start must be three numbers, x [m], y [m], heading error [deg], got {self.start}'
             )
+        _ = self.frames  # raises ValueError for a name that tf2 refuses
+
+    @property
+    def frames(self) -> tuple[str, str, str]:
+        """The frames of world, odometry and base; robots share the world."""
+        prefix = self.frame_prefix
+        return (
+            frame_name('', self.world_frame),
+            frame_name(prefix, self.odom_frame),
+            frame_name(prefix, self.base_frame),
+        )
 
 
 class UnicycleNode(Node):
@@ -80,9 +102,11 @@ class UnicycleNode(Node):
         parameters.watch(self, lambda: self._base_settings, self._use)
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._base, self.steps = self._new_base(), 0
+        self._reckoning = self._new_reckoning()
         self._truth_pub = self.create_publisher(Odometry, 'ground_truth', qos.STREAM)
         self._odom_pub = self.create_publisher(Odometry, 'odom', qos.STREAM)
         self._applied_pub = self.create_publisher(TwistStamped, 'cmd_vel_applied', qos.STREAM)
+        self._tf = TransformBroadcaster(self)
         kind = TwistStamped if self._settings.enable_stamped_cmd_vel else TwistMessage
         self.create_subscription(kind, 'cmd_vel', self._on_command, qos.COMMAND)
         self.create_service(Trigger, '~/reset', self._on_reset)
@@ -114,6 +138,9 @@ class UnicycleNode(Node):
         start = Pose.from_start(*self._settings.start)
         now_ns = 0 if self._settings.lockstep else self._steady.now().nanoseconds
         return new_base(self._base_settings, start, seed=self._settings.seed, now_ns=now_ns)
+
+    def _new_reckoning(self) -> DeadReckoning:
+        return DeadReckoning(self._base.odometry, self._base.now_ns)
 
     def _on_command(self, message: Any) -> None:
         try:
@@ -154,20 +181,42 @@ class UnicycleNode(Node):
         stamp_ns = self._base.now_ns if lockstep else self.get_clock().now().nanoseconds
         if lockstep:
             self._clock_pub.publish(write.clock(stamp_ns))
-        base, frame = self._base, names.base_frame
-        self._applied_pub.publish(write.twist_stamped(base.twist, stamp_ns, frame))
-        self._odom_pub.publish(
-            write.odometry(base.odometry, base.twist, stamp_ns, names.odom_frame, frame)
+        base, (world, odom, frame) = self._base, names.frames
+        self._reckoning = self._reckoning.advanced(
+            base.odometry, base.now_ns, noise=self._base_settings.odometry_noise
         )
-        self._truth_pub.publish(
-            write.odometry(base.pose, base.twist, stamp_ns, names.world_frame, frame)
+        self._applied_pub.publish(write.twist_stamped(base.twist, stamp_ns, frame))
+        self._odom_pub.publish(self._odometry(stamp_ns))
+        # What a localiser would publish: the tree is right about base_link in the world.
+        origin = world_to_odometry(base.pose, self._reckoning.pose)
+        self._tf.send(
+            [
+                transforms.on_the_floor(world, odom, origin, stamp_ns),
+                transforms.on_the_floor(odom, frame, self._reckoning.pose, stamp_ns),
+            ]
+        )
+        self._truth_pub.publish(write.odometry(base.pose, base.twist, stamp_ns, world, frame))
+
+    def _odometry(self, stamp_ns: int) -> Odometry:
+        """Return what the wheels say: drifting, and aware of it."""
+        reckoning, (_, odom, frame) = self._reckoning, self._settings.frames
+        return write.odometry(
+            reckoning.pose,
+            reckoning.twist,
+            stamp_ns,
+            odom,
+            frame,
+            pose_covariance=reckoning.pose_covariance,
+            twist_covariance=reckoning.twist_covariance,
         )
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._base = self._new_base()
+        self._reckoning = self._new_reckoning()
         self._publish()
         response.success = True
         response.message = f'at the start {list(self._settings.start)}'
+        self.get_logger().info(f'reset, {response.message}')
         return response
 
 

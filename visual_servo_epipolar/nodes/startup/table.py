@@ -71,6 +71,7 @@ NODES: Mapping[str, NodeRow] = {
         settings=(
             'simulation.mounts.camera_settings:CameraSettings',
             'simulation.disturbances.image:DisturbanceSettings',
+            'nodes.camera_node:CameraFrames',
         ),
     ),
     'recorder_node': NodeRow(

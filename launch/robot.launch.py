@@ -1,0 +1,135 @@
+"""Tracker and servo on a real robot's own camera and base; a recorder if asked for."""
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+from launch_ros.substitutions import FindPackageShare
+
+PACKAGE = 'visual_servo_epipolar'
+
+
+def generate_launch_description():
+    """Return arguments and nodes; a parameter whose argument is empty is left to the files."""
+    return LaunchDescription(
+        [
+            DeclareLaunchArgument(
+                'namespace', default_value='', description='Namespace of the nodes, as robot1'
+            ),
+            DeclareLaunchArgument(
+                'params_file',
+                default_value='',
+                description='Parameters of your own, which win over config/robot.yaml',
+            ),
+            DeclareLaunchArgument(
+                'image',
+                default_value='image_raw',
+                description="Topic of the camera's images, as /camera/image_raw",
+            ),
+            DeclareLaunchArgument(
+                'camera_info',
+                default_value='camera_info',
+                description='Topic of its calibration, as /camera/camera_info',
+            ),
+            DeclareLaunchArgument(
+                'cmd_vel',
+                default_value='cmd_vel',
+                description='Topic on which the base takes velocity commands',
+            ),
+            DeclareLaunchArgument(
+                'desired_image',
+                default_value='',
+                description='File of the photograph; empty: call tracker_node/capture_desired',
+            ),
+            DeclareLaunchArgument(
+                'autostart',
+                default_value='',
+                choices=['', 'true', 'false'],
+                description='true: the robot drives as soon as there are tracks, not on ~/start',
+            ),
+            DeclareLaunchArgument(
+                'use_sim_time',
+                default_value='',
+                choices=['', 'true', 'false'],
+                description='true: time comes from /clock, which a simulator publishes',
+            ),
+            DeclareLaunchArgument(
+                'record', default_value='', description='Folder of a new bag; empty: no recorder'
+            ),
+            DeclareLaunchArgument(
+                'sigterm_timeout',
+                default_value='30',
+                description='Time to end after Ctrl-C [s]: a recorder completes its bag in it',
+            ),
+            OpaqueFunction(function=controller),
+            OpaqueFunction(function=recorder),
+        ]
+    )
+
+
+def controller(context):
+    """Return tracker and servo."""
+    value = context.launch_configurations
+    return [
+        Node(
+            package=PACKAGE,
+            executable='tracker_node',
+            namespace=value['namespace'],
+            parameters=[
+                config('robot.yaml'),
+                *own(value['params_file']),
+                *given(value, desired_image=str, use_sim_time=bool),
+            ],
+            remappings=[('image_raw', value['image']), ('camera_info', value['camera_info'])],
+            output='screen',
+        ),
+        Node(
+            package=PACKAGE,
+            executable='servo_node',
+            namespace=value['namespace'],
+            parameters=[
+                config('robot.yaml'),
+                *own(value['params_file']),
+                *given(value, autostart=bool, use_sim_time=bool),
+            ],
+            remappings=[('camera_info', value['camera_info']), ('cmd_vel', value['cmd_vel'])],
+            output='screen',
+        ),
+    ]
+
+
+def recorder(context):
+    """Return the recorder, if a bag is asked for."""
+    value = context.launch_configurations
+    node = Node(
+        package=PACKAGE,
+        executable='recorder_node',
+        namespace=value['namespace'],
+        parameters=[
+            config('recorder_node.yaml'),  # no file of the servo's: its autostart is another
+            {'bag': value['record']},
+            *given(value, use_sim_time=bool),
+        ],
+        output='screen',
+    )
+    return [node] if value['record'] else []
+
+
+def config(name):
+    """Return the path of a file in this package's config folder."""
+    return PathJoinSubstitution([FindPackageShare(PACKAGE), 'config', name])
+
+
+def own(file):
+    """Return the user's parameter file, if there is one."""
+    return [file] if file else []
+
+
+def given(value, **kinds):
+    """Return the parameters, of these types, whose argument of the same name is not empty."""
+    return [
+        {name: ParameterValue(LaunchConfiguration(name), value_type=kind)}
+        for name, kind in kinds.items()
+        if value[name]
+    ]

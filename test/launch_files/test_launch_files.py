@@ -1,0 +1,267 @@
+"""The launch files: executables, files, topics and parameters in them exist, and do as told."""
+
+import ast
+from dataclasses import fields
+from importlib import import_module
+import inspect
+from pathlib import Path
+import re
+import sys
+
+from launch_stub import Launch, load, modules, ROOT
+import pytest
+import yaml
+
+PACKAGE = 'visual_servo_epipolar'
+FILES = sorted(path.name for path in (ROOT / 'launch').glob('*.py'))
+EVERYTHING = {
+    'simulation.launch.py': {'record': '/bags/one', 'rviz': 'true'},
+    'robot.launch.py': {'record': '/bags/one'},
+    'two_robots.launch.py': {'record': '/bags', 'rviz': 'true'},
+}
+TOPIC = re.compile(r"\.create_(?:publisher|subscription)\(\s*\w+,\s*'([^'~/][^']*)'")
+DECLARATION = re.compile(r'parameters\.declare\(self, (\w+)\)')
+RVIZ = yaml.safe_load((ROOT / 'config/visual_servo.rviz').read_text(encoding='utf-8'))
+
+
+@pytest.fixture(autouse=True)
+def stub(monkeypatch) -> None:
+    for name, module in modules().items():
+        monkeypatch.setitem(sys.modules, name, module)
+
+
+def entry_points() -> set[str]:
+    for node in ast.parse((ROOT / 'setup.py').read_text(encoding='utf-8')).body:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == 'NODES':
+            return set(ast.literal_eval(node.value))
+    raise AssertionError('setup.py has no NODES')
+
+
+def source(node) -> str:
+    return inspect.getsource(import_module(f'{PACKAGE}.nodes.{node.executable}'))
+
+
+def parameters(node) -> set[str]:
+    module = import_module(f'{PACKAGE}.nodes.{node.executable}')
+    kinds = [getattr(module, name) for name in DECLARATION.findall(source(node))]
+    return {item.name for kind in kinds for item in fields(kind)} | {'use_sim_time'}
+
+
+def ours(launch: Launch):
+    return [node for node in launch.nodes if node.package == PACKAGE]
+
+
+def by_name(launch: Launch):
+    return {node.executable: node for node in launch.nodes}
+
+
+def values(node) -> dict[str, object]:
+    """Return the parameters that the launch file itself gives, later ones over earlier ones."""
+    dicts = (item for item in node.parameters if isinstance(item, dict))
+    return {key: value for item in dicts for key, value in item.items()}
+
+
+def test_each_launch_file_is_tested_here() -> None:
+    assert FILES == sorted(EVERYTHING)
+
+
+@pytest.mark.parametrize('name', FILES)
+def test_nodes_are_entry_points_and_their_files_exist(name) -> None:
+    launch = Launch(name, **EVERYTHING[name])
+    assert {node.executable for node in ours(launch)} <= entry_points()
+    assert {node.package for node in launch.nodes} <= {PACKAGE, 'rviz2'}
+    for node in launch.nodes:
+        paths = [item for item in (*node.parameters, *node.arguments) if '/' in str(item)]
+        files = [Path(item) for item in paths if isinstance(item, str) and item.startswith('/')]
+        assert [path for path in files if not path.is_file()] == []
+        assert node.executable == 'rviz2' or files, f'{node.executable} has no settings'
+
+
+@pytest.mark.parametrize('name', FILES)
+def test_each_argument_is_described_and_used(name) -> None:
+    launch = Launch(name, **EVERYTHING[name])
+    own = {
+        node.args[0].value
+        for node in ast.walk(ast.parse((ROOT / 'launch' / name).read_text(encoding='utf-8')))
+        if isinstance(node, ast.Call) and ast.unparse(node.func) == 'DeclareLaunchArgument'
+    }
+    assert own <= launch.declared.keys()
+    for argument in launch.declared.values():
+        assert len(argument.description) > 10, argument.name
+    # One that is not declared is a KeyError; launch itself asks for the time to end.
+    assert own - {'sigterm_timeout'} <= launch.configurations.used
+
+
+@pytest.mark.parametrize('name', FILES)
+def test_a_recorder_has_time_to_complete_its_bag(name) -> None:
+    # launch gives 5 s from Ctrl-C to SIGTERM, and as many to SIGKILL; a group forgets its own.
+    assert float(Launch(name).configurations['sigterm_timeout']) >= 20.0
+
+
+@pytest.mark.parametrize('name', FILES)
+def test_remapped_topics_are_topics_of_the_nodes(name) -> None:
+    for node in ours(Launch(name)):
+        topics = set(TOPIC.findall(source(node)))
+        assert {topic for topic, _ in node.remappings} <= topics, node.executable
+
+
+@pytest.mark.parametrize('name', FILES)
+def test_parameters_are_parameters_of_the_nodes(name) -> None:
+    given = {
+        'simulation.launch.py': {
+            'start': '[1, -2, 3]',
+            'seed': '4',
+            'frame_prefix': 'r/',
+            'namespace': 'r',
+            'desired_image': 'goal.png',
+            'autostart': 'false',
+            'use_sim_time': 'true',
+        },
+        'robot.launch.py': {
+            'desired_image': 'goal.png',
+            'autostart': 'true',
+            'use_sim_time': 'true',
+        },
+    }
+    for node in ours(Launch(name, **EVERYTHING[name], **given.get(name, {}))):
+        assert values(node).keys() <= parameters(node), node.executable
+
+
+def test_the_simulation_is_four_nodes_and_more_only_if_asked_for() -> None:
+    four = ['unicycle_node', 'camera_node', 'tracker_node', 'servo_node']
+    assert [node.executable for node in Launch('simulation.launch.py').nodes] == four
+    launch = Launch('simulation.launch.py', record='/bags/one', rviz='true')
+    assert [node.executable for node in launch.nodes] == [*four, 'recorder_node', 'rviz2']
+    assert values(by_name(launch)['recorder_node'])['bag'] == '/bags/one'
+
+
+def test_on_a_real_robot_run_tracker_and_servo_alone() -> None:
+    assert [node.executable for node in Launch('robot.launch.py').nodes] == [
+        'tracker_node',
+        'servo_node',
+    ]
+    launch = Launch('robot.launch.py', record='/bags/one')
+    assert values(by_name(launch)['recorder_node']) == {'bag': '/bags/one'}
+
+
+@pytest.mark.parametrize('name', ['simulation.launch.py', 'robot.launch.py'])
+def test_what_is_left_empty_is_left_to_the_files(name) -> None:
+    for node in Launch(name).nodes:
+        assert all(isinstance(item, str) for item in node.parameters), node.executable
+
+
+@pytest.mark.parametrize('name', ['simulation.launch.py', 'robot.launch.py'])
+def test_own_parameters_win_over_ours_and_arguments_over_both(name) -> None:
+    launch = Launch(name, params_file='/mine.yaml', use_sim_time='true')
+    for node in (by_name(launch)['tracker_node'], by_name(launch)['servo_node']):
+        assert node.parameters[0].startswith(str(ROOT))
+        assert node.parameters[1:] == ['/mine.yaml', {'use_sim_time': True}]
+
+
+def test_own_parameters_reach_those_alone_whom_they_are_meant_for() -> None:
+    # Under /**: servo and base would share max_linear, servo and recorder autostart.
+    launch = Launch(
+        'simulation.launch.py', params_file='/servo.yaml', world_file='/base.yaml', record='/bag'
+    )
+    files = {node.executable: node.parameters[1] for node in launch.nodes}
+    assert files == {
+        'unicycle_node': '/base.yaml',
+        'camera_node': '/base.yaml',
+        'tracker_node': '/servo.yaml',
+        'servo_node': '/servo.yaml',
+        'recorder_node': {'bag': '/bag'},
+    }
+    recorder = by_name(Launch('robot.launch.py', params_file='/servo.yaml', record='/bag'))[
+        'recorder_node'
+    ]
+    assert recorder.parameters[1:] == [{'bag': '/bag'}]
+
+
+@pytest.mark.parametrize('name', ['simulation.launch.py', 'robot.launch.py'])
+def test_topics_go_where_they_are_sent(name) -> None:
+    topics = {'image': '/cam/image', 'camera_info': '/cam/info', 'cmd_vel': '/base/cmd'}
+    nodes = by_name(Launch(name, namespace='r', **topics))
+    image, info = ('image_raw', '/cam/image'), ('camera_info', '/cam/info')
+    assert nodes['tracker_node'].remappings == [image, info]
+    assert nodes['servo_node'].remappings == [info, ('cmd_vel', '/base/cmd')]
+    if 'camera_node' in nodes:
+        assert nodes['camera_node'].remappings == [image, info]
+        assert nodes['unicycle_node'].remappings == [('cmd_vel', '/base/cmd')]
+    assert {node.namespace for node in nodes.values()} == {'r'}
+
+
+def test_start_and_seed_reach_base_and_camera() -> None:
+    nodes = by_name(Launch('simulation.launch.py', start='[1, -2.5, 30]', seed='7'))
+    assert values(nodes['unicycle_node']) == {'start': [1.0, -2.5, 30.0], 'seed': 7}
+    assert values(nodes['camera_node']) == {'seed': 7}
+    assert all(type(number) is float for number in values(nodes['unicycle_node'])['start'])
+
+
+def test_a_start_that_is_no_numbers_is_refused_in_one_line() -> None:
+    with pytest.raises(RuntimeError, match=r"start must be three numbers, .* got 'home'; write "):
+        Launch('simulation.launch.py', start='home')
+
+
+def test_the_small_camera_is_the_large_one_and_a_file_after_it() -> None:
+    large = by_name(Launch('simulation.launch.py'))['camera_node']
+    small = by_name(Launch('simulation.launch.py', camera_size='640x480'))['camera_node']
+    assert [Path(item).name for item in small.parameters if isinstance(item, str)] == [
+        'camera_node.yaml',
+        'camera_node_640x480.yaml',
+    ]
+    assert small.parameters[1:] != large.parameters[1:]
+
+
+def test_a_frame_prefix_reaches_every_node_that_names_frames() -> None:
+    nodes = by_name(Launch('simulation.launch.py', frame_prefix='r/', rviz='true'))
+    assert values(nodes['unicycle_node']) == values(nodes['camera_node']) == {'frame_prefix': 'r/'}
+    assert values(nodes['servo_node']) == {'base_frame': 'r/base_link'}
+    assert nodes['rviz2'].arguments[-2:] == ['-f', 'r/odom']
+
+
+def test_a_recorder_in_a_namespace_records_that_robot_alone() -> None:
+    node = by_name(Launch('simulation.launch.py', namespace='/r', record='/bags/one'))[
+        'recorder_node'
+    ]
+    assert values(node)['topics'] == ['/r/*', '/diagnostics', '/tf*']
+    alone = by_name(Launch('simulation.launch.py', record='/bags/one'))['recorder_node']
+    assert 'topics' not in values(alone)
+
+
+def test_two_robots_share_nothing_but_the_world() -> None:
+    launch = Launch('two_robots.launch.py', record='/bags', camera_size='640x480')
+    robots = [
+        {node.executable: node for node in launch.nodes if node.namespace == name}
+        for name in ('robot1', 'robot2')
+    ]
+    assert len(launch.nodes) == 10
+    assert robots[0].keys() == robots[1].keys()
+    for name, prefix in zip(robots, ('robot1/', 'robot2/'), strict=True):
+        assert values(name['unicycle_node'])['frame_prefix'] == prefix
+        assert values(name['camera_node'])['frame_prefix'] == prefix
+        assert values(name['servo_node']) == {'base_frame': f'{prefix}base_link'}
+    for parameter in ('start', 'seed'):
+        first, second = (values(robot['unicycle_node'])[parameter] for robot in robots)
+        assert first != second
+    bags = [values(robot['recorder_node'])['bag'] for robot in robots]
+    assert bags == ['/bags/robot1', '/bags/robot2']
+    assert not any(topic.startswith('/') for node in launch.nodes for _, topic in node.remappings)
+    assert len(Launch('two_robots.launch.py').nodes) == 8
+
+
+def test_rviz_finds_every_topic_of_its_layout_in_the_namespace() -> None:
+    module = load(ROOT / 'launch/simulation.launch.py')
+    displays = RVIZ['Visualization Manager']['Displays']
+    shown = {item['Topic']['Value'] for item in displays if 'Topic' in item}
+    node = by_name(Launch('simulation.launch.py', rviz='true', image='picture'))['rviz2']
+    assert dict(node.remappings)['/image_raw'] == 'picture'
+    assert shown <= {topic for topic, _ in node.remappings}
+    assert {f'/{topic}' for topic in module.SHOWN} <= shown
+    fixed = RVIZ['Visualization Manager']['Global Options']['Fixed Frame']
+    assert node.arguments[-1] == fixed
+
+
+def test_launch_files_are_installed() -> None:
+    setup = (ROOT / 'setup.py').read_text(encoding='utf-8')
+    assert "(f'{SHARE}/launch', sorted(glob('launch/*.launch.py')))" in setup
+    assert all(name.endswith('.launch.py') for name in FILES)

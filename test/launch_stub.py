@@ -1,0 +1,183 @@
+"""A stand-in for launch and launch_ros, which pip lacks: just what our launch files use."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+import importlib.util
+from pathlib import Path
+import sys
+from types import ModuleType, SimpleNamespace
+from typing import Any
+
+ROOT = Path(__file__).parents[1]
+
+
+class Configurations(dict[str, str]):
+    """Values of the arguments; remembers which were asked for."""
+
+    def __init__(self, values: Mapping[str, str]) -> None:
+        super().__init__(values)
+        self.used: set[str] = set()
+
+    def __getitem__(self, name: str) -> str:
+        self.used.add(name)
+        return super().__getitem__(name)
+
+
+@dataclass(frozen=True)
+class LaunchConfiguration:
+    name: str
+
+
+@dataclass(frozen=True)
+class FindPackageShare:
+    package: str
+
+
+@dataclass(frozen=True)
+class PathJoinSubstitution:
+    parts: list[Any]
+
+
+@dataclass(frozen=True)
+class ParameterValue:
+    value: LaunchConfiguration
+    value_type: type
+
+
+@dataclass(frozen=True)
+class LaunchDescription:
+    entities: list[Any]
+
+
+@dataclass(frozen=True)
+class DeclareLaunchArgument:
+    name: str
+    default_value: str
+    description: str
+    choices: list[str] | None = None
+
+
+@dataclass(frozen=True)
+class OpaqueFunction:
+    function: Callable[..., list[Any]]
+
+
+@dataclass(frozen=True)
+class GroupAction:
+    actions: list[Any]
+
+
+@dataclass(frozen=True)
+class PythonLaunchDescriptionSource:
+    path: PathJoinSubstitution
+
+
+@dataclass(frozen=True)
+class IncludeLaunchDescription:
+    source: PythonLaunchDescriptionSource
+    launch_arguments: Any
+
+
+@dataclass
+class Node:
+    package: str
+    executable: str
+    namespace: str = ''
+    parameters: list[Any] = field(default_factory=list)
+    remappings: list[tuple[str, str]] = field(default_factory=list)
+    arguments: list[Any] = field(default_factory=list)
+    output: str = 'log'
+
+
+MODULES = {
+    'launch': [LaunchDescription],
+    'launch.actions': [
+        DeclareLaunchArgument,
+        GroupAction,
+        IncludeLaunchDescription,
+        OpaqueFunction,
+    ],
+    'launch.launch_description_sources': [PythonLaunchDescriptionSource],
+    'launch.substitutions': [LaunchConfiguration, PathJoinSubstitution],
+    'launch_ros': [],
+    'launch_ros.actions': [Node],
+    'launch_ros.parameter_descriptions': [ParameterValue],
+    'launch_ros.substitutions': [FindPackageShare],
+}
+
+
+def modules() -> dict[str, ModuleType]:
+    """Return the modules by name, for sys.modules."""
+    made = {name: ModuleType(name) for name in MODULES}
+    for name, members in MODULES.items():
+        for member in members:
+            setattr(made[name], member.__name__, member)
+    return made
+
+
+def load(path: Path) -> ModuleType:
+    """Import a launch file; the stand-ins must be in sys.modules."""
+    assert sys.modules['launch'].LaunchDescription is LaunchDescription
+    spec = importlib.util.spec_from_file_location(path.name.replace('.', '_'), path)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+class Launch:
+    """What a launch file comes to with some arguments: nodes, with paths and values filled in."""
+
+    def __init__(self, name: str, **arguments: str) -> None:
+        self.nodes: list[Node] = []
+        self.declared: dict[str, DeclareLaunchArgument] = {}
+        self.configurations = Configurations(arguments)
+        unknown = set(arguments)
+        for entity in self._entities(ROOT / 'launch' / name):
+            self._visit(entity, self.configurations)
+        assert unknown <= self.declared.keys()
+
+    def _entities(self, path: Path) -> list[Any]:
+        entities: list[Any] = load(path).generate_launch_description().entities
+        return entities
+
+    def _visit(self, entity: Any, values: Configurations) -> None:
+        if isinstance(entity, DeclareLaunchArgument):
+            self.declared.setdefault(entity.name, entity)
+            value = values.setdefault(entity.name, entity.default_value)
+            assert entity.choices is None or value in entity.choices, (entity.name, value)
+        elif isinstance(entity, OpaqueFunction):
+            context = SimpleNamespace(launch_configurations=values)
+            for item in entity.function(context):
+                self._visit(item, values)
+        elif isinstance(entity, GroupAction):
+            scope = Configurations(values)
+            for item in entity.actions:
+                self._visit(item, scope)
+        elif isinstance(entity, IncludeLaunchDescription):
+            values.update(entity.launch_arguments)  # they outlive it, as in launch
+            for item in self._entities(Path(resolved(entity.source.path, values))):
+                self._visit(item, values)
+        else:
+            assert isinstance(entity, Node), entity
+            entity.parameters = [resolved(item, values) for item in entity.parameters]
+            entity.arguments = [resolved(item, values) for item in entity.arguments]
+            self.nodes.append(entity)
+
+
+def resolved(item: Any, values: Configurations) -> Any:
+    """Return text, numbers and dicts for substitutions."""
+    if isinstance(item, LaunchConfiguration):
+        return values[item.name]
+    if isinstance(item, FindPackageShare):
+        assert item.package == 'visual_servo_epipolar'
+        return str(ROOT)
+    if isinstance(item, PathJoinSubstitution):
+        return '/'.join(resolved(part, values) for part in item.parts)
+    if isinstance(item, ParameterValue):
+        text = resolved(item.value, values)
+        return text == 'true' if item.value_type is bool else item.value_type(text)
+    if isinstance(item, dict):
+        return {name: resolved(value, values) for name, value in item.items()}
+    return item

@@ -1,0 +1,155 @@
+"""The tree of frames: world, odom, base_link, camera; on /tf where tf2_msgs is installed."""
+
+from types import SimpleNamespace
+
+from geometry_msgs.msg import Twist as TwistMessage
+from nav_msgs.msg import Odometry
+import numpy as np
+import pytest
+from sensor_msgs.msg import CameraInfo, Image
+
+from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
+from visual_servo_epipolar.messages import read, transforms, write
+from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes.camera_node import CameraNode
+from visual_servo_epipolar.nodes.transforms.broadcaster import TransformBroadcaster
+from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
+
+TINY = {
+    'width': 64,
+    'height': 48,
+    'focal_length': 40.0,
+    'principal_u': 31.25,
+    'principal_v': 23.5,
+}
+FRAMES = {'odom_frame': 'o', 'base_frame': 'b', 'frame_prefix': 'robot1/'}
+
+
+@pytest.fixture
+def sent(monkeypatch):
+    """Return the list of what the broadcasters are given to send."""
+    messages = []
+    monkeypatch.setattr(TransformBroadcaster, 'send', lambda _, each: messages.append(list(each)))
+    return messages
+
+
+def matrix(message):
+    """Return a planar transform as a matrix, (3, 3)."""
+    place, turn = message.transform.translation, message.transform.rotation
+    cos, sin = turn.w**2 - turn.z**2, 2.0 * turn.w * turn.z
+    return np.array([[cos, -sin, place.x], [sin, cos, place.y], [0.0, 0.0, 1.0]])
+
+
+def test_the_tree_leads_from_the_world_to_where_the_robot_really_is(bench, sent) -> None:
+    truth, odometry = bench.listen(Odometry, 'ground_truth'), bench.listen(Odometry, 'odom')
+    command = bench.talk(TwistMessage, 'cmd_vel')
+    node = bench.start(
+        UnicycleNode, lockstep=True, begin=False, command_timeout=0.0, odometry_noise=0.5
+    )
+    node.begin()
+    for step in range(20):
+        bench.until(lambda count=step + 1: len(truth) == count, 'the next frame')
+        command(write.twist(Twist(0.5, 0.4)))
+    bench.until(lambda: len(odometry) == len(truth) == 21, 'odometry beside the truth')
+    to_odom, to_base = sent[-1]
+    assert [message.header.frame_id for message in sent[-1]] == ['world', 'odom']
+    assert [message.child_frame_id for message in sent[-1]] == ['odom', 'base_link']
+    assert {read.stamp_ns(message.header) for message in sent[-1]} == {
+        read.stamp_ns(truth[-1].header)
+    }
+    pose, wheels = read.pose(truth[-1]), read.pose(odometry[-1])
+    at = transforms.on_the_floor('world', 'base_link', pose, 0)
+    np.testing.assert_allclose(matrix(to_odom) @ matrix(to_base), matrix(at), atol=1e-9)
+    by_wheels = transforms.on_the_floor('odom', 'base_link', wheels, 0)
+    np.testing.assert_allclose(matrix(to_base), matrix(by_wheels), atol=1e-9)
+    assert not np.allclose(matrix(to_odom), matrix(sent[0][0]), atol=1e-3)  # it has drifted
+
+
+def test_the_camera_hangs_on_the_base_once_and_for_all(bench, sent) -> None:
+    bench.start(CameraNode, **TINY, mount_height=0.5, mount_forward=0.2)
+    ((mounted,),) = sent
+    assert (mounted.header.frame_id, mounted.child_frame_id) == (
+        'base_link',
+        'camera_optical_frame',
+    )
+    place = mounted.transform.translation
+    np.testing.assert_allclose([place.x, place.y, place.z], [0.2, 0.0, 0.5])
+
+
+def test_robots_share_the_world_and_no_other_frame(bench, sent) -> None:
+    truth, odometry = bench.listen(Odometry, 'ground_truth'), bench.listen(Odometry, 'odom')
+    node = bench.start(UnicycleNode, lockstep=True, begin=False, **FRAMES)
+    node.begin()
+    bench.until(lambda: bool(truth and odometry), 'truth and odometry')
+    assert (truth[0].header.frame_id, truth[0].child_frame_id) == ('world', 'robot1/b')
+    assert (odometry[0].header.frame_id, odometry[0].child_frame_id) == ('robot1/o', 'robot1/b')
+    assert [message.header.frame_id for message in sent[-1]] == ['world', 'robot1/o']
+    assert [message.child_frame_id for message in sent[-1]] == ['robot1/o', 'robot1/b']
+
+
+def test_images_and_camera_info_name_the_frame_of_this_robots_camera(bench, sent) -> None:
+    images, infos = bench.listen(Image, 'image_raw'), bench.listen(CameraInfo, 'camera_info')
+    see = bench.talk(Odometry, 'ground_truth')
+    values = {'camera_frame': 'eye_optical_frame', 'base_frame': 'b', 'frame_prefix': 'robot2/'}
+    bench.start(CameraNode, **TINY, **values)
+    see(write.odometry(Pose(0.0, -2.0, 1.5), STANDSTILL, 7, 'world', 'robot2/b'))
+    bench.until(lambda: bool(images and infos), 'an image')
+    assert images[0].header.frame_id == infos[0].header.frame_id == 'robot2/eye_optical_frame'
+    assert sent[0][0].header.frame_id == 'robot2/b'
+    assert sent[0][0].child_frame_id == 'robot2/eye_optical_frame'
+
+
+@pytest.mark.parametrize(
+    ('kind', 'values'),
+    [
+        (UnicycleNode, {'odom_frame': '/odom'}),
+        (UnicycleNode, {'world_frame': ''}),
+        (CameraNode, {**TINY, 'camera_frame': ''}),
+        (CameraNode, {**TINY, 'frame_prefix': '/robot1/'}),
+    ],
+)
+def test_a_frame_that_tf2_refuses_is_refused_at_the_start(bench, kind, values) -> None:
+    with pytest.raises(ValueError, match='a frame must have a name that does not begin with /'):
+        bench.start(kind, **values)
+
+
+@pytest.mark.parametrize(
+    ('static', 'topic', 'profile'),
+    [(False, '/tf', qos.TRANSFORMS), (True, '/tf_static', qos.LATCHED)],
+)
+def test_with_tf2_msgs_transforms_are_published_as_one_message(
+    monkeypatch, static, topic, profile
+) -> None:
+    monkeypatch.setattr(transforms, 'tf_message_class', lambda: SimpleNamespace)
+    made, published = [], []
+
+    def create_publisher(*arguments):
+        made.append(arguments)
+        return SimpleNamespace(publish=published.append)
+
+    broadcaster = TransformBroadcaster(
+        SimpleNamespace(create_publisher=create_publisher), static=static
+    )
+    broadcaster.send(['first', 'second'])
+    assert made == [(SimpleNamespace, topic, profile)]
+    assert [message.transforms for message in published] == [['first', 'second']]
+
+
+def test_without_tf2_msgs_it_says_so_once(bench, monkeypatch) -> None:
+    monkeypatch.setattr(transforms, 'tf_message_class', lambda: None)
+    truth = bench.listen(Odometry, 'ground_truth')
+    node = bench.start(UnicycleNode)
+    bench.until(lambda: len(truth) > 5, 'ground truth')
+    assert not [item for item in node.publishers if item.topic_name.startswith('/tf')]
+    assert len(bench.logged('tf2_msgs cannot be imported, /tf is not published')) == 1
+
+
+def test_with_the_real_tf2_msgs_the_tree_is_on_tf_and_tf_static(bench) -> None:
+    kind = pytest.importorskip('tf2_msgs.msg', reason='tf2_msgs is not installed').TFMessage
+    moving = bench.listen(kind, '/tf', qos.TRANSFORMS)
+    bench.start(UnicycleNode)
+    bench.start(CameraNode, **TINY)
+    fixed = bench.listen(kind, '/tf_static', qos.LATCHED)  # who comes late hears it, too
+    bench.until(lambda: bool(moving and fixed), 'both topics')
+    assert [item.child_frame_id for item in moving[0].transforms] == ['odom', 'base_link']
+    assert [item.child_frame_id for item in fixed[0].transforms] == ['camera_optical_frame']

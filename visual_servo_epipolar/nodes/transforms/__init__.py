@@ -1,0 +1,1 @@
+"""Where the frames of the simulated robot are: /tf and /tf_static, if tf2_msgs is there."""
