@@ -15,7 +15,13 @@ from visual_servo_epipolar.commands.report.tables import (
     result_table,
     version_section,
 )
-from visual_servo_epipolar.core.servo.run_log import phase_spans, RunLog, seconds, summarise
+from visual_servo_epipolar.core.servo.run_log import (
+    end_s,
+    phase_spans,
+    RunLog,
+    seconds,
+    summarise,
+)
 from visual_servo_epipolar.report import figures
 from visual_servo_epipolar.report.page import drawn, jpeg, Section, strip, Verdict, write_page
 from visual_servo_epipolar.report.run_file import load_run
@@ -28,7 +34,8 @@ VIDEOS = ('video.webm', 'video.mp4', 'video.avi')
 def report_run(folder: Path, path: Path) -> None:
     """Write the page on the run in ``folder``; raises InputError if that fails."""
     run_file = load_run(folder)
-    log, result = run_file.log, summarise(run_file.log)
+    log = run_file.log
+    result = {**summarise(log), 'duration_s': end_s(log)}  # as of a bag: without the braking
     sections = [
         Section('Result', result_table(result)),
         *path_sections(log),
