@@ -8,7 +8,7 @@ from visual_servo_epipolar import __version__
 from visual_servo_epipolar.bags.reading.bag import Bag, RecordedMessage
 from visual_servo_epipolar.bags.reading.run import Recording, usable
 from visual_servo_epipolar.bags.replaying.late_start import late_start_notes
-from visual_servo_epipolar.bags.replaying.replay import Plan
+from visual_servo_epipolar.bags.replaying.replay import Plan, value_at
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.camera import Camera
@@ -69,7 +69,10 @@ def plan(bag: Bag, run: Recording, overrides: ReplayOverrides) -> tuple[Plan, li
         cameras=_cameras(bag, run, overrides),
         photographs=() if from_tracks else _photographs(bag, run, overrides),
     )
-    return result, [*notes, *late_start_notes(run, from_tracks=from_tracks)]
+    recorded = _settings(ServoSettings(), run.servo, {}, []) if run.telemetry else []
+    first = value_at(recorded, min(run.telemetry)[0]) if run.servo and run.telemetry else None
+    notes += late_start_notes(bag, run, first, from_tracks=from_tracks)
+    return result, notes
 
 
 def _from_tracks(bag: Bag, run: Recording, overrides: ReplayOverrides, notes: list[str]) -> bool:

@@ -57,7 +57,8 @@ class ReplayedBag:
     """
     Replayed bag: the recording, the steps of the replay, how they compare.
 
-    ``given`` are the settings that the user gave, ``effective`` those that were recorded otherwise.
+    ``given`` are the settings that the user gave, ``effective`` those of them that were recorded
+    otherwise.
     """
 
     run: Recording
