@@ -175,7 +175,9 @@ def test_a_bag_with_broken_metadata_and_a_lost_file_is_replayed_after_repair(
 ) -> None:
     path = shutil.copytree(bag, tmp_path / 'run')
     (path / 'metadata.yaml').write_text('')
-    assert 'try --repair' in refused(capsys, str(path))
+    error = refused(capsys, str(path))
+    assert 'metadata.yaml is empty or broken' in error
+    assert 'try --repair' in error
     next(path.glob('*.mcap')).rename(path / 'run_1.mcap')
     assert main(['replay', str(path), '--repair', '--tracks']) == 0
     assert 'metadata.yaml completed; lost: run_0.mcap' in capsys.readouterr().out
