@@ -80,12 +80,13 @@ def test_stop_start_and_reset_are_replayed_where_they_happened(servo, tmp_path) 
     assert [item.what.partition(',')[0] for item in history] == [
         'stopped',
         'started',
+        'brought to a standstill',
         'reset to a new run',
         'turn_gain set from 0.8 to 0.5',
     ]
     assert {item.node for item in history} == {'servo'}
     times = [item.time_s for item in history]
-    assert times == pytest.approx([4 / 11, 6 / 11, 11 / 11, 15 / 11], abs=1e-6)
+    assert times == pytest.approx([4 / 11, 6 / 11, 1.0, 1.0, 15 / 11], abs=1e-6)
     remaining = [item for item in servo.received if item[0] != '/servo_node/events']
     assert not replayed(write_bag(tmp_path / 'untold', remaining))[1].equal
 

@@ -121,6 +121,7 @@ def rounded(run: list, folder: Path, difference: float, numpy: str = '1.26.4') -
             steps += 1
         if topic == '/epipoles' and steps == 30:
             message = decoded((topic, log_ns, raw))
+            message.position = message.position.copy()
             message.position[list(message.name).index('psi_rad')] += difference
             raw = bytes(TYPES.serialize_cdr(message, kind))
         if topic.endswith('/settings'):

@@ -11,7 +11,7 @@ from visual_servo_epipolar.messages.event_log import Entry
 from visual_servo_epipolar.messages.settings_text import NodeSettings
 
 WORDS = {
-    'halted': 'halted',
+    'halted': 'brought to a standstill',
     'lost': 'no tracks came in time',
     'reset': 'reset to a new run, by ~/reset or ~/start',
     'stopped': 'stopped, by ~/stop or at the end of the node',

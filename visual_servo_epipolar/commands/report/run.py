@@ -47,6 +47,7 @@ def report_run(folder: Path, path: Path) -> None:
     write_page(path, title_of(log), verdict_of(result), sections, footer=FOOTER)
 
 
+SIGNALS = 'What was measured and commanded. A dashed line marks where the run ended.'
 FOOTER = (
     'Plane of the paper: the goal lies in the origin and looks along +y; x to the right. Errors '
     'are against ground truth, which the servo never sees.'
@@ -75,7 +76,7 @@ def path_sections(log: RunLog) -> list[Section]:
     """Return the map and the signals of a run with ground truth."""
     return [
         Section('Path', drawn(figures.trajectory(log), 'The path seen from above.')),
-        Section('Signals', drawn(figures.signals(log), 'What was measured and commanded.')),
+        Section('Signals', drawn(figures.signals(log), SIGNALS)),
     ]
 
 
