@@ -81,6 +81,44 @@ def test_a_file_that_was_cut_off_keeps_what_is_whole(tmp_path, storage, compress
     assert {path.suffix for path in bag.iterdir()} == {'.yaml', file.suffix}
 
 
+@pytest.mark.parametrize('text', ['', 'rosbag2_bagfile_information: {version: 9}', '{', '3'])
+@pytest.mark.parametrize(('storage', 'compression'), EVERY_KIND)
+def test_metadata_that_is_broken_is_written_anew(tmp_path, storage, compression, text) -> None:
+    bag, sent = recorded_bag(tmp_path, storage=storage, compression=compression)
+    before = (bag / 'metadata.yaml').read_text()
+    (bag / 'metadata.yaml').write_text(text)
+    assert str(repair(bag)).endswith('3 files, all whole, metadata.yaml completed')
+    assert (bag / 'metadata.yaml').read_text() == before
+    assert read_back(bag) == sent
+
+
+@pytest.mark.parametrize('metadata', ['whole', 'broken', 'missing'])
+@pytest.mark.parametrize('lost', [0, 1])
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+def test_a_lost_file_is_named_and_the_others_are_read(tmp_path, storage, lost, metadata) -> None:
+    bag, sent = recorded_bag(tmp_path, storage=storage)
+    file = storage_file(bag, lost)
+    file.unlink()
+    if metadata == 'broken':
+        (bag / 'metadata.yaml').write_text('{')
+    if metadata == 'missing':
+        (bag / 'metadata.yaml').unlink()
+    report = repair(bag)
+    assert report.lost == (file.name,)
+    assert str(report).endswith(
+        f': 60 messages in 2 files, all whole, metadata.yaml completed; lost: {file.name}'
+    )
+    assert read_back(bag) == sent[: 40 * lost] + sent[40 * lost + 40 :]
+    assert repair(bag).lost == ()  # it is a bag of two files now
+
+
+def test_the_last_file_is_missed_where_metadata_lists_it(tmp_path) -> None:
+    bag, sent = recorded_bag(tmp_path)
+    storage_file(bag, 2).unlink()
+    assert repair(bag).lost == ('bag_2.mcap',)
+    assert read_back(bag) == sent[:80]
+
+
 @pytest.mark.parametrize('cut', [0.0, 0.1, 0.5, 0.99])
 def test_a_single_file_is_repaired_and_indexed(tmp_path, cut) -> None:
     bag, sent = recorded_bag(tmp_path)
@@ -105,6 +143,22 @@ def test_a_file_without_index_gets_one(tmp_path) -> None:
     assert read_back(file) == [(WORDS.name, 5, words('flushed'))]
     assert repair(file).rewritten == (file.name,)
     assert read_back(file) == [(WORDS.name, 5, words('flushed'))]
+
+
+@pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])
+@pytest.mark.parametrize('sourced', ['', 'kilted'])
+def test_a_bag_names_the_distribution_of_ros(tmp_path, monkeypatch, storage, sourced) -> None:
+    monkeypatch.setenv('ROS_DISTRO', sourced)
+    distro = sourced or 'jazzy'
+    bag, _ = recorded_bag(tmp_path, storage=storage)
+    described = yaml.safe_load((bag / 'metadata.yaml').read_text())
+    assert described['rosbag2_bagfile_information']['ros_distro'] == distro
+    # Where a file has been taken out of its folder, it says so by itself.
+    assert f'ros_distro: {distro}'.encode() in storage_file(bag, 0).read_bytes()
+    file = storage_file(bag, 0)
+    file.write_bytes(file.read_bytes()[:-5] if storage == 'mcap' else file.read_bytes()[:-4096])
+    repair(bag)
+    assert f'ros_distro: {distro}'.encode() in file.read_bytes()
 
 
 def test_definitions_hash_and_qos_survive(tmp_path) -> None:

@@ -1,11 +1,15 @@
 """Settings as text: they come back as they were, and a node takes the text as its parameters."""
 
 from dataclasses import asdict, replace
+import platform
 
+import cv2
 from hypothesis import given
 from hypothesis import strategies as st
+import numpy as np
 import pytest
 
+from visual_servo_epipolar import __version__
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import from_mapping
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
@@ -41,6 +45,20 @@ def test_a_node_says_what_it_runs_with_and_takes_it_as_parameters(bench, tmp_pat
     again = TrackerNode(context=bench.context, cli_args=['--ros-args', '--params-file', str(path)])
     bench.nodes.append(again)
     assert again._settings == node._settings
+
+
+def test_settings_say_what_computed_with_them() -> None:
+    text = settings_text.to_text('/servo_node', [ServoSettings()], 5)
+    versions = settings_text.from_text(text).versions
+    assert versions == {
+        'visual_servo_epipolar': __version__,
+        'Python': platform.python_version(),
+        'numpy': np.__version__,
+        'OpenCV': cv2.__version__,
+    }
+    earlier = '# visual_servo_epipolar: 0.0.1\n/servo_node: {ros__parameters: {k1: 0.1}}'
+    assert settings_text.from_text(earlier).versions == {'visual_servo_epipolar': '0.0.1'}
+    assert settings_text.from_text(earlier).version == '0.0.1'
 
 
 @pytest.mark.parametrize(

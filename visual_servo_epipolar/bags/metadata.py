@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+import os
 from pathlib import Path
 from typing import Any, Final
 
@@ -11,6 +12,7 @@ import yaml
 
 VERSION: Final = 9  # of rosbag2, that of Jazzy
 FILE = 'metadata.yaml'
+DISTRO: Final = 'jazzy'  # where none is sourced: its messages are those that bags hold
 SUFFIXES = {'mcap': '.mcap', 'sqlite3': '.db3'}
 
 
@@ -28,6 +30,11 @@ class PartInfo:
     def count(self) -> int:
         """Number of messages."""
         return sum(self.counts.values())
+
+
+def distro() -> str:
+    """Return the name of the ROS distribution that records."""
+    return os.environ.get('ROS_DISTRO') or DISTRO
 
 
 def document(parts: Sequence[PartInfo], storage: str, compression_mode: str) -> dict[str, Any]:
@@ -52,7 +59,7 @@ def document(parts: Sequence[PartInfo], storage: str, compression_mode: str) -> 
             'compression_mode': compression_mode,
             'files': [_file(part) for part in parts],
             'custom_data': None,
-            'ros_distro': 'rosbags',
+            'ros_distro': distro(),
         }
     }
 
@@ -60,8 +67,22 @@ def document(parts: Sequence[PartInfo], storage: str, compression_mode: str) -> 
 def write(folder: Path, content: Mapping[str, Any]) -> None:
     """Write metadata.yaml into ``folder``, by rename."""
     partial = folder / f'{FILE}.partial'
-    partial.write_text(yaml.safe_dump(dict(content), sort_keys=False), encoding='utf-8')
-    partial.replace(folder / FILE)
+    try:
+        partial.write_text(yaml.safe_dump(dict(content), sort_keys=False), encoding='utf-8')
+        partial.replace(folder / FILE)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+def listed_files(folder: Path) -> list[str] | None:
+    """Return the names of the storage files that metadata.yaml lists, None if it is broken."""
+    try:
+        content = yaml.safe_load((folder / FILE).read_text(encoding='utf-8'))
+        paths = content['rosbag2_bagfile_information']['relative_file_paths']
+        # Early versions put the folder of the bag in front.
+        return [Path(item).name for item in paths]
+    except (OSError, ValueError, LookupError, TypeError, RecursionError, yaml.YAMLError):
+        return None
 
 
 def _file(part: PartInfo) -> dict[str, Any]:

@@ -19,7 +19,7 @@ from visual_servo_epipolar.bags.definitions import hash_of
 from visual_servo_epipolar.bags.metadata import PartInfo, SUFFIXES, VERSION
 from visual_servo_epipolar.bags.reading.bag import DAMAGE
 from visual_servo_epipolar.bags.salvage import Salvage, StoredTopic
-from visual_servo_epipolar.bags.storage import PLUGINS
+from visual_servo_epipolar.bags.storage import close_writer, PLUGINS
 from visual_servo_epipolar.core.errors import InputError
 
 STORAGES = {suffix: storage for storage, suffix in SUFFIXES.items()}
@@ -37,17 +37,18 @@ class RepairReport:
     rewritten: tuple[str, ...]  # names of the files that were not whole
     lost_bytes: int  # of those, what could not be read
     described: bool  # whether metadata.yaml was written
+    lost: tuple[str, ...] = ()  # names of files that are not there any more
 
     def __str__(self) -> str:
-        summary = f'{self.path}: {self.messages} messages in {self.files} files'
-        if not self.rewritten:
-            return f'{summary}, all whole' + (
-                ', metadata.yaml completed' if self.described else ''
+        text = f'{self.path}: {self.messages} messages in {self.files} files'
+        if self.rewritten:
+            text += (
+                f'; completed {", ".join(self.rewritten)}, {self.lost_bytes} bytes could not be '
+                'read'
             )
-        return (
-            f'{summary}; completed {", ".join(self.rewritten)}, {self.lost_bytes} bytes could not '
-            'be read'
-        )
+        else:
+            text += ', all whole' + (', metadata.yaml completed' if self.described else '')
+        return text + (f'; lost: {", ".join(self.lost)}' if self.lost else '')
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,7 +67,8 @@ def repair(path: Path) -> RepairReport:
 
     Every byte is read. Files that are whole stay as they are; what remains of the others is
     written anew, with an index, and takes their place only when it is complete: that needs as
-    much free space.
+    much free space. A metadata.yaml that is missing or broken is written anew, and one that lists
+    files that are lost.
 
     Raises
     ------
@@ -76,6 +78,7 @@ def repair(path: Path) -> RepairReport:
     """
     files = _storage_files(path)
     folder = path if path.is_dir() else path.parent
+    lost = _lost_files(folder, files) if path.is_dir() else ()
     try:
         for stale in folder.glob(f'{SCRATCH}*'):
             shutil.rmtree(stale)
@@ -92,6 +95,7 @@ def repair(path: Path) -> RepairReport:
         tuple(part.info.file for part in parts if part.rewritten),
         sum(part.lost_bytes for part in parts),
         described,
+        lost,
     )
 
 
@@ -115,8 +119,25 @@ def _storage_files(path: Path) -> list[Path]:
 
 
 def _number(path: Path) -> tuple[int, str]:
-    digits = re.search(r'(\d+)$', path.stem)
+    digits = re.search(r'(\d{1,9})$', path.stem)
     return (int(digits[1]) if digits else 0, path.name)
+
+
+def _lost_files(folder: Path, files: list[Path]) -> tuple[str, ...]:
+    """Return the names of files that are lost: by metadata.yaml, or by a gap in the numbers."""
+    names = [file.name for file in files]
+    expected = metadata.listed_files(folder)
+    if expected is None:
+        expected = _numbered_like(files[-1])
+    return tuple(name for name in expected if name not in names)
+
+
+def _numbered_like(last: Path) -> list[str]:
+    """Return the names of the files of a recording up to its last one, all that it ever had."""
+    name = re.fullmatch(r'(.*_)(\d{1,4})', last.stem)
+    if name is None:
+        return []
+    return [f'{name[1]}{number}{last.suffix}' for number in range(int(name[2]))]
 
 
 def _repair_file(file: Path, folder: Path, scratch: Path) -> _RepairedFile:
@@ -161,7 +182,7 @@ def _rewritten(salvage: Salvage, scratch: Path) -> Path:
             if topic not in connections:
                 connections[topic] = _connection(writer, topic)
             writer.write(connections[topic], stamp_ns, data)
-        writer.close()
+        close_writer(writer)
     except BaseException:
         writer.abort()
         raise
@@ -190,10 +211,17 @@ def _info(file: Path) -> PartInfo:
 
 
 def _describe(folder: Path, parts: list[_RepairedFile]) -> bool:
-    """Write metadata.yaml where it is missing or out of date."""
-    if (folder / metadata.FILE).is_file() and not any(part.rewritten for part in parts):
+    """Write metadata.yaml where it is missing, broken or out of date."""
+    if not any(part.rewritten for part in parts) and _is_described(folder):
         return False
     storage = STORAGES[Path(parts[0].info.file).suffix]
     mode = 'message' if any(part.compressed for part in parts) else ''
     metadata.write(folder, metadata.document([part.info for part in parts], storage, mode))
     return True
+
+
+def _is_described(folder: Path) -> bool:
+    """Return whether metadata.yaml is there, can be read, and lists files that are there."""
+    with suppress(*DAMAGE), Reader(folder):
+        return True
+    return False

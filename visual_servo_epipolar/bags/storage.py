@@ -22,7 +22,7 @@ from rosbags.interfaces import Connection, Qos
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer, WriterError
 
 from visual_servo_epipolar.bags.definitions import definition
-from visual_servo_epipolar.bags.metadata import PartInfo, SUFFIXES, VERSION
+from visual_servo_epipolar.bags.metadata import distro, PartInfo, SUFFIXES, VERSION
 
 FAULTS = (OSError, sqlite3.Error, WriterError)  # of a disk
 PLUGINS = {'mcap': StoragePlugin.MCAP, 'sqlite3': StoragePlugin.SQLITE3}
@@ -101,7 +101,7 @@ class Part:
     def close(self) -> PartInfo:
         """Complete the file, and move it into the folder of the bag."""
         self.flush()
-        self._writer.close()
+        close_writer(self._writer)
         return self._move_into_place(self._info())
 
     def abandon(self) -> PartInfo:
@@ -123,6 +123,18 @@ class Part:
         self._file.path.replace(self._path)
         shutil.rmtree(self._file.path.parent)  # with metadata of this file alone
         return info
+
+
+def close_writer(writer: Writer) -> None:
+    """Complete a file of rosbags, which says that a distribution "rosbags" has recorded it."""
+    storage: Any = writer.storage
+    complete = storage.close
+
+    def close(version: int, metadata: str) -> None:
+        complete(version, metadata.replace('ros_distro: rosbags', f'ros_distro: {distro()}'))
+
+    storage.close = close
+    writer.close()
 
 
 class _File(Protocol):

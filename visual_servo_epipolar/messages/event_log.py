@@ -7,7 +7,8 @@ Images and settings alone do not say that somebody called ``~/stop``; a replay m
 from dataclasses import asdict, dataclass
 import json
 
-REDETECTED = 'redetected'  # of the tracker; those of the servo are its interruptions
+# Of the servo, beside its interruptions, and of the tracker.
+STARTED, CAPTURED, REDETECTED = 'started', 'captured', 'redetected'
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,17 +4,17 @@ Settings in force as text: a ROS parameter file that can be kept and given to a 
 Nodes publish it latched on ``~/settings``; a bag that holds it can be replayed with them.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 import re
 from typing import Any
 
 import yaml
 
-from visual_servo_epipolar import __version__
 from visual_servo_epipolar.core.settings import Settings
+from visual_servo_epipolar.messages.versions import installed, PACKAGE
 
-VERSION = re.compile(r'^# visual_servo_epipolar: (\S{1,40})$', re.MULTILINE)
+VERSION = re.compile(r'^# ([A-Za-z]\w{0,39}): ([^\s-]\S{0,39})$', re.MULTILINE)
 AFTER = re.compile(r'^# after_stamp_ns: (-?\d{1,19})$', re.MULTILINE)
 
 
@@ -24,12 +24,19 @@ class NodeSettings:
     Settings of a node as it published them: ``values`` by name.
 
     They are in force after the image of ``after_stamp_ns``; None means from the beginning.
+    ``versions`` are those of this package and of what it computes with, by name; bags of earlier
+    versions have that of the package alone.
     """
 
     node: str
     values: dict[str, Any] = field(default_factory=dict)
     after_stamp_ns: int | None = None
-    version: str = ''  # of this package
+    versions: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def version(self) -> str:
+        """Version of this package, '' if it is not stated."""
+        return self.versions.get(PACKAGE, '')
 
 
 def to_text(node: str, groups: Iterable[Settings], after_stamp_ns: int | None = None) -> str:
@@ -39,7 +46,7 @@ def to_text(node: str, groups: Iterable[Settings], after_stamp_ns: int | None = 
         for group in groups
         for name, value in asdict(group).items()
     }
-    head = f'# visual_servo_epipolar: {__version__}\n'
+    head = ''.join(f'# {name}: {version}\n' for name, version in installed().items())
     if after_stamp_ns is not None:
         head += f'# after_stamp_ns: {after_stamp_ns}\n'
     return head + str(yaml.safe_dump({node: {'ros__parameters': values}}, sort_keys=False))
@@ -61,10 +68,9 @@ def from_text(text: str) -> NodeSettings:
             f'settings must be those of one node, got {len(nodes)}; connect ~/settings of a node'
         )
     ((node, values),) = nodes.items()
-    after, version = AFTER.search(text), VERSION.search(text)
-    return NodeSettings(
-        node, values, int(after[1]) if after else None, version[1] if version else ''
-    )
+    after, versions = AFTER.search(text), dict(VERSION.findall(text))
+    versions.pop('after_stamp_ns', None)
+    return NodeSettings(node, values, int(after[1]) if after else None, versions)
 
 
 def sections(text: str) -> dict[str, dict[str, Any]]:

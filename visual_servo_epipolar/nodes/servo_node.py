@@ -214,6 +214,8 @@ class ServoNode(Node):
         if self._state.ended:
             self._state = self._interrupted(Interruption.RESET)
         self._active = response.success = True
+        entry = event_log.Entry(event_log.STARTED, self._stamp_ns)
+        self._events_pub.publish(write.text(event_log.to_text(entry)))
         response.message = 'started' if self._camera else 'started; waits for camera_info'
         self._log(response.message)
         return response

@@ -158,6 +158,8 @@ class TrackerNode(Node):
             if age > MAX_CAPTURE_AGE_S:
                 raise ValueError(f'the last image is {age:.1f} s old; check the camera')
             self._set_desired(self._latest)
+            entry = event_log.Entry(event_log.CAPTURED, self._stamp_ns)
+            self._events_pub.publish(write.text(event_log.to_text(entry)))
             response.success, response.message = True, 'this is the pose to come back to'
             self.get_logger().info(f'captured: {response.message}')
         except (ValueError, TrackingError) as error:

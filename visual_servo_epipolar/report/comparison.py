@@ -45,9 +45,14 @@ class Signals:
 
 
 @rc_context(FIGURE_SETTINGS)
-def comparison(recorded: Signals, replayed: Signals, divergence_s: float | None = None) -> Figure:
+def comparison(
+    recorded: Signals,
+    replayed: Signals,
+    divergence_s: float | None = None,
+    end_s: float | None = None,
+) -> Figure:
     """
-    Draw phases, epipoles and commands of both, and where they diverge.
+    Draw phases, epipoles and commands of both, where they diverge and where the run ends.
 
     Raises
     ------
@@ -71,10 +76,11 @@ def comparison(recorded: Signals, replayed: Signals, divergence_s: float | None 
     for row, (name, label) in enumerate(PANELS, start=2):
         axes = figure.add_subplot(grid[row], sharex=strips[0])
         _draw(axes, recorded, replayed, name)
-        _mark(axes, divergence_s)
+        _mark(axes, divergence_s, ':', 'they diverge')
+        _mark(axes, end_s, '--', 'end of the run')
         axes.set_ylabel(label)
         axes.tick_params(labelbottom=row == 1 + len(PANELS))
-    figure.axes[2].legend(loc='lower right', bbox_to_anchor=(1.0, 0.96), ncols=3)
+    figure.axes[2].legend(loc='lower right', bbox_to_anchor=(1.0, 0.96), ncols=4)
     figure.axes[-1].set_xlabel('time [s]')
     figure.align_ylabels(figure.axes[2:])
     spans = [*recorded.spans(), *replayed.spans()]
@@ -100,9 +106,9 @@ def _draw(axes: Axes, recorded: Signals, replayed: Signals, name: str) -> None:
     axes.yaxis.set_major_locator(MaxNLocator(4))
 
 
-def _mark(axes: Axes, divergence_s: float | None) -> None:
-    if divergence_s is not None:
-        axes.axvline(divergence_s, color=INK, linewidth=0.9, linestyle=':', label='they diverge')
+def _mark(axes: Axes, time_s: float | None, line: str, label: str) -> None:
+    if time_s is not None:
+        axes.axvline(time_s, color=INK, linewidth=0.9, linestyle=line, label=label)
 
 
 def columns(

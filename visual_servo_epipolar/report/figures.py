@@ -13,7 +13,8 @@ from matplotlib.patches import Circle, Patch, Polygon, Rectangle
 import numpy as np
 
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
-from visual_servo_epipolar.core.servo.run_log import phase_spans, RunLog, Sample, seconds
+from visual_servo_epipolar.core.servo.phases.table import ENDED
+from visual_servo_epipolar.core.servo.run_log import end_s, phase_spans, RunLog, Sample, seconds
 from visual_servo_epipolar.report.legend import legend_outside
 from visual_servo_epipolar.report.panels import draw_strip, PANELS, phase_patches, shade
 from visual_servo_epipolar.report.style import (
@@ -69,6 +70,8 @@ def signals(log: RunLog) -> Figure:
     """
     Draw what was measured and commanded over time, one quantity a panel, phases behind.
 
+    A line marks where the run ended, arrived or failed: the base may brake for longer.
+
     Raises
     ------
     ValueError
@@ -86,6 +89,8 @@ def signals(log: RunLog) -> Figure:
         axes = figure.add_subplot(grid[row], sharex=strip)
         draw(axes, log)
         shade(axes, spans)
+        if log.samples[-1].phase in ENDED:
+            axes.axvline(end_s(log), color=INK, linewidth=0.9, linestyle='--')
         axes.tick_params(labelbottom=row == len(PANELS))
     figure.axes[-1].set_xlabel('time [s]')
     figure.align_ylabels(figure.axes[1:])

@@ -7,6 +7,7 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.bags.reading.bag import Bag
+from visual_servo_epipolar.bags.reading.history import Happening, happenings
 from visual_servo_epipolar.bags.reading.run import read_run
 from visual_servo_epipolar.bags.reading.topics import assigned
 from visual_servo_epipolar.bags.replaying.comparison import compare, Comparison
@@ -52,6 +53,13 @@ def replayed(path, **overrides: object) -> tuple[list[Step], Comparison]:
     return steps, compare(run, steps, 0.0)
 
 
+def told(path) -> list[Happening]:
+    """Return what the bag tells of orders and settings."""
+    with Bag(path) as bag:
+        run = read_run(bag, assigned(bag, {}))
+        return happenings(run, min(run.telemetry)[0])
+
+
 @pytest.fixture
 def servo(bench, small_run) -> Robot:
     return Robot(bench, small_run, '/tracks', ServoNode, DRIVING)
@@ -70,6 +78,17 @@ def test_stop_start_and_reset_are_replayed_where_they_happened(servo, tmp_path) 
     steps, comparison = replayed(write_bag(tmp_path / 'orders', servo.received))
     assert len(steps) == 18
     assert comparison.equal, comparison.divergence
+    history = told(tmp_path / 'orders')
+    assert [item.what.partition(',')[0] for item in history] == [
+        'stopped',
+        'started',
+        'brought to a standstill',
+        'reset to a new run',
+        'turn_gain set from 0.8 to 0.5',
+    ]
+    assert {item.node for item in history} == {'servo'}
+    times = [item.time_s for item in history]
+    assert times == pytest.approx([4 / 11, 6 / 11, 1.0, 1.0, 15 / 11], abs=1e-6)
     remaining = [item for item in servo.received if item[0] != '/servo_node/events']
     assert not replayed(write_bag(tmp_path / 'untold', remaining))[1].equal
 
@@ -113,3 +132,7 @@ def test_a_photograph_taken_on_the_way_and_redetection_are_replayed(
     assert [step.telemetry['features'] > 20 for step in steps] == [False] * 2 + [True] * 8
     assert comparison.equal, comparison.divergence
     assert replayed(path, from_tracks=True)[1].equal
+    assert [item.what for item in told(path)] == [
+        'photograph taken, by ~/capture_desired',
+        'all features matched anew, by ~/redetect',
+    ]

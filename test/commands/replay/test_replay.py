@@ -3,16 +3,19 @@
 from dataclasses import fields
 import json
 from pathlib import Path
+import re
 import shutil
 
-from bagmaker import decoded, write_bag
+from bagmaker import decoded, kind_of, TYPES, write_bag
 import cv2
 import numpy as np
 import pytest
+from rclpy.serialization import serialize_message
 
 from visual_servo_epipolar.commands.main import main
+from visual_servo_epipolar.commands.replay import run
 from visual_servo_epipolar.commands.replay.settings import CONNECTION
-from visual_servo_epipolar.messages import read
+from visual_servo_epipolar.messages import read, write
 
 ROOT = Path(__file__).parents[3]
 
@@ -96,6 +99,126 @@ def test_a_parameter_file_of_a_node_is_taken_and_overruled(bag, tmp_path, capsys
     }
 
 
+def test_only_settings_that_were_recorded_otherwise_are_shown(bag, tmp_path, capsys) -> None:
+    everything = tmp_path / 'parameters.yaml'
+    text = (ROOT / 'config/servo_node.yaml').read_text()
+    everything.write_text(text.replace('turn_gain: 0.8', 'turn_gain: 0.4'))
+    assert main(['replay', bag, '--tracks', '--params', str(everything)]) == 1
+    shown = capsys.readouterr().out
+    assert [line for line in shown.splitlines() if ' = ' in line] == ['  servo.turn_gain = 0.4']
+    assert main(['replay', bag, '--tracks', '--set', 'servo.turn_gain=0.8']) == 0
+    shown = capsys.readouterr().out
+    assert ' = ' not in shown
+    assert 'all settings given are those that were recorded' in shown
+
+
+def rounded(run: list, folder: Path, difference: float, numpy: str = '1.26.4') -> str:
+    """Return a bag recorded with another numpy, which differs a little in one number."""
+    messages, kind = [], kind_of('/epipoles')
+    steps = 0
+    for topic, log_ns, raw in run:
+        if topic == '/epipoles':
+            steps += 1
+        if topic == '/epipoles' and steps == 30:
+            message = decoded((topic, log_ns, raw))
+            message.position = message.position.copy()
+            message.position[list(message.name).index('psi_rad')] += difference
+            raw = bytes(TYPES.serialize_cdr(message, kind))
+        if topic.endswith('/settings'):
+            text = re.sub(r'# numpy: \S+', f'# numpy: {numpy}', decoded((topic, log_ns, raw)).data)
+            raw = bytes(serialize_message(write.text(text)))
+        messages.append((topic, log_ns, raw))
+    return str(write_bag(folder / 'rounded', messages))
+
+
+def test_another_numpy_that_rounds_otherwise_is_told_from_a_difference(
+    small_run, tmp_path, capsys
+) -> None:
+    path = rounded(small_run, tmp_path, 3e-10)
+    assert main(['replay', path, '--tracks']) == 1
+    shown = capsys.readouterr().out
+    assert 'rounding only' in shown
+    advice = f'recorded with numpy 1.26.4, replayed with numpy {np.__version__}: --tolerance 1e-09'
+    assert advice in shown
+    assert 'not published' not in shown
+    assert main(['replay', path, '--tracks', '--tolerance', '1e-9']) == 0
+    assert 'the same within 1e-09' in capsys.readouterr().out
+    code, result = shown_json(capsys, path, '--tracks')
+    assert (code, result['comparison']['rounding']) == (1, 1e-9)
+    assert result['versions']['recorded']['numpy'] == '1.26.4'
+    assert result['versions']['replayed']['numpy'] == np.__version__
+
+
+def test_what_is_more_than_rounding_or_asked_for_is_not_called_so(
+    small_run, bag, tmp_path, capsys
+) -> None:
+    path = rounded(small_run, tmp_path, 1e-4)
+    assert main(['replay', path, '--tracks']) == 1
+    shown = capsys.readouterr().out
+    assert 'rounding' not in shown
+    assert 'diverge at' in shown
+    assert 'note: recorded with numpy 1.26.4' in shown
+    assert main(['replay', bag, '--tracks', '--set', 'servo.turn_gain=0.80000000001']) == 1
+    assert 'rounding' not in capsys.readouterr().out
+
+
+def test_the_same_numpy_that_rounds_otherwise_runs_on_another_machine(
+    small_run, tmp_path, capsys
+) -> None:
+    assert main(['replay', rounded(small_run, tmp_path, 3e-10, np.__version__), '--tracks']) == 1
+    shown = capsys.readouterr().out
+    assert 'rounding only' in shown
+    assert 'numpy and OpenCV are the same, so another processor' in shown
+
+
+def test_a_bag_with_broken_metadata_and_a_lost_file_is_replayed_after_repair(
+    bag, tmp_path, capsys
+) -> None:
+    path = shutil.copytree(bag, tmp_path / 'run')
+    (path / 'metadata.yaml').write_text('')
+    error = refused(capsys, str(path))
+    assert 'metadata.yaml is empty or broken' in error
+    assert 'try --repair' in error
+    next(path.glob('*.mcap')).rename(path / 'run_1.mcap')
+    assert main(['replay', str(path), '--repair', '--tracks']) == 0
+    assert 'metadata.yaml completed; lost: run_0.mcap' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize('out', ['file/out', '/proc/out'])
+def test_outputs_are_tried_before_the_run(bag, tmp_path, capsys, monkeypatch, out) -> None:
+    (tmp_path / 'file').touch()
+    monkeypatch.setattr(run, 'replay_bag', lambda *_, **__: pytest.fail('it ran'))
+    assert 'cannot be' in refused(capsys, bag, '--out', str(tmp_path / out))
+    assert 'cannot be' in refused(capsys, bag, '--json', str(tmp_path / out))
+    assert 'not the name of a file' in refused(capsys, bag, '--json', str(tmp_path))
+
+
+@pytest.mark.parametrize('ending', [KeyboardInterrupt, OSError(28, 'No space left on device')])
+@pytest.mark.parametrize('where', ['replay_bag', 'write_json'])
+def test_nothing_is_left_of_a_replay_that_was_cut_off(
+    bag, tmp_path, capsys, monkeypatch, ending, where
+) -> None:
+    def end(*_: object, **__: object) -> None:
+        raise ending
+
+    monkeypatch.setattr(run, where, end)
+    out = tmp_path / 'made' / 'out'
+    assert main(['replay', bag, '--tracks', '--out', str(out)]) in (2, 130)
+    assert list(tmp_path.iterdir()) == []
+    (kept := tmp_path / 'kept').mkdir()
+    (kept / 'replay.json').write_text('of before')
+    assert main(['replay', bag, '--tracks', '--out', str(kept)]) in (2, 130)
+    assert [path.name for path in kept.iterdir()] == ['replay.json']
+    assert (kept / 'replay.json').read_text() == 'of before'
+
+
+def test_help_is_plain_text(capsys) -> None:
+    for command in ('replay', 'report'):
+        with pytest.raises(SystemExit):
+            main([command, '--help'])
+        assert '`' not in capsys.readouterr().out
+
+
 def test_the_files_that_come_with_the_package_are_the_defaults(bag, capsys) -> None:
     for name in ('servo_node', 'tracker_node'):
         assert main(['replay', bag, '--params', str(ROOT / f'config/{name}.yaml')]) == 0
@@ -176,7 +299,7 @@ def test_a_bag_cut_short_is_refused_and_replayed_once_it_is_repaired(
         (['--desired', '77'], 'no image was taken at 77.000 s'),
         (['--tolerance', '-1'], "'-1' is negative"),
         (['--camera', 'nowhere.yaml'], 'nowhere.yaml: camera file cannot be read'),
-        (['--out', __file__], 'folder cannot be made'),
+        (['--out', __file__], 'folder cannot be made or written to'),
     ],
 )
 def test_bad_input_is_one_line(bag, capsys, arguments, reason) -> None:

@@ -4,13 +4,19 @@ from html.parser import HTMLParser
 import json
 from pathlib import Path
 import re
+import shutil
 
-from bagmaker import write_bag
+from bagmaker import decoded, write_bag
 from browser import needs_browser, open_in_browser
+import cv2
+import numpy as np
 import pytest
+from rclpy.serialization import serialize_message
 
 from visual_servo_epipolar.commands.main import main
+from visual_servo_epipolar.messages import event_log, write
 
+PERIOD_NS = 90_909_091
 # Written into a copy of the page: what the browser made of it.
 PROBE = """
 <pre id="probe"></pre>
@@ -155,5 +161,92 @@ def test_a_run_cannot_be_changed_afterwards(run_page, tmp_path, capsys) -> None:
     assert 'is a run, not a bag: --set cannot change what it did' in error
 
 
-def test_a_place_to_write_to_is_asked_for(run_page, capsys) -> None:
-    assert '--out' in refused(capsys, str(run_page.parents[1] / 'run'))
+def test_a_page_goes_beside_the_run_unless_told_otherwise(run_page, capsys) -> None:
+    folder = run_page.parents[1] / 'run'
+    for source in (folder, folder / 'run.json'):
+        assert main(['report', str(source)]) == 0
+        page = folder / 'report.html'
+        assert capsys.readouterr().out == f'written: {page}\n'
+        assert page.read_text(encoding='utf-8') == run_page.read_text(encoding='utf-8')
+        page.unlink()
+
+
+def test_a_page_on_a_bag_goes_beside_it_and_not_into_it(
+    bag, tmp_path, monkeypatch, capsys
+) -> None:
+    copy = shutil.copytree(bag, tmp_path / 'mine')
+    before = sorted(copy.iterdir())
+    monkeypatch.chdir(copy)
+    for source in ('../mine', '.', 'mine_0.mcap'):
+        if source.endswith('.mcap'):
+            next(copy.glob('*.mcap')).rename(tmp_path / source)
+            monkeypatch.chdir(tmp_path)
+        assert main(['report', source, '--tracks']) == 0
+        place = 'mine_0_report' if source.endswith('.mcap') else 'mine_report'
+        assert (tmp_path / place / 'report.html').is_file()
+        assert f'{place}/report.html' in capsys.readouterr().out
+        shutil.rmtree(tmp_path / place)
+        if not source.endswith('.mcap'):
+            assert sorted(copy.iterdir()) == before
+
+
+def test_a_page_lists_orders_and_settings_with_their_times(small_run, tmp_path) -> None:
+    events = [
+        ('servo', event_log.Entry('stopped', 4 * PERIOD_NS)),
+        ('servo', event_log.Entry('lost', 20 * PERIOD_NS, 'no new tracks for 0.60 s')),
+        ('tracker', event_log.Entry('redetected', 2 * PERIOD_NS)),
+    ]
+    texts = [(f'/{node}_node/events', event_log.to_text(entry)) for node, entry in events]
+    settings = next(decoded(m).data for m in small_run if m[0] == '/servo_node/settings')
+    changed = settings.replace('turn_gain: 0.8', 'turn_gain: 0.4')
+    texts.append(('/servo_node/settings', f'# after_stamp_ns: {11 * PERIOD_NS}\n{changed}'))
+    more = [(topic, 9_000_000, serialize_message(write.text(text))) for topic, text in texts]
+    path = write_bag(tmp_path / 'told', [*small_run, *more])
+    assert main(['report', str(path), '--tracks', '--out', str(tmp_path)]) == 0
+    text = (tmp_path / 'report.html').read_text(encoding='utf-8')
+    section = text[text.index('<h2>Events') : text.index('<h2>Parameters')]
+    rows = [
+        '<td>0.18</td><td>tracker</td><td>all features matched anew, by ~/redetect',
+        '<td>0.36</td><td>servo</td><td>stopped, by ~/stop',
+        '<td>1.00</td><td>servo</td><td>turn_gain set from 0.8 to 0.4',
+        '<td>1.82</td><td>servo</td><td>no tracks came in time: no new tracks for 0.60 s',
+    ]
+    places = [section.find(row) for row in rows]
+    assert min(places) > 0, section
+    assert places == sorted(places)
+
+
+def test_versions_of_the_recording_stand_beside_those_of_the_report(bag_page) -> None:
+    text = bag_page.read_text(encoding='utf-8')
+    section = text[text.index('<h2>Versions') :]
+    for version in (np.__version__, cv2.__version__):
+        assert section.count(f'<td>{version}</td>') >= 2
+    assert 'no service was called and no setting changed' in text
+
+
+@pytest.mark.parametrize('ending', [KeyboardInterrupt, OSError(28, 'No space left on device')])
+def test_nothing_is_left_of_a_report_that_was_cut_off(
+    bag, run_page, tmp_path, monkeypatch, capsys, ending
+) -> None:
+    from visual_servo_epipolar.commands.report import bag as bag_report
+    from visual_servo_epipolar.commands.report import run as run_report
+
+    def end(*_: object, **__: object) -> None:
+        raise ending
+
+    for module in (bag_report, run_report):
+        monkeypatch.setattr(module, 'write_page', end)
+    for source in (bag, run_page.parents[1] / 'run'):
+        options = ('--tracks',) if source == bag else ()
+        out = tmp_path / 'made' / 'out'
+        assert main(['report', str(source), *options, '--out', str(out)]) in (2, 130)
+        assert list(tmp_path.iterdir()) == []
+
+
+def test_a_place_where_nothing_can_be_written_is_refused_before_the_replay(
+    bag, monkeypatch, capsys
+) -> None:
+    from visual_servo_epipolar.commands.report import bag as bag_report
+
+    monkeypatch.setattr(bag_report, 'replay_bag', lambda *_, **__: pytest.fail('it ran'))
+    assert 'give another --out' in refused(capsys, str(bag), '--out', '/proc/here')

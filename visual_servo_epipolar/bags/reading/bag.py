@@ -29,6 +29,7 @@ from rosbags.typesys import (
 )
 from rosbags.typesys.store import Typestore
 
+from visual_servo_epipolar.bags import metadata
 from visual_servo_epipolar.core.errors import InputError
 
 STORAGE_SUFFIXES = ('.mcap', '.db3')
@@ -183,7 +184,11 @@ def _parts(path: Path) -> list[Path]:
                 f'{path}: not a bag; give a rosbag2 folder, a .mcap, .db3 or .bag file'
             )
         return [path]
-    if (path / 'metadata.yaml').is_file():
+    if (path / metadata.FILE).is_file():
+        if metadata.listed_files(path) is None:
+            raise InputError(
+                f'{path}: bag cannot be read: {metadata.FILE} is empty or broken; {ADVICE}'
+            )
         return [path]
     files = sorted(item for item in path.iterdir() if item.suffix in STORAGE_SUFFIXES)
     if not files:

@@ -2,12 +2,13 @@
 
 from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeVar
 
 from visual_servo_epipolar.bags.reading.bag import Bag, RecordedMessage, Topic
+from visual_servo_epipolar.bags.reading.namespaces import Namespace
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.camera import Camera
@@ -44,6 +45,7 @@ class Recording:
     """
 
     topics: Mapping[str, Topic]
+    namespace: Namespace | None = None
     cameras: list[tuple[int | None, Camera | str]] = field(default_factory=list)
     photographs: list[tuple[int | None, Image]] = field(default_factory=list)
     tracker: list[tuple[int | None, NodeSettings]] = field(default_factory=list)
@@ -51,6 +53,7 @@ class Recording:
     tracker_events: list[Entry] = field(default_factory=list)
     servo_events: list[Entry] = field(default_factory=list)
     tracked: set[Key] = field(default_factory=set)
+    first_age: int | None = None  # of a feature in the first tracks that have any [frames]
     telemetry: dict[Key, dict[str, float]] = field(default_factory=dict)
     diagnoses: dict[int, dict[str, str]] = field(default_factory=dict)
     commands: list[RecordedTwist] = field(default_factory=list)
@@ -111,9 +114,15 @@ def usable(path: Path, item: RecordedMessage) -> Iterator[None]:
         raise InputError(f'{path}: a message of {item.topic} cannot be used: {error}') from None
 
 
-def read_run(bag: Bag, topics: Mapping[str, Topic]) -> Recording:
-    """Read all but the images of a bag; raises InputError for what cannot be used."""
-    run = Recording(topics=topics)
+def read_run(
+    bag: Bag, topics: Mapping[str, Topic], namespace: Namespace | None = None
+) -> Recording:
+    """
+    Read all but the images of a bag; raises InputError for what cannot be used.
+
+    Diagnostics of all robots are on one topic: those of nodes outside ``namespace`` are left out.
+    """
+    run = Recording(topics=topics, namespace=namespace)
     readers = {topics[role].name: reader for role, reader in READERS.items() if role in topics}
     sequences = {
         topics[role].name: StampSequence(bag.path, topics[role])
@@ -166,6 +175,9 @@ def _read_servo_event(run: Recording, item: RecordedMessage, key: Key) -> None:
 
 def _read_tracks(run: Recording, item: RecordedMessage, key: Key) -> None:
     run.tracked.add(key)
+    if run.first_age is None and item.message.width:
+        with suppress(ValueError):  # tracks that are refused, by the servo as well
+            run.first_age = int(read.features(item.message).ages.max(initial=0))
 
 
 def _read_telemetry(run: Recording, item: RecordedMessage, key: Key) -> None:
@@ -173,7 +185,11 @@ def _read_telemetry(run: Recording, item: RecordedMessage, key: Key) -> None:
 
 
 def _read_diagnosis(run: Recording, item: RecordedMessage, key: Key) -> None:
-    diagnosis = read.diagnosis(item.message) if item.message.status else {}
+    if not item.message.status:
+        return
+    if run.namespace is not None and not run.namespace.has_node(item.message.status[0].name):
+        return
+    diagnosis = read.diagnosis(item.message)
     if 'phase' in diagnosis:  # other nodes publish here too
         run.diagnoses[read.stamp_ns(item.message.header)] = diagnosis
 

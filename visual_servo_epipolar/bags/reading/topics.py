@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from visual_servo_epipolar.bags.reading.bag import Bag, Topic
+from visual_servo_epipolar.bags.reading.namespaces import Namespace
 from visual_servo_epipolar.core.errors import InputError
 
 TWISTS = ('geometry_msgs/msg/Twist', 'geometry_msgs/msg/TwistStamped')
@@ -38,7 +39,9 @@ ROLES: Mapping[str, Role] = MappingProxyType(
 DERIVED_IMAGES = ('desired/', 'overlay/')  # images that are not straight from a camera
 
 
-def assigned(bag: Bag, requested: Mapping[str, str]) -> dict[str, Topic]:
+def assigned(
+    bag: Bag, requested: Mapping[str, str], namespace: Namespace | None = None
+) -> dict[str, Topic]:
     """
     Return the topic of each role that the bag has one for.
 
@@ -46,6 +49,8 @@ def assigned(bag: Bag, requested: Mapping[str, str]) -> dict[str, Topic]:
     ----------
     requested : mapping
         Names of topics by role, as the user gives them; the others are inferred.
+    namespace : Namespace, optional
+        Where the others are looked for first; then among what belongs to no other robot.
 
     Raises
     ------
@@ -56,7 +61,10 @@ def assigned(bag: Bag, requested: Mapping[str, str]) -> dict[str, Topic]:
     topics: dict[str, Topic] = {}
     for role in ROLES:
         name = requested.get(role)
-        topic = _inferred(bag, role, topics) if name is None else _requested(bag, role, name)
+        if name is not None:
+            topic: Topic | None = _requested(bag, role, name)
+        else:
+            topic = _inferred_in(bag, role, topics, namespace)
         if topic is not None:
             topics[role] = topic
     return topics
@@ -89,11 +97,25 @@ def _requested(bag: Bag, role: str, name: str) -> Topic:
     return topic
 
 
-def _inferred(bag: Bag, role: str, topics: Mapping[str, Topic]) -> Topic | None:
+def _inferred_in(
+    bag: Bag, role: str, topics: Mapping[str, Topic], namespace: Namespace | None
+) -> Topic | None:
+    """Return the topic of a role in a namespace, or else one that it may share."""
+    everything = list(bag.topics.values())
+    if namespace is None:
+        return _inferred(bag, role, topics, everything)
+    own = [item for item in everything if namespace.holds(item.name)]
+    shared = [item for item in everything if namespace.may_share(item.name)]
+    return _inferred(bag, role, topics, own) or _inferred(bag, role, topics, shared)
+
+
+def _inferred(
+    bag: Bag, role: str, topics: Mapping[str, Topic], choice: Iterable[Topic]
+) -> Topic | None:
     """Return the topic of a fitting type that has the first of the role's names in use."""
     candidates = [
         item
-        for item in bag.topics.values()
+        for item in choice
         if item.kind in ROLES[role].kinds and (role != 'image' or not _is_drawn(item))
     ]
     for ending in ROLES[role].endings:

@@ -9,6 +9,7 @@ from visual_servo_epipolar.bags.reading.run import RecordedTwist, Recording
 from visual_servo_epipolar.bags.replaying.replay import Step
 from visual_servo_epipolar.core.stamps import seconds_between
 
+ROUNDING = 1e-6  # differences up to this, in units of the tolerance, come from other arithmetic
 COMMANDS = ('linear_m_s', 'angular_rad_s')
 Value = float | str
 
@@ -21,6 +22,7 @@ class Difference:
     differing: int = 0
     largest: float = 0.0
     squares: float = 0.0
+    scaled: float = 0.0  # largest, relative where the value is larger than one; inf for a phase
 
     @property
     def rms(self) -> float:
@@ -58,6 +60,14 @@ class Comparison:
     def equal(self) -> bool:
         """Whether nothing differs beyond the tolerance, and nothing is missing."""
         return self.divergence is None and not self.missing and not self.unpublished
+
+    @property
+    def rounding(self) -> float | None:
+        """The tolerance that forgives all differences, if they are no more than rounding."""
+        largest = max((item.scaled for item in self.differences.values()), default=0.0)
+        if self.divergence is None or self.missing or not 0.0 < largest <= ROUNDING:
+            return None
+        return float(f'1e{math.ceil(math.log10(1.001 * largest))}')
 
 
 def recorded_steps(run: Recording, steps: Sequence[Step]) -> list[dict[str, Value]]:
@@ -128,7 +138,9 @@ def _add_pair(result: Comparison, name: str, pair: tuple[Value, Value], toleranc
     if math.isfinite(difference):
         total.largest = max(total.largest, difference)
         total.squares += difference**2
-    differing = difference > tolerance * _scale(pair[0])
+    scale = _scale(pair[0])
+    total.scaled = max(total.scaled, difference / scale)
+    differing = difference > tolerance * scale
     total.differing += differing
     return differing
 
@@ -167,6 +179,7 @@ def as_document(result: Comparison) -> dict[str, Any]:
         'compared_steps': result.compared,
         'missing_steps': result.missing,
         'unheard_commands': result.unpublished,
+        'rounding': result.rounding,
         'parting': None
         if divergence is None
         else {

@@ -7,7 +7,8 @@ from typing import Any, TypeVar
 from visual_servo_epipolar import __version__
 from visual_servo_epipolar.bags.reading.bag import Bag, RecordedMessage
 from visual_servo_epipolar.bags.reading.run import Recording, usable
-from visual_servo_epipolar.bags.replaying.replay import Plan
+from visual_servo_epipolar.bags.replaying.late_start import late_start_notes
+from visual_servo_epipolar.bags.replaying.replay import Plan, value_at
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.camera import Camera
@@ -17,6 +18,7 @@ from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.messages.settings_text import NodeSettings
+from visual_servo_epipolar.messages.versions import installed, PACKAGE
 
 SettingsT = TypeVar('SettingsT', bound=Settings)
 NEAR_NS = NANOSECONDS // 2  # how far from the stamp asked for the photograph may be
@@ -67,6 +69,9 @@ def plan(bag: Bag, run: Recording, overrides: ReplayOverrides) -> tuple[Plan, li
         cameras=_cameras(bag, run, overrides),
         photographs=() if from_tracks else _photographs(bag, run, overrides),
     )
+    recorded = _settings(ServoSettings(), run.servo, {}, []) if run.telemetry else []
+    first = value_at(recorded, min(run.telemetry)[0]) if run.servo and run.telemetry else None
+    notes += late_start_notes(bag, run, first, from_tracks=from_tracks)
     return result, notes
 
 
@@ -97,7 +102,7 @@ def _settings(
     notes: list[str],
 ) -> list[tuple[int | None, SettingsT]]:
     """Return the settings in their time, each with ``changes`` in place."""
-    section = type(default).__name__.removesuffix('Settings').lower()
+    section = _section(default)
     names = {item.name for item in fields(default)}
     if not history:
         notes.append(f'no parameters of the {section} in the bag: those not given are defaults')
@@ -114,9 +119,46 @@ def _settings(
 
 
 def _note_version(recorded: NodeSettings, notes: list[str]) -> None:
-    note = f'recorded with version {recorded.version}, replayed with {__version__}'
-    if recorded.version not in ('', __version__) and note not in notes:
-        notes.append(note)
+    new = []
+    if recorded.version not in ('', __version__):
+        new.append(f'recorded with version {recorded.version}, replayed with {__version__}')
+    before, now = differing_versions(recorded.versions)
+    if before:
+        new.append(f'recorded with {before}, replayed with {now}')
+    notes += [note for note in new if note not in notes]
+
+
+def differing_versions(recorded: Mapping[str, str]) -> tuple[str, str]:
+    """Return the libraries that were others when recording: as they were then, and as now."""
+    now = installed()
+    names = [
+        name for name in now if name != PACKAGE and recorded.get(name, now[name]) != now[name]
+    ]
+    return (
+        ', '.join(f'{name} {recorded[name]}' for name in names),
+        ', '.join(f'{name} {now[name]}' for name in names),
+    )
+
+
+def effective_changes(
+    run: Recording, changes: Mapping[str, Mapping[str, Any]]
+) -> dict[str, dict[str, Any]]:
+    """Return those of ``changes``, settings by section, that are not what was recorded."""
+    effective: dict[str, dict[str, Any]] = {}
+    for default, history in ((ServoSettings(), run.servo), (TrackerSettings(), run.tracker)):
+        section = _section(default)
+        given = changes.get(section, {})
+        before = _settings(default, history, {}, [])
+        after = _settings(default, history, given, [])
+        for name in (default.RENAMED.get(name, name) for name in given):
+            pairs = zip(before, after, strict=True)
+            if any(getattr(old, name) != getattr(new, name) for (_, old), (_, new) in pairs):
+                effective.setdefault(section, {})[name] = getattr(after[-1][1], name)
+    return effective
+
+
+def _section(settings: Settings) -> str:
+    return type(settings).__name__.removesuffix('Settings').lower()
 
 
 def _cameras(

@@ -1,4 +1,8 @@
-"""Result of a replay as a run log and as the JSON of a run."""
+"""
+Result of a replay as a run log and as the JSON of a run.
+
+A run ends where its last phase began, arrived or failed: a recording may go on for long.
+"""
 
 from collections.abc import Sequence
 import math
@@ -8,9 +12,10 @@ from visual_servo_epipolar.bags.reading.run import Recording
 from visual_servo_epipolar.bags.replaying.replay import Step
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.servo.phases.table import ENDED, Phase
-from visual_servo_epipolar.core.servo.run_log import RunLog, summarise
+from visual_servo_epipolar.core.servo.run_log import end_s, RunLog, summarise
 from visual_servo_epipolar.core.servo.telemetry import sample
 
+BRAKING_STEPS = 6  # of the base after the end, as in a live run: its errors are those at rest
 FROM_TRUTH = (
     'start',
     'position_error_m',
@@ -27,12 +32,24 @@ def has_truth(run: Recording, steps: Sequence[Step]) -> bool:
     return all(step.key[0] in run.poses for step in steps)
 
 
+def driven(steps: Sequence[Step]) -> Sequence[Step]:
+    """Return the steps to the end of the run, with some more in which the base brakes."""
+    phase, count = steps[-1].phase, len(steps)
+    if phase not in ENDED:
+        return steps
+    while count and steps[count - 1].phase is phase:
+        count -= 1
+    return steps[: count + BRAKING_STEPS]
+
+
 def run_log(run: Recording, steps: Sequence[Step], *, seed: int, law: str) -> RunLog:
     """
     Return the replay as the record of a run; without ground truth all poses are the goal's.
 
-    The path is that of the recorded run: a replay moves nothing.
+    The path is that of the recorded run: a replay moves nothing. What was recorded after the run
+    had ended is left out.
     """
+    steps = driven(steps)
     poses = [run.poses.get(step.key[0], DESIRED_POSE) for step in steps]
     samples = tuple(
         sample(step.key[0], pose, step.phase, step.telemetry)
@@ -55,7 +72,7 @@ def run_log(run: Recording, steps: Sequence[Step], *, seed: int, law: str) -> Ru
 
 def document(log: RunLog, *, truth: bool) -> dict[str, Any]:
     """Return the run JSON; what only ground truth could tell is null where there is none."""
-    result = summarise(log)
+    result = {**summarise(log), 'duration_s': end_s(log)}
     return result if truth else {**result, **dict.fromkeys(FROM_TRUTH)}
 
 

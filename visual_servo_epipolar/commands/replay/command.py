@@ -17,7 +17,10 @@ ROLES = (
 def add_to(kinds: Any) -> None:
     """Add the subcommand."""
     parser = kinds.add_parser(
-        'replay', help='a bag through the same tracker and servo', description=__doc__
+        'replay',
+        help='a bag through the same tracker and servo',
+        description='A bag through the same tracker and servo, with any parameters; tells where '
+        'its commands differ from those recorded.',
     )
     add_bag_options(parser)
     parser.add_argument(
@@ -59,6 +62,11 @@ def add_bag_options(
         help=f'topics of other names; roles: {ROLES}',
     )
     parser.add_argument(
+        '--namespace',
+        metavar='NAME',
+        help='robot whose topics are read, such as /bot1, where the bag has several',
+    )
+    parser.add_argument(
         '--desired',
         metavar='FILE|STAMP',
         help='photograph of the goal: an image file, or the stamp [s] of an image in the bag; '
@@ -73,7 +81,8 @@ def add_bag_options(
     parser.add_argument(
         '--repair',
         action='store_true',
-        help='first complete a bag that a crash left open: what is whole in it is kept',
+        help='first complete a bag that is damaged, or that a crash left open: what is whole is '
+        'kept',
     )
 
 

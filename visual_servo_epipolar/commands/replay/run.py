@@ -1,7 +1,9 @@
 """The replay behind ``visual_servo replay`` and ``visual_servo report``."""
 
 import argparse
-from dataclasses import dataclass
+from collections.abc import Mapping
+from contextlib import closing, ExitStack
+from dataclasses import asdict, dataclass
 import math
 from pathlib import Path
 import time
@@ -10,6 +12,8 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from visual_servo_epipolar.bags.reading.bag import Bag
+from visual_servo_epipolar.bags.reading.history import happenings
+from visual_servo_epipolar.bags.reading.namespaces import namespace_of
 from visual_servo_epipolar.bags.reading.run import read_run, Recording
 from visual_servo_epipolar.bags.reading.topics import assigned, parse
 from visual_servo_epipolar.bags.repair import repair
@@ -19,18 +23,30 @@ from visual_servo_epipolar.bags.replaying.comparison import (
     Comparison,
     recorded_steps,
 )
-from visual_servo_epipolar.bags.replaying.plan import Moment, plan, ReplayOverrides
+from visual_servo_epipolar.bags.replaying.plan import (
+    effective_changes,
+    Moment,
+    plan,
+    ReplayOverrides,
+)
 from visual_servo_epipolar.bags.replaying.replay import Plan, replay, Step, TrackedImage, Watch
 from visual_servo_epipolar.bags.replaying.result import document, has_truth, run_log
-from visual_servo_epipolar.commands.arguments import output_folder, write_json
+from visual_servo_epipolar.commands.arguments import write_json
 from visual_servo_epipolar.commands.console import Progress
 from visual_servo_epipolar.commands.files.camera import read_camera, read_photograph
-from visual_servo_epipolar.commands.replay.settings import changes_of
+from visual_servo_epipolar.commands.replay.outputs import (
+    all_at_once,
+    check_json,
+    output_folder_for,
+)
+from visual_servo_epipolar.commands.replay.settings import Changes, changes_of
 from visual_servo_epipolar.commands.replay.text import in_words
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.servo.run_log import RunLog
+from visual_servo_epipolar.core.servo.phases.table import ENDED
+from visual_servo_epipolar.core.servo.run_log import end_s, RunLog
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
+from visual_servo_epipolar.messages.versions import installed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -38,10 +54,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class ReplayedBag:
-    """Replayed bag: the recording, the steps of the replay, how they compare."""
+    """
+    Replayed bag: the recording, the steps of the replay, how they compare.
+
+    ``given`` are the settings that the user gave, ``effective`` those of them that were recorded
+    otherwise.
+    """
 
     run: Recording
     plan: Plan
+    given: Changes
+    effective: Changes
     steps: list[Step]
     comparison: Comparison
     notes: list[str]
@@ -53,42 +76,75 @@ class ReplayedBag:
         servo = self.plan.servo[-1][1]
         return run_log(self.run, self.steps, seed=servo.seed, law=servo.law_expression)
 
+    @property
+    def recorded_s(self) -> float:
+        """Time from the first step to the last, however early the run ended [s]."""
+        return seconds_between(self.steps[0].key[0], self.steps[-1].key[0])
+
+    @property
+    def comparison_document(self) -> dict[str, Any]:
+        """The comparison as JSON; what other settings change is no rounding, however small."""
+        document = as_document(self.comparison)
+        return {**document, 'rounding': None} if self.effective else document
+
+    @property
+    def versions(self) -> dict[str, dict[str, str]]:
+        """The versions that computed: when recording, where the bag says so, and replaying."""
+        recorded: dict[str, dict[str, None]] = {}
+        for _, settings in (*self.run.servo, *self.run.tracker):
+            for name, version in settings.versions.items():
+                recorded.setdefault(name, {})[version] = None
+        named = {name: ', '.join(versions) for name, versions in recorded.items()}
+        return {'recorded': named, 'replayed': installed()}
+
 
 def replay_and_report(options: argparse.Namespace) -> bool:
     """Replay, print, write; return whether nothing differs from what was recorded."""
-    progress = Progress()
-    replayed = replay_bag(options, tolerance=options.tolerance, watch=progress_watch(progress))
-    progress.close()
-    result = result_of(replayed, options)
-    if options.out is not None:
-        from visual_servo_epipolar.report.figures import save
-
-        folder = output_folder(options.out)
-        write_json(result, str(folder / 'replay.json'))
-        save(figure_of(replayed), folder / 'replay.png')
+    check_json(options.json)
+    with ExitStack() as stack:
+        folder = None
+        if options.out is not None:
+            folder = stack.enter_context(output_folder_for(Path(options.out)))
+        progress = stack.enter_context(closing(Progress()))
+        replayed = replay_bag(options, tolerance=options.tolerance, watch=progress_watch(progress))
+        progress.close()
+        result = result_of(replayed, options)
+        if folder is not None:
+            _write(result, figure_of(replayed), folder)
+    write_json(result, options.json)
     if options.json != '-':
         print(in_words(result))
-    write_json(result, options.json)
     return replayed.comparison.equal
+
+
+def _write(result: Mapping[str, Any], figure: 'Figure', folder: Path) -> None:
+    from visual_servo_epipolar.report.figures import save
+
+    with all_at_once(folder) as scratch:
+        save(figure, scratch / 'replay.png')
+        write_json(result, str(scratch / 'replay.json'))
 
 
 def replay_bag(
     options: argparse.Namespace, *, tolerance: float | None = None, watch: Watch | None = None
 ) -> ReplayedBag:
     """Replay the bag in ``options``; by default recorded telemetry must be met exactly."""
-    topics, changes = parse(options.topics), changes_of(options.set, options.params)
+    topics, given = parse(options.topics), changes_of(options.set, options.params)
     camera = None if options.camera is None else read_camera(Path(options.camera))
     repairs = [str(repair(Path(options.bag)))] if options.repair else []
     start_s = time.perf_counter()
     with Bag(Path(options.bag)) as bag:
-        run = read_run(bag, assigned(bag, topics))
+        namespace = namespace_of(bag, topics.values(), options.namespace)
+        run = read_run(bag, assigned(bag, topics, namespace), namespace)
         overrides = ReplayOverrides(
             from_tracks=options.tracks,
             camera=camera,
             desired=_desired(options.desired),
-            changes=changes,
+            changes=given,
         )
         replay_plan, notes = plan(bag, run, overrides)
+        if namespace is not None and namespace.note:
+            notes.insert(0, namespace.note)
         steps = replay(bag, run, replay_plan, watch=watch)
     wall_s = time.perf_counter() - start_s
     if tolerance is None:
@@ -96,6 +152,8 @@ def replay_bag(
     return ReplayedBag(
         run=run,
         plan=replay_plan,
+        given=given,
+        effective=effective_changes(run, given),
         steps=steps,
         comparison=compare(run, steps, tolerance),
         notes=[*repairs, *notes],
@@ -110,10 +168,14 @@ def result_of(replayed: ReplayedBag, options: argparse.Namespace) -> dict[str, A
         'bag': str(options.bag),
         'source': 'tracks' if replayed.plan.from_tracks else 'images',
         'steps': len(replayed.steps),
+        'recorded_s': replayed.recorded_s,
         'wall_s': replayed.wall_s,
-        'changes': changes_of(options.set, options.params),
+        'changes': replayed.given,
+        'effective_changes': replayed.effective,
         'notes': replayed.notes,
-        'comparison': as_document(replayed.comparison),
+        'versions': replayed.versions,
+        'history': [asdict(item) for item in happenings(replayed.run, replayed.steps[0].key[0])],
+        'comparison': replayed.comparison_document,
     }
 
 
@@ -131,10 +193,12 @@ def figure_of(replayed: ReplayedBag) -> 'Figure':
     replayed_rows = [item.telemetry for item in replayed.steps]
     phases = [item.phase.value for item in replayed.steps]
     divergence = replayed.comparison.divergence
+    end = end_s(replayed.log)
     return comparison(
         recorded,
         Signals(times, phases, columns(replayed_rows, names)),
         None if divergence is None else divergence.time_s,
+        end if replayed.steps[-1].phase in ENDED else None,
     )
 
 

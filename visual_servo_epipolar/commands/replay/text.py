@@ -3,6 +3,8 @@
 from collections.abc import Mapping
 from typing import Any
 
+from visual_servo_epipolar.bags.replaying.plan import differing_versions
+
 COMPARED = (
     'phase',
     'linear_m_s',
@@ -18,32 +20,65 @@ MAX_NAMED = 6  # quantities that differ in the first step, at most this many are
 
 def in_words(result: Mapping[str, Any]) -> str:
     """Return the result of a replay and its comparison as text."""
-    duration_s, wall_s = result['duration_s'], result['wall_s']
+    duration_s, wall_s = result['recorded_s'], result['wall_s']
     lines = [
         f'{result["steps"]} steps from {result["source"]}, {duration_s:.1f} s replayed in '
         f'{wall_s:.1f} s ({duration_s / wall_s:.1f} x real time)'
     ]
     lines += [
         f'  {section}.{name} = {value}'
-        for section, values in result['changes'].items()
+        for section, values in result['effective_changes'].items()
         for name, value in values.items()
     ]
+    if result['changes'] and not result['effective_changes']:
+        lines.append('  all settings given are those that were recorded')
     lines += [f'  note: {note}' for note in result['notes']]
     lines += [
         f'  {phase["start_s"]:6.1f} - {phase["end_s"]:6.1f} s  {phase["name"]}'
         for phase in result['phases']
     ]
-    return '\n'.join([*lines, *compared_words(result['comparison'])])
+    end_s = result['phases'][-1]['end_s']
+    if duration_s > end_s:
+        lines.append(f'  {result["outcome"]}; the recording goes on to {duration_s:.1f} s')
+    return '\n'.join([*lines, *compared_words(result['comparison'], result['versions'])])
 
 
-def compared_words(comparison: Mapping[str, Any]) -> list[str]:
+def compared_words(
+    comparison: Mapping[str, Any], versions: Mapping[str, Mapping[str, str]]
+) -> list[str]:
     """Return the comparison of recorded and replayed, line by line."""
     if not comparison['compared_steps']:
         return ['nothing was recorded to compare with']
+    if comparison['rounding'] is not None:
+        return [*_rounding(comparison, versions), *_rows(comparison)]
     lines = [*_missing(comparison), _verdict(comparison)]
     divergence = comparison['parting']
     if divergence is not None:
         lines += _first(divergence['quantities'])
+    return lines + _rows(comparison)
+
+
+def _rounding(
+    comparison: Mapping[str, Any], versions: Mapping[str, Mapping[str, str]]
+) -> list[str]:
+    """Return the verdict where nothing but the last digits differs."""
+    recorded, replayed = differing_versions(versions['recorded'])
+    if recorded:
+        cause = f'recorded with {recorded}, replayed with {replayed}'
+    elif versions['recorded'].keys() < versions['replayed'].keys():
+        cause = 'the bag does not say which numpy and OpenCV recorded it'
+    else:
+        cause = 'numpy and OpenCV are the same, so another processor or build of them rounds'
+    return [
+        f'recorded and replayed: {comparison["compared_steps"]} steps, rounding only, from '
+        f'{comparison["parting"]["time_s"]:.3f} s',
+        f'  {cause}: --tolerance {comparison["rounding"]:g} takes them as equal',
+    ]
+
+
+def _rows(comparison: Mapping[str, Any]) -> list[str]:
+    """Return the table of the quantities that differ."""
+    lines: list[str] = []
     differences = comparison['differences']
     rows = [(name, differences[name]) for name in COMPARED if name in differences]
     differing = [(name, row) for name, row in rows if row['largest'] or row['apart']]

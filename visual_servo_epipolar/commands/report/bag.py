@@ -1,13 +1,14 @@
 """Report on a bag: the recording, and its replay."""
 
 import argparse
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from contextlib import closing
 from dataclasses import asdict
 from html import escape
 from pathlib import Path
 
 from visual_servo_epipolar.bags.reading.bag import Bag
-from visual_servo_epipolar.bags.replaying.comparison import as_document
+from visual_servo_epipolar.bags.reading.history import Happening, happenings
 from visual_servo_epipolar.bags.replaying.replay import Step, TrackedImage
 from visual_servo_epipolar.bags.replaying.result import has_truth
 from visual_servo_epipolar.commands.console import Progress
@@ -36,8 +37,18 @@ from visual_servo_epipolar.commands.report.tables import (
 from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.core.servo.telemetry import sample
+from visual_servo_epipolar.messages.versions import installed
 from visual_servo_epipolar.report.images.picture import picture
-from visual_servo_epipolar.report.page import Cell, drawn, jpeg, Section, strip, table, write_page
+from visual_servo_epipolar.report.page import (
+    Cell,
+    drawn,
+    jpeg,
+    paragraph,
+    Section,
+    strip,
+    table,
+    write_page,
+)
 
 MOST_KEPT = 48
 
@@ -73,17 +84,17 @@ class SampledPictures:
         return {number: self._kept[number] for number in sorted(indices)}
 
 
-def report_bag(options: argparse.Namespace, place: Callable[[], Path]) -> None:
-    """Write the page on a bag to the path of ``place``; raises InputError if that fails."""
-    pictures, progress = SampledPictures(), Progress()
-    show = progress_watch(progress)
+def report_bag(options: argparse.Namespace, path: Path) -> None:
+    """Write the page on a bag to ``path``; raises InputError if that fails."""
+    pictures = SampledPictures()
+    with closing(Progress()) as progress:
+        show = progress_watch(progress)
 
-    def watch(step: Step, tracked: TrackedImage) -> None:
-        show(step, tracked)
-        pictures.add(step, tracked)
+        def watch(step: Step, tracked: TrackedImage) -> None:
+            show(step, tracked)
+            pictures.add(step, tracked)
 
-    replayed = replay_bag(options, watch=watch)
-    progress.close()
+        replayed = replay_bag(options, watch=watch)
     result = result_of(replayed, options)
     log, has_ground_truth = replayed.log, has_truth(replayed.run, replayed.steps)
     captioned = [
@@ -96,6 +107,7 @@ def report_bag(options: argparse.Namespace, place: Callable[[], Path]) -> None:
         _comparison(replayed),
         *([Section('What was seen', strip(captioned))] if captioned else []),
         Section('Phases', phase_table(result)),
+        history_section(happenings(replayed.run, replayed.steps[0].key[0])),
         parameter_section(
             {
                 'servo': asdict(replayed.plan.servo[-1][1]),
@@ -103,23 +115,34 @@ def report_bag(options: argparse.Namespace, place: Callable[[], Path]) -> None:
             }
         ),
         _topics(Path(options.bag)),
-        version_section(_recorded_versions(replayed), versions()),
+        version_section(replayed.versions['recorded'], {**versions(), **installed()}),
     ]
     title = f'Bag {Path(options.bag).name}, {len(replayed.steps)} steps from {result["source"]}'
-    write_page(place(), title, verdict_of(result), sections, footer=FOOTER)
+    write_page(path, title, verdict_of(result), sections, footer=FOOTER)
 
 
 def _comparison(replayed: ReplayedBag) -> Section:
-    lines = [*replayed.notes, *compared_words(as_document(replayed.comparison))]
+    compared = compared_words(replayed.comparison_document, replayed.versions)
+    lines = [*replayed.notes, *compared]
     words = f'<pre>{escape(chr(10).join(lines))}</pre>'
     caption = 'Phases, epipoles and commands as recorded, and as replayed with these parameters.'
     return Section('Recorded and replayed', words + drawn(figure_of(replayed), caption))
 
 
-def _recorded_versions(replayed: ReplayedBag) -> dict[str, str]:
-    settings = [*replayed.run.servo, *replayed.run.tracker]
-    recorded = {item.version for _, item in settings if item.version}
-    return {'visual_servo_epipolar': ', '.join(sorted(recorded))} if recorded else {}
+def history_section(history: Sequence[Happening]) -> Section:
+    """Return what was ordered and set on the way, one after the other."""
+    if not history:
+        body = paragraph('no service was called and no setting changed while this was recorded')
+        return Section('Events', body)
+    rows: list[Sequence[Cell]] = [
+        (
+            'before any image' if item.time_s is None else f'{item.time_s:.2f}',
+            item.node,
+            item.what + (f': {item.reason}' if item.reason else ''),
+        )
+        for item in history
+    ]
+    return Section('Events', table(['after [s]', 'node', 'what happened'], rows))
 
 
 def _topics(path: Path) -> Section:

@@ -4,21 +4,28 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from visual_servo_epipolar.commands.arguments import output_folder
 from visual_servo_epipolar.commands.replay.command import add_bag_options, NO_ROSBAGS
+from visual_servo_epipolar.commands.replay.outputs import output_folder_for
 from visual_servo_epipolar.core.errors import InputError
 
 
 def add_to(kinds: Any) -> None:
     """Add the subcommand."""
     parser = kinds.add_parser(
-        'report', help='a run or a bag as one HTML page', description=__doc__
+        'report',
+        help='a run or a bag as one HTML page',
+        description='A run or a bag as one HTML page that needs no network.',
     )
     add_bag_options(
-        parser, metavar='RUN_OR_BAG', text='--out folder of demo or simulate, or a bag'
+        parser,
+        metavar='RUN_OR_BAG',
+        text='--out folder of demo or simulate, the run.json in it, or a bag',
     )
     parser.add_argument(
-        '--out', metavar='DIR', required=True, help='folder for report.html, made if need be'
+        '--out',
+        metavar='DIR',
+        help='folder for report.html, made if need be (default: that of the run, or NAME_report '
+        'beside a bag NAME)',
     )
     parser.set_defaults(run=run)
 
@@ -28,25 +35,38 @@ def run(options: argparse.Namespace) -> int:
     from visual_servo_epipolar.report.page import FILE
     from visual_servo_epipolar.report.run_file import FILE as RUN_FILE
 
-    source, path = Path(options.bag), Path(options.out) / FILE
-    if (source / RUN_FILE).is_file():
+    source = Path(options.bag)
+    if source.name == RUN_FILE and source.is_file():
+        source = source.parent
+    is_run = (source / RUN_FILE).is_file()
+    folder = _default_folder(source, is_run) if options.out is None else Path(options.out)
+    if is_run:
         from visual_servo_epipolar.commands.report.run import report_run
 
         _refuse_bag_options(options)
-        output_folder(options.out)
-        report_run(source, path)
+        with output_folder_for(folder):
+            report_run(source, folder / FILE)
     else:
         try:
             from visual_servo_epipolar.commands.report.bag import report_bag
         except ImportError as error:
             raise InputError(NO_ROSBAGS.format(error)) from None
-        report_bag(options, lambda: Path(output_folder(options.out), FILE))
-    print(f'written: {path}')
+        with output_folder_for(folder):
+            report_bag(options, folder / FILE)
+    print(f'written: {folder / FILE}')
     return 0
 
 
+def _default_folder(source: Path, is_run: bool) -> Path:
+    """Return where the page goes: not into a bag, which is no place for other files."""
+    if is_run:
+        return source
+    named = source if source.name not in ('', '..') else source.resolve()
+    return named.with_name(f'{named.stem if named.is_file() else named.name}_report')
+
+
 def _refuse_bag_options(options: argparse.Namespace) -> None:
-    names = ('set', 'params', 'topics', 'desired', 'camera', 'tracks', 'repair')
+    names = ('set', 'params', 'topics', 'namespace', 'desired', 'camera', 'tracks', 'repair')
     given = [f'--{name}' for name in names if getattr(options, name)]
     if given:
         raise InputError(

@@ -16,7 +16,13 @@ from visual_servo_epipolar.commands.report.tables import (
     version_section,
 )
 from visual_servo_epipolar.commands.report.video import shown_video
-from visual_servo_epipolar.core.servo.run_log import phase_spans, RunLog, seconds, summarise
+from visual_servo_epipolar.core.servo.run_log import (
+    end_s,
+    phase_spans,
+    RunLog,
+    seconds,
+    summarise,
+)
 from visual_servo_epipolar.report import figures
 from visual_servo_epipolar.report.page import drawn, jpeg, Section, strip, Verdict, write_page
 from visual_servo_epipolar.report.run_file import load_run
@@ -29,7 +35,8 @@ VIDEOS = ('video.webm', 'video.mp4', 'video.avi')
 def report_run(folder: Path, path: Path) -> None:
     """Write the page on the run in ``folder``; raises InputError if that fails."""
     run_file = load_run(folder)
-    log, result = run_file.log, summarise(run_file.log)
+    log = run_file.log
+    result = {**summarise(log), 'duration_s': end_s(log)}  # as of a bag: without the braking
     sections = [
         Section('Result', result_table(result)),
         *path_sections(log),
@@ -41,6 +48,7 @@ def report_run(folder: Path, path: Path) -> None:
     write_page(path, title_of(log), verdict_of(result), sections, footer=FOOTER)
 
 
+SIGNALS = 'What was measured and commanded. A dashed line marks where the run ended.'
 FOOTER = (
     'Plane of the paper: the goal lies in the origin and looks along +y; x to the right. Errors '
     'are against ground truth, which the servo never sees.'
@@ -69,7 +77,7 @@ def path_sections(log: RunLog) -> list[Section]:
     """Return the map and the signals of a run with ground truth."""
     return [
         Section('Path', drawn(figures.trajectory(log), 'The path seen from above.')),
-        Section('Signals', drawn(figures.signals(log), 'What was measured and commanded.')),
+        Section('Signals', drawn(figures.signals(log), SIGNALS)),
     ]
 
 

@@ -17,6 +17,7 @@ QUANTITIES = (  # key, words, unit, factor to that unit
     ('longitudinal_error_m', 'longitudinal error', 'mm', 1e3),
     ('heading_error_deg', 'heading error', 'deg', 1.0),
     ('duration_s', 'duration', 's', 1.0),
+    ('recorded_s', 'duration of the recording', 's', 1.0),
     ('path_length_m', 'length of the path', 'm', 1.0),
     ('max_distance_ratio', 'largest distance, of that at the start', '', 1.0),
     ('max_linear_speed', 'largest linear speed', 'm/s', 1.0),
@@ -36,8 +37,8 @@ def result_table(result: Mapping[str, Any]) -> str:
     """Return the figures of a run with their units."""
     rows: list[Sequence[Cell]] = []
     for key, words, unit, factor in QUANTITIES:
-        value = result.get(key)
-        rows.append([words, cell(value, factor), unit])
+        if key in result:
+            rows.append([words, cell(result[key], factor), unit])
     return table(['quantity', 'value', 'unit'], rows)
 
 

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
-from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.servo.phases.table import ENDED, Phase
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 
 
@@ -80,6 +80,12 @@ def phase_spans(log: RunLog) -> list[PhaseSpan]:
             spans[-1] = PhaseSpan(spans[-1].name, spans[-1].start_s, time)
         spans.append(PhaseSpan(sample.phase.value, time, times[-1]))
     return spans
+
+
+def end_s(log: RunLog) -> float:
+    """Return the time at which the servo arrived or failed, or of the last sample if neither."""
+    last = phase_spans(log)[-1]
+    return last.start_s if log.samples[-1].phase in ENDED else last.end_s
 
 
 def summarise(log: RunLog) -> dict[str, Any]:

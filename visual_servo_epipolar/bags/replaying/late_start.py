@@ -1,0 +1,84 @@
+"""Late start: a recording that began while tracker or servo were at work already."""
+
+import math
+
+from visual_servo_epipolar import __version__
+from visual_servo_epipolar.bags.reading.bag import Bag
+from visual_servo_epipolar.bags.reading.run import Key, Recording, StampSequence
+from visual_servo_epipolar.bags.replaying.replay import value_at
+from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.perception.observation import observe
+from visual_servo_epipolar.core.servo.phases.table import Phase, TRANSITIONS
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.step import step
+from visual_servo_epipolar.core.servo.telemetry import telemetry
+from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.messages import validation
+
+CLOSE = 1e-6  # what other arithmetic may make of one step
+FIRST_PHASES = {Phase.WAITING} | {
+    phase for (before, _), phase in TRANSITIONS.items() if before is Phase.WAITING
+}
+TRACKER = (
+    'the recording began after the tracker: what it had seen before is unknown, so that replayed '
+    'images may give other tracks; --tracks replays those that were recorded'
+)
+SERVO = (
+    'the recording began after the servo had started: its state is unknown, so that the replay '
+    'begins anew and its commands differ; start the recorder before the servo'
+)
+
+
+def late_start_notes(
+    bag: Bag, run: Recording, settings: ServoSettings | None, *, from_tracks: bool
+) -> list[str]:
+    """
+    Return notes on what was at work before the recording began.
+
+    ``settings`` are those of the first step, as they were recorded; None if they were not.
+    """
+    notes = []
+    if run.first_age and not from_tracks:
+        notes.append(TRACKER)
+    if run.telemetry and _is_servo_at_work(bag, run, settings, min(run.telemetry)):
+        notes.append(SERVO)
+    return notes
+
+
+def _is_servo_at_work(
+    bag: Bag, run: Recording, settings: ServoSettings | None, first: Key
+) -> bool:
+    """Return whether a servo that begins would not have done the first step that is recorded."""
+    phase = run.diagnoses.get(first[0], {}).get('phase')
+    if phase is not None and phase not in {item.value for item in FIRST_PHASES}:
+        return True
+    same_version = all(item.version in ('', __version__) for _, item in run.servo)
+    camera = value_at(run.cameras, first[0]) if run.cameras else ''
+    if settings is None or isinstance(camera, str) or not same_version:
+        return False
+    features = _first_features(bag, run, first, camera)
+    if features is None:
+        return False
+    state = step(ServoState(), observe(features, camera, first[0]), settings)
+    return not _is_close(telemetry(state), run.telemetry[first])
+
+
+def _first_features(bag: Bag, run: Recording, first: Key, camera: Camera) -> Features | None:
+    """Return the recorded tracks of the first step, as the servo takes them."""
+    if 'tracks' not in run.topics:
+        return None
+    topic = run.topics['tracks']
+    sequence = StampSequence(bag.path, topic)
+    for item in bag.messages([topic.name]):
+        if sequence.key(item) == first:
+            return validation.checked_tracks(item.message, camera)[0]
+    return None
+
+
+def _is_close(a: dict[str, float], b: dict[str, float]) -> bool:
+    return all(
+        math.isclose(a[name], b[name], rel_tol=CLOSE, abs_tol=CLOSE)
+        or (math.isnan(a[name]) and math.isnan(b[name]))
+        for name in a.keys() & b.keys()
+    )
