@@ -32,7 +32,7 @@ def test_the_table_has_the_derived_gains_with_their_units(capsys: pytest.Capture
 def test_the_lines_to_paste_are_settings_of_the_servo(capsys: pytest.CaptureFixture) -> None:
     assert main(['gains', *CASE]) == 0
     text = capsys.readouterr().out.partition('\n\n')[2]
-    values = yaml.safe_load(text)['servo_node']['ros__parameters']
+    values = yaml.safe_load(text)['/**']['ros__parameters']
     settings, gains = from_mapping(ServoSettings, values, 'pasted'), derive(CIRCUMSTANCES)
     assert settings.k2 == pytest.approx(gains.k2, rel=1e-5)
     assert settings.exponent == pytest.approx(gains.exponent, rel=1e-5)
@@ -44,7 +44,7 @@ def test_a_gain_beyond_what_the_servo_takes_says_so(capsys: pytest.CaptureFixtur
     assert main(['gains', '--rate', '200', '--nearest', '8', '--deceleration', '20']) == 0
     text = capsys.readouterr().out.partition('\n\n')[2]
     assert 'k2: 5.0  # derived: 10.0' in text
-    from_mapping(ServoSettings, yaml.safe_load(text)['servo_node']['ros__parameters'], 'pasted')
+    from_mapping(ServoSettings, yaml.safe_load(text)['/**']['ros__parameters'], 'pasted')
 
 
 def test_the_document_has_everything(capsys: pytest.CaptureFixture) -> None:
@@ -86,7 +86,7 @@ def test_gains_that_are_too_slow_for_a_phase_are_a_warning(
     assert phase in output.err
     assert remedy in output.err
     text = output.out.partition('\n\n')[2]
-    values = yaml.safe_load(text)['servo_node']['ros__parameters']
+    values = yaml.safe_load(text)['/**']['ros__parameters']
     assert main(['gains', *options, '--phase-timeout', str(values['phase_timeout'])]) == 0
     again = capsys.readouterr()
     assert (again.err == '') == ('at most' not in remedy), again.err

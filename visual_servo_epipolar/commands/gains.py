@@ -162,7 +162,7 @@ def as_yaml(circumstances: Circumstances, gains: Gains, timeout: float) -> str:
     lines = [
         _line(item, values[item.name]) for item in fields(ServoSettings) if item.name in values
     ]
-    return '\n'.join(['servo_node:', '  ros__parameters:', *lines])
+    return '\n'.join(['/**:', '  ros__parameters:', *lines])
 
 
 def _timeouts(longest: float, timeout: float) -> dict[str, float]:

@@ -157,9 +157,11 @@ class ServoNode(Node):
         self._publish(stamp_ns, message.header.frame_id)
 
     def _follow(self, state: ServoState) -> None:
-        """Take over a new state, and log a change of phase."""
+        """Take over a new state, and log what is new of it."""
         if state.phase is not self._state.phase:
             self._log(f'{self._state.phase.value} -> {state.phase.value} ({state.reason})')
+        if state.warning and state.warning != self._state.warning:
+            self._warn(state.warning)
         self._state = state
 
     def _publish(self, stamp_ns: int, frame_id: str) -> None:
