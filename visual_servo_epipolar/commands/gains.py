@@ -9,7 +9,7 @@ from dataclasses import asdict, Field, fields
 import math
 from typing import Any
 
-from visual_servo_epipolar.commands.arguments import finite, write_json
+from visual_servo_epipolar.commands.arguments import finite, publish
 from visual_servo_epipolar.core.control.gains import Circumstances, derive, Gains
 from visual_servo_epipolar.core.control.settling import longest_landing
 from visual_servo_epipolar.core.errors import InputError
@@ -41,7 +41,7 @@ def add_to(kinds: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Derive, print, write; return 0. InputError where no gain is legal."""
+    """Derive, write, print; return 0. InputError where no gain is legal."""
     try:
         circumstances = Circumstances(
             **{item.name: getattr(options, item.name) for item in fields(Circumstances)}
@@ -49,9 +49,8 @@ def run(options: argparse.Namespace) -> int:
         gains = derive(circumstances)
     except ValueError as error:
         raise InputError(str(error)) from None
-    if options.json != '-':
-        print(f'{in_words(circumstances, gains)}\n\n{as_yaml(circumstances, gains)}')
-    write_json(document(circumstances, gains), options.json)
+    text = f'{in_words(circumstances, gains)}\n\n{as_yaml(circumstances, gains)}'
+    publish(document(circumstances, gains), text, options.json)
     return 0
 
 

@@ -1,0 +1,53 @@
+"""How a command ends early: SIGTERM as Ctrl-C does it, and output that nobody reads any more."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+import os
+import signal
+import sys
+import threading
+from typing import NoReturn
+
+
+class Terminated(KeyboardInterrupt):
+    """SIGTERM came: all ends as after Ctrl-C, with its own exit code."""
+
+
+@contextmanager
+def terminable() -> Iterator[None]:
+    """Raise Terminated in the block at the first SIGTERM; those that follow change nothing."""
+    if threading.current_thread() is not threading.main_thread():
+        yield  # signals are none of its business
+        return
+    before = signal.signal(signal.SIGTERM, _terminate)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
+
+
+def _terminate(*_: object) -> NoReturn:
+    # timeout(1) sends it twice, and the second one must not cut off the tidying up.
+    signal.signal(signal.SIGTERM, signal.SIG_IGN)
+    raise Terminated
+
+
+def unread() -> bool:
+    """
+    Write out what was printed; return whether nobody reads it any more, as after ``| head``.
+
+    Nothing is printed after that, or the interpreter would complain about it at its end. Raises
+    OSError where the output cannot be written for another reason.
+    """
+    closed = False
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            stream.flush()
+        except OSError as error:
+            null = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(null, stream.fileno())
+            os.close(null)
+            if not isinstance(error, BrokenPipeError):
+                raise
+            closed = True
+    return closed
