@@ -3,10 +3,13 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 import os
+import select
 import signal
 import sys
 import threading
-from typing import NoReturn
+from typing import NoReturn, TextIO
+
+STREAMS = (1, 2)
 
 
 class Terminated(KeyboardInterrupt):
@@ -36,18 +39,34 @@ def unread() -> bool:
     """
     Write out what was printed; return whether nobody reads it any more, as after ``| head``.
 
-    Nothing is printed after that, or the interpreter would complain about it at its end. Raises
-    OSError where the output cannot be written for another reason.
+    Raises OSError where it cannot be written for another reason.
     """
     closed = False
     for stream in (sys.stdout, sys.stderr):
         try:
             stream.flush()
         except OSError as error:
-            null = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(null, stream.fileno())
-            os.close(null)
+            _discard(stream)
             if not isinstance(error, BrokenPipeError):
                 raise
             closed = True
     return closed
+
+
+def reader_left(error: OSError) -> bool:
+    """Whether ``error`` is that of printing to a pipe whose reader has left."""
+    return isinstance(error, BrokenPipeError) and (unread() or any(map(_broken, STREAMS)))
+
+
+def _broken(number: int) -> bool:
+    """Whether a file descriptor is a pipe without a reader: unbuffered output is lost at once."""
+    poll = select.poll()
+    poll.register(number, 0)
+    return any(event & (select.POLLERR | select.POLLHUP) for _, event in poll.poll(0))
+
+
+def _discard(stream: TextIO) -> None:
+    """Print no more to ``stream``: the interpreter would complain about it at its end."""
+    null = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, stream.fileno())
+    os.close(null)

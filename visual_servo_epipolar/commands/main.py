@@ -16,7 +16,7 @@ from visual_servo_epipolar.commands import (
     reproduce,
     simulate,
 )
-from visual_servo_epipolar.commands.ending import terminable, Terminated, unread
+from visual_servo_epipolar.commands.ending import reader_left, terminable, Terminated, unread
 from visual_servo_epipolar.commands.files.output import check_json, check_out
 from visual_servo_epipolar.commands.missing import remedy
 from visual_servo_epipolar.commands.replay import command as replay
@@ -59,6 +59,8 @@ def main(args: Sequence[str] | None = None) -> int:
     except SystemExit as end:  # --help, or bad usage
         raise SystemExit(UNREAD if unread() else end.code) from None
     except OSError as error:
+        if reader_left(error):
+            return UNREAD
         return _complain('visual_servo', f'output cannot be written: {error.strerror}', BAD_INPUT)
 
 
@@ -70,11 +72,10 @@ def _run(options: argparse.Namespace) -> int:
             check_out(options.out if 'out' in options else None)
             return int(options.run(options))
     except (VisualServoError, OSError) as error:
-        if isinstance(error, BrokenPipeError) and unread():
+        if isinstance(error, OSError) and reader_left(error):
             return UNREAD
-        return _complain(
-            who, error, BAD_INPUT if isinstance(error, (InputError, OSError)) else FAILURE
-        )
+        code = BAD_INPUT if isinstance(error, (InputError, OSError)) else FAILURE
+        return _complain(who, error, code)
     except ImportError as error:
         return _complain(who, remedy(error), BAD_INPUT)
     except KeyboardInterrupt as error:

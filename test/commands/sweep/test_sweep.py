@@ -180,19 +180,21 @@ def test_a_sweep_killed_goes_on_where_it_was(tmp_path: Path, capsys: Any, brief:
     assert resumed['runs'] == work(plan_of(runs), Chunk('full', tuple(range(runs))))
 
 
+@pytest.mark.parametrize(('number', 'code'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_an_interrupted_sweep_ends_with_one_line_and_without_its_workers(
-    tmp_path: Path, brief: str
+    tmp_path: Path, brief: str, number: signal.Signals, code: int
 ) -> None:
     folder = tmp_path / 'out'
     arguments = ('--runs', MANY, '--jobs', '2', '--scenario', brief, '--out', str(folder))
     with started(*SWEEP, *arguments) as process:
         wait_for_runs(folder, 1, process)
         workers = psutil.Process(process.pid).children(recursive=True)
-        os.killpg(process.pid, signal.SIGINT)  # as Ctrl-C does: to all of them
+        os.killpg(process.pid, number)  # as Ctrl-C and timeout(1) do: to all of them
         _, output = process.communicate(timeout=TIMEOUT_SEC)
-        assert process.returncode == 130
+        assert process.returncode == code
         assert not psutil.wait_procs(workers, timeout=TIMEOUT_SEC)[1]
     assert output == 'visual_servo sweep: interrupted\n'
+    assert [path.name for path in folder.iterdir()] == [FILE]
 
 
 def test_a_worker_that_was_killed_is_said_and_what_ended_is_kept(

@@ -16,8 +16,8 @@ def check_json(target: str | None) -> None:
     if not path.name or path.is_dir():
         raise InputError(f'{target!r}: result cannot be written: this is not the name of a file')
     try:
-        if not _is_special(path):
-            _try_out(path.parent)
+        if not (path.exists() and _is_special(path)):
+            _try_out(path.resolve().parent)
         elif not os.access(path, os.W_OK):  # to open a pipe would end its reader
             raise PermissionError(EACCES, os.strerror(EACCES))
     except OSError as error:
