@@ -88,10 +88,8 @@ def in_words(result: dict[str, Any]) -> str:
     """Return the result as text."""
     verdict = 'trusted' if result['trusted'] else 'NOT trusted'
     lines = [verdict + (f': {result["reason"]}' if result['reason'] else '')]
-    lines.append(
-        f'{result["matches"]} matches, {result["inliers"]} agree, '
-        f'parallax {result["parallax_px"]:.1f} px'
-    )
+    agreeing = f'{result["inliers"]} agree, ' if result['inliers'] else ''
+    lines.append(f'{result["matches"]} matches, {agreeing}parallax {result["parallax_px"]:.1f} px')
     lines.append(f'heading {result["rotation_deg"]:+.2f} deg (left positive)')
     if not math.isnan(result['bearing_current_deg']):
         lines.append(
