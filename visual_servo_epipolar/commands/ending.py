@@ -42,7 +42,7 @@ def unread() -> bool:
     Raises OSError where it cannot be written for another reason.
     """
     closed = False
-    for stream in (sys.stdout, sys.stderr):
+    for stream in filter(None, (sys.stdout, sys.stderr)):  # None if closed from the start
         try:
             stream.flush()
         except OSError as error:
