@@ -130,7 +130,7 @@ def test_what_a_command_needs_at_once_is_said_in_one_line(folder: Path) -> None:
         (
             'distributed',
             (*SWEEP[:5], '--scheduler', 'tcp://127.0.0.1:1', '--out', 'out'),
-            'Dask cannot be imported (import of distributed halted',
+            'distributed is missing; pip install "visual_servo_epipolar[dask]", or leave out --sch',
         ),
     ],
 )
@@ -150,7 +150,7 @@ def test_what_is_missing_is_said_before_anything_runs(
     shown = capsys.readouterr()
     assert (shown.out, len(shown.err.splitlines())) == ('', 1)
     assert line in shown.err
-    assert not list(folder.rglob('*.json'))
+    assert not list(folder.rglob('*.json*'))
 
 
 @pytest.mark.parametrize('name', ['rclpy._rclpy_pybind11', 'sensor_msgs.msg', 'std_srvs'])

@@ -11,11 +11,14 @@ ROS = re.compile(r'rclpy|rpyutils|ament_\w+|rosidl_\w+|rosgraph_msgs|\w+_(interf
 NO_ROS = (
     'ROS 2 cannot be imported ({}); source your ROS 2 Jazzy, or run "make setup" and use .venv'
 )
+DASK = 'pip install "visual_servo_epipolar[dask]"'
 BAGS = 'pip install rosbags mcap (on Ubuntu 24.04 in a venv with --system-site-packages)'
 REMEDIES: Mapping[str, str] = MappingProxyType(
     {
         'rosbags': BAGS,
         'mcap': BAGS,
+        'dask': DASK,
+        'distributed': DASK,
         'matplotlib': 'apt install python3-matplotlib, or pip install matplotlib',
         'scipy': 'apt install python3-scipy, or pip install scipy',
     }

@@ -109,6 +109,8 @@ def scenes(text: str) -> tuple[int, ...]:
 def sweep(options: argparse.Namespace) -> int:
     """Run what is missing, draw, write, print; return 0 unless a run raised."""
     require('matplotlib')
+    if options.scheduler is not None:
+        require('distributed', otherwise='leave out --scheduler')
     plan = _plan(options)
     folder = Path(options.out or Path(DEFAULT_FOLDER, _name(plan)))
     with Store(folder, plan) as store:
