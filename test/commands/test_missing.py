@@ -130,7 +130,7 @@ def test_what_a_command_needs_at_once_is_said_in_one_line(folder: Path) -> None:
         (
             'distributed',
             (*SWEEP[:5], '--scheduler', 'tcp://127.0.0.1:1', '--out', 'out'),
-            'distributed is missing; pip install "visual_servo_epipolar[dask]", or leave out --sch',
+            'distributed is missing; pip install "visual_servo_epipolar[dask]", or leave',
         ),
     ],
 )
