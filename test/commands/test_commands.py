@@ -156,7 +156,7 @@ def test_a_bad_scenario_is_refused(capsys, tmp_path, content, reason) -> None:
     assert str(path) in error
 
 
-@pytest.mark.parametrize('target', ['', '.', 'missing/result.json'])
+@pytest.mark.parametrize('target', ['', '.', 'tiny.yaml/result.json'])
 def test_a_result_that_cannot_be_written_is_bad_input(
     capsys, scenario, tmp_path, monkeypatch, target
 ) -> None:
@@ -171,7 +171,7 @@ def test_a_result_that_cannot_be_written_is_bad_input(
 def test_a_folder_that_cannot_be_made_is_refused(capsys, tmp_path) -> None:
     (tmp_path / 'file').touch()
     error = one_line(capsys, 'demo', '--out', str(tmp_path / 'file' / 'demo'))
-    assert 'folder cannot be made' in error
+    assert 'nothing can be written there: Not a directory; give another --out' in error
 
 
 def subcommands() -> list[str]:
@@ -224,6 +224,8 @@ def test_the_demo_equals_the_simulation_in_memory(tmp_path, scenario) -> None:
 def test_the_demo_can_do_without_a_video(tmp_path, scenario) -> None:
     pytest.importorskip('rclpy')
     pytest.importorskip('matplotlib')
+    (tmp_path / 'out').mkdir()
+    (tmp_path / 'out' / 'video.mp4').touch()  # of an earlier demo
     ended = visual_servo(
         'demo', *CLOSE, '--scenario', scenario, '--no-video', '--out', 'out', cwd=tmp_path
     )
@@ -234,6 +236,10 @@ def test_the_demo_can_do_without_a_video(tmp_path, scenario) -> None:
         'run.json',
         'trajectory.png',
         'signals.png',
+        'video.mp4',
     }
+    assert ended.stdout.splitlines()[-1] == (
+        'written to out: bag, result.json, run.json, signals.png, trajectory.png'
+    )
     assert 'failed after' in ended.stdout
     assert 'Traceback' not in ended.stderr

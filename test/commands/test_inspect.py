@@ -3,6 +3,7 @@
 import json
 import math
 from pathlib import Path
+import re
 
 import cv2
 import numpy as np
@@ -15,6 +16,7 @@ from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
 START = (0.8, -3.0, 10.0)
+SAME_PLACE = r'taken from the same place: a parallax of 0\.\d\d px is too small for epipoles'
 SMALL = {
     'width': 640,
     'height': 480,
@@ -45,6 +47,8 @@ def photographs(tmp_path_factory) -> Path:
         'turned': world.capture(Pose.from_start(0.0, 0.0, 8.0), 1),
         'elsewhere': elsewhere.photograph(),
         'hand': hand.capture(Pose.from_start(*START), 0),
+        'tilted': hand.capture(Pose.from_start(0.0, 0.0, 5.0), 1),
+        'stepped': world.capture(Pose.from_start(0.0, -0.05, 3.0), 1),
         'half': cv2.resize(current, (320, 240), interpolation=cv2.INTER_AREA),
         'cropped': current[:300],
         'blank': np.full((480, 640), 90, np.uint8),
@@ -97,16 +101,35 @@ def test_the_same_photograph_twice_has_no_epipoles(photographs: Path) -> None:
     code, result = inspect(photographs, 'desired')
     assert code == 1
     assert not result['trusted']
-    assert 'parallax' in result['reason']
+    assert re.fullmatch(SAME_PLACE, result['reason'])
     assert result['rotation_deg'] == pytest.approx(0.0, abs=1e-6)
     assert result['epipole_current_px'] is None
 
 
-def test_a_pure_rotation_is_told_without_epipoles(photographs: Path) -> None:
+def test_a_pure_rotation_is_told_without_epipoles(photographs: Path, capsys) -> None:
     code, result = inspect(photographs, 'turned')
     assert code == 1
-    assert 'parallax' in result['reason']
+    assert re.fullmatch(SAME_PLACE, result['reason'])
     assert result['rotation_deg'] == pytest.approx(8.0, abs=0.02)
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0] == f'NOT trusted: {result["reason"]}'
+    assert re.fullmatch(r'\d+ matches, parallax 0.0 px', lines[1])
+    assert lines[2:] == ['heading +8.00 deg (left positive)']
+
+
+def test_a_camera_that_was_tilted_and_rolled_in_place_is_seen_to_be_in_place(
+    photographs: Path,
+) -> None:
+    code, result = inspect(photographs, 'tilted')
+    assert code == 1
+    assert re.fullmatch(SAME_PLACE, result['reason'])
+
+
+def test_a_small_step_is_not_called_the_same_place(photographs: Path) -> None:
+    code, result = inspect(photographs, 'stepped')
+    assert code == 1
+    assert result['reason'].startswith('taken from nearly the same place, or of what is far away:')
+    assert result['rotation_deg'] == pytest.approx(3.0, abs=0.2)
 
 
 @pytest.mark.parametrize('current', ['elsewhere', 'blank'])
@@ -162,5 +185,7 @@ def test_a_camera_file_that_cannot_be_used_is_bad_input(
 
 
 def test_the_overlay_is_a_picture(photographs: Path) -> None:
-    inspect(photographs, 'current', '--out', str(photographs / 'overlay.png'))
-    assert cv2.imread(str(photographs / 'overlay.png')).shape == (480, 640, 3)
+    overlay = photographs / 'new' / 'overlay.png'
+    inspect(photographs, 'current', '--out', str(overlay))
+    assert cv2.imread(str(overlay)).shape == (480, 640, 3)
+    assert [path.name for path in overlay.parent.iterdir()] == ['overlay.png']

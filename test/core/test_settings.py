@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, fields, FrozenInstanceError, replace
 from importlib.metadata import EntryPoint
 import math
+import re
 from typing import Any, ClassVar
 
 import pytest
@@ -12,7 +13,14 @@ from visual_servo_epipolar.core import registry
 from visual_servo_epipolar.core.control.settings import ControlSettings
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.settings import from_mapping, range_of, setting, Settings, updated
+from visual_servo_epipolar.core.settings import (
+    from_mapping,
+    hint,
+    range_of,
+    setting,
+    Settings,
+    updated,
+)
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 
 
@@ -83,8 +91,52 @@ def test_settings_do_not_change() -> None:
 
 
 def test_an_unknown_name_is_refused_with_the_known_ones() -> None:
-    with pytest.raises(ValueError, match=r'file.yaml has no setting 3, gian; it knows gain,'):
-        from_mapping(Sample, {'gian': 1.0, 3: 2}, 'file.yaml')
+    with pytest.raises(ValueError, match=r'file.yaml has no setting 3, xyz; it knows gain, count'):
+        from_mapping(Sample, {'xyz': 1.0, 3: 2}, 'file.yaml')
+
+
+@pytest.mark.parametrize(
+    ('word', 'meant'),
+    [
+        ('max_linaer', 'max_linear'),
+        ('linear', 'max_linear'),  # a part of it
+        ('Max-Linear', 'max_linear'),
+        ('turn', 'turn_gain'),
+        ('turn_speed', 'turn_gain'),  # the same beginning
+        ('law_name', 'law'),
+        ('kk1', 'k1'),
+        ('k3', 'k2 or k1'),  # of two letters one is wrong
+        ('K1', 'k1'),
+        ('kt', 'k_t'),
+        ('k', 'k2 or k1'),
+    ],
+)
+def test_a_misspelt_name_is_answered_by_the_one_that_is_meant(word: str, meant: str) -> None:
+    known = ['k1', 'k2', 'k_t', 'turn_gain', 'max_linear', 'law']
+    assert hint([word], known) == f'did you mean {meant}?'
+
+
+def test_settings_are_refused_with_the_name_that_is_meant() -> None:
+    with pytest.raises(ValueError, match=r'file.yaml has no setting gian; did you mean gain\?$'):
+        from_mapping(Sample, {'gian': 1.0}, 'file.yaml')
+
+
+@pytest.mark.parametrize(
+    ('limits', 'words'),
+    [
+        ({'low': 0.0}, 'x must be at least 0, got nan; it is: X'),
+        ({'high': 2.0}, 'x must be at most 2, got nan; it is: X'),
+        ({}, 'x must be finite, got nan; it is: X'),
+        ({'low': 0.0, 'high': 2.0}, 'x must lie in [0, 2], got nan; it is: X'),
+    ],
+)
+def test_a_range_without_an_end_is_said_in_words(limits: dict[str, float], words: str) -> None:
+    @dataclass(frozen=True, kw_only=True)
+    class Open(Settings):
+        x: float = setting(1.0, 'X', **limits)
+
+    with pytest.raises(ValueError, match=f'^{re.escape(words)}$'):
+        Open(x=math.nan)
 
 
 @pytest.mark.parametrize('values', [[1, 2], 'gain', 3, None])

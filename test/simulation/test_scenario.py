@@ -40,8 +40,21 @@ def test_a_file_changes_what_it_names_and_nothing_else(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ('text', 'message'),
     [
-        ('sevo: {k1: 1.0}', 'bad.yaml: no section sevo; a scenario has run, base, camera'),
-        ('servo: {k3: 1.0}', 'bad.yaml: servo has no setting k3; it knows law,'),
+        ('sevo: {k1: 1.0}', r'bad.yaml: no section sevo; did you mean servo\?'),
+        ('world: {k1: 1.0}', 'bad.yaml: no section world; it knows run, base, camera'),
+        ('servo: {k3: 1.0}', r'bad.yaml: servo has no setting k3; did you mean k2 or k1\?'),
+        ('servo: {xyz: 1.0}', 'bad.yaml: servo has no setting xyz; it knows law,'),
+        ('servo_node: {k1: 1.0}', 'parameters of servo_node must stand under ros__parameters'),
+        (
+            'servo_node: {ros__parameters: {kk1: 1.0}}',
+            r'no setting kk1; did you mean k1',
+        ),
+        ('/**: {ros__parameters: {kk1: 1.0}}', r'/\*\* has no setting kk1; did you mean k1\?'),
+        ('/**: 3', 'parameters of /\\*\\* must stand under ros__parameters'),
+        (
+            'servo: {k1: 1.0, k2: 1.0}\nservo_node: {ros__parameters: {k1: 1.0}}',
+            'k1 must be given once, got it in servo and in servo_node; keep one of them',
+        ),
         ('servo: {k1: fast}', r"bad.yaml: servo: k1 must be float, got 'fast' \(str\)"),
         ('servo: {k1: .nan}', r'bad.yaml: servo: k1 must lie in \[0, 5\], got nan'),
         ('servo: {k1: -0.1}', r'bad.yaml: servo: k1 must lie in \[0, 5\], got -0.1'),
@@ -72,6 +85,31 @@ def test_a_bad_file_is_refused_in_one_clear_line(tmp_path: Path, text: str, mess
     with pytest.raises(InputError, match=message) as refused:
         load(written(tmp_path, text))
     assert '\n' not in str(refused.value)
+
+
+@pytest.mark.parametrize('node', ['servo_node', '/servo_node', '/robot1/servo_node', '/**'])
+def test_ros_parameters_of_the_servo_are_its_section(tmp_path: Path, node: str) -> None:
+    text = f'base: {{slip: 0.1}}\n{node}:\n  ros__parameters: {{k1: 0.5, use_sim_time: true}}\n'
+    scenario = load(written(tmp_path, text))
+    assert (scenario.servo, scenario.base.slip) == (replace(Scenario().servo, k1=0.5), 0.1)
+    assert scenario.tracker == Scenario().tracker
+
+
+def test_sections_overrule_nodes_and_a_node_overrules_all_nodes(tmp_path: Path) -> None:
+    text = """
+    servo: {k1: 1.0}
+    servo_node: {ros__parameters: {k2: 2.0, room: 0.5}}
+    /**: {ros__parameters: {k1: 3.0, k2: 3.0, k_t: 0.3, max_features: 99}}
+    """
+    scenario = load(written(tmp_path, text))
+    assert (scenario.servo.k1, scenario.servo.k2, scenario.servo.k_t) == (1.0, 2.0, 0.3)
+    assert (scenario.servo.spiral_ratio, scenario.tracker.max_features) == (0.5, 99)
+
+
+@pytest.mark.parametrize('name', ['servo', 'tracker'])
+def test_the_parameter_file_of_a_node_is_a_scenario(name: str) -> None:
+    scenario = load(SCENARIOS[0].parents[1] / f'{name}_node.yaml')
+    assert isinstance(scenario, Scenario)
 
 
 def test_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:

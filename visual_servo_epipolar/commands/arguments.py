@@ -9,6 +9,7 @@ from pathlib import Path
 import sys
 from typing import Any
 
+from visual_servo_epipolar.commands.files.output import check_json, write_whole
 from visual_servo_epipolar.commands.files.resources import scenario_path
 from visual_servo_epipolar.core.control.law_table import law_options, LAWS
 from visual_servo_epipolar.core.errors import InputError
@@ -104,6 +105,13 @@ def output_folder(name: str) -> Path:
     return folder
 
 
+def publish(document: Mapping[str, Any], text: str, target: str | None) -> None:
+    """Write ``document`` to ``target``, then print ``text``, unless standard output has it."""
+    write_json(document, target)
+    if target != '-':
+        print(text)
+
+
 def write_json(document: Mapping[str, Any], target: str | None) -> None:
     """Write ``document`` to a file, by rename, or to standard output; nan becomes null."""
     if target is None:
@@ -112,15 +120,11 @@ def write_json(document: Mapping[str, Any], target: str | None) -> None:
     if target == '-':
         sys.stdout.write(text)
         return
-    path = Path(target)
-    if not path.name or path.is_dir():
-        raise InputError(f'{target!r}: result cannot be written: this is not the name of a file')
-    partial = path.with_name(path.name + '.partial')
+    check_json(target)
     try:
-        partial.write_text(text, encoding='utf-8')
-        partial.replace(path)
+        write_whole(Path(target), text.encode())
     except OSError as error:
-        raise InputError(f'{path}: result cannot be written: {error.strerror}') from None
+        raise InputError(f'{target}: result cannot be written: {error.strerror}') from None
 
 
 def _plain(value: Any) -> Any:

@@ -1,12 +1,14 @@
 """``visual_servo bench``: accuracy and speed, with the peers beside us in one run."""
 
 import argparse
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from contextlib import closing
 from importlib import import_module
 from typing import Any
 
 from visual_servo_epipolar.commands.arguments import seed, write_json
 from visual_servo_epipolar.commands.console import Progress
+from visual_servo_epipolar.commands.missing import remedy
 from visual_servo_epipolar.core.errors import InputError
 
 # Each module has run(*, seed, quick, say) -> document and table(document) -> text.
@@ -42,12 +44,11 @@ def run(options: argparse.Namespace) -> int:
     unknown = sorted(set(options.which) - set(BENCHMARKS))
     if unknown:
         raise InputError(f'no benchmark {", ".join(unknown)}; there are {", ".join(BENCHMARKS)}')
-    say: Callable[[str], None] = Progress().say
     results = {}
     for name in options.which or BENCHMARKS:
         benchmark = _benchmark(name)
-        results[name] = benchmark.run(seed=options.seed, quick=options.quick, say=say)
-        say('')
+        with closing(Progress()) as progress:
+            results[name] = benchmark.run(seed=options.seed, quick=options.quick, say=progress.say)
         if options.json != '-':
             print(benchmark.table(results[name]))
     write_json(results, options.json)
@@ -58,6 +59,4 @@ def _benchmark(name: str) -> Any:
     try:
         return import_module(BENCHMARKS[name])
     except ImportError as error:
-        raise InputError(
-            f'benchmark {name} cannot be run: {error}; install what it needs'
-        ) from None
+        raise InputError(f'benchmark {name} cannot be run: {remedy(error)}') from None

@@ -1,6 +1,7 @@
 """Console output: progress while a run lasts, and a summary of it."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
+from pathlib import Path
 import sys
 import time
 from types import MappingProxyType
@@ -80,6 +81,11 @@ def summary(result: Mapping[str, Any]) -> str:
         f'{result["max_linear_speed"]:.2f} m/s, {result["max_angular_speed"]:.2f} rad/s',
     ]
     return '\n'.join(lines)
+
+
+def written_to(folder: Path | str, names: Iterable[str]) -> str:
+    """Return what a command wrote into ``folder`` as text."""
+    return f'written to {folder}: {", ".join(sorted(names))}'
 
 
 def _ratio(result: Mapping[str, Any]) -> str:

@@ -1,7 +1,7 @@
 """``visual_servo demo``: the four real nodes in lockstep; leaves result, figures, video, bag."""
 
 import argparse
-from contextlib import ExitStack
+from contextlib import closing, ExitStack
 from pathlib import Path
 import re
 import shutil
@@ -12,11 +12,12 @@ from visual_servo_epipolar.commands.arguments import (
     add_run_options,
     add_start,
     output_folder,
+    publish,
     scenario_of,
-    write_json,
 )
-from visual_servo_epipolar.commands.console import Progress, summary
+from visual_servo_epipolar.commands.console import Progress, summary, written_to
 from visual_servo_epipolar.commands.files.run_folder import write_run
+from visual_servo_epipolar.commands.missing import require
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Pose
@@ -30,13 +31,9 @@ if TYPE_CHECKING:
 
 DEFAULT_START = (1.0, -3.5, 8.0)
 DEFAULT_FOLDER = 'demo_out'
-BAG = 'bag'
-VIDEO = 'video.mp4'
+BAG, VIDEO = 'bag', 'video.mp4'
 # What a bag leaves out. Images have 1.3 MB each; a bag without them is replayed from tracks.
 EXCLUDED = {'tracks': ('*image_raw',), 'images': ('*overlay/image_raw',)}
-NO_ROS = (
-    'ROS 2 cannot be imported ({}); source your ROS 2 Jazzy, or run "make setup" and use .venv'
-)
 
 
 def add_to(kinds: Any) -> None:
@@ -70,33 +67,34 @@ def add_to(kinds: Any) -> None:
 
 
 def demo(options: argparse.Namespace) -> int:
-    """Run, print, write; return 0 if the robot arrived."""
+    """Run, write, print; return 0 if the robot arrived."""
+    require('rclpy', 'matplotlib')
+    if options.bag != 'none':
+        require('rosbags', 'mcap', otherwise='--bag none')
     scenario = scenario_of(options)
     settings = scenario.loop(tuple(options.start), options.seed)
     folder = output_folder(options.out)
     log = _drive(scenario, settings, folder, options)
     result = summarise(log)
-    write_json(result, options.json)
-    write_run(log, scenario, folder)
-    if options.json != '-':
-        print(summary(result))
-        print(f'written to {folder}: {", ".join(sorted(path.name for path in folder.iterdir()))}')
+    written = write_run(log, scenario, folder)
+    written += [VIDEO] * (not options.no_video) + [BAG] * (options.bag != 'none')
+    publish(result, f'{summary(result)}\n{written_to(folder, written)}', options.json)
     return 0 if log.outcome == 'arrived' else 1
 
 
 def _drive(
     scenario: Scenario, settings: LoopSettings, folder: Path, options: argparse.Namespace
 ) -> RunLog:
-    try:
-        from visual_servo_epipolar.nodes.lockstep import Lockstep
-        from visual_servo_epipolar.nodes.observer_node import ObserverNode
-        from visual_servo_epipolar.report.images.picture import picture
-    except ImportError as error:
-        raise InputError(NO_ROS.format(error)) from None
-    progress, monitor = Progress(), RunMonitor(settings)
+    from visual_servo_epipolar.nodes.lockstep import Lockstep
+    from visual_servo_epipolar.nodes.observer_node import ObserverNode
+    from visual_servo_epipolar.report.images.picture import picture
+
+    monitor = RunMonitor(settings)
+    bag = _cleared(folder / BAG)
     (folder / VIDEO).unlink(missing_ok=True)  # of an earlier run
     video: VideoWriter | None = None
     with ExitStack() as stack:
+        progress = stack.enter_context(closing(Progress()))
         if not options.no_video:
             video = stack.enter_context(_video_writer(scenario, settings, folder))
 
@@ -113,12 +111,10 @@ def _drive(
         lockstep.add(
             ObserverNode(monitor, watch, with_images=with_images, context=lockstep.context)
         )
-        bag = _cleared(folder / BAG)
         if options.bag != 'none':
             lockstep.record(bag, exclude=EXCLUDED[options.bag])
         lockstep.run(lambda: monitor.done)
         progress.say('finishing the video ...')
-    progress.close()
     if video is not None and video.advice:
         print(f'visual_servo demo: {video.advice}', file=sys.stderr)
     return monitor.log()

@@ -11,7 +11,7 @@ import math
 import sys
 from typing import Any
 
-from visual_servo_epipolar.commands.arguments import finite, write_json
+from visual_servo_epipolar.commands.arguments import finite, publish
 from visual_servo_epipolar.core.control.gains import Circumstances, derive, Gains
 from visual_servo_epipolar.core.control.settling import longest_landing, longest_matching
 from visual_servo_epipolar.core.errors import InputError
@@ -55,7 +55,7 @@ def add_to(kinds: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Derive, print, write; return 0. InputError where no gain is legal."""
+    """Derive, write, print; return 0. InputError where no gain is legal."""
     try:
         circumstances = Circumstances(
             **{item.name: getattr(options, item.name) for item in fields(Circumstances)}
@@ -65,12 +65,12 @@ def run(options: argparse.Namespace) -> int:
     except ValueError as error:
         raise InputError(str(error)) from None
     warnings = slow_phases(circumstances, gains, timeout)
-    if options.json != '-':
-        print(f'{in_words(circumstances, gains)}\n\n{as_yaml(circumstances, gains, timeout)}')
     for warning in warnings:
         print(f'visual_servo gains: warning: {warning}', file=sys.stderr)
+    text = f'{in_words(circumstances, gains)}\n\n{as_yaml(circumstances, gains, timeout)}'
     result = document(circumstances, gains)
-    write_json({**result, 'phase_timeout_s': timeout, 'warnings': warnings}, options.json)
+    result = {**result, 'phase_timeout_s': timeout, 'warnings': warnings}
+    publish(result, text, options.json)
     return 0
 
 

@@ -8,8 +8,9 @@ from typing import Any
 import cv2
 import numpy as np
 
-from visual_servo_epipolar.commands.arguments import write_json
+from visual_servo_epipolar.commands.arguments import publish
 from visual_servo_epipolar.commands.files.camera import read_camera, read_photograph, scaled_to
+from visual_servo_epipolar.commands.files.output import write_whole
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.camera import Camera
@@ -39,7 +40,7 @@ def add_to(kinds: Any) -> None:
 
 
 def run(options: argparse.Namespace) -> int:
-    """Inspect, print, write; return 0 if the result can be trusted."""
+    """Inspect, write, print; return 0 if the result can be trusted."""
     if options.out and not cv2.haveImageWriter(options.out):
         raise InputError(f'{options.out}: no such image format; call it .png or .jpg')
     camera = read_camera(Path(options.camera))
@@ -51,9 +52,7 @@ def run(options: argparse.Namespace) -> int:
     result = document(inspection, current_camera, desired_camera)
     if options.out:
         _draw(inspection, current, current_camera, Path(options.out))
-    if options.json != '-':
-        print(in_words(result))
-    write_json(result, options.json)
+    publish(result, in_words(result), options.json)
     return 0 if inspection.trusted else 1
 
 
@@ -89,10 +88,8 @@ def in_words(result: dict[str, Any]) -> str:
     """Return the result as text."""
     verdict = 'trusted' if result['trusted'] else 'NOT trusted'
     lines = [verdict + (f': {result["reason"]}' if result['reason'] else '')]
-    lines.append(
-        f'{result["matches"]} matches, {result["inliers"]} agree, '
-        f'parallax {result["parallax_px"]:.1f} px'
-    )
+    agreeing = f'{result["inliers"]} agree, ' if result['inliers'] else ''
+    lines.append(f'{result["matches"]} matches, {agreeing}parallax {result["parallax_px"]:.1f} px')
     lines.append(f'heading {result["rotation_deg"]:+.2f} deg (left positive)')
     if not math.isnan(result['bearing_current_deg']):
         lines.append(
@@ -119,6 +116,4 @@ def _draw(inspection: Inspection, image: Image, camera: Camera, path: Path) -> N
         horizon=camera.cy,
         fundamental=inspection.fundamental if inspection.trusted else None,
     )
-    partial = path.with_name(f'.partial-{path.name}')
-    np.asarray(cv2.imencode(path.suffix, picture)[1]).tofile(partial)
-    partial.replace(path)
+    write_whole(path, np.asarray(cv2.imencode(path.suffix, picture)[1]).tobytes())

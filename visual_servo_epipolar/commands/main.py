@@ -2,17 +2,29 @@
 
 import argparse
 from collections.abc import Sequence
+from contextlib import suppress
+import re
 import sys
 from typing import NoReturn
 
 from visual_servo_epipolar import __version__
-from visual_servo_epipolar.commands import bench, demo, gains, inspect, reproduce, simulate
+from visual_servo_epipolar.commands import (
+    bench,
+    demo,
+    gains,
+    inspect,
+    reproduce,
+    simulate,
+)
+from visual_servo_epipolar.commands.ending import reader_left, terminable, Terminated, unread
+from visual_servo_epipolar.commands.files.output import check_json, check_out
+from visual_servo_epipolar.commands.missing import remedy
 from visual_servo_epipolar.commands.replay import command as replay
 from visual_servo_epipolar.commands.report import command as report
 from visual_servo_epipolar.commands.sweep import command as sweep
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
 
-SUCCESS, FAILURE, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
+SUCCESS, FAILURE, BAD_INPUT, INTERRUPTED, UNREAD, TERMINATED = 0, 1, 2, 130, 141, 143
 COMMANDS = (demo, simulate, sweep, inspect, replay, report, reproduce, bench, gains)
 
 
@@ -34,20 +46,54 @@ def parser() -> Parser:
     kinds = top.add_subparsers(dest='command', required=True, metavar='COMMAND')
     for module in COMMANDS:
         module.add_to(kinds)
+    for command in kinds.choices.values():
+        command.description = _plain(command.description or '')
     return top
 
 
 def main(args: Sequence[str] | None = None) -> int:
-    """Run the command line and return its exit code."""
-    options = parser().parse_args(args)
+    """Run the command line and return its exit code; without a word where nobody reads it."""
     try:
-        return int(options.run(options))
+        code = _run(parser().parse_args(args))
+        return UNREAD if unread() else code
+    except SystemExit as end:  # --help, or bad usage
+        raise SystemExit(UNREAD if unread() else end.code) from None
+    except OSError as error:
+        if reader_left(error):
+            return UNREAD
+        return _complain('visual_servo', f'output cannot be written: {error.strerror}', BAD_INPUT)
+
+
+def _run(options: argparse.Namespace) -> int:
+    who = f'visual_servo {options.command}'
+    try:
+        with terminable():
+            check_json(options.json if 'json' in options else None)
+            check_out(options.out if 'out' in options else None)
+            return int(options.run(options))
     except (VisualServoError, OSError) as error:
-        print(f'visual_servo {options.command}: {" ".join(str(error).split())}', file=sys.stderr)
-        return BAD_INPUT if isinstance(error, (InputError, OSError)) else FAILURE
-    except KeyboardInterrupt:
-        print(f'visual_servo {options.command}: interrupted', file=sys.stderr)
-        return INTERRUPTED
+        if isinstance(error, OSError) and reader_left(error):
+            return UNREAD
+        code = BAD_INPUT if isinstance(error, (InputError, OSError)) else FAILURE
+        return _complain(who, error, code)
+    except ImportError as error:
+        return _complain(who, remedy(error), BAD_INPUT)
+    except KeyboardInterrupt as error:
+        return _complain(
+            who, 'interrupted', TERMINATED if isinstance(error, Terminated) else INTERRUPTED
+        )
+
+
+def _complain(who: str, reason: object, code: int) -> int:
+    with suppress(BrokenPipeError):
+        print(f'{who}: {" ".join(str(reason).split())}', file=sys.stderr)
+    return code
+
+
+def _plain(docstring: str) -> str:
+    """Return the docstring of a command as text for its users."""
+    text = re.sub(r'^\s*``visual_servo \w+``: ', '', docstring).replace('``', '')
+    return text[:1].upper() + text[1:]
 
 
 if __name__ == '__main__':

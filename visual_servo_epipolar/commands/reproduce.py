@@ -1,10 +1,11 @@
 """``visual_servo reproduce``: the paper's figures, and a table of the paper against us."""
 
 import argparse
+from contextlib import closing
 from typing import Any
 
 from visual_servo_epipolar import __version__
-from visual_servo_epipolar.commands.arguments import output_folder, write_json
+from visual_servo_epipolar.commands.arguments import output_folder, publish
 from visual_servo_epipolar.commands.console import Progress
 
 PARTS = ('sim1', 'sim2', 'experiment')
@@ -32,15 +33,14 @@ def reproduce(options: argparse.Namespace) -> int:
     """Run, draw, compare; return 0 if every run came to the end that the paper gives it."""
     # Only here: matplotlib takes a second to load, and the other commands need none of it.
     from visual_servo_epipolar.reproduction.chapters import CHAPTERS
-    from visual_servo_epipolar.reproduction.publish import document, publish, text
+    from visual_servo_epipolar.reproduction.publish import document, text
+    from visual_servo_epipolar.reproduction.publish import publish as draw
 
-    folder, progress = output_folder(options.out), Progress()
+    folder = output_folder(options.out)
     parts = PARTS if options.which == 'all' else (options.which,)
-    chapters = {part: CHAPTERS[part](progress.say) for part in parts}
-    progress.close()
-    publish(chapters, folder)
-    if options.json != '-':
-        print(text(chapters))
-        print(f'figures and table in {folder}')
-    write_json({'version': __version__, **document(chapters)}, options.json)
+    with closing(Progress()) as progress:
+        chapters = {part: CHAPTERS[part](progress.say) for part in parts}
+    draw(chapters, folder)
+    words = f'{text(chapters)}\nfigures and table in {folder}'
+    publish({'version': __version__, **document(chapters)}, words, options.json)
     return SUCCESS if all(chapter.succeeded for chapter in chapters.values()) else FAILURE

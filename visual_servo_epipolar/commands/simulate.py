@@ -1,17 +1,19 @@
 """``visual_servo simulate``: one closed loop in memory, without ROS."""
 
 import argparse
+from contextlib import closing
 from typing import Any
 
 from visual_servo_epipolar.commands.arguments import (
     add_run_options,
     add_start,
     output_folder,
+    publish,
     scenario_of,
-    write_json,
 )
-from visual_servo_epipolar.commands.console import Progress, summary
+from visual_servo_epipolar.commands.console import Progress, summary, written_to
 from visual_servo_epipolar.commands.files.run_folder import write_run
+from visual_servo_epipolar.commands.missing import require
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.views import SOURCES, view_of
@@ -35,17 +37,19 @@ def add_to(kinds: Any) -> None:
 
 
 def simulate(options: argparse.Namespace) -> int:
-    """Run, print, write; return 0 if the robot arrived."""
-    scenario, progress = scenario_of(options), Progress()
-    progress.say('preparing the world ...')
-    view = view_of(scenario, options.source, options.seed)
-    settings = scenario.loop(tuple(options.start), options.seed)
-    log = run(settings, view, scenario.camera.nominal_camera, watch=progress)
-    progress.close()
-    result = summarise(log)
+    """Run, write, print; return 0 if the robot arrived."""
     if options.out is not None:
-        write_run(log, scenario, output_folder(options.out))
-    if options.json != '-':
-        print(summary(result))
-    write_json(result, options.json)
+        require('matplotlib', otherwise='leave out --out')
+    scenario = scenario_of(options)
+    settings = scenario.loop(tuple(options.start), options.seed)
+    with closing(Progress()) as progress:
+        progress.say('preparing the world ...')
+        view = view_of(scenario, options.source, options.seed)
+        log = run(settings, view, scenario.camera.nominal_camera, watch=progress)
+    result = summarise(log)
+    text = summary(result)
+    if options.out is not None:
+        written = write_run(log, scenario, output_folder(options.out))
+        text += f'\n{written_to(options.out, written)}'
+    publish(result, text, options.json)
     return 0 if log.outcome == 'arrived' else 1

@@ -1,11 +1,15 @@
 """How settings are described: one frozen value a component, each field with range and text."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, Field, field, fields, replace
+from difflib import get_close_matches
 import math
 from typing import Any, ClassVar, TypeVar
 
 LARGEST = 2**63  # what YAML and ROS parameters hold
+ALIKE_FOR_SURE = 0.85  # ratio of difflib above which no other name is meant
+ALIKE = 3  # names suggested for an unknown one, at most
+MIN_PART, MIN_PREFIX = 3, 4  # letters that tell a name by a part of it, by its beginning
 
 SettingsT = TypeVar('SettingsT', bound='Settings')
 
@@ -84,13 +88,33 @@ def updated(settings: SettingsT, values: Mapping[str, Any], where: str) -> Setti
     known = [item.name for item in fields(settings)]
     unknown = sorted(set(map(str, values)) - set(known))
     if unknown:
-        raise ValueError(
-            f'{where} has no setting {", ".join(unknown)}; it knows {", ".join(known)}'
-        )
+        raise ValueError(f'{where} has no setting {", ".join(unknown)}; {hint(unknown, known)}')
     try:
         return replace(settings, **values)
     except ValueError as error:
         raise ValueError(f'{where}: {error}') from None
+
+
+def hint(unknown: Sequence[str], known: Sequence[str]) -> str:
+    """Return which of the ``known`` names may be meant; all of them if none is alike."""
+    meant = dict.fromkeys(name for word in unknown for name in _alike(word, known))
+    return f'did you mean {" or ".join(meant)}?' if meant else f'it knows {", ".join(known)}'
+
+
+def _alike(word: str, known: Sequence[str]) -> list[str]:
+    """Return the names that ``word`` may stand for: misspelt, cut short, or one letter off."""
+    word = word.lower().replace('-', '_')
+    if word in known:
+        return [word]
+    close = get_close_matches(word, known, n=1, cutoff=ALIKE_FOR_SURE)
+    if not close:
+        close = get_close_matches(word, known, n=ALIKE)
+    if not close and len(word) >= MIN_PART:
+        close = [name for name in known if word in name or name in word.split('_')]
+        close = close or [name for name in known if name.startswith(word[:MIN_PREFIX])]
+    if not close and len(word) <= MIN_PART:  # half of a short name may differ
+        close = get_close_matches(word, known, n=ALIKE, cutoff=0.5)
+    return close[:ALIKE]
 
 
 def _renamed(renamed: Mapping[str, str], values: Mapping[str, Any], where: str) -> dict[str, Any]:
@@ -147,6 +171,13 @@ def _check_number(name: str, value: float, limits: Range) -> None:
     low = -math.inf if limits.low is None else limits.low
     high = math.inf if limits.high is None else limits.high
     if not (math.isfinite(value) and low <= value <= high):
-        raise ValueError(
-            f'{name} must lie in [{low:g}, {high:g}], got {value:g}; it is: {limits.text}'
-        )
+        raise ValueError(f'{name} must {_bounds(limits)}, got {value:g}; it is: {limits.text}')
+
+
+def _bounds(limits: Range) -> str:
+    """Return the range of a number as words that follow must."""
+    if limits.low is None:
+        return 'be finite' if limits.high is None else f'be at most {limits.high:g}'
+    if limits.high is None:
+        return f'be at least {limits.low:g}'
+    return f'lie in [{limits.low:g}, {limits.high:g}]'

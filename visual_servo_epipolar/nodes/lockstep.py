@@ -7,7 +7,7 @@ from dataclasses import asdict, fields
 import os
 from pathlib import Path
 import time
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 import rclpy
 from rclpy.context import Context
@@ -19,13 +19,15 @@ from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.nodes import parameters
 from visual_servo_epipolar.nodes.camera_node import CameraNode
-from visual_servo_epipolar.nodes.recorder_node import RecorderNode
 from visual_servo_epipolar.nodes.run import tune_transport
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
 from visual_servo_epipolar.simulation.closed_loop import LoopSettings
 from visual_servo_epipolar.simulation.scenario import Scenario
+
+if TYPE_CHECKING:
+    from visual_servo_epipolar.nodes.recorder_node import RecorderNode
 
 STALL_S = 60.0
 SPIN_S = 0.05  # one for all: with another the executor forgets what was ready
@@ -84,6 +86,9 @@ class Lockstep(AbstractContextManager['Lockstep']):
 
         Time waits for the disk; the bag is complete after ``run``.
         """
+        # Only here: without a bag nobody needs the libraries that write one.
+        from visual_servo_epipolar.nodes.recorder_node import RecorderNode
+
         topics = {item.topic_name for node in self.nodes for item in node.publishers}
         values = {
             'bag': str(folder),
@@ -109,7 +114,7 @@ class Lockstep(AbstractContextManager['Lockstep']):
         if self.recorder is not None:
             self._finish(self.recorder)
 
-    def _finish(self, recorder: RecorderNode) -> None:
+    def _finish(self, recorder: 'RecorderNode') -> None:
         """Let the last step run out, and complete the bag."""
         # The command of the last step is on its way, its successor is not: without an image the
         # chain ends where it does each time.

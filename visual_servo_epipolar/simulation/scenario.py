@@ -9,7 +9,7 @@ import yaml
 
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.settings import setting, Settings, updated
+from visual_servo_epipolar.core.settings import hint, setting, Settings, updated
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 from visual_servo_epipolar.simulation.bases.registry import base_name, BaseModel, BASES
@@ -79,30 +79,45 @@ KINDS: Mapping[str, tuple[str, Mapping[str, BaseModel | RigModel]]] = {
     'camera': ('rig', RIGS),
 }
 
+# Nodes whose parameters are a section: lines such as `visual_servo gains` prints may be pasted.
+NODES: Mapping[str, str] = {'servo_node': 'servo', 'tracker_node': 'tracker'}
+ALL_NODES = '/**'
+# Parameters of the connections of these nodes: a simulation has none of them.
+CONNECTION = frozenset(
+    {
+        'base_frame',
+        'camera_reliability',
+        'desired_image',
+        'enable_stamped_cmd_vel',
+        'use_sim_time',
+        'watchdog',
+    }
+)
+
 
 def from_document(document: Any, where: str) -> Scenario:
     """
     Build a scenario from a parsed YAML document: sections of settings, all optional.
 
     ``model`` in the section ``base`` and ``rig`` in the section ``camera`` say which one it is;
-    its settings are the others of that section.
+    its settings are the others of that section. The sections ``servo`` and ``tracker`` may as well
+    be ROS parameters of their nodes: ``servo_node: {ros__parameters: {...}}``, or ``/**``.
 
     Raises
     ------
     InputError
-        If a section or a setting is unknown, of a wrong type, or out of range.
+        If a section or a setting is unknown, given twice, of a wrong type, or out of range.
 
     """
     if document is None:
         document = {}
     if not isinstance(document, Mapping):
         raise InputError(f'{where}: a scenario must map sections to settings, got {document!r}')
+    document = _by_section(document, where)
     names = [item.name for item in fields(Scenario)]
     unknown = sorted(str(key) for key in document if key not in names)
     if unknown:
-        raise InputError(
-            f'{where}: no section {", ".join(unknown)}; a scenario has {", ".join(names)}'
-        )
+        raise InputError(f'{where}: no section {", ".join(unknown)}; {hint(unknown, names)}')
     try:
         sections: dict[str, Any] = {
             name: _section(name, {} if values is None else values, f'{where}: {name}')
@@ -111,6 +126,67 @@ def from_document(document: Any, where: str) -> Scenario:
     except ValueError as error:
         raise InputError(str(error)) from None
     return replace(Scenario(), **sections)
+
+
+def _by_section(document: Mapping[str, Any], where: str) -> dict[str, Any]:
+    """Return ``document`` with the parameters of nodes in the sections that they belong to."""
+    nodes = [str(key) for key in document if str(key) == ALL_NODES or _node(key) in NODES]
+    sections = {key: values for key, values in document.items() if str(key) not in nodes}
+    general, special = _parameters(document, nodes, where)
+    for section in NODES.values():
+        names = _names(section)
+        merged = {name: value for name, value in general.items() if name in names}
+        merged |= special.get(section, {})
+        given = sections.get(section) or {}
+        if not merged or not isinstance(given, Mapping):
+            continue
+        twice = sorted(special.get(section, {}).keys() & given.keys())
+        if twice:
+            raise InputError(
+                f'{where}: {", ".join(twice)} must be given once, got it in {section} and in '
+                f'{section}_node; keep one of them'
+            )
+        sections[section] = {**merged, **given}
+    return sections
+
+
+def _parameters(
+    document: Mapping[str, Any], nodes: list[str], where: str
+) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+    """Return the ROS parameters of all nodes, and by section those of one node."""
+    general: dict[str, Any] = {}
+    special: dict[str, dict[str, Any]] = {}
+    for node in nodes:
+        body = document[node]
+        values = body.get('ros__parameters') if isinstance(body, Mapping) else None
+        if not isinstance(values, Mapping):
+            raise InputError(
+                f'{where}: parameters of {node} must stand under ros__parameters, as "name: value"'
+            )
+        settings = {name: value for name, value in values.items() if name not in CONNECTION}
+        if node == ALL_NODES:
+            _refuse_unknown(settings, f'{where}: {node}')
+            general |= settings
+        else:
+            special.setdefault(NODES[_node(node)], {}).update(settings)
+    return general, special
+
+
+def _node(key: Any) -> str:
+    """Return the name of a node without its namespace."""
+    return str(key).rpartition('/')[2]
+
+
+def _names(section: str) -> list[str]:
+    settings: Settings = getattr(Scenario(), section)
+    return [*(item.name for item in fields(settings)), *settings.RENAMED]
+
+
+def _refuse_unknown(values: Mapping[str, Any], where: str) -> None:
+    known = [name for section in NODES.values() for name in _names(section)]
+    unknown = sorted(set(map(str, values)) - set(known))
+    if unknown:
+        raise InputError(f'{where} has no setting {", ".join(unknown)}; {hint(unknown, known)}')
 
 
 def _section(name: str, values: Any, where: str) -> Settings:

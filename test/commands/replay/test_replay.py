@@ -282,7 +282,7 @@ def test_a_bag_cut_short_is_refused_and_replayed_once_it_is_repaired(
         (['--set', 'k1=0.1'], '--set takes SECTION.NAME=VALUE'),
         (['--set', 'camera.width=3'], '--set takes SECTION.NAME=VALUE'),
         (['--set', 'servo.k1'], '--set takes SECTION.NAME=VALUE'),
-        (['--set', 'servo.k_1=0.1'], 'servo has no setting k_1; it knows law'),
+        (['--set', 'servo.k_1=0.1'], 'servo has no setting k_1; did you mean k1'),
         (['--set', 'servo.k1=often'], "k1 must be float, got 'often'"),
         (['--set', 'servo.k1=-1'], 'k1 must lie in [0, 5], got -1'),
         (['--set', 'servo.k1={a'], 'k1 must be float'),

@@ -92,9 +92,14 @@ def refused(capsys: Any, *arguments: str) -> str:
 
 def test_a_sweep_arrives_and_tells(tmp_path: Path, capsys: Any) -> None:
     out = tmp_path / 'out'
+    out.mkdir()
+    (out / 'old.png').touch()
     assert main([*SWEEP, '--runs', '3', '--out', str(out), '--json', str(tmp_path / 'j')]) == 0
     shown = capsys.readouterr()
     assert '100 % (3 of 3)' in shown.out
+    assert shown.out.splitlines()[-1] == (
+        f'written to {out}: convergence.md, histogram.png, map.png, runs.jsonl, table.md'
+    )
     assert shown.err == ''
     document = json.loads((tmp_path / 'j').read_text())
     assert document['success_rate'] == 1.0
@@ -105,7 +110,7 @@ def test_a_sweep_arrives_and_tells(tmp_path: Path, capsys: Any) -> None:
     assert document['heading_error_deg']['max'] < 2.0
     assert document['wall_s'] > 0.0
     assert {path.name for path in out.iterdir()} == {
-        *('runs.jsonl', 'table.md', 'convergence.md', 'map.png', 'histogram.png'),
+        *('runs.jsonl', 'table.md', 'convergence.md', 'map.png', 'histogram.png', 'old.png'),
     }
     for name in ('map.png', 'histogram.png'):
         assert cv2.imread(str(out / name)).std() > 0.0
@@ -180,19 +185,21 @@ def test_a_sweep_killed_goes_on_where_it_was(tmp_path: Path, capsys: Any, brief:
     assert resumed['runs'] == work(plan_of(runs), Chunk('full', tuple(range(runs))))
 
 
+@pytest.mark.parametrize(('number', 'code'), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
 def test_an_interrupted_sweep_ends_with_one_line_and_without_its_workers(
-    tmp_path: Path, brief: str
+    tmp_path: Path, brief: str, number: signal.Signals, code: int
 ) -> None:
     folder = tmp_path / 'out'
     arguments = ('--runs', MANY, '--jobs', '2', '--scenario', brief, '--out', str(folder))
     with started(*SWEEP, *arguments) as process:
         wait_for_runs(folder, 1, process)
         workers = psutil.Process(process.pid).children(recursive=True)
-        os.killpg(process.pid, signal.SIGINT)  # as Ctrl-C does: to all of them
+        os.killpg(process.pid, number)  # as Ctrl-C and timeout(1) do: to all of them
         _, output = process.communicate(timeout=TIMEOUT_SEC)
-        assert process.returncode == 130
+        assert process.returncode == code
         assert not psutil.wait_procs(workers, timeout=TIMEOUT_SEC)[1]
     assert output == 'visual_servo sweep: interrupted\n'
+    assert [path.name for path in folder.iterdir()] == [FILE]
 
 
 def test_a_worker_that_was_killed_is_said_and_what_ended_is_kept(

@@ -16,14 +16,18 @@ from visual_servo_epipolar.simulation.scenario import Scenario
 LIBRARIES = ('numpy', 'opencv-python-headless', 'opencv-python', 'matplotlib', 'rclpy', 'rosbags')
 
 
-def write_run(log: RunLog, scenario: Scenario, folder: Path) -> None:
-    """Write result, samples and figures of a run into ``folder``, which must exist."""
+def write_run(log: RunLog, scenario: Scenario, folder: Path) -> list[str]:
+    """Write result, samples and figures into ``folder``, which must exist; return their names."""
     from visual_servo_epipolar.report import figures
 
     write_json(summarise(log), str(folder / 'result.json'))
-    save_run(RunFile(log, settings_of(scenario), versions()), folder)
-    figures.save(figures.trajectory(log), folder / 'trajectory.png')
-    figures.save(figures.signals(log), folder / 'signals.png')
+    written = [
+        folder / 'result.json',
+        save_run(RunFile(log, settings_of(scenario), versions()), folder),
+        figures.save(figures.trajectory(log), folder / 'trajectory.png'),
+        figures.save(figures.signals(log), folder / 'signals.png'),
+    ]
+    return [path.name for path in written]
 
 
 def settings_of(scenario: Scenario) -> Mapping[str, Mapping[str, Any]]:

@@ -13,11 +13,13 @@ from typing import Any
 from visual_servo_epipolar.commands.arguments import (
     add_run_options,
     law_expression,
+    publish,
     scenario_of,
     seed,
-    write_json,
 )
-from visual_servo_epipolar.commands.console import Progress
+from visual_servo_epipolar.commands.console import Progress, written_to
+from visual_servo_epipolar.commands.files.output import write_whole
+from visual_servo_epipolar.commands.missing import require
 from visual_servo_epipolar.commands.sweep.progress import SweepProgress
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.simulation.regions import REGIONS
@@ -27,7 +29,7 @@ from visual_servo_epipolar.sweeping.drive import drive, Workers
 from visual_servo_epipolar.sweeping.local import cores, local_workers
 from visual_servo_epipolar.sweeping.plan import Plan
 from visual_servo_epipolar.sweeping.provenance import digest
-from visual_servo_epipolar.sweeping.store import Store
+from visual_servo_epipolar.sweeping.store import FILE, Store
 from visual_servo_epipolar.sweeping.summary import defective, summaries, wrong
 
 DEFAULT_FOLDER = 'sweep_out'
@@ -105,18 +107,18 @@ def scenes(text: str) -> tuple[int, ...]:
 
 
 def sweep(options: argparse.Namespace) -> int:
-    """Run what is missing, draw, print, write; return 0 unless a run raised."""
+    """Run what is missing, draw, write, print; return 0 unless a run raised."""
+    require('matplotlib')
+    if options.scheduler is not None:
+        require('distributed', otherwise='leave out --scheduler')
     plan = _plan(options)
     folder = Path(options.out or Path(DEFAULT_FOLDER, _name(plan)))
     with Store(folder, plan) as store:
         _work(plan, store, options)
         documents = summaries(plan, store)
     document = documents if options.compare else documents[plan.laws[0]]
-    write_json(document, options.json)
-    text = _report(documents, folder, _field_of_view(plan))
-    if options.json != '-':
-        print(text)
-        print(f'written to {folder}: {", ".join(sorted(path.name for path in folder.iterdir()))}')
+    text, written = _report(documents, folder, _field_of_view(plan))
+    publish(document, f'{text}\n{written_to(folder, [FILE, *written])}', options.json)
     return _name_suspect_runs(plan, documents)
 
 
@@ -181,19 +183,21 @@ def _field_of_view(plan: Plan) -> float:
     return 2.0 * math.atan(0.5 * camera.width / camera.focal_length)
 
 
-def _report(documents: Mapping[str, Mapping[str, Any]], folder: Path, field_of_view: float) -> str:
-    """Write tables and figures into ``folder`` and return the table."""
+def _report(
+    documents: Mapping[str, Mapping[str, Any]], folder: Path, field_of_view: float
+) -> tuple[str, list[str]]:
+    """Write tables and figures into ``folder``; return the table, and the names of the files."""
     from visual_servo_epipolar.report import figures
     from visual_servo_epipolar.report.sweep import histogram, start_map
     from visual_servo_epipolar.report.sweep import table as tables
 
     text = tables.table(documents)
-    (folder / 'table.md').write_text(text + '\n', encoding='utf-8')
-    (folder / 'convergence.md').write_text(tables.convergence(documents) + '\n', encoding='utf-8')
+    for name, table in (('table.md', text), ('convergence.md', tables.convergence(documents))):
+        write_whole(folder / name, f'{table}\n'.encode())
     where = start_map.starts(documents, field_of_view=field_of_view)
     figures.save(where, folder / 'map.png')
     figures.save(histogram.errors(documents), folder / 'histogram.png')
-    return text
+    return text, ['table.md', 'convergence.md', 'map.png', 'histogram.png']
 
 
 def _name_suspect_runs(plan: Plan, documents: Mapping[str, Mapping[str, Any]]) -> int:

@@ -23,6 +23,7 @@ REFINEMENT = 15  # iterations of the alignment after the match
 MIN_CORRELATION = 0.75
 PLANAR_SHARE = 0.7  # of the matches: below, the motion is not planar
 GENERAL_PX = 1.5  # inlier threshold of the general geometry
+SAME_PLACE_PX = 0.3  # parallax that noise alone makes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,11 +88,20 @@ def inspect(
     )
     if math.isnan(seen.parallax_px):
         return found  # too few matches for anything
+    if seen.parallax_px < settings.min_parallax:
+        return replace(found, reason=f'{_nearness(seen.parallax_px)}: {found.reason}')
     share = found.inliers / len(rays_current)
     planar = share >= PLANAR_SHARE and seen.jump <= MAX_JUMP * settings.floor_jitter
-    if seen.parallax_px < settings.min_parallax or planar:
+    if planar:
         return found
     return _general(found, observation, current_camera, desired_camera)
+
+
+def _nearness(parallax_px: float) -> str:
+    """Return where photographs were taken that a turn of the camera alone explains so well."""
+    if parallax_px < SAME_PLACE_PX:
+        return 'taken from the same place'
+    return 'taken from nearly the same place, or of what is far away'
 
 
 def _aligned(view: DesiredView, matches: Matches, image: Image) -> tuple[FloatArray, FloatArray]:

@@ -1,0 +1,222 @@
+"""Commands that are ended early: one line, nothing half written; a pipe that nobody reads."""
+
+from collections.abc import Sequence
+import json
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from visual_servo_epipolar.commands import simulate
+from visual_servo_epipolar.commands.ending import terminable, Terminated
+from visual_servo_epipolar.commands.files.output import write_whole
+from visual_servo_epipolar.commands.main import main
+
+ROOT = Path(__file__).parents[2]
+TIMEOUT_SEC = 120.0
+START = ('--start', '1', '-3', '0')
+SMALL = """
+camera: {width: 320, height: 240, focal_length: 192.0, principal_u: 159.5, principal_v: 119.5}
+"""
+COMMAND = (sys.executable, '-m', 'visual_servo_epipolar')
+
+
+def environment(**more: str) -> dict[str, str]:
+    path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get('PYTHONPATH')]))
+    return {**os.environ, 'PYTHONPATH': path, **more}
+
+
+@pytest.mark.parametrize(
+    ('number', 'code'), [(signal.SIGTERM, 143), (signal.SIGINT, 130)], ids=['TERM', 'INT']
+)
+def test_a_signal_ends_a_command_with_one_line(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    number: signal.Signals,
+    code: int,
+) -> None:
+    def signalled(*_: object, **__: object) -> None:
+        os.kill(os.getpid(), number)
+        time.sleep(TIMEOUT_SEC)  # the signal ends it
+
+    before = [signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)]
+    signal.signal(signal.SIGINT, signal.default_int_handler)  # background shells ignore it
+    try:
+        monkeypatch.setattr(simulate, 'run', signalled)
+        assert main(['simulate', *START, '--out', str(tmp_path / 'out')]) == code
+    finally:
+        signal.signal(signal.SIGINT, before[1])
+    assert signal.getsignal(signal.SIGTERM) == before[0]
+    assert capsys.readouterr() == ('', 'visual_servo simulate: interrupted\n')
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_second_sigterm_does_not_cut_off_the_tidying_up() -> None:
+    tidied = False
+    with pytest.raises(Terminated), terminable():
+        try:
+            os.kill(os.getpid(), signal.SIGTERM)
+            time.sleep(TIMEOUT_SEC)
+        finally:
+            os.kill(os.getpid(), signal.SIGTERM)
+            tidied = True
+    assert tidied
+
+
+def test_a_demo_that_is_terminated_closes_its_bag_and_leaves_no_half_video(
+    tmp_path: Path,
+) -> None:
+    pytest.importorskip('rclpy')
+    from bag_reading import read_back
+
+    (tmp_path / 'small.yaml').write_text(SMALL)
+    process = subprocess.Popen(
+        [*COMMAND, 'demo', *START, '--scenario', 'small.yaml', '--out', 'out'],
+        cwd=tmp_path,
+        env=environment(),
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    bag = tmp_path / 'out/bag'
+    try:
+        end = time.monotonic() + TIMEOUT_SEC
+        while not any(file.stat().st_size for file in bag.glob('bag_0.*')):
+            assert time.monotonic() < end, f'waited {TIMEOUT_SEC:g} s for a message in {bag}'
+            assert process.poll() is None, process.stderr.read()
+            time.sleep(0.02)
+        process.send_signal(signal.SIGTERM)
+        output, errors = process.communicate(timeout=TIMEOUT_SEC)
+    finally:
+        process.kill()
+    assert (process.returncode, output) == (143, '')
+    assert errors.splitlines()[-1] == 'visual_servo demo: interrupted'
+    assert 'Traceback' not in errors
+    assert [path.name for path in (tmp_path / 'out').iterdir()] == ['bag']
+    assert {path.name for path in bag.iterdir()} == {'metadata.yaml', 'bag_0.mcap'}
+    assert '/cmd_vel' in {topic for topic, _, _ in read_back(bag)}
+
+
+def piped(arguments: Sequence[str], *, unbuffered: str, errors_too: bool) -> tuple[int, str]:
+    """Run the command with its output to a pipe whose reader has left."""
+    reader, writer = os.pipe()
+    os.close(reader)
+    process = subprocess.run(
+        [*COMMAND, *arguments],
+        env=environment(PYTHONUNBUFFERED=unbuffered),
+        stdout=writer,
+        stderr=writer if errors_too else subprocess.PIPE,
+        text=True,
+        timeout=TIMEOUT_SEC,
+    )
+    os.close(writer)
+    return process.returncode, process.stderr or ''
+
+
+@pytest.mark.parametrize('unbuffered', ['', '1'], ids=['buffered', 'unbuffered'])
+@pytest.mark.parametrize('arguments', [('gains',), ('gains', '--json', '-')], ids=['text', 'json'])
+def test_a_pipe_that_nobody_reads_ends_a_command_without_a_word(
+    arguments: tuple[str, ...], unbuffered: str
+) -> None:
+    assert piped(arguments, unbuffered=unbuffered, errors_too=False) == (141, '')
+
+
+def test_help_that_nobody_reads_is_quiet_too() -> None:
+    assert piped(('--help',), unbuffered='', errors_too=False) == (141, '')
+
+
+def test_what_is_wrong_may_go_unread() -> None:
+    assert piped(('fly',), unbuffered='', errors_too=True)[0] == 141
+
+
+def test_the_files_are_written_before_the_pipe_is_found_closed(tmp_path: Path) -> None:
+    path = tmp_path / 'result.json'
+    arguments = ('gains', '--json', str(path))
+    assert piped(arguments, unbuffered='1', errors_too=False)[0] == 141
+    assert json.loads(path.read_text())['k1'] > 0.0
+
+
+@pytest.mark.skipif(not Path('/dev/full').exists(), reason='/dev/full is of Linux')
+def test_output_that_cannot_be_written_is_said_once() -> None:
+    with open('/dev/full', 'w') as full:
+        ended = subprocess.run(
+            [*COMMAND, 'gains'],
+            env=environment(PYTHONUNBUFFERED=''),
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=TIMEOUT_SEC,
+        )
+    assert ended.returncode == 2
+    assert ended.stderr == ('visual_servo: output cannot be written: No space left on device\n')
+
+
+@pytest.mark.parametrize('option', ['--json', '--out'])
+def test_where_nothing_can_be_written_nothing_runs(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    option: str,
+) -> None:
+    monkeypatch.setattr(simulate, 'run', lambda *_, **__: pytest.fail('it ran'))
+    (tmp_path / 'file').touch()
+    target = str(tmp_path / 'file' / 'missing' / 'result')
+    assert main(['simulate', *START, option, target]) == 2
+    shown = capsys.readouterr()
+    assert shown.err.startswith(f'visual_servo simulate: {target}: ')
+    assert 'be written' in shown.err and 'Not a directory' in shown.err
+    assert [path.name for path in tmp_path.iterdir()] == ['file']
+
+
+def test_folders_on_the_way_to_a_json_file_are_made_once_there_is_a_result(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / 'new/folder/result.json'
+    assert main(['gains', '--rate', '0', '--json', str(path)]) == 2
+    assert list(tmp_path.iterdir()) == []
+    assert main(['gains', '--json', str(path)]) == 0
+    assert [file.name for file in path.parent.iterdir()] == ['result.json']
+    assert json.loads(path.read_text())['k1'] > 0.0
+
+
+def test_a_pipe_or_a_link_is_written_to_and_not_replaced(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / 'link').symlink_to(tmp_path / 'file')
+    assert main(['gains', '--json', str(tmp_path / 'link')]) == 0
+    assert (tmp_path / 'link').is_symlink()
+    assert json.loads((tmp_path / 'file').read_text())['k1'] > 0.0
+    os.mkfifo(tmp_path / 'pipe')
+    reader = os.open(tmp_path / 'pipe', os.O_RDONLY | os.O_NONBLOCK)
+    try:
+        assert main(['gains', '--json', str(tmp_path / 'pipe')]) == 0
+        assert json.loads(os.read(reader, 65536))['k1'] > 0.0
+    finally:
+        os.close(reader)
+
+
+def test_a_file_that_cannot_be_finished_leaves_no_part_of_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def terminated(*_: object) -> None:
+        raise Terminated
+
+    monkeypatch.setattr(Path, 'replace', terminated)
+    with pytest.raises(Terminated):
+        write_whole(tmp_path / 'a.json', b'{}')
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_only_what_this_run_wrote_is_listed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / 'old.png').touch()
+    assert main(['simulate', *START, '--out', str(tmp_path)]) == 0
+    assert capsys.readouterr().out.splitlines()[-1] == (
+        f'written to {tmp_path}: result.json, run.json, signals.png, trajectory.png'
+    )

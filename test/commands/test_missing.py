@@ -1,0 +1,169 @@
+"""What is not installed: the rest works, and one line says what is missing and what to do."""
+
+import os
+from pathlib import Path
+import subprocess
+import sys
+
+import pytest
+
+from visual_servo_epipolar.commands.main import main
+from visual_servo_epipolar.commands.missing import remedy
+
+ROOT = Path(__file__).parents[2]
+# Read by every Python that is started with its folder on PYTHONPATH, workers of a sweep as well.
+BLOCKER = """
+import sys
+class Blocker:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition('.')[0] in {packages!r}:
+            raise ModuleNotFoundError(f'No module named {{name!r}}', name=name)
+sys.meta_path.insert(0, Blocker())
+"""
+TINY = """
+camera: {width: 320, height: 240, focal_length: 192.0, principal_u: 159.5, principal_v: 119.5}
+run: {max_duration: 1.0}
+"""
+CAMERA = """
+image_width: 320
+image_height: 240
+camera_matrix: {data: [192, 0, 159.5, 0, 192, 119.5, 0, 0, 1]}
+"""
+BAGS = ('rosbags', 'mcap')
+START = ('--start', '0.3', '-2.2', '0', '--scenario', 'tiny.yaml')
+SIMULATE = ('simulate', *START, '--out', 'out', '--json', 'result.json')
+SWEEP = ('sweep', '--region', 'front', '--runs', '2', '--jobs', '1', '--scenario', 'tiny.yaml')
+INSPECT = ('inspect', 'a.png', 'a.png', '--camera', 'camera.yaml', '--out', 'overlay.png')
+DEMO = ('demo', *START, '--no-video', '--out', 'out')
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    from visual_servo_epipolar.commands.files.output import write_whole
+    from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
+    from visual_servo_epipolar.simulation.scenario import load
+
+    cv2 = pytest.importorskip('cv2')
+    (tmp_path / 'tiny.yaml').write_text(TINY)
+    (tmp_path / 'camera.yaml').write_text(CAMERA)
+    photograph = CameraSimulator(load(tmp_path / 'tiny.yaml').camera).photograph()
+    write_whole(tmp_path / 'a.png', cv2.imencode('.png', photograph)[1].tobytes())
+    return tmp_path
+
+
+def without(
+    packages: tuple[str, ...], folder: Path, *arguments: str
+) -> subprocess.CompletedProcess[str]:
+    """Run the command where ``packages`` cannot be imported."""
+    (folder / 'blocked').mkdir()
+    (folder / 'blocked/sitecustomize.py').write_text(BLOCKER.format(packages=packages))
+    path = [str(folder / 'blocked'), str(ROOT), os.environ.get('PYTHONPATH', '')]
+    return subprocess.run(
+        [sys.executable, '-m', 'visual_servo_epipolar', *arguments],
+        cwd=folder,
+        env={**os.environ, 'PYTHONPATH': os.pathsep.join(filter(None, path))},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+
+
+@pytest.mark.parametrize(
+    ('arguments', 'code', 'written'),
+    [
+        (SIMULATE, 1, ['out/trajectory.png', 'result.json']),  # a second is too short to arrive
+        ((*SWEEP, '--out', 'out'), 0, ['out/map.png']),
+        (INSPECT, 1, ['overlay.png']),
+        (('gains', '--json', 'gains.json'), 0, ['gains.json']),
+    ],
+    ids=['simulate', 'sweep', 'inspect', 'gains'],
+)
+def test_what_is_free_of_ros_works_without_ros_and_without_bags(
+    folder: Path, arguments: tuple[str, ...], code: int, written: list[str]
+) -> None:
+    ended = without(('rclpy', *BAGS), folder, *arguments)
+    assert (ended.returncode, ended.stderr) == (code, '')
+    assert all((folder / name).is_file() for name in written)
+
+
+def test_the_demo_works_without_the_libraries_of_bags(folder: Path) -> None:
+    pytest.importorskip('rclpy')
+    ended = without(BAGS, folder, *DEMO, '--bag', 'none')
+    assert ended.returncode == 1, ended.stderr
+    assert 'not arrived within 1 s' in ended.stdout
+    assert (folder / 'out/result.json').is_file()
+
+
+ROS_LINE = (
+    "ROS 2 cannot be imported (No module named 'rclpy'); source your ROS 2 Jazzy, or run "
+    '"make setup" and use .venv'
+)
+BAG_LINE = (
+    ' is missing; pip install rosbags mcap (on Ubuntu 24.04 in a venv with '
+    '--system-site-packages), or --bag none'
+)
+
+
+def test_without_ros_the_demo_says_so(folder: Path) -> None:
+    ended = without(('rclpy', *BAGS), folder, *DEMO)
+    assert (ended.returncode, ended.stdout) == (2, '')
+    assert ended.stderr == f'visual_servo demo: {ROS_LINE}\n'
+
+
+def test_what_a_command_needs_at_once_is_said_in_one_line(folder: Path) -> None:
+    ended = without(('matplotlib',), folder, 'reproduce', 'sim1', '--out', 'out')
+    assert (ended.returncode, ended.stdout) == (2, '')
+    assert ended.stderr == (
+        'visual_servo reproduce: matplotlib is missing; apt install python3-matplotlib, or pip '
+        'install matplotlib\n'
+    )
+
+
+@pytest.mark.parametrize(
+    ('package', 'arguments', 'line'),
+    [
+        ('rosbags', DEMO, f'rosbags{BAG_LINE}'),
+        ('mcap', DEMO, f'mcap{BAG_LINE}'),
+        ('matplotlib', DEMO, 'matplotlib is missing; apt install python3-matplotlib'),
+        ('matplotlib', SIMULATE, 'matplotlib, or leave out --out'),
+        ('matplotlib', SWEEP, 'matplotlib is missing; apt install python3-matplotlib'),
+        (
+            'distributed',
+            (*SWEEP[:5], '--scheduler', 'tcp://127.0.0.1:1', '--out', 'out'),
+            'distributed is missing; pip install "visual_servo_epipolar[dask]", or leave',
+        ),
+    ],
+)
+def test_what_is_missing_is_said_before_anything_runs(
+    folder: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+    package: str,
+    arguments: tuple[str, ...],
+    line: str,
+) -> None:
+    if arguments is DEMO:
+        pytest.importorskip('rclpy')
+    monkeypatch.chdir(folder)
+    monkeypatch.setitem(sys.modules, package, None)  # as Python marks what cannot be imported
+    assert main(arguments) == 2
+    shown = capsys.readouterr()
+    assert (shown.out, len(shown.err.splitlines())) == ('', 1)
+    assert line in shown.err
+    assert not list(folder.rglob('*.json*'))
+
+
+@pytest.mark.parametrize('name', ['rclpy._rclpy_pybind11', 'sensor_msgs.msg', 'std_srvs'])
+def test_packages_of_ros_come_with_ros(name: str) -> None:
+    error = ModuleNotFoundError('it is not there', name=name)
+    assert remedy(error).startswith('ROS 2 cannot be imported (it is not there); source your ROS')
+
+
+def test_a_module_of_our_own_that_is_missing_is_a_defect() -> None:
+    error = ModuleNotFoundError('x', name='visual_servo_epipolar.core.other')
+    with pytest.raises(ModuleNotFoundError):
+        remedy(error)
+
+
+def test_a_library_that_cannot_be_loaded_says_so_itself() -> None:
+    assert remedy(ImportError('libx.so: cannot open')).startswith('libx.so: cannot open; install')
