@@ -58,6 +58,8 @@ def spin(kind: type[Any], args: list[str] | None = None) -> int:
                 stop()
             node.destroy_node()
         rclpy.try_shutdown()
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)  # a second Ctrl-C finds nothing left to end
     return 0
 
 

@@ -19,7 +19,7 @@ from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo import step as servo_step
-from visual_servo_epipolar.core.servo.interruptions import stop
+from visual_servo_epipolar.core.servo.interruptions import interrupted, Interruption, stop
 from visual_servo_epipolar.core.servo.phases.commands import nominal_twist
 from visual_servo_epipolar.core.servo.phases.conditions import displacement
 from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
@@ -573,3 +573,13 @@ def test_a_robot_that_has_no_d_holds_and_says_why(phase: Phase) -> None:
     assert state.reason == 'no feature is ahead in both views'
     assert after(measurement(0.2, difference=math.nan), state=state).phase is Phase.HOLDING
     assert after(measurement(0.3), state=state).phase is Phase.DISPLACING
+
+
+def test_a_gap_in_a_long_phase_counts_from_the_last_tracks_on() -> None:
+    long = SETTINGS.holding_timeout + 20.0
+    state = in_phase(Phase.ZEROING_EPIPOLES, measurement=measurement(long))
+    state = interrupted(state, Interruption.LOST, 'no new tracks for 0.6 s')
+    assert state.phase is Phase.HOLDING
+    assert advance(state, measurement(long + 0.7), SETTINGS).phase in DRIVING
+    silence = SETTINGS.holding_timeout + 0.1
+    assert advance(state, measurement(long + silence), SETTINGS).phase is Phase.FAILED

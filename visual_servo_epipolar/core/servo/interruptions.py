@@ -38,7 +38,11 @@ def lost(state: ServoState, reason: str) -> ServoState:
     phase = next_phase(state.phase, Event.LOST)
     if phase is state.phase:
         return replace(state, command=HALT)
-    return replace(state, phase=phase, command=HALT, settled=0, reason=reason)
+    # It holds since the last tracks: a phase that had lasted long would count as waiting.
+    start_ns = state.phase_start_ns if state.measurement is None else state.measurement.stamp_ns
+    return replace(
+        state, phase=phase, phase_start_ns=start_ns, command=HALT, settled=0, reason=reason
+    )
 
 
 def stop(state: ServoState) -> ServoState:

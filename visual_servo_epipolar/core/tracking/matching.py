@@ -188,9 +188,12 @@ def epipolar_inliers(current: FloatArray, desired: FloatArray) -> BoolArray:
     """
     if len(current) < MIN_MATCHES:
         return np.zeros(len(current), bool)
-    fundamental, mask = cv2.findFundamentalMat(
-        current, desired, cv2.USAC_MAGSAC, EPIPOLAR_PX, CONFIDENCE, ITERATIONS
-    )
+    try:
+        fundamental, mask = cv2.findFundamentalMat(
+            current, desired, cv2.USAC_MAGSAC, EPIPOLAR_PX, CONFIDENCE, ITERATIONS
+        )
+    except cv2.error:  # OpenCV 5 asserts that there is a model, where few matches gave none
+        return np.zeros(len(current), bool)
     if fundamental is None or mask is None:
         return np.zeros(len(current), bool)
     return np.asarray(mask.ravel() > 0)
