@@ -1,14 +1,15 @@
 """Words for users: no markup of docstrings, names that are meant, gains that can be used."""
 
 import ast
+from dataclasses import fields
 import json
 from pathlib import Path
 
 import pytest
 
 from visual_servo_epipolar.commands.main import main, parser
-from visual_servo_epipolar.commands.replay import settings as replay_settings
 from visual_servo_epipolar.core.settings import range_of, Settings
+from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings, TrackerNodeSettings
 from visual_servo_epipolar.simulation.scenario import CONNECTION, load
 
 PACKAGE = Path(__file__).parents[2] / 'visual_servo_epipolar'
@@ -56,7 +57,7 @@ def test_the_gains_are_driven_with_as_they_are_printed(
     lines = capsys.readouterr().out.partition('\n\n')[2]
     path = tmp_path / 'mine.yaml'
     path.write_text(f'run: {{max_duration: 60}}\n{lines}')
-    assert 'servo_node:' in lines
+    assert '/**:' in lines
     assert load(path).servo.initial_distance == 5.0
     assert (
         main(['simulate', '--start', '1', '-3', '0', '--scenario', str(path), '--json', '-']) == 0
@@ -64,5 +65,6 @@ def test_the_gains_are_driven_with_as_they_are_printed(
     assert json.loads(capsys.readouterr().out)['outcome'] == 'arrived'
 
 
-def test_replay_and_scenarios_leave_out_the_same_parameters() -> None:
-    assert CONNECTION == replay_settings.CONNECTION
+def test_scenarios_leave_out_what_tells_a_node_how_it_is_connected() -> None:
+    kinds = (ServoNodeSettings, TrackerNodeSettings)
+    assert CONNECTION == {'use_sim_time', *(item.name for kind in kinds for item in fields(kind))}

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.messages import read, transforms
-from visual_servo_epipolar.messages.frames import frame_name
+from visual_servo_epipolar.nodes.startup.settings import frame_name
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
 
 BASE = Pose(0.0, 0.0, 0.0)

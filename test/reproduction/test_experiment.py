@@ -111,7 +111,7 @@ def test_the_data_behind_the_figures_are_those_stored(points, run: Experiment) -
 
 def test_figures_have_units_and_the_number_of_the_paper(points, run: Experiment) -> None:
     for name, figure in points.drawn(run).items():
-        assert figure.get_suptitle().startswith(f'Fig. {name[-2:]} ')
+        assert figure.texts[0].get_text().startswith(f'Fig. {name[-2:]} ')
         assert figure.get_size_inches()[0] <= 7.2
         for axes in figure.axes:
             assert axes.get_xlabel().endswith(']') and axes.get_ylabel().endswith(']')

@@ -51,7 +51,7 @@ def test_the_data_behind_a_figure_are_those_stored(chapters, name) -> None:
 def test_figures_have_units_and_the_number_of_the_paper(drawn, name) -> None:
     figure = drawn[name]
     if name != 'sign':
-        assert figure.get_suptitle().startswith(f'Fig. {int(name[-2:])} ')
+        assert figure.texts[0].get_text().startswith(f'Fig. {int(name[-2:])} ')
     for axes in figure.axes:
         assert axes.get_xlabel().endswith(']') and axes.get_ylabel().endswith(']')
         sizes = [text.get_fontsize() for text in (axes.xaxis.label, axes.yaxis.label)]

@@ -198,3 +198,11 @@ def test_a_run_takes_over_what_the_scenario_says() -> None:
     loop = scenario.loop((1.0, -3.0, 5.0), 4)
     assert (loop.start, loop.seed, loop.max_duration) == ((1.0, -3.0, 5.0), 4, 20.0)
     assert (loop.base, loop.servo) == (scenario.base, scenario.servo)
+
+
+def test_a_file_of_one_node_says_nothing_to_the_other(tmp_path: Path) -> None:
+    path = tmp_path / 'servo.yaml'
+    path.write_text('/**: {ros__parameters: {k1: 0.1, min_features: 15}}')
+    scenario = load(path)
+    assert (scenario.servo.min_features, scenario.servo.k1) == (15, 0.1)
+    assert scenario.tracker == Scenario().tracker

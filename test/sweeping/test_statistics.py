@@ -43,7 +43,7 @@ def test_the_bootstrap_is_that_of_scipy() -> None:
         lambda data, axis: np.quantile(data, 0.95, axis=axis),
         n_resamples=4000,
         method='percentile',
-        rng=np.random.default_rng(5),
+        random_state=np.random.default_rng(5),
     ).confidence_interval
     # Both are drawn: they may differ by a neighbour or two, which are 1/300 apart.
     assert ours == pytest.approx((theirs.low, theirs.high), abs=0.01)

@@ -26,17 +26,6 @@ class Frame:
     origin: FloatArray
 
 
-def frame_name(prefix: str, name: str) -> str:
-    """Return the full name of a frame; ValueError if tf2 would refuse it."""
-    full = prefix + name
-    if not name or full.startswith('/'):
-        raise ValueError(
-            f'a frame must have a name that does not begin with /, got {full!r}; '
-            "write 'base_link', and a prefix as 'robot1/'"
-        )
-    return full
-
-
 def upright(name: str, pose: Pose) -> Frame:
     """Return the frame of what stands on the floor at ``pose``: x ahead, y left, z up."""
     sin, cos = math.sin(pose.theta), math.cos(pose.theta)

@@ -1,6 +1,5 @@
 """A simulated camera: ground truth in, images of a room out."""
 
-from dataclasses import dataclass
 import sys
 from typing import Any
 
@@ -13,11 +12,11 @@ from visualization_msgs.msg import MarkerArray
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.messages import read, transforms, write
-from visual_servo_epipolar.messages.frames import Frame, frame_name, frames, upright
+from visual_servo_epipolar.messages.frames import Frame, frames, upright
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.run import spin
+from visual_servo_epipolar.nodes.startup.settings import CameraFrames
 from visual_servo_epipolar.nodes.transforms.broadcaster import TransformBroadcaster
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.closed_loop import period_ns
@@ -25,33 +24,6 @@ from visual_servo_epipolar.simulation.disturbances.image import DisturbanceSetti
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
 WARN_PERIOD_S = 2.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class CameraFrames(Settings):
-    """Names of the frames of the camera and of what it is screwed to."""
-
-    camera_frame: str = setting(
-        'camera_optical_frame', 'Frame of the images: x right, y down, z ahead', read_only=True
-    )
-    base_frame: str = setting('base_link', 'Frame of the base', read_only=True)
-    frame_prefix: str = setting(
-        '', 'Put before both, as robot1/ where robots share /tf', read_only=True
-    )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        _ = self.camera, self.base  # raise ValueError for a name that tf2 refuses
-
-    @property
-    def camera(self) -> str:
-        """The full name of the camera's frame."""
-        return frame_name(self.frame_prefix, self.camera_frame)
-
-    @property
-    def base(self) -> str:
-        """The full name of the base's frame."""
-        return frame_name(self.frame_prefix, self.base_frame)
 
 
 class CameraNode(Node):

@@ -1,6 +1,5 @@
 """The servo: features in, velocity commands out; what to do about them is decided in the core."""
 
-from dataclasses import dataclass
 import sys
 from typing import Any
 
@@ -24,7 +23,6 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import step
 from visual_servo_epipolar.core.servo.telemetry import telemetry
-from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.messages import (
     diagnostics,
@@ -37,27 +35,9 @@ from visual_servo_epipolar.messages import (
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.run import spin
 from visual_servo_epipolar.nodes.startup.inputs import NO_TIME
+from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 
 WARN_PERIOD_S, STOP_TIMEOUT_S, WATCH_PERIOD_S = 5.0, 0.2, 0.05
-
-
-@dataclass(frozen=True, kw_only=True)
-class ServoNodeSettings(Settings):
-    """Settings of the connections of the node."""
-
-    enable_stamped_cmd_vel: bool = setting(
-        False, 'Publish geometry_msgs/TwistStamped on cmd_vel', read_only=True
-    )
-    watchdog: bool = setting(
-        True, 'Stop the robot when tracks stay away; off where time itself waits', read_only=True
-    )
-    base_frame: str = setting('base_link', 'Frame of the commands', read_only=True)
-    camera_reliability: str = setting(
-        'best_effort',
-        'Subscribe to camera_info as: best_effort connects to every driver',
-        choices=tuple(qos.IMAGES),
-        read_only=True,
-    )
 
 
 class ServoNode(Node):

@@ -1,6 +1,5 @@
 """The tracker: images in, features of the desired view out."""
 
-from dataclasses import dataclass
 from pathlib import Path
 import sys
 from typing import Any
@@ -17,34 +16,17 @@ from visual_servo_epipolar.core.arrays import as_gray
 from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.geometry.camera import Camera
-from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.messages import event_log, read, settings_text, validation, write
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.run import spin
+from visual_servo_epipolar.nodes.startup.settings import TrackerNodeSettings
 from visual_servo_epipolar.report.images.overlay import draw_overlay
 
 WARN_PERIOD_S = 5.0
 MAX_CAPTURE_AGE_S = 1.0
-
-
-@dataclass(frozen=True, kw_only=True)
-class TrackerNodeSettings(Settings):
-    """Settings of the node: source of the photograph, and QoS of images."""
-
-    desired_image: str = setting(
-        '',
-        'File of the photograph; empty: wait for desired/image_raw or ~/capture_desired',
-        read_only=True,
-    )
-    camera_reliability: str = setting(
-        'best_effort',
-        'Subscribe to images as: best_effort connects to every driver, reliable loses none',
-        choices=tuple(qos.IMAGES),
-        read_only=True,
-    )
 
 
 class TrackerNode(Node):

@@ -1,6 +1,5 @@
 """A simulated Pioneer 3-DX: velocity commands in, odometry and ground truth out."""
 
-from dataclasses import dataclass
 import sys
 from typing import Any
 
@@ -14,11 +13,10 @@ from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.control.command import Command
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.messages import read, transforms, write
-from visual_servo_epipolar.messages.frames import frame_name
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.run import spin
+from visual_servo_epipolar.nodes.startup.settings import UnicycleSettings
 from visual_servo_epipolar.nodes.transforms.broadcaster import TransformBroadcaster
 from visual_servo_epipolar.simulation.bases.base import Base
 from visual_servo_epipolar.simulation.bases.dead_reckoning import (
@@ -31,57 +29,6 @@ from visual_servo_epipolar.simulation.closed_loop import period_ns
 
 WARN_PERIOD_S = 2.0
 BEGIN_PERIOD_S = 0.5
-
-
-@dataclass(frozen=True, kw_only=True)
-class UnicycleSettings(Settings):
-    """Where the robot starts, and whose time it lives in."""
-
-    start: tuple[float, float, float] = setting(
-        (1.0, -3.5, 8.0), 'Start in the plane of the paper: x [m], y [m], heading error [deg]'
-    )
-    seed: int = setting(0, 'Seed of odometry noise', low=0, high=2**31 - 1, read_only=True)
-    lockstep: bool = setting(
-        False, 'Own /clock, and move one frame for each command', read_only=True
-    )
-    begin: bool = setting(
-        True, 'Lockstep: begin as soon as somebody listens to ground_truth', read_only=True
-    )
-    rate: float = setting(100.0, 'Rate of the base [Hz]', low=1.0, high=1000.0, read_only=True)
-    frame_rate: float = setting(
-        11.0, 'Frames a second, the step of lockstep [Hz]', low=0.1, high=200.0, read_only=True
-    )
-    enable_stamped_cmd_vel: bool = setting(
-        False, 'Take geometry_msgs/TwistStamped on cmd_vel', read_only=True
-    )
-    world_frame: str = setting(
-        'world', 'Frame of ground truth: goal at its origin', read_only=True
-    )
-    odom_frame: str = setting('odom', 'Frame of the odometry', read_only=True)
-    base_frame: str = setting('base_link', 'Frame of the base', read_only=True)
-    frame_prefix: str = setting(
-        '',
-        'Put before odom_frame and base_frame, as robot1/ where robots share /tf',
-        read_only=True,
-    )
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if len(self.start) != 3:
-            raise ValueError(
-                f'start must be three numbers, x [m], y [m], heading error [deg], got {self.start}'
-            )
-        _ = self.frames  # raises ValueError for a name that tf2 refuses
-
-    @property
-    def frames(self) -> tuple[str, str, str]:
-        """The frames of world, odometry and base; robots share the world."""
-        prefix = self.frame_prefix
-        return (
-            frame_name('', self.world_frame),
-            frame_name(prefix, self.odom_frame),
-            frame_name(prefix, self.base_frame),
-        )
 
 
 class UnicycleNode(Node):

@@ -159,7 +159,8 @@ class Truth:
                 for nudge in (NUDGE, -NUDGE)
             )
             columns.append(((ahead - behind) / (2.0 * NUDGE)).ravel())
-        solution = np.linalg.lstsq(np.stack(columns, 1), frame_errors.shift[rows].ravel())[0]
+        shift = frame_errors.shift[rows].ravel()
+        solution = np.linalg.lstsq(np.stack(columns, 1), shift, rcond=None)[0]
         return float(solution[0]), float(solution[1]), float(solution[2])
 
     def _clearance(self, pixels: FloatArray) -> FloatArray:

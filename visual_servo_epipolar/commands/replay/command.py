@@ -4,9 +4,7 @@ import argparse
 from typing import Any
 
 from visual_servo_epipolar.commands.arguments import finite
-from visual_servo_epipolar.core.errors import InputError
 
-NO_ROSBAGS = 'bags cannot be read: {}; pip install rosbags'
 BAG_KINDS = 'rosbag2 folder, .mcap, .db3, or ROS 1 .bag'
 ROLES = (
     'image, camera_info, desired, tracks, cmd_vel, epipoles, diagnostics, ground_truth, '
@@ -88,10 +86,8 @@ def add_bag_options(
 
 def run(options: argparse.Namespace) -> int:
     """Replay, print, write; return 0 if nothing differs from what was recorded."""
-    try:
-        from visual_servo_epipolar.commands.replay.run import replay_and_report
-    except ImportError as error:
-        raise InputError(NO_ROSBAGS.format(error)) from None
+    from visual_servo_epipolar.commands.replay.run import replay_and_report
+
     return 0 if replay_and_report(options) else 1
 
 

@@ -39,20 +39,6 @@ def all_at_once(folder: Path) -> Iterator[Path]:
             file.replace(folder / file.name)
 
 
-def check_json(target: str | None) -> None:
-    """Raise InputError if the result cannot be written to the file ``target``."""
-    if target is None or target == '-':
-        return
-    path = Path(target)
-    if not path.name or path.is_dir():
-        raise InputError(f'{target!r}: result cannot be written: this is not the name of a file')
-    try:
-        with TemporaryFile(dir=path.parent):
-            pass
-    except OSError as error:
-        raise InputError(f'{path}: result cannot be written: {error.strerror}') from None
-
-
 def _make(path: Path) -> None:
     try:
         path.mkdir(parents=True, exist_ok=True)

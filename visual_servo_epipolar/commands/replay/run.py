@@ -31,12 +31,11 @@ from visual_servo_epipolar.bags.replaying.plan import (
 )
 from visual_servo_epipolar.bags.replaying.replay import Plan, replay, Step, TrackedImage, Watch
 from visual_servo_epipolar.bags.replaying.result import document, has_truth, run_log
-from visual_servo_epipolar.commands.arguments import write_json
+from visual_servo_epipolar.commands.arguments import publish, write_json
 from visual_servo_epipolar.commands.console import Progress
 from visual_servo_epipolar.commands.files.camera import read_camera, read_photograph
 from visual_servo_epipolar.commands.replay.outputs import (
     all_at_once,
-    check_json,
     output_folder_for,
 )
 from visual_servo_epipolar.commands.replay.settings import Changes, changes_of
@@ -100,7 +99,6 @@ class ReplayedBag:
 
 def replay_and_report(options: argparse.Namespace) -> bool:
     """Replay, print, write; return whether nothing differs from what was recorded."""
-    check_json(options.json)
     with ExitStack() as stack:
         folder = None
         if options.out is not None:
@@ -111,9 +109,7 @@ def replay_and_report(options: argparse.Namespace) -> bool:
         result = result_of(replayed, options)
         if folder is not None:
             _write(result, figure_of(replayed), folder)
-    write_json(result, options.json)
-    if options.json != '-':
-        print(in_words(result))
+    publish(result, in_words(result), options.json)
     return replayed.comparison.equal
 
 

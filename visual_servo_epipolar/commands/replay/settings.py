@@ -9,24 +9,14 @@ import yaml
 
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.settings import Settings
+from visual_servo_epipolar.core.settings import hint, Settings
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.messages.settings_text import sections
+from visual_servo_epipolar.nodes.startup import table
 
 Changes = dict[str, dict[str, Any]]
 
 KINDS: dict[str, type[Settings]] = {'servo': ServoSettings, 'tracker': TrackerSettings}
-# Parameters of the connections of a node: of no use to a replay.
-CONNECTION = frozenset(
-    {
-        'base_frame',
-        'camera_reliability',
-        'desired_image',
-        'enable_stamped_cmd_vel',
-        'use_sim_time',
-        'watchdog',
-    }
-)
 
 
 def changes_of(words: Sequence[str], params: str | None) -> Changes:
@@ -75,13 +65,13 @@ def _from_file(path: Path) -> Changes:
     except ValueError as error:
         raise InputError(f'{path}: {error}') from None
     changes: Changes = {}
-    for node, values in nodes.items():
+    for key, values in nodes.items():
+        heard = _nodes_of(key, values)
         for section, kind in KINDS.items():
-            names = {item.name for item in fields(kind)} | set(kind.RENAMED)
-            if node.rpartition('/')[2] == f'{section}_node':
-                _refuse_unknown(path, node, values, names)
-            elif node != '/**':
+            if f'{section}_node' not in heard:
                 continue
+            _refuse_unknown(path, key, values, table.accepted(*heard))
+            names = {item.name for item in fields(kind)} | set(kind.RENAMED)
             fitting = {name: value for name, value in values.items() if name in names}
             changes.setdefault(section, {}).update(fitting)
     if not any(changes.values()):
@@ -89,10 +79,26 @@ def _from_file(path: Path) -> Changes:
     return changes
 
 
+def _nodes_of(key: str, values: Mapping[str, Any]) -> list[str]:
+    """
+    Return the nodes that a section is for.
+
+    Under /** it is for those that know all of its names, as it was written for one of them, or
+    for every node: servo and tracker both have a min_features, with different meanings.
+    """
+    if key != '/**':
+        return [key.rpartition('/')[2]]
+    whole = [node for node in table.NODES if not _unknown(values, table.accepted(node))]
+    return whole or list(table.NODES)
+
+
+def _unknown(values: Mapping[str, Any], names: set[str]) -> list[str]:
+    return sorted(values.keys() - names - {'use_sim_time'})
+
+
 def _refuse_unknown(path: Path, node: str, values: Mapping[str, Any], names: set[str]) -> None:
-    unknown = sorted(values.keys() - names - CONNECTION)
+    unknown = _unknown(values, names)
     if unknown:
         raise InputError(
-            f'{path}: {node} has no parameter {", ".join(unknown)}; it has '
-            f'{", ".join(sorted(names))}'
+            f'{path}: {node} has no parameter {", ".join(unknown)}; {hint(unknown, sorted(names))}'
         )

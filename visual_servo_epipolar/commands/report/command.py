@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from visual_servo_epipolar.commands.replay.command import add_bag_options, NO_ROSBAGS
+from visual_servo_epipolar.commands.replay.command import add_bag_options
 from visual_servo_epipolar.commands.replay.outputs import output_folder_for
 from visual_servo_epipolar.core.errors import InputError
 
@@ -47,10 +47,8 @@ def run(options: argparse.Namespace) -> int:
         with output_folder_for(folder):
             report_run(source, folder / FILE)
     else:
-        try:
-            from visual_servo_epipolar.commands.report.bag import report_bag
-        except ImportError as error:
-            raise InputError(NO_ROSBAGS.format(error)) from None
+        from visual_servo_epipolar.commands.report.bag import report_bag
+
         with output_folder_for(folder):
             report_bag(options, folder / FILE)
     print(f'written: {folder / FILE}')

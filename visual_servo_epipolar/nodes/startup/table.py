@@ -35,7 +35,7 @@ NODES: Mapping[str, NodeRow] = {
             '~/events',
         ),
         services=('~/start', '~/stop', '~/reset'),
-        settings=('nodes.servo_node:ServoNodeSettings', 'core.servo.settings:ServoSettings'),
+        settings=('nodes.startup.settings:ServoNodeSettings', 'core.servo.settings:ServoSettings'),
     ),
     'tracker_node': NodeRow(
         does='Finds the features of the photograph in each image.',
@@ -49,7 +49,7 @@ NODES: Mapping[str, NodeRow] = {
         ),
         services=('~/capture_desired', '~/redetect'),
         settings=(
-            'nodes.tracker_node:TrackerNodeSettings',
+            'nodes.startup.settings:TrackerNodeSettings',
             'core.tracking.settings:TrackerSettings',
         ),
     ),
@@ -59,7 +59,7 @@ NODES: Mapping[str, NodeRow] = {
         publishes=('odom', 'ground_truth', 'cmd_vel_applied'),
         services=('~/reset',),
         settings=(
-            'nodes.unicycle_node:UnicycleSettings',
+            'nodes.startup.settings:UnicycleSettings',
             'simulation.bases.pioneer:PioneerSettings',
         ),
     ),
@@ -71,7 +71,7 @@ NODES: Mapping[str, NodeRow] = {
         settings=(
             'simulation.mounts.camera_settings:CameraSettings',
             'simulation.disturbances.image:DisturbanceSettings',
-            'nodes.camera_node:CameraFrames',
+            'nodes.startup.settings:CameraFrames',
         ),
     ),
     'recorder_node': NodeRow(
@@ -108,3 +108,9 @@ def parameters() -> Iterator[str]:
     for node in NODES:
         for kind in settings_of(node):
             yield from (item.name for item in fields(kind))
+
+
+def accepted(*nodes: str) -> set[str]:
+    """Return the parameters of ``nodes``, with their names in earlier versions."""
+    kinds = [kind for node in nodes for kind in settings_of(node)]
+    return {name for kind in kinds for name in (*kind.RENAMED, *(f.name for f in fields(kind)))}

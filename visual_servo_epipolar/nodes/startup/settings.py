@@ -1,0 +1,132 @@
+"""Settings of the connections of the nodes, free of ROS: topics, frames, time."""
+
+from dataclasses import dataclass
+
+from visual_servo_epipolar.core.settings import setting, Settings
+
+RELIABILITIES = ('reliable', 'best_effort')  # of images, as in nodes.qos
+
+
+@dataclass(frozen=True, kw_only=True)
+class ServoNodeSettings(Settings):
+    """Settings of the connections of the node."""
+
+    enable_stamped_cmd_vel: bool = setting(
+        False, 'Publish geometry_msgs/TwistStamped on cmd_vel', read_only=True
+    )
+    watchdog: bool = setting(
+        True, 'Stop the robot when tracks stay away; off where time itself waits', read_only=True
+    )
+    base_frame: str = setting('base_link', 'Frame of the commands', read_only=True)
+    camera_reliability: str = setting(
+        'best_effort',
+        'Subscribe to camera_info as: best_effort connects to every driver',
+        choices=RELIABILITIES,
+        read_only=True,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class TrackerNodeSettings(Settings):
+    """Settings of the node: source of the photograph, and QoS of images."""
+
+    desired_image: str = setting(
+        '',
+        'File of the photograph; empty: wait for desired/image_raw or ~/capture_desired',
+        read_only=True,
+    )
+    camera_reliability: str = setting(
+        'best_effort',
+        'Subscribe to images as: best_effort connects to every driver, reliable loses none',
+        choices=RELIABILITIES,
+        read_only=True,
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class UnicycleSettings(Settings):
+    """Where the robot starts, and whose time it lives in."""
+
+    start: tuple[float, float, float] = setting(
+        (1.0, -3.5, 8.0), 'Start in the plane of the paper: x [m], y [m], heading error [deg]'
+    )
+    seed: int = setting(0, 'Seed of odometry noise', low=0, high=2**31 - 1, read_only=True)
+    lockstep: bool = setting(
+        False, 'Own /clock, and move one frame for each command', read_only=True
+    )
+    begin: bool = setting(
+        True, 'Lockstep: begin as soon as somebody listens to ground_truth', read_only=True
+    )
+    rate: float = setting(100.0, 'Rate of the base [Hz]', low=1.0, high=1000.0, read_only=True)
+    frame_rate: float = setting(
+        11.0, 'Frames a second, the step of lockstep [Hz]', low=0.1, high=200.0, read_only=True
+    )
+    enable_stamped_cmd_vel: bool = setting(
+        False, 'Take geometry_msgs/TwistStamped on cmd_vel', read_only=True
+    )
+    world_frame: str = setting(
+        'world', 'Frame of ground truth: goal at its origin', read_only=True
+    )
+    odom_frame: str = setting('odom', 'Frame of the odometry', read_only=True)
+    base_frame: str = setting('base_link', 'Frame of the base', read_only=True)
+    frame_prefix: str = setting(
+        '',
+        'Put before odom_frame and base_frame, as robot1/ where robots share /tf',
+        read_only=True,
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if len(self.start) != 3:
+            raise ValueError(
+                f'start must be three numbers, x [m], y [m], heading error [deg], got {self.start}'
+            )
+        _ = self.frames  # raises ValueError for a name that tf2 refuses
+
+    @property
+    def frames(self) -> tuple[str, str, str]:
+        """The frames of world, odometry and base; robots share the world."""
+        prefix = self.frame_prefix
+        return (
+            frame_name('', self.world_frame),
+            frame_name(prefix, self.odom_frame),
+            frame_name(prefix, self.base_frame),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraFrames(Settings):
+    """Names of the frames of the camera and of what it is screwed to."""
+
+    camera_frame: str = setting(
+        'camera_optical_frame', 'Frame of the images: x right, y down, z ahead', read_only=True
+    )
+    base_frame: str = setting('base_link', 'Frame of the base', read_only=True)
+    frame_prefix: str = setting(
+        '', 'Put before both, as robot1/ where robots share /tf', read_only=True
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        _ = self.camera, self.base  # raise ValueError for a name that tf2 refuses
+
+    @property
+    def camera(self) -> str:
+        """The full name of the camera's frame."""
+        return frame_name(self.frame_prefix, self.camera_frame)
+
+    @property
+    def base(self) -> str:
+        """The full name of the base's frame."""
+        return frame_name(self.frame_prefix, self.base_frame)
+
+
+def frame_name(prefix: str, name: str) -> str:
+    """Return the full name of a frame; ValueError if tf2 would refuse it."""
+    full = prefix + name
+    if not name or full.startswith('/'):
+        raise ValueError(
+            f'a frame must have a name that does not begin with /, got {full!r}; '
+            "write 'base_link', and a prefix as 'robot1/'"
+        )
+    return full
