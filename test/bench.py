@@ -5,10 +5,11 @@ from contextlib import AbstractContextManager, suppress
 import fcntl
 from functools import cache
 import itertools
+import os
 from pathlib import Path
 import tempfile
 import time
-from typing import Any, TextIO
+from typing import Any
 
 import pytest
 from rcl_interfaces.msg import Log
@@ -22,7 +23,6 @@ from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.nodes import parameters
 
-LOCKS: list[TextIO] = []
 DOMAINS_A_PROCESS, MAX_DOMAIN = 10, 100  # ports of domains above lie among those of the kernel
 USUAL_SEC = 10.0  # more than ten times what anything here takes
 RELIABLE = QoSProfile(depth=50, reliability=ReliabilityPolicy.RELIABLE)
@@ -32,12 +32,12 @@ RELIABLE = QoSProfile(depth=50, reliability=ReliabilityPolicy.RELIABLE)
 def _domains() -> Iterator[int]:
     """Cycle through domain ids that no other process on this machine tests in."""
     for first in range(1, MAX_DOMAIN, DOMAINS_A_PROCESS):
-        lock = Path(tempfile.gettempdir(), f'visual_servo_test_domain_{first}.lock').open('a')
+        path = Path(tempfile.gettempdir(), f'visual_servo_test_domain_{first}.lock')
+        lock = os.open(path, os.O_CREAT | os.O_RDWR)  # open until this process ends
         with suppress(BlockingIOError):
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            LOCKS.append(lock)  # until this process ends
             return itertools.cycle(range(first, first + DOMAINS_A_PROCESS))
-        lock.close()
+        os.close(lock)
     pytest.fail(f'at most {MAX_DOMAIN // DOMAINS_A_PROCESS} processes can test at a time')
 
 
