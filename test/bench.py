@@ -33,7 +33,7 @@ def _domains() -> Iterator[int]:
     """Cycle through domain ids that no other process on this machine tests in."""
     for first in range(1, MAX_DOMAIN, DOMAINS_A_PROCESS):
         path = Path(tempfile.gettempdir(), f'visual_servo_test_domain_{first}.lock')
-        lock = os.open(path, os.O_CREAT | os.O_RDWR)  # open until this process ends
+        lock = os.open(path, os.O_CREAT | os.O_RDONLY, 0o644)  # open until this process ends
         with suppress(BlockingIOError):
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             return itertools.cycle(range(first, first + DOMAINS_A_PROCESS))
