@@ -236,7 +236,6 @@ def test_the_demo_can_do_without_a_video(tmp_path, scenario) -> None:
         'run.json',
         'trajectory.png',
         'signals.png',
-        'video.mp4',
     }
     assert ended.stdout.splitlines()[-1] == (
         'written to out: bag, result.json, run.json, signals.png, trajectory.png'

@@ -29,7 +29,7 @@ def test_simulation_2_writes_figures_table_data_and_json(tmp_path, capsys) -> No
     [
         (['sim3', '--out', 'x'], 'invalid choice'),
         (['sim1'], 'required: --out'),
-        (['sim1', '--out', '/dev/null/x'], 'folder cannot be made'),
+        (['sim1', '--out', '/dev/null/x'], 'nothing can be written there'),
     ],
 )
 def test_bad_usage_is_one_line(capsys, arguments, reason) -> None:

@@ -113,7 +113,7 @@ def swept_here(folder: Path) -> dict[Any, Any]:
 
 def test_a_local_cluster_gives_the_results_of_processes(tmp_path: Path) -> None:
     with distributed.LocalCluster(
-        n_workers=1, threads_per_worker=2, processes=False, dashboard_address=None
+        n_workers=1, threads_per_worker=2, processes=False, dashboard_address=':0'
     ) as local:
         found = swept_on(local.scheduler_address, tmp_path / 'cluster')
     assert found == swept_here(tmp_path / 'here')

@@ -28,7 +28,8 @@ NODES = {
     'servo_node': ('-p', 'camera_reliability:=reliable', '-p', 'autostart:=true'),
     'recorder_node': ('-p', 'autostart:=false', '-p', 'topics:=["*"]'),
 }
-DOMAIN = 67
+# Its own among benchmarks that run at a time, and above those that people use.
+DOMAIN = 216 + os.getpid() % 16
 DISCOVERY = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 FRAME_ID = 'camera_optical_frame'
 START_S, WARM_UP_S, SETTLE_S = 60.0, 1.0, 0.5
