@@ -154,8 +154,9 @@ def test_the_ament_index_knows_the_package(workspace: Workspace) -> None:
     assert (workspace.share / NAME / 'package.xml').is_file()
 
 
-def test_all_of_config_is_shared(workspace: Workspace) -> None:
-    assert files(workspace.share / NAME / 'config') == files(ROOT / 'config')
+@pytest.mark.parametrize('folder', ['config', 'launch'])
+def test_all_of_a_folder_is_shared(folder: str, workspace: Workspace) -> None:
+    assert files(workspace.share / NAME / folder) == files(ROOT / folder)
 
 
 def test_the_whole_package_is_imported_from_the_workspace(
@@ -187,11 +188,12 @@ def test_the_installed_command_lists_its_subcommands(workspace: Workspace, tmp_p
 
 
 @pytest.mark.parametrize('name', NODES)
-def test_a_node_starts_with_its_shared_settings_and_ends_on_sigint(
+def test_a_node_of_a_namespace_starts_with_its_shared_settings_and_ends_on_sigint(
     name: str, workspace: Workspace, neighbour: Node, tmp_path: Path
 ) -> None:
     settings = workspace.share / NAME / 'config' / f'{name}.yaml'
-    command = [str(workspace.executables / name), '--ros-args', '--params-file', str(settings)]
+    command = [str(workspace.executables / name), '--ros-args', '-r', '__ns:=/robot1']
+    command += ['--params-file', str(settings)]
     log = tmp_path / 'output.txt'
     with running(command, workspace.environment, log) as process:
         wait_for_another_node(neighbour, process, log)
@@ -199,6 +201,7 @@ def test_a_node_starts_with_its_shared_settings_and_ends_on_sigint(
         status = process.wait(STOP_SEC)
     assert status == 0, log.read_text()
     assert 'Traceback' not in log.read_text()
+    assert 'sets no parameter' not in log.read_text()
 
 
 def test_colcon_test_finds_the_tests(workspace: Workspace) -> None:
