@@ -100,7 +100,7 @@ bench: $(STAMP) ## accuracy and speed beside the peers, minutes; BENCH_ARGS='est
 	@$(BIN)/visual_servo bench $(BENCH_ARGS)
 
 faults: $(STAMP) ## kill -9 the recorder at 20 random moments: each bag loses a second at most
-	@RECORDER_KILLS=20 $(BIN)/python -m pytest -ra test/nodes/test_recorder_process.py -k killed
+	@RECORDER_KILLS=20 $(BIN)/python -m pytest -ra test/nodes/recording/test_recorder_process.py -k killed
 
 clean: ## remove .venv and all that make, the tools and colcon left
 	rm -rf $(VENV) $(OLDEST) build install log dist demo_out sweep_out reproduce_out *.egg-info

@@ -9,8 +9,9 @@ from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.camera_node import CameraNode
-from visual_servo_epipolar.simulation.closed_loop import period_ns, published
+from visual_servo_epipolar.simulation.closed_loop import published
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.run_monitor import period_ns
 
 TINY = {
     'width': 64,

@@ -15,7 +15,8 @@ from std_msgs.msg import Header
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
-from visual_servo_epipolar.simulation.closed_loop import period_ns, published
+from visual_servo_epipolar.simulation.closed_loop import published
+from visual_servo_epipolar.simulation.run_monitor import period_ns
 
 START = (0.5, -2.0, 10.0)
 PERIOD_NS = period_ns(11.0)

@@ -19,17 +19,15 @@ from visual_servo_epipolar.core.servo.run_log import (
 )
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.simulation.closed_loop import (
+from visual_servo_epipolar.simulation.closed_loop import published, run, run_many
+from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
+from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
+from visual_servo_epipolar.simulation.run_monitor import (
     LoopSettings,
     period_ns,
-    published,
-    run,
-    run_many,
     RunMonitor,
     SETTLE_FRAMES,
 )
-from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
-from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 from visual_servo_epipolar.simulation.view import View
 
 STARTS = [(1.0, -3.0, 0.0), (0.8, -3.5, 8.0), (-1.2, -4.0, -10.0), (0.3, -2.2, 0.0)]

@@ -8,9 +8,10 @@ from strategies import CAMERA, pose_with
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.run_log import RunLog, summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.simulation.closed_loop import LoopSettings, run_many
+from visual_servo_epipolar.simulation.closed_loop import run_many
 from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
+from visual_servo_epipolar.simulation.run_monitor import LoopSettings
 
 # alpha_0, chi_0 [rad], distance [m]: concordant, from the edge of the singularity outwards.
 CONCORDANT = [

@@ -14,8 +14,9 @@ from typing import Any
 from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.servo.run_log import RunLog
 from visual_servo_epipolar.core.settings import updated
-from visual_servo_epipolar.simulation.closed_loop import LoopSettings, PARTS, run_many
+from visual_servo_epipolar.simulation.closed_loop import PARTS, run_many
 from visual_servo_epipolar.simulation.regions import start_in
+from visual_servo_epipolar.simulation.run_monitor import LoopSettings
 from visual_servo_epipolar.simulation.scenario import Scenario
 from visual_servo_epipolar.simulation.view import View
 from visual_servo_epipolar.simulation.views import points_of

@@ -23,7 +23,7 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample, summarise
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.simulation.closed_loop import LoopSettings, RunMonitor
+from visual_servo_epipolar.simulation.run_monitor import LoopSettings, RunMonitor
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 if TYPE_CHECKING:

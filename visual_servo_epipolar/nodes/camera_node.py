@@ -19,9 +19,9 @@ from visual_servo_epipolar.nodes.run import spin
 from visual_servo_epipolar.nodes.startup.settings import CameraFrames
 from visual_servo_epipolar.nodes.transforms.broadcaster import TransformBroadcaster
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.closed_loop import period_ns
 from visual_servo_epipolar.simulation.disturbances.image import DisturbanceSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.run_monitor import period_ns
 
 WARN_PERIOD_S = 2.0
 

@@ -23,7 +23,7 @@ from visual_servo_epipolar.nodes.run import tune_transport
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
-from visual_servo_epipolar.simulation.closed_loop import LoopSettings
+from visual_servo_epipolar.simulation.run_monitor import LoopSettings
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 if TYPE_CHECKING:

@@ -25,7 +25,7 @@ from visual_servo_epipolar.simulation.bases.dead_reckoning import (
 )
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 from visual_servo_epipolar.simulation.bases.registry import new_base
-from visual_servo_epipolar.simulation.closed_loop import period_ns
+from visual_servo_epipolar.simulation.run_monitor import period_ns
 
 WARN_PERIOD_S = 2.0
 BEGIN_PERIOD_S = 0.5

@@ -13,11 +13,11 @@ from visual_servo_epipolar.core.settings import hint, setting, Settings, updated
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 from visual_servo_epipolar.simulation.bases.registry import base_name, BaseModel, BASES
-from visual_servo_epipolar.simulation.closed_loop import LoopSettings
 from visual_servo_epipolar.simulation.disturbances.image import DisturbanceSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.registry import rig_name, RigModel, RIGS
 from visual_servo_epipolar.simulation.point_world import PointSettings
+from visual_servo_epipolar.simulation.run_monitor import LoopSettings
 
 
 @dataclass(frozen=True, kw_only=True)

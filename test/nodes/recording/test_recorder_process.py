@@ -21,7 +21,7 @@ from std_msgs.msg import String
 from visual_servo_epipolar.bags.repair import repair
 from visual_servo_epipolar.messages import write
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 KILLS = int(os.environ.get('RECORDER_KILLS', '3'))  # `make faults` asks for 20
 START_SEC, END_SEC = 60.0, 30.0
 LOSS_S = 1.0  # what a kill -9 may cost
