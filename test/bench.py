@@ -24,7 +24,7 @@ from std_srvs.srv import Trigger
 from visual_servo_epipolar.nodes import parameters
 
 DOMAINS_A_PROCESS, MAX_DOMAIN = 10, 100  # ports of domains above lie among those of the kernel
-USUAL_SEC = 10.0  # more than ten times what anything here takes
+USUAL_SEC = 30.0  # many times what anything here takes, also beside other work
 RELIABLE = QoSProfile(depth=50, reliability=ReliabilityPolicy.RELIABLE)
 
 
