@@ -160,8 +160,8 @@ def controller(context):
             namespace=value['namespace'],
             parameters=[
                 config('servo_node.yaml'),
-                *([{'base_frame': f'{prefix}base_link'}] if prefix else []),
                 *own(value['params_file']),
+                *([{'base_frame': f'{prefix}base_link'}] if prefix else []),
                 *given(value, autostart=bool, use_sim_time=bool),
             ],
             remappings=[('camera_info', value['camera_info']), ('cmd_vel', value['cmd_vel'])],

@@ -219,6 +219,15 @@ def test_a_frame_prefix_reaches_every_node_that_names_frames() -> None:
     assert nodes['rviz2'].arguments[-2:] == ['-f', 'r/odom']
 
 
+def test_a_frame_prefix_wins_over_the_base_frame_of_a_file() -> None:
+    # robot.yaml names a base_frame, and may be given to two robots.
+    launch = Launch('simulation.launch.py', frame_prefix='r/', params_file='/robot.yaml')
+    assert by_name(launch)['servo_node'].parameters[1:] == [
+        '/robot.yaml',
+        {'base_frame': 'r/base_link'},
+    ]
+
+
 def test_a_recorder_in_a_namespace_records_that_robot_alone() -> None:
     node = by_name(Launch('simulation.launch.py', namespace='/r', record='/bags/one'))[
         'recorder_node'
