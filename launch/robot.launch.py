@@ -1,5 +1,7 @@
 """Tracker and servo on a real robot's own camera and base; a recorder if asked for."""
 
+from pathlib import Path
+
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
@@ -123,7 +125,9 @@ def config(name):
 
 def own(file):
     """Return the user's parameter file, if there is one."""
-    return [file] if file else []
+    if file and not Path(file).expanduser().is_file():  # launch would go on without it
+        raise RuntimeError(f'there is no parameter file {file}; give the path of one')
+    return [str(Path(file).expanduser())] if file else []
 
 
 def given(value, **kinds):

@@ -1,5 +1,7 @@
 """The simulated robot: base and camera, tracker and servo; a recorder and RViz if asked for."""
 
+from pathlib import Path
+
 from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
@@ -160,8 +162,8 @@ def controller(context):
             namespace=value['namespace'],
             parameters=[
                 config('servo_node.yaml'),
-                *([{'base_frame': f'{prefix}base_link'}] if prefix else []),
                 *own(value['params_file']),
+                *([{'base_frame': f'{prefix}base_link'}] if prefix else []),
                 *given(value, autostart=bool, use_sim_time=bool),
             ],
             remappings=[('camera_info', value['camera_info']), ('cmd_vel', value['cmd_vel'])],
@@ -209,13 +211,16 @@ def config(name):
 
 def own(file):
     """Return the user's parameter file, if there is one."""
-    return [file] if file else []
+    if file and not Path(file).expanduser().is_file():  # launch would go on without it
+        raise RuntimeError(f'there is no parameter file {file}; give the path of one')
+    return [str(Path(file).expanduser())] if file else []
 
 
 def numbers(text):
     """Return the numbers in a text such as [1.0, -3.5, 8]."""
     try:
-        return [float(word) for word in text.strip('[] ').replace(',', ' ').split()]
+        x, y, heading = (float(word) for word in text.strip('[] ').replace(',', ' ').split())
+        return [x, y, heading]
     except ValueError:
         raise RuntimeError(
             f'start must be three numbers, x [m], y [m], heading error [deg], got {text!r}; '

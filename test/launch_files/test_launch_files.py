@@ -25,7 +25,10 @@ RVIZ = yaml.safe_load((ROOT / 'config/visual_servo.rviz').read_text(encoding='ut
 
 
 @pytest.fixture(autouse=True)
-def stub(monkeypatch) -> None:
+def stub(monkeypatch, tmp_path) -> None:
+    monkeypatch.chdir(tmp_path)
+    for file in ('mine.yaml', 'servo.yaml', 'base.yaml', 'robot.yaml'):
+        Path(file).touch()
     for name, module in modules().items():
         monkeypatch.setitem(sys.modules, name, module)
 
@@ -152,26 +155,26 @@ def test_what_is_left_empty_is_left_to_the_files(name) -> None:
 
 @pytest.mark.parametrize('name', ['simulation.launch.py', 'robot.launch.py'])
 def test_own_parameters_win_over_ours_and_arguments_over_both(name) -> None:
-    launch = Launch(name, params_file='/mine.yaml', use_sim_time='true')
+    launch = Launch(name, params_file='mine.yaml', use_sim_time='true')
     for node in (by_name(launch)['tracker_node'], by_name(launch)['servo_node']):
         assert node.parameters[0].startswith(str(ROOT))
-        assert node.parameters[1:] == ['/mine.yaml', {'use_sim_time': True}]
+        assert node.parameters[1:] == ['mine.yaml', {'use_sim_time': True}]
 
 
 def test_own_parameters_reach_those_alone_whom_they_are_meant_for() -> None:
     # Under /**: servo and base would share max_linear, servo and recorder autostart.
     launch = Launch(
-        'simulation.launch.py', params_file='/servo.yaml', world_file='/base.yaml', record='/bag'
+        'simulation.launch.py', params_file='servo.yaml', world_file='base.yaml', record='/bag'
     )
     files = {node.executable: node.parameters[1] for node in launch.nodes}
     assert files == {
-        'unicycle_node': '/base.yaml',
-        'camera_node': '/base.yaml',
-        'tracker_node': '/servo.yaml',
-        'servo_node': '/servo.yaml',
+        'unicycle_node': 'base.yaml',
+        'camera_node': 'base.yaml',
+        'tracker_node': 'servo.yaml',
+        'servo_node': 'servo.yaml',
         'recorder_node': {'bag': '/bag'},
     }
-    recorder = by_name(Launch('robot.launch.py', params_file='/servo.yaml', record='/bag'))[
+    recorder = by_name(Launch('robot.launch.py', params_file='servo.yaml', record='/bag'))[
         'recorder_node'
     ]
     assert recorder.parameters[1:] == [{'bag': '/bag'}]
@@ -197,9 +200,19 @@ def test_start_and_seed_reach_base_and_camera() -> None:
     assert all(type(number) is float for number in values(nodes['unicycle_node'])['start'])
 
 
-def test_a_start_that_is_no_numbers_is_refused_in_one_line() -> None:
-    with pytest.raises(RuntimeError, match=r"start must be three numbers, .* got 'home'; write "):
-        Launch('simulation.launch.py', start='home')
+@pytest.mark.parametrize('start', ['home', '[1.0, 2.0]'])
+def test_a_start_that_is_no_three_numbers_is_refused_in_one_line(start) -> None:
+    message = re.escape(f'[deg], got {start!r}; write ')
+    with pytest.raises(RuntimeError, match=f'start must be three numbers, .*{message}'):
+        Launch('simulation.launch.py', start=start)
+
+
+@pytest.mark.parametrize('name', ['simulation.launch.py', 'robot.launch.py'])
+def test_a_parameter_file_that_is_not_there_is_refused(name, tmp_path) -> None:
+    # launch itself warns, and starts the robot with the limits of ours.
+    path = tmp_path / 'robto.yaml'
+    with pytest.raises(RuntimeError, match=f'there is no parameter file {path}; give the path'):
+        Launch(name, params_file=str(path))
 
 
 def test_the_small_camera_is_the_large_one_and_a_file_after_it() -> None:
@@ -217,6 +230,15 @@ def test_a_frame_prefix_reaches_every_node_that_names_frames() -> None:
     assert values(nodes['unicycle_node']) == values(nodes['camera_node']) == {'frame_prefix': 'r/'}
     assert values(nodes['servo_node']) == {'base_frame': 'r/base_link'}
     assert nodes['rviz2'].arguments[-2:] == ['-f', 'r/odom']
+
+
+def test_a_frame_prefix_wins_over_the_base_frame_of_a_file() -> None:
+    # robot.yaml names a base_frame, and may be given to two robots.
+    launch = Launch('simulation.launch.py', frame_prefix='r/', params_file='robot.yaml')
+    assert by_name(launch)['servo_node'].parameters[1:] == [
+        'robot.yaml',
+        {'base_frame': 'r/base_link'},
+    ]
 
 
 def test_a_recorder_in_a_namespace_records_that_robot_alone() -> None:

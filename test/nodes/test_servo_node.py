@@ -1,5 +1,6 @@
 """The servo as a node: it commands while it may, and stops the robot whenever in doubt."""
 
+from dataclasses import replace
 import math
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -344,6 +345,17 @@ def test_stamps_that_do_not_advance_are_said_so(rig, later_ns) -> None:
     rig.bench.until(
         lambda: rig.bench.logged('the stamps do not advance; is /clock published?'), 'the warning'
     )
+
+
+def test_a_servo_that_drives_by_itself_says_so(rig) -> None:
+    text = 'autostart is true: the robot drives as soon as there are tracks'
+    rig.bench.until(lambda: rig.bench.logged(text), 'the log')
+
+
+def test_a_warning_of_a_run_is_logged_even_amid_other_complaints(rig) -> None:
+    rig.node._warn('the stamps do not advance')
+    rig.node._follow(replace(rig.node._state, warning='it takes long'))
+    rig.bench.until(lambda: rig.bench.logged('it takes long'), 'the warning')
 
 
 def test_orders_are_logged(rig) -> None:

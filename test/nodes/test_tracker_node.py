@@ -146,6 +146,7 @@ def test_there_is_nothing_to_redetect_without_a_photograph(rig) -> None:
     answer = rig.bench.call('tracker_node/redetect')
     assert not answer.success
     assert answer.message == 'no desired image yet; take one by ~/capture_desired'
+    rig.bench.until(lambda: rig.bench.logged('not redetected: no desired image'), 'the refusal')
 
 
 def test_a_view_cannot_be_captured_before_there_is_one(rig) -> None:

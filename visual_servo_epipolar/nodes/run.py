@@ -49,7 +49,7 @@ def spin(kind: type[Any], args: list[str] | None = None) -> int:
     except (ParameterException, VisualServoError, ValueError, RuntimeError, OSError) as error:
         if node is not None:
             raise
-        print(f'{name}: {_one_line(error)}', file=sys.stderr)
+        print(f'{name}: {_reason(error, name)}', file=sys.stderr)
         return command_line.USAGE_ERROR
     finally:
         if node is not None:
@@ -86,5 +86,9 @@ def _executable(kind: type[Any]) -> str:
     return re.sub(r'(?<=[a-z])(?=[A-Z])', '_', kind.__name__).lower()
 
 
-def _one_line(error: Exception) -> str:
-    return ' '.join(str(error).split()) or type(error).__name__
+def _reason(error: Exception, name: str) -> str:
+    """Return what was wrong in one line."""
+    text = ' '.join(str(error).split()) or type(error).__name__
+    if type(error).__name__ == 'UnknownROSArgsError':  # its text is the list of them alone
+        return f'no ROS arguments: {text}; see {name} --help'
+    return text

@@ -65,7 +65,9 @@ class ServoNode(Node):
             self.create_timer(WATCH_PERIOD_S, self._on_watch, clock=self._watch_clock)
         self._phase_pub.publish(write.text(self._state.phase.value))
         self._announce()
-        if not self._active:
+        if self._active:
+            self._log('autostart is true: the robot drives as soon as there are tracks')
+        else:
             self._log(f'the robot stands until {self.get_fully_qualified_name()}/start is called')
 
     def stop(self) -> None:
@@ -141,7 +143,7 @@ class ServoNode(Node):
         if state.phase is not self._state.phase:
             self._log(f'{self._state.phase.value} -> {state.phase.value} ({state.reason})')
         if state.warning and state.warning != self._state.warning:
-            self._warn(state.warning)
+            self.get_logger().warning(state.warning)  # once: no other may keep it from the log
         self._state = state
 
     def _publish(self, stamp_ns: int, frame_id: str) -> None:

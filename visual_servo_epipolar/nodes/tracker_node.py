@@ -155,6 +155,7 @@ class TrackerNode(Node):
         if not self._tracker.has_desired:
             response.success = False
             response.message = 'no desired image yet; take one by ~/capture_desired'
+            self.get_logger().warning(f'not redetected: {response.message}')
             return response
         self._tracker.redetect()
         entry = event_log.Entry(event_log.REDETECTED, self._stamp_ns)

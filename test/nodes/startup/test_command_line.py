@@ -46,8 +46,9 @@ def test_help_says_what_a_node_does_and_takes(node, option, capsys) -> None:
 
 
 @pytest.mark.parametrize('start', [executable, module])
-def test_help_ends_well_and_starts_nothing(start) -> None:
-    ended = run(start('servo_node'), '--help')
+@pytest.mark.parametrize('words', [['--help'], ['--ros-args', '--help']])
+def test_help_ends_well_and_starts_nothing(start, words) -> None:
+    ended = run(start('servo_node'), *words)
     assert (ended.returncode, ended.stderr) == (0, '')
     assert ended.stdout.startswith('usage: servo_node')
 
@@ -62,6 +63,20 @@ def test_what_is_no_ros_argument_is_refused_with_one_line(start, words) -> None:
     assert len(ended.stderr.splitlines()) == 1, ended.stderr
     rest = [word for word in words if word not in ('--ros-args', '--')]
     assert f'servo_node: takes ROS arguments alone, got {" ".join(rest)};' in ended.stderr
+
+
+def test_an_unknown_ros_argument_is_refused_with_one_line() -> None:
+    ended = run(executable('servo_node'), '--ros-args', '--foo')
+    assert ended.returncode == 2
+    assert ended.stderr == "servo_node: no ROS arguments: ['--foo']; see servo_node --help\n"
+
+
+def test_an_interrupt_before_the_node_is_there_ends_quietly() -> None:
+    code = 'from visual_servo_epipolar.nodes.startup import executables\n'
+    code += 'def interrupt(name): raise KeyboardInterrupt\n'
+    code += 'executables.import_module = interrupt\nexecutables.servo_node()'
+    ended = run(code)
+    assert (ended.returncode, ended.stderr) == (130, '')
 
 
 @pytest.mark.parametrize('node', NODES)

@@ -92,7 +92,9 @@ def test_what_comes_is_not_waited_for(bench, impatient) -> None:
 def test_best_effort_images_for_a_reliable_tracker_are_explained(bench, impatient) -> None:
     bench.talk(Image, 'image_raw', BEST_EFFORT)
     start(bench, TrackerNode, camera_reliability='reliable')
-    until_said(bench, 'waits for images on /image_raw (1 publisher); their QoS does not fit: ')
+    until_said(
+        bench, 'waits for images on /image_raw (1 publisher); their QoS does not fit: Best '
+    )
     (text,) = bench.logged('waits for images')
     assert text.endswith('; set camera_reliability: best_effort')
 

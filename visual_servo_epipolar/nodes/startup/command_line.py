@@ -12,8 +12,8 @@ ROS_ARGUMENTS = '--ros-args -p NAME:=VALUE --params-file FILE'
 
 def answer(node: str, arguments: Sequence[str]) -> int | None:
     """Return the exit code where ``arguments`` leave nothing to run, having said why; or None."""
-    _, rest = split(arguments)
-    if any(word in HELP for word in rest):
+    ros, rest = split(arguments)
+    if any(word in HELP for word in (*ros, *rest)):
         print(usage(node))
         return 0
     if rest:

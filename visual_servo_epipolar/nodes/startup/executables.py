@@ -8,6 +8,7 @@ from visual_servo_epipolar.nodes.startup.table import PACKAGE
 
 # What nodes import beside ROS 2.
 PIP_PACKAGES = ('cv2', 'matplotlib', 'mcap', 'numpy', 'rosbags', 'yaml')
+INTERRUPTED = 130
 
 
 def run(node: str) -> int:
@@ -22,6 +23,8 @@ def run(node: str) -> int:
             raise  # a mistake of our own
         print(f'{node}: {_missing(error)}', file=sys.stderr)
         return USAGE_ERROR
+    except KeyboardInterrupt:  # Ctrl-C before anything runs
+        return INTERRUPTED
     main()
     return 0
 

@@ -112,7 +112,8 @@ class Inputs:
         )
         refusals = [reason for level, reason in checks if level == QoSCompatibility.ERROR]
         if len(refusals) == len(publishers):
-            return f'; their QoS does not fit: {refusals[0].strip(" ;")}; {source.kind.remedy}'
+            refusal = refusals[0].removeprefix('ERROR: ').strip(' ;')
+            return f'; their QoS does not fit: {refusal}; {source.kind.remedy}'
         return ''
 
     def _age(self, stamp_ns: int) -> float:
