@@ -176,14 +176,18 @@ def onlookers(context):
     """Return the recorder and RViz, if they are asked for."""
     value = context.launch_configurations
     namespace = value['namespace'].strip('/')
+    # In a namespace: of this robot alone, what robots share, and what was sent elsewhere.
+    topics = [f'/{namespace}/*', '/diagnostics', '/tf*', '/clock']
+    topics += [
+        value[name] for name in ('image', 'camera_info', 'cmd_vel') if value[name][0] == '/'
+    ]
     recorder = Node(
         package=PACKAGE,
         executable='recorder_node',
         namespace=value['namespace'],
         parameters=[
             config('recorder_node.yaml'),
-            # In a namespace: of this robot alone, and what robots share.
-            *([{'topics': [f'/{namespace}/*', '/diagnostics', '/tf*']}] if namespace else []),
+            *([{'topics': topics}] if namespace else []),
             {'bag': value['record']},
             *given(value, use_sim_time=bool),
         ],

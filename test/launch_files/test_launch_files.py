@@ -245,7 +245,9 @@ def test_a_recorder_in_a_namespace_records_that_robot_alone() -> None:
     node = by_name(Launch('simulation.launch.py', namespace='/r', record='/bags/one'))[
         'recorder_node'
     ]
-    assert values(node)['topics'] == ['/r/*', '/diagnostics', '/tf*']
+    assert values(node)['topics'] == ['/r/*', '/diagnostics', '/tf*', '/clock']
+    sent = Launch('simulation.launch.py', namespace='r', record='/bags/one', image='/cam/image')
+    assert values(by_name(sent)['recorder_node'])['topics'][-1] == '/cam/image'
     alone = by_name(Launch('simulation.launch.py', record='/bags/one'))['recorder_node']
     assert 'topics' not in values(alone)
 

@@ -138,6 +138,19 @@ def test_reset_stops_and_begins_anew(rig) -> None:
     rig.bench.until(lambda: phases[-1].data == 'waiting', 'the phase after the reset')
 
 
+def test_without_autostart_a_reset_leaves_the_start_to_the_user(bench) -> None:
+    rig = Rig(bench, stale_timeout=60.0, autostart=False)
+    bench.call('servo_node/start')
+    rig.see(GOAL)
+    assert rig.phase == 'arrived'
+    answer = bench.call('servo_node/reset')
+    assert (answer.success, answer.message) == (True, 'ready for a new run; call ~/start')
+    rig.see(AWAY)
+    assert all(twist == STANDSTILL for twist in rig.twists())
+    bench.call('servo_node/start')
+    rig.drive()
+
+
 def test_a_run_that_has_ended_begins_anew_on_start(rig) -> None:
     rig.see(GOAL)
     assert rig.phase == 'arrived'

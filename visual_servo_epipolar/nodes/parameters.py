@@ -106,6 +106,7 @@ def refuse_unknown(node: Node, options: Mapping[str, Any] = MappingProxyType({})
         if not (owner and item in shared):
             raise ValueError(f'{name} has no parameter {item}{_hint(node, item, owner)}')
     for path, sections in files.items():
+        _refuse_homonyms(node, path, sections)
         _warn_of_no_effect(node, path, sections)
 
 
@@ -130,6 +131,23 @@ def _heard(node: Node, sections: Iterable[Section]) -> set[str]:
     """Return the parameters in those sections of a file that reach the node."""
     full_name = node.get_fully_qualified_name()
     return {name for item in sections if item.reaches(full_name) for name in item.names}
+
+
+def _refuse_homonyms(node: Node, path: str, sections: Sequence[Section]) -> None:
+    """Raise ValueError for a file of another node, for /**, that would change this one, too."""
+    for section in sections:
+        if '*' not in section.key or not section.reaches(node.get_fully_qualified_name()):
+            continue
+        owners = [name for name in table.NODES if section.names <= table.accepted(name)]
+        mistaken = sorted(
+            name for name in section.names & table.HOMONYMS if node.has_parameter(name)
+        )
+        if owners and mistaken and not all(map(node.has_parameter, section.names)):
+            raise ValueError(
+                f'{path} is of {owners[0]} alone, but by its key {section.key} would set '
+                f'{mistaken[0]} of {node.get_name()}, which means something else; '
+                f'key it /**/{owners[0]}:'
+            )
 
 
 def _warn_of_no_effect(node: Node, path: str, sections: Sequence[Section]) -> None:

@@ -213,10 +213,13 @@ class ServoNode(Node):
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._halt()
-        self._state = self._interrupted(Interruption.RESET)  # stopped, it waits for ~/start
+        self._state = self._interrupted(Interruption.RESET)
+        self._active = self._active and self._settings.autostart
         self._phase_pub.publish(write.text(self._state.phase.value))
         response.success, response.message = True, 'ready for a new run'
-        self._log('reset, ready for a new run')
+        if not self._active:
+            response.message += '; call ~/start'
+        self._log(f'reset, {response.message}')
         return response
 
     def _log(self, text: str) -> None:

@@ -212,3 +212,42 @@ def test_each_parameter_of_a_robot_says_when_to_change_it() -> None:
     lines = (CONFIG / 'robot.yaml').read_text().splitlines()
     for name in ROBOT:
         assert any(line.strip().startswith(f'{name}:') and ' # ' in line for line in lines), name
+
+
+@pytest.mark.parametrize(
+    ('kind', 'other', 'name'),
+    [
+        (ServoNode, 'tracker_node', 'min_features'),
+        (ServoNode, 'recorder_node', 'autostart'),
+        (TrackerNode, 'servo_node', 'min_features'),
+    ],
+)
+def test_the_file_of_another_node_is_refused_where_it_would_mean_something_else(
+    bench, kind, other, name
+) -> None:
+    with pytest.raises(ValueError, match=f'is of {other} alone, .* would set {name} of'):
+        start(bench, kind, *given(CONFIG / f'{other}.yaml'))
+
+
+def test_a_parameter_that_is_not_there_is_refused_at_run_time_with_the_name_meant(bench) -> None:
+    node = start(bench, ServoNode)
+    result = node.set_parameters([Parameter('max_linaer', value=0.1)])[0]
+    assert not result.successful
+    assert result.reason == 'servo_node has no parameter max_linaer; did you mean max_linear?'
+
+
+def test_names_that_nodes_share_are_known_to_mean_different_things_or_not() -> None:
+    texts: dict[str, set[str]] = {}
+    for node in table.NODES:
+        for kind in table.settings_of(node):
+            for item in fields(kind):
+                texts.setdefault(item.name, set()).add(node)
+    alike = {
+        'base_frame',
+        'camera_reliability',
+        'enable_stamped_cmd_vel',
+        'frame_prefix',
+        'frame_rate',
+        'seed',
+    }
+    assert {name for name, nodes in texts.items() if len(nodes) > 1} == alike | table.HOMONYMS

@@ -32,6 +32,11 @@ def run(node: str) -> int:
 def _missing(error: ImportError) -> str:
     package = (error.name or '').partition('.')[0]
     text = ' '.join(str(error).split())
+    if package in ('mcap', 'rosbags'):  # without a rosdep key
+        return (
+            f'{package} is missing; pip install rosbags mcap (on Ubuntu 24.04 in a venv with '
+            '--system-site-packages)'
+        )
     if package in PIP_PACKAGES:
         return f'{package} cannot be imported ({text}); install it by rosdep or pip'
     return (

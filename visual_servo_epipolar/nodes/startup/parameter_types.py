@@ -4,6 +4,8 @@ from rcl_interfaces.msg import SetParametersResult
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
+from visual_servo_epipolar.core.settings import hint
+
 TYPES = {
     Parameter.Type.BOOL: 'a boolean',
     Parameter.Type.INTEGER: 'an integer',
@@ -24,11 +26,15 @@ def explain_refusals(node: Node) -> None:
         return
 
     def explained(changes: list[Parameter]) -> SetParametersResult:
+        foreign = [item.name for item in changes if not node.has_parameter(item.name)]
+        if foreign:
+            known = sorted(node.list_parameters([], 0).names)
+            reason = f'{node.get_name()} has no parameter {foreign[0]}; {hint(foreign[:1], known)}'
+            return SetParametersResult(successful=False, reason=reason)
         result = plain(changes)
         if not result.successful:
-            declared = [item for item in changes if node.has_parameter(item.name)]
-            expected = [Parameter.Type(node.describe_parameter(p.name).type) for p in declared]
-            reasons = filter(None, map(wrong_type, declared, expected))
+            expected = [Parameter.Type(node.describe_parameter(p.name).type) for p in changes]
+            reasons = filter(None, map(wrong_type, changes, expected))
             result.reason = next(reasons, result.reason)
         return result
 

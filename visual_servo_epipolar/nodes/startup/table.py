@@ -87,6 +87,10 @@ NODES: Mapping[str, NodeRow] = {
 }
 
 
+# Parameters of more than one node that mean different things there.
+HOMONYMS = frozenset({'autostart', 'max_angular', 'max_linear', 'min_features'})
+
+
 def settings_of(node: str) -> Iterator[type[Settings]]:
     """Yield the classes whose fields are the parameters of a node, in its order."""
     for place in NODES[node].settings:
