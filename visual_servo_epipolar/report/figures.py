@@ -129,7 +129,7 @@ def _new_figure(height: float) -> Figure:
 def _verdict(log: RunLog) -> str:
     (x, y, heading), final = log.start, log.samples[-1].pose
     title = (
-        f'start x {x:g} m, y {y:g} m, heading {heading:+g} deg \N{EM DASH} {log.outcome}: '
+        f'start x {x:.4g} m, y {y:.4g} m, heading {heading:+.4g} deg \N{EM DASH} {log.outcome}: '
         f'{1000.0 * final.distance:.1f} mm, {math.degrees(final.heading_error):+.2f} deg from the '
         'goal'
     )

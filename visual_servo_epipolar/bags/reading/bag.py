@@ -192,6 +192,9 @@ def _parts(path: Path) -> list[Path]:
         return [path]
     files = sorted(item for item in path.iterdir() if item.suffix in STORAGE_SUFFIXES)
     if not files:
+        bags = sorted(item.parent for item in path.glob(f'*/{metadata.FILE}'))
+        if bags:  # the folder of a demo, or one of several bags
+            raise InputError(f'{path}: not a bag, but a folder with one; give {bags[0]}')
         raise InputError(
             f'{path}: not a bag: it has neither metadata.yaml nor .mcap or .db3 files; give the '
             'folder that was recorded, with --repair if a crash left it so'

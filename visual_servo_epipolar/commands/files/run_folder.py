@@ -4,16 +4,15 @@ from collections.abc import Mapping
 from dataclasses import asdict, fields
 from importlib import metadata
 from pathlib import Path
-import platform
 from typing import Any
 
-from visual_servo_epipolar import __version__
 from visual_servo_epipolar.commands.arguments import write_json
 from visual_servo_epipolar.core.servo.run_log import RunLog, summarise
+from visual_servo_epipolar.messages.versions import installed
 from visual_servo_epipolar.report.run_file import RunFile, save_run
 from visual_servo_epipolar.simulation.scenario import Scenario
 
-LIBRARIES = ('numpy', 'opencv-python-headless', 'opencv-python', 'matplotlib', 'rclpy', 'rosbags')
+LIBRARIES = ('opencv-python-headless', 'opencv-python', 'matplotlib', 'rclpy', 'rosbags')
 
 
 def write_run(log: RunLog, scenario: Scenario, folder: Path) -> list[str]:
@@ -37,10 +36,10 @@ def settings_of(scenario: Scenario) -> Mapping[str, Mapping[str, Any]]:
 
 def versions() -> dict[str, str]:
     """Return the versions of this package, of Python, and of the libraries that matter."""
-    installed = {'visual_servo_epipolar': __version__, 'Python': platform.python_version()}
+    found = dict(installed())
     for name in LIBRARIES:
         try:
-            installed[name] = metadata.version(name)
+            found[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
             continue
-    return installed
+    return found
