@@ -68,3 +68,12 @@ def test_the_gains_are_driven_with_as_they_are_printed(
 def test_scenarios_leave_out_what_tells_a_node_how_it_is_connected() -> None:
     kinds = (ServoNodeSettings, TrackerNodeSettings)
     assert CONNECTION == {'use_sim_time', *(item.name for kind in kinds for item in fields(kind))}
+
+
+def test_a_scenario_and_a_setting_without_its_section_are_answered_by_what_is_meant(
+    capsys,
+) -> None:
+    assert main(['simulate', '--start', '1', '-3', '0', '--scenario', 'smal']) == 2
+    assert 'did you mean small?' in capsys.readouterr().err
+    assert main(['replay', 'no_bag', '--set', 'look_ahead=0.3']) == 2
+    assert 'did you mean servo.look_ahead?' in capsys.readouterr().err

@@ -141,7 +141,7 @@ def test_the_small_scenario_is_the_small_camera() -> None:
         ('servo_node', Parameter('law', value='other'), 'one of paper, corrected, full'),
         ('servo_node', Parameter('estimator', value='lmeds_8pt'), 'read-only'),
         ('servo_node', Parameter('latch_engage', value=0.1), 'without hysteresis'),
-        ('servo_node', Parameter('gain', value=0.1), 'not been declared|undeclared'),
+        ('servo_node', Parameter('gain', value=0.1), 'no parameter gain; did you mean gains'),
         ('tracker_node', Parameter('min_features', value=61), 'must not exceed max_features'),
         ('unicycle_node', Parameter('max_linear', value=-1.0), 'max_linear out of range'),
         ('unicycle_node', Parameter('start', value=[1.0, 2.0]), 'start must be three numbers'),

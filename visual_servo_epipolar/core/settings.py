@@ -9,6 +9,7 @@ from typing import Any, ClassVar, TypeVar
 LARGEST = 2**63  # what YAML and ROS parameters hold
 ALIKE_FOR_SURE = 0.85  # ratio of difflib above which no other name is meant
 ALIKE = 3  # names suggested for an unknown one, at most
+MOST, MOST_KNOWN = 3, 20  # names in a message: unknown ones that are explained, and known ones
 MIN_PART, MIN_PREFIX = 3, 4  # letters that tell a name by a part of it, by its beginning
 
 SettingsT = TypeVar('SettingsT', bound='Settings')
@@ -96,9 +97,12 @@ def updated(settings: SettingsT, values: Mapping[str, Any], where: str) -> Setti
 
 
 def hint(unknown: Sequence[str], known: Sequence[str]) -> str:
-    """Return which of the ``known`` names may be meant; all of them if none is alike."""
-    meant = dict.fromkeys(name for word in unknown for name in _alike(word, known))
-    return f'did you mean {" or ".join(meant)}?' if meant else f'it knows {", ".join(known)}'
+    """Return which of the ``known`` names may be meant; some of them if none is alike."""
+    meant = list(dict.fromkeys(name for word in unknown[:MOST] for name in _alike(word, known)))
+    if meant:
+        return f'did you mean {" or ".join(meant[:MOST])}?'
+    rest = f' and {len(known) - MOST_KNOWN} more' if len(known) > MOST_KNOWN else ''
+    return f'it knows {", ".join(known[:MOST_KNOWN])}{rest}'
 
 
 def _alike(word: str, known: Sequence[str]) -> list[str]:

@@ -53,11 +53,12 @@ def test_a_run_ends_where_it_arrived_or_failed(phase) -> None:
     steps = steps_of(displacing=20, **{phase: 300})
     log = run_log(driving_away(steps), steps, seed=0, law='full')
     result = document(log, truth=True)
-    assert result['duration_s'] == 2.0
+    assert result['phases'][-1]['start_s'] == 2.0
     assert (result['outcome'], result['reason']) == (phase, f'in {phase}')
     assert len(log.samples) == 20 + BRAKING_STEPS
     assert result['longitudinal_error_m'] == pytest.approx(0.01 * (19 + BRAKING_STEPS))
-    assert result['phases'][-1]['end_s'] == pytest.approx(2.0 + 0.1 * (BRAKING_STEPS - 1))
+    end_s = result['phases'][-1]['end_s']
+    assert end_s == result['duration_s'] == pytest.approx(2.0 + 0.1 * (BRAKING_STEPS - 1))
 
 
 def test_the_base_has_the_time_to_brake_that_a_live_run_gives_it() -> None:
@@ -79,7 +80,8 @@ def test_replay_and_report_tell_the_end_of_the_run_from_that_of_the_recording(
     assert main(['replay', bag, *early, '--json', '-']) == 1
     result = json.loads(capsys.readouterr().out)
     (failed,) = (item for item in result['phases'] if item['name'] == 'failed')
-    assert result['duration_s'] == failed['start_s'] == pytest.approx(2.0, abs=0.2)
+    assert failed['start_s'] == pytest.approx(2.0, abs=0.2)
+    assert result['duration_s'] == failed['end_s'] == pytest.approx(2.5, abs=0.2)
     assert result['recorded_s'] == pytest.approx(4.9, abs=0.2)
     main(['replay', bag, *early])
     assert f'failed; the recording goes on to {result["recorded_s"]:.1f} s' in (

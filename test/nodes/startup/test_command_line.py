@@ -96,7 +96,7 @@ def test_help_needs_no_ros() -> None:
 def test_another_missing_package_is_not_taken_for_ros() -> None:
     ended = run(f'sys.modules["rosbags"] = None\n{executable("recorder_node")}')
     assert ended.returncode == 2
-    assert ended.stderr.startswith('recorder_node: rosbags cannot be imported (')
+    assert ended.stderr.startswith('recorder_node: rosbags is missing; pip install rosbags mcap')
 
 
 def test_ros_arguments_end_at_two_dashes() -> None:

@@ -12,6 +12,7 @@ from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.nodes.camera_node import CameraNode
 from visual_servo_epipolar.nodes.recorder_node import RecorderNode
 from visual_servo_epipolar.nodes.servo_node import ServoNode, ServoNodeSettings
+from visual_servo_epipolar.nodes.startup import table
 from visual_servo_epipolar.nodes.startup.parameter_files import sections
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode, TrackerNodeSettings
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
@@ -227,13 +228,6 @@ def test_the_file_of_another_node_is_refused_where_it_would_mean_something_else(
 ) -> None:
     with pytest.raises(ValueError, match=f'is of {other} alone, .* would set {name} of'):
         start(bench, kind, *given(CONFIG / f'{other}.yaml'))
-
-
-def test_a_parameter_that_is_not_there_is_refused_at_run_time_with_the_name_meant(bench) -> None:
-    node = start(bench, ServoNode)
-    result = node.set_parameters([Parameter('max_linaer', value=0.1)])[0]
-    assert not result.successful
-    assert result.reason == 'servo_node has no parameter max_linaer; did you mean max_linear?'
 
 
 def test_names_that_nodes_share_are_known_to_mean_different_things_or_not() -> None:

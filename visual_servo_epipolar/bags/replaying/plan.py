@@ -151,6 +151,8 @@ def effective_changes(
         before = _settings(default, history, {}, [])
         after = _settings(default, history, given, [])
         for name in (default.RENAMED.get(name, name) for name in given):
+            if name == 'autostart':  # a replay starts where the recording did
+                continue
             pairs = zip(before, after, strict=True)
             if any(getattr(old, name) != getattr(new, name) for (_, old), (_, new) in pairs):
                 effective.setdefault(section, {})[name] = getattr(after[-1][1], name)

@@ -12,7 +12,7 @@ from visual_servo_epipolar.bags.reading.run import Recording
 from visual_servo_epipolar.bags.replaying.replay import Step
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.servo.phases.table import ENDED, Phase
-from visual_servo_epipolar.core.servo.run_log import end_s, RunLog, summarise
+from visual_servo_epipolar.core.servo.run_log import RunLog, summarise
 from visual_servo_epipolar.core.servo.telemetry import sample
 
 BRAKING_STEPS = 6  # of the base after the end, as in a live run: its errors are those at rest
@@ -72,7 +72,7 @@ def run_log(run: Recording, steps: Sequence[Step], *, seed: int, law: str) -> Ru
 
 def document(log: RunLog, *, truth: bool) -> dict[str, Any]:
     """Return the run JSON; what only ground truth could tell is null where there is none."""
-    result = {**summarise(log), 'duration_s': end_s(log)}
+    result = summarise(log)
     return result if truth else {**result, **dict.fromkeys(FROM_TRUTH)}
 
 

@@ -1,6 +1,7 @@
 """Resources under config/: beside the source, or under share/ of an installation."""
 
 from collections.abc import Iterator
+import difflib
 import os
 from pathlib import Path
 import sys
@@ -27,6 +28,9 @@ def scenario_path(name: str) -> Path:
         if (folder / f'{name}.yaml').is_file():
             return folder / f'{name}.yaml'
     names = sorted({path.stem for folder in installed for path in folder.glob('*.yaml')})
+    close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
+    meant = f'; did you mean {close[0]}?' if close else ''
     raise InputError(
-        f'no scenario file {name!r}; give a path, or one of {", ".join(names) or "none installed"}'
+        f'no scenario file {name!r}; give a path, or one of '
+        f'{", ".join(names) or "none installed"}{meant}'
     )

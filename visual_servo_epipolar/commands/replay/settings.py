@@ -37,10 +37,18 @@ def changes_of(words: Sequence[str], params: str | None) -> Changes:
         if not (equals and dot and setting and section in KINDS):
             raise InputError(
                 f'--set takes SECTION.NAME=VALUE with a section of {", ".join(KINDS)}, as in '
-                f'servo.k1=0.1, got {word!r}'
+                f'servo.k1=0.1, got {word!r}{_meant(setting if dot else section)}'
             )
         changes.setdefault(section, {})[setting] = _value(value)
     return changes
+
+
+def _meant(setting: str) -> str:
+    """Return in words how to write a setting without its section, if there is one."""
+    for section, kind in KINDS.items():
+        if setting in {item.name for item in fields(kind)}:
+            return f'; did you mean {section}.{setting}?'
+    return ''
 
 
 def _value(text: str) -> Any:

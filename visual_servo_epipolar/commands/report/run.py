@@ -17,7 +17,6 @@ from visual_servo_epipolar.commands.report.tables import (
 )
 from visual_servo_epipolar.commands.report.video import shown_video
 from visual_servo_epipolar.core.servo.run_log import (
-    end_s,
     phase_spans,
     RunLog,
     seconds,
@@ -36,7 +35,7 @@ def report_run(folder: Path, path: Path) -> None:
     """Write the page on the run in ``folder``; raises InputError if that fails."""
     run_file = load_run(folder)
     log = run_file.log
-    result = {**summarise(log), 'duration_s': end_s(log)}  # as of a bag: without the braking
+    result = summarise(log)
     sections = [
         Section('Result', result_table(result)),
         *path_sections(log),
