@@ -61,9 +61,15 @@ def test_settings_say_what_computed_with_them() -> None:
     assert settings_text.from_text(earlier).version == '0.0.1'
 
 
+def test_namespaces_may_be_nested() -> None:
+    nodes = settings_text.sections('bot1: {servo_node: {ros__parameters: {k1: 0.2}}}')
+    assert nodes == {'bot1/servo_node': {'k1': 0.2}}
+
+
 @pytest.mark.parametrize(
     ('text', 'reason'),
     [
+        ('bot1: {servo_node: {k1: 1}}', 'must stand under ros__parameters'),
         ('{', 'not YAML'),
         ('3', 'must map nodes'),
         ('/servo_node: {k1: 1}', 'must stand under ros__parameters'),

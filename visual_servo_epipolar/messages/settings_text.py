@@ -4,7 +4,7 @@ Settings in force as text: a ROS parameter file that can be kept and given to a 
 Nodes publish it latched on ``~/settings``; a bag that holds it can be replayed with them.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
 import re
 from typing import Any
@@ -89,13 +89,22 @@ def sections(text: str) -> dict[str, dict[str, Any]]:
         raise ValueError(f'parameters are not YAML: {" ".join(str(error).split())}') from None
     if not isinstance(document, dict):
         raise ValueError(f'parameters must map nodes to parameters, got {document!r:.60}')
-    for node, body in document.items():
+    return dict(_walk(document, ''))
+
+
+def _walk(document: dict[Any, Any], namespace: str) -> Iterator[tuple[str, dict[str, Any]]]:
+    """Yield nodes, by their names with namespaces, which may be nested, and their parameters."""
+    for key, body in document.items():
         inner = body.get('ros__parameters') if isinstance(body, dict) else None
-        if not isinstance(inner, dict):
+        if isinstance(inner, dict):
+            yield f'{namespace}{key}', {str(name): value for name, value in inner.items()}
+        elif (
+            inner is None
+            and isinstance(body, dict)
+            and all(isinstance(deeper, dict) for deeper in body.values())
+        ):
+            yield from _walk(body, f'{namespace}{key}/')
+        else:
             raise ValueError(
-                f'parameters of {node!r:.60} must stand under ros__parameters, as "name: value"'
+                f'parameters of {key!r:.60} must stand under ros__parameters, as "name: value"'
             )
-    return {
-        str(node): {str(name): value for name, value in body['ros__parameters'].items()}
-        for node, body in document.items()
-    }

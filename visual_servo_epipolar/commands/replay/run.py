@@ -1,8 +1,8 @@
 """The replay behind ``visual_servo replay`` and ``visual_servo report``."""
 
 import argparse
-from collections.abc import Mapping
-from contextlib import closing, ExitStack
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager, ExitStack
 from dataclasses import asdict, dataclass
 import math
 from pathlib import Path
@@ -11,7 +11,7 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from visual_servo_epipolar.bags.reading.bag import Bag
+from visual_servo_epipolar.bags.reading.bag import ADVICE, Bag
 from visual_servo_epipolar.bags.reading.history import happenings
 from visual_servo_epipolar.bags.reading.namespaces import namespace_of
 from visual_servo_epipolar.bags.reading.run import read_run, Recording
@@ -129,7 +129,7 @@ def replay_bag(
     camera = None if options.camera is None else read_camera(Path(options.camera))
     repairs = [str(repair(Path(options.bag)))] if options.repair else []
     start_s = time.perf_counter()
-    with Bag(Path(options.bag)) as bag:
+    with _advice_of(options), Bag(Path(options.bag)) as bag:
         namespace = namespace_of(bag, topics.values(), options.namespace)
         run = read_run(bag, assigned(bag, topics, namespace), namespace)
         overrides = ReplayOverrides(
@@ -155,6 +155,18 @@ def replay_bag(
         notes=[*repairs, *notes],
         wall_s=wall_s,
     )
+
+
+@contextmanager
+def _advice_of(options: argparse.Namespace) -> Iterator[None]:
+    """Let an error not advise to repair what was repaired."""
+    try:
+        yield
+    except InputError as error:
+        text = str(error)
+        if options.repair and text.endswith(ADVICE):
+            text = f'{text.removesuffix(ADVICE)}it was repaired, and what is left is damaged'
+        raise InputError(text) from None
 
 
 def result_of(replayed: ReplayedBag, options: argparse.Namespace) -> dict[str, Any]:
