@@ -19,8 +19,8 @@ from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.nodes import parameters
 from visual_servo_epipolar.nodes.camera_node import CameraNode
-from visual_servo_epipolar.nodes.run import tune_transport
 from visual_servo_epipolar.nodes.servo_node import ServoNode
+from visual_servo_epipolar.nodes.startup.transport import tune_transport
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings

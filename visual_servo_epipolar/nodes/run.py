@@ -1,8 +1,5 @@
 """Main loop of every node: init, spin, a clean exit with a zero twist."""
 
-import ctypes
-import os
-from pathlib import Path
 import re
 import signal
 import sys
@@ -17,9 +14,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.nodes.startup import command_line, inputs
-
-MALLOPT_MMAP_THRESHOLD, MALLOPT_TRIM_THRESHOLD = -3, -1
-KEEP_BYTES = 2**29 - 1
+from visual_servo_epipolar.nodes.startup.transport import tune_transport
 
 
 def spin(kind: type[Any], args: list[str] | None = None) -> int:
@@ -61,24 +56,6 @@ def spin(kind: type[Any], args: list[str] | None = None) -> int:
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)  # a second Ctrl-C finds nothing left to end
     return 0
-
-
-def tune_transport() -> None:
-    """
-    Tune the transport for images: shared memory for whole frames, and buffers that are kept.
-
-    The default segment is smaller than one image, and glibc returns megabyte buffers to the
-    kernel after each message. Both are settings of this process alone; a profile of the user's
-    own (FASTRTPS_DEFAULT_PROFILES_FILE) is left as it is.
-    """
-    profile = Path(__file__).with_name('fastdds_profile.xml')
-    if profile.is_file():
-        os.environ.setdefault('FASTRTPS_DEFAULT_PROFILES_FILE', str(profile))
-    if sys.platform == 'linux':
-        libc = ctypes.CDLL(None)
-        if hasattr(libc, 'mallopt'):
-            libc.mallopt(MALLOPT_MMAP_THRESHOLD, KEEP_BYTES)
-            libc.mallopt(MALLOPT_TRIM_THRESHOLD, KEEP_BYTES)
 
 
 def _executable(kind: type[Any]) -> str:

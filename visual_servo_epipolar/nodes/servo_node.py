@@ -33,6 +33,7 @@ from visual_servo_epipolar.messages import (
     write,
 )
 from visual_servo_epipolar.nodes import parameters, qos
+from visual_servo_epipolar.nodes.complaints import Complaints
 from visual_servo_epipolar.nodes.run import spin
 from visual_servo_epipolar.nodes.startup.inputs import NO_TIME
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
@@ -49,6 +50,7 @@ class ServoNode(Node):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('servo_node', **options)
+        self._warn = Complaints(self, WARN_PERIOD_S)
         self._node_settings = parameters.declare(self, ServoNodeSettings)
         self._settings = parameters.declare(self, ServoSettings)
         parameters.refuse_unknown(self, options)
@@ -224,9 +226,6 @@ class ServoNode(Node):
 
     def _log(self, text: str) -> None:
         self.get_logger().info(text)
-
-    def _warn(self, text: str) -> None:
-        self.get_logger().warning(text, throttle_duration_sec=WARN_PERIOD_S)
 
 
 def main() -> None:

@@ -21,6 +21,7 @@ from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.messages import event_log, read, settings_text, validation, write
 from visual_servo_epipolar.nodes import parameters, qos
+from visual_servo_epipolar.nodes.complaints import Complaints
 from visual_servo_epipolar.nodes.run import spin
 from visual_servo_epipolar.nodes.startup.settings import TrackerNodeSettings
 from visual_servo_epipolar.report.images.overlay import draw_overlay
@@ -38,6 +39,7 @@ class TrackerNode(Node):
 
     def __init__(self, **options: Any) -> None:
         super().__init__('tracker_node', **options)
+        self._warn = Complaints(self, WARN_PERIOD_S)
         self._node_settings = parameters.declare(self, TrackerNodeSettings)
         self._settings = parameters.declare(self, TrackerSettings)
         parameters.refuse_unknown(self, options)
@@ -163,9 +165,6 @@ class TrackerNode(Node):
         response.success, response.message = True, 'the next image is matched anew'
         self.get_logger().info(response.message)
         return response
-
-    def _warn(self, text: str) -> None:
-        self.get_logger().warning(text, throttle_duration_sec=WARN_PERIOD_S)
 
 
 def _photograph(path: str) -> Pixels:

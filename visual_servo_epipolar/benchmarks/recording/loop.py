@@ -21,7 +21,7 @@ from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
-from visual_servo_epipolar.nodes.run import tune_transport
+from visual_servo_epipolar.nodes.startup.transport import tune_transport
 
 NODES = {
     'tracker_node': ('-p', 'camera_reliability:=reliable'),
