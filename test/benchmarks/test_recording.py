@@ -8,6 +8,8 @@ pytest.importorskip('rclpy')
 
 from visual_servo_epipolar.benchmarks.recording import benchmark as recording
 
+pytestmark = pytest.mark.alone
+
 
 @pytest.fixture(scope='module')
 def document() -> dict:

@@ -88,6 +88,7 @@ def team(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Iterator[Team]:
         yield Team(stack, tmp_path)
 
 
+@pytest.mark.alone
 def test_four_processes_bring_the_robot_home(team) -> None:
     team.bench.until(
         lambda: bool(team.phases) and team.phases[-1].data in ('arrived', 'failed'),
@@ -101,6 +102,7 @@ def test_four_processes_bring_the_robot_home(team) -> None:
     assert abs(pose.heading_error) < 0.0175  # one degree
 
 
+@pytest.mark.alone
 def test_the_base_stops_when_the_servo_is_killed(team) -> None:
     team.at_speed()
     team.processes['servo_node'].kill()
@@ -109,6 +111,7 @@ def test_the_base_stops_when_the_servo_is_killed(team) -> None:
     assert team.processes['servo_node'].wait(END_SEC) == -signal.SIGKILL
 
 
+@pytest.mark.alone
 def test_an_interrupted_servo_stops_the_robot_and_ends_well(team) -> None:
     team.at_speed()
     said = len(team.output('unicycle_node'))  # a busy machine may have starved the base before

@@ -29,6 +29,7 @@ from visual_servo_epipolar.core.settings import range_of
 
 PACKAGE = Path(law_table.__file__).parents[2]
 GROUP = 'visual_servo_epipolar.laws'
+NAMES = frozenset(LAWS)  # to list them looks into every package that is installed
 # Laws of another package, which brings them by entry points that name this module.
 MY_LAW = replace(LAWS['paper'], epipole_controls=lambda *_, **__: (1.0, 2.0))
 MY_LAW_PLUS = replace(LAWS['full'], true_sigma=False)
@@ -205,7 +206,7 @@ def is_name(node: ast.AST) -> bool:
         return any(map(is_name, node.elts))
     if isinstance(node, ast.Name | ast.Attribute):
         return (node.id if isinstance(node, ast.Name) else node.attr) == 'DEFAULT_LAW'
-    return isinstance(node, ast.Constant) and node.value in list(LAWS)
+    return isinstance(node, ast.Constant) and node.value in NAMES
 
 
 def operands(node: ast.AST) -> list[ast.expr]:
