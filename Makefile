@@ -55,7 +55,7 @@ $(OLDEST_STAMP): setup.py setup.cfg constraints-oldest.txt
 	@$(OLDEST_PYTHON) -m venv $(OLDEST)
 	@printf '[libs]\nsystem_freetype = true\nsystem_qhull = true\n' >$(MPLSETUPCFG)
 	@$(OLDEST_PIP) install --constraint constraints-oldest.txt setuptools wheel
-	@$(OLDEST_PIP) install --constraint constraints-oldest.txt --no-build-isolation --editable '.[ros,test]'
+	@$(OLDEST_PIP) install --constraint constraints-oldest.txt --no-build-isolation --editable '.[ros,test,colcon]'
 	@touch $@
 
 test-colcon: $(STAMP) ## build with colcon in a scratch workspace, run what it installed

@@ -110,7 +110,7 @@ def test_only_settings_that_were_recorded_otherwise_are_shown(bag, tmp_path, cap
     assert 'all settings given are those that were recorded' in shown
 
 
-def rounded(run: list, folder: Path, difference: float, numpy: str = '1.26.4') -> str:
+def rounded(run: list, folder: Path, difference: float, numpy: str = '1.21.5') -> str:
     """Return a bag recorded with another numpy, which differs a little in one number."""
     messages, kind = [], kind_of('/epipoles')
     steps = 0
@@ -136,14 +136,14 @@ def test_another_numpy_that_rounds_otherwise_is_told_from_a_difference(
     assert main(['replay', path, '--tracks']) == 1
     shown = capsys.readouterr().out
     assert 'rounding only' in shown
-    advice = f'recorded with numpy 1.26.4, replayed with numpy {np.__version__}: --tolerance 1e-09'
+    advice = f'recorded with numpy 1.21.5, replayed with numpy {np.__version__}: --tolerance 1e-09'
     assert advice in shown
     assert 'not published' not in shown
     assert main(['replay', path, '--tracks', '--tolerance', '1e-9']) == 0
     assert 'the same within 1e-09' in capsys.readouterr().out
     code, result = shown_json(capsys, path, '--tracks')
     assert (code, result['comparison']['rounding']) == (1, 1e-9)
-    assert result['versions']['recorded']['numpy'] == '1.26.4'
+    assert result['versions']['recorded']['numpy'] == '1.21.5'
     assert result['versions']['replayed']['numpy'] == np.__version__
 
 
@@ -155,7 +155,7 @@ def test_what_is_more_than_rounding_or_asked_for_is_not_called_so(
     shown = capsys.readouterr().out
     assert 'rounding' not in shown
     assert 'diverge at' in shown
-    assert 'note: recorded with numpy 1.26.4' in shown
+    assert 'note: recorded with numpy 1.21.5' in shown
     assert main(['replay', bag, '--tracks', '--set', 'servo.turn_gain=0.80000000001']) == 1
     assert 'rounding' not in capsys.readouterr().out
 
