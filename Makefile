@@ -3,6 +3,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+# pip compiles what it installs, most of it for nothing: Python does so where it imports.
 STAMP := $(VENV)/.installed
 PIP := $(BIN)/python -m pip -qq --disable-pip-version-check
 OLDEST_PIP = $(OLDEST)/bin/python -m pip -qq --disable-pip-version-check
@@ -38,8 +39,8 @@ setup: $(STAMP) ## make .venv with ROS 2 Jazzy, all tools and this package, edit
 $(STAMP): setup.py setup.cfg constraints.txt
 	@echo 'Preparing $(VENV): some 150 wheels, 0.8 GB, one to three minutes ...'
 	@$(PYTHON) -m venv $(VENV)
-	@$(PIP) install --constraint constraints.txt setuptools
-	@$(PIP) install --constraint constraints.txt --no-build-isolation --editable '.[ros,test,lint,colcon]'
+	@$(PIP) install --no-compile --constraint constraints.txt setuptools
+	@$(PIP) install --no-compile --constraint constraints.txt --no-build-isolation --editable '.[ros,test,lint,colcon]'
 	@touch $@
 	@echo 'Ready: $(BIN)/visual_servo --help'
 
@@ -54,8 +55,8 @@ $(OLDEST_STAMP): setup.py setup.cfg constraints-oldest.txt
 	@echo 'Preparing $(OLDEST): one to four minutes ...'
 	@$(OLDEST_PYTHON) -m venv $(OLDEST)
 	@printf '[libs]\nsystem_freetype = true\nsystem_qhull = true\n' >$(MPLSETUPCFG)
-	@$(OLDEST_PIP) install --constraint constraints-oldest.txt setuptools wheel
-	@$(OLDEST_PIP) install --constraint constraints-oldest.txt --no-build-isolation --editable '.[ros,test,colcon]'
+	@$(OLDEST_PIP) install --no-compile --constraint constraints-oldest.txt setuptools wheel
+	@$(OLDEST_PIP) install --no-compile --constraint constraints-oldest.txt --no-build-isolation --editable '.[ros,test,colcon]'
 	@touch $@
 
 test-colcon: $(STAMP) ## build with colcon in a scratch workspace, run what it installed
@@ -101,7 +102,7 @@ data-flow-figure: $(STAMP) ## the picture of nodes and topics
 	@$(BIN)/python docs/data_flow_figure.py
 
 bench: $(STAMP) ## accuracy and speed beside the peers, minutes; BENCH_ARGS='estimation --quick'
-	@$(PIP) install --constraint constraints.txt --no-build-isolation --editable '.[bench]'
+	@$(PIP) install --no-compile --constraint constraints.txt --no-build-isolation --editable '.[bench]'
 	@$(BIN)/visual_servo bench $(BENCH_ARGS)
 
 faults: $(STAMP) ## kill -9 the recorder at 20 random moments: each bag loses a second at most
