@@ -3,7 +3,6 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-# pip compiles what it installs, most of it for nothing: Python does so where it imports.
 STAMP := $(VENV)/.installed
 PIP := $(BIN)/python -m pip -qq --disable-pip-version-check
 OLDEST_PIP = $(OLDEST)/bin/python -m pip -qq --disable-pip-version-check
@@ -36,6 +35,7 @@ REPRODUCE_OUT ?= reproduce_out
 
 setup: $(STAMP) ## make .venv with ROS 2 Jazzy, all tools and this package, editable (default)
 
+# --no-compile: Python compiles what it imports; pip would compile all, for half a minute.
 $(STAMP): setup.py setup.cfg constraints.txt
 	@echo 'Preparing $(VENV): some 150 wheels, 0.8 GB, one to three minutes ...'
 	@$(PYTHON) -m venv $(VENV)
@@ -56,6 +56,7 @@ $(OLDEST_STAMP): setup.py setup.cfg constraints-oldest.txt
 	@$(OLDEST_PYTHON) -m venv $(OLDEST)
 	@printf '[libs]\nsystem_freetype = true\nsystem_qhull = true\n' >$(MPLSETUPCFG)
 	@$(OLDEST_PIP) install --no-compile --constraint constraints-oldest.txt setuptools wheel
+	@$(OLDEST_PIP) install --no-compile --constraint constraints-oldest.txt matplotlib  # built apart
 	@$(OLDEST_PIP) install --no-compile --constraint constraints-oldest.txt --no-build-isolation --editable '.[ros,test,colcon]'
 	@touch $@
 
