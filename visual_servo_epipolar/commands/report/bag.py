@@ -117,7 +117,9 @@ def report_bag(options: argparse.Namespace, path: Path) -> None:
         _topics(Path(options.bag)),
         version_section(replayed.versions['recorded'], {**versions(), **installed()}),
     ]
-    title = f'Bag {Path(options.bag).name}, {len(replayed.steps)} steps from {result["source"]}'
+    bag = Path(options.bag)
+    name = bag.name if bag.name != 'bag' else '/'.join(bag.parts[-2:])  # that of a demo
+    title = f'Bag {name}, {len(replayed.steps)} steps from {result["source"]}'
     write_page(path, title, verdict_of(result), sections, footer=FOOTER)
 
 
