@@ -161,6 +161,7 @@ def test_a_run_that_has_ended_begins_anew_on_start(rig) -> None:
     assert rig.twists()[-1] != STANDSTILL
 
 
+@pytest.mark.alone
 def test_the_robot_is_stopped_when_tracks_stay_away(bench) -> None:
     rig = Rig(bench, stale_timeout=0.2)
     rig.send(tracks())
@@ -169,7 +170,7 @@ def test_the_robot_is_stopped_when_tracks_stay_away(bench) -> None:
     assert (moving != STANDSTILL, stopped) == (True, STANDSTILL)
     bench.until(lambda: bench.logged('the robot is stopped'), 'the reason in the log')
     age = float(bench.logged('the robot is stopped')[0].split('for ')[1].split()[0])
-    assert 0.2 < age < 2.0  # the watchdog looks every 0.05 s, a busy machine much later
+    assert 0.2 < age < 0.6  # the watchdog looks every 0.05 s, a busy machine later
 
 
 def test_a_camera_that_repeats_one_image_stops_the_robot(bench) -> None:

@@ -1,4 +1,4 @@
-"""Coordinate frames: their names, and markers for viewers where nobody publishes /tf."""
+"""Coordinate frames as markers, for viewers where nobody publishes /tf."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

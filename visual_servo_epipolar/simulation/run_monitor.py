@@ -4,13 +4,11 @@ from dataclasses import dataclass, field
 
 from visual_servo_epipolar.core.servo.phases.switch import too_few_features
 from visual_servo_epipolar.core.servo.phases.table import ENDED, Phase
-from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
+from visual_servo_epipolar.core.servo.run_log import RunLog, Sample, SETTLE_FRAMES
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
-
-SETTLE_FRAMES = 6  # the base may still be braking when the servo says that it has arrived
 
 
 @dataclass(frozen=True, kw_only=True)

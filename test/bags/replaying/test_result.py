@@ -7,7 +7,8 @@ import pytest
 
 from visual_servo_epipolar.bags.reading.run import Recording
 from visual_servo_epipolar.bags.replaying.replay import Step
-from visual_servo_epipolar.bags.replaying.result import BRAKING_STEPS, document, run_log
+from visual_servo_epipolar.bags.replaying.result import document, run_log
+from visual_servo_epipolar.bags.replaying.result import SETTLE_FRAMES as BRAKING_STEPS
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.servo.phases.table import Phase

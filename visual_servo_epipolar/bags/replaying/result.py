@@ -12,10 +12,9 @@ from visual_servo_epipolar.bags.reading.run import Recording
 from visual_servo_epipolar.bags.replaying.replay import Step
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.servo.phases.table import ENDED, Phase
-from visual_servo_epipolar.core.servo.run_log import RunLog, summarise
+from visual_servo_epipolar.core.servo.run_log import RunLog, SETTLE_FRAMES, summarise
 from visual_servo_epipolar.core.servo.telemetry import sample
 
-BRAKING_STEPS = 6  # of the base after the end, as in a live run: its errors are those at rest
 FROM_TRUTH = (
     'start',
     'position_error_m',
@@ -39,7 +38,7 @@ def driven(steps: Sequence[Step]) -> Sequence[Step]:
         return steps
     while count and steps[count - 1].phase is phase:
         count -= 1
-    return steps[: count + BRAKING_STEPS]
+    return steps[: count + SETTLE_FRAMES]
 
 
 def run_log(run: Recording, steps: Sequence[Step], *, seed: int, law: str) -> RunLog:

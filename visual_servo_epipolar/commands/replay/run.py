@@ -4,6 +4,7 @@ import argparse
 from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager, ExitStack
 from dataclasses import asdict, dataclass
+from functools import cached_property
 import math
 from pathlib import Path
 import time
@@ -12,7 +13,7 @@ from typing import Any, TYPE_CHECKING
 import numpy as np
 
 from visual_servo_epipolar.bags.reading.bag import ADVICE, Bag
-from visual_servo_epipolar.bags.reading.history import happenings
+from visual_servo_epipolar.bags.reading.history import Happening, happenings
 from visual_servo_epipolar.bags.reading.namespaces import namespace_of
 from visual_servo_epipolar.bags.reading.run import read_run, Recording
 from visual_servo_epipolar.bags.reading.topics import assigned, parse
@@ -69,11 +70,16 @@ class ReplayedBag:
     notes: list[str]
     wall_s: float
 
-    @property
+    @cached_property
     def log(self) -> RunLog:
         """The record of the replayed run."""
         servo = self.plan.servo[-1][1]
         return run_log(self.run, self.steps, seed=servo.seed, law=servo.law_expression)
+
+    @cached_property
+    def history(self) -> list[Happening]:
+        """What was ordered and set on the way."""
+        return happenings(self.run, self.steps[0].key[0])
 
     @property
     def recorded_s(self) -> float:
@@ -182,7 +188,7 @@ def result_of(replayed: ReplayedBag, options: argparse.Namespace) -> dict[str, A
         'effective_changes': replayed.effective,
         'notes': replayed.notes,
         'versions': replayed.versions,
-        'history': [asdict(item) for item in happenings(replayed.run, replayed.steps[0].key[0])],
+        'history': [asdict(item) for item in replayed.history],
         'comparison': replayed.comparison_document,
     }
 

@@ -8,7 +8,7 @@ from html import escape
 from pathlib import Path
 
 from visual_servo_epipolar.bags.reading.bag import Bag
-from visual_servo_epipolar.bags.reading.history import Happening, happenings
+from visual_servo_epipolar.bags.reading.history import Happening
 from visual_servo_epipolar.bags.replaying.replay import Step, TrackedImage
 from visual_servo_epipolar.bags.replaying.result import has_truth
 from visual_servo_epipolar.commands.console import Progress
@@ -37,7 +37,6 @@ from visual_servo_epipolar.commands.report.tables import (
 from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.core.servo.telemetry import sample
-from visual_servo_epipolar.messages.versions import installed
 from visual_servo_epipolar.report.images.picture import picture
 from visual_servo_epipolar.report.page import (
     Cell,
@@ -107,7 +106,7 @@ def report_bag(options: argparse.Namespace, path: Path) -> None:
         _comparison(replayed),
         *([Section('What was seen', strip(captioned))] if captioned else []),
         Section('Phases', phase_table(result)),
-        history_section(happenings(replayed.run, replayed.steps[0].key[0])),
+        history_section(replayed.history),
         parameter_section(
             {
                 'servo': asdict(replayed.plan.servo[-1][1]),
@@ -115,7 +114,7 @@ def report_bag(options: argparse.Namespace, path: Path) -> None:
             }
         ),
         _topics(Path(options.bag)),
-        version_section(replayed.versions['recorded'], {**versions(), **installed()}),
+        version_section(replayed.versions['recorded'], versions()),
     ]
     bag = Path(options.bag)
     name = bag.name if bag.name != 'bag' else '/'.join(bag.parts[-2:])  # that of a demo

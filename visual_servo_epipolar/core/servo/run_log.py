@@ -9,6 +9,8 @@ from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.servo.phases.table import ENDED, Phase
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 
+SETTLE_FRAMES = 6  # the base may still be braking when the servo says that it has arrived
+
 
 @dataclass(frozen=True, slots=True)
 class Sample:
