@@ -8,7 +8,7 @@ import sys
 import pytest
 
 from visual_servo_epipolar.commands.main import main
-from visual_servo_epipolar.commands.missing import remedy
+from visual_servo_epipolar.nodes.startup.missing import remedy
 
 ROOT = Path(__file__).parents[2]
 # Read by every Python that is started with its folder on PYTHONPATH, workers of a sweep as well.

@@ -170,7 +170,7 @@ def test_the_robot_is_stopped_when_tracks_stay_away(bench) -> None:
     assert (moving != STANDSTILL, stopped) == (True, STANDSTILL)
     bench.until(lambda: bench.logged('the robot is stopped'), 'the reason in the log')
     age = float(bench.logged('the robot is stopped')[0].split('for ')[1].split()[0])
-    assert 0.2 < age < 0.6  # the watchdog looks every 0.05 s, a busy machine later
+    assert 0.2 <= age < 0.6  # rounded in the log; looked at every 0.05 s, on a busy machine later
 
 
 def test_a_camera_that_repeats_one_image_stops_the_robot(bench) -> None:

@@ -8,8 +8,8 @@ from typing import Any
 
 from visual_servo_epipolar.commands.arguments import seed, write_json
 from visual_servo_epipolar.commands.console import Progress
-from visual_servo_epipolar.commands.missing import remedy
 from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.nodes.startup.missing import remedy
 
 # Each module has run(*, seed, quick, say) -> document and table(document) -> text.
 BENCHMARKS: Mapping[str, str] = {

@@ -17,12 +17,12 @@ from visual_servo_epipolar.commands.arguments import (
 )
 from visual_servo_epipolar.commands.console import Progress, summary, written_to
 from visual_servo_epipolar.commands.files.run_folder import write_run
-from visual_servo_epipolar.commands.missing import require
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample, summarise
 from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.nodes.startup.missing import require
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings, RunMonitor
 from visual_servo_epipolar.simulation.scenario import Scenario
 

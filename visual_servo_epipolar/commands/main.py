@@ -18,11 +18,11 @@ from visual_servo_epipolar.commands import (
 )
 from visual_servo_epipolar.commands.ending import reader_left, terminable, Terminated, unread
 from visual_servo_epipolar.commands.files.output import check_json, check_out
-from visual_servo_epipolar.commands.missing import remedy
 from visual_servo_epipolar.commands.replay import command as replay
 from visual_servo_epipolar.commands.report import command as report
 from visual_servo_epipolar.commands.sweep import command as sweep
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
+from visual_servo_epipolar.nodes.startup.missing import remedy
 
 SUCCESS, FAILURE, BAD_INPUT, INTERRUPTED, UNREAD, TERMINATED = 0, 1, 2, 130, 141, 143
 COMMANDS = (demo, simulate, sweep, inspect, replay, report, reproduce, bench, gains)

@@ -13,8 +13,8 @@ from visual_servo_epipolar.commands.arguments import (
 )
 from visual_servo_epipolar.commands.console import Progress, summary, written_to
 from visual_servo_epipolar.commands.files.run_folder import write_run
-from visual_servo_epipolar.commands.missing import require
 from visual_servo_epipolar.core.servo.run_log import summarise
+from visual_servo_epipolar.nodes.startup.missing import require
 from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.views import SOURCES, view_of
 

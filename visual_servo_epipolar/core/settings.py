@@ -98,14 +98,14 @@ def updated(settings: SettingsT, values: Mapping[str, Any], where: str) -> Setti
 
 def hint(unknown: Sequence[str], known: Sequence[str]) -> str:
     """Return which of the ``known`` names may be meant; some of them if none is alike."""
-    meant = list(dict.fromkeys(name for word in unknown[:MOST] for name in _alike(word, known)))
+    meant = list(dict.fromkeys(name for word in unknown[:MOST] for name in alike(word, known)))
     if meant:
         return f'did you mean {" or ".join(meant[:MOST])}?'
     rest = f' and {len(known) - MOST_KNOWN} more' if len(known) > MOST_KNOWN else ''
     return f'it knows {", ".join(known[:MOST_KNOWN])}{rest}'
 
 
-def _alike(word: str, known: Sequence[str]) -> list[str]:
+def alike(word: str, known: Sequence[str]) -> list[str]:
     """Return the names that ``word`` may stand for: misspelt, cut short, or one letter off."""
     word = word.lower().replace('-', '_')
     if word in known:

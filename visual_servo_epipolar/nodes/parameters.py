@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import fields, replace
-import difflib
 import sys
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -16,7 +15,7 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
-from visual_servo_epipolar.core.settings import range_of, Settings
+from visual_servo_epipolar.core.settings import alike, range_of, Settings
 from visual_servo_epipolar.nodes.startup import command_line, parameter_files, table
 from visual_servo_epipolar.nodes.startup.parameter_files import Section
 from visual_servo_epipolar.nodes.startup.parameter_types import explain_refusals, wrong_type
@@ -123,7 +122,7 @@ def _hint(node: Node, parameter: str, owner: str) -> str:
         return f', but {owner} has; give it there, or in a file that both read'
     declared = sorted(node.list_parameters([], 0).names)
     names = {*declared, *table.parameters()}  # a file may be shared
-    close = difflib.get_close_matches(parameter, sorted(names), n=1)
+    close = alike(parameter, sorted(names))
     return f'; did you mean {close[0]}?' if close else f'; it has {", ".join(declared)}'
 
 

@@ -128,21 +128,26 @@ class UnicycleNode(Node):
         stamp_ns = self._base.now_ns if lockstep else self.get_clock().now().nanoseconds
         if lockstep:
             self._clock_pub.publish(write.clock(stamp_ns))
-        base, (world, odom, frame) = self._base, names.frames
+        base, (world, _, frame) = self._base, names.frames
         self._reckoning = self._reckoning.advanced(
             base.odometry, base.now_ns, noise=self._base_settings.odometry_noise
         )
         self._applied_pub.publish(write.twist_stamped(base.twist, stamp_ns, frame))
         self._odom_pub.publish(self._odometry(stamp_ns))
-        # What a localiser would publish: the tree is right about base_link in the world.
-        origin = world_to_odometry(base.pose, self._reckoning.pose)
+        if self._tf.publishes:
+            self._send_transforms(stamp_ns)
+        self._truth_pub.publish(write.odometry(base.pose, base.twist, stamp_ns, world, frame))
+
+    def _send_transforms(self, stamp_ns: int) -> None:
+        """Send what a localiser would: the tree is right about base_link in the world."""
+        world, odom, frame = self._settings.frames
+        origin = world_to_odometry(self._base.pose, self._reckoning.pose)
         self._tf.send(
             [
                 transforms.on_the_floor(world, odom, origin, stamp_ns),
                 transforms.on_the_floor(odom, frame, self._reckoning.pose, stamp_ns),
             ]
         )
-        self._truth_pub.publish(write.odometry(base.pose, base.twist, stamp_ns, world, frame))
 
     def _odometry(self, stamp_ns: int) -> Odometry:
         """Return what the wheels say: drifting, and aware of it."""

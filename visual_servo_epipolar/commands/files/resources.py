@@ -1,12 +1,12 @@
 """Resources under config/: beside the source, or under share/ of an installation."""
 
 from collections.abc import Iterator
-import difflib
 import os
 from pathlib import Path
 import sys
 
 from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.settings import alike
 
 PACKAGE = 'visual_servo_epipolar'
 
@@ -28,7 +28,7 @@ def scenario_path(name: str) -> Path:
         if (folder / f'{name}.yaml').is_file():
             return folder / f'{name}.yaml'
     names = sorted({path.stem for folder in installed for path in folder.glob('*.yaml')})
-    close = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
+    close = alike(name, names)
     meant = f'; did you mean {close[0]}?' if close else ''
     raise InputError(
         f'no scenario file {name!r}; give a path, or one of '

@@ -19,9 +19,9 @@ from visual_servo_epipolar.commands.arguments import (
 )
 from visual_servo_epipolar.commands.console import Progress, written_to
 from visual_servo_epipolar.commands.files.output import write_whole
-from visual_servo_epipolar.commands.missing import require
 from visual_servo_epipolar.commands.sweep.progress import SweepProgress
 from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.nodes.startup.missing import require
 from visual_servo_epipolar.simulation.regions import REGIONS
 from visual_servo_epipolar.simulation.views import SOURCES
 from visual_servo_epipolar.sweeping.cluster import cluster_workers

@@ -9,7 +9,7 @@ a phase may last are a warning.
 from dataclasses import replace
 import math
 
-from visual_servo_epipolar.core.control.gains import Circumstances, derive, Gains
+from visual_servo_epipolar.core.control.gains import Circumstances, derive
 from visual_servo_epipolar.core.control.settling import longest_landing, longest_matching
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.phases.conditions import (
@@ -25,9 +25,13 @@ NEARLY_ZERO = 2.0  # bearing of an e_du that counts as zero, in landings
 USUAL_RATE = 11.0  # before two images have come [Hz]
 
 
-def gains_now(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Gains:
+def with_gains_of_now(
+    state: ServoState, measurement: Measurement, settings: ServoSettings
+) -> ServoState:
     """
-    Return the gains for step 1 or 2, derived from the pose and the estimates of this moment.
+    Return ``state`` with gains for its step, 1 or 2, derived from the estimates of this moment.
+
+    Gains that are too slow for the phase are a warning.
 
     Raises
     ------
@@ -36,16 +40,8 @@ def gains_now(state: ServoState, measurement: Measurement, settings: ServoSettin
 
     """
     alpha = 0.0 if measurement.bearings is None else measurement.bearings.alpha
-    return derive(circumstances(state, measurement, settings, alpha=alpha))
-
-
-def with_gains_of_now(
-    state: ServoState, measurement: Measurement, settings: ServoSettings
-) -> ServoState:
-    """Return ``state`` with ``gains_now``, and a warning if they are too slow for the phase."""
-    gains = gains_now(state, measurement, settings)
-    alpha = 0.0 if measurement.bearings is None else measurement.bearings.alpha
     now = circumstances(state, measurement, settings, alpha=alpha)
+    gains = derive(now)
     first = state.phase is Phase.ZEROING_EPIPOLES
     duration = longest_landing(now, gains) if first else longest_matching(now, gains)
     return replace(state, gains=gains, warning=slow_gains(duration, settings))

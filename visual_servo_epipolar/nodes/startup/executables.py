@@ -4,6 +4,7 @@ from importlib import import_module
 import sys
 
 from visual_servo_epipolar.nodes.startup.command_line import answer, USAGE_ERROR
+from visual_servo_epipolar.nodes.startup.missing import NO_ROS, remedy
 from visual_servo_epipolar.nodes.startup.table import PACKAGE
 
 # What nodes import beside ROS 2.
@@ -33,16 +34,10 @@ def _missing(error: ImportError) -> str:
     package = (error.name or '').partition('.')[0]
     text = ' '.join(str(error).split())
     if package in ('mcap', 'rosbags'):  # without a rosdep key
-        return (
-            f'{package} is missing; pip install rosbags mcap (on Ubuntu 24.04 in a venv with '
-            '--system-site-packages)'
-        )
+        return remedy(error)
     if package in PIP_PACKAGES:
         return f'{package} cannot be imported ({text}); install it by rosdep or pip'
-    return (
-        f'ROS 2 cannot be imported ({text}); source your ROS 2 Jazzy, or run "make setup" and use '
-        '.venv'
-    )
+    return NO_ROS.format(text)
 
 
 def servo_node() -> None:

@@ -28,6 +28,11 @@ class TransformBroadcaster:
                 'install ros-jazzy-tf2-msgs for it'
             )
 
+    @property
+    def publishes(self) -> bool:
+        """Whether what is sent is published."""
+        return self._publisher is not None
+
     def send(self, messages: Sequence[TransformStamped]) -> None:
         """Publish all ``messages`` as one; a static one replaces what was sent before."""
         if self._publisher is not None:

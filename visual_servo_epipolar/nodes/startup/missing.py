@@ -1,4 +1,4 @@
-"""Missing packages: what a command needs and is not installed, in one line with what to do."""
+"""Missing packages: what a command or a node needs, in one line with what to do."""
 
 from collections.abc import Mapping
 from importlib import import_module
