@@ -94,7 +94,8 @@ def _plausible_2dof(views: Views) -> BoolArray:
 
 
 def _refine_2dof(views: Views, matches: BoolArray) -> Fit:
-    before = GaussianPrior(*np.zeros((2, *views.angles.shape)))
+    mean = np.zeros(views.angles.shape)
+    before = GaussianPrior(mean, np.zeros((*mean.shape, mean.shape[-1])))
     return _refined(
         views, table_of(views.rays, matches), two.model, before, np.ones(len(views.priors))
     )

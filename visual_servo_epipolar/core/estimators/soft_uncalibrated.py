@@ -7,6 +7,7 @@ That along v acts as a tilt. So E becomes A^T E A: with D = diag(r, r, 1) and B 
 element by r to the power of 2, 1 or 0, then h / r times the first row and column to the last ones.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 import math
 from typing import NamedTuple
@@ -26,12 +27,13 @@ from visual_servo_epipolar.core.estimators.machinery.gaussian import (
     Posterior,
     posterior,
 )
+from visual_servo_epipolar.core.estimators.machinery.general_hypotheses import (
+    general_start_parameters,
+)
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
-    choose_mode,
     INLIER_DEVIATIONS,
     Rays,
     rays_of,
-    too_few,
 )
 from visual_servo_epipolar.core.estimators.machinery.refinement import (
     Fit,
@@ -42,6 +44,7 @@ from visual_servo_epipolar.core.estimators.machinery.refinement import (
     refined_modes,
 )
 from visual_servo_epipolar.core.estimators.machinery.sampson import table_of
+from visual_servo_epipolar.core.estimators.machinery.search import searched, SearchMethod
 from visual_servo_epipolar.core.estimators.machinery.tilted_hypotheses import (
     is_cold,
     is_poor,
@@ -52,19 +55,18 @@ from visual_servo_epipolar.core.estimators.machinery.tilted_hypotheses import (
 from visual_servo_epipolar.core.estimators.machinery.tilted_planar import (
     matrices,
     PHI,
-    ROLL,
-    TILT,
+)
+from visual_servo_epipolar.core.estimators.soft_planar import (
+    BOTH,
+    MIN_MATCHES,
+    widening,
+    with_bearings,
 )
 from visual_servo_epipolar.core.estimators.soft_planar import (
     conclude as conclude_calibrated,
 )
 from visual_servo_epipolar.core.estimators.soft_planar import (
     estimate_of as calibrated_estimate_of,
-)
-from visual_servo_epipolar.core.estimators.soft_planar import (
-    MIN_MATCHES,
-    widening,
-    with_bearings,
 )
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.lens import for_wrong_rays, Lens
@@ -119,24 +121,35 @@ def soft_uncalibrated(
 
 
 def search(rays: Rays, matches: BoolArray, prior: Prior) -> Estimate:
-    """Estimate from hypotheses by pairs of the plausible ``matches``, shape (N,)."""
-    remaining = rays.take(matches)
-    if remaining.matches < MIN_MATCHES:
-        raise too_few(remaining.matches, rays.matches, MIN_MATCHES)
+    """Estimate from hypotheses by the plausible ``matches``, shape (N,)."""
+    return searched(rays, matches, prior, SEARCH)
+
+
+def _by_pairs(rays: Rays, prior: Prior) -> Fit:
+    """Return the refined best modes of two-point hypotheses by several focal lengths."""
     cold = is_cold(prior.attitude)
-    fits = _refined_hypotheses(remaining, prior, NO_JUMP if cold else JUMPS)
-    if cold and is_poor(fits):
-        fits = _refined_hypotheses(remaining, prior, JUMPS)
-    mode, alternative = choose_mode(fits.parameters[:, : PHI + 1], fits.costs, prior)
-    fit = fits.take(mode).of_all(matches)
-    return _estimate(rays, matches, fit, prior, alternative)
+    fits = _pairs_with(NO_JUMP if cold else JUMPS, rays, prior)
+    return _pairs_with(JUMPS, rays, prior) if cold and is_poor(fits) else fits
 
 
-def _refined_hypotheses(rays: Rays, prior: Prior, jumps: FloatArray) -> Fit:
-    """Return the refined best modes of hypotheses by several focal lengths."""
+def _pairs_with(jumps: FloatArray, rays: Rays, prior: Prior) -> Fit:
+    return _refined_hypotheses(
+        rays, prior, lambda right: start_parameters(right, prior.attitude, jumps)
+    )
+
+
+def _by_fives(rays: Rays, prior: Prior) -> Fit:
+    """Return the refined best modes of five-point hypotheses by several focal lengths."""
+    return _refined_hypotheses(
+        rays, prior, lambda right: general_start_parameters(right, prior.attitude)
+    )
+
+
+def _refined_hypotheses(rays: Rays, prior: Prior, planar: Callable[[Rays], FloatArray]) -> Fit:
+    """Return the refined best modes of what ``planar`` finds by several focal lengths."""
     before = lens_prior(prior.attitude, np.array(prior.lens.known))
     steps = math.ceil(REACH * prior.lens.ratio_deviation / STEP)
-    starts = [_start_parameters(rays, prior, jumps, STEP * k) for k in range(-steps, steps + 1)]
+    starts = [_start_parameters(rays, prior, planar, STEP * k) for k in range(-steps, steps + 1)]
     if prior.bearings is not None:
         starts.append(with_bearings(before.mean, prior.angles)[None])
     return refined_modes(
@@ -147,12 +160,13 @@ def _refined_hypotheses(rays: Rays, prior: Prior, jumps: FloatArray) -> Fit:
     )
 
 
-def _start_parameters(rays: Rays, prior: Prior, jumps: FloatArray, log_ratio: float) -> FloatArray:
+def _start_parameters(
+    rays: Rays, prior: Prior, planar: Callable[[Rays], FloatArray], log_ratio: float
+) -> FloatArray:
     """Return the best hypotheses by one focal length as parameters, shape (K, 9)."""
     ratio, slope = math.exp(log_ratio), prior.lens.shift_slope
-    right = corrected(rays, ratio, slope * log_ratio)
-    planar = start_parameters(right, prior.attitude, jumps)
-    return np.hstack([planar, np.tile([log_ratio, 0.0, slope], (len(planar), 1))])
+    starts = planar(corrected(rays, ratio, slope * log_ratio))
+    return np.hstack([starts, np.tile([log_ratio, 0.0, slope], (len(starts), 1))])
 
 
 def stretch(prior: Prior) -> float:
@@ -162,18 +176,18 @@ def stretch(prior: Prior) -> float:
 
 def lens_prior(attitude: AnyAttitude, lens: FloatArray) -> GaussianPrior:
     """
-    Return what is known of all nine parameters, shape (..., 9) each.
+    Return what is known of all nine parameters.
 
     ``lens``, shape (..., 3), are deviations of log r and of the rest of h, and k.
     """
-    mean, information = attitude_prior(attitude)
-    lens_mean, lens_information = np.zeros((2, *lens.shape))
-    lens_mean[..., 2], lens_information[..., 2] = lens[..., 2], KNOWN
-    lens_information[..., :2] = np.power(lens[..., :2], -2.0)
-    return GaussianPrior(
-        np.concatenate([mean, lens_mean], axis=-1),
-        np.concatenate([information, lens_information], axis=-1),
-    )
+    before = attitude_prior(attitude)
+    mean, information = np.zeros((*lens.shape[:-1], 9)), np.zeros((*lens.shape[:-1], 9, 9))
+    mean[..., :RATIO], mean[..., SLOPE] = before.mean, lens[..., 2]
+    information[..., :RATIO, :RATIO] = before.information
+    information[..., RATIO, RATIO] = np.power(lens[..., 0], -2.0)
+    information[..., REST, REST] = np.power(lens[..., 1], -2.0)
+    information[..., SLOPE, SLOPE] = KNOWN
+    return GaussianPrior(mean, information)
 
 
 def corrected(rays: Rays, ratio: FloatArray | float, shift: FloatArray | float) -> Rays:
@@ -278,11 +292,7 @@ def estimate_of(
         lens=lens,
         lens_covariance=spare[: PHI + 1, : PHI + 1],
         fundamental=for_wrong_rays(calibrated.fundamental, lens),
-        attitude=replace(
-            attitude,
-            tilt_deviation=math.sqrt(attitude.tilt_deviation**2 + spare[TILT, TILT]),
-            roll_deviation=math.sqrt(attitude.roll_deviation**2 + spare[ROLL, ROLL]),
-        ),
+        attitude=attitude.known_to(attitude.covariance + spare[np.ix_(BOTH, BOTH)]),
     )
 
 
@@ -295,3 +305,6 @@ def _lens(conclusion: LensConclusion) -> Lens:
         float(conclusion.shift),
         to_lens @ covariance @ to_lens.T,
     )
+
+
+SEARCH = SearchMethod(MIN_MATCHES, _by_pairs, _by_fives, _estimate, stretch)
