@@ -45,7 +45,10 @@ class CameraSettings(Settings):
     mount_left: float = setting(
         0.0, 'Camera to the left of the middle of the axle [m]', low=-1.0, high=1.0, read_only=True
     )
-    tilt: float = setting(0.0, 'Tilt, down positive [rad]', low=-0.5, high=0.5, read_only=True)
+    mount_yaw: float = setting(
+        0.0, 'Yaw, to the left seen from above [rad]', low=-0.8, high=0.8, read_only=True
+    )
+    tilt: float = setting(0.0, 'Tilt, down positive [rad]', low=-0.8, high=0.8, read_only=True)
     roll: float = setting(0.0, 'Roll, clockwise [rad]', low=-0.5, high=0.5, read_only=True)
     jitter: float = setting(
         0.0, 'Deviation of tilt and of roll by an uneven floor [rad]', low=0.0, high=0.1
@@ -109,5 +112,10 @@ class CameraSettings(Settings):
     def mount(self) -> CameraMount:
         """Where the camera sits."""
         return CameraMount(
-            self.mount_height, self.mount_forward, self.tilt, self.roll, self.mount_left
+            height=self.mount_height,
+            forward=self.mount_forward,
+            tilt=self.tilt,
+            roll=self.roll,
+            left=self.mount_left,
+            yaw=self.mount_yaw,
         )
