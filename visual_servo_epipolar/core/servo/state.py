@@ -8,6 +8,7 @@ from visual_servo_epipolar.core.control.gains import Gains
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
+from visual_servo_epipolar.core.servo.extrinsics import Extrinsics
 from visual_servo_epipolar.core.servo.identification import Curvature, Slope
 from visual_servo_epipolar.core.servo.phases.table import ENDED, Phase
 from visual_servo_epipolar.core.servo.ranging import Leg
@@ -37,7 +38,7 @@ class ServoState:
     since; ``desired_rate``, the rate of its bearing [rad/s], smoothed; ``gains``, those derived
     when the phase began (that of step 2 as well), None where they are given.
 
-    Identification: ``curvature`` that the base adds to commands, ``slope`` of D in step 2.
+    Identification: ``extrinsics`` of the camera on the base, ``curvature`` that the base adds to commands, ``slope`` of D in step 2.
 
     Settling: ``settled``, frames in a row that fulfil the aim of the phase; ``settled_parallax``,
     the root mean square of the parallax over them [rad].
@@ -59,6 +60,7 @@ class ServoState:
     period: float = math.nan
     gains: Gains | None = None
     curvature: Curvature = Curvature()
+    extrinsics: Extrinsics | None = None
     slope: Slope = Slope()
     dead_band_residual: Twist = STANDSTILL
     settled: int = 0

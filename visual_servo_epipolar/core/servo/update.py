@@ -6,6 +6,7 @@ import math
 from visual_servo_epipolar.core.control import laws
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.servo.extrinsics import at_axle, Extrinsics, learnt
 from visual_servo_epipolar.core.servo.identification import Slope
 from visual_servo_epipolar.core.servo.phases.conditions import (
     engage_bound,
@@ -35,11 +36,19 @@ def updated(
 ) -> ServoState:
     """Return the state updated by a ``perception`` ``dt`` [s] after the last, unclassified."""
     previous, measurement = state.measurement, perception.measurement
+    extrinsics = learnt(
+        state.extrinsics or settings.extrinsics,
+        measurement,
+        measurement.bearings,
+        state.twist.linear * dt,
+    )
+    measurement = _of_the_axle(measurement, extrinsics)
     leg = _leg(state, dt)
     state = replace(
         state,
         distance=_distance(state, dt, settings),
         leg=leg,
+        extrinsics=extrinsics,
         period=_period(state, dt),
         range=_range(state, measurement, leg, dt),
         desired_rate=_desired_rate(state, measurement, dt),
@@ -52,6 +61,15 @@ def updated(
         memory=perception.memory,
     )
     return _with_settled(state, measurement, settings)
+
+
+def _of_the_axle(measurement: Measurement, extrinsics: Extrinsics) -> Measurement:
+    """Return ``measurement`` with the bearings of the axle, where the camera is not on it."""
+    mount = extrinsics.mount
+    if measurement.bearings is None or not mount.any():
+        return measurement
+    bearings = at_axle(measurement.bearings, mount, extrinsics.distance)
+    return replace(measurement, bearings=bearings, camera_bearings=measurement.bearings)
 
 
 def _with_settled(
