@@ -22,13 +22,14 @@ from visual_servo_epipolar.core.perception.measurement import Measurement
 PSI, RHO, YAW, FORWARD, LEFT = range(5)
 FIRST_DISTANCE, FIRST_DEVIATION = 3.0, 1.0  # [m], of the logarithm: one to eight metres
 NEAREST = 0.02  # [m]
+YAW_WALK = math.radians(1.0)  # of the yaw, as bases crab and models err [rad], in a metre
 SLIP = 0.05  # of a travel: what dead reckoning is wrong by
 CORRELATION = 6.0  # bearings share the photograph: so many tell as much as one
 LEAST_DEVIATION = 2e-3  # of a bearing: what tilt and roll are not known to [rad]
 SIGNIFICANT = 3.0  # deviations from what was told, before it is believed
 LEAST = np.array([math.radians(1.0), 0.03, 0.03])  # below which little is gained [rad, m, m]
 LEAST_STEP = 0.02  # between two updates, travel [m] or turn [rad]
-NEAR, UNCERTAIN = 0.3, math.radians(0.6)  # distance [m], deviation of a bearing [rad]
+NEAR, UNCERTAIN = 0.15, math.radians(1.5)  # distance [m], deviation of a bearing [rad]
 GATE = 6.0  # deviations beyond which a bearing begins the path anew
 
 
@@ -103,17 +104,16 @@ def moved(before: Extrinsics, heading: float) -> Extrinsics:
     transition = np.eye(5)
     transition[:2] = to_polar @ by_place
     mean = before.mean.copy()
-    mean[:2] = (
-        psi + math.remainder(math.atan2(new_y, new_x) - psi, 2.0 * math.pi),
-        0.5 * math.log(square),
-    )
+    turn = math.remainder(math.atan2(new_y, new_x) - psi, 2.0 * math.pi)
+    mean[:2] = psi + turn, 0.5 * math.log(square)
     covariance = transition @ before.covariance @ transition.T
     covariance[:2, :2] += np.eye(2) * (SLIP * travel) ** 2 / square
+    covariance[YAW, YAW] += YAW_WALK * YAW_WALK * abs(travel)
     return replace(before, mean=mean, covariance=covariance, heading=heading, travel=0.0)
 
 
 def seen(before: Extrinsics, psi: float, deviation: float) -> tuple[Extrinsics, float]:
-    """Return the belief after the camera is seen along ``psi`` [rad], and the innovation [deviations]."""
+    """Return the belief after ``psi`` [rad] is seen, and the innovation in deviations."""
     innovation = math.remainder(psi - before.mean[PSI], 2.0 * math.pi)
     column = before.covariance[:, PSI]
     variance = float(column[PSI]) + CORRELATION * deviation * deviation

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 import math
 
+from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.control.command import Command, HALT
 from visual_servo_epipolar.core.control.gains import Gains
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
@@ -38,7 +39,8 @@ class ServoState:
     since; ``desired_rate``, the rate of its bearing [rad/s], smoothed; ``gains``, those derived
     when the phase began (that of step 2 as well), None where they are given.
 
-    Identification: ``extrinsics`` of the camera on the base, ``curvature`` that the base adds to commands, ``slope`` of D in step 2.
+    Identification: ``extrinsics`` of the camera on the base, and the ``mount``, shape (3,), by
+    which the phase began; ``last_linear``, the speed of the command before the last [m/s]; ``curvature`` that the base adds to commands, ``slope`` of D in step 2.
 
     Settling: ``settled``, frames in a row that fulfil the aim of the phase; ``settled_parallax``,
     the root mean square of the parallax over them [rad].
@@ -61,6 +63,8 @@ class ServoState:
     gains: Gains | None = None
     curvature: Curvature = Curvature()
     extrinsics: Extrinsics | None = None
+    mount: FloatArray | None = None
+    last_linear: float = 0.0
     slope: Slope = Slope()
     dead_band_residual: Twist = STANDSTILL
     settled: int = 0
@@ -74,6 +78,13 @@ class ServoState:
     def twist(self) -> Twist:
         """Velocity of the last command [m/s, rad/s]."""
         return self.command.twist
+
+    @property
+    def yaw_learnt(self) -> float:
+        """Change of what the yaw of the camera is taken for, since the phase began [rad]."""
+        if self.extrinsics is None or self.mount is None:
+            return 0.0
+        return abs(float(self.extrinsics.mount[0] - self.mount[0]))
 
     @property
     def longitudinal_error(self) -> float:

@@ -40,7 +40,7 @@ def updated(
         state.extrinsics or settings.extrinsics,
         measurement,
         measurement.bearings,
-        state.twist.linear * dt,
+        _driven(state, dt, settings),
     )
     measurement = _of_the_axle(measurement, extrinsics)
     leg = _leg(state, dt)
@@ -49,6 +49,7 @@ def updated(
         distance=_distance(state, dt, settings),
         leg=leg,
         extrinsics=extrinsics,
+        last_linear=state.twist.linear,
         period=_period(state, dt),
         range=_range(state, measurement, leg, dt),
         desired_rate=_desired_rate(state, measurement, dt),
@@ -61,6 +62,14 @@ def updated(
         memory=perception.memory,
     )
     return _with_settled(state, measurement, settings)
+
+
+def _driven(state: ServoState, dt: float, settings: ServoSettings) -> float:
+    """Return the travel between the last two images [m], of commands that act late."""
+    if dt == 0.0:
+        return 0.0
+    late = min(settings.latency / dt, 1.0)
+    return (state.twist.linear + late * (state.last_linear - state.twist.linear)) * dt
 
 
 def _of_the_axle(measurement: Measurement, extrinsics: Extrinsics) -> Measurement:

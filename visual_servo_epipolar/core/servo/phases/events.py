@@ -25,6 +25,9 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
 
+# What the yaw of the camera may be learnt to differ by while a step lasts [rad].
+YAW_FOR_NEW_START, YAW_FOR_NEW_ATTEMPT = math.radians(1.5), math.radians(0.5)
+
 
 def classify(state: ServoState, settings: ServoSettings) -> Event:
     """Return the event of ``state.measurement`` in ``state.phase``."""
@@ -113,6 +116,8 @@ def _zeroing(state: ServoState, measurement: Measurement, settings: ServoSetting
     chi = measurement.bearings.chi
     if abs(chi) >= settings.divergence:
         return Event.DIVERGED
+    if state.yaw_learnt > YAW_FOR_NEW_START:
+        return Event.ESCAPED
     if not state.latched and is_off_course(measurement, settings):
         return Event.SIDEWAYS
     if state.latched and abs(chi) > escape_bound(state, measurement, settings):
@@ -126,7 +131,7 @@ def _matching(state: ServoState, measurement: Measurement, settings: ServoSettin
         return Event.LOST
     if state.settled < settings.arrival_frames:
         return Event.NOTHING
-    if has_parallax(state, measurement, settings):
+    if has_parallax(state, measurement, settings) or state.yaw_learnt > YAW_FOR_NEW_ATTEMPT:
         attempts_remain = state.attempts < settings.max_attempts
         repeats = settings.options.new_attempts and attempts_remain
         return Event.MISSED if repeats else Event.EXHAUSTED

@@ -25,6 +25,7 @@ def switched(
         phase=phase,
         phase_start_ns=measurement.stamp_ns,
         run_start_ns=measurement.stamp_ns if state.phase is Phase.WAITING else state.run_start_ns,
+        mount=None if state.extrinsics is None else state.extrinsics.mount,
         settled=0,
         reason=_reason(state, measurement, event, settings),
         attempts=state.attempts + (event is Event.MISSED),
