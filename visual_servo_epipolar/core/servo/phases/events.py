@@ -117,13 +117,18 @@ def _zeroing(state: ServoState, measurement: Measurement, settings: ServoSetting
     if abs(chi) >= settings.divergence:
         return Event.DIVERGED
     if state.yaw_learnt > YAW_FOR_NEW_START:
-        return Event.ESCAPED
+        return _anew(measurement, settings)
     if not state.latched and is_off_course(measurement, settings):
         return Event.SIDEWAYS
     if state.latched and abs(chi) > escape_bound(state, measurement, settings):
-        near = measurement.difference > -settings.retreat_difference
-        return Event.SIDEWAYS if near and settings.options.retreat else Event.ESCAPED
+        return _anew(measurement, settings)
     return Event.ALIGNED if state.settled >= settings.align_frames else Event.NOTHING
+
+
+def _anew(measurement: Measurement, settings: ServoSettings) -> Event:
+    """Return the event that begins step 1 anew: from too near a goal the robot backs off first."""
+    near = measurement.difference > -settings.retreat_difference
+    return Event.SIDEWAYS if near and settings.options.retreat else Event.ESCAPED
 
 
 def _matching(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
