@@ -26,8 +26,9 @@ YAW_WALK = math.radians(1.0)  # of the yaw, as bases crab and models err [rad], 
 SLIP = 0.05  # of a travel: what dead reckoning is wrong by
 CORRELATION = 6.0  # bearings share the photograph: so many tell as much as one
 LEAST_DEVIATION = 2e-3  # of a bearing: what tilt and roll are not known to [rad]
-SIGNIFICANT = 3.0  # deviations from what was told, before it is believed
-LEAST = np.array([math.radians(1.0), 0.03, 0.03])  # below which little is gained [rad, m, m]
+SIGNIFICANT = 4.0  # deviations from what was told, before it is believed
+LEAST = np.array([math.radians(2.0), 0.1, 0.1])  # below which little is gained [rad, m, m]
+RANGED = 0.2  # deviation of the logarithm of a distance that is known
 LEAST_STEP = 0.02  # between two updates, travel [m] or turn [rad]
 NEAR, UNCERTAIN = 0.15, math.radians(1.5)  # distance [m], deviation of a bearing [rad]
 GATE = 6.0  # deviations beyond which a bearing begins the path anew
@@ -154,7 +155,10 @@ def learnt(
 def is_significant(belief: Extrinsics) -> bool:
     """Return whether what was learnt of the mount differs from what was told, and matters."""
     change = np.abs(belief.mean[YAW:] - belief.told)
-    deviations = np.sqrt(belief.covariance.diagonal()[YAW:])
+    _, distance, *mount = np.sqrt(belief.covariance.diagonal()).tolist()
+    deviations = np.array(mount)
+    if distance > RANGED:
+        return False
     return bool(np.any((change > SIGNIFICANT * deviations) & (change > LEAST)))
 
 
