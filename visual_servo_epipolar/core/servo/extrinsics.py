@@ -26,9 +26,11 @@ YAW_WALK = math.radians(1.0)  # of the yaw, as bases crab and models err [rad], 
 SLIP = 0.05  # of a travel: what dead reckoning is wrong by
 CORRELATION = 6.0  # bearings share the photograph: so many tell as much as one
 LEAST_DEVIATION = 2e-3  # of a bearing: what tilt and roll are not known to [rad]
-SIGNIFICANT = 4.0  # deviations from what was told, before it is believed
-LEAST = np.array([math.radians(2.0), 0.1, 0.1])  # below which little is gained [rad, m, m]
-RANGED = 0.2  # deviation of the logarithm of a distance that is known
+# Deviations from what was told before it is believed, and that of the logarithm of a distance that
+# is known: at first, and after an attempt that missed.
+SIGNIFICANT, RANGED = (4.0, 3.5), (0.25, 0.5)
+# Below which little is gained [rad, m, m]; an offset aside alone is never told apart for certain.
+LEAST = np.array([math.radians(2.0), 0.1, math.inf])
 LEAST_STEP = 0.02  # between two updates, travel [m] or turn [rad]
 NEAR, UNCERTAIN = 0.15, math.radians(1.5)  # distance [m], deviation of a bearing [rad]
 GATE = 6.0  # deviations beyond which a bearing begins the path anew
@@ -128,13 +130,15 @@ def seen(before: Extrinsics, psi: float, deviation: float) -> tuple[Extrinsics, 
 
 
 def learnt(
-    before: Extrinsics, measurement: Measurement, bearings: Bearings | None, travel: float
+    before: Extrinsics, measurement: Measurement, travel: float, *, missed: bool
 ) -> Extrinsics:
     """
-    Return the belief after ``travel`` [m] and a ``measurement``, whose camera has ``bearings``.
+    Return the belief after ``travel`` [m] and a ``measurement``.
 
-    Near the goal bearings say where it is, but nothing of the mount.
+    Near the goal bearings say nothing of the mount. Where an attempt has ``missed``, something is
+    wrong, and what was learnt is believed sooner.
     """
+    bearings = measurement.bearings
     deviation = max(measurement.deviation, LEAST_DEVIATION) if bearings else math.nan
     if not before.placed:
         return placed(before, bearings, deviation) if bearings else before
@@ -149,17 +153,17 @@ def learnt(
     after, innovation = seen(after, bearings.psi, deviation)
     if abs(innovation) > GATE:
         return placed(before, bearings, deviation)
-    return replace(after, believed=after.believed or is_significant(after))
+    return replace(after, believed=after.believed or is_significant(after, missed))
 
 
-def is_significant(belief: Extrinsics) -> bool:
+def is_significant(belief: Extrinsics, missed: bool) -> bool:
     """Return whether what was learnt of the mount differs from what was told, and matters."""
     change = np.abs(belief.mean[YAW:] - belief.told)
     _, distance, *mount = np.sqrt(belief.covariance.diagonal()).tolist()
     deviations = np.array(mount)
-    if distance > RANGED:
+    if distance > RANGED[missed]:
         return False
-    return bool(np.any((change > SIGNIFICANT * deviations) & (change > LEAST)))
+    return bool(np.any((change > SIGNIFICANT[missed] * deviations) & (change > LEAST)))
 
 
 def camera_axes(heading: float) -> FloatArray:

@@ -39,10 +39,13 @@ def updated(
     extrinsics = learnt(
         state.extrinsics or settings.extrinsics,
         measurement,
-        measurement.bearings,
         _driven(state, dt, settings),
+        missed=state.attempts > 1,
     )
     measurement = _of_the_axle(measurement, extrinsics)
+    if extrinsics.believed and not (state.extrinsics and state.extrinsics.believed):
+        # What was ranged so far was driven by another mount.
+        state = replace(state, leg=None, range=extrinsics.distance)
     leg = _leg(state, dt)
     state = replace(
         state,
