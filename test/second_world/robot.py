@@ -19,13 +19,14 @@ Place = tuple[float, float, float]
 
 @dataclass(frozen=True)
 class Mast:
-    """Where the camera sits [m], and its angles [rad]: down, clockwise seen from behind."""
+    """Where the camera sits [m], and its angles [rad]: down, clockwise, to the left."""
 
     height: float = 0.35
     ahead: float = 0.12
     aside: float = 0.04
     tilt: float = 0.0
     roll: float = 0.0
+    yaw: float = 0.0
 
     def camera(self, place: Place) -> tuple[np.ndarray, np.ndarray]:
         """Return the axes right, down, forward as columns, (3, 3), and the centre, (3,)."""
@@ -33,10 +34,11 @@ class Mast:
         ahead = np.array([math.cos(heading), math.sin(heading), 0.0])
         aside = np.array([-ahead[1], ahead[0], 0.0])
         up = np.array([0.0, 0.0, 1.0])
-        forward = math.cos(self.tilt) * ahead - math.sin(self.tilt) * up
-        down = np.cross(forward, -aside)
-        right = -math.cos(self.roll) * aside + math.sin(self.roll) * down
         centre = np.array([x, y, self.height]) + self.ahead * ahead + self.aside * aside
+        look = math.cos(self.yaw) * ahead + math.sin(self.yaw) * aside
+        level = np.cross(look, up)
+        forward = math.cos(self.tilt) * look - math.sin(self.tilt) * up
+        right = math.cos(self.roll) * level + math.sin(self.roll) * np.cross(forward, level)
         return np.column_stack([right, np.cross(forward, right), forward]), centre
 
 
@@ -94,7 +96,7 @@ def _is_wrong(moment: Moment, mast: Mast) -> bool:
         return False
     current, desired = (np.exp(1j * angle) for angle in moment.bearings)
     # To the right of the heading is clockwise, against the angles of the plane.
-    seen_here = np.exp(1j * moment.place[2]) / current
-    seen_there = np.exp(1j * GOAL[2]) / desired
+    seen_here = np.exp(1j * (moment.place[2] + mast.yaw)) / current
+    seen_there = np.exp(1j * (GOAL[2] + mast.yaw)) / desired
     errors = abs(np.angle(seen_here / way)), abs(np.angle(-seen_there / way))
     return bool(max(errors) > math.radians(10.0))

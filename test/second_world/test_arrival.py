@@ -30,8 +30,8 @@ PERIOD_NS = 100_000_000
 LONGEST = 600  # frames
 BRAKING = 6  # frames
 LEVEL, DOWN, UP = (
-    Mast(tilt=math.radians(tilt), roll=math.radians(roll))
-    for tilt, roll in ((0.0, 0.0), (7.0, 2.0), (-12.0, -5.0))
+    Mast(tilt=math.radians(tilt), roll=math.radians(roll), yaw=math.radians(yaw))
+    for tilt, roll, yaw in ((0.0, 0.0, 0.0), (7.0, 2.0, 0.0), (-12.0, -5.0, 4.0))
 )
 RIGHT, LEFT = (0.8, -3.2, 6.0), (-1.0, -4.0, -8.0)  # x, y [m], heading error [deg]
 ANY_ATTITUDE = pytest.mark.xfail(
@@ -88,7 +88,7 @@ def moment(place: Place, state: ServoState) -> Moment:
         pytest.param(LEVEL, RIGHT, id='level, from the right'),
         pytest.param(LEVEL, LEFT, id='level, from the left'),
         pytest.param(DOWN, LEFT, id='7 deg down', marks=ANY_ATTITUDE),
-        pytest.param(UP, RIGHT, id='12 deg up', marks=ANY_ATTITUDE),
+        pytest.param(UP, RIGHT, id='12 deg up, 4 deg to the left', marks=ANY_ATTITUDE),
     ],
 )
 def test_the_robot_arrives_and_never_drives_on_a_wrong_geometry(

@@ -122,6 +122,13 @@ def test_true_bearings_are_not_wrong_and_others_are(pose: Pose) -> None:
             assert wrong_geometry_s(moments, CENTRED, 0.1) == seconds
 
 
+def test_a_mast_that_looks_left_has_the_goal_to_its_right() -> None:
+    left, behind = Mast(ahead=0.0, aside=0.0, yaw=0.3), (0.0, -2.0, GOAL[2])
+    assert left.camera(GOAL)[0][0, 2] == pytest.approx(-math.sin(0.3))
+    for bearings, seconds in (((0.3, 0.3 - math.pi), 0.0), ((0.0, math.pi), 0.1)):
+        assert wrong_geometry_s([Moment(behind, bearings, True)], left, 0.1) == seconds
+
+
 def test_excursion_is_the_largest_distance_over_the_first() -> None:
     places = [(0.0, -2.0, 1.0), (1.5, -2.0, 1.0), (0.0, 0.0, 1.0)]
     assert excursion([Moment(place, None, True) for place in places]) == 1.25
