@@ -2,7 +2,7 @@
 Draws docs/mounts.png and prints the tables of docs/mounts.md.
 
 `python docs/mounts_figure.py [RESULT.json] [TARGET.png]`: of what `visual_servo bench mounts
---json RESULT.json` wrote, or of a run of its own, which takes half an hour on one core.
+--json RESULT.json` wrote, or of a run of its own, which takes an hour on one core.
 """
 
 from collections.abc import Callable, Mapping, Sequence
