@@ -70,6 +70,11 @@ class Camera:
         return self.distortion_model if self.distorts else 'pinhole'
 
     @property
+    def wide(self) -> bool:
+        """A pinhole is not: its image is a plane."""
+        return False
+
+    @property
     def distorts(self) -> bool:
         """Whether any distortion coefficient differs from zero."""
         return any(self.distortion)

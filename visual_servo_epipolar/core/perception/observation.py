@@ -23,7 +23,8 @@ class Observation:
     the angles of one pixel at each current and desired ray [rad], None for those of a pinhole
     without distortion. ``focal`` [px] only turns pixel thresholds into angles and back. ``edges``
     are the bearings of the left and the right edge of the image [rad], right positive. ``dropped``
-    is the number of features left out, for the lens cannot say where they are.
+    is the number of features left out, for the lens cannot say where they are. ``wide`` is a lens
+    that sees farther off its axis than a plane can hold.
     """
 
     stamp_ns: int
@@ -33,6 +34,7 @@ class Observation:
     edges: tuple[float, float] = (-HALF_PI, HALF_PI)
     pixel_angles: FloatArray | None = None
     dropped: int = 0
+    wide: bool = False
 
     @property
     def resolution(self) -> FloatArray:
@@ -130,9 +132,15 @@ def _observation(
     """Return the observation of as many current rays as desired ones, one after the other."""
     count = len(rays) // 2
     angles = resolution.reshape(2, count).T.copy()
-    current, desired = rays[:count], rays[count:]
     return Observation(
-        stamp_ns, current, desired, camera.focal, camera.edges, angles, dropped=dropped
+        stamp_ns,
+        rays[:count],
+        rays[count:],
+        camera.focal,
+        camera.edges,
+        angles,
+        dropped=dropped,
+        wide=camera.wide,
     )
 
 

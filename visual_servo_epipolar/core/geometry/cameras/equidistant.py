@@ -10,6 +10,7 @@ from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray
 from visual_servo_epipolar.core.geometry.cameras.model import refuse_impossible, ROUND_TRIP_PX
 
 WIDEST = math.radians(170.0)  # from the axis: no lens sees farther, and directions end at 180
+WIDE = math.radians(55.0)  # off the axis: the corners of usual pinholes are nearer to it
 LEAST_SLOPE = 0.02  # of the radius by the angle: where it is less, a pixel tells no direction
 ANGLES = 4096  # tried for where the slope ends
 ITERATIONS = 60  # bisection alone would do with
@@ -59,6 +60,11 @@ class Equidistant:
     def lens(self) -> str:
         """Name of the lens, for messages."""
         return self.distortion_model
+
+    @property
+    def wide(self) -> bool:
+        """Whether its corners are farther off the axis than 55 deg, as no usual pinhole's are."""
+        return _corner(self) > WIDE
 
     @property
     def reach(self) -> float:
@@ -151,6 +157,15 @@ def _angle(radius: FloatArray, distortion: tuple[float, ...]) -> FloatArray:
         if (change[seen] <= TOLERANCE).all():
             break
     return np.where(seen, theta, np.nan)
+
+
+@lru_cache(maxsize=16)
+def _corner(camera: Equidistant) -> float:
+    """Return the angle from the axis of the farthest corner, at most the reach [rad]."""
+    x = max(camera.cx, camera.width - 1.0 - camera.cx) / camera.fx
+    y = max(camera.cy, camera.height - 1.0 - camera.cy) / camera.fy
+    theta = float(_angle(np.array([math.hypot(x, y)]), camera.distortion)[0])
+    return camera.reach if math.isnan(theta) else theta
 
 
 @lru_cache(maxsize=16)

@@ -39,6 +39,11 @@ class CameraModel(Protocol):
         ...
 
     @property
+    def wide(self) -> bool:
+        """Whether it sees farther off its axis than an image plane can well hold."""
+        ...
+
+    @property
     def edges(self) -> tuple[float, float]:
         """Bearings of the left and of the right edge of the image [rad], right positive."""
         ...
