@@ -26,7 +26,7 @@ def calibrated_camera(
 
     """
     if k[1] != 0.0:
-        raise ValueError(f'CameraInfo must have no skew, got K[1] = {k[1]}; calibrate again')
+        raise ValueError(f'a camera matrix must have no skew, got K[1] = {k[1]}; calibrate again')
     if distortion_model in FISHEYES:
         return Equidistant(*size, k[0], k[4], k[2], k[5], distortion)
     return Camera(*size, k[0], k[4], k[2], k[5], distortion, distortion_model)
