@@ -38,12 +38,14 @@ class ReplayOverrides:
     """
     Overrides of the user over what was recorded.
 
-    ``desired`` is a photograph, or when it was taken; ``changes`` are settings by section,
-    ``tracker`` and ``servo``.
+    ``rectified`` are the images even where no recorded setting says so. ``desired`` is a
+    photograph, or when it was taken; ``changes`` are settings by section, ``tracker`` and
+    ``servo``.
     """
 
     from_tracks: bool = False
     camera: CameraModel | None = None
+    rectified: bool = False
     desired: Image | Moment | None = None
     changes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
@@ -173,7 +175,7 @@ def _cameras(
             f'{bag.path}: no camera_info; name its topic with --topics camera_info=NAME, or give '
             'a camera file: --camera FILE.yaml'
         )
-    return run.cameras
+    return run.rectified_cameras if overrides.rectified else run.cameras
 
 
 def _photographs(
