@@ -15,6 +15,7 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from visual_servo_epipolar.core.control.command import Command, HALT
+from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
 from visual_servo_epipolar.core.geometry.cameras.plausibility import doubts
 from visual_servo_epipolar.core.perception.observation import observe
@@ -158,6 +159,11 @@ class ServoNode(Node):
         """Say what is odd about a camera; hold if it is not that which the run began with."""
         if doubts(camera):
             self._warn(doubts(camera))
+        if self._settings.focal_deviation > 0.0 and not isinstance(camera, Camera):
+            self._warn(
+                f'focal_deviation is of a pinhole, the camera_info of a {camera.lens} lens: the '
+                'corrections will be wrong; set focal_deviation: 0.0'
+            )
         if self._is_other_camera(camera) and self._state.phase in DRIVING:
             self._lose(camera_changed(camera))
 
