@@ -2,6 +2,7 @@
 
 import math
 
+import cv2
 import numpy as np
 import pytest
 
@@ -118,3 +119,19 @@ def test_implausible_intrinsics_are_refused() -> None:
     assert math.isclose(message.k[0], 1e6)
     with pytest.raises(ValueError, match='the field of view of a pinhole lens'):
         read.camera(message)
+
+
+def test_rectified_pixels_show_what_raw_ones_do_as_the_rectified_camera_is_turned() -> None:
+    message = info()
+    rotation, _ = cv2.Rodrigues(np.array([0.02, -0.03, 0.01]))
+    message.r = rotation.ravel()
+    message.p = [700.0, 0.0, 620.0, -42.0, 0.0, 705.0, 470.0, 0.0, 0.0, 0.0, 1.0, 0.0]
+    raw = np.random.default_rng(0).uniform(100.0, 800.0, (50, 2))
+    projection = np.array(message.p).reshape(3, 4)[:, :3]
+    rectified = cv2.undistortPoints(
+        raw.reshape(-1, 1, 2), FULL.matrix, np.array(FULL.distortion), R=rotation, P=projection
+    ).reshape(-1, 2)
+    turned = read.camera(message).rays(raw) @ rotation.T
+    # OpenCV stops after five iterations.
+    seen = read.camera(message, rectified=True).rays(rectified)
+    np.testing.assert_allclose(seen, turned, atol=1e-4)
