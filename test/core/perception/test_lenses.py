@@ -97,8 +97,10 @@ def test_d_of_the_sphere_is_that_of_the_plane_at_small_angles() -> None:
     assert wide == pytest.approx(plane, rel=1e-3)
 
 
-def test_d_of_the_sphere_falls_with_the_distance_to_the_goal_from_either_side() -> None:
+@pytest.mark.parametrize('part', ['all around', 'behind alone'])
+def test_d_of_the_sphere_falls_with_the_distance_to_the_goal_from_either_side(part: str) -> None:
     points = sphere()
+    points = points[points[:, 2] < 0.0] if part == 'behind alone' else points
     desired = normalised(points)
     values = [
         float(feature_difference(normalised(points - [0.0, 0.0, z]), desired, True))
