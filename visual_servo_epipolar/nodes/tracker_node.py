@@ -15,7 +15,8 @@ from std_srvs.srv import Trigger
 from visual_servo_epipolar.core.arrays import as_gray
 from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.errors import TrackingError
-from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.cameras.calibrated import FISHEYES
+from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
@@ -28,6 +29,7 @@ from visual_servo_epipolar.report.images.overlay import draw_overlay
 
 WARN_PERIOD_S = 5.0
 MAX_CAPTURE_AGE_S = 1.0
+RECTIFIED = 'image_rect'  # in the names that image_proc gives
 
 
 class TrackerNode(Node):
@@ -46,7 +48,7 @@ class TrackerNode(Node):
         parameters.watch(self, lambda: self._settings, self._use)
         self._tracker = Tracker(self._settings)
         self._stamp_ns: int | None = None
-        self._camera: Camera | None = None
+        self._camera: CameraModel | None = None
         self._unusable = ''  # why the last camera_info cannot be used
         self._latest: Pixels | None = None
         self._latest_ns, self._steady = 0, Clock(clock_type=ClockType.STEADY_TIME)
@@ -96,13 +98,25 @@ class TrackerNode(Node):
 
     def _on_info(self, message: CameraInfo) -> None:
         try:
-            self._camera, self._unusable = read.camera(message), ''
+            rectified = self._node_settings.rectified
+            self._camera, self._unusable = read.camera(message, rectified=rectified), ''
+            self._look_at(message)
         except ValueError as error:
             self._camera, self._unusable = None, str(error)
             self._latest = None
         if self._pending_image is not None:
             pending, self._pending_image = self._pending_image, None
             self._on_image(pending)
+
+    def _look_at(self, info: CameraInfo) -> None:
+        """Say if the name of the images tells that they are rectified, and nothing else does."""
+        topic = self.resolve_topic_name('image_raw')
+        distorts = any(info.d) or info.distortion_model in FISHEYES
+        if RECTIFIED in topic and distorts and not self._node_settings.rectified:
+            self._warn(
+                f'{topic} sounds rectified, but rectified is false: the distortion of camera_info '
+                'is removed from its images; set rectified: true for tracker and servo'
+            )
 
     def _on_image(self, message: Image) -> None:
         if self._camera is None and not self._unusable:

@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
-from visual_servo_epipolar.simulation.rendering.raster import rasterize
+from visual_servo_epipolar.simulation.rendering.raster import rasterize, View
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene, Surface, Texture
 from visual_servo_epipolar.simulation.rooms.scene import room
@@ -145,7 +145,8 @@ def test_paint_too_fine_to_see_is_grey() -> None:
 def test_what_is_painted_is_what_is_nearest(furnished: Renderer) -> None:
     rng = np.random.default_rng(1)
     for pose in POSES:
-        view = furnished._view(pose, None)
+        axes, centre = furnished.rig.camera_pose(pose)
+        view = View(640, 480, CAMERA.matrix, centre, axes)
         raster = rasterize(furnished.scene, view)
         pixels = rng.integers((0, 0), (640, 480), (400, 2))
         points = furnished.trace(pixels.astype(float), pose)

@@ -8,7 +8,8 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.errors import TrackingError
-from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.camera import Camera, LEAST_FORWARD
+from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.epipolar import in_pixels
 from visual_servo_epipolar.core.geometry.rays import image_points
 from visual_servo_epipolar.core.perception.measurement import Measurement
@@ -54,8 +55,8 @@ class Inspection:
 def inspect(
     desired: Image,
     current: Image,
-    desired_camera: Camera,
-    current_camera: Camera,
+    desired_camera: CameraModel,
+    current_camera: CameraModel,
     settings: PerceptionSettings,
 ) -> Inspection:
     """
@@ -71,11 +72,21 @@ def inspect(
         return Inspection(False, str(error))
     rays_current = current_camera.rays(pixels_current)
     rays_desired = desired_camera.rays(pixels_desired)
+    usable = current_camera.round_trips(pixels_current, rays_current)
+    usable &= desired_camera.round_trips(pixels_desired, rays_desired)
+    pixels_current, pixels_desired = pixels_current[usable], pixels_desired[usable]
+    rays_current, rays_desired = rays_current[usable], rays_desired[usable]
     resolution = np.stack(
         [current_camera.resolution(rays_current), desired_camera.resolution(rays_desired)], axis=1
     )
-    focal = math.sqrt(current_camera.fx * current_camera.fy)
-    observation = Observation(0, rays_current, rays_desired, focal, pixel_angles=resolution)
+    observation = Observation(
+        0,
+        rays_current,
+        rays_desired,
+        current_camera.focal,
+        pixel_angles=resolution,
+        wide=current_camera.wide,
+    )
     perception = perceive(observation, settings, 0)
     seen, fundamental = perception.measurement, perception.fundamental
     found = replace(
@@ -84,7 +95,7 @@ def inspect(
         desired=pixels_desired,
         fundamental=None
         if fundamental is None
-        else in_pixels(fundamental, current_camera.matrix, desired_camera.matrix),
+        else _in_pixels(fundamental, current_camera, desired_camera),
     )
     if math.isnan(seen.parallax_px):
         return found  # too few matches for anything
@@ -136,12 +147,25 @@ def _planar(seen: Measurement) -> Inspection:
     )
 
 
+def _in_pixels(
+    fundamental: FloatArray, current_camera: CameraModel, desired_camera: CameraModel
+) -> FloatArray | None:
+    """Return F in pixels, which only pinholes have."""
+    if isinstance(current_camera, Camera) and isinstance(desired_camera, Camera):
+        return in_pixels(fundamental, current_camera.matrix, desired_camera.matrix)
+    return None
+
+
 def _general(
-    found: Inspection, observation: Observation, current_camera: Camera, desired_camera: Camera
+    found: Inspection,
+    observation: Observation,
+    current_camera: CameraModel,
+    desired_camera: CameraModel,
 ) -> Inspection:
     """Return the five-point geometry (Nister 2004, by OpenCV) where motion is not planar."""
     threshold = GENERAL_PX / observation.focal
-    points = image_points(observation.current), image_points(observation.desired)
+    front = np.minimum(observation.current[:, 2], observation.desired[:, 2]) > LEAST_FORWARD
+    points = image_points(observation.current[front]), image_points(observation.desired[front])
     essential, mask = cv2.findEssentialMat(*points, np.eye(3), cv2.USAC_MAGSAC, 0.999, threshold)
     share = found.inliers / max(len(observation.current), 1)
     reason = found.reason or f'only {100.0 * share:.0f} % of the matches fit a planar motion'
@@ -154,7 +178,7 @@ def _general(
     count = int((inliers > 0).sum())
     return replace(
         found,
-        trusted=count >= PLANAR_SHARE * len(observation.current),
+        trusted=count >= PLANAR_SHARE * int(front.sum()),
         reason=f'{reason}: general epipolar geometry',
         bearing_current=current,
         bearing_desired=math.atan2(centre[0], centre[2]),
@@ -163,5 +187,5 @@ def _general(
         deviation=math.nan,
         inliers=count,
         planar=False,
-        fundamental=in_pixels(essential, current_camera.matrix, desired_camera.matrix),
+        fundamental=_in_pixels(essential, current_camera, desired_camera),
     )

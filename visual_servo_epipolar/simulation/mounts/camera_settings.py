@@ -2,7 +2,11 @@
 
 from dataclasses import dataclass, replace
 
-from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.cameras.calibrated import (
+    calibrated_camera,
+    CalibratedCamera,
+    LENSES,
+)
 from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
 
@@ -27,7 +31,15 @@ class CameraSettings(Settings):
         512.0, 'Principal point, from the top [px]', low=-1e4, high=1e4, read_only=True
     )
     distortion: tuple[float, ...] = setting(
-        (0.0, 0.0, 0.0, 0.0, 0.0), 'plumb_bob coefficients k1 k2 p1 p2 k3', read_only=True
+        (0.0, 0.0, 0.0, 0.0, 0.0),
+        'Coefficients of the lens, as in camera_info; zeros are none, of any model',
+        read_only=True,
+    )
+    distortion_model: str = setting(
+        'plumb_bob',
+        'Lens: equidistant is a fisheye, whose focal length is that of its centre',
+        choices=LENSES,
+        read_only=True,
     )
     frame_rate: float = setting(11.0, 'Frames a second [Hz]', low=0.1, high=200.0, read_only=True)
     encoding: str = setting(
@@ -83,21 +95,17 @@ class CameraSettings(Settings):
         _ = self.camera  # raises ValueError for an impossible distortion
 
     @property
-    def camera(self) -> Camera:
+    def camera(self) -> CalibratedCamera:
         """The true intrinsics, which images and points obey."""
         focal = self.focal_length
-        return Camera(
-            self.width,
-            self.height,
-            focal,
-            focal,
-            self.principal_u,
-            self.principal_v,
-            self.distortion,
-        )
+        k = (focal, 0.0, self.principal_u, 0.0, focal, self.principal_v, 0.0, 0.0, 1.0)
+        plumb_bob = self.distortion_model == 'plumb_bob'
+        # The zeros that stand for no distortion are as many as plumb_bob has.
+        distortion = self.distortion if plumb_bob or any(self.distortion) else ()
+        return calibrated_camera((self.width, self.height), k, distortion, self.distortion_model)
 
     @property
-    def nominal_camera(self) -> Camera:
+    def nominal_camera(self) -> CalibratedCamera:
         """The nominal intrinsics, those of the calibration, by which tracker and servo go."""
         true = self.camera
         return replace(

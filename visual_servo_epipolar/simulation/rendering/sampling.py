@@ -14,6 +14,8 @@ FLAGS = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
 def shade(scene: Scene, view: View, raster: Raster) -> Image:
     """Return the image, shape (H, W), of what the raster shows; black where it shows nothing."""
     image: Image = np.zeros((view.height, view.width), dtype=np.uint8)
+    if not raster.strips:
+        return image
     sources = _sources(scene, raster)
     for number, (strip, box, source) in enumerate(
         zip(raster.strips, raster.boxes, sources, strict=True), start=1
