@@ -151,10 +151,13 @@ class Anchor:
         unit, deviation = _normalised(self._sample(image, centre, local))
         correlation = np.einsum('np,np->n', unit, patches).astype(np.float64)
         correction = np.linalg.norm(centre - warps.current, axis=1)
-        correlation = np.where(correction <= MAX_CORRECTION, correlation, 0.0)
+        # A comparison with nan is false: what diverged stays where it was.
+        stays = ~(correction <= MAX_CORRECTION) | ~np.isfinite(local).all(axis=(1, 2))
+        correlation = np.where(stays, 0.0, correlation)
         residual = deviation * np.sqrt(np.maximum(2.0 - 2.0 * correlation, 0.0))
-        aligned = replace(warps, current=centre, affine=local * scale)
-        return Alignment(aligned, correlation, residual)
+        centre[stays], affine = warps.current[stays], local * scale
+        affine[stays] = warps.affine[stays]
+        return Alignment(replace(warps, current=centre, affine=affine), correlation, residual)
 
     def _sample(self, image: FloatImage, centre: FloatArray, local: FloatArray) -> FloatImage:
         """Return the current patches, shape (N, P), by bilinear interpolation."""
@@ -245,6 +248,8 @@ def _update_matrix(
     scale = np.array([1.0, 1.0, *[1.0 / grid.max()] * 4])  # one unit each moves pixels by one
     descent = descent * scale[:, None]
     hessian = descent @ descent.T
+    if not np.trace(hessian) > 0.0:  # stripes of a pixel: contrast without a slope
+        return np.zeros((6, len(grid)), np.float32)
     hessian += DAMPING * np.trace(hessian) / 6.0 * np.eye(6)
     update = scale[:, None] * (np.linalg.solve(hessian, descent) * norm)
     return np.asarray(update.astype(np.float32))
