@@ -45,9 +45,7 @@ def test_random_matches_are_explained_by_chance(seed: int, count: int) -> None:
 @given(pose=poses_behind_the_goal(), seed=st.integers(0, 2**31 - 1))
 def test_true_matches_are_not_explained_by_chance(pose, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    current, desired = (
-        FOCAL * points + CENTRE for points in matched_points(pose, count=30)
-    )
+    current, desired = (FOCAL * points + CENTRE for points in matched_points(pose, count=30))
     desired = frames(desired + rng.normal(0.0, 0.3, desired.shape), rng)
     current = turned(desired, current + rng.normal(0.0, 0.3, current.shape), rng)
     current[:10, :2] = rng.uniform((0.0, 0.0), (320.0, 256.0), (10, 2))  # a third is wrong
@@ -57,9 +55,7 @@ def test_true_matches_are_not_explained_by_chance(pose, seed: int) -> None:
 def test_directions_that_agree_weigh_as_much_as_positions() -> None:
     rng = np.random.default_rng(5)
     pose = Pose.from_start(0.5, -3.0, 5.0)
-    current, desired = (
-        FOCAL * points + CENTRE for points in matched_points(pose, count=9)
-    )
+    current, desired = (FOCAL * points + CENTRE for points in matched_points(pose, count=9))
     desired = frames(desired, rng)
     alike = turned(desired, current, rng)
     unlike = np.column_stack([current, frames(current, rng)[:, 2:]])

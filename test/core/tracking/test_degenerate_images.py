@@ -150,9 +150,7 @@ def test_contrast_without_a_slope_stays_where_it_is(kind: str) -> None:
 
 
 def test_the_flow_of_no_point_is_none() -> None:
-    moved, valid = flow(
-        scene(), scene(), np.empty((0, 2), np.float32), settings=TrackerSettings()
-    )
+    moved, valid = flow(scene(), scene(), np.empty((0, 2), np.float32), settings=TrackerSettings())
     assert (len(moved), len(valid)) == (0, 0)
 
 

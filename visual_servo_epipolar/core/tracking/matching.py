@@ -19,7 +19,10 @@ ITERATIONS = 5000
 CORNER_WINDOW = 15  # side of the window of the corner measure [px]
 BORDER = 2  # so much farther than a patch's radius from the border of the desired image [px]
 ENOUGH = 500  # keypoints of a photograph with which its detector is good enough
-LEAST_SIDE, LARGEST_SIDE = 16, 32766  # of an image [px]: SIFT needs a pyramid; cv2.remap has limits
+LEAST_SIDE, LARGEST_SIDE = (
+    16,
+    32766,
+)  # of an image [px]: SIFT needs a pyramid; cv2.remap has limits
 LARGEST_ENLARGED = 640 * 480  # image that is worth being enlarged [px]
 CHANCE = -2.0  # log10 of the false alarms of a geometry that are expected at most
 
@@ -79,6 +82,11 @@ class DesiredView:
     keypoints: Keypoints
     corners: FloatArray
     detector: Detector
+
+    @property
+    def is_weak(self) -> bool:
+        """Whether the photograph shows little but weak contrast."""
+        return self.detector != DETECTORS[0]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -30,6 +30,7 @@ from visual_servo_epipolar.core.tracking.template_alignment import (
     Anchor,
     float_image,
     FloatImage,
+    noise_deviation,
     Warps,
 )
 from visual_servo_epipolar.core.tracking.tracks import Tracks
@@ -75,7 +76,8 @@ class Tracker:
         Raises ValueError or TrackingError, and keeps the former view, if it cannot be used.
         """
         view = desired_view(image)
-        self._view, self._anchor = view, Anchor(view.image)
+        noise = noise_deviation(view.image) if view.is_weak else 0.0
+        self._view, self._anchor = view, Anchor(view.image, noise=noise)
         self.redetect()
 
     def redetect(self) -> None:
