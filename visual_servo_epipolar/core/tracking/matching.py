@@ -83,11 +83,6 @@ class DesiredView:
     corners: FloatArray
     detector: Detector
 
-    @property
-    def is_weak(self) -> bool:
-        """Whether the photograph shows little but weak contrast."""
-        return self.detector != DETECTORS[0]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Matches:

@@ -75,12 +75,12 @@ def search(
     The patch is that of ``feature`` at ``desired``, shape (2,) [px]; ``image`` is float32 of shape
     (H, W). Returns None where the peak is low, or a second one nearly as high.
     """
-    patch, local, reliability = anchor.patch(feature, desired, prediction.affine)
+    patch, local = anchor.patch(feature, desired, prediction.affine)
     reach = anchor.radius + int(np.ceil(prediction.radius))
     region = anchor.region(image, prediction.current, local, reach)
     score = cv2.matchTemplate(region, patch, cv2.TM_CCOEFF_NORMED)
     _, peak, _, (column, row) = cv2.minMaxLoc(score)
-    if not peak >= MIN_PEAK * reliability:
+    if not peak >= MIN_PEAK:
         return None
     rivals = score.copy()
     rivals[

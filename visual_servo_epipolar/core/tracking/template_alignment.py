@@ -15,14 +15,13 @@ from numpy.typing import NDArray
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, Image, IntArray
 
-RADII = (6, 10)  # least and usual radius: patches have 2 radius + 1 pixels a side
+RADIUS, LEAST_RADIUS = 10, 6  # patches have 2 radius + 1 pixels a side
 USUAL_SIZE = 640 * 480  # of an image: the radius shrinks with smaller ones [px]
 LEVELS_PER_OCTAVE = 2
 LEVELS = 8  # down to 1 / 11 of the size in the desired image
 PIXEL_BLUR = 0.5  # standard deviation of what one pixel integrates over [px]
 DAMPING = 1e-3  # of the Hessian, over its mean eigenvalue (Levenberg)
 MAX_CORRECTION = 4.0  # of one alignment from the position by flow or matching [px]
-LEAST_RELIABILITY = 0.75  # share of a patch's variance that is taken for signal at least
 LEAST_SCALE = 1e-3  # determinant below which a step of the alignment is not taken
 FloatImage: TypeAlias = NDArray[np.float32]  # for interpolation, shape (H, W)
 
@@ -35,7 +34,7 @@ def patch_radius(shape: tuple[int, ...]) -> int:
     edges in depth.
     """
     share = min(shape[0] * shape[1] / USUAL_SIZE, 1.0)
-    return max(RADII[0], round(RADII[1] * share**0.5))
+    return max(LEAST_RADIUS, round(RADIUS * share**0.5))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,29 +85,22 @@ class Alignment:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Template:
-    """
-    Template of one feature at one scale: unit patch, shape (P,), and update matrix, (6, P).
-
-    ``reliability`` is the share of its variance that is no noise.
-    """
+    """Template of one feature at one scale: unit patch, shape (P,), and update matrix, (6, P)."""
 
     patch: FloatImage
     update: FloatImage
-    reliability: float
 
 
 class Anchor:
     """
     Anchor: the desired image as a pyramid, with the templates of features at its levels.
 
-    Patches have 2 ``radius`` + 1 pixels a side, at the scale of the current image. Given the
-    ``noise`` of both images, a standard deviation [grey levels], correlations are corrected for
-    attenuation by it (Spearman 1904): in weak contrast two noisy views of one patch are unlike.
+    Patches have 2 ``radius`` + 1 pixels a side, at the scale of the current image; what suits the
+    size of the image if not given.
     """
 
-    def __init__(self, image: Image, *, noise: float = 0.0) -> None:
-        self._noise = noise
-        self.radius = patch_radius(image.shape)
+    def __init__(self, image: Image, *, radius: int | None = None) -> None:
+        self.radius = patch_radius(image.shape) if radius is None else radius
         self._images = [_blurred(image, level) for level in range(LEVELS)]
         self._templates: dict[tuple[int, int], _Template] = {}
         side = np.arange(-self.radius, self.radius + 1, dtype=np.float64)
@@ -118,17 +110,15 @@ class Anchor:
 
     def patch(
         self, feature: int, point: FloatArray, affine: FloatArray
-    ) -> tuple[FloatImage, FloatArray, float]:
+    ) -> tuple[FloatImage, FloatArray]:
         """
         Return the template at the scale of ``affine``, (2, 2), of the feature at ``point``, (2,).
 
-        Shape (S, S), S = 2 radius + 1; the map of its pixels to current offsets, (2, 2); and the
-        correlation with a noisy view of itself.
+        Shape (S, S), S = 2 radius + 1; and the map of its pixels to current offsets, (2, 2).
         """
         level = int(_levels(affine[None])[0])
-        template = self._template(feature, point, level)
-        patch = template.patch.reshape(2 * self.radius + 1, -1)
-        return patch, affine / float(_scale(np.array([level]))[0]), template.reliability
+        patch = self._template(feature, point, level).patch.reshape(2 * self.radius + 1, -1)
+        return patch, affine / float(_scale(np.array([level]))[0])
 
     def region(
         self, image: FloatImage, centre: FloatArray, local: FloatArray, reach: int
@@ -152,7 +142,7 @@ class Anchor:
         if not len(warps):
             return Alignment(warps, np.empty(0), np.empty(0))
         levels = _levels(warps.affine)
-        patches, updates, reliability = self._stacked(warps, levels)
+        patches, updates = self._stacked(warps, levels)
         scale = _scale(levels)[:, None, None]
         local, centre = warps.affine / scale, warps.current.copy()
         for _ in range(iterations):
@@ -168,8 +158,7 @@ class Anchor:
         residual = deviation * np.sqrt(np.maximum(2.0 - 2.0 * correlation, 0.0))
         centre[stays], affine = warps.current[stays], local * scale
         affine[stays] = warps.affine[stays]
-        aligned = replace(warps, current=centre, affine=affine)
-        return Alignment(aligned, correlation / reliability, residual)
+        return Alignment(replace(warps, current=centre, affine=affine), correlation, residual)
 
     def _sample(self, image: FloatImage, centre: FloatArray, local: FloatArray) -> FloatImage:
         """Return the current patches, shape (N, P), by bilinear interpolation."""
@@ -177,19 +166,13 @@ class Anchor:
         points = rows.astype(np.float32) @ self._grid_rows
         return bilinear(image, points[:, 0], points[:, 1])
 
-    def _stacked(
-        self, warps: Warps, levels: IntArray
-    ) -> tuple[FloatImage, FloatImage, FloatArray]:
-        """Return unit patches, (N, P), update matrices, (N, 6, P), and reliabilities, (N,)."""
+    def _stacked(self, warps: Warps, levels: IntArray) -> tuple[FloatImage, FloatImage]:
+        """Return the unit patches, shape (N, P), and update matrices, (N, 6, P), of features."""
         templates = [
             self._template(int(feature), point, int(level))
             for feature, point, level in zip(warps.ids, warps.desired, levels, strict=True)
         ]
-        return (
-            np.stack([it.patch for it in templates]),
-            np.stack([it.update for it in templates]),
-            np.array([it.reliability for it in templates]),
-        )
+        return np.stack([it.patch for it in templates]), np.stack([it.update for it in templates])
 
     def _template(self, feature: int, point: FloatArray, level: int) -> _Template:
         if (feature, level) not in self._templates:
@@ -201,23 +184,10 @@ class Anchor:
         points = point + self._grid * stride
         patch, deviation = _normalised(bilinear(image, points[None, :, 0], points[None, :, 1]))
         if not deviation[0] > 0.0:
-            update = np.zeros((6, patch.size), np.float32)
-            return _Template(np.zeros_like(patch[0]), update, 1.0)
+            return _Template(np.zeros_like(patch[0]), np.zeros((6, patch.size), np.float32))
         slope = _slopes(image, points, stride)
         norm = float(deviation[0]) * np.sqrt(len(self._grid))
-        reliability = 1.0 - (self._noise / float(deviation[0])) ** 2
-        update = _update_matrix(slope, self._grid, patch[0], norm)
-        return _Template(patch[0], update, max(reliability, LEAST_RELIABILITY))
-
-
-def noise_deviation(image: Image) -> float:
-    """
-    Return the standard deviation of the noise of ``image`` [grey levels], at least 3 px a side.
-
-    The median of what no slope and no edge along an axis can be (Immerkaer 1996).
-    """
-    rows = np.diff(image.astype(np.float64), n=2, axis=0)
-    return float(np.median(np.abs(np.diff(rows, n=2, axis=1)))) / (0.6745 * 6.0)
+        return _Template(patch[0], _update_matrix(slope, self._grid, patch[0], norm))
 
 
 def float_image(image: Image) -> FloatImage:
