@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 
 SAMPLE, MODELS = 7, 3  # matches that define a geometry, and how many they define at most
 CROSSED = 4000  # pairs that are crossed, about
@@ -61,7 +61,7 @@ def log_false_alarms(
     return float(values.min())
 
 
-def _log_tests(total: int, counts: FloatArray) -> FloatArray:
+def _log_tests(total: int, counts: IntArray) -> FloatArray:
     """Return log10 of the number of geometries and sets of inliers that might have been found."""
     return np.array(
         [
@@ -76,7 +76,7 @@ def _log_tests(total: int, counts: FloatArray) -> FloatArray:
     )
 
 
-def _crossed(count: int) -> FloatArray:
+def _crossed(count: int) -> IntArray:
     """Return index pairs of features that are no match, shape (M, 2): each with later ones."""
     shifts = np.arange(1, min(count - 1, max(CROSSED // count, 1)) + 1)
     desired = np.tile(np.arange(count), len(shifts))

@@ -7,6 +7,7 @@ which the feature appears in the current one, so that both patches show equal de
 """
 
 from dataclasses import dataclass, replace
+import math
 from typing import Any, TypeAlias
 
 import cv2
@@ -34,7 +35,7 @@ def patch_radius(shape: tuple[int, ...]) -> int:
     edges in depth.
     """
     share = min(shape[0] * shape[1] / USUAL_SIZE, 1.0)
-    return max(LEAST_RADIUS, round(RADIUS * share**0.5))
+    return max(LEAST_RADIUS, round(RADIUS * math.sqrt(share)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,12 +96,11 @@ class Anchor:
     """
     Anchor: the desired image as a pyramid, with the templates of features at its levels.
 
-    Patches have 2 ``radius`` + 1 pixels a side, at the scale of the current image; what suits the
-    size of the image if not given.
+    Patches have 2 ``radius`` + 1 pixels a side, at the scale of the current image.
     """
 
-    def __init__(self, image: Image, *, radius: int | None = None) -> None:
-        self.radius = patch_radius(image.shape) if radius is None else radius
+    def __init__(self, image: Image) -> None:
+        self.radius = patch_radius(image.shape)
         self._images = [_blurred(image, level) for level in range(LEVELS)]
         self._templates: dict[tuple[int, int], _Template] = {}
         side = np.arange(-self.radius, self.radius + 1, dtype=np.float64)

@@ -30,7 +30,6 @@ from visual_servo_epipolar.core.tracking.template_alignment import (
     Anchor,
     float_image,
     FloatImage,
-    RADIUS,
     Warps,
 )
 from visual_servo_epipolar.core.tracking.tracks import Tracks
@@ -39,7 +38,6 @@ FIRST_ITERATIONS = 15  # of the alignment after a match: its scale is only known
 BORDER = 4.0  # features nearer to the border of the current image are dropped [px]
 FEW, FEW_PERIOD = 20, 3  # below so many features, matching may come after so few frames
 FEW_FACTOR = 3  # the search is so many times wider below min_features
-NEAR_PX = 4.0  # median distance between the views of a feature close to the goal [px]
 OUTLIER_PX = 8.0  # distance from the common motion at which the flow of a feature is dropped
 
 
@@ -56,7 +54,6 @@ class Tracker:
         self.settings = settings
         self._view: DesiredView | None = None
         self._anchor: Anchor | None = None
-        self._near_anchor: Anchor | None = None
         self._previous: Image | None = None
         self._tracked = Tracks.empty()
         self._candidates: Candidates | None = None
@@ -79,8 +76,6 @@ class Tracker:
         """
         view = desired_view(image)
         self._view, self._anchor = view, Anchor(view.image)
-        small = self._anchor.radius < RADIUS
-        self._near_anchor = Anchor(view.image, radius=RADIUS) if small else None
         self.redetect()
 
     def redetect(self) -> None:
@@ -173,22 +168,11 @@ class Tracker:
 
     def _aligned(self, tracked: Tracks, image: FloatImage, iterations: int) -> Tracks:
         """Return the tracks aligned with the desired image, without those unlike it."""
-        alignment = self._anchor_of(tracked).align(tracked.warps, image, iterations=iterations)
+        assert self._anchor is not None
+        alignment = self._anchor.align(tracked.warps, image, iterations=iterations)
         aligned = Tracks(alignment.warps, tracked.ages, alignment.residual)
         similar = alignment.correlation >= self.settings.min_correlation
         return aligned.take(similar & inside_border(aligned.warps.current, image.shape, BORDER))
-
-    def _anchor_of(self, tracked: Tracks) -> Anchor:
-        """
-        Return the desired image with patches of a size that suits ``tracked``.
-
-        Close to the goal nothing moves at edges in depth: large patches average more noise.
-        """
-        assert self._anchor is not None
-        if self._near_anchor is None or not len(tracked):
-            return self._anchor
-        distances = np.linalg.norm(tracked.warps.current - tracked.warps.desired, axis=1)
-        return self._near_anchor if np.median(distances) < NEAR_PX else self._anchor
 
     def _reacquired(self, tracked: Tracks, image: FloatImage) -> Tracks:
         """Return the tracks and those missing candidates, tried in turn, that are in ``image``."""
