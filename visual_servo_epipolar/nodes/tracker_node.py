@@ -5,6 +5,7 @@ import sys
 from typing import Any
 
 import cv2
+from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -20,7 +21,14 @@ from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
-from visual_servo_epipolar.messages import event_log, read, settings_text, validation, write
+from visual_servo_epipolar.messages import (
+    diagnostics,
+    event_log,
+    read,
+    settings_text,
+    validation,
+    write,
+)
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.complaints import Complaints
 from visual_servo_epipolar.nodes.run import spin
@@ -50,6 +58,7 @@ class TrackerNode(Node):
         self._stamp_ns: int | None = None
         self._camera: CameraModel | None = None
         self._unusable = ''  # why the last camera_info cannot be used
+        self._reason = ''  # why the photograph was not found in the last image
         self._latest: Pixels | None = None
         self._latest_ns, self._steady = 0, Clock(clock_type=ClockType.STEADY_TIME)
         self._pending_image: Image | None = None
@@ -71,6 +80,9 @@ class TrackerNode(Node):
         self._desired_pub = self.create_publisher(Image, '~/desired/image_raw', qos.LATCHED)
         self._settings_pub = self.create_publisher(String, '~/settings', qos.LATCHED)
         self._events_pub = self.create_publisher(String, '~/events', qos.DIAGNOSTICS)
+        self._diagnostics_pub = self.create_publisher(
+            DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS
+        )
 
     def _create_subscriptions(self) -> None:
         images = qos.IMAGES[self._node_settings.camera_reliability]
@@ -128,7 +140,17 @@ class TrackerNode(Node):
         self._stamp_ns = read.stamp_ns(message.header)
         if tracking.warning:
             self._warn(tracking.warning)
+        self._diagnose(tracking.warning, len(tracking.features))
         self._publish(tracking.features, message)
+
+    def _diagnose(self, reason: str, features: int) -> None:
+        """Publish why the photograph is not found, as long as that lasts, and that it is over."""
+        if reason or self._reason:
+            name = self.get_fully_qualified_name()
+            self._diagnostics_pub.publish(
+                diagnostics.tracking_diagnosis(reason, features, self._stamp_ns or 0, name=name)
+            )
+        self._reason = reason
 
     def _publish(self, features: Features, image: Image) -> None:
         stamp_ns, frame_id = read.stamp_ns(image.header), image.header.frame_id

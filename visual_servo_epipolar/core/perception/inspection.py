@@ -166,7 +166,12 @@ def _general(
     threshold = GENERAL_PX / observation.focal
     front = np.minimum(observation.current[:, 2], observation.desired[:, 2]) > LEAST_FORWARD
     points = image_points(observation.current[front]), image_points(observation.desired[front])
-    essential, mask = cv2.findEssentialMat(*points, np.eye(3), cv2.USAC_MAGSAC, 0.999, threshold)
+    try:
+        essential, mask = cv2.findEssentialMat(
+            *points, np.eye(3), cv2.USAC_MAGSAC, 0.999, threshold
+        )
+    except cv2.error:  # OpenCV 5 asserts that there is a model, where few matches gave none
+        essential = None
     share = found.inliers / max(len(observation.current), 1)
     reason = found.reason or f'only {100.0 * share:.0f} % of the matches fit a planar motion'
     if essential is None or essential.shape != (3, 3):
