@@ -95,7 +95,7 @@ def _plausible_2dof(views: Views) -> BoolArray:
 
 def _refine_2dof(views: Views, matches: BoolArray) -> Fit:
     mean = np.zeros(views.angles.shape)
-    before = GaussianPrior(mean, np.zeros((*mean.shape, mean.shape[-1])))
+    before = GaussianPrior(mean, np.zeros((len(mean), 2, 2)))
     return _refined(
         views, table_of(views.rays, matches), two.model, before, np.ones(len(views.priors))
     )

@@ -27,9 +27,6 @@ from visual_servo_epipolar.core.estimators.machinery.gaussian import (
     Posterior,
     posterior,
 )
-from visual_servo_epipolar.core.estimators.machinery.general_hypotheses import (
-    general_start_parameters,
-)
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
     INLIER_DEVIATIONS,
     Rays,
@@ -44,8 +41,11 @@ from visual_servo_epipolar.core.estimators.machinery.refinement import (
     refined_modes,
 )
 from visual_servo_epipolar.core.estimators.machinery.sampson import table_of
-from visual_servo_epipolar.core.estimators.machinery.search import searched, SearchMethod
-from visual_servo_epipolar.core.estimators.machinery.tilted_hypotheses import (
+from visual_servo_epipolar.core.estimators.machinery.search.general_hypotheses import (
+    general_start_parameters,
+)
+from visual_servo_epipolar.core.estimators.machinery.search.search import searched, SearchMethod
+from visual_servo_epipolar.core.estimators.machinery.search.tilted_hypotheses import (
     is_cold,
     is_poor,
     JUMPS,

@@ -34,6 +34,7 @@ LEAST = np.array([math.radians(2.0), 0.1, math.inf])
 LEAST_STEP = 0.02  # between two updates, travel [m] or turn [rad]
 NEAR, UNCERTAIN = 0.15, math.radians(1.5)  # distance [m], deviation of a bearing [rad]
 GATE = 6.0  # deviations beyond which a bearing begins the path anew
+FAULT, MAX_CONTRADICTIONS = 5, 12  # what one bearing beyond it counts, and what is too much
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -43,7 +44,8 @@ class Extrinsics:
 
     ``told``, shape (3,), is the mount as parameters have it: yaw [rad], forward and left [m].
     ``heading`` error [rad] and ``travel`` [m] are those of the last update and since. ``placed``
-    says whether there was any, ``believed`` whether what was learnt differs from what was told.
+    says whether there was any, ``believed`` whether what was learnt differs from what was told;
+    ``contradictions`` counts bearings that commands do not explain, less those that they do.
     """
 
     told: FloatArray
@@ -53,11 +55,22 @@ class Extrinsics:
     travel: float = 0.0
     placed: bool = False
     believed: bool = False
+    contradictions: int = 0
 
     @property
     def mount(self) -> FloatArray:
         """Yaw [rad], offset forward and left [m] that control goes by, shape (3,)."""
         return self.mean[YAW:] if self.believed else self.told
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether the bearings contradict what was driven."""
+        return self.contradictions > MAX_CONTRADICTIONS
+
+    @property
+    def is_ranged(self) -> bool:
+        """Whether the distance is known, to a fourth or so."""
+        return bool(self.covariance[RHO, RHO] < RANGED[0] ** 2)
 
     @property
     def distance(self) -> float:
@@ -152,7 +165,9 @@ def learnt(
         return after
     after, innovation = seen(after, bearings.psi, deviation)
     if abs(innovation) > GATE:
-        return placed(before, bearings, deviation)
+        anew = placed(before, bearings, deviation)
+        return replace(anew, contradictions=before.contradictions + FAULT)
+    after = replace(after, contradictions=max(before.contradictions - 1, 0))
     return replace(after, believed=after.believed or is_significant(after, missed))
 
 

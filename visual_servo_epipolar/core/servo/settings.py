@@ -84,6 +84,12 @@ class ServoSettings(PerceptionSettings, ControlSettings):
         0.06, '|D| at unit focal length to back off to at least', low=0.001, high=1.0
     )
     retreat_speed: float = setting(0.2, 'Speed of backing off [m/s]', low=0.01, high=2.0)
+    max_retreat: float = setting(
+        10.0, 'Retreat: distance backed off at which the run fails [m]', low=0.1, high=100.0
+    )
+    max_excursion: float = setting(
+        1.3, 'Distance in steps 1 and 2 over their first at which the run fails', low=1.05, high=10
+    )
     divergence: float = setting(
         1.5, 'Bearing of e_du at which step 1 has failed [rad]', low=0.5, high=1.57
     )

@@ -22,7 +22,8 @@ class ServoState:
 
     Phase: ``phase``; ``phase_start_ns`` and ``run_start_ns``, stamps of the images at which it and
     the run began [ns]; ``reason`` of the last change of phase, or why it waits; ``warning``, what
-    may make the phase fail; ``attempts`` at both steps, from 1; ``frame``, the number of steps.
+    may make the phase fail; ``travel`` in the phase, backward negative [m]; ``attempts`` at both
+    steps, from 1; ``frame``, the number of steps.
 
     Measurement and memory: ``measurement``, the last one, and ``memory``, what perception carries
     to the next image, both None before the first; ``period``, the time between two images [s],
@@ -40,7 +41,8 @@ class ServoState:
     when the phase began (that of step 2 as well), None where they are given.
 
     Identification: ``extrinsics`` of the camera on the base, and the ``mount``, shape (3,), by
-    which the phase began; ``last_linear``, the speed of the command before the last [m/s]; ``curvature`` that the base adds to commands, ``slope`` of D in step 2.
+    which the phase began; ``last_linear``, the speed of the command before the last [m/s];
+    ``curvature`` that the base adds to commands, ``slope`` of D in step 2.
 
     Settling: ``settled``, frames in a row that fulfil the aim of the phase; ``settled_parallax``,
     the root mean square of the parallax over them [rad].
@@ -71,6 +73,7 @@ class ServoState:
     settled_parallax: float = math.nan
     attempts: int = 1
     frame: int = 0
+    travel: float = 0.0
     reason: str = ''
     warning: str = ''
 

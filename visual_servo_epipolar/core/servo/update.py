@@ -5,6 +5,7 @@ import math
 
 from visual_servo_epipolar.core.control import laws
 from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.extrinsics import at_axle, Extrinsics, learnt
 from visual_servo_epipolar.core.servo.identification import Slope
@@ -36,12 +37,16 @@ def updated(
 ) -> ServoState:
     """Return the state updated by a ``perception`` ``dt`` [s] after the last, unclassified."""
     previous, measurement = state.measurement, perception.measurement
+    driven = _driven(state, dt, settings)
     extrinsics = learnt(
         state.extrinsics or settings.extrinsics,
         measurement,
-        _driven(state, dt, settings),
+        driven,
         missed=state.attempts > 1,
     )
+    if extrinsics.contradicts:
+        perception = _disproved(perception, settings)
+        measurement, extrinsics = perception.measurement, settings.extrinsics
     measurement = _of_the_axle(measurement, extrinsics)
     if extrinsics.believed and not (state.extrinsics and state.extrinsics.believed):
         # What was ranged so far was driven by another mount.
@@ -53,6 +58,7 @@ def updated(
         leg=leg,
         extrinsics=extrinsics,
         last_linear=state.twist.linear,
+        travel=state.travel + driven,
         period=_period(state, dt),
         range=_range(state, measurement, leg, dt),
         desired_rate=_desired_rate(state, measurement, dt),
@@ -65,6 +71,16 @@ def updated(
         memory=perception.memory,
     )
     return _with_settled(state, measurement, settings)
+
+
+def _disproved(perception: Perception, settings: ServoSettings) -> Perception:
+    """Return ``perception`` without a geometry that driving disproves, and what led to it."""
+    measurement = replace(
+        perception.measurement,
+        bearings=None,
+        reason='the bearings contradict what was driven; they are looked for anew',
+    )
+    return replace(perception, measurement=measurement, memory=fresh_memory(settings))
 
 
 def _driven(state: ServoState, dt: float, settings: ServoSettings) -> float:

@@ -6,6 +6,7 @@ import math
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.phases.conditions import (
     align_bound,
+    astray,
     engage_bound,
     escape_bound,
     facing_bound,
@@ -38,6 +39,8 @@ def classify(state: ServoState, settings: ServoSettings) -> Event:
         return Event.TIMED_OUT
     if measurement.features < settings.min_features:
         return Event.LOST if phase in DRIVING else Event.NOTHING
+    if astray(state, measurement, settings):
+        return Event.ASTRAY
     event = _CLASSIFIERS[phase](state, measurement, settings)
     into_step_2 = next_phase(phase, event) is Phase.MATCHING_FEATURES
     return Event.LOST if into_step_2 and not math.isfinite(measurement.difference) else event

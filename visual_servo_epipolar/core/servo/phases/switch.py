@@ -5,7 +5,7 @@ import math
 
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.derived_gains import legal_target, with_gains_of_now
-from visual_servo_epipolar.core.servo.phases.conditions import discordant_bearing
+from visual_servo_epipolar.core.servo.phases.conditions import astray, discordant_bearing
 from visual_servo_epipolar.core.servo.phases.table import Event, next_phase, Phase
 from visual_servo_epipolar.core.servo.ranging import Leg
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -26,6 +26,7 @@ def switched(
         phase_start_ns=measurement.stamp_ns,
         run_start_ns=measurement.stamp_ns if state.phase is Phase.WAITING else state.run_start_ns,
         mount=None if state.extrinsics is None else state.extrinsics.mount,
+        travel=0.0,
         settled=0,
         reason=_reason(state, measurement, event, settings),
         attempts=state.attempts + (event is Event.MISSED),
@@ -94,6 +95,8 @@ def _reason(
     if event is Event.TIMED_OUT:
         because = f': {state.warning}' if state.warning else ''
         return f'{name} took longer than {settings.phase_timeout:g} s{because}'
+    if event is Event.ASTRAY:
+        return astray(state, measurement, settings)
     if event is Event.DIVERGED:
         return f'the desired epipole ran away to infinity in {name}'
     if event in (Event.MISSED, Event.EXHAUSTED):

@@ -10,10 +10,6 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimators.base import Attitude
-from visual_servo_epipolar.core.estimators.machinery.five_point import (
-    essential_matrices,
-    samples,
-)
 from visual_servo_epipolar.core.estimators.machinery.gaussian import undetermined
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
     best_modes,
@@ -22,6 +18,10 @@ from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
     SEPARATION,
 )
 from visual_servo_epipolar.core.estimators.machinery.sampson import squared_distances, table_of
+from visual_servo_epipolar.core.estimators.machinery.search.five_point import (
+    essential_matrices,
+    samples,
+)
 from visual_servo_epipolar.core.estimators.machinery.tilted_planar import (
     matrices,
     PHI,

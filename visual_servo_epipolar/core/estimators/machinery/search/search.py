@@ -28,7 +28,7 @@ from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
     too_few,
 )
 from visual_servo_epipolar.core.estimators.machinery.refinement import Fit
-from visual_servo_epipolar.core.estimators.machinery.tilted_hypotheses import (
+from visual_servo_epipolar.core.estimators.machinery.search.tilted_hypotheses import (
     is_cold,
     is_general,
     POOR,

@@ -37,8 +37,8 @@ def _gather() -> FloatArray:
 
 def _times_x() -> tuple[IntArray, IntArray]:
     """Return to which monomial x takes each of the basis, as places in MONOMIALS."""
-    products = [tuple(sorted((0, *pair))) for pair in QUADRATIC]
-    places = np.array([MONOMIALS.index(product) for product in products])
+    order = [list(monomial) for monomial in MONOMIALS]
+    places = np.array([order.index(sorted((0, *pair))) for pair in QUADRATIC])
     return np.flatnonzero(places < 10), places
 
 
