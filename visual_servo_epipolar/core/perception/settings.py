@@ -54,16 +54,32 @@ class PerceptionSettings(Settings):
         0.3, 'Deviation of a tracked coordinate before residuals show it [px]', low=0.01, high=10
     )
     camera_tilt: float = setting(
-        0.0, 'Tilt of the camera, down positive, as far as it is known [rad]', low=-0.8, high=0.8
+        0.0,
+        'Tilt of the camera, down positive, as far as it is known [rad]',
+        low=-0.8,
+        high=0.8,
+        read_only=True,
     )
     camera_roll: float = setting(
-        0.0, 'Roll of the camera, clockwise, as far as it is known [rad]', low=-0.8, high=0.8
+        0.0,
+        'Roll of the camera, clockwise, as far as it is known [rad]',
+        low=-0.8,
+        high=0.8,
+        read_only=True,
     )
     camera_tilt_deviation: float = setting(
-        0.26, 'Deviation of that tilt, which is learnt while driving [rad]', low=0.0017, high=0.5
+        0.26,
+        'Deviation of that tilt, which is learnt while driving [rad]',
+        low=0.0017,
+        high=0.5,
+        read_only=True,
     )
     camera_roll_deviation: float = setting(
-        0.09, 'Deviation of that roll, which is learnt while driving [rad]', low=0.0017, high=0.5
+        0.09,
+        'Deviation of that roll, which is learnt while driving [rad]',
+        low=0.0017,
+        high=0.5,
+        read_only=True,
     )
     floor_jitter: float = setting(
         0.0017, 'Deviation of tilt and of roll by the floor, view by view [rad]', low=0, high=0.1

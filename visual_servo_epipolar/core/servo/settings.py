@@ -22,22 +22,42 @@ class ServoSettings(PerceptionSettings, ControlSettings):
     """
 
     camera_yaw: float = setting(
-        0.0, 'Yaw of the camera on the base, to the left, as told [rad]', low=-1.6, high=1.6
+        0.0,
+        'Yaw of the camera on the base, to the left, as told [rad]',
+        low=-1.6,
+        high=1.6,
+        read_only=True,
     )
     camera_forward: float = setting(
-        0.0, 'Camera ahead of the axle, as told [m]', low=-2.0, high=2.0
+        0.0, 'Camera ahead of the axle, as told [m]', low=-2.0, high=2.0, read_only=True
     )
     camera_left: float = setting(
-        0.0, 'Camera to the left of the middle of the axle, as told [m]', low=-2.0, high=2.0
+        0.0,
+        'Camera to the left of the middle of the axle, as told [m]',
+        low=-2.0,
+        high=2.0,
+        read_only=True,
     )
     camera_yaw_deviation: float = setting(
-        0.09, 'Deviation of that yaw, which is learnt while driving [rad]', low=0.0, high=0.5
+        0.09,
+        'Deviation of that yaw, which is learnt while driving [rad]',
+        low=0.0,
+        high=0.5,
+        read_only=True,
     )
     camera_forward_deviation: float = setting(
-        0.15, 'Deviation of that offset ahead, which is learnt [m]', low=0.0, high=1.0
+        0.15,
+        'Deviation of that offset ahead, which is learnt [m]',
+        low=0.0,
+        high=1.0,
+        read_only=True,
     )
     camera_left_deviation: float = setting(
-        0.07, 'Deviation of that offset aside, which is learnt [m]', low=0.0, high=1.0
+        0.07,
+        'Deviation of that offset aside, which is learnt [m]',
+        low=0.0,
+        high=1.0,
+        read_only=True,
     )
     autostart: bool = setting(
         False, 'Start by itself once there are tracks; false: on ~/start', read_only=True
