@@ -82,6 +82,8 @@ def document(
         'bearing_desired_deg': math.degrees(inspection.bearing_desired),
         'bearing_deviation_deg': math.degrees(inspection.deviation),
         'rotation_deg': math.degrees(inspection.rotation),
+        'tilt_deg': math.degrees(inspection.tilt),
+        'roll_deg': math.degrees(inspection.roll),
         'sigma': None if math.isnan(inspection.sigma) else int(inspection.sigma),
         'trusted': inspection.trusted,
         'reason': inspection.reason,
@@ -100,6 +102,10 @@ def _abscissa(bearing: float, camera: CalibratedCamera) -> float:
     return float(camera.pixels(ray)[0, 0] - camera.cx)
 
 
+def _told(angle: float) -> str:
+    return 'an unknown angle' if math.isnan(angle) else f'{angle:+.1f} deg'
+
+
 def in_words(result: dict[str, Any]) -> str:
     """Return the result as text."""
     verdict = 'trusted' if result['trusted'] else 'NOT trusted'
@@ -115,6 +121,11 @@ def in_words(result: dict[str, Any]) -> str:
         lines.append(
             f'the goal lies at {result["bearing_current_deg"]:+.2f} deg, the camera is seen from '
             f'it at {result["bearing_desired_deg"]:+.2f} deg (right positive)'
+        )
+    if not (math.isnan(result['tilt_deg']) and math.isnan(result['roll_deg'])):
+        lines.append(
+            f'the camera is tilted by {_told(result["tilt_deg"])} (down positive) and rolled by '
+            f'{_told(result["roll_deg"])} (clockwise)'
         )
     return '\n'.join(lines)
 

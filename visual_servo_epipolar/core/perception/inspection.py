@@ -8,6 +8,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.errors import TrackingError
+from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.camera import Camera, LEAST_FORWARD
 from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.epipolar import in_pixels
@@ -24,6 +25,7 @@ REFINEMENT = 15  # iterations of the alignment after the match
 MIN_CORRELATION = 0.75
 PLANAR_SHARE = 0.7  # of the matches: below, the motion is not planar
 GENERAL_PX = 1.5  # inlier threshold of the general geometry
+TOLD = math.radians(3.0)  # deviation of tilt or roll beyond which it is not told
 SAME_PLACE_PX = 0.3  # parallax that noise alone makes
 
 
@@ -34,7 +36,8 @@ class Inspection:
 
     Bearings are those of the other camera's centre, right positive; ``rotation`` is the heading of
     the current against the desired view, left positive. ``fundamental``, shape (3, 3), is in
-    pixels. ``planar`` is False where the general geometry had to be used.
+    pixels. ``planar`` is False where the general geometry had to be used; ``tilt``, down positive,
+    and ``roll``, clockwise, are those of the camera, where the pair tells them.
     """
 
     trusted: bool
@@ -47,6 +50,8 @@ class Inspection:
     parallax_px: float = math.nan
     inliers: int = 0
     planar: bool = True
+    tilt: float = math.nan
+    roll: float = math.nan
     current: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     desired: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     fundamental: FloatArray | None = None
@@ -90,7 +95,7 @@ def inspect(
     perception = perceive(observation, settings, 0)
     seen, fundamental = perception.measurement, perception.fundamental
     found = replace(
-        _planar(seen),
+        _planar(seen, perception.memory.attitude),
         current=pixels_current,
         desired=pixels_desired,
         fundamental=None
@@ -127,7 +132,7 @@ def _aligned(view: DesiredView, matches: Matches, image: Image) -> tuple[FloatAr
     return alignment.warps.current[good], desired[good]
 
 
-def _planar(seen: Measurement) -> Inspection:
+def _planar(seen: Measurement, attitude: Attitude) -> Inspection:
     bearings = seen.bearings
     base = Inspection(
         bearings is not None,
@@ -144,6 +149,8 @@ def _planar(seen: Measurement) -> Inspection:
         bearing_current=bearings.current,
         bearing_desired=bearings.desired,
         sigma=bearings.sigma,
+        tilt=attitude.tilt if attitude.tilt_deviation < TOLD else math.nan,
+        roll=attitude.roll if attitude.roll_deviation < TOLD else math.nan,
     )
 
 
@@ -190,6 +197,8 @@ def _general(
         rotation=math.atan2(rotation[2, 0] - rotation[0, 2], rotation[0, 0] + rotation[2, 2]),
         sigma=-math.copysign(1.0, math.cos(current)),
         deviation=math.nan,
+        tilt=math.nan,
+        roll=math.nan,
         inliers=count,
         planar=False,
         fundamental=_in_pixels(essential, current_camera, desired_camera),
