@@ -15,12 +15,15 @@ AHEADS, ASIDES = (0.0, 0.2, 0.3), (0.0, 0.1)  # [m]
 
 WIDTH, FOCAL = 1280, 769.2307692307693  # of the default camera [px]
 SIZES = ((320, 240), (320, 256), (640, 480), (1280, 1024), (1920, 1080))
+FISHEYE = {'distortion_model': 'equidistant', 'distortion': [0.0, 0.0, 0.0, 0.0]}
 # Settings of the camera by the name of the lens.
 LENSES: Mapping[str, Mapping[str, Any]] = {
     'pinhole, 56 deg': {'focal_length': 1200.0},
     'pinhole, 100 deg': {'focal_length': 537.0},
     'plumb_bob, barrel': {'distortion': [-0.25, 0.08, 0.0005, -0.0005, 0.0]},
     'plumb_bob, pincushion': {'distortion': [0.12, 0.05, 0.0, 0.0, 0.0]},
+    'equidistant, 180 deg': {'focal_length': 407.4, **FISHEYE},
+    'equidistant, 220 deg': {'focal_length': 333.3, **FISHEYE},
 }
 
 
