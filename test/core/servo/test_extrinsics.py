@@ -4,102 +4,32 @@ from collections.abc import Iterator
 from dataclasses import replace
 import math
 
-from hypothesis import assume, given
+from mounted import frames, NOISE, sight
 import numpy as np
 import pytest
-from strategies import angles, floats, poses
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist, wrap_angle
-from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.servo.extrinsics import (
-    at_axle,
     Extrinsics,
-    FORWARD,
+    is_significant,
     learnt,
-    moved,
+    MAX_CONTRADICTIONS,
     NEAR,
     placed,
-    PSI,
     RHO,
-    seen,
-    told_extrinsics,
     UNCERTAIN,
     YAW,
 )
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 
-NOISE = 1e-3  # of a bearing [rad]
-PERIOD = 0.1  # between two images [s]
 ON_AXLE = np.zeros(3)
-START = Pose.from_start(0.8, -3.0, 5.0)
-# Turns in place to both sides, then a bend to and fro: speeds [m/s, rad/s] and how long [s].
-DRIVE = [
-    (Twist(0.0, 0.4), 1.0),
-    (Twist(0.0, -0.4), 2.0),
-    (Twist(0.0, 0.4), 1.0),
-    (Twist(0.3, 0.15), 3.0),
-    (Twist(0.3, -0.2), 3.0),
-    (Twist(-0.3, 0.15), 3.0),
-    (Twist(0.0, 0.4), 1.0),
-    (Twist(0.0, -0.4), 1.0),
-]
 MOUNTS = [
     np.array([math.radians(5.0), 0.25, 0.0]),
     np.array([math.radians(-4.0), -0.2, 0.0]),
     np.array([math.radians(3.0), 0.3, 0.05]),
 ]
-
-
-def rotated(x: float, y: float, angle: float) -> tuple[float, float]:
-    cosine, sine = math.cos(angle), math.sin(angle)
-    return cosine * x - sine * y, sine * x + cosine * y
-
-
-def camera_pose(base: Pose, mount: FloatArray) -> Pose:
-    """Return the camera of ``base``, in axes of the camera of a base that stands at the goal."""
-    yaw, *lever = mount.tolist()
-    x, y = rotated(*lever, base.theta)
-    goal_x, goal_y = rotated(*lever, math.pi / 2.0)
-    return Pose(*rotated(base.x + x - goal_x, base.y + y - goal_y, -yaw), base.theta)
-
-
-def of_camera_axes(mount: FloatArray) -> FloatArray:
-    """Return ``mount`` with its lever arm, which is given in axes of the base, in the camera's."""
-    yaw, *lever = mount.tolist()
-    return np.array([yaw, *rotated(*lever, -yaw)])
-
-
-def sight(bearings: Bearings, *, deviation: float = NOISE) -> Measurement:
-    return Measurement(
-        0,
-        40,
-        769.0,
-        0.3,
-        bearings=bearings,
-        deviation=deviation,
-        heading_error=bearings.heading_error,
-    )
-
-
-def frames(
-    mount: FloatArray, *, start: Pose = START, seed: int = 0
-) -> Iterator[tuple[Measurement, float, float]]:
-    """Yield of each image of DRIVE what is measured, the travel before, the true distance."""
-    rng = np.random.default_rng(seed)
-    base, travel = start, 0.0
-    twists = [twist for twist, duration in DRIVE for _ in range(round(duration / PERIOD))]
-    for twist in [*twists, Twist(0.0, 0.0)]:
-        camera = camera_pose(base, mount)
-        true = Bearings.from_pose(camera)
-        noise, turn = (NOISE * rng.standard_normal(2)).tolist()
-        yield (
-            sight(Bearings(true.psi + noise, true.phi + noise + 0.3 * turn)),
-            travel,
-            camera.distance,
-        )
-        base, travel = integrate(base, twist, PERIOD), twist.linear * PERIOD
 
 
 def unknown(told: FloatArray = ON_AXLE) -> Extrinsics:
@@ -193,107 +123,6 @@ def test_one_jump_is_forgiven_and_the_path_begins_anew() -> None:
     assert belief.contradictions == 0
 
 
-def moving(psi: float, rho: float, mount: FloatArray, heading: float, travel: float) -> Extrinsics:
-    """Return a belief that is about to move, with a covariance of full rank."""
-    root = np.random.default_rng(1).standard_normal((5, 5))
-    begun = told_extrinsics(mount, np.full(3, 0.1))
-    return replace(
-        begun,
-        mean=np.array([psi, rho, *mount]),
-        covariance=root @ root.T,
-        heading=heading,
-        travel=travel,
-        placed=True,
-    )
-
-
-@given(
-    psi=angles(),
-    rho=floats(-0.5, 1.5),
-    yaw=floats(-0.5, 0.5),
-    forward=floats(-0.4, 0.4),
-    heading=floats(-0.5, 0.5),
-    turn=floats(-0.4, 0.4),
-    travel=floats(-0.3, 0.3),
-)
-def test_the_covariance_moves_by_the_derivatives_of_the_mean(
-    psi: float, rho: float, yaw: float, forward: float, heading: float, turn: float, travel: float
-) -> None:
-    mount = np.array([yaw, forward, 0.1])
-    before = moving(psi, rho, mount, heading, travel)
-    after = moved(before, heading + turn)
-    assume(after.distance > 0.1)
-    step = 1e-6
-    columns = []
-    for k in range(5):
-        shift = step * np.eye(5)[k]
-        ends = [
-            moved(replace(before, mean=before.mean + side * shift), heading + turn).mean
-            for side in (1.0, -1.0)
-        ]
-        columns.append((ends[0] - ends[1]) / (2.0 * step))
-    jacobian = np.column_stack(columns)
-    # Whatever is added is noise of the path, which does not depend on the covariance.
-    noise = moved(replace(before, covariance=np.zeros((5, 5))), heading + turn).covariance
-    expected = jacobian @ before.covariance @ jacobian.T + noise
-    np.testing.assert_allclose(after.covariance, expected, rtol=1e-4, atol=1e-4)
-
-
-@given(poses(min_baseline=0.3), floats(-0.3, 0.3), floats(-0.3, 0.3), floats(-0.5, 0.5))
-def test_moved_is_the_exact_path_of_the_camera(
-    base: Pose, yaw: float, forward: float, travel: float
-) -> None:
-    mount = np.array([yaw, forward, 0.1])
-    camera = camera_pose(base, mount)
-    then = camera_pose(integrate(base, Twist(travel, 0.0), 1.0), mount)
-    assume(min(camera.distance, then.distance) > 0.1)
-    at_first = Bearings.from_pose(camera)
-    belief = moving(
-        at_first.psi,
-        math.log(camera.distance),
-        of_camera_axes(mount),
-        at_first.heading_error,
-        travel,
-    )
-    after = moved(belief, at_first.heading_error)
-    assert after.distance == pytest.approx(then.distance, rel=1e-9)
-    psi = Bearings.from_pose(then).psi
-    assert wrap_angle(float(after.mean[PSI]) - psi) == pytest.approx(0.0, abs=1e-9)
-
-
-@given(poses(min_baseline=0.3), floats(-0.3, 0.3), floats(0.1, 0.8))
-def test_a_turn_in_place_swings_the_camera(base: Pose, yaw: float, turn: float) -> None:
-    mount = np.array([yaw, 0.3, -0.1])
-    camera = camera_pose(base, mount)
-    then = camera_pose(integrate(base, Twist(0.0, turn), 1.0), mount)
-    assume(min(camera.distance, then.distance) > 0.1)
-    first, last = Bearings.from_pose(camera), Bearings.from_pose(then)
-    belief = moving(
-        first.psi, math.log(camera.distance), of_camera_axes(mount), first.heading_error, 0.0
-    )
-    after = moved(belief, last.heading_error)
-    assert after.distance == pytest.approx(then.distance, rel=1e-9)
-    assert wrap_angle(float(after.mean[PSI]) - last.psi) == pytest.approx(0.0, abs=1e-9)
-
-
-@given(
-    poses(min_baseline=0.3),
-    floats(-1.0, 1.0),
-    floats(-0.5, 0.5),
-    floats(-0.5, 0.5),
-)
-def test_the_bearings_of_the_camera_give_those_of_the_axle(
-    base: Pose, yaw: float, forward: float, left: float
-) -> None:
-    mount = np.array([yaw, forward, left])
-    camera = camera_pose(base, mount)
-    assume(camera.distance > 0.05)
-    axle = at_axle(Bearings.from_pose(camera), of_camera_axes(mount), camera.distance)
-    true = Bearings.from_pose(base)
-    assert wrap_angle(axle.psi - true.psi) == pytest.approx(0.0, abs=1e-9)
-    assert wrap_angle(axle.phi - true.phi) == pytest.approx(0.0, abs=1e-9)
-
-
 def close_to_goal() -> Extrinsics:
     """Return a belief that knows the camera to be at 0.1 m, with a mount that is not known."""
     begun = placed(unknown(), Bearings.from_pose(Pose.from_start(0.0, -0.1, 0.0)), NOISE)
@@ -334,10 +163,44 @@ def test_what_is_not_seen_leaves_the_path_to_go_on() -> None:
     assert belief.is_ranged
 
 
-def test_a_bearing_makes_no_deviation_larger() -> None:
-    before = moving(-1.5, 1.0, np.array([0.0, 0.2, 0.0]), 0.0, 0.1)
-    after, innovation = seen(before, -1.4, NOISE)
-    assert innovation > 0.0
-    assert (after.covariance.diagonal() <= before.covariance.diagonal()).all()
-    assert after.mean[PSI] == pytest.approx(-1.4, abs=1e-3)
-    assert after.mean[FORWARD] != before.mean[FORWARD]
+def is_believed(yaw: float, *, deviation: float, log_distance: float, missed: bool) -> bool:
+    """Return whether a ``yaw`` [deg] is significant at these deviations [deg, 1]."""
+    begun = unknown()
+    mean, covariance = begun.mean.copy(), begun.covariance.copy()
+    mean[YAW], covariance[YAW, YAW] = math.radians(yaw), math.radians(deviation) ** 2
+    covariance[RHO, RHO] = log_distance**2
+    return is_significant(replace(begun, mean=mean, covariance=covariance), missed)
+
+
+@pytest.mark.parametrize(
+    ('yaw', 'deviation', 'log_distance', 'believed'),
+    [
+        (4.1, 1.0, 0.24, (True, True)),
+        (-4.1, 1.0, 0.24, (True, True)),
+        (3.9, 1.0, 0.24, (False, True)),
+        (3.4, 1.0, 0.24, (False, False)),
+        (1.9, 0.1, 0.24, (False, False)),  # too little to matter
+        (4.1, 1.0, 0.26, (False, True)),
+        (4.1, 1.0, 0.51, (False, False)),  # the distance is not known: nor is the rest
+    ],
+)
+def test_what_is_believed_is_certain_and_matters_and_sooner_after_a_miss(
+    yaw: float, deviation: float, log_distance: float, believed: tuple[bool, bool]
+) -> None:
+    for missed in (False, True):
+        answer = is_believed(yaw, deviation=deviation, log_distance=log_distance, missed=missed)
+        assert answer is believed[missed]
+
+
+def test_an_offset_aside_alone_is_not_believed() -> None:
+    begun = unknown()
+    mean = begun.mean + [0.0, 0.0, 0.0, 0.0, 0.5]
+    certain = replace(begun, mean=mean, covariance=1e-6 * np.eye(5))
+    assert not is_significant(certain, True)
+    ahead = replace(certain, mean=begun.mean + [0.0, 0.0, 0.0, 0.11, 0.0])
+    assert is_significant(ahead, False)
+
+
+def test_so_many_contradictions_are_borne_and_no_more() -> None:
+    assert not replace(unknown(), contradictions=MAX_CONTRADICTIONS).contradicts
+    assert replace(unknown(), contradictions=MAX_CONTRADICTIONS + 1).contradicts
