@@ -6,8 +6,7 @@ goal's camera (x right, y forward), and held against the direction psi in which 
 tells how far off the goal is, where a robot goes that drives straight on (yaw), and how a turn in
 place moves its camera (the lever arm). A Kalman filter in modified polar coordinates, which bears
 a distance that is not known (Aidala, Hammel 1983): psi [rad], the logarithm of the distance [m],
-yaw [rad], and the lever arm forward and left [m]. The lever arm has axes of the camera, which to
-first order in the yaw makes no difference.
+yaw [rad], and the lever arm forward and left [m], in axes of the camera.
 """
 
 from dataclasses import dataclass, replace
@@ -42,7 +41,8 @@ class Extrinsics:
     """
     Mean, shape (5,), and covariance, (5, 5), of the place of the camera and of its mount.
 
-    ``told``, shape (3,), is the mount as parameters have it: yaw [rad], forward and left [m].
+    ``told``, shape (3,), is the mount as parameters have it: yaw [rad], and the lever arm forward
+    and left [m], turned into axes of the camera.
     ``heading`` error [rad] and ``travel`` [m] are those of the last update and since. ``placed``
     says whether there was any, ``believed`` whether what was learnt differs from what was told;
     ``contradictions`` counts bearings that commands do not explain, less those that they do.
@@ -79,7 +79,14 @@ class Extrinsics:
 
 
 def told_extrinsics(told: FloatArray, deviations: FloatArray) -> Extrinsics:
-    """Return what is known beforehand: the mount as ``told``, with ``deviations``, (3,) each."""
+    """
+    Return what is known beforehand: the mount as ``told``, with ``deviations``, shape (3,) each.
+
+    Its lever arm is told in axes of the base.
+    """
+    yaw, forward, left = told.tolist()
+    cosine, sine = math.cos(yaw), math.sin(yaw)
+    told = np.array([yaw, cosine * forward + sine * left, cosine * left - sine * forward])
     return Extrinsics(
         told,
         np.concatenate([[0.0, math.log(FIRST_DISTANCE)], told]),

@@ -23,7 +23,7 @@ class ServoState:
     Phase: ``phase``; ``phase_start_ns`` and ``run_start_ns``, stamps of the images at which it and
     the run began [ns]; ``reason`` of the last change of phase, or why it waits; ``warning``, what
     may make the phase fail; ``travel`` in the phase, backward negative [m]; ``attempts`` at both
-    steps, from 1; ``frame``, the number of steps.
+    steps, from 1, and ``restarts`` of step 1 in this one; ``frame``, the number of steps.
 
     Measurement and memory: ``measurement``, the last one, and ``memory``, what perception carries
     to the next image, both None before the first; ``period``, the time between two images [s],
@@ -72,6 +72,7 @@ class ServoState:
     settled: int = 0
     settled_parallax: float = math.nan
     attempts: int = 1
+    restarts: int = 0
     frame: int = 0
     travel: float = 0.0
     reason: str = ''

@@ -23,6 +23,7 @@ MAX_STEP_S = 1.0  # a longer gap between two images is not integrated over
 RATE_SMOOTHING = 0.4  # weight of the newest value in an exponential mean, as the next two
 RANGE_SMOOTHING = 0.2
 PERIOD_SMOOTHING = 0.1
+MANY_RESTARTS = 4  # of step 1: something is wrong, as after an attempt that missed
 MIN_SPEED = 0.05  # below which the path says nothing about the range [m/s]
 TURN_DEVIATIONS = 8.0  # least turn of the line of sight, in deviations of a bearing
 
@@ -42,7 +43,7 @@ def updated(
         state.extrinsics or settings.extrinsics,
         measurement,
         driven,
-        missed=state.attempts > 1,
+        missed=state.attempts > 1 or state.restarts >= MANY_RESTARTS,
     )
     if extrinsics.contradicts:
         perception = _disproved(perception, settings)

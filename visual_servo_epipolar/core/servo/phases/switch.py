@@ -29,6 +29,7 @@ def switched(
         travel=0.0,
         settled=0,
         reason=_reason(state, measurement, event, settings),
+        restarts=0 if event is Event.MISSED else state.restarts + (event is Event.ESCAPED),
         attempts=state.attempts + (event is Event.MISSED),
         warning='',
     )
