@@ -3,6 +3,7 @@
 from dataclasses import replace
 import math
 
+from mounted import of_camera_axes
 import numpy as np
 import pytest
 from servo_states import (
@@ -135,8 +136,11 @@ def test_a_camera_off_the_axle_gives_the_bearings_of_the_axle() -> None:
     assert state.extrinsics is not None
     assert state.measurement.camera_bearings == BEARINGS
     assert state.measurement.seen_bearings == BEARINGS
-    expected = at_axle(BEARINGS, np.array([0.1, 0.3, 0.0]), state.extrinsics.distance)
-    assert state.measurement.bearings == expected
+    mount = of_camera_axes(np.array([0.1, 0.3, 0.0]))
+    expected = at_axle(BEARINGS, mount, state.extrinsics.distance)
+    found = state.measurement.bearings
+    assert found is not None
+    assert (found.psi, found.phi) == pytest.approx((expected.psi, expected.phi))
 
 
 def test_a_camera_on_the_axle_keeps_its_bearings_to_the_bit() -> None:
