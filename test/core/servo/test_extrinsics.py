@@ -56,10 +56,9 @@ def test_what_is_told_is_where_learning_begins() -> None:
         camera_forward_deviation=0.02,
         camera_left_deviation=0.03,
     )
-    np.testing.assert_array_equal(settings.extrinsics.mount, [0.1, 0.2, -0.3])
-    np.testing.assert_allclose(
-        settings.extrinsics.mean[YAW:], of_camera_axes(np.array([0.1, 0.2, -0.3]))
-    )
+    told = of_camera_axes(np.array([0.1, 0.2, -0.3]))
+    np.testing.assert_allclose(settings.extrinsics.mount, told)
+    np.testing.assert_allclose(settings.extrinsics.mean[YAW:], told)
     deviations = np.sqrt(settings.extrinsics.covariance.diagonal()[YAW:])
     np.testing.assert_allclose(deviations, [0.01, 0.02, 0.03])
 
