@@ -18,6 +18,7 @@ from visual_servo_epipolar.core.estimators.machinery.hypotheses import Rays
 SAMPLE = 5
 REAL = 1e-7  # imaginary part of an eigenvalue that counts as real
 TINY = 1e-30
+LARGEST = 1e12  # element of an action matrix whose eigenvalues mean anything
 
 # Monomials of degree three in x, y, z, w as sorted triples of 0 .. 3: those without w first, which
 # are eliminated; then w times the ten of degree two, which are the basis of the quotient ring.
@@ -85,6 +86,8 @@ def _action_matrices(null: FloatArray) -> tuple[FloatArray, FloatArray]:
     regular = np.abs(np.linalg.det(equations[..., :10])) > 1e-200
     null, equations = null[regular], equations[regular]
     reduced = np.linalg.solve(equations[..., :10], equations[..., 10:])
+    finite = np.abs(reduced).max(axis=(-2, -1)) < LARGEST  # nor is nan
+    null, reduced = null[finite], reduced[finite]
     action = np.zeros((len(null), 10, 10))
     rows = np.arange(10)
     low = np.setdiff1d(rows, REDUCED)
