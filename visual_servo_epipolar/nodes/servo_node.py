@@ -124,7 +124,8 @@ class ServoNode(Node):
         except ValueError as error:
             self._camera = None
             self._warn(f'camera_info cannot be used, the robot stands: {error}')
-            self._halt()
+            if self._state.phase in DRIVING:
+                self._lose(f'camera_info cannot be used: {error}')
         if self._camera is not None:
             self._look_at(self._camera)
         pending, self._pending_tracks = self._pending_tracks, None

@@ -147,3 +147,10 @@ def test_angles_are_those_after_and_jitter_is_that_before() -> None:
     )
     found = learnt_attitude(WIDE, after)
     assert (found.tilt, found.roll, found.jitter) == (0.1, 0.2, WIDE.jitter)
+
+
+def test_an_attitude_that_was_estimated_anew_is_no_surer_than_that() -> None:
+    wrong = Attitude(0.0, 0.0, KNOWN_DEVIATION, KNOWN_DEVIATION)
+    anew = Attitude(0.3, 0.05, 0.03, 0.03)
+    found = learnt_attitude(wrong, anew)
+    assert (found.tilt, found.tilt_deviation, found.roll_deviation) == (0.3, 0.03, 0.03)

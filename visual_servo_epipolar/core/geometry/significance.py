@@ -63,17 +63,14 @@ def log_false_alarms(
 
 def _log_tests(total: int, counts: IntArray) -> FloatArray:
     """Return log10 of the number of geometries and sets of inliers that might have been found."""
-    return np.array(
-        [
-            (
-                math.log(MODELS * (total - SAMPLE))
-                + math.log(math.comb(total, int(count)))
-                + math.log(math.comb(int(count), SAMPLE))
-            )
-            / math.log(10.0)
-            for count in counts
-        ]
-    )
+    geometries = math.log(MODELS * (total - SAMPLE))
+    sets = [_log_comb(total, k) + _log_comb(k, SAMPLE) for k in counts.tolist()]
+    return (geometries + np.array(sets)) / math.log(10.0)
+
+
+def _log_comb(n: int, k: int) -> float:
+    """Return the logarithm of n over k."""
+    return math.lgamma(n + 1) - math.lgamma(k + 1) - math.lgamma(n - k + 1)
 
 
 def _crossed(count: int) -> IntArray:

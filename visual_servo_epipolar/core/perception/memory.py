@@ -10,6 +10,7 @@ from visual_servo_epipolar.core.geometry.lens import CALIBRATED, learnt, Lens, u
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 
 KNOWN_DEVIATION = 1.7e-3  # of tilt and roll: the floor moved the desired camera, too [rad]
+ROUNDING = 0.05  # of information, in units of what was known
 INFORMATIVE_PARALLAX = 12.0  # in deviations of the noise: bearings to about three degrees
 
 
@@ -69,6 +70,8 @@ def learnt_attitude(before: Attitude, after: Attitude) -> Attitude:
     root = np.linalg.cholesky(before.covariance)
     # What this pair tells, in units of what was known, along directions that do not mix.
     told, axes = np.linalg.eigh(root.T @ np.linalg.inv(after.covariance) @ root - np.eye(2))
+    if told.min() < -ROUNDING:  # it was not estimated from what was known before, but anew
+        return replace(after, jitter=before.jitter)
     known = np.maximum(np.minimum(1.0 + told, 2.0 * told), 1.0)
     axes = root @ axes
     covariance = (axes / known) @ axes.T

@@ -97,7 +97,7 @@ def told_extrinsics(told: FloatArray, deviations: FloatArray) -> Extrinsics:
 def placed(before: Extrinsics, bearings: Bearings, deviation: float) -> Extrinsics:
     """Return the belief with the camera seen anew along psi [rad], at any distance."""
     mean, covariance = before.mean.copy(), before.covariance.copy()
-    mean[:2] = bearings.psi, math.log(FIRST_DISTANCE)
+    mean[PSI] = bearings.psi  # the distance is the last one, or that of told_extrinsics
     covariance[:2] = covariance[:, :2] = 0.0
     covariance[PSI, PSI], covariance[RHO, RHO] = deviation**2, FIRST_DEVIATION**2
     return replace(
@@ -158,7 +158,9 @@ def learnt(
     Near the goal bearings say nothing of the mount. Where an attempt has ``missed``, something is
     wrong, and what was learnt is believed sooner.
     """
-    bearings = measurement.bearings
+    # Without a deviation, as the paper's estimator has none, bearings tell nothing of the path.
+    known = math.isfinite(measurement.deviation)
+    bearings = measurement.bearings if known else None
     deviation = max(measurement.deviation, LEAST_DEVIATION) if bearings else math.nan
     if not before.placed:
         return placed(before, bearings, deviation) if bearings else before

@@ -4,6 +4,7 @@ from dataclasses import replace
 import math
 
 from visual_servo_epipolar.core.control import laws
+from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
@@ -79,6 +80,10 @@ def _disproved(perception: Perception, settings: ServoSettings) -> Perception:
     measurement = replace(
         perception.measurement,
         bearings=None,
+        deviation=math.nan,
+        covariance=UNKNOWN_COVARIANCE,
+        confidence=0.0,
+        difference=math.nan,
         reason='the bearings contradict what was driven; they are looked for anew',
     )
     return replace(perception, measurement=measurement, memory=fresh_memory(settings))

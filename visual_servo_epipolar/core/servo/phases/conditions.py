@@ -180,21 +180,23 @@ def astray(state: ServoState, measurement: Measurement, settings: ServoSettings)
     """
     Return in words that the robot is farther from the goal than its phase may lead it.
 
-    Backing off has a bound of its own. In steps 1 and 2 the distance never grows (section IV-B:
-    the spiral), and no way is longer than the upper bound of the distance allows.
+    Backing off has a bound of its own. In steps 1 and 2 of a law that spirals inwards the distance
+    never grows, and no way is longer than its upper bound allows.
     """
     name = state.phase.value
     if state.phase is Phase.RETREATING:
         if -state.travel <= settings.max_retreat:
             return ''
         return f'backed off by {-state.travel:.1f} m (max_retreat), the goal is still not ahead'
-    if state.phase not in (Phase.ZEROING_EPIPOLES, Phase.MATCHING_FEATURES):
+    law = settings.options
+    spirals = law.discordant_turn and law.retreat  # laws without lead away first
+    if not spirals or state.phase not in (Phase.ZEROING_EPIPOLES, Phase.MATCHING_FEATURES):
         return ''
     longest = LONGEST_WAY * settings.initial_distance
     if abs(state.travel) > longest:
         return f'drove {longest:.0f} m in {name} and is not there (initial_distance)'
     ratio = _excursion(state, measurement)
-    if not settings.options.retreat or ratio <= settings.max_excursion:
+    if ratio <= settings.max_excursion:
         return ''
     return f'{name} leads away from the goal: {ratio:.1f} times the distance (max_excursion)'
 

@@ -139,10 +139,12 @@ def _matching(state: ServoState, measurement: Measurement, settings: ServoSettin
         return Event.LOST
     if state.settled < settings.arrival_frames:
         return Event.NOTHING
-    if has_parallax(state, measurement, settings) or state.yaw_learnt > YAW_FOR_NEW_ATTEMPT:
-        attempts_remain = state.attempts < settings.max_attempts
-        repeats = settings.options.new_attempts and attempts_remain
+    attempts_remain = state.attempts < settings.max_attempts
+    repeats = settings.options.new_attempts and attempts_remain
+    if has_parallax(state, measurement, settings):
         return Event.MISSED if repeats else Event.EXHAUSTED
+    if repeats and state.yaw_learnt > YAW_FOR_NEW_ATTEMPT:
+        return Event.MISSED
     faces_goal = abs(measurement.heading_error) <= facing_bound(settings)
     if settings.options.final_turn and not faces_goal:
         return Event.TURNED

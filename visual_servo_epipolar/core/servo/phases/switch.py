@@ -26,7 +26,8 @@ def switched(
         phase_start_ns=measurement.stamp_ns,
         run_start_ns=measurement.stamp_ns if state.phase is Phase.WAITING else state.run_start_ns,
         mount=None if state.extrinsics is None else state.extrinsics.mount,
-        travel=0.0,
+        # Bounds of a phase hold when it goes on after tracks were lost.
+        travel=state.travel if Phase.HOLDING in (phase, state.phase) else 0.0,
         settled=0,
         reason=_reason(state, measurement, event, settings),
         restarts=0 if event is Event.MISSED else state.restarts + (event is Event.ESCAPED),
@@ -37,6 +38,8 @@ def switched(
         side = math.copysign(1.0, measurement.bearings.chi)
         leg = Leg(measurement.bearings.psi)
         state = replace(state, side=side, latched=False, leg=leg)
+    if phase is Phase.RETREATING:
+        state = replace(state, leg=None)
     try:
         return _prepared(state, measurement, settings)
     except ValueError as error:
