@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 import hashlib
 import json
+import math
 from pathlib import Path
 import sys
 from typing import Any
@@ -179,8 +180,7 @@ def _workers(options: argparse.Namespace) -> AbstractContextManager[Workers]:
 
 def _field_of_view(plan: Plan) -> float:
     camera = plan.scenario.camera
-    left, right = camera.camera.edges
-    return right - left
+    return 2.0 * math.atan(0.5 * camera.width / camera.focal_length)
 
 
 def _report(

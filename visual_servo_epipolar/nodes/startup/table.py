@@ -43,7 +43,6 @@ NODES: Mapping[str, NodeRow] = {
         publishes=(
             'tracks',
             'overlay/image_raw',
-            '/diagnostics',
             '~/desired/image_raw',
             '~/settings',
             '~/events',

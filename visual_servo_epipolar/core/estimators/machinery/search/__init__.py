@@ -1,1 +1,0 @@
-"""Search of a geometry of which nothing is known, or nothing that fits."""
