@@ -31,7 +31,7 @@ DEMO_ARGS ?= --out $(DEMO_OUT)
 REPRODUCE_OUT ?= reproduce_out
 
 .DEFAULT_GOAL := setup
-.PHONY: setup test test-oldest test-colcon colcon lint format demo sweep reproduce peers-figure theory-figures calibration-figure data-flow-figure parameters ablation bench faults clean help
+.PHONY: setup test test-oldest test-colcon colcon lint format demo sweep reproduce peers-figure theory-figures calibration-figure mounts-figure data-flow-figure parameters ablation bench faults clean help
 
 setup: $(STAMP) ## make .venv with ROS 2 Jazzy, all tools and this package, editable (default)
 
@@ -92,6 +92,9 @@ theory-figures: $(STAMP) ## the figures of docs/theory.md
 
 calibration-figure: $(STAMP) ## the figure and the tables of docs/calibration.md, minutes
 	@$(BIN)/python docs/calibration_figure.py
+
+mounts-figure: $(STAMP) ## the figure and the tables of docs/mounts.md, half an hour
+	@$(BIN)/python docs/mounts_figure.py
 
 ablation: $(STAMP) ## each departure from the paper left out, and each alone; half an hour
 	@$(BIN)/visual_servo bench ablation

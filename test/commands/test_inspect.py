@@ -97,6 +97,22 @@ def test_the_bearings_are_those_of_the_true_poses(
     assert result['inliers'] > 40
 
 
+def test_the_attitude_of_the_camera_is_told(tmp_path: Path, capsys) -> None:
+    tilt, roll = 12.0, -5.0
+    angles = {'tilt': math.radians(tilt), 'roll': math.radians(roll)}
+    world = CameraSimulator(CameraSettings(**SMALL, **angles))
+    cv2.imwrite(str(tmp_path / 'desired.png'), world.photograph())
+    cv2.imwrite(str(tmp_path / 'leaning.png'), world.capture(Pose.from_start(*START), 0))
+    (tmp_path / 'camera.yaml').write_text(CAMERA)
+    code, result = inspect(tmp_path, 'leaning')
+    assert (code, result['trusted'], result['planar']) == (0, True, True)
+    assert result['tilt_deg'] == pytest.approx(tilt, abs=1.0)
+    assert result['roll_deg'] == pytest.approx(roll, abs=2.0)
+    assert 'deg (down positive) and rolled by -' in capsys.readouterr().out
+    truth = Bearings.from_pose(Pose.from_start(*START))
+    assert result['bearing_current_deg'] == pytest.approx(math.degrees(truth.current), abs=1.0)
+
+
 def test_the_same_photograph_twice_has_no_epipoles(photographs: Path) -> None:
     code, result = inspect(photographs, 'desired')
     assert code == 1

@@ -82,7 +82,7 @@ def test_an_empty_camera_info_is_refused() -> None:
         read.camera(message)
 
 
-@pytest.mark.parametrize(('model', 'd'), [('fisheye', [0.1] * 4), ('plumb_bob', [0.1] * 3)])
+@pytest.mark.parametrize(('model', 'd'), [('omni', [0.1] * 4), ('plumb_bob', [0.1] * 3)])
 def test_a_distortion_that_is_not_known_is_refused(model, d) -> None:
     message = info()
     message.distortion_model, message.d = model, d

@@ -87,6 +87,18 @@ def test_intrinsics_are_those_of_the_settings(bench) -> None:
     assert (camera.images[0].width, camera.images[0].height) == (64, 48)
 
 
+@pytest.mark.parametrize(
+    ('model', 'distortion'),
+    [('equidistant', (-0.01, 0.002, 0.0, 0.0)), ('rational_polynomial', (0.1,) * 8)],
+)
+def test_every_lens_is_told_as_it_is_simulated(bench, model, distortion) -> None:
+    camera = Camera(bench, distortion_model=model, distortion=distortion)
+    camera.see(0)
+    info = camera.infos[0]
+    assert (info.distortion_model, tuple(info.d)) == (model, distortion)
+    assert read.camera(info) == camera.node._settings.camera
+
+
 def test_no_distortion_may_be_written_as_an_empty_list(bench) -> None:
     camera = Camera(bench, distortion=())
     camera.see(0)

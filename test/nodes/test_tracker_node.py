@@ -1,6 +1,7 @@
 """The tracker as a node: one cloud for each image, empty when nothing is to be trusted."""
 
 import cv2
+from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
@@ -232,3 +233,47 @@ def test_the_overlay_costs_nothing_when_nobody_looks(rig, photograph, view, monk
 
     monkeypatch.setattr('visual_servo_epipolar.nodes.tracker_node.draw_overlay', drawn)
     assert len(rig.calibrated().taught(photograph).track(view)) > 0
+
+
+def test_why_the_photograph_is_not_found_stands_in_the_diagnostics(rig, photograph, view) -> None:
+    reports = rig.bench.listen(DiagnosticArray, '/diagnostics')
+    rig.calibrated().taught(photograph).track(np.full((240, 320), 90, np.uint8))
+    rig.bench.until(lambda: bool(reports), 'the reason')
+    status = reports[0].status[0]
+    assert (status.level, status.name) == (b'\x01', '/tracker_node')
+    assert status.message.startswith('the photograph is not seen from here: ')
+    assert read.stamp_ns(reports[0].header) == STAMP_NS
+    for number in range(1, 13):  # the whole image is matched now and then
+        rig.track(view, STAMP_NS + number)
+    rig.bench.until(lambda: reports[-1].status[0].level == b'\x00', 'the end of it')
+    heard = len(reports)
+    rig.track(view, STAMP_NS + 13)
+    rig.bench.settle()
+    assert len(reports) == heard  # nothing is said as long as all is well
+
+
+def test_whatever_images_come_the_node_survives(rig, photograph, view) -> None:
+    rig.calibrated().taught(photograph)
+    rng = np.random.default_rng(0)
+    overlays = rig.bench.listen(Image, 'overlay/image_raw')
+    publisher = rig.node._overlay_pub
+    rig.bench.until(lambda: publisher.get_subscription_count() == 1, 'the overlay to be heard')
+    shapes = [(240, 320), (16, 16), (1, 320), (240, 1), (240, 320)]
+    for number, shape in enumerate(shapes):
+        for kind, image in (
+            ('constant', np.full(shape, 255, np.uint8)),
+            ('pepper', rng.choice(np.array([0, 255], np.uint8), shape)),
+        ):
+            stamp_ns = STAMP_NS + 2 * number + (kind == 'pepper')
+            assert len(rig.track(image, stamp_ns)) == 0, (shape, kind)
+    found = [len(rig.track(view, STAMP_NS + 100 + number)) for number in range(12)]
+    assert found[-1] >= 40
+    rig.bench.until(lambda: bool(overlays), 'an overlay')
+
+
+@pytest.mark.parametrize('shape', [(16, 16), (1, 320), (320, 1), (1, 1)])
+def test_a_photograph_too_small_for_features_is_refused(rig, photograph, view, shape) -> None:
+    rig.calibrated().taught(photograph)
+    rig.teach(message(np.random.default_rng(0).integers(0, 256, shape).astype(np.uint8)))
+    rig.bench.until(lambda: rig.bench.logged('desired image refused'), 'the refusal')
+    assert len(rig.track(view)) > 0

@@ -1,5 +1,6 @@
 """The tree of frames: world, odom, base_link, camera; on /tf where tf2_msgs is installed."""
 
+import math
 from types import SimpleNamespace
 
 from geometry_msgs.msg import Twist as TwistMessage
@@ -98,6 +99,14 @@ def test_images_and_camera_info_name_the_frame_of_this_robots_camera(bench, sent
     assert images[0].header.frame_id == infos[0].header.frame_id == 'robot2/eye_optical_frame'
     assert sent[0][0].header.frame_id == 'robot2/b'
     assert sent[0][0].child_frame_id == 'robot2/eye_optical_frame'
+
+
+def test_the_transform_of_a_yawed_camera_looks_to_the_left(bench, sent) -> None:
+    bench.start(CameraNode, **TINY, mount_yaw=0.2)
+    turn = sent[0][0].transform.rotation
+    x, y, z, w = turn.x, turn.y, turn.z, turn.w
+    forward = [2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y)]
+    np.testing.assert_allclose(forward, [math.cos(0.2), math.sin(0.2), 0.0], atol=1e-12)
 
 
 @pytest.mark.parametrize(

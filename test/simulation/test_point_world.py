@@ -134,7 +134,10 @@ def test_points_lie_between_near_and_far() -> None:
 @settings(max_examples=30)
 @given(poses_behind_the_goal(), st.integers(0, 10**6))
 def test_points_are_seen_as_a_camera_in_a_room_sees_them(pose: Pose, frame: int) -> None:
-    shaken = {'jitter': 0.01, 'tilt': 0.05, 'roll': -0.03, 'mount_forward': 0.2, 'mount_left': 0.1}
+    shaken = {
+        **{'jitter': 0.01, 'tilt': 0.05, 'roll': -0.03},
+        **{'mount_forward': 0.2, 'mount_left': 0.1, 'mount_yaw': 0.1},
+    }
     scenario = from_document({'camera': shaken}, 'test').seeded(5)
     cloud, camera = points_of(scenario, 5), scenario.camera
     renderer = Renderer(FLOOR, new_rig(camera))

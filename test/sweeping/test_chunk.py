@@ -3,8 +3,10 @@
 import pytest
 from sweeps import BRIEF, plan_of
 
-from visual_servo_epipolar.core.servo.run_log import Sample, summarise
+from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.simulation.closed_loop import Loop, run
+from visual_servo_epipolar.simulation.mounts.registry import new_rig
+from visual_servo_epipolar.simulation.run_monitor import verdict
 from visual_servo_epipolar.simulation.views import view_of
 from visual_servo_epipolar.sweeping.chunk import run_chunk, work
 from visual_servo_epipolar.sweeping.plan import Chunk
@@ -17,7 +19,8 @@ def test_a_result_is_that_of_the_run_alone() -> None:
     for start, seed, found in zip(STARTS, [3, 4], whole, strict=True):
         scenario = BRIEF.seeded(seed)
         view = view_of(scenario, 'features', seed)
-        assert found == summarise(run(scenario.loop(start, seed), view, scenario.camera.camera))
+        log = run(scenario.loop(start, seed), view, scenario.camera.camera)
+        assert found == verdict(log, new_rig(scenario.camera))
 
 
 def test_results_do_not_depend_on_the_chunks() -> None:

@@ -11,7 +11,7 @@ from hashlib import sha256
 from time import thread_time
 from typing import Any
 
-from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
 from visual_servo_epipolar.core.servo.run_log import RunLog
 from visual_servo_epipolar.core.settings import updated
 from visual_servo_epipolar.simulation.closed_loop import PARTS, run_many
@@ -26,7 +26,7 @@ FEWEST = {1: 12}  # runs in a batch of one: it takes long enough
 RUNS = 64  # in other batches, where they are not larger
 REGION = 'front'
 
-Run = tuple[LoopSettings, View, Camera]
+Run = tuple[LoopSettings, View, CameraModel]
 
 
 def _rough() -> Scenario:

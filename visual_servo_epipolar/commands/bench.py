@@ -20,7 +20,10 @@ BENCHMARKS: Mapping[str, str] = {
     'recording': 'visual_servo_epipolar.benchmarks.recording.benchmark',
     'calibration': 'visual_servo_epipolar.benchmarks.calibration',
     'ablation': 'visual_servo_epipolar.benchmarks.ablation',
+    'mounts': 'visual_servo_epipolar.benchmarks.mounts.benchmark',
+    'mounts_images': 'visual_servo_epipolar.benchmarks.mounts.images',
 }
+ON_REQUEST = ('mounts_images',)  # too long to be run unless it is named
 
 
 def add_to(kinds: Any) -> None:
@@ -29,7 +32,10 @@ def add_to(kinds: Any) -> None:
         'bench', help='accuracy and speed beside the peers', description=__doc__
     )
     parser.add_argument(
-        'which', nargs='*', metavar='WHICH', help=f'any of {", ".join(BENCHMARKS)} (default all)'
+        'which',
+        nargs='*',
+        metavar='WHICH',
+        help=f'any of {", ".join(BENCHMARKS)} (default all but {", ".join(ON_REQUEST)})',
     )
     parser.add_argument('--quick', action='store_true', help='few trials, to see that it runs')
     parser.add_argument('--seed', type=seed, default=0, metavar='N', help='seed (default 0)')
@@ -45,7 +51,7 @@ def run(options: argparse.Namespace) -> int:
     if unknown:
         raise InputError(f'no benchmark {", ".join(unknown)}; there are {", ".join(BENCHMARKS)}')
     results = {}
-    for name in options.which or BENCHMARKS:
+    for name in options.which or [name for name in BENCHMARKS if name not in ON_REQUEST]:
         benchmark = _benchmark(name)
         with closing(Progress()) as progress:
             results[name] = benchmark.run(seed=options.seed, quick=options.quick, say=progress.say)

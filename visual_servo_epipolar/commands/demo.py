@@ -20,10 +20,11 @@ from visual_servo_epipolar.commands.files.run_folder import write_run
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.core.servo.run_log import RunLog, Sample, summarise
+from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.nodes.startup.missing import require
-from visual_servo_epipolar.simulation.run_monitor import LoopSettings, RunMonitor
+from visual_servo_epipolar.simulation.mounts.registry import new_rig
+from visual_servo_epipolar.simulation.run_monitor import LoopSettings, RunMonitor, verdict
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 if TYPE_CHECKING:
@@ -75,7 +76,7 @@ def demo(options: argparse.Namespace) -> int:
     settings = scenario.loop(tuple(options.start), options.seed)
     folder = output_folder(options.out)
     log = _drive(scenario, settings, folder, options)
-    result = summarise(log)
+    result = verdict(log, new_rig(scenario.camera))
     written = write_run(log, scenario, folder)
     written += [VIDEO] * (not options.no_video) + [BAG] * (options.bag != 'none')
     publish(result, f'{summary(result)}\n{written_to(folder, written)}', options.json)

@@ -14,6 +14,7 @@ from visual_servo_epipolar.commands.files.output import write_whole
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
 from visual_servo_epipolar.core.perception.inspection import inspect, Inspection
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 
@@ -31,6 +32,11 @@ def add_to(kinds: Any) -> None:
         required=True,
         help='camera file as camera_calibration writes it; scaled to photographs of other size',
     )
+    parser.add_argument(
+        '--rectified',
+        action='store_true',
+        help='the photographs are rectified: projection_matrix holds, the distortion does not',
+    )
     parser.add_argument('--out', metavar='OVERLAY.png', help='picture of the matches')
     parser.add_argument('--estimator', metavar='NAME', help='estimator of the epipoles')
     parser.add_argument(
@@ -43,7 +49,7 @@ def run(options: argparse.Namespace) -> int:
     """Inspect, write, print; return 0 if the result can be trusted."""
     if options.out and not cv2.haveImageWriter(options.out):
         raise InputError(f'{options.out}: no such image format; call it .png or .jpg')
-    camera = read_camera(Path(options.camera))
+    camera = read_camera(Path(options.camera), rectified=options.rectified)
     desired = read_photograph(Path(options.desired))
     current = read_photograph(Path(options.current))
     desired_camera = scaled_to(camera, desired, Path(options.desired))
@@ -65,15 +71,19 @@ def _settings(options: argparse.Namespace) -> ServoSettings:
         raise InputError(str(error)) from None
 
 
-def document(inspection: Inspection, current: Camera, desired: Camera) -> dict[str, Any]:
+def document(
+    inspection: Inspection, current: CalibratedCamera, desired: CalibratedCamera
+) -> dict[str, Any]:
     """Return the inspection as the JSON document of the command line."""
     return {
-        'epipole_current_px': current.fx * math.tan(inspection.bearing_current),
-        'epipole_desired_px': desired.fx * math.tan(inspection.bearing_desired),
+        'epipole_current_px': _abscissa(inspection.bearing_current, current),
+        'epipole_desired_px': _abscissa(inspection.bearing_desired, desired),
         'bearing_current_deg': math.degrees(inspection.bearing_current),
         'bearing_desired_deg': math.degrees(inspection.bearing_desired),
         'bearing_deviation_deg': math.degrees(inspection.deviation),
         'rotation_deg': math.degrees(inspection.rotation),
+        'tilt_deg': math.degrees(inspection.tilt),
+        'roll_deg': math.degrees(inspection.roll),
         'sigma': None if math.isnan(inspection.sigma) else int(inspection.sigma),
         'trusted': inspection.trusted,
         'reason': inspection.reason,
@@ -82,6 +92,18 @@ def document(inspection: Inspection, current: Camera, desired: Camera) -> dict[s
         'matches': len(inspection.current),
         'inliers': inspection.inliers,
     }
+
+
+def _abscissa(bearing: float, camera: CalibratedCamera) -> float:
+    """Return u of an epipole at ``bearing`` [rad], from the principal point [px]."""
+    if isinstance(camera, Camera):
+        return camera.fx * math.tan(bearing)
+    ray = np.array([[math.sin(bearing), 0.0, math.cos(bearing)]])
+    return float(camera.pixels(ray)[0, 0] - camera.cx)
+
+
+def _told(angle: float) -> str:
+    return 'an unknown angle' if math.isnan(angle) else f'{angle:+.1f} deg'
 
 
 def in_words(result: dict[str, Any]) -> str:
@@ -100,13 +122,18 @@ def in_words(result: dict[str, Any]) -> str:
             f'the goal lies at {result["bearing_current_deg"]:+.2f} deg, the camera is seen from '
             f'it at {result["bearing_desired_deg"]:+.2f} deg (right positive)'
         )
+    if not (math.isnan(result['tilt_deg']) and math.isnan(result['roll_deg'])):
+        lines.append(
+            f'the camera is tilted by {_told(result["tilt_deg"])} (down positive) and rolled by '
+            f'{_told(result["roll_deg"])} (clockwise)'
+        )
     return '\n'.join(lines)
 
 
-def _draw(inspection: Inspection, image: Image, camera: Camera, path: Path) -> None:
+def _draw(inspection: Inspection, image: Image, camera: CalibratedCamera, path: Path) -> None:
     from visual_servo_epipolar.report.images.overlay import draw_overlay
 
-    epipole = camera.cx + camera.fx * math.tan(inspection.bearing_current)
+    epipole = camera.cx + _abscissa(inspection.bearing_current, camera)
     picture = draw_overlay(
         image,
         inspection.current,

@@ -13,9 +13,10 @@ from visual_servo_epipolar.commands.arguments import (
 )
 from visual_servo_epipolar.commands.console import Progress, summary, written_to
 from visual_servo_epipolar.commands.files.run_folder import write_run
-from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.nodes.startup.missing import require
 from visual_servo_epipolar.simulation.closed_loop import run
+from visual_servo_epipolar.simulation.mounts.registry import new_rig
+from visual_servo_epipolar.simulation.run_monitor import verdict
 from visual_servo_epipolar.simulation.views import SOURCES, view_of
 
 
@@ -46,7 +47,7 @@ def simulate(options: argparse.Namespace) -> int:
         progress.say('preparing the world ...')
         view = view_of(scenario, options.source, options.seed)
         log = run(settings, view, scenario.camera.nominal_camera, watch=progress)
-    result = summarise(log)
+    result = verdict(log, new_rig(scenario.camera))
     text = summary(result)
     if options.out is not None:
         written = write_run(log, scenario, output_folder(options.out))

@@ -1,4 +1,4 @@
-"""Diagnostics and markers of the servo."""
+"""Diagnostics of the servo and of the tracker, and markers of the servo."""
 
 import math
 
@@ -31,6 +31,17 @@ def diagnosis(state: ServoState, stamp_ns: int, *, name: str) -> DiagnosticArray
         level=LEVELS.get(state.phase, DiagnosticStatus.OK),
         summary=summary,
         values=values,
+        stamp_ns=stamp_ns,
+    )
+
+
+def tracking_diagnosis(reason: str, features: int, stamp_ns: int, *, name: str) -> DiagnosticArray:
+    """Return the ``reason`` why the photograph is not found, '' if it is, as a status."""
+    return write.diagnostics(
+        name,
+        level=DiagnosticStatus.WARN if reason else DiagnosticStatus.OK,
+        summary=reason or 'the photograph is found',
+        values={'features': features, 'untracked_because': reason},
         stamp_ns=stamp_ns,
     )
 

@@ -9,7 +9,11 @@ from typing import Any
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.cameras.calibrated import (
+    calibrated_camera,
+    CalibratedCamera,
+)
+from visual_servo_epipolar.core.geometry.cameras.plausibility import refuse_implausible
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist, yaw_from_quaternion
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.features import Features
@@ -33,26 +37,54 @@ def gray(message: Any) -> Image:
     return gray_from_compressed(message) if hasattr(message, 'format') else gray_from_raw(message)
 
 
-def camera(message: Any) -> Camera:
-    """Return the camera of a sensor_msgs/CameraInfo, of ROS 1 as well, where K is a capital."""
-    matrix, distortion = _calibration(message)
-    k = [float(value) for value in matrix]
-    if k[1] != 0.0:
-        raise ValueError(f'CameraInfo must have no skew, got K[1] = {k[1]}; calibrate again')
-    return Camera(
-        int(message.width),
-        int(message.height),
-        k[0],
-        k[4],
-        k[2],
-        k[5],
-        tuple(float(value) for value in distortion),
-        message.distortion_model,
-    )
+def camera(message: Any, *, rectified: bool = False) -> CalibratedCamera:
+    """
+    Return the camera of a sensor_msgs/CameraInfo, of ROS 1 as well, where K is a capital.
+
+    K and P are those of the full image: the region of interest shifts them, then binning scales
+    them (REP 104). With ``rectified`` images P holds, and the distortion does not apply.
+    """
+    matrix, distortion, projection = _calibration(message)
+    lens = tuple(float(value) for value in distortion), str(message.distortion_model)
+    k = tuple(float(value) for value in matrix)
+    if rectified:
+        p = [float(value) for value in projection]
+        if p[0] == 0.0:
+            raise ValueError(
+                'P of camera_info must hold where images are rectified, got P[0] = 0; '
+                'calibrate the camera, or set rectified: false for raw images'
+            )
+        k, lens = (*p[0:3], *p[4:7], *p[8:11]), ((), 'plumb_bob')
+    size, k = _in_the_image(message, k)
+    camera = calibrated_camera(size, k, *lens)
+    refuse_implausible(camera)
+    return camera
 
 
-def _calibration(message: Any) -> tuple[Any, Any]:
-    return (message.k, message.d) if hasattr(message, 'k') else (message.K, message.D)
+def _calibration(message: Any) -> tuple[Any, Any, Any]:
+    if hasattr(message, 'k'):
+        return message.k, message.d, message.p
+    return message.K, message.D, message.P
+
+
+def _in_the_image(message: Any, k: tuple[float, ...]) -> tuple[tuple[int, int], tuple[float, ...]]:
+    """Return the size of the image that is sent, and K there, of ``k`` in the full image."""
+    full_width, full_height, roi = int(message.width), int(message.height), message.roi
+    left, top = int(roi.x_offset), int(roi.y_offset)
+    width = int(roi.width) or full_width - left
+    height = int(roi.height) or full_height - top
+    if left + width > full_width or top + height > full_height:
+        raise ValueError(
+            f'the region of interest must lie in the image of {full_width}x{full_height} px, got '
+            f'{width}x{height} px at {left}, {top}; it counts pixels before binning'
+        )
+    u, v = max(int(message.binning_x), 1), max(int(message.binning_y), 1)
+    # A binned pixel is centred in its block: integers are pixel centres.
+    centre = (k[2] - left + 0.5) / u - 0.5, (k[5] - top + 0.5) / v - 0.5
+    size = (width // u, height // v)
+    if not any((left, top)) and u == v == 1:
+        return size, k
+    return size, (k[0] / u, k[1], centre[0], k[3], k[4] / v, centre[1], *k[6:])
 
 
 def twist(message: Any) -> Twist:

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
+from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.messages import read
@@ -21,7 +22,7 @@ class TrackingResult:
     warning: str
 
 
-def track(tracker: Tracker, message: Any, camera: Camera | str) -> TrackingResult:
+def track(tracker: Tracker, message: Any, camera: CameraModel | str) -> TrackingResult:
     """Track features in a sensor_msgs/Image; ``camera`` may be the reason why there is none."""
     image: Image | None = None
     try:
@@ -34,7 +35,7 @@ def track(tracker: Tracker, message: Any, camera: Camera | str) -> TrackingResul
     return TrackingResult(features, image, tracker.reason)
 
 
-def checked_tracks(message: Any, camera: Camera) -> tuple[Features, str]:
+def checked_tracks(message: Any, camera: CameraModel) -> tuple[Features, str]:
     """Return the features of a sensor_msgs/PointCloud2; none, and a warning, if it is refused."""
     try:
         features = read.features(message)
@@ -43,7 +44,7 @@ def checked_tracks(message: Any, camera: Camera) -> tuple[Features, str]:
     return checked_features(features, camera)
 
 
-def checked_features(features: Features, camera: Camera) -> tuple[Features, str]:
+def checked_features(features: Features, camera: CameraModel) -> tuple[Features, str]:
     """Return ``features``; none, and a warning, if they cannot come from ``camera``."""
     current, desired = features.current, features.desired
     inside = camera.contains(current, margin=-BORDER_PX) & camera.contains(
@@ -58,7 +59,18 @@ def checked_features(features: Features, camera: Camera) -> tuple[Features, str]
     )
 
 
-def _check_size(image: Image, camera: Camera | str) -> None:
+def left_out(observation: Observation, camera: CameraModel) -> str:
+    """Return what to say of features that the lens cannot place, or ''."""
+    if not observation.dropped:
+        return ''
+    whole = len(observation) + observation.dropped
+    return (
+        f'{observation.dropped} of {whole} features are left out: they lie where the '
+        f'{camera.lens} lens of camera_info cannot be undone; calibrate it up to the edges'
+    )
+
+
+def _check_size(image: Image, camera: CameraModel | str) -> None:
     height, width = image.shape
     if isinstance(camera, str):
         raise ValueError(f'camera_info cannot be used: {camera}')

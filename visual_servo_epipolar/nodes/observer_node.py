@@ -49,6 +49,8 @@ class ObserverNode(Node):
     def _listener(self, topic: str) -> Callable[[Any], None]:
         def listen(message: Any) -> None:
             stamp_ns = read.stamp_ns(message.header)
+            if topic == '/diagnostics' and 'phase' not in read.diagnosis(message):
+                return  # other nodes publish here too
             parts = self._pending.setdefault(stamp_ns, {})
             parts[topic] = message
             if self._topics <= parts.keys():

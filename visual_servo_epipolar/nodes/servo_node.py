@@ -16,14 +16,22 @@ from visualization_msgs.msg import MarkerArray
 
 from visual_servo_epipolar.core.control.command import Command, HALT
 from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
+from visual_servo_epipolar.core.geometry.cameras.plausibility import doubts
 from visual_servo_epipolar.core.perception.observation import observe
-from visual_servo_epipolar.core.servo.interruptions import interrupted, Interruption
+from visual_servo_epipolar.core.servo.interruptions import (
+    camera_changed,
+    camera_of_run,
+    interrupted,
+    Interruption,
+)
 from visual_servo_epipolar.core.servo.phases.table import DRIVING
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import step
 from visual_servo_epipolar.core.servo.telemetry import telemetry
 from visual_servo_epipolar.core.stamps import seconds_between
+from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import (
     diagnostics,
     event_log,
@@ -56,7 +64,8 @@ class ServoNode(Node):
         parameters.refuse_unknown(self, options)
         parameters.watch(self, lambda: self._settings, self._use)
         self._active, self._state = self._settings.autostart, ServoState()
-        self._camera: Camera | None = None
+        self._camera: CalibratedCamera | None = None
+        self._begun_with: CalibratedCamera | None = None
         self._pending_tracks: PointCloud2 | None = None
         self._fresh_ns: int | None = None
         self._stamp_ns: int | None = None
@@ -111,11 +120,14 @@ class ServoNode(Node):
 
     def _on_info(self, message: CameraInfo) -> None:
         try:
-            self._camera = read.camera(message)
+            self._camera = read.camera(message, rectified=self._node_settings.rectified)
         except ValueError as error:
             self._camera = None
             self._warn(f'camera_info cannot be used, the robot stands: {error}')
-            self._halt()
+            if self._state.phase in DRIVING:
+                self._lose(f'camera_info cannot be used: {error}')
+        if self._camera is not None:
+            self._look_at(self._camera)
         pending, self._pending_tracks = self._pending_tracks, None
         if pending is not None and self._camera is not None and not self._is_stale():
             self._on_tracks(pending)
@@ -135,10 +147,31 @@ class ServoNode(Node):
             self._halt()
             return
         features, warning = validation.checked_tracks(message, self._camera)
+        if self._is_other_camera(self._camera):
+            features, warning = Features(), camera_changed(self._camera)
+        observation = observe(features, self._camera, stamp_ns)
+        warning = warning or validation.left_out(observation, self._camera)
         if warning:
             self._warn(warning)
-        self._follow(step(self._state, observe(features, self._camera, stamp_ns), self._settings))
+        self._follow(step(self._state, observation, self._settings))
         self._publish(stamp_ns, message.header.frame_id)
+
+    def _look_at(self, camera: CalibratedCamera) -> None:
+        """Say what is odd about a camera; hold if it is not that which the run began with."""
+        if doubts(camera):
+            self._warn(doubts(camera))
+        if self._settings.focal_deviation > 0.0 and not isinstance(camera, Camera):
+            self._warn(
+                f'focal_deviation is of a pinhole, the camera_info of a {camera.lens} lens: the '
+                'corrections will be wrong; set focal_deviation: 0.0'
+            )
+        if self._is_other_camera(camera) and self._state.phase in DRIVING:
+            self._lose(camera_changed(camera))
+
+    def _is_other_camera(self, camera: CalibratedCamera) -> bool:
+        """Return whether a run goes on that began with another; before, begin with this one."""
+        self._begun_with = camera_of_run(self._state, self._begun_with, camera)
+        return self._begun_with != camera
 
     def _follow(self, state: ServoState) -> None:
         """Take over a new state, and log what is new of it."""
@@ -182,6 +215,10 @@ class ServoNode(Node):
         if self._state.phase not in DRIVING or not self._is_stale():
             return
         reason = f'no new tracks for {self._age():.2f} s'
+        self._lose(reason)
+
+    def _lose(self, reason: str) -> None:
+        """Stop a robot that drives, and hold."""
         self.get_logger().warning(f'{reason}, the robot is stopped')
         self._halt()
         self._follow(self._interrupted(Interruption.LOST, reason))

@@ -5,6 +5,7 @@ import sys
 from typing import Any
 
 import cv2
+from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
@@ -15,11 +16,19 @@ from std_srvs.srv import Trigger
 from visual_servo_epipolar.core.arrays import as_gray
 from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.errors import TrackingError
-from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.cameras.calibrated import FISHEYES
+from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
-from visual_servo_epipolar.messages import event_log, read, settings_text, validation, write
+from visual_servo_epipolar.messages import (
+    diagnostics,
+    event_log,
+    read,
+    settings_text,
+    validation,
+    write,
+)
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.complaints import Complaints
 from visual_servo_epipolar.nodes.run import spin
@@ -28,6 +37,7 @@ from visual_servo_epipolar.report.images.overlay import draw_overlay
 
 WARN_PERIOD_S = 5.0
 MAX_CAPTURE_AGE_S = 1.0
+RECTIFIED = 'image_rect'  # in the names that image_proc gives
 
 
 class TrackerNode(Node):
@@ -46,8 +56,9 @@ class TrackerNode(Node):
         parameters.watch(self, lambda: self._settings, self._use)
         self._tracker = Tracker(self._settings)
         self._stamp_ns: int | None = None
-        self._camera: Camera | None = None
+        self._camera: CameraModel | None = None
         self._unusable = ''  # why the last camera_info cannot be used
+        self._reason = ''  # why the photograph was not found in the last image
         self._latest: Pixels | None = None
         self._latest_ns, self._steady = 0, Clock(clock_type=ClockType.STEADY_TIME)
         self._pending_image: Image | None = None
@@ -69,6 +80,9 @@ class TrackerNode(Node):
         self._desired_pub = self.create_publisher(Image, '~/desired/image_raw', qos.LATCHED)
         self._settings_pub = self.create_publisher(String, '~/settings', qos.LATCHED)
         self._events_pub = self.create_publisher(String, '~/events', qos.DIAGNOSTICS)
+        self._diagnostics_pub = self.create_publisher(
+            DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS
+        )
 
     def _create_subscriptions(self) -> None:
         images = qos.IMAGES[self._node_settings.camera_reliability]
@@ -96,13 +110,25 @@ class TrackerNode(Node):
 
     def _on_info(self, message: CameraInfo) -> None:
         try:
-            self._camera, self._unusable = read.camera(message), ''
+            rectified = self._node_settings.rectified
+            self._camera, self._unusable = read.camera(message, rectified=rectified), ''
+            self._look_at(message)
         except ValueError as error:
             self._camera, self._unusable = None, str(error)
             self._latest = None
         if self._pending_image is not None:
             pending, self._pending_image = self._pending_image, None
             self._on_image(pending)
+
+    def _look_at(self, info: CameraInfo) -> None:
+        """Say if the name of the images tells that they are rectified, and nothing else does."""
+        topic = self.resolve_topic_name('image_raw')
+        distorts = any(info.d) or info.distortion_model in FISHEYES
+        if RECTIFIED in topic and distorts and not self._node_settings.rectified:
+            self._warn(
+                f'{topic} sounds rectified, but rectified is false: the distortion of camera_info '
+                'is removed from its images; set rectified: true for tracker and servo'
+            )
 
     def _on_image(self, message: Image) -> None:
         if self._camera is None and not self._unusable:
@@ -114,7 +140,17 @@ class TrackerNode(Node):
         self._stamp_ns = read.stamp_ns(message.header)
         if tracking.warning:
             self._warn(tracking.warning)
+        self._diagnose(tracking.warning, len(tracking.features))
         self._publish(tracking.features, message)
+
+    def _diagnose(self, reason: str, features: int) -> None:
+        """Publish why the photograph is not found, as long as that lasts, and that it is over."""
+        if reason or self._reason:
+            name = self.get_fully_qualified_name()
+            self._diagnostics_pub.publish(
+                diagnostics.tracking_diagnosis(reason, features, self._stamp_ns or 0, name=name)
+            )
+        self._reason = reason
 
     def _publish(self, features: Features, image: Image) -> None:
         stamp_ns, frame_id = read.stamp_ns(image.header), image.header.frame_id

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.motion import (
     Pose,
     quaternion_from_yaw,
@@ -36,7 +36,7 @@ def published(pose: Pose) -> Pose:
 class Loop:
     """One closed loop, step by step: what it sees is perceived outside, alone or beside others."""
 
-    def __init__(self, settings: LoopSettings, view: View, camera: Camera) -> None:
+    def __init__(self, settings: LoopSettings, view: View, camera: CameraModel) -> None:
         self.view, self.camera = view, camera
         self.monitor = RunMonitor(settings)
         self._servo = settings.servo
@@ -86,7 +86,7 @@ class Loop:
 def look(loops: Sequence[Loop]) -> list[RobotView]:
     """Return what each loop sees from where its robot is now, alike views and cameras at once."""
     robot_views: list[RobotView | None] = [None] * len(loops)
-    groups: dict[tuple[type[View], Camera], list[int]] = {}
+    groups: dict[tuple[type[View], CameraModel], list[int]] = {}
     for k, loop in enumerate(loops):
         groups.setdefault((type(loop.view), loop.camera), []).append(k)
     for (kind, camera), indices in groups.items():
@@ -105,7 +105,7 @@ def look(loops: Sequence[Loop]) -> list[RobotView]:
 def run(
     settings: LoopSettings,
     view: View,
-    camera: Camera,
+    camera: CameraModel,
     *,
     watch: Callable[[Sample], None] | None = None,
     control: Step = step,
@@ -128,7 +128,7 @@ def run(
 
 
 def run_many(
-    runs: Sequence[tuple[LoopSettings, View, Camera]],
+    runs: Sequence[tuple[LoopSettings, View, CameraModel]],
     *,
     lap: Callable[[str], None] = lambda part: None,
 ) -> list[RunLog]:

@@ -7,7 +7,9 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
+from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.simulation.disturbances.image import Disturbances
@@ -17,7 +19,8 @@ from visual_servo_epipolar.simulation.view import View
 
 MIN_DEPTH_M = 0.3
 BLOCK = 32  # frames drawn at once: starting a random generator costs more than drawing
-MAX_RAY = 4.0  # farther from the axis no lens sees anything (76 deg)
+MAX_RAY = 4.0  # farther from the axis no pinhole sees anything (76 deg)
+TRIES = 200
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -62,9 +65,9 @@ class PointWorld(View):
         self.settings, self.rig, self.camera, self._seed = settings, rig, camera, seed
         self._disturbances = disturbances
         rng = np.random.default_rng((seed, 2))
-        pixels = rng.random((settings.candidates, 2)) * [camera.width - 1, camera.height - 1]
+        pixels = _pixels_with_rays(camera, settings.candidates, rng)
         depth = settings.near + (settings.far - settings.near) * rng.random(settings.candidates)
-        points = np.column_stack([camera.image_points(pixels) * depth[:, None], depth])
+        points = _points_seen(camera, pixels, depth)
         axes, centre = rig.camera_pose(DESIRED_POSE, DESIRED_FRAME)
         self.points: FloatArray = points @ axes.T + centre  # in the world
         self._desired = pixels + settings.noise * rng.standard_normal(pixels.shape)
@@ -81,7 +84,7 @@ class PointWorld(View):
     ) -> list[Features]:
         """Return the features of each world from its pose in its frame, by camera at once."""
         results: list[Features | None] = [None] * len(views)
-        groups: dict[tuple[Camera, int], list[int]] = {}
+        groups: dict[tuple[CalibratedCamera, int], list[int]] = {}
         for k, world in enumerate(views):
             groups.setdefault((world.camera, len(world.points)), []).append(k)
         for indices in groups.values():
@@ -152,12 +155,43 @@ def project_each(
     return in_image(points, worlds[0].camera)
 
 
-def in_image(points: FloatArray, camera: Camera) -> tuple[FloatArray, BoolArray]:
+def _pixels_with_rays(
+    camera: CalibratedCamera, count: int, rng: np.random.Generator
+) -> FloatArray:
+    """Return random pixels, shape (N, 2), that the lens sees something at."""
+    size = [camera.width - 1, camera.height - 1]
+    pixels = rng.random((count, 2)) * size
+    if isinstance(camera, Camera):
+        return pixels
+    for _ in range(TRIES):
+        dark = ~camera.round_trips(pixels, camera.rays(pixels))
+        if not dark.any():
+            return pixels
+        pixels[dark] = rng.random((int(dark.sum()), 2)) * size
+    raise ValueError(
+        'the lens sees nothing in most of its image; check focal_length and distortion'
+    )
+
+
+def _points_seen(camera: CalibratedCamera, pixels: FloatArray, depth: FloatArray) -> FloatArray:
+    """
+    Return what is seen at ``pixels``, in axes of the camera, shape (N, 3).
+
+    ``depth`` [m] is along the axis of a pinhole; of a wider lens it is the distance.
+    """
+    if isinstance(camera, Camera):
+        return np.column_stack([camera.image_points(pixels) * depth[:, None], depth])
+    return np.asarray(camera.rays(pixels) * depth[:, None])
+
+
+def in_image(points: FloatArray, camera: CalibratedCamera) -> tuple[FloatArray, BoolArray]:
     """
     Return the pixels, shape (..., N, 2), and which are in view, shape (..., N).
 
     ``points``, shape (..., N, 3), have the axes of the camera.
     """
+    if not isinstance(camera, Camera):
+        return _in_wide_image(points, camera)
     depth = points[..., 2]
     rays = points[..., :2] / np.maximum(depth, MIN_DEPTH_M)[..., None]
     rays = np.minimum(np.maximum(rays, -MAX_RAY), MAX_RAY).reshape(-1, 2)
@@ -167,3 +201,11 @@ def in_image(points: FloatArray, camera: Camera) -> tuple[FloatArray, BoolArray]
         # Such a lens may show, folded back into the image, what it cannot see.
         visible &= (np.abs(rays) < MAX_RAY).all(axis=1)
     return pixels.reshape(*depth.shape, 2), visible.reshape(depth.shape) & (depth > MIN_DEPTH_M)
+
+
+def _in_wide_image(points: FloatArray, camera: CalibratedCamera) -> tuple[FloatArray, BoolArray]:
+    """Return the pixels, and which are in view, of a lens that may see what is behind it."""
+    pixels = camera.pixels(normalised(points.reshape(-1, 3)))
+    near = np.sqrt((points * points).sum(axis=-1)) <= MIN_DEPTH_M
+    visible = camera.contains(pixels).reshape(near.shape) & ~near
+    return pixels.reshape(*near.shape, 2), visible

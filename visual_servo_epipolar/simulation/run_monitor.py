@@ -1,14 +1,23 @@
-"""One run: how it is set up, what is kept of it, and when it is over."""
+"""One run: how it is set up, what is kept of it, when it is over, and the verdict on it."""
 
 from dataclasses import dataclass, field
+from itertools import pairwise
+import math
+from typing import Any
 
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.servo.phases.switch import too_few_features
 from visual_servo_epipolar.core.servo.phases.table import ENDED, Phase
-from visual_servo_epipolar.core.servo.run_log import RunLog, Sample, SETTLE_FRAMES
+from visual_servo_epipolar.core.servo.run_log import RunLog, Sample, SETTLE_FRAMES, summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
+from visual_servo_epipolar.simulation.mounts.rig import CameraRig
+from visual_servo_epipolar.simulation.mounts.true_geometry import true_geometry
+
+WRONG_BEARING = math.radians(10.0)  # beyond which a geometry is wrong [rad]
+LEAST_BASELINE_M = 0.02  # below which bearings mean little
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,3 +99,34 @@ class RunMonitor:
             self._attempts,
             self.settings.servo.law_expression,
         )
+
+
+def verdict(log: RunLog, rig: CameraRig) -> dict[str, Any]:
+    """
+    Return the verdict on a simulated run: that of ``summarise``, and what only the world knows.
+
+    ``wrong_geometry_s`` is the time that was driven on a geometry more than 10 deg wrong [s]. The
+    excursion is there already, as ``max_distance_ratio``.
+    """
+    return summarise(log) | {'wrong_geometry_s': wrong_geometry_s(log, rig)}
+
+
+def wrong_geometry_s(log: RunLog, rig: CameraRig) -> float:
+    """
+    Return the time driven on a geometry more than 10 deg wrong [s].
+
+    That is while the command is no standstill and a bearing of the measurement is so far from that
+    between the true cameras of ``rig``, upright; where the baseline is below 2 cm, or the servo
+    trusted no bearings, nothing counts.
+    """
+    time_ns = 0
+    for frame, (step, after) in enumerate(pairwise(log.samples)):
+        if step.twist != STANDSTILL and _is_wrong(step, rig, frame):
+            time_ns += after.stamp_ns - step.stamp_ns
+    return time_ns / NANOSECONDS
+
+
+def _is_wrong(step: Sample, rig: CameraRig, frame: int) -> bool:
+    truth = true_geometry(rig, step.pose, frame)
+    error = truth.error(step.bearing_current, step.bearing_desired)
+    return truth.baseline > LEAST_BASELINE_M and error > WRONG_BEARING

@@ -9,9 +9,10 @@ from typing import Any
 
 import cv2
 
-from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.simulation.closed_loop import run, run_many
+from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.regions import start_in
+from visual_servo_epipolar.simulation.run_monitor import verdict
 from visual_servo_epipolar.simulation.scenario import Scenario
 from visual_servo_epipolar.simulation.views import view_of
 from visual_servo_epipolar.sweeping.plan import Chunk, Plan
@@ -22,7 +23,7 @@ Result = dict[str, Any]
 MISSING = (
     *('position_error_m', 'lateral_error_m', 'longitudinal_error_m', 'heading_error_deg'),
     *('duration_s', 'path_length_m', 'max_distance_ratio', 'min_visible_features'),
-    *('max_linear_speed', 'max_angular_speed'),
+    *('max_linear_speed', 'max_angular_speed', 'wrong_geometry_s'),
 )
 
 
@@ -67,19 +68,21 @@ def run_chunk(
 def _side_by_side(
     scenario: Scenario, starts: Sequence[Start], seeds: Sequence[int]
 ) -> list[Result]:
-    runs = []
+    runs, rigs = [], []
     for start, seed in zip(starts, seeds, strict=True):
         seeded = scenario.seeded(seed)
         view = view_of(seeded, 'features', seed)
         runs.append((seeded.loop(start, seed), view, seeded.camera.nominal_camera))
-    return [summarise(log) for log in run_many(runs)]
+        rigs.append(new_rig(seeded.camera))
+    return [verdict(log, rig) for log, rig in zip(run_many(runs), rigs, strict=True)]
 
 
 def _alone(scenario: Scenario, start: Start, seed: int, source: str) -> Result:
     seeded = scenario.seeded(seed)
     try:
         view = view_of(seeded, source, seed)
-        return summarise(run(seeded.loop(start, seed), view, seeded.camera.nominal_camera))
+        log = run(seeded.loop(start, seed), view, seeded.camera.nominal_camera)
+        return verdict(log, new_rig(seeded.camera))
     except Exception as error:  # a defect: one start must not take the other thousands along
         return {
             'outcome': 'failed',

@@ -12,6 +12,8 @@ from visual_servo_epipolar.sweeping.store import Store
 Result = Mapping[str, Any]
 ERRORS = (*('position_error_m', 'lateral_error_m', 'longitudinal_error_m', 'heading_error_deg'),)
 EFFORTS = ('max_distance_ratio', 'duration_s', 'path_length_m', 'attempts')
+# Of all runs, not of those that arrived: a robot that drives off must not be left out.
+SAFETY = {'wrong_geometry_s': 'wrong_geometry_s', 'excursion': 'max_distance_ratio'}
 # An arrival with a larger error is wrong, and the robot did not say so.
 WRONG_POSITION_M, WRONG_HEADING_DEG = 0.05, 2.0
 
@@ -57,6 +59,7 @@ def summary_of(runs: Sequence[Result]) -> dict[str, Any]:
         'defects': sum(map(defective, runs)),
         'failure_reasons': reasons(run for run in runs if not arrived(run)),
         **{name: _spread(arrivals, name) for name in (*ERRORS, *EFFORTS)},
+        **{key: _spread(runs, name) for key, name in SAFETY.items()},
         'runs': list(runs),
     }
 
@@ -70,7 +73,8 @@ def reasons(failures: Iterable[Result]) -> dict[str, int]:
 
 def _spread(runs: Sequence[Result], name: str) -> dict[str, Any]:
     """Return the spread of a quantity's absolute value over ``runs``."""
-    values = [abs(run[name]) for run in runs if run[name] is not None]
+    # A quantity that a run of an earlier version does not have is none, like that of a defect.
+    values = [abs(run[name]) for run in runs if run.get(name) is not None]
     return {
         'median': quantile(values, 0.5),
         'p95': quantile(values, 0.95),

@@ -11,8 +11,8 @@ from visual_servo_epipolar.benchmarks.estimation.scenes import Cell, draw_pair, 
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior
 from visual_servo_epipolar.core.estimators.machinery.eight_point import image_sampson_distance
 from visual_servo_epipolar.core.estimators.machinery.tilted_planar import matrices
+from visual_servo_epipolar.core.estimators.machinery.wrong_lens import model
 from visual_servo_epipolar.core.estimators.registry import estimate
-from visual_servo_epipolar.core.estimators.soft_uncalibrated import model
 from visual_servo_epipolar.core.geometry.lens import unknown_lens
 from visual_servo_epipolar.core.geometry.rays import image_points, unit_rays
 

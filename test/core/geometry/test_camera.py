@@ -11,13 +11,24 @@ from strategies import floats
 from visual_servo_epipolar.core.geometry.camera import Camera
 
 PINHOLE = {'width': 1280, 'height': 1024, 'fx': 769.0, 'fy': 771.0, 'cx': 635.0, 'cy': 512.0}
+RATIONAL = (0.4, 0.1, 5e-4, -3e-4, 0.01, 0.7, 0.2, 0.02)
 CAMERAS = {
     'pinhole': Camera(**PINHOLE),
     'plumb_bob of 4': Camera(**PINHOLE, distortion=(-0.25, 0.08, 1e-3, -5e-4)),
     'plumb_bob of 5': Camera(**PINHOLE, distortion=(-0.25, 0.08, 1e-3, -5e-4, -0.01)),
     'rational_polynomial': Camera(
         **PINHOLE,
-        distortion=(0.4, 0.1, 5e-4, -3e-4, 0.01, 0.7, 0.2, 0.02),
+        distortion=RATIONAL,
+        distortion_model='rational_polynomial',
+    ),
+    'with thin prisms': Camera(
+        **PINHOLE,
+        distortion=(*RATIONAL, 1e-3, -2e-4, 5e-4, 1e-4),
+        distortion_model='rational_polynomial',
+    ),
+    'with a tilted sensor': Camera(
+        **PINHOLE,
+        distortion=(*RATIONAL, 1e-3, -2e-4, 5e-4, 1e-4, 0.01, -0.02),
         distortion_model='rational_polynomial',
     ),
 }
@@ -134,3 +145,28 @@ def test_the_resolution_is_the_root_of_the_solid_angle_of_a_pixel(
 def test_there_is_no_resolution_where_there_are_no_rays() -> None:
     for camera in CAMERAS.values():
         assert camera.resolution(np.empty((0, 3))).shape == (0,)
+
+
+@pytest.mark.parametrize('name', CAMERAS)
+def test_pixels_of_the_image_come_back(name: str) -> None:
+    camera = CAMERAS[name]
+    u, v = np.meshgrid(np.linspace(0.0, 1279.0, 30), np.linspace(0.0, 1023.0, 30))
+    pixels = np.stack([u.ravel(), v.ravel()], axis=1)
+    assert camera.round_trips(pixels, camera.rays(pixels)).all()
+
+
+def test_pixels_beyond_the_fold_of_the_distortion_do_not_come_back() -> None:
+    camera = Camera(**PINHOLE, distortion=(-0.45, 0.0, 0.0, 0.0))
+    # r (1 - 0.45 r^2) grows up to r = 0.861, where it is 0.574.
+    ends = np.array([[635.0 + 0.57 * 769.0, 512.0], [635.0 + 0.58 * 769.0, 512.0]])
+    rays = camera.rays(ends)
+    assert camera.round_trips(ends, rays).tolist() == [True, False]
+    beyond = np.array([[1.2, 0.0, 1.0]]) / np.hypot(1.2, 1.0)  # imaged within, by the fold
+    assert not camera.round_trips(camera.pixels(beyond), beyond).any()
+
+
+def test_a_ray_that_is_not_finite_does_not_come_back() -> None:
+    for camera in CAMERAS.values():
+        rays = np.array([[np.nan, 0.0, 1.0], [0.0, 0.0, 1.0]])
+        pixels = np.array([[10.0, 10.0], [635.0, 512.0]])
+        assert camera.round_trips(pixels, rays).tolist() == [False, True]

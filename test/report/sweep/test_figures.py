@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+import re
 from typing import Any
 
 from matplotlib.axes import Axes
@@ -151,3 +152,12 @@ def test_rows_to_collect_have_all_columns_and_their_origin(documents: dict[str, 
     assert '75 (30.06 to 95.44)' in full
     assert documents['paper']['sweep']['command'] in lines[-1]
     assert documents['paper']['sweep']['begun'] in lines[-1]
+
+
+def test_the_table_says_how_far_any_run_went_and_drove_wrongly(tmp_path: Path) -> None:
+    lost = result(max_distance_ratio=5.0, wrong_geometry_s=30.0, **FAILED)
+    plan = plan_of(2)
+    with filled(tmp_path, plan, [result(), lost]) as store:
+        text = table.table(summaries(plan, store))
+    assert re.search(r'\| the same, all runs +\| 3\.00 / 4\.80 / 5\.00', text)
+    assert re.search(r'\| wrong geometry, all runs \[s\] +\| 15\.0 / 28\.5 / 30\.0', text)

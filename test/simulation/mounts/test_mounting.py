@@ -1,5 +1,6 @@
 """Where the camera sits, and how the floor shakes it."""
 
+from dataclasses import replace
 import math
 
 from hypothesis import given
@@ -26,7 +27,7 @@ def test_the_mount_carries_the_camera(mount: CameraMount, centre: tuple[float, .
 
 @given(poses(), floats(-0.4, 0.4), floats(-0.4, 0.4))
 def test_axes_are_a_rotation(pose: Pose, tilt: float, roll: float) -> None:
-    axes = CameraMount(tilt=0.1, roll=-0.1).R_world_camera(pose, tilt=tilt, roll=roll)
+    axes = CameraMount(tilt=0.1, roll=-0.1, yaw=0.2).R_world_camera(pose, tilt=tilt, roll=roll)
     np.testing.assert_allclose(axes.T @ axes, np.eye(3), atol=1e-12)
     assert np.linalg.det(axes) > 0.0
 
@@ -40,7 +41,21 @@ def test_tilt_looks_down_and_roll_lowers_the_right_side() -> None:
     )
 
 
-@pytest.mark.parametrize('changes', [{'left': math.nan}, {'forward': math.inf}])
+@given(poses(), floats(-0.8, 0.8))
+def test_yaw_turns_the_camera_to_the_left_as_a_turn_of_the_robot_does(
+    pose: Pose, yaw: float
+) -> None:
+    leaning = {'tilt': 0.3, 'roll': -0.1}
+    turned = CameraMount(**leaning).R_world_camera(replace(pose, theta=pose.theta + yaw))
+    np.testing.assert_array_equal(CameraMount(**leaning, yaw=yaw).R_world_camera(pose), turned)
+
+
+def test_yaw_leaves_the_camera_where_it_is() -> None:
+    straight, yawed = CameraMount(forward=0.3), CameraMount(forward=0.3, yaw=0.2)
+    np.testing.assert_array_equal(yawed.centre(DESIRED_POSE), straight.centre(DESIRED_POSE))
+
+
+@pytest.mark.parametrize('changes', [{'left': math.nan}, {'forward': math.inf}, {'yaw': math.nan}])
 def test_a_mount_that_is_nowhere_is_refused(changes: dict[str, float]) -> None:
     with pytest.raises(ValueError, match='a camera mount must be finite'):
         CameraMount(**changes)

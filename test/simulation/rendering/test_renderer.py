@@ -1,5 +1,6 @@
 """The renderer: where things appear, to a hundredth of a pixel, and that nothing flickers."""
 
+from dataclasses import replace
 import math
 
 import cv2
@@ -10,8 +11,9 @@ from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
-from visual_servo_epipolar.simulation.rendering.raster import rasterize
+from visual_servo_epipolar.simulation.rendering.raster import rasterize, View
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
+from visual_servo_epipolar.simulation.rendering.sampling import shade
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene, Surface, Texture
 from visual_servo_epipolar.simulation.rooms.scene import room
 
@@ -145,7 +147,8 @@ def test_paint_too_fine_to_see_is_grey() -> None:
 def test_what_is_painted_is_what_is_nearest(furnished: Renderer) -> None:
     rng = np.random.default_rng(1)
     for pose in POSES:
-        view = furnished._view(pose, None)
+        axes, centre = furnished.rig.camera_pose(pose)
+        view = View(640, 480, CAMERA.matrix, centre, axes)
         raster = rasterize(furnished.scene, view)
         pixels = rng.integers((0, 0), (640, 480), (400, 2))
         points = furnished.trace(pixels.astype(float), pose)
@@ -154,6 +157,15 @@ def test_what_is_painted_is_what_is_nearest(furnished: Renderer) -> None:
         corners, normals = furnished.scene.corners[strips, 0], furnished.scene.normals[strips]
         off = np.abs(((points - corners) * normals).sum(axis=1))
         assert np.mean(off < 1e-6) > 0.98  # but for pixels on an edge
+
+
+def test_a_surface_may_fill_a_single_pixel(furnished: Renderer) -> None:
+    axes, centre = furnished.rig.camera_pose(POSES[0])
+    view = View(640, 480, CAMERA.matrix, centre, axes)
+    raster = rasterize(furnished.scene, view)
+    single = replace(raster, boxes=((320, 240, 321, 241),) * len(raster.boxes))
+    image = shade(furnished.scene, view, single)
+    assert image[240, 320] == pytest.approx(furnished.render(POSES[0])[240, 320], abs=1)
 
 
 @pytest.mark.parametrize('pose', POSES)

@@ -40,7 +40,7 @@ def test_another_seed_gives_another_room(rooms: dict[int, Scene]) -> None:
 
 
 def test_an_unknown_kind_is_refused() -> None:
-    with pytest.raises(ValueError, match="room, wall, got 'cave'"):
+    with pytest.raises(ValueError, match="room, wall, plain, got 'cave'"):
         room(0, 'cave')
 
 

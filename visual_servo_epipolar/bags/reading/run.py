@@ -11,7 +11,7 @@ from visual_servo_epipolar.bags.reading.bag import Bag, RecordedMessage, Topic
 from visual_servo_epipolar.bags.reading.namespaces import Namespace
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
 from visual_servo_epipolar.messages import event_log, read
@@ -41,12 +41,13 @@ class Recording:
 
     ``tracked`` and ``telemetry`` are empty where tracker or servo was not recorded; ``telemetry``
     is by step, ``diagnoses`` holds phase and reason by stamp. Instead of a camera that cannot be
-    used there is the reason.
+    used there is the reason; all are there for raw and for rectified images.
     """
 
     topics: Mapping[str, Topic]
     namespace: Namespace | None = None
-    cameras: list[tuple[int | None, Camera | str]] = field(default_factory=list)
+    raw_cameras: list[tuple[int | None, CameraModel | str]] = field(default_factory=list)
+    rectified_cameras: list[tuple[int | None, CameraModel | str]] = field(default_factory=list)
     photographs: list[tuple[int | None, Image]] = field(default_factory=list)
     tracker: list[tuple[int | None, NodeSettings]] = field(default_factory=list)
     servo: list[tuple[int | None, NodeSettings]] = field(default_factory=list)
@@ -58,6 +59,13 @@ class Recording:
     diagnoses: dict[int, dict[str, str]] = field(default_factory=dict)
     commands: list[RecordedTwist] = field(default_factory=list)
     poses: dict[int, Pose] = field(default_factory=dict)
+
+    @property
+    def cameras(self) -> list[tuple[int | None, CameraModel | str]]:
+        """Cameras of the images as tracker or servo were told that they are."""
+        nodes = (*self.servo[-1:], *self.tracker[-1:])
+        rectified = any(settings.values.get('rectified') is True for _, settings in nodes)
+        return self.rectified_cameras if rectified else self.raw_cameras
 
 
 class StampSequence:
@@ -137,16 +145,16 @@ def read_run(
 
 
 def _read_camera(run: Recording, item: RecordedMessage, key: Key) -> None:
-    camera: Camera | str
-    try:
-        camera = read.camera(item.message)
-    except ValueError as error:
-        camera = str(error)
-    if not run.cameras or run.cameras[-1][1] != camera:
-        # A camera_info has the stamp of its image, so it is in force from just before.
-        run.cameras.append(
-            (read.stamp_ns(item.message.header) - 1 if run.cameras else None, camera)
-        )
+    # A camera_info has the stamp of its image, so it is in force from just before.
+    after_ns = read.stamp_ns(item.message.header) - 1
+    for cameras, rectified in ((run.raw_cameras, False), (run.rectified_cameras, True)):
+        camera: CameraModel | str
+        try:
+            camera = read.camera(item.message, rectified=rectified)
+        except ValueError as error:
+            camera = str(error)
+        if not cameras or cameras[-1][1] != camera:
+            cameras.append((after_ns if cameras else None, camera))
 
 
 def _read_photograph(run: Recording, item: RecordedMessage, key: Key) -> None:

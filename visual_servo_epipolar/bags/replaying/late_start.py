@@ -6,7 +6,7 @@ from visual_servo_epipolar import __version__
 from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.bags.reading.run import Key, Recording, StampSequence
 from visual_servo_epipolar.bags.replaying.replay import value_at
-from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
 from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.servo.phases.table import Phase, TRANSITIONS
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -64,7 +64,7 @@ def _is_servo_at_work(
     return not _is_close(telemetry(state), run.telemetry[first])
 
 
-def _first_features(bag: Bag, run: Recording, first: Key, camera: Camera) -> Features | None:
+def _first_features(bag: Bag, run: Recording, first: Key, camera: CameraModel) -> Features | None:
     """Return the recorded tracks of the first step, as the servo takes them."""
     if 'tracks' not in run.topics:
         return None

@@ -11,7 +11,7 @@ from visual_servo_epipolar.bags.replaying.late_start import late_start_notes
 from visual_servo_epipolar.bags.replaying.replay import Plan, value_at
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import Settings, updated
 from visual_servo_epipolar.core.stamps import NANOSECONDS
@@ -38,12 +38,14 @@ class ReplayOverrides:
     """
     Overrides of the user over what was recorded.
 
-    ``desired`` is a photograph, or when it was taken; ``changes`` are settings by section,
-    ``tracker`` and ``servo``.
+    ``rectified`` are the images even where no recorded setting says so. ``desired`` is a
+    photograph, or when it was taken; ``changes`` are settings by section, ``tracker`` and
+    ``servo``.
     """
 
     from_tracks: bool = False
-    camera: Camera | None = None
+    camera: CameraModel | None = None
+    rectified: bool = False
     desired: Image | Moment | None = None
     changes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
@@ -165,7 +167,7 @@ def _section(settings: Settings) -> str:
 
 def _cameras(
     bag: Bag, run: Recording, overrides: ReplayOverrides
-) -> Sequence[tuple[int | None, Camera | str]]:
+) -> Sequence[tuple[int | None, CameraModel | str]]:
     if overrides.camera is not None:
         return [(None, overrides.camera)]
     if not run.cameras:
@@ -173,7 +175,7 @@ def _cameras(
             f'{bag.path}: no camera_info; name its topic with --topics camera_info=NAME, or give '
             'a camera file: --camera FILE.yaml'
         )
-    return run.cameras
+    return run.rectified_cameras if overrides.rectified else run.cameras
 
 
 def _photographs(

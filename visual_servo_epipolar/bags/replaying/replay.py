@@ -6,7 +6,7 @@ as recorded: the replay shows what the servo would have commanded.
 """
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TypeVar
 
 from visual_servo_epipolar.bags.reading.bag import Bag, RecordedMessage
@@ -20,9 +20,14 @@ from visual_servo_epipolar.bags.reading.run import (
 )
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError, TrackingError
-from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
 from visual_servo_epipolar.core.perception.observation import observe
-from visual_servo_epipolar.core.servo.interruptions import interrupted, Interruption
+from visual_servo_epipolar.core.servo.interruptions import (
+    camera_changed,
+    camera_of_run,
+    interrupted,
+    Interruption,
+)
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
@@ -48,7 +53,7 @@ class Plan:
     from_tracks: bool
     servo: History[ServoSettings]
     tracker: History[TrackerSettings]
-    cameras: History[Camera | str]
+    cameras: History[CameraModel | str]
     photographs: History[Image] = ()
 
 
@@ -58,7 +63,7 @@ class TrackedImage:
 
     key: Key
     log_ns: int
-    camera: Camera | str
+    camera: CameraModel | str
     features: Features
     image: Image | None = None
     warning: str = ''
@@ -92,7 +97,7 @@ def replay(bag: Bag, run: Recording, plan: Plan, *, watch: Watch | None = None) 
 
     """
     state, steps, refusal = ServoState(), list[Step](), ''
-    events = EventQueue(run.servo_events)
+    events, begun_with = EventQueue(run.servo_events), None
     for tracked in tracked_images(bag, run, plan):
         if isinstance(tracked.camera, str):
             refusal = f'camera_info cannot be used: {tracked.camera}'
@@ -101,7 +106,11 @@ def replay(bag: Bag, run: Recording, plan: Plan, *, watch: Watch | None = None) 
             continue  # the servo was not started
         for entry in events.due(tracked.key[0]):
             state = _after(state, entry)
-        observation = observe(tracked.features, tracked.camera, tracked.key[0])
+        camera = tracked.camera
+        begun_with = camera_of_run(state, begun_with, camera)
+        if begun_with != camera:
+            tracked = replace(tracked, features=Features(), warning=camera_changed(camera))
+        observation = observe(tracked.features, camera, tracked.key[0])
         state = step(state, observation, value_at(plan.servo, tracked.key[0]))
         outcome = Step(tracked.key, tracked.log_ns, state.phase, state.reason, telemetry(state))
         steps.append(outcome)
@@ -136,7 +145,7 @@ class ReplayTracker:
         self._plan, self._tracker, self._events = plan, Tracker(plan.tracker[0][1]), events
         self._photograph: Image | None = None
 
-    def track(self, item: RecordedMessage, key: Key, camera: Camera | str) -> TrackedImage:
+    def track(self, item: RecordedMessage, key: Key, camera: CameraModel | str) -> TrackedImage:
         """Track features in the next image."""
         self._tracker.settings = value_at(self._plan.tracker, key[0])
         photograph = in_force(self._plan.photographs, key[0])
@@ -167,7 +176,9 @@ def _after(state: ServoState, entry: Entry) -> ServoState:
         return state  # an event of a later version
 
 
-def _from_recorded_tracks(item: RecordedMessage, key: Key, camera: Camera | str) -> TrackedImage:
+def _from_recorded_tracks(
+    item: RecordedMessage, key: Key, camera: CameraModel | str
+) -> TrackedImage:
     if isinstance(camera, str):
         return TrackedImage(key, item.log_ns, camera, Features())
     features, warning = validation.checked_tracks(item.message, camera)

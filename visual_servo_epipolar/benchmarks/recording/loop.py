@@ -18,7 +18,7 @@ from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.errors import VisualServoError
-from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.startup.transport import tune_transport
@@ -57,7 +57,7 @@ class Loop:
     """
 
     def __init__(
-        self, stack: ExitStack, camera: Camera, images: Sequence[Pixels], folder: Path
+        self, stack: ExitStack, camera: CalibratedCamera, images: Sequence[Pixels], folder: Path
     ) -> None:
         stack.enter_context(_only_this_machine())
         self._camera, self._images, self._count = camera, images, 0

@@ -11,17 +11,22 @@ import yaml
 
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.cameras.calibrated import (
+    calibrated_camera,
+    CalibratedCamera,
+)
+from visual_servo_epipolar.core.geometry.cameras.plausibility import refuse_implausible
 
 ASPECT_TOLERANCE = 0.01
 
 
-def read_camera(path: Path) -> Camera:
+def read_camera(path: Path, *, rectified: bool = False) -> CalibratedCamera:
     """
     Read a camera YAML file; raises InputError if it cannot be read or used.
 
     Needed are image_width, image_height and camera_matrix; distortion_model and
-    distortion_coefficients are taken if they are there.
+    distortion_coefficients are taken if they are there. For ``rectified`` images projection_matrix
+    is, and they are not.
     """
     try:
         document = yaml.safe_load(path.read_text(encoding='utf-8'))
@@ -32,7 +37,9 @@ def read_camera(path: Path) -> Camera:
     if not isinstance(document, Mapping):
         raise InputError(f'{path}: a camera file must map names to values, as calibration writes')
     try:
-        return _camera(document)
+        camera = _rectified(document) if rectified else _camera(document)
+        refuse_implausible(camera)
+        return camera
     except KeyError as error:
         raise InputError(
             f'{path}: camera file lacks {error}; write it with camera_calibration'
@@ -41,23 +48,25 @@ def read_camera(path: Path) -> Camera:
         raise InputError(f'{path}: {error}') from None
 
 
-def _camera(document: Mapping[str, Any]) -> Camera:
+def _camera(document: Mapping[str, Any]) -> CalibratedCamera:
     k = [float(value) for value in document['camera_matrix']['data']]
     if len(k) != 9:
         raise ValueError(f'camera_matrix must have nine numbers, got {len(k)}')
-    if k[1] != 0.0:
-        raise ValueError(f'camera_matrix must have no skew, got {k[1]}; calibrate again')
     coefficients = document.get('distortion_coefficients') or {'data': []}
-    return Camera(
-        int(document['image_width']),
-        int(document['image_height']),
-        k[0],
-        k[4],
-        k[2],
-        k[5],
-        tuple(float(value) for value in coefficients['data']),
-        str(document.get('distortion_model', 'plumb_bob')),
-    )
+    distortion = tuple(float(value) for value in coefficients['data'])
+    model = str(document.get('distortion_model', 'plumb_bob'))
+    return calibrated_camera(_size(document), tuple(k), distortion, model)
+
+
+def _rectified(document: Mapping[str, Any]) -> CalibratedCamera:
+    p = [float(value) for value in document['projection_matrix']['data']]
+    if len(p) != 12:
+        raise ValueError(f'projection_matrix must have twelve numbers, got {len(p)}')
+    return calibrated_camera(_size(document), (*p[0:3], *p[4:7], *p[8:11]))
+
+
+def _size(document: Mapping[str, Any]) -> tuple[int, int]:
+    return int(document['image_width']), int(document['image_height'])
 
 
 def read_photograph(path: Path) -> Image:
@@ -72,7 +81,7 @@ def read_photograph(path: Path) -> Image:
     return np.asarray(image, dtype=np.uint8)
 
 
-def scaled_to(camera: Camera, image: Image, path: Path) -> Camera:
+def scaled_to(camera: CalibratedCamera, image: Image, path: Path) -> CalibratedCamera:
     """Return ``camera`` for an image that was taken with it and then scaled as a whole."""
     height, width = image.shape
     scale_u, scale_v = width / camera.width, height / camera.height

@@ -7,9 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from visual_servo_epipolar.commands.arguments import write_json
-from visual_servo_epipolar.core.servo.run_log import RunLog, summarise
+from visual_servo_epipolar.core.servo.run_log import RunLog
 from visual_servo_epipolar.messages.versions import installed
 from visual_servo_epipolar.report.run_file import RunFile, save_run
+from visual_servo_epipolar.simulation.mounts.registry import new_rig
+from visual_servo_epipolar.simulation.run_monitor import verdict
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 LIBRARIES = ('opencv-python-headless', 'opencv-python', 'matplotlib', 'rclpy', 'rosbags')
@@ -19,7 +21,8 @@ def write_run(log: RunLog, scenario: Scenario, folder: Path) -> list[str]:
     """Write result, samples and figures into ``folder``, which must exist; return their names."""
     from visual_servo_epipolar.report import figures
 
-    write_json(summarise(log), str(folder / 'result.json'))
+    result = verdict(log, new_rig(scenario.camera))
+    write_json(result, str(folder / 'result.json'))
     written = [
         folder / 'result.json',
         save_run(RunFile(log, settings_of(scenario), versions()), folder),

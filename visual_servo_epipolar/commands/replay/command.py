@@ -74,6 +74,12 @@ def add_bag_options(
         '--camera', metavar='FILE.yaml', help='camera file, for a bag without camera_info'
     )
     parser.add_argument(
+        '--rectified',
+        action='store_true',
+        help='the images are rectified: P of camera_info holds, the distortion does not; known of '
+        'a bag that has the settings of the nodes',
+    )
+    parser.add_argument(
         '--tracks', action='store_true', help='replay the recorded tracks instead of the images'
     )
     parser.add_argument(

@@ -132,7 +132,8 @@ def replay_bag(
 ) -> ReplayedBag:
     """Replay the bag in ``options``; by default recorded telemetry must be met exactly."""
     topics, given = parse(options.topics), changes_of(options.set, options.params)
-    camera = None if options.camera is None else read_camera(Path(options.camera))
+    path, rectified = options.camera, options.rectified
+    camera = None if path is None else read_camera(Path(path), rectified=rectified)
     repairs = [str(repair(Path(options.bag)))] if options.repair else []
     start_s = time.perf_counter()
     with _advice_of(options), Bag(Path(options.bag)) as bag:
@@ -141,6 +142,7 @@ def replay_bag(
         overrides = ReplayOverrides(
             from_tracks=options.tracks,
             camera=camera,
+            rectified=rectified,
             desired=_desired(options.desired),
             changes=given,
         )

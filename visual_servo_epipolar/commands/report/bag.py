@@ -34,7 +34,6 @@ from visual_servo_epipolar.commands.report.tables import (
     result_table,
     version_section,
 )
-from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.core.servo.telemetry import sample
 from visual_servo_epipolar.report.images.picture import picture
@@ -63,7 +62,7 @@ class SampledPictures:
         """Add the picture of a step, if it is due or begins a phase."""
         number, self._count = self._count, self._count + 1
         begins, self._phase = step.phase.value != self._phase, step.phase.value
-        if tracked.image is None or not isinstance(tracked.camera, Camera):
+        if tracked.image is None or isinstance(tracked.camera, str):
             return
         if not begins and number % self._stride:
             return

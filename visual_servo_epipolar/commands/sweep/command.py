@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 import hashlib
 import json
-import math
 from pathlib import Path
 import sys
 from typing import Any
@@ -180,7 +179,8 @@ def _workers(options: argparse.Namespace) -> AbstractContextManager[Workers]:
 
 def _field_of_view(plan: Plan) -> float:
     camera = plan.scenario.camera
-    return 2.0 * math.atan(0.5 * camera.width / camera.focal_length)
+    left, right = camera.camera.edges
+    return right - left
 
 
 def _report(

@@ -10,6 +10,7 @@ from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.lens import CALIBRATED, Lens
 
+MOST_CORRELATED = 0.9999  # a covariance beyond it is singular but for rounding
 COLD_DEVIATION = math.radians(2.0)  # of tilt and roll of a camera that nobody calibrated
 
 
@@ -19,6 +20,7 @@ class Attitude:
     Tilt (down positive) and roll (clockwise) of the camera [rad], and how well they are known.
 
     Both views share them; ``jitter`` is the deviation of what an uneven floor adds to each.
+    ``correlation`` is that of what is unknown of tilt and of roll.
     """
 
     tilt: float = 0.0
@@ -26,6 +28,22 @@ class Attitude:
     tilt_deviation: float = COLD_DEVIATION
     roll_deviation: float = COLD_DEVIATION
     jitter: float = math.radians(0.1)
+    correlation: float = 0.0
+
+    @property
+    def covariance(self) -> FloatArray:
+        """Covariance of tilt and roll, shape (2, 2) [rad^2]."""
+        tilt, roll = self.tilt_deviation, self.roll_deviation
+        both = self.correlation * tilt * roll
+        return np.array([[tilt * tilt, both], [both, roll * roll]])
+
+    def known_to(self, covariance: FloatArray) -> 'Attitude':
+        """Return the attitude with another ``covariance`` of tilt and roll, (2, 2) [rad^2]."""
+        (tilt, both), (_, roll) = covariance.tolist()
+        deviations = math.sqrt(tilt), math.sqrt(roll)
+        bound = deviations[0] * deviations[1]
+        correlation = min(max(both / bound, -MOST_CORRELATED), MOST_CORRELATED)
+        return Attitude(self.tilt, self.roll, *deviations, self.jitter, correlation)
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,13 +51,16 @@ class Prior:
     """
     What is known before a pair of views is looked at.
 
-    Of ``lens`` the deviations count: rays come as right as is known.
+    Of ``lens`` the deviations count: rays come as right as is known. ``mount`` is what was known
+    of the attitude before anything was seen, to which an estimator returns when what has been
+    learnt since fits no more.
     """
 
     attitude: Attitude = Attitude()
     bearings: Bearings | None = None  # the last trusted ones, carried along
     deviation: float = math.radians(3.0)  # how far the bearings may have moved since [rad]
     lens: Lens = CALIBRATED
+    mount: Attitude | None = None
 
     @property
     def angles(self) -> FloatArray:

@@ -14,6 +14,7 @@ from visual_servo_epipolar.core.estimators import planar_2dof as two
 from visual_servo_epipolar.core.estimators import soft_planar as soft
 from visual_servo_epipolar.core.estimators import soft_uncalibrated as uncalibrated
 from visual_servo_epipolar.core.estimators.base import Prior
+from visual_servo_epipolar.core.estimators.machinery import wrong_lens
 from visual_servo_epipolar.core.estimators.machinery.attitude_prior import (
     attitude_prior,
     attitudes_of,
@@ -94,7 +95,8 @@ def _plausible_2dof(views: Views) -> BoolArray:
 
 
 def _refine_2dof(views: Views, matches: BoolArray) -> Fit:
-    before = GaussianPrior(*np.zeros((2, *views.angles.shape)))
+    mean = np.zeros(views.angles.shape)
+    before = GaussianPrior(mean, np.zeros((len(mean), 2, 2)))
     return _refined(
         views, table_of(views.rays, matches), two.model, before, np.ones(len(views.priors))
     )
@@ -123,15 +125,15 @@ def _estimates_soft(views: Views, matches: BoolArray, fit: Fit) -> list[Answer]:
 
 
 def _plausible_uncalibrated(views: Views) -> BoolArray:
-    stretch = np.array([uncalibrated.stretch(prior) for prior in views.priors])
+    stretch = np.array([wrong_lens.stretch(prior) for prior in views.priors])
     return plausible_matches(views.rays, attitudes_of(views.priors), stretch)
 
 
 def _refine_uncalibrated(views: Views, matches: BoolArray) -> Fit:
     lenses = np.array([prior.lens.known for prior in views.priors])
-    before = uncalibrated.lens_prior(attitudes_of(views.priors), lenses)
+    before = wrong_lens.lens_prior(attitudes_of(views.priors), lenses)
     table = table_of(views.rays, matches, image_axes)
-    return _refined(views, table, uncalibrated.model, before, _widening(views))
+    return _refined(views, table, wrong_lens.model, before, _widening(views))
 
 
 def _estimates_uncalibrated(views: Views, matches: BoolArray, fit: Fit) -> list[Answer]:

@@ -37,7 +37,7 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings, fundamentals
 MIN_MATCHES = 3
 PAIRS = 130  # of matches: with 40 % outliers, 47 of them are good
 MODES = 2
-NO_PRIOR = GaussianPrior(np.zeros(2), np.zeros(2))
+NO_PRIOR = GaussianPrior(np.zeros(2), np.zeros((2, 2)))
 
 
 def planar_2dof(

@@ -33,7 +33,7 @@ TRIPLES = 400
 MODES = 3
 PHI, RATIO = 1, 2  # places after psi; the last is log(|q| / |p|)
 LARGEST_RATIO = 3.0
-NO_PRIOR = GaussianPrior(np.zeros(3), np.zeros(3))
+NO_PRIOR = GaussianPrior(np.zeros(3), np.zeros((3, 3)))
 
 
 def planar_3dof(

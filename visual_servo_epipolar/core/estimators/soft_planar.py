@@ -15,12 +15,10 @@ from visual_servo_epipolar.core.estimators.machinery.attitude_prior import (
 from visual_servo_epipolar.core.estimators.machinery.conclusion import Conclusion
 from visual_servo_epipolar.core.estimators.machinery.gaussian import Posterior, posterior
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
-    choose_mode,
     INLIER_DEVIATIONS,
     plausible,
     Rays,
     rays_of,
-    too_few,
 )
 from visual_servo_epipolar.core.estimators.machinery.refinement import (
     Fit,
@@ -31,7 +29,12 @@ from visual_servo_epipolar.core.estimators.machinery.refinement import (
     refined_modes,
 )
 from visual_servo_epipolar.core.estimators.machinery.sampson import table_of
-from visual_servo_epipolar.core.estimators.machinery.tilted_hypotheses import (
+from visual_servo_epipolar.core.estimators.machinery.search.general_hypotheses import (
+    general_start_parameters,
+    ROUGHNESS,
+)
+from visual_servo_epipolar.core.estimators.machinery.search.search import searched, SearchMethod
+from visual_servo_epipolar.core.estimators.machinery.search.tilted_hypotheses import (
     is_cold,
     is_poor,
     JUMPS,
@@ -53,6 +56,7 @@ from visual_servo_epipolar.core.geometry.cheirality import balances, oriented
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, fundamentals
 
 MIN_MATCHES = 5
+BOTH = [TILT, ROLL]
 
 
 def soft_planar(
@@ -95,30 +99,39 @@ def soft_planar(
 
 
 def search(rays: Rays, matches: BoolArray, prior: Prior) -> Estimate:
-    """Estimate from hypotheses by pairs of the plausible ``matches``, shape (N,)."""
-    remaining = rays.take(matches)
-    if remaining.matches < MIN_MATCHES:
-        raise too_few(remaining.matches, rays.matches, MIN_MATCHES)
+    """Estimate from hypotheses by the plausible ``matches``, shape (N,)."""
+    return searched(rays, matches, prior, SEARCH)
+
+
+def _by_pairs(rays: Rays, prior: Prior) -> Fit:
+    """Return the refined best modes of two-point hypotheses, and of the last bearings."""
     cold = is_cold(prior.attitude)
-    fits = _refined_hypotheses(remaining, prior, NO_JUMP if cold else JUMPS)
-    if cold and is_poor(fits):
-        fits = _refined_hypotheses(remaining, prior, JUMPS)
-    mode, alternative = choose_mode(fits.parameters[:, : PHI + 1], fits.costs, prior)
-    fit = fits.take(mode).of_all(matches)
-    return _estimate(rays, matches, fit, prior, alternative)
+    fits = _pairs_with(NO_JUMP if cold else JUMPS, rays, prior)
+    return _pairs_with(JUMPS, rays, prior) if cold and is_poor(fits) else fits
 
 
-def _refined_hypotheses(rays: Rays, prior: Prior, jumps: FloatArray) -> Fit:
-    """Return the refined best modes of the hypotheses, and of the last bearings."""
-    before = attitude_prior(prior.attitude)
+def _pairs_with(jumps: FloatArray, rays: Rays, prior: Prior) -> Fit:
     starts = start_parameters(rays, prior.attitude, jumps)
     if prior.bearings is not None:
-        starts = np.vstack([starts, with_bearings(before.mean, prior.angles)])
+        mean = attitude_prior(prior.attitude).mean
+        starts = np.vstack([starts, with_bearings(mean, prior.angles)])
+    return _refined_modes(starts, rays, prior)
+
+
+def _by_fives(rays: Rays, prior: Prior) -> Fit:
+    """Return the refined best modes of five-point hypotheses."""
+    starts = general_start_parameters(rays, prior.attitude)
+    return _refined_modes(starts, rays, prior, least_scale=ROUGHNESS)
+
+
+def _refined_modes(
+    starts: FloatArray, rays: Rays, prior: Prior, *, least_scale: float = 0.0
+) -> Fit:
     return refined_modes(
         starts,
-        problem_of(matrices, table_of(rays), before),
+        problem_of(matrices, table_of(rays), attitude_prior(prior.attitude)),
         negligible=float(NEGLIGIBLE * rays.mean_noise),
-        scale=float(widening(prior.attitude.jitter, rays)),
+        scale=max(least_scale, float(widening(prior.attitude.jitter, rays))),
     )
 
 
@@ -168,7 +181,7 @@ def estimate_of(
     """Return what is concluded of one pair of views as an estimate, if it is determined."""
     conclusion.require_determined()
     psi, phi, tilt, tilt_jump, roll, roll_jump = conclusion.parameters.tolist()
-    of_tilt, of_roll = (math.sqrt(conclusion.covariance[k, k]) for k in (TILT, ROLL))
+    attitude = Attitude(tilt, roll, jitter=prior.attitude.jitter)
     balance = float(conclusion.balance)
     return Estimate(
         oriented(psi, phi, balance),
@@ -176,7 +189,10 @@ def estimate_of(
         conclusion.inliers,
         min(abs(balance), 1.0),
         conclusion.covariance[: PHI + 1, : PHI + 1],
-        attitude=Attitude(tilt, roll, of_tilt, of_roll, prior.attitude.jitter),
+        attitude=attitude.known_to(conclusion.covariance[np.ix_(BOTH, BOTH)]),
         alternative=alternative,
         jump=math.hypot(tilt_jump, roll_jump),
     )
+
+
+SEARCH = SearchMethod(MIN_MATCHES, _by_pairs, _by_fives, _estimate)

@@ -1,12 +1,10 @@
 """
 The soft planar estimator for a camera that nobody calibrated: focal length and principal point.
 
-Rays made with a wrong camera matrix are along A^-1 p, A = [[r, 0, h], [0, r, 0], [0, 0, 1]], with
-r the focal length that was told over the true one, and h the shift of the principal point along u.
-That along v acts as a tilt. So E becomes A^T E A: with D = diag(r, r, 1) and B = D^-1 A, each
-element by r to the power of 2, 1 or 0, then h / r times the first row and column to the last ones.
+How a wrong camera matrix changes E is in ``machinery.wrong_lens``.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 import math
 from typing import NamedTuple
@@ -16,22 +14,17 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior
 from visual_servo_epipolar.core.estimators.machinery.attitude_prior import (
-    AnyAttitude,
-    attitude_prior,
     plausible_matches,
 )
 from visual_servo_epipolar.core.estimators.machinery.conclusion import Conclusion
 from visual_servo_epipolar.core.estimators.machinery.gaussian import (
-    GaussianPrior,
     Posterior,
     posterior,
 )
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
-    choose_mode,
     INLIER_DEVIATIONS,
     Rays,
     rays_of,
-    too_few,
 )
 from visual_servo_epipolar.core.estimators.machinery.refinement import (
     Fit,
@@ -42,7 +35,11 @@ from visual_servo_epipolar.core.estimators.machinery.refinement import (
     refined_modes,
 )
 from visual_servo_epipolar.core.estimators.machinery.sampson import table_of
-from visual_servo_epipolar.core.estimators.machinery.tilted_hypotheses import (
+from visual_servo_epipolar.core.estimators.machinery.search.general_hypotheses import (
+    general_start_parameters,
+)
+from visual_servo_epipolar.core.estimators.machinery.search.search import searched, SearchMethod
+from visual_servo_epipolar.core.estimators.machinery.search.tilted_hypotheses import (
     is_cold,
     is_poor,
     JUMPS,
@@ -50,10 +47,23 @@ from visual_servo_epipolar.core.estimators.machinery.tilted_hypotheses import (
     start_parameters,
 )
 from visual_servo_epipolar.core.estimators.machinery.tilted_planar import (
-    matrices,
     PHI,
-    ROLL,
-    TILT,
+)
+from visual_servo_epipolar.core.estimators.machinery.wrong_lens import (
+    corrected,
+    lens_prior,
+    model,
+    RATIO,
+    REACH,
+    REST,
+    SLOPE,
+    stretch,
+)
+from visual_servo_epipolar.core.estimators.soft_planar import (
+    BOTH,
+    MIN_MATCHES,
+    widening,
+    with_bearings,
 )
 from visual_servo_epipolar.core.estimators.soft_planar import (
     conclude as conclude_calibrated,
@@ -61,23 +71,12 @@ from visual_servo_epipolar.core.estimators.soft_planar import (
 from visual_servo_epipolar.core.estimators.soft_planar import (
     estimate_of as calibrated_estimate_of,
 )
-from visual_servo_epipolar.core.estimators.soft_planar import (
-    MIN_MATCHES,
-    widening,
-    with_bearings,
-)
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.lens import for_wrong_rays, Lens
 from visual_servo_epipolar.core.geometry.rays import image_axes
 
-# Places among the parameters: log r, the rest of h, and k, which is known: h = rest + k log r. The
-# prior of log r and h is correlated, that of log r and the rest is not.
-RATIO, REST, SLOPE = 6, 7, 8
-KNOWN = 1e12  # information of what does not move
-POWERS = np.array([2.0, 2.0, 1.0, 2.0, 2.0, 1.0, 1.0, 1.0, 0.0])  # of r, by rows
 STEP = 0.25  # between the focal lengths that are tried: of their logarithm
 ROUGHNESS = 3.0  # of hypotheses with a focal length between two that are tried, in noises
-REACH = 2.0  # how far they reach, in deviations of the prior
 
 
 def soft_uncalibrated(
@@ -119,24 +118,35 @@ def soft_uncalibrated(
 
 
 def search(rays: Rays, matches: BoolArray, prior: Prior) -> Estimate:
-    """Estimate from hypotheses by pairs of the plausible ``matches``, shape (N,)."""
-    remaining = rays.take(matches)
-    if remaining.matches < MIN_MATCHES:
-        raise too_few(remaining.matches, rays.matches, MIN_MATCHES)
+    """Estimate from hypotheses by the plausible ``matches``, shape (N,)."""
+    return searched(rays, matches, prior, SEARCH)
+
+
+def _by_pairs(rays: Rays, prior: Prior) -> Fit:
+    """Return the refined best modes of two-point hypotheses by several focal lengths."""
     cold = is_cold(prior.attitude)
-    fits = _refined_hypotheses(remaining, prior, NO_JUMP if cold else JUMPS)
-    if cold and is_poor(fits):
-        fits = _refined_hypotheses(remaining, prior, JUMPS)
-    mode, alternative = choose_mode(fits.parameters[:, : PHI + 1], fits.costs, prior)
-    fit = fits.take(mode).of_all(matches)
-    return _estimate(rays, matches, fit, prior, alternative)
+    fits = _pairs_with(NO_JUMP if cold else JUMPS, rays, prior)
+    return _pairs_with(JUMPS, rays, prior) if cold and is_poor(fits) else fits
 
 
-def _refined_hypotheses(rays: Rays, prior: Prior, jumps: FloatArray) -> Fit:
-    """Return the refined best modes of hypotheses by several focal lengths."""
+def _pairs_with(jumps: FloatArray, rays: Rays, prior: Prior) -> Fit:
+    return _refined_hypotheses(
+        rays, prior, lambda right: start_parameters(right, prior.attitude, jumps)
+    )
+
+
+def _by_fives(rays: Rays, prior: Prior) -> Fit:
+    """Return the refined best modes of five-point hypotheses by several focal lengths."""
+    return _refined_hypotheses(
+        rays, prior, lambda right: general_start_parameters(right, prior.attitude)
+    )
+
+
+def _refined_hypotheses(rays: Rays, prior: Prior, planar: Callable[[Rays], FloatArray]) -> Fit:
+    """Return the refined best modes of what ``planar`` finds by several focal lengths."""
     before = lens_prior(prior.attitude, np.array(prior.lens.known))
     steps = math.ceil(REACH * prior.lens.ratio_deviation / STEP)
-    starts = [_start_parameters(rays, prior, jumps, STEP * k) for k in range(-steps, steps + 1)]
+    starts = [_start_parameters(rays, prior, planar, STEP * k) for k in range(-steps, steps + 1)]
     if prior.bearings is not None:
         starts.append(with_bearings(before.mean, prior.angles)[None])
     return refined_modes(
@@ -147,74 +157,13 @@ def _refined_hypotheses(rays: Rays, prior: Prior, jumps: FloatArray) -> Fit:
     )
 
 
-def _start_parameters(rays: Rays, prior: Prior, jumps: FloatArray, log_ratio: float) -> FloatArray:
+def _start_parameters(
+    rays: Rays, prior: Prior, planar: Callable[[Rays], FloatArray], log_ratio: float
+) -> FloatArray:
     """Return the best hypotheses by one focal length as parameters, shape (K, 9)."""
     ratio, slope = math.exp(log_ratio), prior.lens.shift_slope
-    right = corrected(rays, ratio, slope * log_ratio)
-    planar = start_parameters(right, prior.attitude, jumps)
-    return np.hstack([planar, np.tile([log_ratio, 0.0, slope], (len(planar), 1))])
-
-
-def stretch(prior: Prior) -> float:
-    """Return by how much true rays may be longer than those that came."""
-    return float(np.exp(REACH * prior.lens.ratio_deviation))
-
-
-def lens_prior(attitude: AnyAttitude, lens: FloatArray) -> GaussianPrior:
-    """
-    Return what is known of all nine parameters, shape (..., 9) each.
-
-    ``lens``, shape (..., 3), are deviations of log r and of the rest of h, and k.
-    """
-    mean, information = attitude_prior(attitude)
-    lens_mean, lens_information = np.zeros((2, *lens.shape))
-    lens_mean[..., 2], lens_information[..., 2] = lens[..., 2], KNOWN
-    lens_information[..., :2] = np.power(lens[..., :2], -2.0)
-    return GaussianPrior(
-        np.concatenate([mean, lens_mean], axis=-1),
-        np.concatenate([information, lens_information], axis=-1),
-    )
-
-
-def corrected(rays: Rays, ratio: FloatArray | float, shift: FloatArray | float) -> Rays:
-    """
-    Return ``rays``, (..., N), as a camera with the true matrix has them: along A p.
-
-    Their noise grows as the square root of a small solid angle, det A / |A p|^3.
-    """
-    ratio, shift = np.asarray(ratio)[..., None], np.asarray(shift)[..., None]
-    x_a, y_a, z_a, x_d, y_d, z_d, noise_a, noise_d = rays
-    x_a, y_a = ratio * x_a + shift * z_a, ratio * y_a
-    x_d, y_d = ratio * x_d + shift * z_d, ratio * y_d
-    long_a = np.sqrt(x_a * x_a + y_a * y_a + z_a * z_a)
-    long_d = np.sqrt(x_d * x_d + y_d * y_d + z_d * z_d)
-    return Rays(
-        *(x_a / long_a, y_a / long_a, z_a / long_a),
-        *(x_d / long_d, y_d / long_d, z_d / long_d),
-        noise_a * ratio * long_a**-1.5,
-        noise_d * ratio * long_d**-1.5,
-    )
-
-
-def model(parameters: FloatArray) -> FloatArray:
-    """Return A^T E A and its derivatives by ``parameters``, (..., 9), as rows: (..., 10, 9)."""
-    *leading, _ = parameters.shape
-    log_ratio, rest, slope = (parameters[..., k, None, None] for k in (RATIO, REST, SLOPE))
-    ratio, shift = np.exp(log_ratio), rest + slope * log_ratio
-    rows = np.zeros((*leading, 10, 9))
-    rows[..., : RATIO + 1, :] = matrices(parameters[..., :RATIO])
-    rows[..., RATIO + 1, :] = rows[..., 0, :] * POWERS
-    rows[..., : RATIO + 2, :] *= ratio**POWERS
-    square = rows.reshape(*leading, 10, 3, 3)
-    scaled = square[..., : RATIO + 2, :, :]
-    scaled[..., 2] += shift / ratio * scaled[..., 0]
-    scaled[..., 2, :] += shift / ratio * scaled[..., 0, :]
-    by_shift = square[..., REST + 1, :, :]
-    by_shift[..., 2] = square[..., 0, :, 0]
-    by_shift[..., 2, :] += square[..., 0, 0, :]
-    by_shift /= ratio
-    square[..., RATIO + 1, :, :] += (slope - shift) * by_shift
-    return rows
+    starts = planar(corrected(rays, ratio, slope * log_ratio))
+    return np.hstack([starts, np.tile([log_ratio, 0.0, slope], (len(starts), 1))])
 
 
 class LensConclusion(NamedTuple):
@@ -278,11 +227,7 @@ def estimate_of(
         lens=lens,
         lens_covariance=spare[: PHI + 1, : PHI + 1],
         fundamental=for_wrong_rays(calibrated.fundamental, lens),
-        attitude=replace(
-            attitude,
-            tilt_deviation=math.sqrt(attitude.tilt_deviation**2 + spare[TILT, TILT]),
-            roll_deviation=math.sqrt(attitude.roll_deviation**2 + spare[ROLL, ROLL]),
-        ),
+        attitude=attitude.known_to(attitude.covariance + spare[np.ix_(BOTH, BOTH)]),
     )
 
 
@@ -295,3 +240,6 @@ def _lens(conclusion: LensConclusion) -> Lens:
         float(conclusion.shift),
         to_lens @ covariance @ to_lens.T,
     )
+
+
+SEARCH = SearchMethod(MIN_MATCHES, _by_pairs, _by_fives, _estimate, stretch)

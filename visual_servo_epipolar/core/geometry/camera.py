@@ -8,11 +8,19 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray
+from visual_servo_epipolar.core.geometry.cameras.model import refuse_impossible, ROUND_TRIP_PX
 from visual_servo_epipolar.core.geometry.rays import image_points, unit_rays
 
 LEAST_FORWARD = 0.2  # z of a ray: no pinhole sees farther off its axis than 78 deg
 STEP = 1e-5  # on the image plane, that the slope of the distortion is taken over
-DISTORTION_MODELS = {'': (0,), 'plumb_bob': (0, 4, 5), 'rational_polynomial': (0, 8)}
+FARTHEST = math.radians(89.0)  # from the axis, that the distortion is followed to
+ANGLES = 2048  # on the way there
+# Of a rational_polynomial 12 have thin prisms as well, 14 also a tilted sensor.
+DISTORTION_MODELS = {
+    '': (0,),
+    'plumb_bob': (0, 4, 5),
+    'rational_polynomial': (0, 8, 12, 14),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +30,8 @@ class Camera:
 
     Pixel coordinates (u, v) are OpenCV's: u right, v down, integers at pixel centres. Camera axes:
     x right, y down, z forward. ``rays`` and ``pixels`` speak of directions, unit vectors
-    (x, y, z); ``image_points`` and ``pixels_of`` of image-plane points (x/z, y/z).
+    (x, y, z), as those of every ``CameraModel`` do. ``matrix``, ``image_points`` and ``pixels_of``
+    speak of image-plane points (x/z, y/z), which only a pinhole has.
     """
 
     width: int
@@ -35,30 +44,35 @@ class Camera:
     distortion_model: str = 'plumb_bob'
 
     def __post_init__(self) -> None:
-        if self.width < 1 or self.height < 1:
-            raise ValueError(
-                f'image size must be positive, got {self.width}x{self.height}; '
-                'check width and height of the CameraInfo'
-            )
-        intrinsics = (self.fx, self.fy, self.cx, self.cy, *self.distortion)
-        if not all(math.isfinite(value) for value in intrinsics):
-            raise ValueError(f'intrinsics must be finite, got {intrinsics}; calibrate the camera')
-        if self.fx <= 0.0 or self.fy <= 0.0:
-            raise ValueError(
-                f'focal lengths must be positive, got fx {self.fx} and fy {self.fy} px: '
-                'K[0] = 0 means an uncalibrated camera; calibrate it and set its CameraInfo'
-            )
+        others = (self.cx, self.cy, *self.distortion)
+        refuse_impossible((self.width, self.height), (self.fx, self.fy), others)
         allowed = DISTORTION_MODELS.get(self.distortion_model)
         if allowed is None or len(self.distortion) not in allowed:
             raise ValueError(
-                f'distortion must be plumb_bob (4 or 5 numbers) or rational_polynomial (8), got '
-                f'{self.distortion_model!r} with {len(self.distortion)}; rectify the images first'
+                'distortion must be plumb_bob (4 or 5 numbers), rational_polynomial (8, 12 or 14) '
+                f'or equidistant (4), got {self.distortion_model!r} with '
+                f'{len(self.distortion)}; rectify the images first'
             )
 
     @property
     def matrix(self) -> FloatArray:
         """Intrinsic matrix K, shape (3, 3) (eq. 2)."""
         return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+
+    @property
+    def focal(self) -> float:
+        """Pixels per rad at the centre."""
+        return math.sqrt(self.fx * self.fy)
+
+    @property
+    def lens(self) -> str:
+        """Name of the lens, for messages."""
+        return self.distortion_model if self.distorts else 'pinhole'
+
+    @property
+    def wide(self) -> bool:
+        """A pinhole is not: its image is a plane."""
+        return False
 
     @property
     def distorts(self) -> bool:
@@ -107,6 +121,16 @@ class Camera:
         pixels[front] = self.pixels_of(image_points(rays[front]))
         return pixels
 
+    def round_trips(self, pixels: FloatArray, rays: FloatArray) -> BoolArray:
+        """Return which ``pixels``, shape (N, 2), come back from their ``rays``, (N, 3): (N,)."""
+        whole = np.asarray(np.isfinite(rays).all(axis=1))
+        if not self.distorts or not whole.any():
+            return whole
+        error = np.full((len(rays), 2), np.nan)
+        error[whole] = self.pixels(rays[whole]) - pixels[whole]
+        aside = np.hypot(rays[:, 0], rays[:, 1]) <= _farthest(self) * rays[:, 2]
+        return np.asarray(aside & (np.hypot(error[:, 0], error[:, 1]) <= ROUND_TRIP_PX))
+
     def resolution(self, rays: FloatArray) -> FloatArray:
         """
         Return the angle of a pixel at each of ``rays``, shape (N, 3): (N,) [rad].
@@ -143,6 +167,19 @@ def _undistort(pixels: FloatArray, matrix: FloatArray, distortion: FloatArray) -
     else:
         points = cv2.undistortPoints(pixels, matrix, distortion, criteria=criteria)
     return np.asarray(points, dtype=np.float64).reshape(-1, 2)
+
+
+@lru_cache(maxsize=16)
+def _farthest(camera: Camera) -> float:
+    """Return how far from the axis the radius in the image grows: farther out it folds back."""
+    k1, k2, _, _, k3, k4, k5, k6 = (*camera.distortion, 0.0, 0.0, 0.0, 0.0)[:8]
+    radii = np.tan(np.linspace(0.0, FARTHEST, ANGLES))
+    s = radii * radii
+    below = 1.0 + s * (k4 + s * (k5 + s * k6))
+    with np.errstate(divide='ignore', invalid='ignore'):
+        distorted = radii * (1.0 + s * (k1 + s * (k2 + s * k3))) / below
+    ends = np.flatnonzero(~((np.diff(distorted) > 0.0) & (below[1:] > 0.0)))
+    return float(radii[ends[0]]) if len(ends) else math.inf
 
 
 @lru_cache(maxsize=16)

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray, median_of_sorted
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, median_of_sorted
 from visual_servo_epipolar.core.estimators.base import Estimate
 from visual_servo_epipolar.core.estimators.registry import estimates
 from visual_servo_epipolar.core.geometry.epipolar import rotations_desired_current
@@ -219,7 +219,9 @@ def _measures(stack: _Stack, estimates: Sequence[ValidatedEstimate]) -> list[Mea
         _parallaxes(stack, estimates, headings).tolist(),
         headings.tolist(),
         _differences(stack, headings).tolist(),
-        measures.difference_deviation(stack.current, stack.desired, noise / focal).tolist(),
+        measures.difference_deviation(
+            stack.current, stack.desired, noise / focal, _wide(stack)
+        ).tolist(),
         median_of_sorted(distances).tolist(),
         _view_margins(stack, estimates),
     )
@@ -254,10 +256,16 @@ def _parallaxes(
 
 def _differences(stack: _Stack, headings: FloatArray) -> FloatArray:
     """Return D of each view, of features turned as the goal is where settings say so."""
-    plain = measures.feature_difference(stack.current, stack.desired)
+    plain = measures.feature_difference(stack.current, stack.desired, _wide(stack))
     compensated = np.array([view.settings.compensates for view in stack.views])
     if not compensated.any():
         return plain
     better = rotations_desired_current(headings - stack.rotations.heading_error)
     level = measures.turned(stack.current, better @ stack.rotations.rotation)
-    return np.where(compensated, measures.usual_difference(level, stack.desired), plain)
+    usual = measures.usual_difference(level, stack.desired, _wide(stack))
+    return np.where(compensated, usual, plain)
+
+
+def _wide(stack: _Stack) -> BoolArray:
+    """Return which views are through a wide lens, shape (B,)."""
+    return np.array([view.observation.wide for view in stack.views])

@@ -8,7 +8,9 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.errors import TrackingError
-from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.estimators.base import Attitude
+from visual_servo_epipolar.core.geometry.camera import Camera, LEAST_FORWARD
+from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.epipolar import in_pixels
 from visual_servo_epipolar.core.geometry.rays import image_points
 from visual_servo_epipolar.core.perception.measurement import Measurement
@@ -23,6 +25,7 @@ REFINEMENT = 15  # iterations of the alignment after the match
 MIN_CORRELATION = 0.75
 PLANAR_SHARE = 0.7  # of the matches: below, the motion is not planar
 GENERAL_PX = 1.5  # inlier threshold of the general geometry
+TOLD = math.radians(3.0)  # deviation of tilt or roll beyond which it is not told
 SAME_PLACE_PX = 0.3  # parallax that noise alone makes
 
 
@@ -33,7 +36,8 @@ class Inspection:
 
     Bearings are those of the other camera's centre, right positive; ``rotation`` is the heading of
     the current against the desired view, left positive. ``fundamental``, shape (3, 3), is in
-    pixels. ``planar`` is False where the general geometry had to be used.
+    pixels. ``planar`` is False where the general geometry had to be used; ``tilt``, down positive,
+    and ``roll``, clockwise, are those of the camera, where the pair tells them.
     """
 
     trusted: bool
@@ -46,6 +50,8 @@ class Inspection:
     parallax_px: float = math.nan
     inliers: int = 0
     planar: bool = True
+    tilt: float = math.nan
+    roll: float = math.nan
     current: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     desired: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     fundamental: FloatArray | None = None
@@ -54,8 +60,8 @@ class Inspection:
 def inspect(
     desired: Image,
     current: Image,
-    desired_camera: Camera,
-    current_camera: Camera,
+    desired_camera: CameraModel,
+    current_camera: CameraModel,
     settings: PerceptionSettings,
 ) -> Inspection:
     """
@@ -71,20 +77,30 @@ def inspect(
         return Inspection(False, str(error))
     rays_current = current_camera.rays(pixels_current)
     rays_desired = desired_camera.rays(pixels_desired)
+    usable = current_camera.round_trips(pixels_current, rays_current)
+    usable &= desired_camera.round_trips(pixels_desired, rays_desired)
+    pixels_current, pixels_desired = pixels_current[usable], pixels_desired[usable]
+    rays_current, rays_desired = rays_current[usable], rays_desired[usable]
     resolution = np.stack(
         [current_camera.resolution(rays_current), desired_camera.resolution(rays_desired)], axis=1
     )
-    focal = math.sqrt(current_camera.fx * current_camera.fy)
-    observation = Observation(0, rays_current, rays_desired, focal, pixel_angles=resolution)
+    observation = Observation(
+        0,
+        rays_current,
+        rays_desired,
+        current_camera.focal,
+        pixel_angles=resolution,
+        wide=current_camera.wide,
+    )
     perception = perceive(observation, settings, 0)
     seen, fundamental = perception.measurement, perception.fundamental
     found = replace(
-        _planar(seen),
+        _planar(seen, perception.memory.attitude),
         current=pixels_current,
         desired=pixels_desired,
         fundamental=None
         if fundamental is None
-        else in_pixels(fundamental, current_camera.matrix, desired_camera.matrix),
+        else _in_pixels(fundamental, current_camera, desired_camera),
     )
     if math.isnan(seen.parallax_px):
         return found  # too few matches for anything
@@ -116,7 +132,7 @@ def _aligned(view: DesiredView, matches: Matches, image: Image) -> tuple[FloatAr
     return alignment.warps.current[good], desired[good]
 
 
-def _planar(seen: Measurement) -> Inspection:
+def _planar(seen: Measurement, attitude: Attitude) -> Inspection:
     bearings = seen.bearings
     base = Inspection(
         bearings is not None,
@@ -133,16 +149,36 @@ def _planar(seen: Measurement) -> Inspection:
         bearing_current=bearings.current,
         bearing_desired=bearings.desired,
         sigma=bearings.sigma,
+        tilt=attitude.tilt if attitude.tilt_deviation < TOLD else math.nan,
+        roll=attitude.roll if attitude.roll_deviation < TOLD else math.nan,
     )
 
 
+def _in_pixels(
+    fundamental: FloatArray, current_camera: CameraModel, desired_camera: CameraModel
+) -> FloatArray | None:
+    """Return F in pixels, which only pinholes have."""
+    if isinstance(current_camera, Camera) and isinstance(desired_camera, Camera):
+        return in_pixels(fundamental, current_camera.matrix, desired_camera.matrix)
+    return None
+
+
 def _general(
-    found: Inspection, observation: Observation, current_camera: Camera, desired_camera: Camera
+    found: Inspection,
+    observation: Observation,
+    current_camera: CameraModel,
+    desired_camera: CameraModel,
 ) -> Inspection:
     """Return the five-point geometry (Nister 2004, by OpenCV) where motion is not planar."""
     threshold = GENERAL_PX / observation.focal
-    points = image_points(observation.current), image_points(observation.desired)
-    essential, mask = cv2.findEssentialMat(*points, np.eye(3), cv2.USAC_MAGSAC, 0.999, threshold)
+    front = np.minimum(observation.current[:, 2], observation.desired[:, 2]) > LEAST_FORWARD
+    points = image_points(observation.current[front]), image_points(observation.desired[front])
+    try:
+        essential, mask = cv2.findEssentialMat(
+            *points, np.eye(3), cv2.USAC_MAGSAC, 0.999, threshold
+        )
+    except cv2.error:  # OpenCV 5 asserts that there is a model, where few matches gave none
+        essential = None
     share = found.inliers / max(len(observation.current), 1)
     reason = found.reason or f'only {100.0 * share:.0f} % of the matches fit a planar motion'
     if essential is None or essential.shape != (3, 3):
@@ -154,14 +190,16 @@ def _general(
     count = int((inliers > 0).sum())
     return replace(
         found,
-        trusted=count >= PLANAR_SHARE * len(observation.current),
+        trusted=count >= PLANAR_SHARE * int(front.sum()),
         reason=f'{reason}: general epipolar geometry',
         bearing_current=current,
         bearing_desired=math.atan2(centre[0], centre[2]),
         rotation=math.atan2(rotation[2, 0] - rotation[0, 2], rotation[0, 0] + rotation[2, 2]),
         sigma=-math.copysign(1.0, math.cos(current)),
         deviation=math.nan,
+        tilt=math.nan,
+        roll=math.nan,
         inliers=count,
         planar=False,
-        fundamental=in_pixels(essential, current_camera.matrix, desired_camera.matrix),
+        fundamental=_in_pixels(essential, current_camera, desired_camera),
     )

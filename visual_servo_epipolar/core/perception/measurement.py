@@ -14,7 +14,9 @@ class Measurement:
     What one observation tells about the goal.
 
     Angles are in rad; times ``focal`` [px] they are pixels at the image centre. ``bearings`` is
-    None where no estimate passed the validation gates, and ``reason`` says why. ``difference`` is
+    None where no estimate passed the validation gates, and ``reason`` says why. They are those
+    of the cameras; where the camera does not sit on the axle they become those of the axle, and
+    ``camera_bearings`` keeps the others. ``difference`` is
     D of eq. (23) at unit focal length, averaged over the features, ``difference_deviation`` its
     noise; ``feature_error`` the median angle between current and desired features [rad];
     ``parallax`` the angle that the best rotation leaves unexplained [rad]; ``heading_error``
@@ -30,6 +32,7 @@ class Measurement:
     focal: float
     noise_px: float
     bearings: Bearings | None = None
+    camera_bearings: Bearings | None = None
     deviation: float = math.nan
     covariance: FloatArray = field(default_factory=lambda: UNKNOWN_COVARIANCE)
     jump: float = 0.0
@@ -42,6 +45,11 @@ class Measurement:
     feature_error: float = math.nan
     view_margins: tuple[float, float] = (math.inf, math.inf)
     reason: str = ''
+
+    @property
+    def seen_bearings(self) -> Bearings | None:
+        """The bearings of the cameras, which images show."""
+        return self.camera_bearings or self.bearings
 
     @property
     def noise(self) -> float:

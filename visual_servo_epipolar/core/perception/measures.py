@@ -2,7 +2,11 @@
 What features tell without epipoles: D of eq. (23), distances, margins of the view.
 
 D alone is of the image plane: with a unit ray (x, y, z), |p|^2 = (x^2 + y^2) / z^2 = 1 / z^2 - 1.
-It is taken over the features that both views have well in front; all else is of rays.
+It is taken over the features that both views have well in front; all else is of rays. |p|^2 has no
+bound: through a ``wide`` lens a few features far off the axis would be all that counts, and they
+tell least. There D is of the sphere, with 2 (1 - z), the square of the chord from the axis: at
+small angles it is |p|^2, it grows as |p|^2 does when the camera comes closer, and every feature
+counts by what it tells, one behind the camera as well.
 """
 
 import numpy as np
@@ -15,30 +19,47 @@ FULL_CIRCLE = 2.0 * np.pi - 1e-6  # between the edges of an image [rad]
 IN_FRONT = 0.2  # least z of a ray that has an image-plane point: 78 deg off the axis
 
 
-def feature_difference(current: FloatArray, desired: FloatArray) -> FloatArray:
-    """Return D = mean(|p_a|^2 - |p_d|^2), shape (...), of rays of shape (..., N, 3) (eq. 23)."""
-    return _difference(current, desired, _in_front(current, desired))
+def feature_difference(
+    current: FloatArray, desired: FloatArray, wide: BoolArray | bool = False
+) -> FloatArray:
+    """
+    Return D = mean(|p_a|^2 - |p_d|^2), shape (...), of rays of shape (..., N, 3) (eq. 23).
+
+    ``wide``, shape (...), says which lenses are: their D is of the sphere.
+    """
+    return _difference(current, desired, _counted(current, desired, wide), wide)
 
 
-def usual_difference(current: FloatArray, desired: FloatArray) -> FloatArray:
+def usual_difference(
+    current: FloatArray, desired: FloatArray, wide: BoolArray | bool = False
+) -> FloatArray:
     """Return D of the rays, (..., N, 3), that are about as far off as most, shape (...)."""
     distance = distances(current, desired)
     median = median_of_sorted(np.sort(distance, axis=-1))
     usual = distance <= APART * median[..., None] + NEGLIGIBLE
-    return _difference(current, desired, usual & _in_front(current, desired))
+    return _difference(current, desired, usual & _counted(current, desired, wide), wide)
 
 
 def difference_deviation(
-    current: FloatArray, desired: FloatArray, noise: FloatArray | float
+    current: FloatArray,
+    desired: FloatArray,
+    noise: FloatArray | float,
+    wide: BoolArray | bool = False,
 ) -> FloatArray:
     """
     Return the deviation of D, shape (...), of rays of shape (..., N, 3).
 
-    ``noise``, shape (...), is that of image-plane coordinates of both views.
+    ``noise``, shape (...), is that of image-plane coordinates of both views; of angles where
+    the lens is ``wide``.
     """
-    counted = _in_front(current, desired)
-    # Of |p_a|^2 - |p_d|^2, on the average of the features that are counted.
-    squares = np.where(counted, _squares(desired), 0.0).sum(axis=-1)
+    counted = _counted(current, desired, wide)
+    # Of |p_a|^2 - |p_d|^2, on the average of the features that are counted: 4 |p|^2 noise^2 each,
+    # and of 2 (1 - z) 4 sin^2 noise^2.
+    slopes = _squares(desired)
+    if np.any(wide):
+        z = desired[..., 2]
+        slopes = np.where(np.asarray(wide)[..., None], 1.0 - z * z, slopes)
+    squares = np.where(counted, slopes, 0.0).sum(axis=-1)
     return np.asarray(np.sqrt(8.0 * squares) * noise / _count(counted))
 
 
@@ -89,9 +110,15 @@ def _taken(values: FloatArray, place: IntArray) -> FloatArray:
     return np.asarray(np.take_along_axis(values, np.asarray(place)[..., None], axis=-1)[..., 0])
 
 
-def _difference(current: FloatArray, desired: FloatArray, counted: BoolArray) -> FloatArray:
+def _difference(
+    current: FloatArray, desired: FloatArray, counted: BoolArray, wide: BoolArray | bool
+) -> FloatArray:
     """Return D over the features that are ``counted``, (..., N), shape (...); nan of none."""
-    squares = np.where(counted, _squares(current) - _squares(desired), 0.0)
+    change = _squares(current) - _squares(desired)
+    if np.any(wide):
+        chords = 2.0 * (desired[..., 2] - current[..., 2])
+        change = np.where(np.asarray(wide)[..., None], chords, change)
+    squares = np.where(counted, change, 0.0)
     return np.asarray(squares.sum(axis=-1) / _count(counted))
 
 
@@ -101,8 +128,10 @@ def _count(counted: BoolArray) -> FloatArray:
     return np.asarray(np.where(count, count, np.nan))
 
 
-def _in_front(current: FloatArray, desired: FloatArray) -> BoolArray:
-    return np.asarray(np.minimum(current[..., 2], desired[..., 2]) > IN_FRONT)
+def _counted(current: FloatArray, desired: FloatArray, wide: BoolArray | bool) -> BoolArray:
+    """Return which features count for D, shape (..., N): those in front, of a wide lens all."""
+    in_front = np.minimum(current[..., 2], desired[..., 2]) > IN_FRONT
+    return np.asarray(in_front | np.asarray(wide)[..., None] if np.any(wide) else in_front)
 
 
 def _squares(rays: FloatArray) -> FloatArray:

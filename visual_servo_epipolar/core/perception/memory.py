@@ -2,12 +2,15 @@
 
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from visual_servo_epipolar.core.estimators.base import Attitude, Estimate
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.lens import CALIBRATED, learnt, Lens, unknown_lens
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 
 KNOWN_DEVIATION = 1.7e-3  # of tilt and roll: the floor moved the desired camera, too [rad]
+ROUNDING = 0.05  # of information, in units of what was known
 INFORMATIVE_PARALLAX = 12.0  # in deviations of the noise: bearings to about three degrees
 
 
@@ -32,7 +35,7 @@ class PerceptionMemory:
 def fresh_memory(settings: PerceptionSettings) -> PerceptionMemory:
     """Return the memory before the first observation."""
     return PerceptionMemory(
-        Attitude(jitter=settings.floor_jitter),
+        settings.mount,
         settings.pixel_noise,
         lens=unknown_lens(settings.focal_deviation),
     )
@@ -53,12 +56,25 @@ def updated_memory(
     if informative:
         lens = learnt(lens, estimate.lens)
     if informative and estimate.attitude is not None:
-        estimated = estimate.attitude
-        attitude = Attitude(
-            estimated.tilt,
-            estimated.roll,
-            max(estimated.tilt_deviation, KNOWN_DEVIATION),
-            max(estimated.roll_deviation, KNOWN_DEVIATION),
-            attitude.jitter,
-        )
+        attitude = learnt_attitude(attitude, estimate.attitude)
     return PerceptionMemory(attitude, noise, estimate.bearings, lens=lens)
+
+
+def learnt_attitude(before: Attitude, after: Attitude) -> Attitude:
+    """
+    Return what is known of the attitude ``after`` one more pair of views.
+
+    Every pair has the same photograph: what its noise did to one estimate it does to the next as
+    well. No number of pairs tells more than twice what one does.
+    """
+    root = np.linalg.cholesky(before.covariance)
+    # What this pair tells, in units of what was known, along directions that do not mix.
+    told, axes = np.linalg.eigh(root.T @ np.linalg.inv(after.covariance) @ root - np.eye(2))
+    if told.min() < -ROUNDING:  # it was not estimated from what was known before, but anew
+        return replace(after, jitter=before.jitter)
+    known = np.maximum(np.minimum(1.0 + told, 2.0 * told), 1.0)
+    axes = root @ axes
+    covariance = (axes / known) @ axes.T
+    least = KNOWN_DEVIATION * KNOWN_DEVIATION
+    np.fill_diagonal(covariance, np.maximum(covariance.diagonal(), least))
+    return replace(after, jitter=before.jitter).known_to(covariance)

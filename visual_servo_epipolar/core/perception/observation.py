@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.geometry.camera import Camera, LEAST_FORWARD
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+from visual_servo_epipolar.core.geometry.camera import LEAST_FORWARD
+from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.lens import corrected, Lens
 from visual_servo_epipolar.core.geometry.motion import HALF_PI
 from visual_servo_epipolar.core.tracking.features import Features
@@ -21,7 +22,9 @@ class Observation:
     A feature behind the camera (z < 0) is a ray as any other. ``pixel_angles``, shape (N, 2), are
     the angles of one pixel at each current and desired ray [rad], None for those of a pinhole
     without distortion. ``focal`` [px] only turns pixel thresholds into angles and back. ``edges``
-    are the bearings of the left and the right edge of the image [rad], right positive.
+    are the bearings of the left and the right edge of the image [rad], right positive. ``dropped``
+    is the number of features left out, for the lens cannot say where they are. ``wide`` is a lens
+    that sees farther off its axis than a plane can hold.
     """
 
     stamp_ns: int
@@ -30,6 +33,8 @@ class Observation:
     focal: float
     edges: tuple[float, float] = (-HALF_PI, HALF_PI)
     pixel_angles: FloatArray | None = None
+    dropped: int = 0
+    wide: bool = False
 
     @property
     def resolution(self) -> FloatArray:
@@ -69,36 +74,74 @@ def _corrected_edge(edge: float, ratio: float, shift: float) -> float:
     return math.atan2(ratio * sine + shift * cosine, cosine)
 
 
-def observe(features: Features, camera: Camera, stamp_ns: int) -> Observation:
-    """Back-project tracked features to rays, with the distortion of the camera removed."""
-    rays = _frozen(camera.rays(np.concatenate([features.current, features.desired])))
-    return _observation(rays, _frozen(camera.resolution(rays)), camera, stamp_ns)
+def observe(features: Features, camera: CameraModel, stamp_ns: int) -> Observation:
+    """
+    Back-project tracked features to rays, with the distortion of the camera removed.
+
+    A feature whose ray does not lead back to its pixel, in either view, is dropped.
+    """
+    return observe_each([features], camera, [stamp_ns])[0]
 
 
 def observe_each(
-    features: Sequence[Features], camera: Camera, stamps_ns: Sequence[int]
+    features: Sequence[Features], camera: CameraModel, stamps_ns: Sequence[int]
 ) -> list[Observation]:
     """Back-project the features of many views through alike cameras, in one call."""
     if not features:
         return []
-    pixels = [columns for view in features for columns in (view.current, view.desired)]
-    rays = _frozen(camera.rays(np.concatenate(pixels)))
+    pixels = np.concatenate([side for view in features for side in (view.current, view.desired)])
+    rays = camera.rays(pixels)
+    usable = camera.round_trips(pixels, rays)
+    counts = [len(view) for view in features]
+    kept = counts
+    if not usable.all():
+        whole = _in_both_views(usable, counts)
+        kept = [int(part.sum()) for part in np.split(whole, np.cumsum(counts)[:-1])]
+        rays = rays[_for_both_views(whole, counts)]
+    rays = _frozen(rays)
     resolution = _frozen(camera.resolution(rays))
     observations, first = [], 0
-    for view, stamp_ns in zip(features, stamps_ns, strict=True):
-        both = slice(first, first + 2 * len(view))
-        observations.append(_observation(rays[both], resolution[both], camera, stamp_ns))
+    for count, left, stamp_ns in zip(counts, kept, stamps_ns, strict=True):
+        both = slice(first, first + 2 * left)
+        observations.append(
+            _observation(rays[both], resolution[both], camera, stamp_ns, count - left)
+        )
         first = both.stop
     return observations
 
 
+def _in_both_views(usable: BoolArray, counts: Sequence[int]) -> BoolArray:
+    """Return which features are usable in both views: rows are current and desired, by turns."""
+    parts, first = [], 0
+    for count in counts:
+        current, desired = usable[first : first + count], usable[first + count : first + 2 * count]
+        parts.append(current & desired)
+        first += 2 * count
+    return np.concatenate(parts)
+
+
+def _for_both_views(whole: BoolArray, counts: Sequence[int]) -> BoolArray:
+    """Return the rows, current and desired by turns, of the features that are ``whole``."""
+    parts = np.split(whole, np.cumsum(counts)[:-1])
+    return np.concatenate([part for each in parts for part in (each, each)])
+
+
 def _observation(
-    rays: FloatArray, resolution: FloatArray, camera: Camera, stamp_ns: int
+    rays: FloatArray, resolution: FloatArray, camera: CameraModel, stamp_ns: int, dropped: int
 ) -> Observation:
     """Return the observation of as many current rays as desired ones, one after the other."""
-    count, focal = len(rays) // 2, math.sqrt(camera.fx * camera.fy)
+    count = len(rays) // 2
     angles = resolution.reshape(2, count).T.copy()
-    return Observation(stamp_ns, rays[:count], rays[count:], focal, camera.edges, angles)
+    return Observation(
+        stamp_ns,
+        rays[:count],
+        rays[count:],
+        camera.focal,
+        camera.edges,
+        angles,
+        dropped=dropped,
+        wide=camera.wide,
+    )
 
 
 def _frozen(array: FloatArray) -> FloatArray:

@@ -109,7 +109,7 @@ def _measures(
         _parallax(observation, rotation, heading_error, estimate.memory, settings),
         heading_error,
         _difference(observation, rotation, heading_error, settings),
-        float(measures.difference_deviation(current, desired, noise)),
+        float(measures.difference_deviation(current, desired, noise, observation.wide)),
         float(median_of_sorted(np.sort(measures.distances(current, desired)))),
         (float(left), float(right)),
     )
@@ -138,11 +138,11 @@ def _difference(
     """Return D, of features turned as the goal is where settings say so."""
     current, desired = observation.current, observation.desired
     if not settings.compensates:
-        return float(measures.feature_difference(current, desired))
+        return float(measures.feature_difference(current, desired, observation.wide))
     # Pitch and roll of an uneven floor are those of the best rotation, the heading is better.
     better = rotations_desired_current(np.asarray(heading_error - rotation.heading_error))
     level = measures.turned(current, better @ rotation.rotation)
-    return float(measures.usual_difference(level, desired))
+    return float(measures.usual_difference(level, desired, observation.wide))
 
 
 def perception(

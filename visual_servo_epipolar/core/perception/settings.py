@@ -1,7 +1,9 @@
 """Settings of perception: the estimator, and when an estimate is good enough to act on."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
+from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.estimators.registry import DEFAULT_ESTIMATOR, ESTIMATORS
 from visual_servo_epipolar.core.settings import setting, Settings
 
@@ -51,6 +53,34 @@ class PerceptionSettings(Settings):
     pixel_noise: float = setting(
         0.3, 'Deviation of a tracked coordinate before residuals show it [px]', low=0.01, high=10
     )
+    camera_tilt: float = setting(
+        0.0,
+        'Tilt of the camera, down positive, as far as it is known [rad]',
+        low=-0.8,
+        high=0.8,
+        read_only=True,
+    )
+    camera_roll: float = setting(
+        0.0,
+        'Roll of the camera, clockwise, as far as it is known [rad]',
+        low=-0.8,
+        high=0.8,
+        read_only=True,
+    )
+    camera_tilt_deviation: float = setting(
+        0.26,
+        'Deviation of that tilt, which is learnt while driving [rad]',
+        low=0.0017,
+        high=0.5,
+        read_only=True,
+    )
+    camera_roll_deviation: float = setting(
+        0.09,
+        'Deviation of that roll, which is learnt while driving [rad]',
+        low=0.0017,
+        high=0.5,
+        read_only=True,
+    )
     floor_jitter: float = setting(
         0.0017, 'Deviation of tilt and of roll by the floor, view by view [rad]', low=0, high=0.1
     )
@@ -63,6 +93,17 @@ class PerceptionSettings(Settings):
             raise ValueError(
                 f'estimator must be one of {", ".join(ESTIMATORS)}, got {self.estimator!r}'
             ) from None
+
+    @cached_property
+    def mount(self) -> Attitude:
+        """What is known of the camera's attitude before anything is seen."""
+        return Attitude(
+            self.camera_tilt,
+            self.camera_roll,
+            self.camera_tilt_deviation,
+            self.camera_roll_deviation,
+            self.floor_jitter,
+        )
 
     @property
     def calibrated(self) -> bool:

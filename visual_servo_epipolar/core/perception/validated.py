@@ -71,7 +71,7 @@ def no_baseline(parallax_px: float, settings: PerceptionSettings) -> str:
 
 def prior_of(memory: PerceptionMemory, settings: PerceptionSettings) -> Prior:
     """Return what an estimator may know beforehand."""
-    return Prior(memory.attitude, memory.bearings, settings.max_leap, memory.lens)
+    return Prior(memory.attitude, memory.bearings, settings.max_leap, memory.lens, settings.mount)
 
 
 def validated(

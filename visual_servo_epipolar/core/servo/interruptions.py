@@ -2,10 +2,14 @@
 
 from dataclasses import replace
 from enum import Enum
+from typing import TypeVar
 
 from visual_servo_epipolar.core.control.command import HALT
-from visual_servo_epipolar.core.servo.phases.table import Event, next_phase
+from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
+from visual_servo_epipolar.core.servo.phases.table import DRIVING, Event, next_phase, Phase
 from visual_servo_epipolar.core.servo.state import ServoState
+
+Camera = TypeVar('Camera', bound=CameraModel)
 
 
 class Interruption(Enum):
@@ -13,7 +17,7 @@ class Interruption(Enum):
     Interruption of a run between two steps.
 
     STOPPED: ordered to stop. RESET: a new run. HALTED: a standstill that keeps the state. LOST: no
-    tracks came in time.
+    tracks came in time, or of another camera.
     """
 
     STOPPED = 'stopped'
@@ -48,3 +52,18 @@ def lost(state: ServoState, reason: str) -> ServoState:
 def stop(state: ServoState) -> ServoState:
     """Return the state after an order to stop: waiting, at a standstill."""
     return ServoState(phase=next_phase(state.phase, Event.STOPPED), frame=state.frame)
+
+
+def camera_of_run(state: ServoState, begun_with: Camera | None, camera: Camera) -> Camera:
+    """Return the camera that a run goes by: that which it began with, ``camera`` before it."""
+    running = state.phase in DRIVING or state.phase is Phase.HOLDING
+    return begun_with if running and begun_with is not None else camera
+
+
+def camera_changed(camera: CameraModel) -> str:
+    """Return in words that a run, begun with another camera, sees through ``camera`` now."""
+    return (
+        f'camera_info has changed in mid-run, to a {camera.lens} lens of {camera.focal:.1f} px, '
+        f'{camera.width}x{camera.height}: the photograph is of another; publish the one it began '
+        'with, or reset'
+    )

@@ -4,9 +4,12 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from visual_servo_epipolar.core.control.law_table import DEPARTURES, law_options, LawOptions
 from visual_servo_epipolar.core.control.settings import ControlSettings
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
+from visual_servo_epipolar.core.servo.extrinsics import Extrinsics, told_extrinsics
 from visual_servo_epipolar.core.settings import setting
 
 
@@ -18,6 +21,44 @@ class ServoSettings(PerceptionSettings, ControlSettings):
     Angles in rad, lengths in m, times in s; epipoles in units of the focal length.
     """
 
+    camera_yaw: float = setting(
+        0.0,
+        'Yaw of the camera on the base, to the left, as told [rad]',
+        low=-1.6,
+        high=1.6,
+        read_only=True,
+    )
+    camera_forward: float = setting(
+        0.0, 'Camera ahead of the axle, as told [m]', low=-2.0, high=2.0, read_only=True
+    )
+    camera_left: float = setting(
+        0.0,
+        'Camera to the left of the middle of the axle, as told [m]',
+        low=-2.0,
+        high=2.0,
+        read_only=True,
+    )
+    camera_yaw_deviation: float = setting(
+        0.09,
+        'Deviation of that yaw, which is learnt while driving [rad]',
+        low=0.0,
+        high=0.5,
+        read_only=True,
+    )
+    camera_forward_deviation: float = setting(
+        0.15,
+        'Deviation of that offset ahead, which is learnt [m]',
+        low=0.0,
+        high=1.0,
+        read_only=True,
+    )
+    camera_left_deviation: float = setting(
+        0.07,
+        'Deviation of that offset aside, which is learnt [m]',
+        low=0.0,
+        high=1.0,
+        read_only=True,
+    )
     autostart: bool = setting(
         False, 'Start by itself once there are tracks; false: on ~/start', read_only=True
     )
@@ -63,6 +104,12 @@ class ServoSettings(PerceptionSettings, ControlSettings):
         0.06, '|D| at unit focal length to back off to at least', low=0.001, high=1.0
     )
     retreat_speed: float = setting(0.2, 'Speed of backing off [m/s]', low=0.01, high=2.0)
+    max_retreat: float = setting(
+        10.0, 'Retreat: distance backed off at which the run fails [m]', low=0.1, high=100.0
+    )
+    max_excursion: float = setting(
+        1.3, 'Distance in steps 1 and 2 over their first at which the run fails', low=1.05, high=10
+    )
     divergence: float = setting(
         1.5, 'Bearing of e_du at which step 1 has failed [rad]', low=0.5, high=1.57
     )
@@ -81,6 +128,20 @@ class ServoSettings(PerceptionSettings, ControlSettings):
                 f'latch_engage must not exceed latch_release, got {self.latch_engage:g} and '
                 f'{self.latch_release:g} rad; without hysteresis noise would switch the law'
             )
+
+    @cached_property
+    def extrinsics(self) -> Extrinsics:
+        """What is known of where the camera sits on the base before the robot moves."""
+        return told_extrinsics(
+            np.array([self.camera_yaw, self.camera_forward, self.camera_left]),
+            np.array(
+                [
+                    self.camera_yaw_deviation,
+                    self.camera_forward_deviation,
+                    self.camera_left_deviation,
+                ]
+            ),
+        )
 
     def __getstate__(self) -> dict[str, Any]:
         # Without the cached options: a law of one's own may hold functions that do not pickle.

@@ -3,11 +3,13 @@
 from dataclasses import dataclass
 import math
 
+from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.control.command import Command, HALT
 from visual_servo_epipolar.core.control.gains import Gains
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
+from visual_servo_epipolar.core.servo.extrinsics import Extrinsics
 from visual_servo_epipolar.core.servo.identification import Curvature, Slope
 from visual_servo_epipolar.core.servo.phases.table import ENDED, Phase
 from visual_servo_epipolar.core.servo.ranging import Leg
@@ -20,7 +22,8 @@ class ServoState:
 
     Phase: ``phase``; ``phase_start_ns`` and ``run_start_ns``, stamps of the images at which it and
     the run began [ns]; ``reason`` of the last change of phase, or why it waits; ``warning``, what
-    may make the phase fail; ``attempts`` at both steps, from 1; ``frame``, the number of steps.
+    may make the phase fail; ``travel`` in the phase, backward negative [m]; ``attempts`` at both
+    steps, from 1, and ``restarts`` of step 1 in this one; ``frame``, the number of steps.
 
     Measurement and memory: ``measurement``, the last one, and ``memory``, what perception carries
     to the next image, both None before the first; ``period``, the time between two images [s],
@@ -37,7 +40,9 @@ class ServoState:
     since; ``desired_rate``, the rate of its bearing [rad/s], smoothed; ``gains``, those derived
     when the phase began (that of step 2 as well), None where they are given.
 
-    Identification: ``curvature`` that the base adds to commands, ``slope`` of D in step 2.
+    Identification: ``extrinsics`` of the camera on the base, and the ``mount``, shape (3,), by
+    which the phase began; ``last_linear``, the speed of the command before the last [m/s];
+    ``curvature`` that the base adds to commands, ``slope`` of D in step 2.
 
     Settling: ``settled``, frames in a row that fulfil the aim of the phase; ``settled_parallax``,
     the root mean square of the parallax over them [rad].
@@ -59,12 +64,17 @@ class ServoState:
     period: float = math.nan
     gains: Gains | None = None
     curvature: Curvature = Curvature()
+    extrinsics: Extrinsics | None = None
+    mount: FloatArray | None = None
+    last_linear: float = 0.0
     slope: Slope = Slope()
     dead_band_residual: Twist = STANDSTILL
     settled: int = 0
     settled_parallax: float = math.nan
     attempts: int = 1
+    restarts: int = 0
     frame: int = 0
+    travel: float = 0.0
     reason: str = ''
     warning: str = ''
 
@@ -72,6 +82,13 @@ class ServoState:
     def twist(self) -> Twist:
         """Velocity of the last command [m/s, rad/s]."""
         return self.command.twist
+
+    @property
+    def yaw_learnt(self) -> float:
+        """Change of what the yaw of the camera is taken for, since the phase began [rad]."""
+        if self.extrinsics is None or self.mount is None:
+            return 0.0
+        return abs(float(self.extrinsics.mount[0] - self.mount[0]))
 
     @property
     def longitudinal_error(self) -> float:

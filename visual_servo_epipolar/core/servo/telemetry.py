@@ -48,7 +48,7 @@ def telemetry(state: ServoState) -> dict[str, float]:
 
 def _epipoles(measurement: Measurement) -> dict[str, float]:
     """Return epipoles and bearings, nan where they are not trusted."""
-    bearings, focal = measurement.bearings, measurement.focal
+    bearings, focal = measurement.seen_bearings, measurement.focal
     return {
         'epipole_current_px': focal * bearings.epipole_current if bearings else math.nan,
         'epipole_desired_px': focal * bearings.epipole_desired if bearings else math.nan,

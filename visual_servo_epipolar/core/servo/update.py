@@ -4,8 +4,11 @@ from dataclasses import replace
 import math
 
 from visual_servo_epipolar.core.control import laws
+from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
 from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.servo.extrinsics import at_axle, Extrinsics, learnt
 from visual_servo_epipolar.core.servo.identification import Slope
 from visual_servo_epipolar.core.servo.phases.conditions import (
     engage_bound,
@@ -21,6 +24,7 @@ MAX_STEP_S = 1.0  # a longer gap between two images is not integrated over
 RATE_SMOOTHING = 0.4  # weight of the newest value in an exponential mean, as the next two
 RANGE_SMOOTHING = 0.2
 PERIOD_SMOOTHING = 0.1
+MANY_RESTARTS = 4  # of step 1: something is wrong, as after an attempt that missed
 MIN_SPEED = 0.05  # below which the path says nothing about the range [m/s]
 TURN_DEVIATIONS = 8.0  # least turn of the line of sight, in deviations of a bearing
 
@@ -35,11 +39,28 @@ def updated(
 ) -> ServoState:
     """Return the state updated by a ``perception`` ``dt`` [s] after the last, unclassified."""
     previous, measurement = state.measurement, perception.measurement
+    driven = _driven(state, dt, settings)
+    extrinsics = learnt(
+        state.extrinsics or settings.extrinsics,
+        measurement,
+        driven,
+        missed=state.attempts > 1 or state.restarts >= MANY_RESTARTS,
+    )
+    if extrinsics.contradicts:
+        perception = _disproved(perception, settings)
+        measurement, extrinsics = perception.measurement, settings.extrinsics
+    measurement = _of_the_axle(measurement, extrinsics)
+    if extrinsics.believed and not (state.extrinsics and state.extrinsics.believed):
+        # What was ranged so far was driven by another mount.
+        state = replace(state, leg=None, range=extrinsics.distance)
     leg = _leg(state, dt)
     state = replace(
         state,
         distance=_distance(state, dt, settings),
         leg=leg,
+        extrinsics=extrinsics,
+        last_linear=state.twist.linear,
+        travel=state.travel + driven,
         period=_period(state, dt),
         range=_range(state, measurement, leg, dt),
         desired_rate=_desired_rate(state, measurement, dt),
@@ -52,6 +73,37 @@ def updated(
         memory=perception.memory,
     )
     return _with_settled(state, measurement, settings)
+
+
+def _disproved(perception: Perception, settings: ServoSettings) -> Perception:
+    """Return ``perception`` without a geometry that driving disproves, and what led to it."""
+    measurement = replace(
+        perception.measurement,
+        bearings=None,
+        deviation=math.nan,
+        covariance=UNKNOWN_COVARIANCE,
+        confidence=0.0,
+        difference=math.nan,
+        reason='the bearings contradict what was driven; they are looked for anew',
+    )
+    return replace(perception, measurement=measurement, memory=fresh_memory(settings))
+
+
+def _driven(state: ServoState, dt: float, settings: ServoSettings) -> float:
+    """Return the travel between the last two images [m], of commands that act late."""
+    if dt == 0.0:
+        return 0.0
+    late = min(settings.latency / dt, 1.0)
+    return (state.twist.linear + late * (state.last_linear - state.twist.linear)) * dt
+
+
+def _of_the_axle(measurement: Measurement, extrinsics: Extrinsics) -> Measurement:
+    """Return ``measurement`` with the bearings of the axle, where the camera is not on it."""
+    mount = extrinsics.mount
+    if measurement.bearings is None or not mount.any():
+        return measurement
+    bearings = at_axle(measurement.bearings, mount, extrinsics.distance)
+    return replace(measurement, bearings=bearings, camera_bearings=measurement.bearings)
 
 
 def _with_settled(

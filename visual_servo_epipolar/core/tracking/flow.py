@@ -13,6 +13,7 @@ NOTICEABLE_GAIN = 0.02  # change of brightness that is corrected for
 CRITERIA = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 20, 0.01)  # iterations, step [px]
 
 Points: TypeAlias = NDArray[np.float32]  # pixels for OpenCV's flow, shape (N, 2)
+OpenCVError: type[Exception] = cv2.error
 
 
 def flow(
@@ -29,6 +30,8 @@ def flow(
     Images are uint8 of shape (H, W), ``points`` and the initial ``guess`` pixels of shape (N, 2).
     Validity, shape (N,), is OpenCV's status.
     """
+    if not len(points):  # of which OpenCV returns None
+        return points, np.zeros(0, bool)
     pixels, status, _ = cv2.calcOpticalFlowPyrLK(
         source,
         target,

@@ -8,6 +8,8 @@ from numpy.typing import NDArray
 
 from visual_servo_epipolar.core.arrays import as_gray, BoolArray, FloatArray, Image, IntArray
 from visual_servo_epipolar.core.errors import TrackingError
+from visual_servo_epipolar.core.geometry.significance import log_false_alarms
+from visual_servo_epipolar.core.tracking.template_alignment import patch_radius
 
 RATIO = 0.8  # of the nearest to the second nearest descriptor distance (Lowe 2004)
 EPIPOLAR_PX = 2.0  # largest distance of an inlier from its epipolar line
@@ -15,7 +17,26 @@ MIN_MATCHES = 8
 CONFIDENCE = 0.999
 ITERATIONS = 5000
 CORNER_WINDOW = 15  # side of the window of the corner measure [px]
-BORDER = 12  # features nearer to the border of the desired image are left alone [px]
+BORDER = 2  # so much farther than a patch's radius from the border of the desired image [px]
+ENOUGH = 500  # keypoints of a photograph with which its detector is good enough
+LEAST_SIDE, LARGEST_SIDE = (
+    16,
+    32766,
+)  # of an image [px]: SIFT needs a pyramid; cv2.remap has limits
+LARGEST_ENLARGED = 640 * 480  # image that is worth being enlarged [px]
+CHANCE = -2.0  # log10 of the false alarms of a geometry that are expected at most
+
+
+@dataclass(frozen=True, slots=True)
+class Detector:
+    """Detector: SIFT with a least ``contrast``, in the image times ``enlargement``."""
+
+    contrast: float
+    enlargement: int
+
+
+# OpenCV's own contrast first; a photograph with little texture takes the weaker ones.
+DETECTORS = Detector(0.04, 1), Detector(0.01, 1), Detector(0.01, 2)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -23,13 +44,28 @@ class Keypoints:
     """
     SIFT keypoints of one image.
 
-    ``pixels``, shape (N, 2); ``sizes``, shape (N,), diameters [px]; ``descriptors``, shape
-    (N, 128).
+    ``pixels``, shape (N, 2); ``sizes``, shape (N,), diameters [px]; ``angles``, shape (N,), of
+    the steepest gradient [rad]; ``descriptors``, shape (N, 128).
     """
 
     pixels: FloatArray
     sizes: FloatArray
+    angles: FloatArray
     descriptors: NDArray[np.float32]
+
+    @classmethod
+    def empty(cls) -> 'Keypoints':
+        """Return no keypoint."""
+        return cls(np.empty((0, 2)), np.empty(0), np.empty(0), np.empty((0, 128), np.float32))
+
+    def __len__(self) -> int:
+        return len(self.pixels)
+
+    def take(self, rows: IntArray | BoolArray) -> 'Keypoints':
+        """Return the rows chosen by index, shape (M,), or mask, shape (N,)."""
+        return Keypoints(
+            self.pixels[rows], self.sizes[rows], self.angles[rows], self.descriptors[rows]
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,12 +74,14 @@ class DesiredView:
     Desired view: the photograph to come back to.
 
     ``image``, uint8 of shape (H, W); its N ``keypoints``; ``corners``, shape (N,), the smaller
-    eigenvalue of the gradient matrix around each (Shi and Tomasi 1994).
+    eigenvalue of the gradient matrix around each (Shi and Tomasi 1994); the ``detector`` with
+    which it shows enough, for the images that are matched with it.
     """
 
     image: Image
     keypoints: Keypoints
     corners: FloatArray
+    detector: Detector
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,24 +98,41 @@ class Matches:
     scales: FloatArray
 
 
-def detect(image: Image, *, limit: int) -> Keypoints:
+def detect(
+    image: Image, *, limit: int, detector: Detector = DETECTORS[0], halved: bool = False
+) -> Keypoints:
     """
     Detect at most ``limit`` SIFT keypoints of ``image``, uint8 of shape (H, W), one a pixel.
 
     Sorted, because OpenCV's order differs from call to call, and without the copies that SIFT
-    makes of a keypoint for each of its orientations.
+    makes of a keypoint for each of its orientations. None in an image of less than LEAST_SIDE;
+    ``halved`` it takes a quarter of the time.
     """
-    points, descriptors = cv2.SIFT_create(nfeatures=limit).detectAndCompute(image, None)
+    if min(image.shape) < LEAST_SIDE:
+        return Keypoints.empty()
+    scale = 0.5 * detector.enlargement if halved else float(detector.enlargement)
+    sift = cv2.SIFT_create(nfeatures=limit, contrastThreshold=detector.contrast)
+    points, descriptors = sift.detectAndCompute(_scaled(image, scale), None)
     if descriptors is None:
-        return Keypoints(np.empty((0, 2)), np.empty(0), np.empty((0, 128), np.float32))
+        return Keypoints.empty()
     pixels = np.array([point.pt for point in points], dtype=np.float64)
     sizes = np.array([point.size for point in points])
     responses = np.array([point.response for point in points])
     angles = np.array([point.angle for point in points])
     order = np.lexsort((angles, sizes, -responses, pixels[:, 1], pixels[:, 0]))
     _, first = np.unique(np.rint(pixels[order]), axis=0, return_index=True)
-    rows = order[np.sort(first)]
-    return Keypoints(pixels[rows], sizes[rows], descriptors[rows])
+    # A pixel of a small image is centred between two of a large one.
+    pixels, sizes = pixels / scale + (0.5 / scale - 0.5), sizes / scale
+    return Keypoints(pixels, sizes, np.radians(angles), descriptors).take(order[np.sort(first)])
+
+
+def _scaled(image: Image, scale: float) -> Image:
+    if scale == 1.0:
+        return image
+    height, width = image.shape
+    size = int(scale * width), int(scale * height)
+    kind = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_CUBIC
+    return np.asarray(cv2.resize(image, size, interpolation=kind), dtype=np.uint8)
 
 
 def desired_view(image: Image, *, limit: int = 4000) -> DesiredView:
@@ -87,25 +142,40 @@ def desired_view(image: Image, *, limit: int = 4000) -> DesiredView:
     Raises
     ------
     ValueError
-        If ``image`` is not uint8 of shape (H, W).
+        If ``image`` is not uint8 of shape (H, W), or larger than OpenCV can sample.
     TrackingError
         If it shows fewer than eight features: a blank wall, a lens cap.
 
     """
     image = as_gray(image, 'desired image').copy()
-    keypoints = detect(image, limit=limit)
-    inside = inside_border(keypoints.pixels, image.shape, BORDER)
-    if int(inside.sum()) < MIN_MATCHES:
+    if max(image.shape) > LARGEST_SIDE:
+        raise ValueError(
+            f'desired image must have sides of at most {LARGEST_SIDE} px, got '
+            f'{image.shape[1]}x{image.shape[0]}; take a smaller one'
+        )
+    keypoints, detector = _sufficient(image, limit)
+    if len(keypoints) < MIN_MATCHES:
         raise TrackingError(
-            f'the desired image shows {int(inside.sum())} features, at least {MIN_MATCHES} are '
+            f'the desired image shows {len(keypoints)} features, at least {MIN_MATCHES} are '
             'needed; take the photograph where there is texture and light'
         )
-    keypoints = Keypoints(
-        keypoints.pixels[inside], keypoints.sizes[inside], keypoints.descriptors[inside]
-    )
     measure = cv2.cornerMinEigenVal(image, CORNER_WINDOW, ksize=3)
     columns, rows = np.rint(keypoints.pixels).astype(int).T
-    return DesiredView(image, keypoints, measure[rows, columns].astype(np.float64))
+    corners = measure[rows, columns].astype(np.float64)
+    return DesiredView(image, keypoints, corners, detector)
+
+
+def _sufficient(image: Image, limit: int) -> tuple[Keypoints, Detector]:
+    """Return the keypoints by the first detector that finds enough, or by the last one."""
+    border = patch_radius(image.shape) + BORDER
+    for detector in DETECTORS:
+        if detector.enlargement > 1 and image.size > LARGEST_ENLARGED:
+            break
+        keypoints, used = detect(image, limit=limit, detector=detector), detector
+        keypoints = keypoints.take(inside_border(keypoints.pixels, image.shape, border))
+        if len(keypoints) >= ENOUGH:
+            break
+    return keypoints, used
 
 
 def match(view: DesiredView, image: Image, *, limit: int = 4000, halved: bool = False) -> Matches:
@@ -113,28 +183,40 @@ def match(view: DesiredView, image: Image, *, limit: int = 4000, halved: bool = 
     Find the keypoints of ``view`` in ``image``.
 
     Mutual nearest descriptors that pass Lowe's ratio test, then one robust epipolar geometry that
-    all must fit. ``image`` is uint8 of shape (H, W); ``halved`` it takes a quarter of the time and
-    gives fewer matches.
+    all must fit, and more of them than by chance. ``image`` is uint8 of shape (H, W); ``halved``
+    it takes a quarter of the time and gives fewer matches.
 
     Raises
     ------
     TrackingError
-        If fewer than eight matches agree on one epipolar geometry.
+        If fewer than eight matches agree on one epipolar geometry, or no more than those of
+        another place would.
 
     """
-    image = as_gray(image)
-    keypoints = _detect_halved(image, limit=limit) if halved else detect(image, limit=limit)
+    keypoints = detect(as_gray(image), limit=limit, detector=view.detector, halved=halved)
     pairs = _mutual_nearest(view.keypoints.descriptors, keypoints.descriptors)
-    desired, current = view.keypoints.pixels[pairs[:, 0]], keypoints.pixels[pairs[:, 1]]
-    inliers = epipolar_inliers(current, desired)
-    if int(inliers.sum()) < MIN_MATCHES:
+    desired, current = view.keypoints.take(pairs[:, 0]), keypoints.take(pairs[:, 1])
+    geometry, inliers = epipolar_geometry(current.pixels, desired.pixels)
+    if geometry is None or int(inliers.sum()) < MIN_MATCHES:
         raise TrackingError(
-            f'the desired view is not seen: {len(pairs)} matches of which {int(inliers.sum())} '
-            f'agree on one geometry, {MIN_MATCHES} needed; turn the robot towards it'
+            f'the photograph is not seen from here: {len(pairs)} matches of which '
+            f'{int(inliers.sum())} agree on one geometry, {MIN_MATCHES} needed; turn the robot '
+            'towards it'
+        )
+    if log_false_alarms(geometry, _frames(current), _frames(desired), inliers) > CHANCE:
+        raise TrackingError(
+            f'the photograph is not seen from here: {int(inliers.sum())} of {len(pairs)} matches '
+            'agree on one geometry, no more than by chance; turn the robot towards it, or take a '
+            'photograph of this place'
         )
     pairs = pairs[inliers]
     scales = keypoints.sizes[pairs[:, 1]] / view.keypoints.sizes[pairs[:, 0]]
     return Matches(pairs[:, 0], keypoints.pixels[pairs[:, 1]], scales)
+
+
+def _frames(keypoints: Keypoints) -> FloatArray:
+    """Return pixel, angle [rad] and logarithm of the size of each, shape (N, 4)."""
+    return np.column_stack([keypoints.pixels, keypoints.angles, np.log2(keypoints.sizes)])
 
 
 def match_quickly(view: DesiredView, image: Image, *, enough: int) -> Matches:
@@ -149,14 +231,6 @@ def match_quickly(view: DesiredView, image: Image, *, enough: int) -> Matches:
     except TrackingError:
         return match(view, image)
     return matches if len(matches.indices) >= enough else match(view, image)
-
-
-def _detect_halved(image: Image, *, limit: int) -> Keypoints:
-    height, width = image.shape
-    small = cv2.resize(image, (width // 2, height // 2), interpolation=cv2.INTER_AREA)
-    keypoints = detect(np.asarray(small, dtype=np.uint8), limit=limit)
-    # A pixel of the small image is centred between two of the large one.
-    return Keypoints(2.0 * keypoints.pixels + 0.5, 2.0 * keypoints.sizes, keypoints.descriptors)
 
 
 def _mutual_nearest(desired: NDArray[np.float32], current: NDArray[np.float32]) -> IntArray:
@@ -186,17 +260,30 @@ def epipolar_inliers(current: FloatArray, desired: FloatArray) -> BoolArray:
     ``current`` and ``desired`` are the pixels of N matches, shape (N, 2) each; none of fewer than
     eight is an inlier.
     """
-    if len(current) < MIN_MATCHES:
-        return np.zeros(len(current), bool)
+    return epipolar_geometry(current, desired)[1]
+
+
+def epipolar_geometry(
+    current: FloatArray, desired: FloatArray
+) -> tuple[FloatArray | None, BoolArray]:
+    """
+    Return one robust fundamental matrix, (3, 3), and which matches fit it, shape (N,).
+
+    ``current`` and ``desired`` are their pixels, shape (N, 2) each. No matrix, and no inlier, of
+    fewer than eight finite matches, or where OpenCV finds none.
+    """
+    none = None, np.zeros(len(current), bool)
+    if len(current) < MIN_MATCHES or not np.isfinite([current, desired]).all():
+        return none
     try:
         fundamental, mask = cv2.findFundamentalMat(
             current, desired, cv2.USAC_MAGSAC, EPIPOLAR_PX, CONFIDENCE, ITERATIONS
         )
     except cv2.error:  # OpenCV 5 asserts that there is a model, where few matches gave none
-        return np.zeros(len(current), bool)
-    if fundamental is None or mask is None:
-        return np.zeros(len(current), bool)
-    return np.asarray(mask.ravel() > 0)
+        return none
+    if fundamental is None or mask is None or fundamental.shape != (3, 3):
+        return none
+    return np.asarray(fundamental), np.asarray(mask.ravel() > 0)
 
 
 def inside_border(pixels: FloatArray, shape: tuple[int, ...], border: float) -> BoolArray:

@@ -16,7 +16,6 @@ from visual_servo_epipolar.core.tracking.predicted_features import PredictedFeat
 from visual_servo_epipolar.core.tracking.template_alignment import (
     Anchor,
     FloatImage,
-    RADIUS,
     Warps,
 )
 
@@ -77,7 +76,7 @@ def search(
     (H, W). Returns None where the peak is low, or a second one nearly as high.
     """
     patch, local = anchor.patch(feature, desired, prediction.affine)
-    reach = RADIUS + int(np.ceil(prediction.radius))
+    reach = anchor.radius + int(np.ceil(prediction.radius))
     region = anchor.region(image, prediction.current, local, reach)
     score = cv2.matchTemplate(region, patch, cv2.TM_CCOEFF_NORMED)
     _, peak, _, (column, row) = cv2.minMaxLoc(score)
@@ -90,7 +89,7 @@ def search(
     ] = -1.0
     if float(rivals.max()) > MAX_RIVAL * peak:
         return None
-    step = np.array([column, row], dtype=np.float64) - (reach - RADIUS)
+    step = np.array([column, row], dtype=np.float64) - (reach - anchor.radius)
     return np.asarray(prediction.current + local @ step)
 
 
@@ -107,7 +106,7 @@ def reacquire(
     affines: list[FloatArray] = []
     for row, feature in enumerate(predicted.warps.ids):
         prediction = _prediction(predicted, row, tracked)
-        if prediction is None or not _inside(prediction.current, image):
+        if prediction is None or not _inside(prediction.current, image, anchor.radius):
             continue
         pixel = search(int(feature), predicted.warps.desired[row], prediction, anchor, image)
         if pixel is not None:
@@ -130,7 +129,7 @@ def _prediction(predicted: PredictedFeatures, row: int, tracked: Warps) -> Predi
     return Prediction(warps.current[row], warps.affine[row], radius)
 
 
-def _inside(pixel: FloatArray, image: FloatImage) -> bool:
+def _inside(pixel: FloatArray, image: FloatImage, border: int) -> bool:
     height, width = image.shape
     u, v = float(pixel[0]), float(pixel[1])
-    return bool(RADIUS <= u < width - RADIUS and RADIUS <= v < height - RADIUS)
+    return bool(border <= u < width - border and border <= v < height - border)

@@ -7,6 +7,7 @@ which the feature appears in the current one, so that both patches show equal de
 """
 
 from dataclasses import dataclass, replace
+import math
 from typing import Any, TypeAlias
 
 import cv2
@@ -15,13 +16,26 @@ from numpy.typing import NDArray
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, Image, IntArray
 
-RADIUS = 10  # patches have 2 RADIUS + 1 pixels a side, at the scale of the current image
+RADIUS, LEAST_RADIUS = 10, 6  # patches have 2 radius + 1 pixels a side
+USUAL_SIZE = 640 * 480  # of an image: the radius shrinks with smaller ones [px]
 LEVELS_PER_OCTAVE = 2
 LEVELS = 8  # down to 1 / 11 of the size in the desired image
 PIXEL_BLUR = 0.5  # standard deviation of what one pixel integrates over [px]
 DAMPING = 1e-3  # of the Hessian, over its mean eigenvalue (Levenberg)
 MAX_CORRECTION = 4.0  # of one alignment from the position by flow or matching [px]
+LEAST_SCALE = 1e-3  # determinant below which a step of the alignment is not taken
 FloatImage: TypeAlias = NDArray[np.float32]  # for interpolation, shape (H, W)
+
+
+def patch_radius(shape: tuple[int, ...]) -> int:
+    """
+    Return the radius of patches [px] in images of ``shape`` (H, W).
+
+    In a small image a patch of the usual side spans so much of the scene that it lies across
+    edges in depth.
+    """
+    share = min(shape[0] * shape[1] / USUAL_SIZE, 1.0)
+    return max(LEAST_RADIUS, round(RADIUS * math.sqrt(share)))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,12 +93,17 @@ class _Template:
 
 
 class Anchor:
-    """Anchor: the desired image as a pyramid, with the templates of features at its levels."""
+    """
+    Anchor: the desired image as a pyramid, with the templates of features at its levels.
+
+    Patches have 2 ``radius`` + 1 pixels a side, at the scale of the current image.
+    """
 
     def __init__(self, image: Image) -> None:
+        self.radius = patch_radius(image.shape)
         self._images = [_blurred(image, level) for level in range(LEVELS)]
         self._templates: dict[tuple[int, int], _Template] = {}
-        side = np.arange(-RADIUS, RADIUS + 1, dtype=np.float64)
+        side = np.arange(-self.radius, self.radius + 1, dtype=np.float64)
         self._grid = np.stack(np.meshgrid(side, side), axis=-1).reshape(-1, 2)  # rows: (x, y)
         homogeneous = np.column_stack([self._grid, np.ones(len(self._grid))])
         self._grid_rows = homogeneous.T.astype(np.float32)
@@ -95,10 +114,10 @@ class Anchor:
         """
         Return the template at the scale of ``affine``, (2, 2), of the feature at ``point``, (2,).
 
-        Shape (S, S), S = 2 RADIUS + 1; and the map of its pixels to current offsets, (2, 2).
+        Shape (S, S), S = 2 radius + 1; and the map of its pixels to current offsets, (2, 2).
         """
         level = int(_levels(affine[None])[0])
-        patch = self._template(feature, point, level).patch.reshape(2 * RADIUS + 1, -1)
+        patch = self._template(feature, point, level).patch.reshape(2 * self.radius + 1, -1)
         return patch, affine / float(_scale(np.array([level]))[0])
 
     def region(
@@ -133,10 +152,13 @@ class Anchor:
         unit, deviation = _normalised(self._sample(image, centre, local))
         correlation = np.einsum('np,np->n', unit, patches).astype(np.float64)
         correction = np.linalg.norm(centre - warps.current, axis=1)
-        correlation = np.where(correction <= MAX_CORRECTION, correlation, 0.0)
+        # A comparison with nan is false: what diverged stays where it was.
+        stays = ~(correction <= MAX_CORRECTION) | ~np.isfinite(local).all(axis=(1, 2))
+        correlation = np.where(stays, 0.0, correlation)
         residual = deviation * np.sqrt(np.maximum(2.0 - 2.0 * correlation, 0.0))
-        aligned = replace(warps, current=centre, affine=local * scale)
-        return Alignment(aligned, correlation, residual)
+        centre[stays], affine = warps.current[stays], local * scale
+        affine[stays] = warps.affine[stays]
+        return Alignment(replace(warps, current=centre, affine=affine), correlation, residual)
 
     def _sample(self, image: FloatImage, centre: FloatArray, local: FloatArray) -> FloatImage:
         """Return the current patches, shape (N, P), by bilinear interpolation."""
@@ -224,9 +246,11 @@ def _update_matrix(
     # Gain and bias of the light must not look like motion: project both out.
     descent -= descent.mean(axis=1, keepdims=True)
     descent -= np.outer(descent @ patch, patch)
-    scale = np.array([1.0, 1.0, *[1.0 / RADIUS] * 4])  # one unit each moves pixels by one
+    scale = np.array([1.0, 1.0, *[1.0 / grid.max()] * 4])  # one unit each moves pixels by one
     descent = descent * scale[:, None]
     hessian = descent @ descent.T
+    if not np.trace(hessian) > 0.0:  # stripes of a pixel: contrast without a slope
+        return np.zeros((6, len(grid)), np.float32)
     hessian += DAMPING * np.trace(hessian) / 6.0 * np.eye(6)
     update = scale[:, None] * (np.linalg.solve(hessian, descent) * norm)
     return np.asarray(update.astype(np.float32))
@@ -245,6 +269,9 @@ def _composed(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the linear part and centre of W o dW^-1, dW the ``step``, shape (N, 6)."""
     matrix = np.eye(2) + step[:, 2:].reshape(len(step), 2, 2)
+    with np.errstate(invalid='ignore', over='ignore'):  # a diverging step is not taken
+        scale = matrix[:, 0, 0] * matrix[:, 1, 1] - matrix[:, 0, 1] * matrix[:, 1, 0]
+        matrix[~(np.abs(scale) >= LEAST_SCALE)] = np.eye(2)
     composed = local @ np.linalg.inv(matrix)
     shift = np.einsum('nij,nj->ni', composed, step[:, :2])
     return composed, centre - shift

@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.arrays import as_gray, Image
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.tracking.candidates import Candidates
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.core.tracking.flow import checked_flow
+from visual_servo_epipolar.core.tracking.flow import checked_flow, OpenCVError
 from visual_servo_epipolar.core.tracking.matching import (
     desired_view,
     DesiredView,
@@ -88,6 +88,8 @@ class Tracker:
         """
         Return the features of the desired view in ``image``, uint8 of shape (H, W).
 
+        None, with a ``reason``, of an image that OpenCV cannot cope with.
+
         Raises
         ------
         ValueError
@@ -103,12 +105,22 @@ class Tracker:
                 f'{_size(image)}; take both with the same camera and resolution'
             )
         self._frame += 1
+        try:
+            self._tracked = self._tracked_in(image)
+        except (OpenCVError, np.linalg.LinAlgError) as error:
+            self.redetect()
+            self.reason = f'the image could not be tracked in: {" ".join(str(error).split())}'
+            return Features()
+        self._previous = image
+        self._predicted = self._predicted.corrected(self._tracked.warps)
+        return self._features()
+
+    def _tracked_in(self, image: Image) -> Tracks:
+        """Return the tracks in ``image``, by matching all of it where few are left."""
         tracked = self._carried_on(image)
         if len(tracked) < self.settings.min_features and self._may_match():
-            tracked = self._replenished(tracked, image)
-        self._tracked, self._previous = tracked, image
-        self._predicted = self._predicted.corrected(tracked.warps)
-        return self._features()
+            return self._replenished(tracked, image)
+        return tracked
 
     def _carried_on(self, image: Image) -> Tracks:
         """Return the tracks of the last frame in this one, without matching the whole image."""

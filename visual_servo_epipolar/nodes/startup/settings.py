@@ -14,6 +14,11 @@ class ServoNodeSettings(Settings):
     enable_stamped_cmd_vel: bool = setting(
         False, 'Publish geometry_msgs/TwistStamped on cmd_vel', read_only=True
     )
+    rectified: bool = setting(
+        False,
+        'Images are rectified: P of camera_info holds, its distortion does not apply',
+        read_only=True,
+    )
     watchdog: bool = setting(
         True, 'Stop the robot when tracks stay away; off where time itself waits', read_only=True
     )
@@ -33,6 +38,11 @@ class TrackerNodeSettings(Settings):
     desired_image: str = setting(
         '',
         'File of the photograph; empty: wait for desired/image_raw or ~/capture_desired',
+        read_only=True,
+    )
+    rectified: bool = setting(
+        False,
+        'Images are rectified: P of camera_info holds, its distortion does not apply',
         read_only=True,
     )
     camera_reliability: str = setting(

@@ -43,6 +43,7 @@ NODES: Mapping[str, NodeRow] = {
         publishes=(
             'tracks',
             'overlay/image_raw',
+            '/diagnostics',
             '~/desired/image_raw',
             '~/settings',
             '~/events',

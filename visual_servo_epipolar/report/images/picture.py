@@ -4,6 +4,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.epipolar import (
     Bearings,
     fundamental_from_bearings,
@@ -15,18 +16,35 @@ from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.report.images.overlay import draw_overlay
 
 
-def picture(image: Image, features: Features, sample: Sample, camera: Camera) -> Image:
-    """Return ``image``, grey of shape (H, W), with features, epipole and epipolar lines."""
+def picture(image: Image, features: Features, sample: Sample, camera: CameraModel) -> Image:
+    """
+    Return ``image``, grey of shape (H, W), with features, epipole and epipolar lines.
+
+    Only a pinhole has epipolar lines that are straight: of others they are left out.
+    """
     has_bearing = bool(np.isfinite(sample.bearing_current))
+    u, v = epipole(sample, camera) if has_bearing else (None, None)
+    lines = None
+    if has_bearing and isinstance(camera, Camera):
+        lines = fundamental(sample, camera)
     return draw_overlay(
         image,
         features.current,
         features.desired,
         phase=sample.phase.value,
-        epipole_current=camera.cx + sample.epipole_current if has_bearing else None,
-        horizon=camera.cy,
-        fundamental=fundamental(sample, camera) if has_bearing else None,
+        epipole_current=u,
+        horizon=v,
+        fundamental=lines,
     )
+
+
+def epipole(sample: Sample, camera: CameraModel) -> tuple[float, float]:
+    """Return where an upright camera sees the goal's camera [px]; nan where it does not."""
+    if isinstance(camera, Camera):
+        return camera.cx + sample.epipole_current, camera.cy
+    bearing = sample.bearing_current
+    ((u, v),) = camera.pixels(np.array([[np.sin(bearing), 0.0, np.cos(bearing)]])).tolist()
+    return u, v
 
 
 def fundamental(sample: Sample, camera: Camera) -> FloatArray:

@@ -9,7 +9,8 @@ Documents = Mapping[str, Document]  # law -> what `visual_servo sweep` writes as
 
 NOTE = (
     'Errors over the runs that arrived, against ground truth, without their signs; intervals of '
-    '95 %: Wilson for rates, bootstrap for quantiles. Wrong: more than 50 mm or 2 deg off.'
+    '95 %: Wilson for rates, bootstrap for quantiles. Wrong: more than 50 mm or 2 deg off; '
+    'wrong geometry: time driven on bearings more than 10 deg off.'
 )
 COLUMNS = (
     *('region', 'source', 'scenario', 'law', 'arrived [%]', 'wrong', 'median [mm]', 'p95 [mm]'),
@@ -50,6 +51,8 @@ def _rows() -> Mapping[str, Callable[[Document], str]]:
         'longitudinal [mm]': lambda d: _spread(d, 'longitudinal_error_m', 1e3),
         'heading error [deg]': lambda d: _spread(d, 'heading_error_deg', 1.0),
         'largest distance / start distance': lambda d: _spread(d, 'max_distance_ratio', 1.0),
+        'the same, all runs': lambda d: _spread(d, 'excursion', 1.0),
+        'wrong geometry, all runs [s]': lambda d: _spread(d, 'wrong_geometry_s', 1.0),
         'duration [s]': lambda d: _spread(d, 'duration_s', 1.0),
         'path [m]': lambda d: _spread(d, 'path_length_m', 1.0),
         'attempts': lambda d: _spread(d, 'attempts', 1.0),

@@ -2,7 +2,11 @@
 
 from dataclasses import dataclass, replace
 
-from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.cameras.calibrated import (
+    calibrated_camera,
+    CalibratedCamera,
+    LENSES,
+)
 from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
 
@@ -27,13 +31,21 @@ class CameraSettings(Settings):
         512.0, 'Principal point, from the top [px]', low=-1e4, high=1e4, read_only=True
     )
     distortion: tuple[float, ...] = setting(
-        (0.0, 0.0, 0.0, 0.0, 0.0), 'plumb_bob coefficients k1 k2 p1 p2 k3', read_only=True
+        (0.0, 0.0, 0.0, 0.0, 0.0),
+        'Coefficients of the lens, as in camera_info; zeros are none, of any model',
+        read_only=True,
+    )
+    distortion_model: str = setting(
+        'plumb_bob',
+        'Lens: equidistant is a fisheye, whose focal length is that of its centre',
+        choices=LENSES,
+        read_only=True,
     )
     frame_rate: float = setting(11.0, 'Frames a second [Hz]', low=0.1, high=200.0, read_only=True)
     encoding: str = setting(
         'mono8', 'Encoding of the images', choices=('mono8', 'bgr8'), read_only=True
     )
-    scene: str = setting('room', 'What is seen', choices=('room', 'wall'), read_only=True)
+    scene: str = setting('room', 'What is seen', choices=('room', 'wall', 'plain'), read_only=True)
     scene_seed: int = setting(1, 'Seed of the scene', low=0, high=2**31 - 1, read_only=True)
     seed: int = setting(0, 'Seed of noise and jitter', low=0, high=2**31 - 1, read_only=True)
     mount_height: float = setting(
@@ -45,7 +57,10 @@ class CameraSettings(Settings):
     mount_left: float = setting(
         0.0, 'Camera to the left of the middle of the axle [m]', low=-1.0, high=1.0, read_only=True
     )
-    tilt: float = setting(0.0, 'Tilt, down positive [rad]', low=-0.5, high=0.5, read_only=True)
+    mount_yaw: float = setting(
+        0.0, 'Yaw, to the left seen from above [rad]', low=-0.8, high=0.8, read_only=True
+    )
+    tilt: float = setting(0.0, 'Tilt, down positive [rad]', low=-0.8, high=0.8, read_only=True)
     roll: float = setting(0.0, 'Roll, clockwise [rad]', low=-0.5, high=0.5, read_only=True)
     jitter: float = setting(
         0.0, 'Deviation of tilt and of roll by an uneven floor [rad]', low=0.0, high=0.1
@@ -80,21 +95,17 @@ class CameraSettings(Settings):
         _ = self.camera  # raises ValueError for an impossible distortion
 
     @property
-    def camera(self) -> Camera:
+    def camera(self) -> CalibratedCamera:
         """The true intrinsics, which images and points obey."""
         focal = self.focal_length
-        return Camera(
-            self.width,
-            self.height,
-            focal,
-            focal,
-            self.principal_u,
-            self.principal_v,
-            self.distortion,
-        )
+        k = (focal, 0.0, self.principal_u, 0.0, focal, self.principal_v, 0.0, 0.0, 1.0)
+        plumb_bob = self.distortion_model == 'plumb_bob'
+        # The zeros that stand for no distortion are as many as plumb_bob has.
+        distortion = self.distortion if plumb_bob or any(self.distortion) else ()
+        return calibrated_camera((self.width, self.height), k, distortion, self.distortion_model)
 
     @property
-    def nominal_camera(self) -> Camera:
+    def nominal_camera(self) -> CalibratedCamera:
         """The nominal intrinsics, those of the calibration, by which tracker and servo go."""
         true = self.camera
         return replace(
@@ -109,5 +120,10 @@ class CameraSettings(Settings):
     def mount(self) -> CameraMount:
         """Where the camera sits."""
         return CameraMount(
-            self.mount_height, self.mount_forward, self.tilt, self.roll, self.mount_left
+            height=self.mount_height,
+            forward=self.mount_forward,
+            tilt=self.tilt,
+            roll=self.roll,
+            left=self.mount_left,
+            yaw=self.mount_yaw,
         )

@@ -18,7 +18,10 @@ class CameraMount:
     """
     Where the camera sits on the base: height, offset ahead and left of the axle [m], angles [rad].
 
-    A positive tilt looks down; a positive roll turns the camera clockwise, seen from behind it.
+    A positive yaw turns the camera about the vertical, to the left (counter-clockwise from above,
+    as REP 103 has it); it comes first, then tilt and roll in the axes so turned. A positive tilt
+    looks down; a positive roll turns the camera clockwise, seen from behind it. At yaw the camera
+    looks past where the robot drives to, but the goal is the same: the robot at its desired pose.
     """
 
     height: float = 0.6
@@ -26,9 +29,10 @@ class CameraMount:
     tilt: float = 0.0
     roll: float = 0.0
     left: float = 0.0
+    yaw: float = 0.0
 
     def __post_init__(self) -> None:
-        values = (self.height, self.forward, self.tilt, self.roll, self.left)
+        values = (self.height, self.forward, self.tilt, self.roll, self.left, self.yaw)
         if not all(map(math.isfinite, values)):
             raise ValueError(f'a camera mount must be finite, got {self}; check its parameters')
         if abs(self.tilt) >= math.pi / 2.0:
@@ -45,7 +49,8 @@ class CameraMount:
 
     def R_world_camera(self, pose: Pose, *, tilt: float = 0.0, roll: float = 0.0) -> FloatArray:
         """Return axes right, down, forward as columns, (3, 3), with tilt and roll [rad] added."""
-        sin, cos = math.sin(pose.theta), math.cos(pose.theta)
+        heading = pose.theta + self.yaw
+        sin, cos = math.sin(heading), math.cos(heading)
         level = np.array([[sin, 0.0, cos], [-cos, 0.0, sin], [0.0, -1.0, 0.0]])
         sin, cos = math.sin(self.tilt + tilt), math.cos(self.tilt + tilt)
         tilted = level @ np.array([[1.0, 0.0, 0.0], [0.0, cos, sin], [0.0, -sin, cos]])

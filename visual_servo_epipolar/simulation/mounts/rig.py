@@ -3,7 +3,7 @@
 from typing import NamedTuple, Protocol
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
 from visual_servo_epipolar.core.geometry.motion import Pose
 
 
@@ -18,7 +18,7 @@ class CameraRig(Protocol):
     """What holds the camera on the robot; all that it does follows from pose and frame."""
 
     @property
-    def camera(self) -> Camera:
+    def camera(self) -> CalibratedCamera:
         """The true camera model."""
         ...
 

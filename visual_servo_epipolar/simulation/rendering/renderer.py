@@ -8,8 +8,11 @@ from numpy.typing import NDArray
 
 from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray, Image
 from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.simulation.mounts.rig import CameraRig
+from visual_servo_epipolar.core.geometry.rays import normalised
+from visual_servo_epipolar.simulation.mounts.rig import CameraPose, CameraRig
+from visual_servo_epipolar.simulation.rendering.faces import Faces
 from visual_servo_epipolar.simulation.rendering.raster import NEAR, rasterize, View
 from visual_servo_epipolar.simulation.rendering.sampling import shade
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
@@ -30,17 +33,13 @@ class Renderer:
 
     def __init__(self, scene: Scene, rig: CameraRig) -> None:
         self.scene, self.camera, self.rig = scene, rig.camera, rig
-        self._canvas, self._maps = _canvas_of(rig.camera)
+        self._drawing = (
+            _Canvas(rig.camera) if isinstance(rig.camera, Camera) else Faces(rig.camera)
+        )
 
     def render(self, pose: Pose, frame: int | None = None) -> Image:
         """Return the image taken from ``pose``, shape (H, W)."""
-        view = self._view(pose, frame)
-        image = shade(self.scene, view, rasterize(self.scene, view))
-        if self._maps is None:
-            return image
-        # Cubic sampling would shift details by 0.03 px, Lanczos' by less than 0.01 px.
-        distorted = cv2.remap(image, *self._maps, cv2.INTER_LANCZOS4)
-        return np.asarray(distorted, dtype=np.uint8)
+        return self._drawing.render(self.scene, self.rig.camera_pose(pose, frame))
 
     def project(
         self, points: FloatArray, pose: Pose, frame: int | None = None
@@ -51,16 +50,21 @@ class Renderer:
         Returns
         -------
         pixels : array, shape (N, 2)
-            NaN for points behind the camera.
+            NaN for points that the lens does not see.
         visible : array of bool, shape (N,)
-            Whether the point is ahead of the camera and in the image.
+            Whether the lens sees the point, and in the image.
 
         """
-        rays = self._view(pose, frame).to_camera(np.asarray(points, dtype=np.float64))
-        ahead = rays[:, 2] > NEAR
-        pixels = np.full((len(rays), 2), np.nan)
+        axes, centre = self.rig.camera_pose(pose, frame)
+        vectors = (np.asarray(points, dtype=np.float64) - centre) @ axes
+        pixels = np.full((len(vectors), 2), np.nan)
+        if not isinstance(self.camera, Camera):
+            far = np.sqrt((vectors * vectors).sum(axis=1)) > NEAR
+            pixels[far] = self.camera.pixels(normalised(vectors[far]))
+            return pixels, self.camera.contains(pixels)
+        ahead = vectors[:, 2] > NEAR
         if ahead.any():
-            pixels[ahead] = self.camera.pixels_of(rays[ahead, :2] / rays[ahead, 2:])
+            pixels[ahead] = self.camera.pixels_of(vectors[ahead, :2] / vectors[ahead, 2:])
         return pixels, ahead & self.camera.contains(pixels)
 
     def trace(self, pixels: FloatArray, pose: Pose, frame: int | None = None) -> FloatArray:
@@ -69,23 +73,20 @@ class Renderer:
 
         They are NaN where there is no surface.
         """
-        view, scene = self._view(pose, frame), self.scene
-        rays = np.column_stack(
-            [self.camera.image_points(as_points(pixels, 'pixels')), np.ones(len(pixels))]
-        )
-        directions = rays @ view.R_world_camera.T
-        origins = scene.corners[:, 0] - view.centre
+        (axes, centre), scene = self.rig.camera_pose(pose, frame), self.scene
+        directions = _vectors(self.camera, as_points(pixels, 'pixels')) @ axes.T
+        origins = scene.corners[:, 0] - centre
         with np.errstate(divide='ignore', invalid='ignore'):
             depths = (origins * scene.normals).sum(axis=1) / (directions @ scene.normals.T)
             hits = depths[..., None] * directions[:, None] - origins
-            inside = (depths > NEAR) & scene.facing(view.centre)
+            inside = (depths > NEAR) & scene.facing(centre)
             for k in (1, 3):
                 edge = scene.corners[:, k] - scene.corners[:, 0]
                 share = (hits * edge).sum(axis=-1) / (edge**2).sum(axis=-1)
                 inside &= (share >= 0.0) & (share <= 1.0)
         nearest = np.where(inside, depths, np.inf).min(axis=1)
         nearest[np.isinf(nearest)] = np.nan
-        return np.asarray(view.centre + nearest[:, None] * directions)
+        return np.asarray(centre + nearest[:, None] * directions)
 
     def unhidden(self, points: FloatArray, pixels: FloatArray, pose: Pose) -> BoolArray:
         """
@@ -97,18 +98,35 @@ class Renderer:
         distance = np.linalg.norm(points - self.rig.camera_pose(pose).centre, axis=1)
         return np.asarray(np.linalg.norm(nearest - points, axis=1) <= SAME_PLACE * distance)
 
-    def _view(self, pose: Pose, frame: int | None) -> View:
-        width, height, intrinsics = self._canvas
-        axes, centre = self.rig.camera_pose(pose, frame)
-        return View(width, height, intrinsics, centre, axes)
+
+def _vectors(camera: CalibratedCamera, pixels: FloatArray) -> FloatArray:
+    """Return vectors along what ``pixels`` show, shape (N, 3): of a pinhole with z = 1."""
+    if isinstance(camera, Camera):
+        return np.column_stack([camera.image_points(pixels), np.ones(len(pixels))])
+    return camera.rays(pixels)
 
 
-def _canvas_of(
-    camera: Camera,
-) -> tuple[tuple[int, int, FloatArray], tuple[Map, Map] | None]:
+class _Canvas:
+    """The image of a pinhole, distorted after it is drawn."""
+
+    def __init__(self, camera: Camera) -> None:
+        self._size, self._intrinsics, self._maps = _canvas_of(camera)
+
+    def render(self, scene: Scene, pose: CameraPose) -> Image:
+        """Return the image, shape (H, W)."""
+        view = View(*self._size, self._intrinsics, pose.centre, pose.R_world_camera)
+        image = shade(scene, view, rasterize(scene, view))
+        if self._maps is None:
+            return image
+        # Cubic sampling would shift details by 0.03 px, Lanczos' by less than 0.01 px.
+        distorted = cv2.remap(image, *self._maps, cv2.INTER_LANCZOS4)
+        return np.asarray(distorted, dtype=np.uint8)
+
+
+def _canvas_of(camera: Camera) -> tuple[tuple[int, int], FloatArray, tuple[Map, Map] | None]:
     """Return size and intrinsics of the pinhole image to draw, and the maps to distort it."""
     if not camera.distorts:
-        return (camera.width, camera.height, camera.matrix), None
+        return (camera.width, camera.height), camera.matrix, None
     u, v = np.meshgrid(np.arange(float(camera.width)), np.arange(float(camera.height)))
     rays = camera.image_points(np.stack([u.ravel(), v.ravel()], axis=1))
     ideal = np.clip(rays, -MAX_RAY, MAX_RAY) * [camera.fx, camera.fy] + [camera.cx, camera.cy]
@@ -117,4 +135,4 @@ def _canvas_of(
     intrinsics = camera.matrix
     intrinsics[:2, 2] += shift
     maps = (ideal + shift).astype(np.float32).reshape(camera.height, camera.width, 2)
-    return (width, height, intrinsics), (maps[..., 0].copy(), maps[..., 1].copy())
+    return (width, height), intrinsics, (maps[..., 0].copy(), maps[..., 1].copy())

@@ -14,6 +14,8 @@ FLAGS = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
 def shade(scene: Scene, view: View, raster: Raster) -> Image:
     """Return the image, shape (H, W), of what the raster shows; black where it shows nothing."""
     image: Image = np.zeros((view.height, view.width), dtype=np.uint8)
+    if not raster.strips:
+        return image
     sources = _sources(scene, raster)
     for number, (strip, box, source) in enumerate(
         zip(raster.strips, raster.boxes, sources, strict=True), start=1
@@ -21,7 +23,8 @@ def shade(scene: Scene, view: View, raster: Raster) -> Image:
         left, top, right, bottom = box
         if left >= right or top >= bottom:
             continue
-        mask = cv2.compare(raster.ids[top:bottom, left:right], number, cv2.CMP_EQ)
+        # Not cv2.compare: it takes the number for an array where the box is a single pixel.
+        mask = np.equal(raster.ids[top:bottom, left:right], number).view(np.uint8)
         x, y, width, height = cv2.boundingRect(mask)
         if width > 0:
             part = _sample(strip, *source, (left + x, top + y, width, height))

@@ -1,4 +1,4 @@
-"""Scenes: a furnished room, and a room dominated by a single wall."""
+"""Scenes: a furnished room, a room dominated by a single wall, and a plain one."""
 
 from collections.abc import Callable
 import math
@@ -8,11 +8,12 @@ import numpy as np
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 from visual_servo_epipolar.simulation.rooms import furniture as c
 from visual_servo_epipolar.simulation.rooms import materials as m
+from visual_servo_epipolar.simulation.rooms import plain
 from visual_servo_epipolar.simulation.rooms.building import Builder, Furniture, LEFT, REAR, RIGHT
 from visual_servo_epipolar.simulation.rooms.textures import Sheet
 
-KINDS = ('room', 'wall')
-END = {'room': 8.0, 'wall': 5.0}  # how far the front wall is from the goal [m]
+KINDS = ('room', 'wall', 'plain')
+END = {'room': 8.0, 'wall': 5.0, 'plain': 8.0}  # how far the front wall is from the goal [m]
 LAMPS = [(x, y) for y in (-11.0, -7.4, -3.8, -0.2, 3.4, 6.4) for x in (-2.9, 2.9)]
 
 # Name, middle of the front (x, y), size, front, sides, bottom [m]. Nothing stands in the way of
@@ -50,7 +51,8 @@ def room(seed: int, kind: str = 'room') -> Scene:
         Not negative.
     kind : str
         'room': furniture 3-8 m ahead of the goal (0, 0), looking along +y. 'wall': one wall 5 m
-        ahead, full of pictures, over a floor with little texture.
+        ahead, full of pictures, over a floor with little texture. 'plain': painted walls with few
+        pictures and little furniture, 3-8 m ahead, all of weak contrast.
 
     Raises
     ------
@@ -63,7 +65,7 @@ def room(seed: int, kind: str = 'room') -> Scene:
     rng = np.random.default_rng((seed, KINDS.index(kind)))
     lamps = [(x, y) for x, y in LAMPS if y < END[kind]]
     builder = Builder(rng, lamps, END[kind])
-    (_furnished if kind == 'room' else _walled)(builder)
+    BUILD[kind](builder)
     return Scene(tuple(builder.surfaces))
 
 
@@ -139,3 +141,6 @@ def _along_the_sides(rng: np.random.Generator) -> list[Furniture]:
             name = f'{"left" if side > 0 else "right"} piece {k}'
             pieces.append(Furniture(name, *at, size, front, c.timber, turn=side * math.pi / 2.0))
     return pieces
+
+
+BUILD = {'room': _furnished, 'wall': _walled, 'plain': plain.furnish}

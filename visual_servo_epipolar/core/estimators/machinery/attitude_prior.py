@@ -34,6 +34,7 @@ class Attitudes(NamedTuple):
     tilt_deviation: FloatArray
     roll_deviation: FloatArray
     jitter: FloatArray
+    correlation: FloatArray
 
 
 AnyAttitude: TypeAlias = Attitude | Attitudes
@@ -42,20 +43,25 @@ AnyAttitude: TypeAlias = Attitude | Attitudes
 def attitudes_of(priors: Sequence[Prior]) -> Attitudes:
     """Return the attitudes of many ``priors``."""
     rows = [
-        (a.tilt, a.roll, a.tilt_deviation, a.roll_deviation, a.jitter)
+        (a.tilt, a.roll, a.tilt_deviation, a.roll_deviation, a.jitter, a.correlation)
         for a in (prior.attitude for prior in priors)
     ]
     return Attitudes(*np.array(rows).T)
 
 
 def attitude_prior(attitude: AnyAttitude) -> GaussianPrior:
-    """Return what is known of psi, phi, tilt, roll and their jumps, shape (..., 6) each."""
+    """Return what is known of psi, phi, tilt, roll and their jumps, of six parameters."""
     tilt, roll = np.asarray(attitude.tilt_deviation), np.asarray(attitude.roll_deviation)
     jump = np.maximum(JITTER_DEVIATIONS * np.asarray(attitude.jitter), LEAST_JITTER)
-    mean, information = np.zeros((2, *tilt.shape, 6))
+    mean, information = np.zeros((*tilt.shape, 6)), np.zeros((*tilt.shape, 6, 6))
     mean[..., TILT], mean[..., ROLL] = attitude.tilt, attitude.roll
-    information[..., TILT], information[..., ROLL] = np.power(tilt, -2.0), np.power(roll, -2.0)
-    information[..., TILT_JUMP] = information[..., ROLL_JUMP] = np.power(jump, -2.0)
+    both = np.asarray(attitude.correlation)
+    alone = 1.0 / (1.0 - both * both)
+    information[..., TILT, TILT] = alone * np.power(tilt, -2.0)
+    information[..., ROLL, ROLL] = alone * np.power(roll, -2.0)
+    information[..., TILT, ROLL] = information[..., ROLL, TILT] = -alone * both / (tilt * roll)
+    for each in (TILT_JUMP, ROLL_JUMP):
+        information[..., each, each] = np.power(jump, -2.0)
     return GaussianPrior(mean, information)
 
 

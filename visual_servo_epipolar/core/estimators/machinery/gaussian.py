@@ -12,7 +12,7 @@ UNDETERMINED = 1.0  # deviation of a bearing above which the matches say nothing
 
 
 class GaussianPrior(NamedTuple):
-    """Independent Gaussian priors of P parameters: mean and information, shape (..., P) each."""
+    """Gaussian prior of P parameters: mean, shape (..., P), and information, (..., P, P)."""
 
     mean: FloatArray
     information: FloatArray

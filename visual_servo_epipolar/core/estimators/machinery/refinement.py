@@ -51,7 +51,7 @@ class Problem(NamedTuple):
 
 def problem_of(model: Model, table: FloatArray, prior: GaussianPrior) -> Problem:
     """Return what is minimised, with leading axes for many geometries."""
-    ridge = (prior.information + RIDGE)[..., None] * np.eye(prior.information.shape[-1])
+    ridge = prior.information + RIDGE * np.eye(prior.information.shape[-1])
     return Problem(model, table, prior, ridge)
 
 
@@ -179,8 +179,7 @@ class Step(NamedTuple):
     def fit(self, problem: Problem, width: FloatArray | float) -> Fit:
         """Return the fits after the step, with the costs before it."""
         costs = np.minimum(self.squared / (width * width), INLIER_DEVIATIONS**2).sum(axis=-1)
-        price = self.deviation * self.deviation * problem.prior.information
-        costs += price.sum(axis=-1)
+        costs += (self.deviation * _pull(problem.prior, self.deviation)).sum(axis=-1)
         return Fit(self.parameters, self.information, costs, self.squared)
 
 
@@ -195,11 +194,17 @@ def gauss_newton_step(problem: Problem, parameters: FloatArray, width: FloatArra
     normal = (rows * weight[..., None, :]) @ rows.swapaxes(-2, -1)
     deviation = parameters - prior.mean
     information = normal[..., 1:, 1:] + problem.ridge
-    change = _solved(information, normal[..., 1:, 0] + prior.information * deviation)
+    change = _solved(information, normal[..., 1:, 0] + _pull(prior, deviation))
     length = np.maximum.reduce(np.abs(change), axis=-1)
     if np.any(length > LARGEST_STEP):
         change = np.clip(change, -LARGEST_STEP, LARGEST_STEP)
     return Step(parameters - change, information, squared, deviation, length)
+
+
+def _pull(prior: GaussianPrior, deviation: FloatArray) -> FloatArray:
+    """Return the information of the prior times the ``deviation`` from its mean, (..., P)."""
+    # Never a product of matrices: its bits would depend on how many geometries are side by side.
+    return np.asarray((prior.information * deviation[..., None, :]).sum(axis=-1))
 
 
 def annealed(scale: Any, iteration: int, steps: int) -> Any:

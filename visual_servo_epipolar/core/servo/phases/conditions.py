@@ -19,6 +19,8 @@ STANDSTILL_PARALLAX = 1.25  # without a baseline, in deviations of the noise: se
 RESIDUAL_OFFSET = 1e-3  # at the end of line following [m]
 LARGEST_ESCAPE = 0.1  # [rad]
 FRAME_S = 0.1  # duration of the shortest turn: one command, at the usual frame rate
+LONGEST_WAY = 1.5  # in upper bounds of the distance
+LEAST_FIRST = 0.5  # distance that a ratio of distances refers to at least [m]
 LEAST_RATIO = 1e-9  # part of the distance that a law without retreat keeps
 
 
@@ -172,3 +174,39 @@ def is_at_goal(state: ServoState, measurement: Measurement, settings: ServoSetti
     faces_goal = abs(measurement.heading_error) <= facing_bound(settings)
     matched = abs(measurement.difference) <= matched_bound(measurement, settings)
     return faces_goal and matched and not has_parallax(state, measurement, settings)
+
+
+def astray(state: ServoState, measurement: Measurement, settings: ServoSettings) -> str:
+    """
+    Return in words that the robot is farther from the goal than its phase may lead it.
+
+    Backing off has a bound of its own. In steps 1 and 2 of a law that spirals inwards the distance
+    never grows, and no way is longer than its upper bound allows.
+    """
+    name = state.phase.value
+    if state.phase is Phase.RETREATING:
+        if -state.travel <= settings.max_retreat:
+            return ''
+        return f'backed off by {-state.travel:.1f} m (max_retreat), the goal is still not ahead'
+    law = settings.options
+    spirals = law.discordant_turn and law.retreat  # laws without lead away first
+    if not spirals or state.phase not in (Phase.ZEROING_EPIPOLES, Phase.MATCHING_FEATURES):
+        return ''
+    longest = LONGEST_WAY * settings.initial_distance
+    if abs(state.travel) > longest:
+        return f'drove {longest:.0f} m in {name} and is not there (initial_distance)'
+    ratio = _excursion(state, measurement)
+    if ratio <= settings.max_excursion:
+        return ''
+    return f'{name} leads away from the goal: {ratio:.1f} times the distance (max_excursion)'
+
+
+def _excursion(state: ServoState, measurement: Measurement) -> float:
+    """Return the distance over that at which the leg began; 1 where it is not known."""
+    extrinsics, leg, bearings = state.extrinsics, state.leg, measurement.bearings
+    if extrinsics is None or leg is None or bearings is None or not extrinsics.is_ranged:
+        return 1.0
+    distance = extrinsics.distance
+    x = distance * math.cos(bearings.psi) - leg.x
+    y = distance * math.sin(bearings.psi) - leg.y
+    return distance / max(math.hypot(x, y), LEAST_FIRST)

@@ -6,6 +6,7 @@ import math
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.phases.conditions import (
     align_bound,
+    astray,
     engage_bound,
     escape_bound,
     facing_bound,
@@ -25,6 +26,9 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
 
+# What the yaw of the camera may be learnt to differ by while a step lasts [rad].
+YAW_FOR_NEW_START, YAW_FOR_NEW_ATTEMPT = math.radians(1.5), math.radians(0.5)
+
 
 def classify(state: ServoState, settings: ServoSettings) -> Event:
     """Return the event of ``state.measurement`` in ``state.phase``."""
@@ -35,6 +39,8 @@ def classify(state: ServoState, settings: ServoSettings) -> Event:
         return Event.TIMED_OUT
     if measurement.features < settings.min_features:
         return Event.LOST if phase in DRIVING else Event.NOTHING
+    if astray(state, measurement, settings):
+        return Event.ASTRAY
     event = _CLASSIFIERS[phase](state, measurement, settings)
     into_step_2 = next_phase(phase, event) is Phase.MATCHING_FEATURES
     return Event.LOST if into_step_2 and not math.isfinite(measurement.difference) else event
@@ -113,12 +119,19 @@ def _zeroing(state: ServoState, measurement: Measurement, settings: ServoSetting
     chi = measurement.bearings.chi
     if abs(chi) >= settings.divergence:
         return Event.DIVERGED
+    if state.yaw_learnt > YAW_FOR_NEW_START:
+        return _anew(measurement, settings)
     if not state.latched and is_off_course(measurement, settings):
         return Event.SIDEWAYS
     if state.latched and abs(chi) > escape_bound(state, measurement, settings):
-        near = measurement.difference > -settings.retreat_difference
-        return Event.SIDEWAYS if near and settings.options.retreat else Event.ESCAPED
+        return _anew(measurement, settings)
     return Event.ALIGNED if state.settled >= settings.align_frames else Event.NOTHING
+
+
+def _anew(measurement: Measurement, settings: ServoSettings) -> Event:
+    """Return the event that begins step 1 anew: from too near a goal the robot backs off first."""
+    near = measurement.difference > -settings.retreat_difference
+    return Event.SIDEWAYS if near and settings.options.retreat else Event.ESCAPED
 
 
 def _matching(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
@@ -126,10 +139,12 @@ def _matching(state: ServoState, measurement: Measurement, settings: ServoSettin
         return Event.LOST
     if state.settled < settings.arrival_frames:
         return Event.NOTHING
+    attempts_remain = state.attempts < settings.max_attempts
+    repeats = settings.options.new_attempts and attempts_remain
     if has_parallax(state, measurement, settings):
-        attempts_remain = state.attempts < settings.max_attempts
-        repeats = settings.options.new_attempts and attempts_remain
         return Event.MISSED if repeats else Event.EXHAUSTED
+    if repeats and state.yaw_learnt > YAW_FOR_NEW_ATTEMPT:
+        return Event.MISSED
     faces_goal = abs(measurement.heading_error) <= facing_bound(settings)
     if settings.options.final_turn and not faces_goal:
         return Event.TURNED

@@ -5,7 +5,7 @@ import math
 
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.derived_gains import legal_target, with_gains_of_now
-from visual_servo_epipolar.core.servo.phases.conditions import discordant_bearing
+from visual_servo_epipolar.core.servo.phases.conditions import astray, discordant_bearing
 from visual_servo_epipolar.core.servo.phases.table import Event, next_phase, Phase
 from visual_servo_epipolar.core.servo.ranging import Leg
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -25,8 +25,12 @@ def switched(
         phase=phase,
         phase_start_ns=measurement.stamp_ns,
         run_start_ns=measurement.stamp_ns if state.phase is Phase.WAITING else state.run_start_ns,
+        mount=None if state.extrinsics is None else state.extrinsics.mount,
+        # Bounds of a phase hold when it goes on after tracks were lost.
+        travel=state.travel if Phase.HOLDING in (phase, state.phase) else 0.0,
         settled=0,
         reason=_reason(state, measurement, event, settings),
+        restarts=0 if event is Event.MISSED else state.restarts + (event is Event.ESCAPED),
         attempts=state.attempts + (event is Event.MISSED),
         warning='',
     )
@@ -34,6 +38,8 @@ def switched(
         side = math.copysign(1.0, measurement.bearings.chi)
         leg = Leg(measurement.bearings.psi)
         state = replace(state, side=side, latched=False, leg=leg)
+    if phase is Phase.RETREATING:
+        state = replace(state, leg=None)
     try:
         return _prepared(state, measurement, settings)
     except ValueError as error:
@@ -93,6 +99,8 @@ def _reason(
     if event is Event.TIMED_OUT:
         because = f': {state.warning}' if state.warning else ''
         return f'{name} took longer than {settings.phase_timeout:g} s{because}'
+    if event is Event.ASTRAY:
+        return astray(state, measurement, settings)
     if event is Event.DIVERGED:
         return f'the desired epipole ran away to infinity in {name}'
     if event in (Event.MISSED, Event.EXHAUSTED):

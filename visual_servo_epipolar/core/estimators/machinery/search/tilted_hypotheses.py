@@ -28,6 +28,7 @@ from visual_servo_epipolar.core.estimators.machinery.tilted_planar import (
 )
 
 COLD = math.radians(0.3)  # above this deviation of the tilt, hypotheses are made for several tilts
+GENERAL = math.radians(2.5)  # above it tilts to try would be too many: see ``general_hypotheses``
 TILTS = np.linspace(-1.0, 1.0, 9)  # of those, in deviations of the prior
 PAIRS = 60  # for each attitude that is tried
 MODES = 6
@@ -39,6 +40,11 @@ JUMPS = np.array([-3.2, -1.6, 0.0, 1.6, 3.2])  # of tilt between the views, in j
 def is_cold(attitude: Attitude) -> bool:
     """Return whether the tilt is so little known that several must be tried."""
     return attitude.tilt_deviation > COLD
+
+
+def is_general(attitude: Attitude) -> bool:
+    """Return whether the attitude is so little known that hypotheses must do without."""
+    return max(attitude.tilt_deviation, attitude.roll_deviation) > GENERAL
 
 
 def is_poor(fits: Fit) -> bool:

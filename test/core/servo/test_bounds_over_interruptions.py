@@ -1,0 +1,60 @@
+"""Bounds of a phase survive the loss of tracks; what belongs to another way is forgotten."""
+
+from dataclasses import replace
+import math
+
+import numpy as np
+import pytest
+from servo_states import BEARINGS, in_phase, learnt_yaw, SETTINGS, sight, then
+
+from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
+from visual_servo_epipolar.core.servo.phases.events import classify
+from visual_servo_epipolar.core.servo.phases.table import Event, Phase
+from visual_servo_epipolar.core.servo.ranging import Leg
+from visual_servo_epipolar.core.servo.state import ServoState
+
+NO_ESTIMATE = sight(bearings=None, difference=math.nan, reason='two geometries fit')
+
+
+def test_backing_off_goes_on_counting_after_tracks_were_lost() -> None:
+    state = then(in_phase(Phase.RETREATING, travel=-9.5), NO_ESTIMATE)
+    assert state.phase is Phase.HOLDING
+    aside = sight(2, bearings=replace(BEARINGS, psi=-0.1, phi=-0.1 - math.pi / 2.0))
+    state = then(state, aside)
+    assert state.phase is Phase.RETREATING
+    assert state.travel == pytest.approx(-9.5)
+
+
+def test_who_backs_off_begins_a_way_of_his_own() -> None:
+    aside = sight(bearings=replace(BEARINGS, psi=-0.1, phi=-0.1 - math.pi / 2.0))
+    leg = Leg(BEARINGS.psi, 0.3, 1.0)
+    state = then(in_phase(Phase.ZEROING_EPIPOLES, leg=leg), aside)
+    assert state.phase is Phase.RETREATING
+    assert state.leg is None
+
+
+@pytest.mark.parametrize(('attempts', 'event'), [(1, Event.MISSED), (5, Event.MATCHED)])
+def test_a_yaw_just_learnt_asks_for_an_attempt_but_never_fails(
+    attempts: int, event: Event
+) -> None:
+    there = sight(parallax=1e-5, difference=0.0, heading_error=0.0)
+    state = in_phase(
+        Phase.MATCHING_FEATURES,
+        measurement=there,
+        settled=SETTINGS.arrival_frames,
+        settled_parallax=1e-5,
+        attempts=attempts,
+        extrinsics=learnt_yaw(2.0),
+    )
+    assert classify(state, SETTINGS) is event
+
+
+def test_an_estimator_without_covariance_tells_nothing_of_the_mount() -> None:
+    settings = replace(SETTINGS, camera_forward=0.2, camera_yaw=0.1)
+    blind = {'deviation': math.nan, 'covariance': UNKNOWN_COVARIANCE}
+    state = ServoState()
+    for frame in range(1, 30):
+        state = then(state, sight(frame, **blind), settings)
+        assert state.extrinsics is not None
+        assert np.isfinite(state.extrinsics.mean).all()
+    assert state.phase is not Phase.HOLDING

@@ -1,0 +1,207 @@
+"""The camera's place on the base, learnt: from drives by exact kinematics, without images."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+import math
+
+from mounted import frames, NOISE, of_camera_axes, sight
+import numpy as np
+import pytest
+
+from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.servo.extrinsics import (
+    Extrinsics,
+    is_significant,
+    learnt,
+    MAX_CONTRADICTIONS,
+    NEAR,
+    placed,
+    RHO,
+    UNCERTAIN,
+    YAW,
+)
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+
+ON_AXLE = np.zeros(3)
+MOUNTS = [
+    np.array([math.radians(5.0), 0.25, 0.0]),
+    np.array([math.radians(-4.0), -0.2, 0.0]),
+    np.array([math.radians(3.0), 0.3, 0.05]),
+]
+
+
+def unknown(told: FloatArray = ON_AXLE) -> Extrinsics:
+    """Return what the default settings know of a mount that is ``told``."""
+    yaw, forward, left = told.tolist()
+    return ServoSettings(camera_yaw=yaw, camera_forward=forward, camera_left=left).extrinsics
+
+
+def beliefs(
+    mount: FloatArray, belief: Extrinsics, *, missed: bool = False, seed: int = 0
+) -> Iterator[tuple[Extrinsics, float]]:
+    """Yield the belief after each image of DRIVE, and the true distance [m]."""
+    for measurement, travel, distance in frames(mount, seed=seed):
+        belief = learnt(belief, measurement, travel, missed=missed)
+        yield belief, distance
+
+
+def test_what_is_told_is_where_learning_begins() -> None:
+    settings = ServoSettings(
+        camera_yaw=0.1,
+        camera_forward=0.2,
+        camera_left=-0.3,
+        camera_yaw_deviation=0.01,
+        camera_forward_deviation=0.02,
+        camera_left_deviation=0.03,
+    )
+    told = of_camera_axes(np.array([0.1, 0.2, -0.3]))
+    np.testing.assert_allclose(settings.extrinsics.mount, told)
+    np.testing.assert_allclose(settings.extrinsics.mean[YAW:], told)
+    deviations = np.sqrt(settings.extrinsics.covariance.diagonal()[YAW:])
+    np.testing.assert_allclose(deviations, [0.01, 0.02, 0.03])
+
+
+@pytest.mark.parametrize('seed', range(4))
+@pytest.mark.parametrize('mount', MOUNTS)
+def test_a_drive_tells_the_mount_and_the_distance(mount: FloatArray, seed: int) -> None:
+    *_, (belief, distance) = beliefs(mount, unknown(), seed=seed)
+    assert belief.believed
+    assert belief.mount[0] == pytest.approx(mount[0], abs=math.radians(1.0))
+    assert belief.mount[1] == pytest.approx(mount[1], abs=0.03)
+    assert belief.is_ranged
+    assert belief.distance == pytest.approx(distance, rel=0.1)
+
+
+@pytest.mark.parametrize('missed', [False, True])
+@pytest.mark.parametrize('seed', range(6))
+def test_a_camera_on_the_axle_is_left_there(seed: int, missed: bool) -> None:
+    learning = list(beliefs(ON_AXLE, unknown(), missed=missed, seed=seed))
+    assert not any(belief.believed for belief, _ in learning)
+    np.testing.assert_array_equal(learning[-1][0].mount, ON_AXLE)
+
+
+@pytest.mark.parametrize('mount', MOUNTS)
+def test_a_mount_that_is_told_right_is_left_as_told(mount: FloatArray) -> None:
+    *_, (belief, _) = beliefs(mount, unknown(mount))
+    assert not belief.believed
+    np.testing.assert_allclose(belief.mount, of_camera_axes(mount))
+
+
+@pytest.mark.parametrize('mount', [ON_AXLE, *MOUNTS])
+def test_bearings_that_commands_explain_never_contradict(mount: FloatArray) -> None:
+    assert {belief.contradictions for belief, _ in beliefs(mount, unknown())} == {0}
+
+
+def test_bearings_that_jump_about_contradict_what_is_driven() -> None:
+    belief, rng = unknown(), np.random.default_rng(3)
+    contradicted = []
+    for measurement, travel, _ in frames(ON_AXLE):
+        bearings = measurement.bearings
+        assert bearings is not None
+        jump = rng.uniform(-1.5, 1.5)
+        wrong = Bearings(bearings.psi + jump, bearings.phi + jump)  # the heading is right
+        belief = learnt(belief, sight(wrong), travel, missed=False)
+        contradicted.append(belief.contradicts)
+    assert any(contradicted)
+
+
+def test_one_jump_is_forgiven_and_the_path_begins_anew() -> None:
+    belief = unknown()
+    for number, (measurement, travel, _) in enumerate(frames(ON_AXLE)):
+        if number >= 90:  # from here on another geometry, which is consistent
+            assert measurement.bearings is not None
+            measurement = sight(
+                Bearings(measurement.bearings.psi + 0.8, measurement.bearings.phi + 0.8)
+            )
+        before, belief = belief, learnt(belief, measurement, travel, missed=False)
+        if number == 90:
+            assert belief.contradictions == 5
+            assert not belief.is_ranged
+            assert before.is_ranged
+        assert not belief.contradicts
+    assert belief.contradictions == 0
+
+
+def close_to_goal() -> Extrinsics:
+    """Return a belief that knows the camera to be at 0.1 m, with a mount that is not known."""
+    begun = placed(unknown(), Bearings.from_pose(Pose.from_start(0.0, -0.1, 0.0)), NOISE)
+    mean, covariance = begun.mean.copy(), begun.covariance.copy()
+    mean[RHO], covariance[RHO, RHO] = math.log(0.1), 0.01
+    return replace(begun, mean=mean, covariance=covariance)
+
+
+def test_near_the_goal_nothing_of_the_mount_is_learnt() -> None:
+    belief = close_to_goal()
+    told = belief.mean[YAW:].copy()
+    for x in (0.02, -0.02, 0.03, 0.0, -0.03):
+        bearings = Bearings.from_pose(Pose.from_start(x, -0.1, 100.0 * x))
+        belief = learnt(belief, sight(bearings), 0.02, missed=True)
+        assert belief.distance < NEAR
+        np.testing.assert_array_equal(belief.mean[YAW:], told)
+        assert not belief.believed
+        assert belief.contradictions == 0
+
+
+def test_an_uncertain_bearing_says_nothing_of_the_mount() -> None:
+    belief = unknown()
+    for measurement, travel, _ in frames(MOUNTS[0]):
+        assert measurement.bearings is not None
+        uncertain = sight(measurement.bearings, deviation=1.01 * UNCERTAIN)
+        belief = learnt(belief, uncertain, travel, missed=True)
+    np.testing.assert_array_equal(belief.mean[YAW:], ON_AXLE)
+
+
+def test_what_is_not_seen_leaves_the_path_to_go_on() -> None:
+    belief = unknown()
+    for number, (measurement, travel, distance) in enumerate(frames(MOUNTS[0])):
+        if 70 <= number < 80:
+            measurement = replace(measurement, bearings=None, deviation=math.nan)
+        belief = learnt(belief, measurement, travel, missed=False)
+        assert not belief.is_ranged or belief.distance == pytest.approx(distance, rel=0.25)
+    assert belief.contradictions == 0
+    assert belief.is_ranged
+
+
+def is_believed(yaw: float, *, deviation: float, log_distance: float, missed: bool) -> bool:
+    """Return whether a ``yaw`` [deg] is significant at these deviations [deg, 1]."""
+    begun = unknown()
+    mean, covariance = begun.mean.copy(), begun.covariance.copy()
+    mean[YAW], covariance[YAW, YAW] = math.radians(yaw), math.radians(deviation) ** 2
+    covariance[RHO, RHO] = log_distance**2
+    return is_significant(replace(begun, mean=mean, covariance=covariance), missed)
+
+
+@pytest.mark.parametrize(
+    ('yaw', 'deviation', 'log_distance', 'believed'),
+    [
+        (4.1, 1.0, 0.24, (True, True)),
+        (-4.1, 1.0, 0.24, (True, True)),
+        (3.9, 1.0, 0.24, (False, True)),
+        (3.4, 1.0, 0.24, (False, False)),
+        (1.9, 0.1, 0.24, (False, False)),  # too little to matter
+        (4.1, 1.0, 0.26, (False, True)),
+        (4.1, 1.0, 0.51, (False, False)),  # the distance is not known: nor is the rest
+    ],
+)
+def test_what_is_believed_is_certain_and_matters_and_sooner_after_a_miss(
+    yaw: float, deviation: float, log_distance: float, believed: tuple[bool, bool]
+) -> None:
+    for missed in (False, True):
+        answer = is_believed(yaw, deviation=deviation, log_distance=log_distance, missed=missed)
+        assert answer is believed[missed]
+
+
+def test_an_offset_aside_alone_is_not_believed() -> None:
+    begun = unknown()
+    mean = begun.mean + [0.0, 0.0, 0.0, 0.0, 0.5]
+    certain = replace(begun, mean=mean, covariance=1e-6 * np.eye(5))
+    assert not is_significant(certain, True)
+    ahead = replace(certain, mean=begun.mean + [0.0, 0.0, 0.0, 0.11, 0.0])
+    assert is_significant(ahead, False)
+
+
+def test_so_many_contradictions_are_borne_and_no_more() -> None:
+    assert not replace(unknown(), contradictions=MAX_CONTRADICTIONS).contradicts
+    assert replace(unknown(), contradictions=MAX_CONTRADICTIONS + 1).contradicts

@@ -1,0 +1,189 @@
+"""What is learnt of the mount changes the run; a geometry that driving disproves is given up."""
+
+from dataclasses import replace
+import math
+
+from mounted import of_camera_axes
+import numpy as np
+import pytest
+from servo_states import (
+    BEARINGS,
+    in_phase,
+    learnt_yaw,
+    MEMORY,
+    ranged,
+    SETTINGS,
+    sight,
+    STEPS,
+    then,
+)
+from strategies import CAMERA, matches
+
+from visual_servo_epipolar.core.control.command import Command
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.servo.extrinsics import (
+    at_axle,
+    MAX_CONTRADICTIONS,
+    YAW,
+)
+from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.servo.ranging import Leg
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.step import advance, step
+
+# Contradictions
+
+
+def contradicted(phase: Phase) -> ServoState:
+    """Return a state at which one more bearing off the path is too much."""
+    return in_phase(phase, extrinsics=ranged(contradictions=MAX_CONTRADICTIONS))
+
+
+# Where the robot has not gone: the line of sight turned by a radian while it turned by 0.1.
+ELSEWHERE = Bearings(BEARINGS.psi + 1.0, BEARINGS.phi + 0.9)
+
+
+@pytest.mark.parametrize('phase', [*STEPS, Phase.RETREATING, Phase.DISPLACING])
+def test_bearings_that_driving_disproves_are_given_up(phase: Phase) -> None:
+    learnt = replace(MEMORY, bearings=BEARINGS, noise=1.0)
+    state = advance(contradicted(phase), Perception(sight(bearings=ELSEWHERE), learnt), SETTINGS)
+    assert (state.phase, state.twist) == (Phase.HOLDING, STANDSTILL)
+    assert state.reason == ('the bearings contradict what was driven; they are looked for anew')
+    assert repr(state.memory) == repr(MEMORY)
+    assert state.extrinsics is SETTINGS.extrinsics
+    assert state.measurement is not None
+    assert state.measurement.bearings is None
+
+
+def test_features_that_driving_disproves_are_looked_at_anew() -> None:
+    def observed(frame: int) -> Observation:
+        return Observation(frame * 100_000_000, *matches(Pose(-1.0, -3.0, 1.6)), CAMERA.fx)
+
+    state = step(contradicted(Phase.ZEROING_EPIPOLES), observed(1), SETTINGS)
+    assert state.phase is Phase.HOLDING
+    assert state.reason.startswith('the bearings contradict what was driven')
+    assert step(state, observed(2), SETTINGS).phase is Phase.DISPLACING
+
+
+def test_a_bearing_that_driving_explains_is_no_contradiction() -> None:
+    turned = Bearings(BEARINGS.psi, BEARINGS.phi - 0.1)
+    state = then(contradicted(Phase.ZEROING_EPIPOLES), sight(bearings=turned))
+    assert state.phase is not Phase.HOLDING
+    assert state.extrinsics is not None
+    assert state.extrinsics.contradictions == MAX_CONTRADICTIONS - 1
+
+
+# A yaw that is learnt on the way
+
+
+def test_step_1_begins_anew_where_the_yaw_turns_out_to_be_another() -> None:
+    zeroing = in_phase(Phase.ZEROING_EPIPOLES, extrinsics=learnt_yaw(1.6))
+    state = then(zeroing)
+    assert (state.phase, state.reason) == (Phase.DISPLACING, 'escaped')
+    assert state.mount is not None
+    assert state.mount[0] == pytest.approx(math.radians(1.6))
+    assert state.yaw_learnt == 0.0
+    assert then(replace(zeroing, extrinsics=learnt_yaw(1.4))).phase is zeroing.phase
+
+
+def test_too_near_the_goal_step_1_backs_off_before_it_begins_anew() -> None:
+    near = sight(difference=-0.9 * SETTINGS.retreat_difference)
+    zeroing = in_phase(Phase.ZEROING_EPIPOLES, extrinsics=learnt_yaw(1.6))
+    assert then(zeroing, near).phase is Phase.RETREATING
+    bare = replace(SETTINGS, law='full-retreat')
+    assert then(zeroing, near, bare).phase is Phase.DISPLACING
+
+
+def test_an_epipole_that_escapes_near_the_goal_backs_off_as_well() -> None:
+    escaped = in_phase(Phase.ZEROING_EPIPOLES, latched=True)
+    near = sight(difference=-0.9 * SETTINGS.retreat_difference)
+    assert then(escaped).phase is Phase.DISPLACING
+    assert then(escaped, near).phase is Phase.RETREATING
+
+
+@pytest.mark.parametrize(('degrees', 'phase'), [(0.6, Phase.RETREATING), (0.4, Phase.ARRIVED)])
+def test_step_2_by_a_wrong_yaw_is_another_attempt(degrees: float, phase: Phase) -> None:
+    at_goal = {'parallax': 1e-5, 'difference': 0.0, 'heading_error': 0.0, 'feature_error': 1e-5}
+    matching = in_phase(
+        Phase.MATCHING_FEATURES,
+        extrinsics=learnt_yaw(degrees),
+        settled=SETTINGS.arrival_frames,
+        settled_parallax=1e-5,
+    )
+    state = then(matching, sight(bearings=None, **at_goal))
+    assert state.phase is phase
+    assert state.attempts == 1 + (phase is Phase.RETREATING)
+
+
+def test_nothing_is_learnt_of_the_yaw_before_anything_is() -> None:
+    assert ServoState().yaw_learnt == 0.0
+    assert ServoState(extrinsics=learnt_yaw(2.0)).yaw_learnt == 0.0
+    state = ServoState(extrinsics=learnt_yaw(-2.0), mount=np.zeros(3))
+    assert state.yaw_learnt == pytest.approx(math.radians(2.0))
+
+
+# The update by a measurement
+
+
+def test_a_camera_off_the_axle_gives_the_bearings_of_the_axle() -> None:
+    settings = replace(SETTINGS, camera_yaw=0.1, camera_forward=0.3)
+    state = then(ServoState(), sight(), settings)
+    assert state.measurement is not None
+    assert state.extrinsics is not None
+    assert state.measurement.camera_bearings == BEARINGS
+    assert state.measurement.seen_bearings == BEARINGS
+    mount = of_camera_axes(np.array([0.1, 0.3, 0.0]))
+    expected = at_axle(BEARINGS, mount, state.extrinsics.distance)
+    found = state.measurement.bearings
+    assert found is not None
+    assert (found.psi, found.phi) == pytest.approx((expected.psi, expected.phi))
+
+
+def test_a_camera_on_the_axle_keeps_its_bearings_to_the_bit() -> None:
+    state = then(ServoState())
+    assert state.measurement is not None
+    assert state.measurement.bearings is BEARINGS
+    assert state.measurement.camera_bearings is None
+
+
+@pytest.mark.parametrize(
+    ('latency', 'travel'), [(0.0, 0.03), (0.05, 0.02), (0.1, 0.01), (0.4, 0.01)]
+)
+def test_travel_is_that_of_commands_which_act_late(latency: float, travel: float) -> None:
+    settings = replace(SETTINGS, latency=latency)
+    state = in_phase(
+        Phase.ZEROING_EPIPOLES, command=Command(Twist(0.3, 0.0)), last_linear=0.1, travel=1.0
+    )
+    after = then(state, settings=settings)
+    assert after.phase is state.phase
+    assert after.travel == pytest.approx(1.0 + travel)
+    assert after.last_linear == 0.3
+
+
+def test_what_was_ranged_by_another_mount_is_forgotten() -> None:
+    mean = ranged(2.0).mean.copy()
+    mean[YAW] = 0.2
+    covariance = np.diag([1e-6, 0.01, 1e-4, 1e-4, 1e-4])
+    known = ranged(mean=mean, covariance=covariance, travel=0.05)
+    state = in_phase(
+        Phase.DISPLACING, extrinsics=known, range=5.0, leg=Leg(BEARINGS.psi, 0.3, 0.4)
+    )
+    after = then(state)
+    assert after.extrinsics is not None
+    assert after.extrinsics.believed
+    assert after.leg is None
+    assert after.range == pytest.approx(after.extrinsics.distance)
+    again = then(replace(after, range=5.0), sight(2))
+    assert again.range == pytest.approx(5.0)
+
+
+def test_a_belief_survives_where_nothing_is_seen() -> None:
+    blind = Measurement(100_000_000, 3, 769.0, 0.3, reason='3 features, 12 needed')
+    state = then(in_phase(Phase.ZEROING_EPIPOLES, extrinsics=learnt_yaw(2.0)), blind)
+    assert state.phase is Phase.HOLDING
+    assert state.extrinsics is not None
+    assert state.extrinsics.mount[0] == pytest.approx(math.radians(2.0))

@@ -1,0 +1,75 @@
+"""States of a servo at a standstill, and sights of it, for tests of single steps."""
+
+from dataclasses import replace
+import math
+from typing import Any
+
+import numpy as np
+
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.perception.memory import fresh_memory
+from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.servo.extrinsics import (
+    Extrinsics,
+    PSI,
+    RHO,
+    YAW,
+)
+from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.step import advance
+
+SETTINGS = ServoSettings()
+MEMORY = fresh_memory(SETTINGS)
+STEPS = (Phase.ZEROING_EPIPOLES, Phase.MATCHING_FEATURES)
+BEARINGS = Bearings(math.atan2(-1.0, math.tan(0.3)), math.atan2(math.tan(0.2), -1.0))
+
+
+def sight(frame: int = 1, *, bearings: Bearings | None = BEARINGS, **changes: Any) -> Measurement:
+    """Return a good measurement at a tenth of a second per ``frame``, far from the goal."""
+    good = Measurement(
+        frame * 100_000_000,
+        40,
+        769.0,
+        0.3,
+        bearings=bearings,
+        deviation=1e-3,
+        confidence=0.9,
+        inliers=38,
+        parallax=30.0 / 769.0,
+        heading_error=0.1 if bearings is None else bearings.heading_error,
+        difference=-0.1,
+        feature_error=60.0 / 769.0,
+    )
+    return replace(good, **changes)
+
+
+def ranged(distance: float = 3.0, *, deviation: float = 0.1, **changes: Any) -> Extrinsics:
+    """Return a belief that knows the distance [m], of a robot that stands where `sight` is."""
+    known = SETTINGS.extrinsics
+    mean, covariance = known.mean.copy(), known.covariance.copy()
+    mean[PSI], mean[RHO] = BEARINGS.psi, math.log(distance)
+    covariance[PSI, PSI], covariance[RHO, RHO] = 1e-6, deviation**2
+    place = {'heading': BEARINGS.heading_error, 'placed': True}
+    return replace(known, **{'mean': mean, 'covariance': covariance, **place, **changes})
+
+
+def learnt_yaw(degrees: float) -> Extrinsics:
+    """Return a belief that the camera is turned by ``degrees`` on the base."""
+    mean = ranged().mean.copy()
+    mean[YAW] = math.radians(degrees)
+    return ranged(mean=mean, believed=True)
+
+
+def in_phase(phase: Phase, **changes: Any) -> ServoState:
+    """Return a state at time zero in ``phase``, as a run would have it, at a standstill."""
+    running = {'measurement': sight(0), 'distance': 8.0, 'side': -1.0, 'target': 0.2}
+    return ServoState(phase=phase, **{**running, 'mount': np.zeros(3), **changes})
+
+
+def then(
+    state: ServoState, measurement: Measurement | None = None, settings: ServoSettings = SETTINGS
+) -> ServoState:
+    return advance(state, Perception(measurement or sight(), MEMORY), settings)

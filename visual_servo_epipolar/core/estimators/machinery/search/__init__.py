@@ -1,0 +1,1 @@
+"""Search of a geometry of which nothing is known, or nothing that fits."""

@@ -1,0 +1,108 @@
+"""
+Significance of an epipolar geometry: whether as many matches agree on it by chance.
+
+A contrario (Moisan and Stival 2004): of all geometries that seven of n random matches define, how
+many are expected to collect k inliers? What a random match does is not assumed but seen: the same
+features, each paired with another one's partner, tell how often chance fits this very geometry.
+"""
+
+import math
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
+
+SAMPLE, MODELS = 7, 3  # matches that define a geometry, and how many they define at most
+CROSSED = 4000  # pairs that are crossed, about
+TURN = math.radians(30.0)  # features of one view turn alike, within this of the median
+ZOOM = 0.75  # and grow alike, octaves
+
+
+def log_false_alarms(
+    fundamental: FloatArray, current: FloatArray, desired: FloatArray, inliers: BoolArray
+) -> float:
+    """
+    Return log10 of how many geometries as good as this are expected among random matches.
+
+    Parameters
+    ----------
+    fundamental : array, shape (3, 3)
+        F such that p_desired^T F p_current = 0, in pixels.
+    current, desired : arrays, shape (N, 4)
+        Features of the matches: pixel, angle [rad], and logarithm of the size to base 2.
+    inliers : array, shape (N,)
+        Which of the matches the geometry rests on.
+
+    Returns
+    -------
+    float
+        Far below zero: no chance. Infinite of fewer than eight inliers.
+
+    """
+    change = _change(current, desired)
+    typical = _typical(change[inliers])
+    alike = _alike(change, typical)
+    error = _distances(fundamental, current[:, :2], desired[:, :2])
+    errors = np.sort(error[inliers & alike])
+    if len(errors) <= SAMPLE:
+        return math.inf
+    crossed = _crossed(len(current))
+    paired = current[crossed[:, 0]], desired[crossed[:, 1]]
+    like = _alike(_change(*paired), typical)
+    chance_alike = (1.0 + float(like.sum())) / (1.0 + len(like))
+    off = np.sort(_distances(fundamental, paired[0][:, :2], paired[1][:, :2]))
+    counts = np.arange(SAMPLE + 1, len(errors) + 1)
+    chance = (1.0 + np.searchsorted(off, errors[SAMPLE:], side='right')) / (1.0 + len(off))
+    values = (
+        _log_tests(len(current), counts)
+        + (counts - SAMPLE) * np.log10(chance)
+        + (counts - 1) * math.log10(chance_alike)  # the median is one of them
+    )
+    return float(values.min())
+
+
+def _log_tests(total: int, counts: IntArray) -> FloatArray:
+    """Return log10 of the number of geometries and sets of inliers that might have been found."""
+    geometries = math.log(MODELS * (total - SAMPLE))
+    sets = [_log_comb(total, k) + _log_comb(k, SAMPLE) for k in counts.tolist()]
+    return (geometries + np.array(sets)) / math.log(10.0)
+
+
+def _log_comb(n: int, k: int) -> float:
+    """Return the logarithm of n over k."""
+    return math.lgamma(n + 1) - math.lgamma(k + 1) - math.lgamma(n - k + 1)
+
+
+def _crossed(count: int) -> IntArray:
+    """Return index pairs of features that are no match, shape (M, 2): each with later ones."""
+    shifts = np.arange(1, min(count - 1, max(CROSSED // count, 1)) + 1)
+    desired = np.tile(np.arange(count), len(shifts))
+    return np.column_stack([(desired + np.repeat(shifts, count)) % count, desired])
+
+
+def _change(current: FloatArray, desired: FloatArray) -> FloatArray:
+    """Return turn [rad] and growth [octaves] from each desired to its current, shape (N, 2)."""
+    return np.asarray(current[:, 2:] - desired[:, 2:])
+
+
+def _typical(change: FloatArray) -> FloatArray:
+    """Return the mean turn and the median growth, shape (2,)."""
+    turn = math.atan2(float(np.sin(change[:, 0]).sum()), float(np.cos(change[:, 0]).sum()))
+    return np.array([turn, float(np.median(change[:, 1]))])
+
+
+def _alike(change: FloatArray, typical: FloatArray) -> BoolArray:
+    """Return which features turn and grow as is ``typical``, shape (N,)."""
+    off = change - typical
+    turn = np.abs((off[:, 0] + math.pi) % (2.0 * math.pi) - math.pi)
+    return np.asarray((turn <= TURN) & (np.abs(off[:, 1]) <= ZOOM))
+
+
+def _distances(fundamental: FloatArray, current: FloatArray, desired: FloatArray) -> FloatArray:
+    """Return the larger distance of two points from each other's epipolar lines [px], (N,)."""
+    ones = np.ones(len(current))
+    a, d = np.column_stack([current, ones]), np.column_stack([desired, ones])
+    line_desired, line_current = a @ fundamental.T, d @ fundamental
+    residual = np.abs(np.einsum('ni,ni->n', d, line_desired))
+    norm = np.minimum(np.hypot(*line_desired[:, :2].T), np.hypot(*line_current[:, :2].T))
+    return np.asarray(residual / np.maximum(norm, 1e-300))
