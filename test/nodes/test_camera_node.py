@@ -89,7 +89,10 @@ def test_intrinsics_are_those_of_the_settings(bench) -> None:
 
 @pytest.mark.parametrize(
     ('model', 'distortion'),
-    [('equidistant', (-0.01, 0.002, 0.0, 0.0)), ('rational_polynomial', (0.1,) * 8)],
+    [
+        ('equidistant', (-0.01, 0.002, 0.0, 0.0)),
+        ('rational_polynomial', (0.2, 0.02, 0.001, -0.002, 0.001, 0.3, 0.05, 0.002)),
+    ],
 )
 def test_every_lens_is_told_as_it_is_simulated(bench, model, distortion) -> None:
     camera = Camera(bench, distortion_model=model, distortion=distortion)

@@ -12,9 +12,10 @@ from strategies import floats
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.tracking import tracker as module
 from visual_servo_epipolar.core.tracking.flow import flow, OpenCVError
-from visual_servo_epipolar.core.tracking.matching import desired_view, epipolar_geometry, match
+from visual_servo_epipolar.core.tracking.matching import desired_view, match
 from visual_servo_epipolar.core.tracking.predicted_features import PredictedFeatures
 from visual_servo_epipolar.core.tracking.reacquisition import reacquire
+from visual_servo_epipolar.core.tracking.robust_geometry import epipolar_geometry
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.template_alignment import (
     Anchor,

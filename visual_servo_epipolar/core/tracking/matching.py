@@ -9,13 +9,10 @@ from numpy.typing import NDArray
 from visual_servo_epipolar.core.arrays import as_gray, BoolArray, FloatArray, Image, IntArray
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.geometry.significance import log_false_alarms
+from visual_servo_epipolar.core.tracking.robust_geometry import epipolar_geometry, MIN_MATCHES
 from visual_servo_epipolar.core.tracking.template_alignment import patch_radius
 
 RATIO = 0.8  # of the nearest to the second nearest descriptor distance (Lowe 2004)
-EPIPOLAR_PX = 2.0  # largest distance of an inlier from its epipolar line
-MIN_MATCHES = 8
-CONFIDENCE = 0.999
-ITERATIONS = 5000
 CORNER_WINDOW = 15  # side of the window of the corner measure [px]
 BORDER = 2  # so much farther than a patch's radius from the border of the desired image [px]
 ENOUGH = 500  # keypoints of a photograph with which its detector is good enough
@@ -251,39 +248,6 @@ def _mutual_nearest(desired: NDArray[np.float32], current: NDArray[np.float32]) 
     distinct = best < RATIO**2 * squared.min(axis=1)
     mutual = np.flatnonzero(distinct & (back[nearest] == rows))
     return np.stack([mutual, nearest[mutual]], axis=1).astype(np.int64)
-
-
-def epipolar_inliers(current: FloatArray, desired: FloatArray) -> BoolArray:
-    """
-    Return the inliers of one robust epipolar geometry, shape (N,).
-
-    ``current`` and ``desired`` are the pixels of N matches, shape (N, 2) each; none of fewer than
-    eight is an inlier.
-    """
-    return epipolar_geometry(current, desired)[1]
-
-
-def epipolar_geometry(
-    current: FloatArray, desired: FloatArray
-) -> tuple[FloatArray | None, BoolArray]:
-    """
-    Return one robust fundamental matrix, (3, 3), and which matches fit it, shape (N,).
-
-    ``current`` and ``desired`` are their pixels, shape (N, 2) each. No matrix, and no inlier, of
-    fewer than eight finite matches, or where OpenCV finds none.
-    """
-    none = None, np.zeros(len(current), bool)
-    if len(current) < MIN_MATCHES or not np.isfinite([current, desired]).all():
-        return none
-    try:
-        fundamental, mask = cv2.findFundamentalMat(
-            current, desired, cv2.USAC_MAGSAC, EPIPOLAR_PX, CONFIDENCE, ITERATIONS
-        )
-    except cv2.error:  # OpenCV 5 asserts that there is a model, where few matches gave none
-        return none
-    if fundamental is None or mask is None or fundamental.shape != (3, 3):
-        return none
-    return np.asarray(fundamental), np.asarray(mask.ravel() > 0)
 
 
 def inside_border(pixels: FloatArray, shape: tuple[int, ...], border: float) -> BoolArray:

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
-from visual_servo_epipolar.core.tracking.matching import epipolar_inliers
+from visual_servo_epipolar.core.tracking.robust_geometry import epipolar_inliers
 from visual_servo_epipolar.core.tracking.template_alignment import Warps
 
 MIN_FEATURES = 15  # below which a test of outliers says nothing

@@ -129,6 +129,8 @@ def _canvas_of(camera: Camera) -> tuple[tuple[int, int], FloatArray, tuple[Map, 
         return (camera.width, camera.height), camera.matrix, None
     u, v = np.meshgrid(np.arange(float(camera.width)), np.arange(float(camera.height)))
     rays = camera.image_points(np.stack([u.ravel(), v.ravel()], axis=1))
+    # Black as well: where the distortion cannot be undone
+    rays = np.nan_to_num(rays, nan=MAX_RAY, posinf=MAX_RAY, neginf=-MAX_RAY)
     ideal = np.clip(rays, -MAX_RAY, MAX_RAY) * [camera.fx, camera.fy] + [camera.cx, camera.cy]
     shift = 4.0 - np.floor(ideal.min(axis=0))  # the sampling reaches four pixels out
     width, height = (np.ceil(ideal.max(axis=0)) + shift + 5.0).astype(int).tolist()
