@@ -33,6 +33,17 @@ def frozen(array: NDArray[Any]) -> NDArray[Any]:
     return copy
 
 
+def packed(array: NDArray[Any]) -> NDArray[Any]:
+    """
+    Return ``array`` without gaps, for functions that are not rounded the same way everywhere.
+
+    numpy 1 computes arctan2, exp, log, power and others of a column (a view with gaps) otherwise
+    where the result happens to lie right behind it in memory, with other last bits: a seed would
+    not give the same run.
+    """
+    return np.asarray(array, order='C')
+
+
 def median_of_sorted(values: FloatArray) -> FloatArray:
     """Return the median of ``values``, shape (..., N), ascending along the last axis: (...,)."""
     count = values.shape[-1]

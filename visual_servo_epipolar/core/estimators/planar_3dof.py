@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import ComplexArray, FloatArray
+from visual_servo_epipolar.core.arrays import ComplexArray, FloatArray, packed
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior
 from visual_servo_epipolar.core.estimators.machinery.gaussian import (
     GaussianPrior,
@@ -108,7 +108,7 @@ def _best(hypotheses: FloatArray, table: FloatArray) -> FloatArray:
     """Return psi, phi and ratio of the best hypotheses of different modes, shape (K, 3)."""
     pairs: ComplexArray = hypotheses.view(np.complex128) + TINY
     size = np.abs(pairs)
-    ratio = np.log(size[:, 1]) - np.log(size[:, 0])
+    ratio = np.log(packed(size[:, 1])) - np.log(packed(size[:, 0]))
     ratio = np.minimum(np.maximum(ratio, -LARGEST_RATIO), LARGEST_RATIO)
     phasors = pairs / size
     parameters = np.column_stack([np.angle(phasors), ratio])
@@ -120,7 +120,7 @@ def _best(hypotheses: FloatArray, table: FloatArray) -> FloatArray:
 def _model(parameters: FloatArray) -> FloatArray:
     """Return E and its derivatives by psi, phi and ratio, shape (..., 3), as rows: (..., 4, 9)."""
     parts = np.exp(1j * parameters[..., :RATIO]).view(np.float64)
-    parts[..., 2:] *= np.exp(parameters[..., RATIO:])
+    parts[..., 2:] *= np.exp(packed(parameters[..., RATIO:]))
     by_angles = (parts @ FAMILIES).reshape(*parameters.shape[:-1], 3, 9)
     by_ratio = parts[..., 2:] @ FAMILIES[2:, :9]
     return np.concatenate([by_angles, by_ratio[..., None, :]], axis=-2)

@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, packed
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior
 from visual_servo_epipolar.core.estimators.machinery.attitude_prior import (
     plausible_matches,
@@ -201,7 +201,7 @@ def _estimate(
 def conclude(rays: Rays, matches: BoolArray, fit: Fit, after: Posterior) -> LensConclusion:
     """Return the oriented geometry and the lens of pairs of views, (...), from refined ``fit``."""
     log_ratio, rest, slope = (after.parameters[..., k] for k in (RATIO, REST, SLOPE))
-    ratio, shift = np.exp(log_ratio), rest + slope * log_ratio
+    ratio, shift = np.exp(packed(log_ratio)), rest + slope * log_ratio
     with_lens_known = np.asarray(
         np.linalg.inv(fit.information[..., :RATIO, :RATIO]), dtype=np.float64
     )

@@ -11,7 +11,13 @@ counts by what it tells, one behind the camera as well.
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray, median_of_sorted
+from visual_servo_epipolar.core.arrays import (
+    BoolArray,
+    FloatArray,
+    IntArray,
+    median_of_sorted,
+    packed,
+)
 from visual_servo_epipolar.core.geometry.rays import dot
 
 APART, NEGLIGIBLE = 6.0, 5e-4  # times the median distance of features, plus rad
@@ -93,7 +99,7 @@ def view_margins(
     """
     counts = counted.sum(axis=-1)
     keep = np.minimum(keep, counts)
-    bearings = np.arctan2(current[..., 0], current[..., 2])
+    bearings = np.arctan2(packed(current[..., 0]), packed(current[..., 2]))
     ordered = np.sort(np.where(counted, bearings, np.inf), axis=-1)
     # A left turn moves features to the right.
     first = _taken(ordered, np.maximum(keep, 1) - 1)

@@ -57,11 +57,11 @@ def attitude_prior(attitude: AnyAttitude) -> GaussianPrior:
     mean[..., TILT], mean[..., ROLL] = attitude.tilt, attitude.roll
     both = np.asarray(attitude.correlation)
     alone = 1.0 / (1.0 - both * both)
-    information[..., TILT, TILT] = alone * np.power(tilt, -2.0)
-    information[..., ROLL, ROLL] = alone * np.power(roll, -2.0)
+    information[..., TILT, TILT] = alone / (tilt * tilt)
+    information[..., ROLL, ROLL] = alone / (roll * roll)
     information[..., TILT, ROLL] = information[..., ROLL, TILT] = -alone * both / (tilt * roll)
     for each in (TILT_JUMP, ROLL_JUMP):
-        information[..., each, each] = np.power(jump, -2.0)
+        information[..., each, each] = 1.0 / (jump * jump)
     return GaussianPrior(mean, information)
 
 

@@ -9,7 +9,7 @@ element by r to the power of 2, 1 or 0, then h / r times the first row and colum
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.arrays import FloatArray, packed
 from visual_servo_epipolar.core.estimators.base import Prior
 from visual_servo_epipolar.core.estimators.machinery.attitude_prior import (
     AnyAttitude,
@@ -42,8 +42,8 @@ def lens_prior(attitude: AnyAttitude, lens: FloatArray) -> GaussianPrior:
     mean, information = np.zeros((*lens.shape[:-1], 9)), np.zeros((*lens.shape[:-1], 9, 9))
     mean[..., :RATIO], mean[..., SLOPE] = before.mean, lens[..., 2]
     information[..., :RATIO, :RATIO] = before.information
-    information[..., RATIO, RATIO] = np.power(lens[..., 0], -2.0)
-    information[..., REST, REST] = np.power(lens[..., 1], -2.0)
+    information[..., RATIO, RATIO] = 1.0 / (lens[..., 0] * lens[..., 0])
+    information[..., REST, REST] = 1.0 / (lens[..., 1] * lens[..., 1])
     information[..., SLOPE, SLOPE] = KNOWN
     return GaussianPrior(mean, information)
 
@@ -72,7 +72,7 @@ def model(parameters: FloatArray) -> FloatArray:
     """Return A^T E A and its derivatives by ``parameters``, (..., 9), as rows: (..., 10, 9)."""
     *leading, _ = parameters.shape
     log_ratio, rest, slope = (parameters[..., k, None, None] for k in (RATIO, REST, SLOPE))
-    ratio, shift = np.exp(log_ratio), rest + slope * log_ratio
+    ratio, shift = np.exp(packed(log_ratio)), rest + slope * log_ratio
     rows = np.zeros((*leading, 10, 9))
     rows[..., : RATIO + 1, :] = matrices(parameters[..., :RATIO])
     rows[..., RATIO + 1, :] = rows[..., 0, :] * POWERS

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray
+from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray, packed
 from visual_servo_epipolar.core.geometry.cameras.model import refuse_impossible, ROUND_TRIP_PX
 
 WIDEST = math.radians(170.0)  # from the axis: no lens sees farther, and directions end at 180
@@ -87,7 +87,7 @@ class Equidistant:
     def pixels(self, rays: FloatArray) -> FloatArray:
         """Return the pixels, shape (N, 2), of ``rays``, (N, 3); nan for those beyond ``reach``."""
         aside = np.hypot(rays[:, 0], rays[:, 1])
-        theta = np.arctan2(aside, rays[:, 2])
+        theta = np.arctan2(aside, packed(rays[:, 2]))
         radius = np.where(theta <= self.reach, _radius(theta, self.distortion), np.nan)
         scale = np.divide(radius, aside, out=np.where(theta == 0.0, 1.0, np.nan), where=aside > 0)
         return np.asarray(rays[:, :2] * scale[:, None] * [self.fx, self.fy] + [self.cx, self.cy])
@@ -104,7 +104,7 @@ class Equidistant:
         The square root of its solid angle, sin(theta) / (fx fy theta_d theta_d'); rays that the
         lens does not see have that of the farthest it does.
         """
-        theta = np.arctan2(np.hypot(rays[:, 0], rays[:, 1]), rays[:, 2])
+        theta = np.arctan2(np.hypot(rays[:, 0], rays[:, 1]), packed(rays[:, 2]))
         theta = np.minimum(theta, self.reach)
         # sin(theta) / theta_d, which is 1 on the axis
         ratio = np.sinc(theta / math.pi) / _growth(theta, self.distortion)

@@ -18,6 +18,7 @@ from visual_servo_epipolar.core.estimators.machinery.hypotheses import Rays
 SAMPLE = 5
 REAL = 1e-7  # imaginary part of an eigenvalue that counts as real
 TINY = 1e-30
+LARGEST_CONDITION = 1e14  # of equations that no rounding makes singular
 LARGEST = 1e12  # element of an action matrix whose eigenvalues mean anything
 
 # Monomials of degree three in x, y, z, w as sorted triples of 0 .. 3: those without w first, which
@@ -85,7 +86,12 @@ def _action_matrices(null: FloatArray) -> tuple[FloatArray, FloatArray]:
     equations = _cubic_equations(null)
     regular = np.abs(np.linalg.det(equations[..., :10])) > 1e-200
     null, equations = null[regular], equations[regular]
-    reduced = np.linalg.solve(equations[..., :10], equations[..., 10:])
+    try:
+        reduced = np.linalg.solve(equations[..., :10], equations[..., 10:])
+    except np.linalg.LinAlgError:  # a last pivot that is noise for one and zero for the other
+        regular = np.linalg.cond(equations[..., :10]) < LARGEST_CONDITION
+        null, equations = null[regular], equations[regular]
+        reduced = np.linalg.solve(equations[..., :10], equations[..., 10:])
     finite = np.abs(reduced).max(axis=(-2, -1)) < LARGEST  # nor is nan
     null, reduced = null[finite], reduced[finite]
     action = np.zeros((len(null), 10, 10))

@@ -8,7 +8,7 @@ a pair leaves open, as a pure translation does, the prior of the attitude closes
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.arrays import FloatArray, packed
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.estimators.machinery.gaussian import undetermined
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import (
@@ -84,7 +84,7 @@ def planar_parameters(essential: FloatArray, attitude: Attitude) -> FloatArray:
     vertical, rotation = vectors[twin, each, :, 0], both[twin, each]
     vertical *= np.copysign(1.0, vertical @ _level(attitude)[1])[:, None]
     tilt = np.arcsin(np.clip(vertical[:, 2], -1.0, 1.0))
-    roll = np.arctan2(vertical[:, 0], vertical[:, 1])
+    roll = np.arctan2(packed(vertical[:, 0]), packed(vertical[:, 1]))
     return _parameters(baseline, rotation, tilt, roll)
 
 
@@ -97,7 +97,7 @@ def _parameters(
     turn = level @ rotation @ level.swapaxes(-1, -2)
     heading = np.arctan2(turn[:, 2, 0] - turn[:, 0, 2], turn[:, 0, 0] + turn[:, 2, 2])
     start = np.zeros((len(tilt), 6))
-    start[:, PSI] = np.arctan2(upright[:, 2], upright[:, 0])
+    start[:, PSI] = np.arctan2(packed(upright[:, 2]), packed(upright[:, 0]))
     start[:, PHI] = start[:, PSI] - heading - HALF_PI
     start[:, TILT], start[:, ROLL] = tilt, roll
     return start
