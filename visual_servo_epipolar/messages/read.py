@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.geometry.cameras.calibrated import (
     calibrated_camera,
     CalibratedCamera,
@@ -20,6 +20,7 @@ from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages.encodings import gray_from_compressed, gray_from_raw
 
 NUMPY_TYPES = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 8: 'f8'}
+UNIT = 1e-2  # error of the length of a quaternion that somebody typed
 TRACK_FIELDS = ('id', 'u', 'v', 'desired_u', 'desired_v', 'age', 'error')
 
 
@@ -98,6 +99,26 @@ def pose(message: Any) -> Pose:
     position, turn = message.pose.pose.position, message.pose.pose.orientation
     yaw = yaw_from_quaternion(turn.x, turn.y, turn.z, turn.w)
     return Pose(float(position.x), float(position.y), yaw)
+
+
+def transform(message: Any) -> tuple[FloatArray, FloatArray]:
+    """Return rotation, (3, 3), and origin, (3,) [m], of the child of a TransformStamped."""
+    place, turn = message.transform.translation, message.transform.rotation
+    origin = np.array([place.x, place.y, place.z])
+    quaternion = np.array([turn.x, turn.y, turn.z, turn.w])
+    length = float(np.sqrt(quaternion @ quaternion))
+    if not (np.isfinite(origin).all() and abs(length - 1.0) < UNIT):
+        raise ValueError(
+            f'the transform to {message.child_frame_id} must be finite, with a quaternion of '
+            f'length 1, got length {length:g}; mend who publishes it'
+        )
+    x, y, z, w = (quaternion / length).tolist()
+    rotation = [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+    ]
+    return np.array(rotation), origin
 
 
 def features(message: Any) -> Features:

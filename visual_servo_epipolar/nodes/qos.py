@@ -22,6 +22,8 @@ CLOCK = _newest(ReliabilityPolicy.BEST_EFFORT)
 DIAGNOSTICS = QoSProfile(depth=10)
 # /tf as tf2 has it: many publish on it.
 TRANSFORMS = QoSProfile(depth=100)
+# /tf_static as tf2 has it: latched, and depth 1 would keep that of one publisher alone.
+STATIC_TRANSFORMS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 # A reliable subscriber never connects to a best-effort camera driver; a best-effort one connects
 # to every driver but loses large images on default transports. Hence a choice.

@@ -45,6 +45,7 @@ from visual_servo_epipolar.nodes.complaints import Complaints
 from visual_servo_epipolar.nodes.run import spin
 from visual_servo_epipolar.nodes.startup.inputs import NO_TIME
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
+from visual_servo_epipolar.nodes.transforms.static_mount import StaticMount
 
 WARN_PERIOD_S, STOP_TIMEOUT_S, WATCH_PERIOD_S = 5.0, 0.2, 0.05
 
@@ -69,6 +70,9 @@ class ServoNode(Node):
         self._pending_tracks: PointCloud2 | None = None
         self._fresh_ns: int | None = None
         self._stamp_ns: int | None = None
+        self._static_mount: StaticMount | None = None
+        if self._node_settings.mount_from_tf:
+            self._static_mount = StaticMount(self, self._node_settings.base_frame)
         self._watch_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._create_publishers()
         self._create_subscriptions()
@@ -138,6 +142,8 @@ class ServoNode(Node):
             self._fresh_ns = self._watch_clock.now().nanoseconds
         if self._stamp_ns is not None and stamp_ns <= self._stamp_ns:
             self._warn(NO_TIME)
+        if self._active:
+            self._take_mount(message.header.frame_id)  # and so announced from this stamp on
         self._stamp_ns = stamp_ns
         if not self._active:
             return
@@ -155,6 +161,18 @@ class ServoNode(Node):
             self._warn(warning)
         self._follow(step(self._state, observation, self._settings))
         self._publish(stamp_ns, message.header.frame_id)
+
+    def _take_mount(self, frame_id: str) -> None:
+        """Take the mount of the camera from /tf_static, before a run, where nobody told it."""
+        if not self._static_mount or self._state.memory or self._settings.mount_is_told:
+            return
+        try:
+            mount = self._static_mount.of(frame_id)
+            if mount is not None:
+                self._use(self._settings.mounted(mount))
+                self._log(f'/tf_static: {frame_id} sits at {mount}')
+        except ValueError as error:
+            self._warn(f'the mount of {frame_id} in /tf_static is not used: {error}')
 
     def _look_at(self, camera: CalibratedCamera) -> None:
         """Say what is odd about a camera; hold if it is not that which the run began with."""

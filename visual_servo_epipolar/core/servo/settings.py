@@ -1,6 +1,6 @@
 """Settings of the servo: bounds at which phases end, timeouts, and those of both layers below."""
 
-from dataclasses import dataclass, fields
+from dataclasses import astuple, dataclass, fields
 from functools import cached_property
 from typing import Any
 
@@ -8,9 +8,12 @@ import numpy as np
 
 from visual_servo_epipolar.core.control.law_table import DEPARTURES, law_options, LawOptions
 from visual_servo_epipolar.core.control.settings import ControlSettings
+from visual_servo_epipolar.core.geometry.mount import Mount
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.servo.extrinsics import Extrinsics, told_extrinsics
 from visual_servo_epipolar.core.settings import setting
+
+MOUNT = tuple(f'camera_{item.name}' for item in fields(Mount))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,6 +131,26 @@ class ServoSettings(PerceptionSettings, ControlSettings):
                 f'latch_engage must not exceed latch_release, got {self.latch_engage:g} and '
                 f'{self.latch_release:g} rad; without hysteresis noise would switch the law'
             )
+
+    @property
+    def mount_is_told(self) -> bool:
+        """Whether any setting says how the camera is mounted."""
+        return any(getattr(self, name) != getattr(ServoSettings, name) for name in MOUNT)
+
+    def mounted(self, mount: Mount) -> 'ServoSettings':
+        """
+        Return the settings of a camera mounted as a description of the robot has it.
+
+        Who draws one seldom measures: deviations stay what they are.
+
+        Raises
+        ------
+        ValueError
+            If it is beyond what the settings allow.
+
+        """
+        told = zip(MOUNT, astuple(mount), strict=True)
+        return type(self)(**{**self.__getstate__(), **dict(told)})
 
     @cached_property
     def extrinsics(self) -> Extrinsics:

@@ -23,6 +23,11 @@ class ServoNodeSettings(Settings):
         True, 'Stop the robot when tracks stay away; off where time itself waits', read_only=True
     )
     base_frame: str = setting('base_link', 'Frame of the commands', read_only=True)
+    mount_from_tf: bool = setting(
+        False,
+        'Take how the camera is mounted from /tf_static, where no camera_ setting tells it',
+        read_only=True,
+    )
     camera_reliability: str = setting(
         'best_effort',
         'Subscribe to camera_info as: best_effort connects to every driver',

@@ -1,0 +1,147 @@
+"""The servo takes the mount of its camera from /tf_static, before a run, where nobody told it."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from sensor_msgs.msg import CameraInfo, PointCloud2
+from std_msgs.msg import String
+
+from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.messages import settings_text, transforms, write
+from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes.servo_node import ServoNode
+from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
+from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
+from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
+
+CAMERA = Camera(1280, 1024, 769.2, 769.2, 635.0, 512.0)
+WORLD = PointWorld(PointSettings(), FixedRig(CAMERA), seed=0)
+AWAY, BASE = Pose.from_start(1.0, -3.5, 8.0), Pose(0.0, 0.0, 0.0)
+MOUNT = CameraMount(0.6, 0.2, 0.3, -0.1, 0.05, 0.1)
+UPRIGHT = np.eye(3)
+STAMP_NS = 7_000_000_003
+
+
+def mounted(parent='base_link', child='camera_optical_frame', mount=MOUNT):
+    return transforms.mounted(parent, child, mount.R_world_camera(BASE), mount.centre(BASE))
+
+
+def told(node, *messages) -> None:
+    """Hand it what tf2_msgs/TFMessage would bring, which the wheels of ROS 2 are without."""
+    node._static_mount.receive(SimpleNamespace(transforms=list(messages)))
+
+
+def see(bench, node, stamp_ns=STAMP_NS, frame='camera_optical_frame') -> None:
+    """Send tracks with their camera_info, and wait until the node has taken them in."""
+    bench.talk(CameraInfo, 'camera_info')(write.camera_info(CAMERA, stamp_ns, frame))
+    bench.until(lambda: node._camera is not None, 'camera_info to arrive')
+    bench.talk(PointCloud2, 'tracks')(write.features(WORLD.observe(AWAY, 0), stamp_ns, frame))
+    bench.until(lambda: node._stamp_ns == stamp_ns, 'tracks to arrive')
+    bench.settle()
+
+
+def started(bench, **values) -> ServoNode:
+    values = {'mount_from_tf': True, 'autostart': True, 'stale_timeout': 60.0, **values}
+    return bench.start(ServoNode, **values)
+
+
+def test_the_mount_is_taken_with_the_first_tracks_and_announced(bench) -> None:
+    heard = bench.listen(String, 'servo_node/settings', qos.LATCHED)
+    node = started(bench)
+    told(node, mounted())
+    see(bench, node)
+    assert node._settings.camera_tilt == pytest.approx(0.3)
+    assert node._settings.camera_yaw == pytest.approx(0.1)
+    # The camera is level: who drew it was wrong, and that is found out.
+    assert node._state.memory.attitude.tilt == pytest.approx(0.0, abs=0.03)
+    line = '/tf_static: camera_optical_frame sits at tilt 17.2 deg, roll -5.7 deg'
+    bench.until(lambda: bool(bench.logged(line)), 'the log')
+    bench.until(lambda: len(heard) == 2, 'the settings, announced anew')
+    settings = settings_text.from_text(heard[-1].data)
+    assert settings.values['camera_tilt'] == pytest.approx(0.3)
+    assert settings.after_stamp_ns is None  # they hold for the first tracks as well
+
+
+def test_a_chain_of_frames_is_followed(bench) -> None:
+    node = started(bench)
+    told(node, transforms.mounted('mast', 'camera_link', UPRIGHT, np.array([0.1, 0.0, 0.3])))
+    told(node, transforms.mounted('base_link', 'mast', UPRIGHT, np.array([0.1, 0.05, 0.2])))
+    told(node, mounted('camera_link', mount=CameraMount(0.0, 0.0, 0.3, -0.1, 0.0, 0.1)))
+    see(bench, node)
+    assert node._settings.camera_roll == pytest.approx(-0.1)
+    assert node._settings.camera_forward == pytest.approx(0.2)
+    assert node._settings.camera_left == pytest.approx(0.05)
+
+
+@pytest.mark.parametrize(
+    ('values', 'edges'),
+    [
+        ({'camera_yaw': 0.02}, [mounted()]),
+        ({}, []),
+        ({}, [mounted('mast')]),
+        ({}, [mounted('a', 'b'), mounted('b', 'camera_optical_frame'), mounted('b', 'a')]),
+    ],
+)
+def test_otherwise_the_settings_stay(bench, values, edges) -> None:
+    node = started(bench, **values)
+    before = node._settings
+    told(node, *edges)
+    see(bench, node)
+    assert node._settings == before
+
+
+def test_without_tf2_msgs_it_says_so(bench, monkeypatch) -> None:
+    monkeypatch.setattr(transforms, 'tf_message_class', lambda: None)
+    started(bench)
+    text = 'tf2_msgs cannot be imported, mount_from_tf has no effect'
+    bench.until(lambda: bool(bench.logged(text)), 'the warning')
+
+
+def test_unless_it_is_wanted_nobody_listens(bench) -> None:
+    node = bench.start(ServoNode)
+    assert node._static_mount is None
+    assert '/tf_static' not in {item.topic_name for item in node.subscriptions}
+
+
+def test_what_comes_in_mid_run_waits_for_the_next(bench) -> None:
+    node = started(bench)
+    see(bench, node)
+    told(node, mounted())
+    see(bench, node, STAMP_NS + 1)
+    assert node._settings.camera_tilt == 0.0
+    assert bench.call('servo_node/stop').success
+    assert bench.call('servo_node/start').success
+    see(bench, node, STAMP_NS + 2)
+    assert node._settings.camera_tilt == pytest.approx(0.3)
+
+
+def test_a_frame_that_is_not_optical_is_said_and_not_used(bench) -> None:
+    node = started(bench)
+    before = node._settings
+    told(node, transforms.mounted('base_link', 'camera_link', UPRIGHT, np.zeros(3)))
+    see(bench, node, frame='camera_link')
+    assert node._settings == before
+    bench.until(lambda: bool(bench.logged('an optical frame looks ahead')), 'the warning')
+
+
+def test_a_broken_transform_is_said_and_left_out(bench) -> None:
+    node = started(bench)
+    broken = mounted()
+    broken.transform.rotation.w = math.nan
+    told(node, broken)
+    see(bench, node)
+    assert node._settings.camera_tilt == 0.0
+    line = 'the transform to camera_optical_frame must be finite'
+    bench.until(lambda: bool(bench.logged(line)), 'the warning')
+
+
+def test_with_the_real_tf2_msgs_it_is_heard(bench) -> None:
+    kind = pytest.importorskip('tf2_msgs.msg', reason='tf2_msgs is not installed').TFMessage
+    bench.talk(kind, '/tf_static', qos.STATIC_TRANSFORMS)(kind(transforms=[mounted()]))
+    node = started(bench)
+    bench.until(lambda: bool(node._static_mount._parents), '/tf_static')
+    see(bench, node)
+    assert node._settings.camera_tilt == pytest.approx(0.3)

@@ -1,0 +1,72 @@
+"""How a camera sits on a base, out of the transform between their frames."""
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray
+
+STEEPEST = math.radians(46.0)  # of an optical axis off the floor's plane
+MISSHAPEN = 1e-6  # largest element of R^T R - 1 of what is a rotation
+
+
+@dataclass(frozen=True, slots=True)
+class Mount:
+    """
+    Mount of a camera on the base, whose axes are x forward, y left, z up (REP 103).
+
+    ``tilt``, down positive, ``roll``, clockwise, ``yaw``, to the left [rad]; offset from the
+    middle of the axle, ``forward`` and ``left`` [m]. Its height does not matter.
+    """
+
+    tilt: float
+    roll: float
+    yaw: float
+    forward: float
+    left: float
+
+    def __str__(self) -> str:
+        tilt, roll, yaw = (f'{math.degrees(a):.1f} deg' for a in (self.tilt, self.roll, self.yaw))
+        place = f'{self.forward:.3f} m ahead, {self.left:.3f} m to the left'
+        return f'tilt {tilt}, roll {roll}, yaw {yaw}, {place}'
+
+
+def mount_of(R_base_camera: FloatArray, origin: FloatArray) -> Mount:
+    """
+    Return the mount of an optical frame (x right, y down, z forward).
+
+    Parameters
+    ----------
+    R_base_camera : array, shape (3, 3)
+        Turns axes of the camera into those of the base.
+    origin : array, shape (3,)
+        The camera's centre in the base's frame [m].
+
+    Raises
+    ------
+    ValueError
+        If it is no rotation, or looks up or down too steeply for an optical frame on a robot.
+
+    """
+    whole = np.isfinite(R_base_camera).all() and np.isfinite(origin).all()
+    if not whole or np.abs(R_base_camera.T @ R_base_camera - np.eye(3)).max() > MISSHAPEN:
+        raise ValueError('a mount must be a rotation and a place, all finite')
+    x, y, z = R_base_camera[:, 2].tolist()
+    if abs(z) > math.sin(STEEPEST):
+        raise ValueError(
+            f'z of the camera frame points {math.degrees(math.asin(min(abs(z), 1.0))):.0f} deg '
+            f'{"up" if z > 0.0 else "down"}, an optical frame looks ahead (x right, y down); '
+            'camera_info and images must carry the optical frame (REP 103)'
+        )
+    yaw = math.atan2(y, x)
+    sine, cosine = math.sin(yaw), math.cos(yaw)
+    level = np.array([[sine, -cosine, 0.0], [0.0, 0.0, -1.0], [cosine, sine, 0.0]])
+    turned = level @ R_base_camera
+    return Mount(
+        tilt=math.atan2(turned[1, 2], turned[2, 2]),
+        roll=math.atan2(-turned[0, 1], turned[0, 0]),
+        yaw=yaw,
+        forward=float(origin[0]),
+        left=float(origin[1]),
+    )
