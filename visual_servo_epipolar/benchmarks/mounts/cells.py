@@ -15,6 +15,8 @@ AHEADS, ASIDES = (0.0, 0.2, 0.3), (0.0, 0.1)  # [m]
 
 WIDTH, FOCAL = 1280, 769.2307692307693  # of the default camera [px]
 SIZES = ((320, 240), (320, 256), (640, 480), (1280, 1024), (1920, 1080))
+SIZES_ON_IMAGES = ((320, 256), (640, 480), (1920, 1080))
+SCENES = {'room': 'furnished', 'plain': 'poor texture'}
 FISHEYE = {'distortion_model': 'equidistant', 'distortion': [0.0, 0.0, 0.0, 0.0]}
 # Settings of the camera by the name of the lens.
 LENSES: Mapping[str, Mapping[str, Any]] = {
@@ -142,3 +144,6 @@ def on_images(*, quick: bool = False) -> Iterator[Cell]:
     """Yield the cells that are driven on rendered images."""
     for mount in QUICK if quick else ON_IMAGES:
         yield of_mount('attitude', mount, camera=sized(320, 256) if quick else {})
+    for (width, height), scene in product(() if quick else SIZES_ON_IMAGES, SCENES):
+        camera = sized(width, height) | {'scene': scene}
+        yield Cell(group='size', name=f'{width}x{height}, {SCENES[scene]}', camera=camera)

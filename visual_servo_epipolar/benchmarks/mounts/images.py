@@ -1,4 +1,4 @@
-"""The bench of mounts on rendered images, through the real tracker: it takes half an hour."""
+"""The bench of mounts on rendered images, through the real tracker: it takes an hour."""
 
 from collections.abc import Callable, Mapping
 from typing import Any
@@ -11,7 +11,7 @@ STARTS, QUICK_STARTS = 10, 1
 
 
 def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
-    """Drive six mounts on images from the same starts."""
+    """Drive mounts and image sizes on images from the same starts."""
     starts = QUICK_STARTS if quick else STARTS
     return measured(on_images(quick=quick), 'images', starts, seed=seed, say=say)
 
