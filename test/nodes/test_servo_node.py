@@ -95,6 +95,19 @@ def test_one_set_of_tracks_is_one_command(rig) -> None:
         assert len(rig.commands) == count
 
 
+def test_a_focal_length_that_the_tracks_contradict_is_said(bench) -> None:
+    rig = Rig(bench, calibrated=False, stale_timeout=60.0)
+    wrong = replace(CAMERA, fx=1.25 * CAMERA.fx, fy=1.25 * CAMERA.fy)
+    rig.calibrate(write.camera_info(wrong, 0, 'camera'))
+    bench.until(lambda: rig.node._camera is not None, 'camera_info to arrive')
+    text = 'the tracks contradict camera_info: a focal length of 962 px, and they say'
+    for turn in range(40):
+        rig.see(Pose.from_start(1.0, -3.5, 18.0 - turn))
+        if bench.logged(text):
+            break
+    assert bench.logged(text)
+
+
 def test_it_is_silent_until_it_is_started(bench) -> None:
     rig = Rig(bench, autostart=ServoSettings().autostart, stale_timeout=60.0)
     rig.see()

@@ -18,7 +18,8 @@ from visual_servo_epipolar.core.control.command import Command, HALT
 from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
 from visual_servo_epipolar.core.geometry.cameras.plausibility import doubts
-from visual_servo_epipolar.core.perception.observation import observe
+from visual_servo_epipolar.core.perception.lens_check import LensCheck, looked_at
+from visual_servo_epipolar.core.perception.observation import Observation, observe
 from visual_servo_epipolar.core.servo.interruptions import (
     camera_changed,
     camera_of_run,
@@ -67,6 +68,7 @@ class ServoNode(Node):
         self._active, self._state = self._settings.autostart, ServoState()
         self._camera: CalibratedCamera | None = None
         self._begun_with: CalibratedCamera | None = None
+        self._lens_check = LensCheck()
         self._pending_tracks: PointCloud2 | None = None
         self._fresh_ns: int | None = None
         self._stamp_ns: int | None = None
@@ -124,7 +126,10 @@ class ServoNode(Node):
 
     def _on_info(self, message: CameraInfo) -> None:
         try:
-            self._camera = read.camera(message, rectified=self._node_settings.rectified)
+            camera = read.camera(message, rectified=self._node_settings.rectified)
+            if camera != self._camera:
+                self._lens_check = LensCheck()
+            self._camera = camera
         except ValueError as error:
             self._camera = None
             self._warn(f'camera_info cannot be used, the robot stands: {error}')
@@ -161,6 +166,18 @@ class ServoNode(Node):
             self._warn(warning)
         self._follow(step(self._state, observation, self._settings))
         self._publish(stamp_ns, message.header.frame_id)
+        self._check_lens(observation)  # the command is on its way
+
+    def _check_lens(self, observation: Observation) -> None:
+        """Say if the tracks contradict the focal length that was told."""
+        state = self._state
+        if state.measurement is not None and state.memory is not None:
+            run = state.measurement, state.memory
+            self._lens_check = looked_at(
+                self._lens_check, observation, run, self._settings, state.frame
+            )
+        if self._lens_check.doubt:
+            self._warn(self._lens_check.doubt)
 
     def _take_mount(self, frame_id: str) -> None:
         """Take the mount of the camera from /tf_static, before a run, where nobody told it."""
