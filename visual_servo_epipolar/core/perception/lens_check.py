@@ -18,8 +18,7 @@ from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 
 PERIOD = 10  # frames from one look to the next
 UNKNOWN = 0.3  # deviation of the logarithm of the focal length, as one begins
-# Deviations that contradict, and what matters: 56 runs of calibrated cameras stayed below 1.7, and
-# 16 in front of one wall, which leaves the focal length open, below 4.2.
+# Deviations that contradict, and what matters: docs/calibration.md has the figures.
 CONTRADICTION, LEAST = 5.0, 0.03
 
 
