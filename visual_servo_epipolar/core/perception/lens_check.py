@@ -9,6 +9,7 @@ same: who calibrated knows better than a few views, more often than not.
 from dataclasses import dataclass, replace
 import math
 
+from visual_servo_epipolar.core.estimators.registry import DEFAULT_ESTIMATOR
 from visual_servo_epipolar.core.geometry.lens import Lens, unknown_lens
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
@@ -54,7 +55,7 @@ def looked_at(
         return before
     memory = before.memory or replace(known, lens=before.lens)
     memory = replace(memory, bearings=known.bearings, consecutive_rejections=0)
-    unknown = replace(settings, focal_deviation=UNKNOWN)
+    unknown = replace(settings, estimator=DEFAULT_ESTIMATOR, focal_deviation=UNKNOWN)
     memory = perceive(observation, unknown, frame, memory).memory
     off, deviation = memory.lens.log_ratio, memory.lens.ratio_deviation
     if abs(off) < max(CONTRADICTION * deviation, LEAST):
