@@ -173,6 +173,14 @@ def test_the_room_fills_the_image(furnished: Renderer, pose: Pose) -> None:
     assert (furnished.render(pose) > 0).all()
 
 
+def test_a_lens_that_cannot_be_undone_everywhere_is_drawn() -> None:
+    # OpenCV 4.6 has no ray for a fifth of its pixels.
+    lens = Camera(64, 48, 40.0, 40.0, 31.25, 23.5, (0.1,) * 8, 'rational_polynomial')
+    image = Renderer(room(0), FixedRig(lens)).render(DESIRED_POSE)
+    assert image.shape == (48, 64)
+    assert image[24, 32] > 0
+
+
 def test_the_same_inputs_give_the_same_bits_on_any_number_of_threads(furnished: Renderer) -> None:
     threads, images = cv2.getNumThreads(), []
     try:
