@@ -18,7 +18,7 @@ import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.nodes import parameters
@@ -26,6 +26,8 @@ from visual_servo_epipolar.nodes import parameters
 DOMAINS_A_PROCESS, MAX_DOMAIN = 10, 100  # ports of domains above lie among those of the kernel
 USUAL_SEC = 30.0  # many times what anything here takes, also beside other work
 RELIABLE = QoSProfile(depth=50, reliability=ReliabilityPolicy.RELIABLE)
+# As nodes publish on it: what one says while it is made reaches a probe that is matched later.
+ROSOUT = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 @cache
@@ -69,7 +71,7 @@ class Bench(AbstractContextManager['Bench']):
         self.executor = SingleThreadedExecutor(context=self.context)
         self.nodes: list[Node] = []
         self.probe = self.add(rclpy.create_node('probe', context=self.context))
-        self.logs: list[Log] = self.listen(Log, '/rosout')
+        self.logs: list[Log] = self.listen(Log, '/rosout', ROSOUT)
 
     def __exit__(self, *_: object) -> None:
         for node in self.nodes:
