@@ -25,6 +25,7 @@ ROOT = Path(__file__).parents[3]
 KILLS = int(os.environ.get('RECORDER_KILLS', '3'))  # `make faults` asks for 20
 START_SEC, END_SEC = 60.0, 30.0
 LOSS_S = 1.0  # what a kill -9 may cost
+ALL = 10_000  # messages that the publisher keeps for a recorder which the machine holds up
 KINDS = (
     ('-p', 'storage:=mcap'),
     ('-p', 'storage:=sqlite3'),
@@ -38,7 +39,7 @@ class Stand:
     def __init__(self, stack: ExitStack, folder: Path) -> None:
         self._stack, self._folder, self._domain = stack, folder, next_domain()
         self.bench = stack.enter_context(Bench(self._domain))
-        self._publisher = self.bench.probe.create_publisher(String, 'words', 50)
+        self._publisher = self.bench.probe.create_publisher(String, 'words', ALL)
         self.sent: list[float] = []  # when, by number
 
     def record(self, bag: Path, *more: str) -> 'subprocess.Popen[bytes]':

@@ -1,6 +1,6 @@
 """Topic discovery: which topics are selected, their types, and the QoS on offer."""
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from importlib import import_module
@@ -22,7 +22,10 @@ from visual_servo_epipolar.bags.storage import Topic
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 
-DEPTH = 100  # messages that may wait in DDS while this process does something else
+# Messages that may wait in DDS while this process does something else: 3 s of images at 30 Hz,
+# 5 s of small ones at 200 Hz.
+IMAGE_DEPTH, DEPTH = 100, 1000
+IMAGES = 'sensor_msgs/msg/Image'
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,13 +86,14 @@ def offered(node: Node, name: str, kind: str) -> Topic:
     )
 
 
-def compatible_qos(profiles: Sequence[Qos]) -> QoSProfile:
-    """Return the strongest profile that is compatible with every offer."""
+def compatible_qos(topic: Topic) -> QoSProfile:
+    """Return the strongest profile that is compatible with every offer of a topic."""
+    profiles = topic.qos
     reliable = all(item.reliability == QosReliability.RELIABLE for item in profiles)
     latched = all(item.durability == QosDurability.TRANSIENT_LOCAL for item in profiles)
     return QoSProfile(
         history=HistoryPolicy.KEEP_LAST,
-        depth=DEPTH,
+        depth=IMAGE_DEPTH if topic.kind == IMAGES else DEPTH,
         reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
         durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
     )

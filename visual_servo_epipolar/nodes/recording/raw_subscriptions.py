@@ -82,12 +82,12 @@ class RawSubscriptions:
     def refresh(self) -> None:
         """Weaken the QoS where less is offered now, and count lost messages."""
         for name, raw in self._subscriptions.items():
-            offers = discovery.offered(self._node, name, raw.topic.kind).qos
-            if len(offers) == 1:  # each of several publishers counts for itself
+            offered = discovery.offered(self._node, name, raw.topic.kind)
+            if len(offered.qos) == 1:  # each of several publishers counts for itself
                 self.lost[name] += raw.gaps
             raw.gaps = 0
-            profile = discovery.compatible_qos(offers)
-            if offers and discovery.is_weaker(profile, raw.profile):
+            profile = discovery.compatible_qos(offered)
+            if offered.qos and discovery.is_weaker(profile, raw.profile):
                 self._node.destroy_subscription(raw.handle)
                 self._subscriptions[name] = self._subscription(raw.topic, profile)
 
@@ -107,7 +107,7 @@ class RawSubscriptions:
             self.refused[topic.name] = str(error)
             self._node.get_logger().warning(f'{topic.name} is not recorded: {error}')
         else:
-            profile = discovery.compatible_qos(topic.qos)
+            profile = discovery.compatible_qos(topic)
             self._subscriptions[topic.name] = self._subscription(topic, profile)
 
     def _subscription(self, topic: Topic, profile: QoSProfile) -> RawSubscription:
