@@ -29,6 +29,14 @@ def finite(text: str) -> float:
     return value
 
 
+def duration(text: str) -> float:
+    """Parse a time above zero [s]."""
+    value = finite(text)
+    if value <= 0.0:
+        raise argparse.ArgumentTypeError(f'{text!r} is no time above 0 s')
+    return value
+
+
 def seed(text: str) -> int:
     """Parse a seed."""
     if not text.isdecimal() or int(text) > MAX_SEED:

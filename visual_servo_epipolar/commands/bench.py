@@ -6,17 +6,20 @@ from contextlib import closing
 from importlib import import_module
 from typing import Any
 
-from visual_servo_epipolar.commands.arguments import seed, write_json
+from visual_servo_epipolar.commands.arguments import duration, seed, write_json
 from visual_servo_epipolar.commands.console import Progress
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.nodes.startup.missing import remedy
 
-# Each module has run(*, seed, quick, say) -> document and table(document) -> text.
+# Each module has run(*, seed, quick, say) -> document and table(document) -> text; OPTIONS are
+# those of the command line that its run takes beside, figures(document) what histories compare.
 BENCHMARKS: Mapping[str, str] = {
     'estimation': 'visual_servo_epipolar.benchmarks.estimation.benchmark',
     'tracking': 'visual_servo_epipolar.benchmarks.tracking.benchmark',
     'sweep': 'visual_servo_epipolar.benchmarks.sweep',
     'laws': 'visual_servo_epipolar.benchmarks.laws.benchmark',
+    'loop': 'visual_servo_epipolar.benchmarks.loop',
+    'latency': 'visual_servo_epipolar.benchmarks.latency.benchmark',
     'recording': 'visual_servo_epipolar.benchmarks.recording.benchmark',
     'calibration': 'visual_servo_epipolar.benchmarks.calibration',
     'ablation': 'visual_servo_epipolar.benchmarks.ablation',
@@ -40,6 +43,15 @@ def add_to(kinds: Any) -> None:
     parser.add_argument('--quick', action='store_true', help='few trials, to see that it runs')
     parser.add_argument('--seed', type=seed, default=0, metavar='N', help='seed (default 0)')
     parser.add_argument(
+        '--nodes',
+        choices=('unicycle,camera,tracker,servo', 'tracker,servo'),
+        default='unicycle,camera,tracker,servo',
+        help='processes of the latency: all four, or those alone that a robot has (default all)',
+    )
+    parser.add_argument(
+        '--seconds', type=duration, metavar='S', help='seconds a row of the latency (default 60)'
+    )
+    parser.add_argument(
         '--json', metavar='FILE', help='write the result as JSON to FILE, - for standard output'
     )
     parser.set_defaults(run=run)
@@ -54,7 +66,10 @@ def run(options: argparse.Namespace) -> int:
     for name in options.which or [name for name in BENCHMARKS if name not in ON_REQUEST]:
         benchmark = _benchmark(name)
         with closing(Progress()) as progress:
-            results[name] = benchmark.run(seed=options.seed, quick=options.quick, say=progress.say)
+            more = {key: getattr(options, key) for key in getattr(benchmark, 'OPTIONS', ())}
+            results[name] = benchmark.run(
+                seed=options.seed, quick=options.quick, say=progress.say, **more
+            )
         if options.json != '-':
             print(benchmark.table(results[name]))
     write_json(results, options.json)

@@ -10,7 +10,8 @@ from typing import Any
 import numpy as np
 from rosbags.highlevel import AnyReader
 
-from visual_servo_epipolar.benchmarks.recording.loop import Loop, memory_mb, processor_s
+from visual_servo_epipolar.benchmarks.wire.loop import Loop, TRACKER_AND_SERVO
+from visual_servo_epipolar.benchmarks.wire.processes import Cost
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.stamps import NANOSECONDS
@@ -23,6 +24,10 @@ QUICK_TURNS, QUICK_TURN_S = 1, 3.0
 START = Pose.from_start(0.3, -2.2, 0.0)
 QUANTILES = ('p50', 'p95', 'p99')
 VIEWS, STRIDE = 30, 0.01  # images on the way to the goal, and metres between two
+NODES = {
+    **TRACKER_AND_SERVO,
+    'recorder_node': ('-p', 'autostart:=false', '-p', 'topics:=["*"]'),
+}
 
 
 def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
@@ -34,13 +39,13 @@ def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]
     images = views(simulator)
     with TemporaryDirectory(prefix='visual_servo_') as scratch, ExitStack() as stack:
         say('starting three nodes ...')
-        loop = Loop(stack, simulator.camera, images, Path(scratch))
+        loop = Loop(stack, simulator.camera, images, Path(scratch), NODES)
         loop.show_goal(simulator.photograph())
         without: list[float] = []
         stretches: list[dict[str, Any]] = []
         for number in range(turns):
             say(f'turn {number + 1} of {turns}, {2 * seconds:g} s ...')
-            without += loop.drive(seconds, RATE).latencies
+            without += loop.show(seconds, RATE).latencies
             stretches.append(_recorded(loop, Path(scratch), seconds))
     return {
         'size': [settings.width, settings.height],
@@ -66,9 +71,9 @@ def _recorded(loop: Loop, folder: Path, seconds: float) -> dict[str, Any]:
     bag = Path(loop.call('recorder_node/start').partition('recording to ')[2])
     loop.wait_for_listeners(2)
     recorder = loop.processes['recorder_node']
-    before, began_s = memory_mb(recorder), processor_s(recorder)
-    drive = loop.drive(seconds, RATE)
-    after, ended_s = memory_mb(recorder), processor_s(recorder)
+    before = Cost.of(recorder)
+    drive = loop.show(seconds, RATE)
+    after = Cost.of(recorder)
     loop.call('recorder_node/stop')
     recorded = stamps(folder / bag, '/image_raw')
     size = sum(path.stat().st_size for path in (folder / bag).iterdir()) / 1e6
@@ -79,9 +84,9 @@ def _recorded(loop: Loop, folder: Path, seconds: float) -> dict[str, Any]:
         'missing': len(drive.sent.keys() - set(recorded)),
         'in_order': recorded == sorted(recorded),
         'mb': size,
-        'processor': (ended_s - began_s) / seconds,
-        'memory_before_mb': before,
-        'memory_after_mb': after,
+        'processor': (after.processor_s - before.processor_s) / seconds,
+        'memory_before_mb': before.memory_mb,
+        'memory_after_mb': after.memory_mb,
     }
 
 
@@ -109,7 +114,7 @@ def table(document: Mapping[str, Any]) -> str:
         f'Recording, {width}x{height} mono8 at {document["rate"]:g} Hz for '
         f'{document["seconds"]:g} s beside tracker and servo',
         '',
-        f'{"image sent to epipoles received":<34}{"p50 ms":>8}{"p95 ms":>8}{"p99 ms":>8}'
+        f'{"image sent to twist received":<34}{"p50 ms":>8}{"p95 ms":>8}{"p99 ms":>8}'
         f'{"answers":>9}',
     ]
     for name in ('without', 'with'):

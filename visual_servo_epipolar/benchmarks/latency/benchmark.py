@@ -1,0 +1,166 @@
+"""
+Latency benchmark: from an image on the wire to the twist on the wire.
+
+The floor beside it, in the same run by turns: an echo node that answers each image of the same
+size by an empty twist, and what tracker and servo take for the same images in memory.
+"""
+
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Protocol
+
+import numpy as np
+
+from visual_servo_epipolar.benchmarks.latency.four_nodes import FourNodes
+from visual_servo_epipolar.benchmarks.latency.in_memory import in_memory
+from visual_servo_epipolar.benchmarks.latency.table import figures, table
+from visual_servo_epipolar.benchmarks.wire.loop import Drive, ECHO, Loop, TRACKER_AND_SERVO
+from visual_servo_epipolar.benchmarks.wire.processes import costs, Process, spent
+from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.errors import VisualServoError
+from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
+from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+
+__all__ = ['OPTIONS', 'figures', 'run', 'table']
+
+OPTIONS = ('nodes', 'seconds')  # of the command line that this benchmark takes
+FOUR, TWO = 'unicycle,camera,tracker,servo', 'tracker,servo'
+FULL = CameraSettings(frame_rate=30.0)
+CELLS = (
+    replace(
+        FULL,
+        width=640,
+        height=480,
+        focal_length=FULL.focal_length / 2.0,
+        principal_u=319.5,
+        principal_v=239.5,
+        frame_rate=60.0,
+    ),
+    FULL,
+)
+SECONDS, QUICK_SECONDS = 60.0, 4.0
+TURN_S = 20.0  # nodes and echo by turns: load from elsewhere hits both
+START = Pose.from_start(0.3, -2.2, 0.0)
+VIEWS, STRIDE = 30, 0.01  # images on the way to the goal, and metres between two
+FRAMES_IN_MEMORY = 300
+ECHO_SHARE = 0.25  # of the time of the nodes
+QUANTILES = {'p50': 0.5, 'p99': 0.99, 'p99.9': 0.999}
+
+
+class Chain(Protocol):
+    """Nodes from image to twist."""
+
+    processes: dict[str, Process]
+
+    def wait_for_answers(self) -> None:
+        """Wait until the servo answers to images."""
+
+    def turn(self, seconds: float) -> Drive:
+        """Begin a run anew, let it go on for ``seconds`` [s], and return the answers."""
+
+
+class Two:
+    """Tracker and servo; their camera is this process."""
+
+    def __init__(self, loop: Loop, photograph: Image, rate: float) -> None:
+        self._loop, self._photograph, self._rate = loop, photograph, rate
+        self.processes = {name: loop.processes[name] for name in TRACKER_AND_SERVO}
+
+    def wait_for_answers(self) -> None:
+        """Show the photograph, and images until they are answered."""
+        self._loop.show_goal(self._photograph)
+
+    def turn(self, seconds: float) -> Drive:
+        """Show images to a servo that begins anew."""
+        self._loop.call('servo_node/reset')
+        return self._loop.show(seconds, self._rate)
+
+
+def run(
+    *,
+    seed: int,
+    quick: bool,
+    say: Callable[[str], None],
+    nodes: str = FOUR,
+    seconds: float | None = None,
+) -> dict[str, Any]:
+    """Return the document: for each size of image latency, floor, drops and costs."""
+    seconds = seconds or (QUICK_SECONDS if quick else SECONDS)
+    rows = [
+        _measured(replace(cell, seed=seed), nodes, seconds, say)
+        for cell in (CELLS[:1] if quick else CELLS)
+    ]
+    return {'nodes': nodes, 'seconds': seconds, 'rows': rows}
+
+
+def views(simulator: CameraSimulator) -> list[Image]:
+    """Return images, shape (H, W), on a way ahead and back again: a cycle."""
+    ahead = [
+        simulator.capture(Pose(START.x, START.y + STRIDE * number, START.theta), number)
+        for number in range(VIEWS)
+    ]
+    return ahead + ahead[-2:0:-1]
+
+
+def _measured(
+    settings: CameraSettings, nodes: str, seconds: float, say: Callable[[str], None]
+) -> dict[str, Any]:
+    """Return the row of one size: latencies, floor, drops, and what each process costs."""
+    size, rate = [settings.width, settings.height], settings.frame_rate
+    title = f'{settings.width}x{settings.height} at {rate:g} Hz'
+    say(f'{title}: taking pictures ...')
+    simulator = CameraSimulator(settings)
+    images, photograph = views(simulator), simulator.photograph()
+    count = round(min(FRAMES_IN_MEMORY, seconds * rate))
+    cycle = [images[number % len(images)] for number in range(count)]
+    floor = in_memory(photograph, cycle, simulator.camera, rate)
+    with TemporaryDirectory(prefix='visual_servo_') as scratch, ExitStack() as stack:
+        say(f'{title}: starting nodes ...')
+        started = ECHO if nodes == FOUR else {**ECHO, **TRACKER_AND_SERVO}
+        loop = Loop(stack, simulator.camera, images, Path(scratch), started)
+        chain: Chain
+        if nodes == FOUR:
+            chain = FourNodes(stack, settings, Path(scratch))
+        else:
+            chain = Two(loop, photograph, rate)
+        chain.wait_for_answers()
+        loop.wait_for_listeners(1, to_echo=True)
+        row = _by_turns(chain, loop, rate, seconds, lambda text: say(f'{title}: {text}'))
+    parts = {'echo_ms': row['echo']['p50'], **floor}
+    return {'size': size, 'rate': rate, 'floor': {**parts, 'sum_ms': sum(parts.values())}, **row}
+
+
+def _by_turns(
+    chain: Chain, loop: Loop, rate: float, seconds: float, say: Callable[[str], None]
+) -> dict[str, Any]:
+    """Drive nodes and echo by turns, and return what both took."""
+    turns = max(1, round(seconds / TURN_S))
+    nodes, echoes = Drive(), Drive()
+    before = costs(chain.processes)
+    for turn in range(turns):
+        say(f'turn {turn + 1} of {turns}, {seconds / turns:g} s and its echo ...')
+        nodes += chain.turn(seconds / turns)
+        echoes += loop.show(ECHO_SHARE * seconds / turns, rate, to_echo=True)
+    after = costs(chain.processes)
+    return {
+        'nodes': _answers(nodes),
+        'echo': _answers(echoes),
+        'processes': spent(before, after, len(nodes.sent)),
+    }
+
+
+def _answers(drive: Drive) -> dict[str, Any]:
+    """Return quantiles [ms] of the latencies, and how many images have no answer."""
+    if not drive.latencies:
+        raise VisualServoError('no image was answered; look at what the nodes say by themselves')
+    values = 1e3 * np.quantile(drive.latencies, list(QUANTILES.values()))
+    return {
+        'images': len(drive.sent),
+        'drops': len(drive.sent) - len(drive.latencies),
+        'moving': drive.moving / len(drive.latencies),
+        **{name: float(value) for name, value in zip(QUANTILES, values, strict=True)},
+    }

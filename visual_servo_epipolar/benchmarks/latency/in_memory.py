@@ -1,0 +1,50 @@
+"""What tracker and servo take for the same images in memory: no message, no wire, no process."""
+
+from collections.abc import Sequence
+from time import perf_counter
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
+from visual_servo_epipolar.core.perception.observation import observe
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.step import step
+from visual_servo_epipolar.core.stamps import NANOSECONDS
+from visual_servo_epipolar.core.tracking.settings import TrackerSettings
+from visual_servo_epipolar.core.tracking.tracker import Tracker
+
+WARM_UP = 10  # images that are not counted: the photograph is found, memory is claimed
+
+
+def in_memory(
+    photograph: Image, images: Sequence[Image], camera: CameraModel, rate: float
+) -> dict[str, float]:
+    """
+    Return the medians [ms] of tracker and servo: ``tracker_ms``, ``servo_ms``.
+
+    Parameters
+    ----------
+    photograph : array, shape (H, W)
+        The desired view.
+    images : sequence of arrays, shape (H, W)
+        What the camera shows, one after the other.
+    camera : CameraModel
+        Whose images they are.
+    rate : float
+        Images a second [Hz], of their stamps.
+
+    """
+    tracker, settings, state = Tracker(TrackerSettings()), ServoSettings(), ServoState()
+    tracker.set_desired(photograph)
+    times = []
+    for number, image in enumerate(images):
+        began = perf_counter()
+        features = tracker.track(image)
+        tracked = perf_counter()
+        observation = observe(features, camera, round(number * NANOSECONDS / rate))
+        state = step(state, observation, settings)
+        times.append((tracked - began, perf_counter() - tracked))
+    tracker_ms, servo_ms = 1e3 * np.median(times[WARM_UP:], axis=0)
+    return {'tracker_ms': float(tracker_ms), 'servo_ms': float(servo_ms)}

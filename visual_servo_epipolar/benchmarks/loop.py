@@ -1,0 +1,89 @@
+"""The whole demo in lockstep against real time: the command as it is called, from start to end."""
+
+from collections.abc import Callable, Mapping
+import json
+import os
+from pathlib import Path
+import subprocess
+import sys
+from tempfile import TemporaryDirectory
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from visual_servo_epipolar.core.errors import VisualServoError
+
+VARIANTS: Mapping[str, tuple[str, ...]] = {
+    'video and bag': (),
+    'bag': ('--no-video',),
+    'neither': ('--no-video', '--bag', 'none'),
+}
+TRIALS = 3
+QUICK_START = ('--start', '0.1', '-1.0', '2')  # of a short run
+
+
+def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
+    """Return, for each variant, simulated seconds over those that the command took."""
+    rows = []
+    for name, arguments in VARIANTS.items():
+        trials = []
+        for trial in range(1 if quick else TRIALS):
+            say(f'demo with {name}, {trial + 1} ...')
+            start = QUICK_START if quick else ()
+            trials.append(_timed(('--seed', str(seed), *start, *arguments)))
+        rows.append(_row(name, trials))
+    return {'seed': seed, 'rows': rows}
+
+
+def table(document: Mapping[str, Any]) -> str:
+    """Return the document as text."""
+    lines = [
+        'visual_servo demo in lockstep, 1280x1024 at 11 Hz, start of the interpreter included',
+        f'{"with":<16}{"simulated s":>12}{"wall s":>8}{"least":>8}{"most":>8}{"processor s":>13}'
+        f'{"times real time":>17}',
+    ]
+    for it in document['rows']:
+        least, most = it['spread_s']
+        lines.append(
+            f'{it["with"]:<16}{it["simulated_s"]:12.1f}{it["wall_s"]:8.1f}{least:8.1f}{most:8.1f}'
+            f'{it["processor_s"]:13.1f}{it["real_time"]:17.2f}'
+        )
+    return '\n'.join(lines)
+
+
+def figures(document: Mapping[str, Any]) -> dict[str, float]:
+    """Return what to compare between runs; less is better."""
+    return {
+        f'demo with {it["with"]}, wall over simulated time': 1.0 / it['real_time']
+        for it in document['rows']
+    }
+
+
+def _timed(arguments: tuple[str, ...]) -> tuple[float, float, float]:
+    """Run the demo, and return simulated, wall and processor time [s]."""
+    with TemporaryDirectory(prefix='visual_servo_') as folder:
+        result = Path(folder, 'timed.json')
+        command = [sys.executable, '-m', 'visual_servo_epipolar', 'demo', *arguments]
+        command += ['--out', str(Path(folder, 'out')), '--json', str(result)]
+        before, began = os.times(), perf_counter()
+        process = subprocess.run(command, capture_output=True, text=True, check=False)
+        wall, after = perf_counter() - began, os.times()
+        if not result.exists():
+            raise VisualServoError(f'the demo gave no result: {process.stderr.strip()}')
+        simulated = float(json.loads(result.read_text())['duration_s'])
+    spent = after.children_user + after.children_system
+    return simulated, wall, spent - before.children_user - before.children_system
+
+
+def _row(name: str, trials: list[tuple[float, float, float]]) -> dict[str, Any]:
+    simulated, wall, processor = np.median(trials, axis=0)
+    walls = [trial[1] for trial in trials]
+    return {
+        'with': name,
+        'simulated_s': float(simulated),
+        'wall_s': float(wall),
+        'spread_s': [min(walls), max(walls)],
+        'processor_s': float(processor),
+        'real_time': float(simulated / wall),
+    }

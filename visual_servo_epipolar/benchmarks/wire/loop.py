@@ -1,0 +1,176 @@
+"""A camera for nodes in processes of their own, and a reader of the twists they answer with."""
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from pathlib import Path
+import time
+from typing import Any
+
+from geometry_msgs.msg import TwistStamped
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from sensor_msgs.msg import CameraInfo, Image
+from std_srvs.srv import Trigger
+
+from visual_servo_epipolar.benchmarks.wire import echo
+from visual_servo_epipolar.benchmarks.wire.processes import DOMAIN, only_this_machine, started
+from visual_servo_epipolar.core.arrays import Image as Pixels
+from visual_servo_epipolar.core.errors import VisualServoError
+from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
+from visual_servo_epipolar.messages import read, write
+from visual_servo_epipolar.nodes import qos
+
+RELIABLE = ('-p', 'camera_reliability:=reliable')
+# A twist with a stamp is known to answer the image of that stamp.
+TRACKER_AND_SERVO = {
+    'tracker_node': RELIABLE,
+    'servo_node': (*RELIABLE, '-p', 'autostart:=true', '-p', 'enable_stamped_cmd_vel:=true'),
+}
+ECHO = {echo.__name__: ()}
+FRAME_ID = 'camera_optical_frame'
+START_S, WARM_UP_S, SETTLE_S = 60.0, 1.0, 0.5
+
+
+@dataclass(slots=True)
+class Drive:
+    """A stretch of time: when images were sent, and the latencies of the answers."""
+
+    sent: dict[int, float] = field(default_factory=dict)  # by stamp [ns], on the steady clock [s]
+    latencies: list[float] = field(default_factory=list)  # image sent to twist received [s]
+    moving: int = 0  # twists that are not zero
+
+    def __iadd__(self, other: 'Drive') -> 'Drive':
+        self.sent |= other.sent
+        self.latencies += other.latencies
+        self.moving += other.moving
+        return self
+
+    def took(self, message: TwistStamped) -> None:
+        """Take the answer to an image."""
+        sent = self.sent.get(read.stamp_ns(message.header))
+        if sent is not None:
+            self.latencies.append(time.monotonic() - sent)
+            self.moving += bool(message.twist.linear.x or message.twist.angular.z)
+
+
+class Listener:
+    """A node in this process that hears the twists of others, and calls their services."""
+
+    def __init__(self, stack: ExitStack, name: str) -> None:
+        stack.enter_context(only_this_machine())
+        context = Context()
+        rclpy.init(args=[], context=context, domain_id=DOMAIN)
+        stack.callback(context.try_shutdown)
+        self.node: Node = rclpy.create_node(name, context=context)
+        stack.callback(self.node.destroy_node)
+        self._executor = SingleThreadedExecutor(context=context)
+        self._executor.add_node(self.node)
+        self.drive = Drive()
+        for topic in ('cmd_vel', echo.ANSWERS):
+            self.node.create_subscription(TwistStamped, topic, self._on_answer, qos.COMMAND)
+
+    def call(self, service: str) -> str:
+        """Call a service of std_srvs/Trigger, and return what it says."""
+        client = self.node.create_client(Trigger, service)
+        try:
+            if not client.wait_for_service(START_S):
+                raise VisualServoError(f'nobody has served {service} within {START_S:g} s')
+            future: Any = client.call_async(Trigger.Request())
+            self._executor.spin_until_future_complete(future, START_S)
+            answer = future.result()
+        finally:
+            self.node.destroy_client(client)
+        if answer is None or not answer.success:
+            raise VisualServoError(f'{service} failed: {answer and answer.message}')
+        return str(answer.message)
+
+    def spin_for(self, seconds: float) -> None:
+        """Hear what comes for ``seconds`` [s]."""
+        self._spin_until(time.monotonic() + seconds)
+
+    def wait(self, condition: Callable[[], bool], complaint: str) -> None:
+        """Hear what comes until ``condition``, or raise ``complaint`` after a minute."""
+        deadline = time.monotonic() + START_S
+        while not condition():
+            self.spin_for(0.05)
+            if time.monotonic() > deadline:
+                raise VisualServoError(f'{complaint} within {START_S:g} s')
+
+    def _on_answer(self, message: TwistStamped) -> None:
+        self.drive.took(message)
+
+    def _spin_until(self, moment: float) -> None:
+        while (remaining := moment - time.monotonic()) > 0.0:
+            self._executor.spin_once(timeout_sec=remaining)
+
+
+class Loop(Listener):
+    """
+    Nodes in processes of their own; this process is their camera, and hears their twists.
+
+    Parameters
+    ----------
+    images : sequence of images
+        What the camera shows, over and over.
+    folder : Path
+        Where the nodes run, and bags go.
+    nodes : mapping
+        Names of nodes and their arguments.
+
+    """
+
+    def __init__(
+        self,
+        stack: ExitStack,
+        camera: CalibratedCamera,
+        images: Sequence[Pixels],
+        folder: Path,
+        nodes: Mapping[str, Sequence[str]],
+    ) -> None:
+        super().__init__(stack, 'bench_camera')
+        self._camera, self._images, self._count = camera, images, 0
+        self._image_pub = self.node.create_publisher(Image, 'image_raw', qos.STREAM)
+        self._echo_pub = self.node.create_publisher(Image, echo.IMAGES, qos.STREAM)
+        self._info_pub = self.node.create_publisher(CameraInfo, 'camera_info', qos.STREAM)
+        self._desired_pub = self.node.create_publisher(Image, 'desired/image_raw', qos.LATCHED)
+        self.processes = started(stack, nodes, folder)
+
+    def show_goal(self, photograph: Pixels) -> None:
+        """Publish the photograph, and wait until the servo answers to images."""
+        self._desired_pub.publish(write.image(photograph, 'mono8', 0, FRAME_ID))
+        self.wait(
+            lambda: bool(self.show(1.0, 10.0).latencies), 'the servo has answered to no image'
+        )
+        self.show(WARM_UP_S, 10.0)
+
+    def show(self, seconds: float, rate: float, *, to_echo: bool = False) -> Drive:
+        """Publish images for ``seconds`` [s] at ``rate`` [Hz], and return the answers."""
+        publisher = self._echo_pub if to_echo else self._image_pub
+        self.drive = drive = Drive()
+        begin = time.monotonic()
+        for number in range(round(seconds * rate)):
+            self._spin_until(begin + number / rate)
+            self._publish(publisher)
+        self.spin_for(SETTLE_S)
+        return drive
+
+    def wait_for_listeners(self, count: int, *, to_echo: bool = False) -> None:
+        """Wait until so many subscribe to images."""
+        publisher = self._echo_pub if to_echo else self._image_pub
+        self.wait(
+            lambda: publisher.get_subscription_count() >= count,
+            f'images have found no {count} listeners',
+        )
+
+    def _publish(self, publisher: Any) -> None:
+        stamp_ns = self.node.get_clock().now().nanoseconds
+        image = self._images[self._count % len(self._images)]
+        self._count += 1
+        message = write.image(image, 'mono8', stamp_ns, FRAME_ID)
+        if publisher is self._image_pub:
+            self._info_pub.publish(write.camera_info(self._camera, stamp_ns, FRAME_ID))
+        self.drive.sent[stamp_ns] = time.monotonic()
+        publisher.publish(message)
