@@ -4,10 +4,14 @@ import argparse
 from collections.abc import Mapping
 from contextlib import closing
 from importlib import import_module
+from pathlib import Path
+import sys
 from typing import Any
 
+from visual_servo_epipolar.benchmarks import history
 from visual_servo_epipolar.commands.arguments import duration, seed, write_json
 from visual_servo_epipolar.commands.console import Progress
+from visual_servo_epipolar.commands.files.output import check_json
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.nodes.startup.missing import remedy
 
@@ -54,15 +58,23 @@ def add_to(kinds: Any) -> None:
     parser.add_argument(
         '--json', metavar='FILE', help='write the result as JSON to FILE, - for standard output'
     )
+    parser.add_argument(
+        '--history',
+        metavar='FILE',
+        help='append the figures to FILE, and say what got worse on this machine',
+    )
     parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:
     """Run the benchmarks one after the other, print their tables; return 0."""
+    check_json(options.history)
+    earlier = history.read(Path(options.history)) if options.history else []
     unknown = sorted(set(options.which) - set(BENCHMARKS))
     if unknown:
         raise InputError(f'no benchmark {", ".join(unknown)}; there are {", ".join(BENCHMARKS)}')
-    results = {}
+    results: dict[str, Any] = {}
+    figures: dict[str, dict[str, float]] = {}
     for name in options.which or [name for name in BENCHMARKS if name not in ON_REQUEST]:
         benchmark = _benchmark(name)
         with closing(Progress()) as progress:
@@ -72,7 +84,13 @@ def run(options: argparse.Namespace) -> int:
             )
         if options.json != '-':
             print(benchmark.table(results[name]))
+        if hasattr(benchmark, 'figures'):
+            figures[name] = benchmark.figures(results[name])
     write_json(results, options.json)
+    if options.history:
+        now = history.entry(figures)
+        print(history.comparison(earlier, now), file=sys.stderr)
+        history.append(Path(options.history), now)
     return 0
 
 
