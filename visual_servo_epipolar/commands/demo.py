@@ -1,6 +1,7 @@
 """``visual_servo demo``: the four real nodes in lockstep; leaves result, figures, video, bag."""
 
 import argparse
+from collections.abc import Callable
 from contextlib import closing, ExitStack
 from pathlib import Path
 import re
@@ -88,27 +89,23 @@ def _drive(
 ) -> RunLog:
     from visual_servo_epipolar.nodes.lockstep import Lockstep
     from visual_servo_epipolar.nodes.observer_node import ObserverNode
-    from visual_servo_epipolar.report.images.picture import picture
 
     monitor = RunMonitor(settings)
     bag = _cleared(folder / BAG)
     (folder / VIDEO).unlink(missing_ok=True)  # of an earlier run
-    video: VideoWriter | None = None
+    with_images = not options.no_video
     with ExitStack() as stack:
         progress = stack.enter_context(closing(Progress()))
-        if not options.no_video:
-            video = stack.enter_context(_video_writer(scenario, settings, folder))
+        draw = _drawing(stack, scenario, settings, folder) if with_images else None
 
         def watch(sample: Sample, image: Image | None, features: Features | None) -> None:
             progress(sample)
-            if video is not None and image is not None and features is not None:
-                camera = scenario.camera.nominal_camera
-                video.add(picture(image, features, sample, camera), sample)
+            if draw is not None and image is not None and features is not None:
+                draw(image, features, sample)
 
         progress.say('starting four nodes ...')
         open_to = 'LOCALHOST' if options.visible else 'OFF'
         lockstep = stack.enter_context(Lockstep(scenario, settings, open_to=open_to))
-        with_images = video is not None
         lockstep.add(
             ObserverNode(monitor, watch, with_images=with_images, context=lockstep.context)
         )
@@ -116,9 +113,26 @@ def _drive(
             lockstep.record(bag, exclude=EXCLUDED[options.bag])
         lockstep.run(lambda: monitor.done)
         progress.say('finishing the video ...')
-    if video is not None and video.advice:
-        print(f'visual_servo demo: {video.advice}', file=sys.stderr)
     return monitor.log()
+
+
+def _drawing(
+    stack: ExitStack, scenario: Scenario, settings: LoopSettings, folder: Path
+) -> Callable[[Image, Features, Sample], None]:
+    """Open the video in ``stack``; return what adds a step to it, on a thread of its own."""
+    from visual_servo_epipolar.report.images.background import Background
+    from visual_servo_epipolar.report.images.picture import picture
+
+    video = _video_writer(scenario, settings, folder)
+    if video.advice:
+        stack.callback(print, f'visual_servo demo: {video.advice}', file=sys.stderr)
+    stack.enter_context(video)
+    background = stack.enter_context(Background())
+
+    def add(image: Image, features: Features, sample: Sample) -> None:
+        video.add(picture(image, features, sample, scenario.camera.nominal_camera), sample)
+
+    return lambda *step: background.do(add, *step)
 
 
 def _cleared(bag: Path) -> Path:
