@@ -96,7 +96,7 @@ def test_otherwise_the_settings_stay(bench, values, edges) -> None:
 def test_without_tf2_msgs_it_says_so(bench, monkeypatch) -> None:
     monkeypatch.setattr(transforms, 'tf_message_class', lambda: None)
     started(bench)
-    text = 'tf2_msgs cannot be imported, mount_from_tf has no effect'
+    text = 'tf2_msgs cannot be imported, mount_from_tf has no effect; install ros-jazzy-tf2-msgs'
     bench.until(lambda: bool(bench.logged(text)), 'the warning')
 
 
