@@ -189,7 +189,7 @@ def test_the_robot_is_stopped_when_tracks_stay_away(bench) -> None:
 def test_a_camera_that_repeats_one_image_stops_the_robot(bench) -> None:
     rig = Rig(bench, stale_timeout=0.2)
     rig.send(tracks())
-    bench.until(lambda: len(rig.commands) == 1, 'the first command')
+    bench.until(lambda: bool(rig.commands), 'the first command')
     rig.send(tracks())
     bench.until(lambda: len(rig.commands) >= 2, 'the answer to the same stamp again')
     assert rig.twists()[-1] == STANDSTILL
@@ -286,7 +286,7 @@ def test_a_moving_robot_stops_when_its_camera_becomes_uncalibrated(rig) -> None:
 
 
 def test_tracks_wait_for_the_first_camera_info(bench) -> None:
-    rig = Rig(bench, calibrated=False)
+    rig = Rig(bench, calibrated=False, stale_timeout=60.0)
     rig.see()
     assert rig.commands == []
     rig.calibrate(write.camera_info(CAMERA, 0, 'camera'))

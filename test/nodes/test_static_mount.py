@@ -51,6 +51,7 @@ def started(bench, **values) -> ServoNode:
 def test_the_mount_is_taken_with_the_first_tracks_and_announced(bench) -> None:
     heard = bench.listen(String, 'servo_node/settings', qos.LATCHED)
     node = started(bench)
+    bench.until(lambda: len(heard) == 1, 'the settings')
     told(node, mounted())
     see(bench, node)
     assert node._settings.camera_tilt == pytest.approx(0.3)
