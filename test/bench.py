@@ -15,6 +15,7 @@ import pytest
 from rcl_interfaces.msg import Log
 from rcl_interfaces.srv import ListParameters
 import rclpy
+from rclpy.client import Client
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
@@ -25,7 +26,9 @@ from visual_servo_epipolar.nodes import parameters
 
 DOMAINS_A_PROCESS, MAX_DOMAIN = 10, 100  # ports of domains above lie among those of the kernel
 USUAL_SEC = 30.0  # many times what anything here takes, also beside other work
-RELIABLE = QoSProfile(depth=50, reliability=ReliabilityPolicy.RELIABLE)
+LONGEST_TURN_SEC = 1.0  # of a wait that counts: the rest is the machine standing still
+# Deep enough for seconds of the fastest topic, where the machine stands still meanwhile.
+RELIABLE = QoSProfile(depth=300, reliability=ReliabilityPolicy.RELIABLE)
 # As nodes publish on it: what one says while it is made reaches a probe that is matched later.
 ROSOUT = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
@@ -55,11 +58,13 @@ def spin_until(
     waiting_for: str,
 ) -> None:
     """Spin until ``condition``; fail naming what was waited for if that takes too long."""
-    deadline = time.monotonic() + timeout_sec
+    left_sec = timeout_sec
     while not condition():
-        if time.monotonic() > deadline:
+        if left_sec <= 0.0:
             pytest.fail(f'waited {timeout_sec:g} s in vain for {waiting_for}')
+        began = time.monotonic()
         executor.spin_once(timeout_sec=0.02)
+        left_sec -= min(time.monotonic() - began, LONGEST_TURN_SEC)
 
 
 class Bench(AbstractContextManager['Bench']):
@@ -70,6 +75,7 @@ class Bench(AbstractContextManager['Bench']):
         rclpy.init(args=[], context=self.context, domain_id=domain_id or next_domain())
         self.executor = SingleThreadedExecutor(context=self.context)
         self.nodes: list[Node] = []
+        self._clients: dict[tuple[str, Any], Client] = {}
         self.probe = self.add(rclpy.create_node('probe', context=self.context))
         self.logs: list[Log] = self.listen(Log, '/rosout', ROSOUT)
 
@@ -107,7 +113,10 @@ class Bench(AbstractContextManager['Bench']):
 
     def call(self, service: str, kind: Any = Trigger, request: Any = None) -> Any:
         """Call a service and return its response."""
-        client = self.probe.create_client(kind, service)
+        # One client for all calls: a server drops the answer to one that it does not know yet.
+        if (service, kind) not in self._clients:
+            self._clients[service, kind] = self.probe.create_client(kind, service)
+        client = self._clients[service, kind]
         self.until(client.service_is_ready, f'service {service}')
         future = client.call_async(request or kind.Request())
         self.until(future.done, f'the answer of {service}')

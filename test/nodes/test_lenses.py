@@ -108,7 +108,7 @@ def test_the_same_camera_again_is_no_change(bench) -> None:
 
 def test_a_robot_with_a_fisheye_drives(bench) -> None:
     servo = driving(bench, camera=FISHEYE)
-    assert servo.node._camera == FISHEYE
+    assert servo.node._camera.model == FISHEYE
     assert not bench.logged('left out')
 
 
@@ -130,7 +130,7 @@ def test_of_rectified_images_p_holds(bench) -> None:
     info.p[0] = info.p[5] = 450.0
     servo = Servo(bench, rectified=True)
     servo.hear(info)
-    assert servo.node._camera == Camera(1280, 1024, 450.0, 450.0, 635.0, 512.0)
+    assert servo.node._camera.model == Camera(1280, 1024, 450.0, 450.0, 635.0, 512.0)
 
 
 @pytest.mark.parametrize('rectified', [False, True])

@@ -102,9 +102,15 @@ def test_a_camera_without_distortion_coefficients_runs() -> None:
 
 
 def test_a_chain_that_stands_still_is_reported(monkeypatch) -> None:
-    monkeypatch.setattr(lockstep, 'STALL_S', 0.5)
     scenario = short()
     with Lockstep(scenario, scenario.loop(CLOSE, 0)) as nodes:
+        begin = nodes.unicycle.begin  # until then nodes may take their time
+
+        def begin_impatiently() -> None:
+            monkeypatch.setattr(lockstep, 'STALL_S', 0.5)
+            begin()
+
+        nodes.unicycle.begin = begin_impatiently
         nodes.servo._command = lambda *_: None
         with pytest.raises(LockstepError, match=r'after 0 steps, waiting for the run to end'):
             nodes.run(lambda: False)

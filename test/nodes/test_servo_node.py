@@ -45,7 +45,7 @@ class Rig:
         self.node = bench.start(ServoNode, **{'autostart': True, **values})
         if calibrated:
             self.calibrate(write.camera_info(CAMERA, 0, 'camera'))
-            bench.until(lambda: self.node._camera is not None, 'camera_info to arrive')
+            bench.until(lambda: self.node._camera.model is not None, 'camera_info to arrive')
 
     def twists(self):
         return [read.twist(message) for message in self.commands]
@@ -99,7 +99,7 @@ def test_a_focal_length_that_the_tracks_contradict_is_said(bench) -> None:
     rig = Rig(bench, calibrated=False, stale_timeout=60.0)
     wrong = replace(CAMERA, fx=1.25 * CAMERA.fx, fy=1.25 * CAMERA.fy)
     rig.calibrate(write.camera_info(wrong, 0, 'camera'))
-    bench.until(lambda: rig.node._camera is not None, 'camera_info to arrive')
+    bench.until(lambda: rig.node._camera.model is not None, 'camera_info to arrive')
     text = 'the tracks contradict camera_info: a focal length of 962 px, and they say'
     for turn in range(40):
         rig.see(Pose.from_start(1.0, -3.5, 18.0 - turn))
@@ -189,7 +189,7 @@ def test_the_robot_is_stopped_when_tracks_stay_away(bench) -> None:
 def test_a_camera_that_repeats_one_image_stops_the_robot(bench) -> None:
     rig = Rig(bench, stale_timeout=0.2)
     rig.send(tracks())
-    bench.until(lambda: len(rig.commands) == 1, 'the first command')
+    bench.until(lambda: bool(rig.commands), 'the first command')
     rig.send(tracks())
     bench.until(lambda: len(rig.commands) >= 2, 'the answer to the same stamp again')
     assert rig.twists()[-1] == STANDSTILL
@@ -286,7 +286,7 @@ def test_a_moving_robot_stops_when_its_camera_becomes_uncalibrated(rig) -> None:
 
 
 def test_tracks_wait_for_the_first_camera_info(bench) -> None:
-    rig = Rig(bench, calibrated=False)
+    rig = Rig(bench, calibrated=False, stale_timeout=60.0)
     rig.see()
     assert rig.commands == []
     rig.calibrate(write.camera_info(CAMERA, 0, 'camera'))

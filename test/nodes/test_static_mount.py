@@ -31,13 +31,13 @@ def mounted(parent='base_link', child='camera_optical_frame', mount=MOUNT):
 
 def told(node, *messages) -> None:
     """Hand it what tf2_msgs/TFMessage would bring, which the wheels of ROS 2 are without."""
-    node._static_mount.receive(SimpleNamespace(transforms=list(messages)))
+    node._camera.static_mount.receive(SimpleNamespace(transforms=list(messages)))
 
 
 def see(bench, node, stamp_ns=STAMP_NS, frame='camera_optical_frame') -> None:
     """Send tracks with their camera_info, and wait until the node has taken them in."""
     bench.talk(CameraInfo, 'camera_info')(write.camera_info(CAMERA, stamp_ns, frame))
-    bench.until(lambda: node._camera is not None, 'camera_info to arrive')
+    bench.until(lambda: node._camera.model is not None, 'camera_info to arrive')
     bench.talk(PointCloud2, 'tracks')(write.features(WORLD.observe(AWAY, 0), stamp_ns, frame))
     bench.until(lambda: node._stamp_ns == stamp_ns, 'tracks to arrive')
     bench.settle()
@@ -51,6 +51,7 @@ def started(bench, **values) -> ServoNode:
 def test_the_mount_is_taken_with_the_first_tracks_and_announced(bench) -> None:
     heard = bench.listen(String, 'servo_node/settings', qos.LATCHED)
     node = started(bench)
+    bench.until(lambda: len(heard) == 1, 'the settings')
     told(node, mounted())
     see(bench, node)
     assert node._settings.camera_tilt == pytest.approx(0.3)
@@ -96,13 +97,13 @@ def test_otherwise_the_settings_stay(bench, values, edges) -> None:
 def test_without_tf2_msgs_it_says_so(bench, monkeypatch) -> None:
     monkeypatch.setattr(transforms, 'tf_message_class', lambda: None)
     started(bench)
-    text = 'tf2_msgs cannot be imported, mount_from_tf has no effect'
+    text = 'tf2_msgs cannot be imported, mount_from_tf has no effect; install ros-jazzy-tf2-msgs'
     bench.until(lambda: bool(bench.logged(text)), 'the warning')
 
 
 def test_unless_it_is_wanted_nobody_listens(bench) -> None:
     node = bench.start(ServoNode)
-    assert node._static_mount is None
+    assert node._camera.static_mount is None
     assert '/tf_static' not in {item.topic_name for item in node.subscriptions}
 
 
@@ -142,6 +143,6 @@ def test_with_the_real_tf2_msgs_it_is_heard(bench) -> None:
     kind = pytest.importorskip('tf2_msgs.msg', reason='tf2_msgs is not installed').TFMessage
     bench.talk(kind, '/tf_static', qos.STATIC_TRANSFORMS)(kind(transforms=[mounted()]))
     node = started(bench)
-    bench.until(lambda: bool(node._static_mount._parents), '/tf_static')
+    bench.until(lambda: bool(node._camera.static_mount._parents), '/tf_static')
     see(bench, node)
     assert node._settings.camera_tilt == pytest.approx(0.3)

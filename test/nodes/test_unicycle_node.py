@@ -14,6 +14,7 @@ from std_msgs.msg import Header
 
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.messages import read, write
+from visual_servo_epipolar.nodes import unicycle_node
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
 from visual_servo_epipolar.simulation.closed_loop import published
 from visual_servo_epipolar.simulation.run_monitor import period_ns
@@ -39,10 +40,16 @@ def wait_for_frames(bench, truth, count):
     bench.until(lambda: len(truth) >= count, f'{count} messages of ground truth')
 
 
+def until_it_moves(bench, say, truth, speed) -> None:
+    """Command by ``say`` until the base moves: on a busy machine a command may be too old."""
+    bench.until(
+        lambda: (truth and velocity(truth[-1]).linear > speed) or say(), 'the base to move'
+    )
+
+
 def test_a_command_moves_it(bench) -> None:
     _, command, truth = start(bench)
-    command(write.twist(Twist(0.3, 0.0)))
-    bench.until(lambda: truth and velocity(truth[-1]).linear > 0.05, 'the base to move')
+    until_it_moves(bench, lambda: command(write.twist(Twist(0.3, 0.0))), truth, 0.05)
     bench.until(lambda: read.pose(truth[-1]).y > START[1] + 0.01, 'the base to get on')
 
 
@@ -54,14 +61,13 @@ def test_it_stands_where_it_was_told_to_start(bench) -> None:
 
 def test_it_stops_by_itself_when_commands_stay_away(bench) -> None:
     _, command, truth = start(bench, command_timeout=0.2)
-    command(write.twist(Twist(0.3, 0.0)))
-    bench.until(lambda: truth and velocity(truth[-1]).linear > 0.0, 'the base to move')
+    until_it_moves(bench, lambda: command(write.twist(Twist(0.3, 0.0))), truth, 0.0)
     began = len(truth)
     bench.until(lambda: velocity(truth[-1]) == STANDSTILL, 'the base to stop')
-    moved_ns = read.stamp_ns(truth[-1].header) - read.stamp_ns(truth[began - 1].header)
-    # 0.2 s until it notices, 0.1 s to brake from 0.06 m/s; a busy machine may tick late.
-    assert moved_ns < 0.8e9
-    assert bench.logged('no cmd_vel for 0.2 s, the base stops')
+    # 0.2 s until it notices, 0.1 s to brake from 0.06 m/s. A busy machine ticks late, not more.
+    assert len(truth) - began < 80  # at 100 Hz
+    text = 'no cmd_vel for 0.2 s, the base stops'
+    bench.until(lambda: bench.logged(text), text)
 
 
 def test_a_timeout_of_zero_lets_it_run_on(bench) -> None:
@@ -76,7 +82,8 @@ def test_a_timeout_of_zero_lets_it_run_on(bench) -> None:
 
 
 @pytest.mark.parametrize('bad', [math.nan, math.inf])
-def test_a_command_that_is_not_finite_stops_it_and_is_logged_once(bench, bad) -> None:
+def test_a_command_that_is_not_finite_stops_it_and_is_logged_once(bench, bad, monkeypatch) -> None:
+    monkeypatch.setattr(unicycle_node, 'WARN_PERIOD_S', 600.0)  # however long the steps take
     _, command, truth = start(bench, command_timeout=0.0, lockstep=True)
     for step in range(5):
         command(write.twist(Twist(0.3, 0.0)))
@@ -101,9 +108,12 @@ def test_a_command_that_is_not_finite_stops_it_and_is_logged_once(bench, bad) ->
 
 def test_it_takes_stamped_commands(bench) -> None:
     node, command, truth = start(bench, enable_stamped_cmd_vel=True)
-    now_ns = node.get_clock().now().nanoseconds
-    command(write.twist_stamped(Twist(0.3, 0.0), now_ns, 'base_link'))
-    bench.until(lambda: truth and velocity(truth[-1]).linear > 0.05, 'the base to move')
+
+    def say() -> None:
+        now_ns = node.get_clock().now().nanoseconds
+        command(write.twist_stamped(Twist(0.3, 0.0), now_ns, 'base_link'))
+
+    until_it_moves(bench, say, truth, 0.05)
 
 
 def test_it_refuses_a_stamped_command_of_long_ago(bench) -> None:
@@ -178,8 +188,8 @@ def spy(node, name, published):
 
 def test_reset_brings_it_back_to_the_start(bench) -> None:
     node, command, truth = start(bench)
-    command(write.twist(Twist(0.3, 0.3)))
-    bench.until(lambda: truth and velocity(truth[-1]).linear > 0.05, 'the base to move')
+    until_it_moves(bench, lambda: command(write.twist(Twist(0.3, 0.3))), truth, 0.05)
+    bench.settle()  # no command is on its way any more
     answer = bench.call('unicycle_node/reset')
     bench.settle()
     assert answer.success

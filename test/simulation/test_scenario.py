@@ -113,7 +113,7 @@ def test_the_parameter_file_of_a_node_is_a_scenario(name: str) -> None:
 
 
 def test_a_file_that_is_not_there_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r'none.yaml: scenario cannot be read: .*No such file'):
+    with pytest.raises(InputError, match=r'none.yaml: scenario cannot be read: No such file'):
         load(tmp_path / 'none.yaml')
 
 

@@ -21,6 +21,11 @@ def tf_message_class() -> Any | None:
         return None
 
 
+def without_tf2_msgs(consequence: str) -> str:
+    """Return what a node says that misses tf2_msgs: ``consequence``, and how to mend it."""
+    return f'tf2_msgs cannot be imported, {consequence}; install ros-jazzy-tf2-msgs for it'
+
+
 def tf_message(kind: Any, transforms: Sequence[TransformStamped]) -> Any:
     """Return ``transforms`` as one message of ``kind``, tf2_msgs/TFMessage."""
     return kind(transforms=list(transforms))

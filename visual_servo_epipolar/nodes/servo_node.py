@@ -15,14 +15,10 @@ from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
 from visual_servo_epipolar.core.control.command import Command, HALT
-from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
-from visual_servo_epipolar.core.geometry.cameras.plausibility import doubts
-from visual_servo_epipolar.core.perception.lens_check import LensCheck, looked_at
 from visual_servo_epipolar.core.perception.observation import Observation, observe
 from visual_servo_epipolar.core.servo.interruptions import (
     camera_changed,
-    camera_of_run,
     interrupted,
     Interruption,
 )
@@ -44,9 +40,9 @@ from visual_servo_epipolar.messages import (
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.complaints import Complaints
 from visual_servo_epipolar.nodes.run import spin
+from visual_servo_epipolar.nodes.servo_camera import ServoCamera
 from visual_servo_epipolar.nodes.startup.inputs import NO_TIME
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
-from visual_servo_epipolar.nodes.transforms.static_mount import StaticMount
 
 WARN_PERIOD_S, STOP_TIMEOUT_S, WATCH_PERIOD_S = 5.0, 0.2, 0.05
 
@@ -66,15 +62,10 @@ class ServoNode(Node):
         parameters.refuse_unknown(self, options)
         parameters.watch(self, lambda: self._settings, self._use)
         self._active, self._state = self._settings.autostart, ServoState()
-        self._camera: CalibratedCamera | None = None
-        self._begun_with: CalibratedCamera | None = None
-        self._lens_check = LensCheck()
         self._pending_tracks: PointCloud2 | None = None
         self._fresh_ns: int | None = None
         self._stamp_ns: int | None = None
-        self._static_mount: StaticMount | None = None
-        if self._node_settings.mount_from_tf:
-            self._static_mount = StaticMount(self, self._node_settings.base_frame)
+        self._camera = ServoCamera(self, self._node_settings, self._warn)
         self._watch_clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._create_publishers()
         self._create_subscriptions()
@@ -125,20 +116,11 @@ class ServoNode(Node):
         self._settings_pub.publish(write.text(text))
 
     def _on_info(self, message: CameraInfo) -> None:
-        try:
-            camera = read.camera(message, rectified=self._node_settings.rectified)
-            if camera != self._camera:
-                self._lens_check = LensCheck()
-            self._camera = camera
-        except ValueError as error:
-            self._camera = None
-            self._warn(f'camera_info cannot be used, the robot stands: {error}')
-            if self._state.phase in DRIVING:
-                self._lose(f'camera_info cannot be used: {error}')
-        if self._camera is not None:
-            self._look_at(self._camera)
+        trouble = self._camera.hear(message, self._state, self._settings)
+        if trouble and self._state.phase in DRIVING:
+            self._lose(trouble)
         pending, self._pending_tracks = self._pending_tracks, None
-        if pending is not None and self._camera is not None and not self._is_stale():
+        if pending is not None and self._camera.model is not None and not self._is_stale():
             self._on_tracks(pending)
 
     def _on_tracks(self, message: PointCloud2) -> None:
@@ -152,61 +134,31 @@ class ServoNode(Node):
         self._stamp_ns = stamp_ns
         if not self._active:
             return
-        if self._camera is None:
+        if self._camera.model is None:
             self._pending_tracks = message
             self._warn('no usable camera_info yet; tracks wait for it, the robot stands')
             self._halt()
             return
-        features, warning = validation.checked_tracks(message, self._camera)
-        if self._is_other_camera(self._camera):
-            features, warning = Features(), camera_changed(self._camera)
-        observation = observe(features, self._camera, stamp_ns)
-        warning = warning or validation.left_out(observation, self._camera)
-        if warning:
-            self._warn(warning)
+        observation = self._observed(message, self._camera.model)
         self._follow(step(self._state, observation, self._settings))
         self._publish(stamp_ns, message.header.frame_id)
-        self._check_lens(observation)  # the command is on its way
+        self._camera.check(observation, self._state, self._settings)  # the command is on its way
 
-    def _check_lens(self, observation: Observation) -> None:
-        """Say if the tracks contradict the focal length that was told."""
-        state = self._state
-        if state.measurement is not None and state.memory is not None:
-            run = state.measurement, state.memory
-            self._lens_check = looked_at(
-                self._lens_check, observation, run, self._settings, state.frame
-            )
-        if self._lens_check.doubt:
-            self._warn(self._lens_check.doubt)
+    def _observed(self, message: PointCloud2, camera: CalibratedCamera) -> Observation:
+        """Return the tracks as ``camera`` sees them, none through another than that of the run."""
+        features, warning = validation.checked_tracks(message, camera)
+        if self._camera.is_other(camera, self._state):
+            features, warning = Features(), camera_changed(camera)
+        observation = observe(features, camera, read.stamp_ns(message.header))
+        warning = warning or validation.left_out(observation, camera)
+        if warning:
+            self._warn(warning)
+        return observation
 
     def _take_mount(self, frame_id: str) -> None:
-        """Take the mount of the camera from /tf_static, before a run, where nobody told it."""
-        if not self._static_mount or self._state.memory or self._settings.mount_is_told:
-            return
-        try:
-            mount = self._static_mount.of(frame_id)
-            if mount is not None:
-                self._use(self._settings.mounted(mount))
-                self._log(f'/tf_static: {frame_id} sits at {mount}')
-        except ValueError as error:
-            self._warn(f'the mount of {frame_id} in /tf_static is not used: {error}')
-
-    def _look_at(self, camera: CalibratedCamera) -> None:
-        """Say what is odd about a camera; hold if it is not that which the run began with."""
-        if doubts(camera):
-            self._warn(doubts(camera))
-        if self._settings.focal_deviation > 0.0 and not isinstance(camera, Camera):
-            self._warn(
-                f'focal_deviation is of a pinhole, the camera_info of a {camera.lens} lens: the '
-                'corrections will be wrong; set focal_deviation: 0.0'
-            )
-        if self._is_other_camera(camera) and self._state.phase in DRIVING:
-            self._lose(camera_changed(camera))
-
-    def _is_other_camera(self, camera: CalibratedCamera) -> bool:
-        """Return whether a run goes on that began with another; before, begin with this one."""
-        self._begun_with = camera_of_run(self._state, self._begun_with, camera)
-        return self._begun_with != camera
+        settings = self._camera.mounted(frame_id, self._state, self._settings)
+        if settings is not self._settings:
+            self._use(settings)
 
     def _follow(self, state: ServoState) -> None:
         """Take over a new state, and log what is new of it."""
@@ -274,7 +226,7 @@ class ServoNode(Node):
         self._active = response.success = True
         entry = event_log.Entry(event_log.STARTED, self._stamp_ns)
         self._events_pub.publish(write.text(event_log.to_text(entry)))
-        response.message = 'started' if self._camera else 'started; waits for camera_info'
+        response.message = 'started' if self._camera.model else 'started; waits for camera_info'
         self._log(response.message)
         return response
 

@@ -210,7 +210,8 @@ def load(path: Path) -> Scenario:
     try:
         document = yaml.safe_load(path.read_text(encoding='utf-8'))
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f'{path}: scenario cannot be read: {error}') from None
+        reason = getattr(error, 'strerror', None) or error
+        raise InputError(f'{path}: scenario cannot be read: {reason}') from None
     except (yaml.YAMLError, ValueError) as error:
         raise InputError(f'{path}: scenario is not YAML: {" ".join(str(error).split())}') from None
     return from_document(document, str(path))

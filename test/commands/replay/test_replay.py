@@ -286,7 +286,7 @@ def test_a_bag_cut_short_is_refused_and_replayed_once_it_is_repaired(
         (['--desired', 'nan'], '--desired must be'),
         (['--desired', '77'], 'no image was taken at 77.000 s'),
         (['--tolerance', '-1'], "'-1' is negative"),
-        (['--camera', 'nowhere.yaml'], 'nowhere.yaml: camera file cannot be read'),
+        (['--camera', 'nowhere.yaml'], 'nowhere.yaml: camera file cannot be read: No such file'),
         (['--out', __file__], 'folder cannot be made or written to'),
     ],
 )

@@ -31,6 +31,8 @@ LEVEL = Cell(baseline=3.0, points=60, noise=0.2, outliers=0.2, jitter=0.1)
 WIDE = Attitude(tilt_deviation=math.radians(15.0), roll_deviation=math.radians(5.0))
 COLD = Attitude(tilt_deviation=math.radians(2.0), roll_deviation=math.radians(2.0))
 KNOWN = math.radians(0.1)
+# The five-point geometry of OpenCV 4 is nearer to the truth.
+OPENCV_5 = int(cv2.__version__.partition('.')[0]) >= 5
 CORNERS = [(tilt, roll) for tilt in (-25.0, 25.0) for roll in (-8.0, 8.0)]
 
 
@@ -115,16 +117,20 @@ def test_bearings_are_found_whichever_way_the_camera_is_mounted(tilt: float, rol
 def test_bearings_are_better_than_those_of_the_general_geometry() -> None:
     pairs = drawn(50)
     told = np.median([own_error(pair, Prior(mounted(cell))) for cell, pair in pairs])
+    general = np.median([general_error(pair, cell) for cell, pair in pairs])
     # 0.06 against 0.35 with OpenCV 5 and 0.16 with 4.6, both told the true attitude
-    assert told < 0.6 * np.median([general_error(pair, cell) for cell, pair in pairs])
+    assert told < 0.6 * general
     own = np.median([own_error(pair, Prior(WIDE)) for _, pair in pairs])
-    # 0.28 against 1.07 and 0.89, if not
+    if OPENCV_5:
+        assert own < general  # 0.28, although the five-point geometry alone is told
+    # 1.07 and 0.89, if it is not
     assert own < 0.5 * np.median([general_error(pair, LEVEL) for _, pair in pairs])
     nearest = [
         axis_error(pair, planar_parameters(general_essential(pair), WIDE)[0, [PSI, PHI]])
         for _, pair in pairs
     ]
-    assert own < 0.9 * np.median(nearest)  # 0.44, with OpenCV 4.6 0.36
+    # 0.44, with OpenCV 4.6 0.36
+    assert own < (0.75 if OPENCV_5 else 0.9) * np.median(nearest)
 
 
 @pytest.mark.parametrize(('tilt', 'roll'), [(0.0, 0.0), (1.0, -0.5)])

@@ -14,13 +14,14 @@ ROOT = Path(__file__).parents[3]
 END_SEC = 30.0
 
 
-def run(code, *words, folder=ROOT):
+def run(code, *words, folder=ROOT, stdout=subprocess.PIPE, **environment):
     """Run Python code with words on its command line, as an executable is."""
     return subprocess.run(
         [sys.executable, '-c', f'import sys; sys.argv[0] = "node"\n{code}', *words],
-        env={**os.environ, 'PYTHONPATH': str(ROOT)},
+        env={**os.environ, 'PYTHONPATH': str(ROOT), **environment},
         cwd=folder,
-        capture_output=True,
+        stdout=stdout,
+        stderr=subprocess.PIPE,
         text=True,
         timeout=END_SEC,
     )
@@ -51,6 +52,15 @@ def test_help_ends_well_and_starts_nothing(start, words) -> None:
     ended = run(start('servo_node'), *words)
     assert (ended.returncode, ended.stderr) == (0, '')
     assert ended.stdout.startswith('usage: servo_node')
+
+
+@pytest.mark.parametrize('unbuffered', ['', '1'])
+def test_help_that_nobody_reads_ends_quietly(unbuffered) -> None:
+    reader, writer = os.pipe()
+    os.close(reader)
+    ended = run(module('servo_node'), '--help', stdout=writer, PYTHONUNBUFFERED=unbuffered)
+    os.close(writer)
+    assert (ended.returncode, ended.stderr) == (141, '')
 
 
 @pytest.mark.parametrize('start', [executable, module])

@@ -1,4 +1,4 @@
-"""The bench of mounts on rendered images, through the real tracker: it takes an hour."""
+"""The bench of mounts on rendered images, through the real tracker: it takes half an hour."""
 
 from collections.abc import Callable, Mapping
 from typing import Any

@@ -31,7 +31,8 @@ def read_camera(path: Path, *, rectified: bool = False) -> CalibratedCamera:
     try:
         document = yaml.safe_load(path.read_text(encoding='utf-8'))
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f'{path}: camera file cannot be read: {error}') from None
+        reason = getattr(error, 'strerror', None) or error
+        raise InputError(f'{path}: camera file cannot be read: {reason}') from None
     except yaml.YAMLError as error:
         raise InputError(f'{path}: camera file is not YAML: {error}') from None
     if not isinstance(document, Mapping):

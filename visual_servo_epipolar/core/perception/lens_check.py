@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import math
 
 from visual_servo_epipolar.core.estimators.registry import DEFAULT_ESTIMATOR
-from visual_servo_epipolar.core.geometry.lens import Lens, unknown_lens
+from visual_servo_epipolar.core.geometry.lens import unknown_lens
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.perception.observation import Observation
@@ -30,11 +30,6 @@ class LensCheck:
     memory: PerceptionMemory | None = None
     doubt: str = ''
 
-    @property
-    def lens(self) -> Lens:
-        """What the looks so far say of the lens."""
-        return unknown_lens(UNKNOWN) if self.memory is None else self.memory.lens
-
 
 def looked_at(
     before: LensCheck,
@@ -49,11 +44,10 @@ def looked_at(
     It begins from there: a first look from nothing takes half a second, these two or three views.
     """
     measurement, known = run
-    if not settings.calibrated or observation.wide or measurement.bearings is None:
+    due = settings.calibrated and not observation.wide and frame % PERIOD == 0
+    if not due or measurement.bearings is None or known.bearings is None:
         return before
-    if frame % PERIOD or known.bearings is None:
-        return before
-    memory = before.memory or replace(known, lens=before.lens)
+    memory = before.memory or replace(known, lens=unknown_lens(UNKNOWN))
     memory = replace(memory, bearings=known.bearings, consecutive_rejections=0)
     unknown = replace(settings, estimator=DEFAULT_ESTIMATOR, focal_deviation=UNKNOWN)
     memory = perceive(observation, unknown, frame, memory).memory

@@ -1,11 +1,12 @@
 """Command line of a node: --help, what is no ROS argument, and the parameters it gives."""
 
 from collections.abc import Iterator, Sequence
+import os
 import sys
 
 from visual_servo_epipolar.nodes.startup.table import NODES
 
-USAGE_ERROR = 2
+USAGE_ERROR, UNREAD = 2, 141
 HELP = ('-h', '--help')
 ROS_ARGUMENTS = '--ros-args -p NAME:=VALUE --params-file FILE'
 
@@ -14,8 +15,7 @@ def answer(node: str, arguments: Sequence[str]) -> int | None:
     """Return the exit code where ``arguments`` leave nothing to run, having said why; or None."""
     ros, rest = split(arguments)
     if any(word in HELP for word in (*ros, *rest)):
-        print(usage(node))
-        return 0
+        return _printed(usage(node))
     if rest:
         print(
             f'{node}: takes ROS arguments alone, got {" ".join(rest)}; write {node} '
@@ -24,6 +24,17 @@ def answer(node: str, arguments: Sequence[str]) -> int | None:
         )
         return USAGE_ERROR
     return None
+
+
+def _printed(text: str) -> int:
+    """Print ``text`` and return the exit code, also where nobody reads on, as after ``| head``."""
+    try:
+        print(text, flush=True)
+    except BrokenPipeError:
+        # The interpreter would complain at its end about what it cannot write out.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return UNREAD
+    return 0
 
 
 def usage(node: str) -> str:

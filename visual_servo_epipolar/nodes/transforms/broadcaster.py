@@ -23,10 +23,7 @@ class TransformBroadcaster:
         if self._kind is not None:
             self._publisher = node.create_publisher(self._kind, topic, profile)
         else:
-            node.get_logger().info(
-                f'tf2_msgs cannot be imported, {topic} is not published; '
-                'install ros-jazzy-tf2-msgs for it'
-            )
+            node.get_logger().info(transforms.without_tf2_msgs(f'{topic} is not published'))
 
     @property
     def publishes(self) -> bool:

@@ -26,10 +26,7 @@ class StaticMount:
         self._parents: dict[str, tuple[str, Transform]] = {}
         kind = transforms.tf_message_class()
         if kind is None:
-            self._log.warning(
-                'tf2_msgs cannot be imported, mount_from_tf has no effect; '
-                'install ros-jazzy-tf2-msgs for it'
-            )
+            self._log.warning(transforms.without_tf2_msgs('mount_from_tf has no effect'))
         else:
             node.create_subscription(kind, '/tf_static', self.receive, qos.STATIC_TRANSFORMS)
 

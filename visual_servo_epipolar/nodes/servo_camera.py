@@ -1,0 +1,89 @@
+"""The camera of the servo: what camera_info says, how it is mounted, and what is odd about it."""
+
+from collections.abc import Callable
+
+from rclpy.node import Node
+from sensor_msgs.msg import CameraInfo
+
+from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
+from visual_servo_epipolar.core.geometry.cameras.plausibility import doubts
+from visual_servo_epipolar.core.perception.lens_check import LensCheck, looked_at
+from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.servo.interruptions import camera_changed, camera_of_run
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.messages import read
+from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
+from visual_servo_epipolar.nodes.transforms.static_mount import StaticMount
+
+
+class ServoCamera:
+    """
+    The camera of the servo ``node``; what is odd about it is said by ``warn``.
+
+    ``model`` is None until a camera_info comes that can be used. A run keeps to the camera that it
+    began with, and to the mount.
+    """
+
+    def __init__(
+        self, node: Node, settings: ServoNodeSettings, warn: Callable[[str], None]
+    ) -> None:
+        self.model: CalibratedCamera | None = None
+        self.static_mount: StaticMount | None = None
+        if settings.mount_from_tf:
+            self.static_mount = StaticMount(node, settings.base_frame)
+        self._rectified, self._warn, self._log = settings.rectified, warn, node.get_logger().info
+        self._begun_with: CalibratedCamera | None = None
+        self._lens_check = LensCheck()
+
+    def hear(self, message: CameraInfo, state: ServoState, settings: ServoSettings) -> str:
+        """Take in a camera_info, and return why a run cannot go on with it, or ''."""
+        try:
+            camera = read.camera(message, rectified=self._rectified)
+        except ValueError as error:
+            self.model = None
+            self._warn(f'camera_info cannot be used, the robot stands: {error}')
+            return f'camera_info cannot be used: {error}'
+        if camera != self.model:
+            self._lens_check = LensCheck()
+        self.model = camera
+        self._doubt(camera, settings)
+        return camera_changed(camera) if self.is_other(camera, state) else ''
+
+    def is_other(self, camera: CalibratedCamera, state: ServoState) -> bool:
+        """Return whether a run goes on that began with another; before, begin with this one."""
+        self._begun_with = camera_of_run(state, self._begun_with, camera)
+        return self._begun_with != camera
+
+    def mounted(self, frame_id: str, state: ServoState, settings: ServoSettings) -> ServoSettings:
+        """Return ``settings`` with the mount of /tf_static, before a run that was told none."""
+        if not self.static_mount or state.memory or settings.mount_is_told:
+            return settings
+        try:
+            mount = self.static_mount.of(frame_id)
+            told = settings if mount is None else settings.mounted(mount)
+        except ValueError as error:
+            self._warn(f'the mount of {frame_id} in /tf_static is not used: {error}')
+            return settings
+        if mount is not None:
+            self._log(f'/tf_static: {frame_id} sits at {mount}')
+        return told
+
+    def check(self, observation: Observation, state: ServoState, settings: ServoSettings) -> None:
+        """Say if the tracks contradict the focal length that was told."""
+        if state.measurement is not None and state.memory is not None:
+            run = state.measurement, state.memory
+            self._lens_check = looked_at(self._lens_check, observation, run, settings, state.frame)
+        if self._lens_check.doubt:
+            self._warn(self._lens_check.doubt)
+
+    def _doubt(self, camera: CalibratedCamera, settings: ServoSettings) -> None:
+        """Say what is odd about a camera."""
+        if doubts(camera):
+            self._warn(doubts(camera))
+        if settings.focal_deviation > 0.0 and not isinstance(camera, Camera):
+            self._warn(
+                f'focal_deviation is of a pinhole, the camera_info of a {camera.lens} lens: the '
+                'corrections will be wrong; set focal_deviation: 0.0'
+            )
