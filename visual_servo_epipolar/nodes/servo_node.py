@@ -141,8 +141,9 @@ class ServoNode(Node):
             return
         observation = self._observed(message, self._camera.model)
         self._follow(step(self._state, observation, self._settings))
+        self._command(self._state.command, stamp_ns)  # first: nobody drives by what follows
         self._publish(stamp_ns, message.header.frame_id)
-        self._camera.check(observation, self._state, self._settings)  # the command is on its way
+        self._camera.check(observation, self._state, self._settings)
 
     def _observed(self, message: PointCloud2, camera: CalibratedCamera) -> Observation:
         """Return the tracks as ``camera`` sees them, none through another than that of the run."""
@@ -176,7 +177,6 @@ class ServoNode(Node):
             diagnostics.diagnosis(state, stamp_ns, name=self.get_fully_qualified_name())
         )
         self._markers_pub.publish(diagnostics.markers(state, stamp_ns, frame_id))
-        self._command(state.command, stamp_ns)
 
     def _command(self, command: Command, stamp_ns: int) -> None:
         """Publish ``command``: its twist on cmd_vel."""
