@@ -227,7 +227,7 @@ def estimate_of(
         lens=lens,
         lens_covariance=spare[: PHI + 1, : PHI + 1],
         fundamental=for_wrong_rays(calibrated.fundamental, lens),
-        attitude=attitude.known_to(attitude.covariance + spare[np.ix_(BOTH, BOTH)]),
+        attitude=attitude.known_to(attitude.covariance + spare[BOTH, BOTH]),
     )
 
 
