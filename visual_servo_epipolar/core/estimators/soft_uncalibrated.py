@@ -180,10 +180,10 @@ class LensConclusion(NamedTuple):
     slope: FloatArray
     covariance: FloatArray
 
-    def take(self, row: int) -> 'LensConclusion':
-        """Return one of many geometries."""
+    def rows(self) -> list['LensConclusion']:
+        """Return many geometries, shape (B,), one by one."""
         calibrated, *lens = self
-        return LensConclusion(calibrated.take(row), *(part[row] for part in lens))
+        return [LensConclusion(*row) for row in zip(calibrated.rows(), *lens, strict=True)]
 
 
 def _estimate(

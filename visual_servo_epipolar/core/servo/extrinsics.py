@@ -17,7 +17,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.values import changed
+from visual_servo_epipolar.core.servo.values import changed
 
 PSI, RHO, YAW, FORWARD, LEFT = range(5)
 IDENTITY = np.eye(5)
@@ -181,8 +181,11 @@ def learnt(
     if abs(innovation) > GATE:
         anew = placed(before, bearings, deviation)
         return changed(anew, contradictions=before.contradictions + FAULT)
-    after = changed(after, contradictions=max(before.contradictions - 1, 0))
-    return changed(after, believed=after.believed or is_significant(after, missed))
+    return changed(
+        after,
+        contradictions=max(before.contradictions - 1, 0),
+        believed=after.believed or is_significant(after, missed),
+    )
 
 
 def is_significant(belief: Extrinsics, missed: bool) -> bool:

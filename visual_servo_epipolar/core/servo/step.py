@@ -29,7 +29,7 @@ from visual_servo_epipolar.core.servo.phases.table import DRIVING, Event
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.update import interval, updated
-from visual_servo_epipolar.core.values import changed
+from visual_servo_epipolar.core.servo.values import changed
 
 USUAL_STEP_S = 0.1  # of acceleration, where no image came before
 
