@@ -105,7 +105,7 @@ class PointWorld(View):
         if self._disturbances is not None:
             visible &= ~self._disturbances.hides(pixels, frame)
         ids = np.flatnonzero(visible)[: self.settings.max_features]
-        return Features(
+        return Features.owning(
             ids=ids,
             current=pixels[ids] + self._noise(frame)[: len(ids)],
             desired=self._desired[ids],

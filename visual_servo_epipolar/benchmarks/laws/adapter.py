@@ -25,7 +25,7 @@ STILL_M_S, STILL_RAD_S, STILL_FRAMES = 1e-3, 1e-3, 55  # at which it stands, for
 NEAR_PX = 2.0  # feature error at which a peer that stands has arrived too
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class PeerState(ServoState):
     """The servo's state, and whether a peer drives backwards, and for how long it stands."""
 

@@ -105,7 +105,7 @@ def _refine_2dof(views: Views, matches: BoolArray) -> Fit:
 def _estimates_2dof(views: Views, matches: BoolArray, fit: Fit) -> list[Answer]:
     agree = matches & (fit.squared <= INLIER_DEVIATIONS**2)
     stack = two.conclude(views.rays, agree, _posterior(views, fit))
-    return [answer_of(two.estimate_of, stack.take(k)) for k in range(len(agree))]
+    return [answer_of(two.estimate_of, row) for row in stack.rows()]
 
 
 def _plausible_soft(views: Views) -> BoolArray:
@@ -120,8 +120,8 @@ def _refine_soft(views: Views, matches: BoolArray) -> Fit:
 def _estimates_soft(views: Views, matches: BoolArray, fit: Fit) -> list[Answer]:
     agree = matches & (fit.squared <= INLIER_DEVIATIONS**2)
     stack = soft.conclude(views.rays, agree, _posterior(views, fit))
-    rows = enumerate(views.priors)
-    return [answer_of(soft.estimate_of, stack.take(k), prior) for k, prior in rows]
+    rows = zip(stack.rows(), views.priors, strict=True)
+    return [answer_of(soft.estimate_of, row, prior) for row, prior in rows]
 
 
 def _plausible_uncalibrated(views: Views) -> BoolArray:
@@ -138,8 +138,8 @@ def _refine_uncalibrated(views: Views, matches: BoolArray) -> Fit:
 
 def _estimates_uncalibrated(views: Views, matches: BoolArray, fit: Fit) -> list[Answer]:
     stack = uncalibrated.conclude(views.rays, matches, fit, _posterior(views, fit))
-    rows = enumerate(views.priors)
-    return [answer_of(uncalibrated.estimate_of, stack.take(k), prior) for k, prior in rows]
+    rows = zip(stack.rows(), views.priors, strict=True)
+    return [answer_of(uncalibrated.estimate_of, row, prior) for row, prior in rows]
 
 
 PLANAR_2DOF = BatchMethod(

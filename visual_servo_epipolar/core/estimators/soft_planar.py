@@ -56,7 +56,7 @@ from visual_servo_epipolar.core.geometry.cheirality import balances, oriented
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, fundamentals
 
 MIN_MATCHES = 5
-BOTH = [TILT, ROLL]
+BOTH = slice(TILT, ROLL + 1, ROLL - TILT)  # tilt and roll
 
 
 def soft_planar(
@@ -189,7 +189,7 @@ def estimate_of(
         conclusion.inliers,
         min(abs(balance), 1.0),
         conclusion.covariance[: PHI + 1, : PHI + 1],
-        attitude=attitude.known_to(conclusion.covariance[np.ix_(BOTH, BOTH)]),
+        attitude=attitude.known_to(conclusion.covariance[BOTH, BOTH]),
         alternative=alternative,
         jump=math.hypot(tilt_jump, roll_jump),
     )

@@ -180,10 +180,10 @@ class LensConclusion(NamedTuple):
     slope: FloatArray
     covariance: FloatArray
 
-    def take(self, row: int) -> 'LensConclusion':
-        """Return one of many geometries."""
+    def rows(self) -> list['LensConclusion']:
+        """Return many geometries, shape (B,), one by one."""
         calibrated, *lens = self
-        return LensConclusion(calibrated.take(row), *(part[row] for part in lens))
+        return [LensConclusion(*row) for row in zip(calibrated.rows(), *lens, strict=True)]
 
 
 def _estimate(
@@ -227,7 +227,7 @@ def estimate_of(
         lens=lens,
         lens_covariance=spare[: PHI + 1, : PHI + 1],
         fundamental=for_wrong_rays(calibrated.fundamental, lens),
-        attitude=attitude.known_to(attitude.covariance + spare[np.ix_(BOTH, BOTH)]),
+        attitude=attitude.known_to(attitude.covariance + spare[BOTH, BOTH]),
     )
 
 

@@ -95,6 +95,8 @@ def saturate(twist: Twist, *, max_linear: float, max_angular: float) -> Twist:
     A common factor keeps their ratio, hence the path: the robot is slower on the same curve.
     """
     excess = max(abs(twist.linear) / max_linear, abs(twist.angular) / max_angular, 1.0)
+    if excess == 1.0:
+        return twist
     return Twist(twist.linear / excess, twist.angular / excess)
 
 

@@ -17,14 +17,18 @@ from visual_servo_epipolar.core.geometry.epipolar import rotations_desired_curre
 from visual_servo_epipolar.core.geometry.lens import change, spurious_parallax
 from visual_servo_epipolar.core.geometry.rotation import fit_rotations, RotationFits
 from visual_servo_epipolar.core.perception import measures
-from visual_servo_epipolar.core.perception.memory import fresh_memory, PerceptionMemory
+from visual_servo_epipolar.core.perception.memory import (
+    fresh_memory,
+    PerceptionMemory,
+    updated_memories,
+)
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import blank, Measures, Perception, perception
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.perception.validated import (
+    lesson_of,
     no_baseline,
     prior_of,
-    validated,
     ValidatedEstimate,
 )
 from visual_servo_epipolar.core.perception.validation import (
@@ -168,18 +172,31 @@ def _estimated(stack: _Stack) -> list[ValidatedEstimate]:
         priors=[prior_of(view.memory, view.settings) for view in views],
         seeds=[(view.settings.seed, view.frame) for view in views],
     )
-    geometries = {k: answer for k, answer in enumerate(answers) if isinstance(answer, Estimate)}
-    some = list(geometries)
-    qualities = _fit_qualities(stack.take(some), list(geometries.values()), resolution[some])
-    quality = dict(zip(geometries, qualities, strict=True))
-    parallax = stack.rotations.parallax.tolist()
+    some = [k for k, answer in enumerate(answers) if isinstance(answer, Estimate)]
+    geometries = [answer for answer in answers if isinstance(answer, Estimate)]
+    judged = dict(zip(some, _judged(stack.take(some), geometries, resolution[some]), strict=True))
     return [
-        validated(
-            view.observation, parallax[k], view.memory, view.settings, geometries[k], quality[k]
-        )
-        if k in geometries
-        else ValidatedEstimate(view.memory, str(answers[k]))
+        judged[k] if k in judged else ValidatedEstimate(view.memory, str(answers[k]))
         for k, view in enumerate(views)
+    ]
+
+
+def _judged(
+    stack: _Stack, geometries: Sequence[Estimate], resolution: FloatArray
+) -> list[ValidatedEstimate]:
+    """Return estimates with the verdict of the gates, and the memories after them."""
+    qualities = _fit_qualities(stack, geometries, resolution)
+    lessons = [
+        lesson_of(view.observation, parallax, view.memory, view.settings, geometry, quality)
+        for view, parallax, geometry, quality in zip(
+            stack.views, stack.rotations.parallax.tolist(), geometries, qualities, strict=True
+        )
+    ]
+    return [
+        ValidatedEstimate(memory, lesson.reason, lesson.estimate, quality)
+        for memory, lesson, quality in zip(
+            updated_memories(lessons), lessons, qualities, strict=True
+        )
     ]
 
 

@@ -7,6 +7,7 @@ same: who calibrated knows better than a few views, more often than not.
 """
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 import math
 
 from visual_servo_epipolar.core.estimators.registry import DEFAULT_ESTIMATOR
@@ -49,8 +50,7 @@ def looked_at(
         return before
     memory = before.memory or replace(known, lens=unknown_lens(UNKNOWN))
     memory = replace(memory, bearings=known.bearings, consecutive_rejections=0)
-    unknown = replace(settings, estimator=DEFAULT_ESTIMATOR, focal_deviation=UNKNOWN)
-    memory = perceive(observation, unknown, frame, memory).memory
+    memory = perceive(observation, _uncalibrated(settings), frame, memory).memory
     off, deviation = memory.lens.log_ratio, memory.lens.ratio_deviation
     if abs(off) < max(CONTRADICTION * deviation, LEAST):
         return LensCheck(memory)
@@ -60,3 +60,9 @@ def looked_at(
         f'they say {observation.focal * math.exp(-off):.0f} px; calibrate at the resolution in '
         'use, or set focal_deviation: 0.3',
     )
+
+
+@lru_cache(maxsize=4)
+def _uncalibrated(settings: PerceptionSettings) -> PerceptionSettings:
+    """Return ``settings`` of a camera that nobody calibrated; to check them takes long."""
+    return replace(settings, estimator=DEFAULT_ESTIMATOR, focal_deviation=UNKNOWN)

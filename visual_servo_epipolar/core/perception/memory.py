@@ -1,9 +1,12 @@
 """What perception carries from frame to frame: the camera's attitude, noise, the last bearings."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.estimators.base import Attitude, Estimate
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.lens import CALIBRATED, learnt, Lens, unknown_lens
@@ -12,6 +15,7 @@ from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 KNOWN_DEVIATION = 1.7e-3  # of tilt and roll: the floor moved the desired camera, too [rad]
 ROUNDING = 0.05  # of information, in units of what was known
 INFORMATIVE_PARALLAX = 12.0  # in deviations of the noise: bearings to about three degrees
+IDENTITY = np.eye(2)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,23 +45,53 @@ def fresh_memory(settings: PerceptionSettings) -> PerceptionMemory:
     )
 
 
-def updated_memory(
-    memory: PerceptionMemory, estimate: Estimate, reason: str, *, noise: float, parallax: float
-) -> PerceptionMemory:
+class Lesson(NamedTuple):
     """
-    Return the memory after ``estimate``, which was rejected if there is a ``reason``.
+    What one view may add to a ``memory``: its ``estimate``, rejected if there is a ``reason``.
 
     ``noise`` is the deviation [px] that its residuals show, ``parallax`` in pixels.
     """
-    if reason:
+
+    memory: PerceptionMemory
+    estimate: Estimate
+    reason: str
+    noise: float
+    parallax: float
+
+    @property
+    def informative(self) -> bool:
+        """Whether it says something of the camera."""
+        return not self.reason and self.parallax > INFORMATIVE_PARALLAX * self.noise
+
+
+def updated_memory(
+    memory: PerceptionMemory, estimate: Estimate, reason: str, *, noise: float, parallax: float
+) -> PerceptionMemory:
+    """Return the memory after a ``Lesson``."""
+    return updated_memories([Lesson(memory, estimate, reason, noise, parallax)])[0]
+
+
+def updated_memories(lessons: Sequence[Lesson]) -> list[PerceptionMemory]:
+    """Return the memories after lessons, one of each robot: none depends on the others."""
+    attitudes = {
+        k: (lesson.memory.attitude, lesson.estimate.attitude)
+        for k, lesson in enumerate(lessons)
+        if lesson.informative and lesson.estimate.attitude is not None
+    }
+    learnt_ones = dict(zip(attitudes, learnt_attitudes(list(attitudes.values())), strict=True))
+    return [
+        _after(lesson, learnt_ones.get(k, lesson.memory.attitude))
+        for k, lesson in enumerate(lessons)
+    ]
+
+
+def _after(lesson: Lesson, attitude: Attitude) -> PerceptionMemory:
+    """Return the memory after a ``lesson``, with the ``attitude`` as it is known then."""
+    memory, estimate = lesson.memory, lesson.estimate
+    if lesson.reason:
         return replace(memory, consecutive_rejections=memory.consecutive_rejections + 1)
-    attitude, lens = memory.attitude, memory.lens
-    informative = parallax > INFORMATIVE_PARALLAX * noise
-    if informative:
-        lens = learnt(lens, estimate.lens)
-    if informative and estimate.attitude is not None:
-        attitude = learnt_attitude(attitude, estimate.attitude)
-    return PerceptionMemory(attitude, noise, estimate.bearings, lens=lens)
+    lens = learnt(memory.lens, estimate.lens) if lesson.informative else memory.lens
+    return PerceptionMemory(attitude, lesson.noise, estimate.bearings, lens=lens)
 
 
 def learnt_attitude(before: Attitude, after: Attitude) -> Attitude:
@@ -67,14 +101,38 @@ def learnt_attitude(before: Attitude, after: Attitude) -> Attitude:
     Every pair has the same photograph: what its noise did to one estimate it does to the next as
     well. No number of pairs tells more than twice what one does.
     """
-    root = np.linalg.cholesky(before.covariance)
+    return learnt_attitudes([(before, after)])[0]
+
+
+def learnt_attitudes(pairs: Sequence[tuple[Attitude, Attitude]]) -> list[Attitude]:
+    """Return ``learnt_attitude`` of many robots, of attitudes before and after."""
+    if not pairs:
+        return []
+    moments = np.array([(before.moments, after.moments) for before, after in pairs])
+    covariances, anew = _combined(moments[:, 0], moments[:, 1])
+    return [
+        replace(after, jitter=before.jitter)
+        if is_anew
+        else Attitude(after.tilt, after.roll, jitter=before.jitter).known_to(covariance)
+        for (before, after), covariance, is_anew in zip(
+            pairs, covariances, anew.tolist(), strict=True
+        )
+    ]
+
+
+def _combined(before: FloatArray, after: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """
+    Return covariances after one more pair of views, (B, 2, 2), and where it begins anew, (B,).
+
+    There ``after`` was not estimated from what was known ``before``.
+    """
+    root = np.linalg.cholesky(before)
     # What this pair tells, in units of what was known, along directions that do not mix.
-    told, axes = np.linalg.eigh(root.T @ np.linalg.inv(after.covariance) @ root - np.eye(2))
-    if told.min() < -ROUNDING:  # it was not estimated from what was known before, but anew
-        return replace(after, jitter=before.jitter)
+    told, axes = np.linalg.eigh(root.swapaxes(-2, -1) @ np.linalg.inv(after) @ root - IDENTITY)
     known = np.maximum(np.minimum(1.0 + told, 2.0 * told), 1.0)
     axes = root @ axes
-    covariance = (axes / known) @ axes.T
+    covariance = (axes / known[:, None, :]) @ axes.swapaxes(-2, -1)
     least = KNOWN_DEVIATION * KNOWN_DEVIATION
-    np.fill_diagonal(covariance, np.maximum(covariance.diagonal(), least))
-    return replace(after, jitter=before.jitter).known_to(covariance)
+    for k in range(2):
+        np.maximum(covariance[:, k, k], least, out=covariance[:, k, k])
+    return covariance, told[:, 0] < -ROUNDING

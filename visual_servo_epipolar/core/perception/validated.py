@@ -6,7 +6,11 @@ from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior
 from visual_servo_epipolar.core.estimators.registry import estimate
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.perception.memory import PerceptionMemory, updated_memory
+from visual_servo_epipolar.core.perception.memory import (
+    Lesson,
+    PerceptionMemory,
+    updated_memories,
+)
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.perception.validation import (
@@ -83,15 +87,26 @@ def validated(
     quality: FitQuality,
 ) -> ValidatedEstimate:
     """Return an estimate with the verdict of the gates, and the memory after it."""
-    reason = rejection_reason(geometry, quality, memory, settings)
-    after = updated_memory(
+    lesson = lesson_of(observation, parallax, memory, settings, geometry, quality)
+    return ValidatedEstimate(updated_memories([lesson])[0], lesson.reason, geometry, quality)
+
+
+def lesson_of(
+    observation: Observation,
+    parallax: float,
+    memory: PerceptionMemory,
+    settings: PerceptionSettings,
+    geometry: Estimate,
+    quality: FitQuality,
+) -> Lesson:
+    """Return what an estimate may add to the ``memory``, with the verdict of the gates."""
+    return Lesson(
         memory,
         geometry,
-        reason,
+        rejection_reason(geometry, quality, memory, settings),
         noise=_noise(quality.residual, observation, memory.noise, settings.pixel_noise),
         parallax=parallax * observation.focal,
     )
-    return ValidatedEstimate(after, reason, geometry, quality)
 
 
 def _noise(residual: float, observation: Observation, before: float, first: float) -> float:

@@ -15,6 +15,7 @@ MIN_INLIERS = 8
 MIN_INLIER_SHARE = 0.3
 MAX_JUMP = 12.0  # of tilt and roll between the views, in deviations of the floor's jitter
 TINY = 1e-30
+NEXT, AFTER = np.array([1, 2, 0]), np.array([2, 0, 1])  # of three axes: np.cross is slow
 MAX_REJECTIONS = 3  # estimates in a row that contradict the past before the past is given up
 
 
@@ -72,7 +73,8 @@ def angular_extent(rays: FloatArray, inliers: BoolArray) -> FloatArray:
     scatter = centred.swapaxes(-1, -2) @ centred
     direction = mean / np.sqrt(np.maximum((mean * mean).sum(axis=-1), TINY))[..., None]
     # Across the mean direction: its quadratic form with the adjugate of the scatter.
-    adjugate = np.cross(scatter[..., [1, 2, 0], :], scatter[..., [2, 0, 1], :], axis=-1)
+    first, second = scatter[..., NEXT, :], scatter[..., AFTER, :]
+    adjugate = first[..., NEXT] * second[..., AFTER] - first[..., AFTER] * second[..., NEXT]
     determinant = ((direction[..., None, :] @ adjugate)[..., 0, :] * direction).sum(axis=-1)
     return np.asarray((np.maximum(determinant, 0.0) / (count - 1.0) ** 2) ** 0.25)
 

@@ -6,7 +6,6 @@ singularity); where no turn can help, the run fails with the reason. Gains that 
 a phase may last are a warning.
 """
 
-from dataclasses import replace
 import math
 
 from visual_servo_epipolar.core.control.gains import Circumstances, derive
@@ -20,6 +19,7 @@ from visual_servo_epipolar.core.servo.phases.conditions import (
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.values import changed
 
 NEARLY_ZERO = 2.0  # bearing of an e_du that counts as zero, in landings
 USUAL_RATE = 11.0  # before two images have come [Hz]
@@ -44,7 +44,7 @@ def with_gains_of_now(
     gains = derive(now)
     first = state.phase is Phase.ZEROING_EPIPOLES
     duration = longest_landing(now, gains) if first else longest_matching(now, gains)
-    return replace(state, gains=gains, warning=slow_gains(duration, settings))
+    return changed(state, gains=gains, warning=slow_gains(duration, settings))
 
 
 def slow_gains(duration: float, settings: ServoSettings) -> str:

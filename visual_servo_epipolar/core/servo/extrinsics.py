@@ -9,7 +9,7 @@ a distance that is not known (Aidala, Hammel 1983): psi [rad], the logarithm of 
 yaw [rad], and the lever arm forward and left [m], in axes of the camera.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import math
 
 import numpy as np
@@ -17,8 +17,10 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.values import changed
 
 PSI, RHO, YAW, FORWARD, LEFT = range(5)
+IDENTITY = np.eye(5)
 FIRST_DISTANCE, FIRST_DEVIATION = 3.0, 1.0  # [m], of the logarithm: one to eight metres
 NEAREST = 0.02  # [m]
 YAW_WALK = math.radians(1.0)  # of the yaw, as bases crab and models err [rad], in a metre
@@ -29,14 +31,14 @@ LEAST_DEVIATION = 2e-3  # of a bearing: what tilt and roll are not known to [rad
 # is known: at first, and after an attempt that missed.
 SIGNIFICANT, RANGED = (4.0, 3.5), (0.25, 0.5)
 # Below which little is gained [rad, m, m]; an offset aside alone is never told apart for certain.
-LEAST = np.array([math.radians(2.0), 0.1, math.inf])
+LEAST = (math.radians(2.0), 0.1, math.inf)
 LEAST_STEP = 0.02  # between two updates, travel [m] or turn [rad]
 NEAR, UNCERTAIN = 0.15, math.radians(1.5)  # distance [m], deviation of a bearing [rad]
 GATE = 6.0  # deviations beyond which a bearing begins the path anew
 FAULT, MAX_CONTRADICTIONS = 5, 12  # what one bearing beyond it counts, and what is too much
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)  # without slots: ``values.changed``
 class Extrinsics:
     """
     Mean, shape (5,), and covariance, (5, 5), of the place of the camera and of its mount.
@@ -100,7 +102,7 @@ def placed(before: Extrinsics, bearings: Bearings, deviation: float) -> Extrinsi
     mean[PSI] = bearings.psi  # the distance is the last one, or that of told_extrinsics
     covariance[:2] = covariance[:, :2] = 0.0
     covariance[PSI, PSI], covariance[RHO, RHO] = deviation**2, FIRST_DEVIATION**2
-    return replace(
+    return changed(
         before,
         mean=mean,
         covariance=covariance,
@@ -115,24 +117,27 @@ def moved(before: Extrinsics, heading: float) -> Extrinsics:
     psi, rho, yaw, *lever = before.mean.tolist()
     distance, travel = math.exp(rho), before.travel
     middle = before.heading + 0.5 * math.remainder(heading - before.heading, 2.0 * math.pi)
-    ahead = np.array([-math.sin(middle - yaw), math.cos(middle - yaw)])
-    swing = camera_axes(heading) - camera_axes(before.heading)
+    right, ahead = -travel * math.sin(middle - yaw), travel * math.cos(middle - yaw)
+    swing = camera_swing(before.heading, heading)
+    by_forward, by_left = (swing @ lever).tolist()
     x, y = distance * math.cos(psi), distance * math.sin(psi)
-    new_x, new_y = (travel * ahead + swing @ lever + [x, y]).tolist()
+    new_x, new_y = right + by_forward + x, ahead + by_left + y
     square = max(new_x * new_x + new_y * new_y, NEAREST**2)
-    by_place = np.empty((2, 5))  # derivatives of the new place by the states
-    by_place[:, PSI], by_place[:, RHO] = (-y, x), (x, y)
-    by_place[:, YAW], by_place[:, FORWARD:] = travel * ahead[::-1] * [1.0, -1.0], swing
-    to_polar = np.array([[-new_y, new_x], [new_x, new_y]]) / square
-    transition = np.eye(5)
-    transition[:2] = to_polar @ by_place
+    (right_f, right_l), (ahead_f, ahead_l) = swing.tolist()
+    # derivatives of the new place by the states
+    by_place = np.array([[-y, x, ahead, right_f, right_l], [x, y, -right, ahead_f, ahead_l]])
+    east, north = new_x / square, new_y / square
+    transition = IDENTITY.copy()
+    transition[:2] = np.array([[-north, east], [east, north]]) @ by_place
     mean = before.mean.copy()
     turn = math.remainder(math.atan2(new_y, new_x) - psi, 2.0 * math.pi)
     mean[:2] = psi + turn, 0.5 * math.log(square)
     covariance = transition @ before.covariance @ transition.T
-    covariance[:2, :2] += np.eye(2) * (SLIP * travel) ** 2 / square
+    slipped = (SLIP * travel) ** 2 / square
+    covariance[PSI, PSI] += slipped
+    covariance[RHO, RHO] += slipped
     covariance[YAW, YAW] += YAW_WALK * YAW_WALK * abs(travel)
-    return replace(before, mean=mean, covariance=covariance, heading=heading, travel=0.0)
+    return changed(before, mean=mean, covariance=covariance, heading=heading, travel=0.0)
 
 
 def seen(before: Extrinsics, psi: float, deviation: float) -> tuple[Extrinsics, float]:
@@ -141,10 +146,10 @@ def seen(before: Extrinsics, psi: float, deviation: float) -> tuple[Extrinsics, 
     column = before.covariance[:, PSI]
     variance = float(column[PSI]) + CORRELATION * deviation * deviation
     gain = column / variance
-    after = replace(
+    after = changed(
         before,
         mean=before.mean + gain * innovation,
-        covariance=before.covariance - np.outer(gain, column),
+        covariance=before.covariance - gain[:, None] * column,
     )
     return after, innovation / math.sqrt(variance)
 
@@ -164,7 +169,7 @@ def learnt(
     deviation = max(measurement.deviation, LEAST_DEVIATION) if bearings else math.nan
     if not before.placed:
         return placed(before, bearings, deviation) if bearings else before
-    before = replace(before, travel=before.travel + travel)
+    before = changed(before, travel=before.travel + travel)
     heading = measurement.heading_error
     turn = math.remainder(heading - before.heading, 2.0 * math.pi)
     if not math.isfinite(heading) or max(abs(before.travel), abs(turn)) < LEAST_STEP:
@@ -175,24 +180,35 @@ def learnt(
     after, innovation = seen(after, bearings.psi, deviation)
     if abs(innovation) > GATE:
         anew = placed(before, bearings, deviation)
-        return replace(anew, contradictions=before.contradictions + FAULT)
-    after = replace(after, contradictions=max(before.contradictions - 1, 0))
-    return replace(after, believed=after.believed or is_significant(after, missed))
+        return changed(anew, contradictions=before.contradictions + FAULT)
+    return changed(
+        after,
+        contradictions=max(before.contradictions - 1, 0),
+        believed=after.believed or is_significant(after, missed),
+    )
 
 
 def is_significant(belief: Extrinsics, missed: bool) -> bool:
     """Return whether what was learnt of the mount differs from what was told, and matters."""
-    change = np.abs(belief.mean[YAW:] - belief.told)
-    _, distance, *mount = np.sqrt(belief.covariance.diagonal()).tolist()
-    deviations = np.array(mount)
+    _, distance, *deviations = np.sqrt(belief.covariance.diagonal()).tolist()
     if distance > RANGED[missed]:
         return False
-    return bool(np.any((change > SIGNIFICANT[missed] * deviations) & (change > LEAST)))
+    changes = (belief.mean[YAW:] - belief.told).tolist()
+    return any(
+        abs(change) > SIGNIFICANT[missed] * deviation and abs(change) > least
+        for change, deviation, least in zip(changes, deviations, LEAST, strict=True)
+    )
 
 
-def camera_axes(heading: float) -> FloatArray:
-    """Return the camera's directions ahead and to the left as columns, in axes of the goal's."""
-    sine, cosine = math.sin(heading), math.cos(heading)
+def camera_swing(before: float, heading: float) -> FloatArray:
+    """
+    Return by how much a turn from ``before`` to ``heading`` [rad] moves the camera, a metre each.
+
+    Columns are a camera ahead of the axle and one to the left of it, rows are right and ahead, in
+    axes of the goal's camera.
+    """
+    sine = math.sin(heading) - math.sin(before)
+    cosine = math.cos(heading) - math.cos(before)
     return np.array([[-sine, -cosine], [cosine, -sine]])
 
 
@@ -200,7 +216,7 @@ def at_axle(bearings: Bearings, mount: FloatArray, distance: float) -> Bearings:
     """Return the bearings of the axle in axes of the base, from those of its camera."""
     yaw, lever = float(mount[0]), mount[1:]
     heading = bearings.heading_error
-    swing_x, swing_y = ((camera_axes(heading) - camera_axes(0.0)) @ lever).tolist()
+    swing_x, swing_y = (camera_swing(0.0, heading) @ lever).tolist()
     x = distance * math.cos(bearings.psi) - swing_x
     y = distance * math.sin(bearings.psi) - swing_y
     psi, theta = math.atan2(y, x) + yaw, bearings.psi - bearings.phi

@@ -1,6 +1,6 @@
 """Identification: the curvature that the base adds, and the slope of D, learnt while driving."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import math
 
 from visual_servo_epipolar.core.geometry.motion import Twist
@@ -46,7 +46,7 @@ class Curvature:
         """
         change = max(abs(twist.angular - self.last_angular), CHANGE_DECAY * self.change)
         if previous is None or not _both_have_bearings(previous, measurement) or dt == 0.0:
-            return replace(self, change=change, last_angular=twist.angular)
+            return Curvature(self.value, self.variance, change, twist.angular)
         travel = twist.linear * dt
         turn = math.remainder(measurement.heading_error - previous.heading_error, 2.0 * math.pi)
         innovation = turn - twist.angular * dt - self.value * travel

@@ -1,6 +1,5 @@
 """Interruptions of the servo from outside: orders, and tracks that do not come."""
 
-from dataclasses import replace
 from enum import Enum
 from typing import TypeVar
 
@@ -8,6 +7,7 @@ from visual_servo_epipolar.core.control.command import HALT
 from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
 from visual_servo_epipolar.core.servo.phases.table import DRIVING, Event, next_phase, Phase
 from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.values import changed
 
 Camera = TypeVar('Camera', bound=CameraModel)
 
@@ -34,17 +34,17 @@ def interrupted(state: ServoState, kind: Interruption, reason: str = '') -> Serv
         return ServoState()
     if kind is Interruption.LOST:
         return lost(state, reason)
-    return replace(state, command=HALT)
+    return changed(state, command=HALT)
 
 
 def lost(state: ServoState, reason: str) -> ServoState:
     """Return the state after tracks stopped coming: holding where it drove, at a standstill."""
     phase = next_phase(state.phase, Event.LOST)
     if phase is state.phase:
-        return replace(state, command=HALT)
+        return changed(state, command=HALT)
     # It holds since the last tracks: a phase that had lasted long would count as waiting.
     start_ns = state.phase_start_ns if state.measurement is None else state.measurement.stamp_ns
-    return replace(
+    return changed(
         state, phase=phase, phase_start_ns=start_ns, command=HALT, settled=0, reason=reason
     )
 

@@ -10,7 +10,7 @@ where the leg began, psi at its end; hence, with r the displacement and p the un
 Unlike d_hat of eq. (13) this needs no upper bound to begin with.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import math
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
@@ -44,9 +44,7 @@ class Leg:
     def extended(self, bearings: Bearings, travel: float) -> 'Leg':
         """Return the leg after ``travel`` [m] along the heading theta = psi - phi."""
         theta = bearings.psi - bearings.phi
-        return replace(
-            self, x=self.x + travel * math.cos(theta), y=self.y + travel * math.sin(theta)
-        )
+        return Leg(self.psi, self.x + travel * math.cos(theta), self.y + travel * math.sin(theta))
 
     def distance(self, psi: float, *, min_turn: float = MIN_TURN) -> float | None:
         """

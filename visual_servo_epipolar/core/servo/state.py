@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.servo.phases.table import ENDED, Phase
 from visual_servo_epipolar.core.servo.ranging import Leg
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)  # without slots: ``values.changed``
 class ServoState:
     """
     State of the servo; a new run starts from ``ServoState()``.

@@ -29,6 +29,7 @@ from visual_servo_epipolar.core.servo.phases.table import DRIVING, Event
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.update import interval, updated
+from visual_servo_epipolar.core.servo.values import changed
 
 USUAL_STEP_S = 0.1  # of acceleration, where no image came before
 
@@ -51,7 +52,7 @@ def advance(state: ServoState, perception: Perception, settings: ServoSettings) 
     nominal = curvature_compensated(nominal_twist(state, settings), state, settings)
     limited = _limited(nominal, last_twist, dt or USUAL_STEP_S, state, settings)
     twist, residual = _beyond_dead_band(limited, state, settings)
-    return replace(
+    return changed(
         state, command=Command(twist), dead_band_residual=residual, frame=state.frame + 1
     )
 
@@ -59,9 +60,9 @@ def advance(state: ServoState, perception: Perception, settings: ServoSettings) 
 def _out_of_order(state: ServoState, measurement: Measurement) -> tuple[ServoState, Event]:
     """Return state and event of an image whose stamp does not advance: hold if driving."""
     if state.phase not in DRIVING:
-        return replace(state, phase_start_ns=measurement.stamp_ns), Event.NOTHING
+        return changed(state, phase_start_ns=measurement.stamp_ns), Event.NOTHING
     measurement = replace(measurement, reason='the stamps do not advance; is /clock published?')
-    state = replace(state, measurement=measurement, phase_start_ns=measurement.stamp_ns)
+    state = changed(state, measurement=measurement, phase_start_ns=measurement.stamp_ns)
     return state, Event.LOST
 
 

@@ -18,6 +18,7 @@ from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.ranging import Leg, MIN_TURN, UNKNOWN_RANGE
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.values import changed
 from visual_servo_epipolar.core.stamps import seconds_between
 
 MAX_STEP_S = 1.0  # a longer gap between two images is not integrated over
@@ -52,9 +53,9 @@ def updated(
     measurement = _of_the_axle(measurement, extrinsics)
     if extrinsics.believed and not (state.extrinsics and state.extrinsics.believed):
         # What was ranged so far was driven by another mount.
-        state = replace(state, leg=None, range=extrinsics.distance)
+        state = changed(state, leg=None, range=extrinsics.distance)
     leg = _leg(state, dt)
-    state = replace(
+    state = changed(
         state,
         distance=_distance(state, dt, settings),
         leg=leg,
@@ -111,11 +112,11 @@ def _with_settled(
 ) -> ServoState:
     """Return the state with its count of settled frames and the mean of their parallax."""
     if not is_settled(state, settings):
-        return replace(state, settled=0) if state.settled else state
+        return changed(state, settled=0) if state.settled else state
     settled = state.settled + 1
     mean = state.settled_parallax if state.settled else 0.0
     square = mean**2 + (measurement.parallax**2 - mean**2) / settled
-    return replace(state, settled=settled, settled_parallax=math.sqrt(max(square, 0.0)))
+    return changed(state, settled=settled, settled_parallax=math.sqrt(max(square, 0.0)))
 
 
 def lateral_offset(state: ServoState, measurement: Measurement) -> float:

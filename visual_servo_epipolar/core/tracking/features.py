@@ -44,5 +44,26 @@ class Features:
                 )
             object.__setattr__(self, name, frozen(column))
 
+    @classmethod
+    def owning(
+        cls,
+        ids: IntArray,
+        current: FloatArray,
+        desired: FloatArray,
+        ages: IntArray,
+        errors: FloatArray,
+    ) -> 'Features':
+        """
+        Return features of columns that fit and that nobody else holds: neither copied nor checked.
+
+        For simulations, where checks and copies would take longer than to make the features.
+        """
+        features = object.__new__(cls)
+        columns = (ids, current, desired, ages, errors)
+        for name, column in zip(cls.__slots__, columns, strict=True):
+            column.setflags(write=False)
+            object.__setattr__(features, name, column)
+        return features
+
     def __len__(self) -> int:
         return len(self.ids)

@@ -127,10 +127,11 @@ class Pioneer:
         steps, start_ns = math.ceil(duration / SUBSTEP_S), self.now_ns
         dt, noise = duration / steps, self.settings.odometry_noise
         x, y, theta = self.pose.x, self.pose.y, self.pose.theta
-        twist, aim = self._true(*self._wheels), self._limited(self.wanted)
+        twist, aim, due_ns = self._true(*self._wheels), self._limited(self.wanted), self._due_ns
         for number in range(1, steps + 1):
-            if self._receive():
-                aim = self._limited(self.wanted)
+            if self.now_ns >= due_ns:
+                self._receive()
+                aim, due_ns = self._limited(self.wanted), self._due_ns
             wheels = self._accelerated(*aim, dt)
             if wheels is not self._wheels:
                 twist, self._wheels = self._true(*wheels), wheels
@@ -140,14 +141,21 @@ class Pioneer:
             self.now_ns = start_ns + (now_ns - start_ns) * number // steps
         self.pose, self.twist = Pose(x, y, theta), Twist(*twist)
 
-    def _receive(self) -> bool:
-        """Take what reaches the motors now, and return whether that changed their aim."""
-        before = self.wanted
+    @property
+    def _due_ns(self) -> float:
+        """When the next command reaches the motors, or the last one is too old."""
+        due_ns = self._pending[0][0] if self._pending else math.inf
+        timeout = self.settings.command_timeout
+        if timeout == 0.0 or self._command_ns is None:
+            return due_ns
+        return min(due_ns, self._command_ns + math.floor(timeout * NANOSECONDS) + 1)
+
+    def _receive(self) -> None:
+        """Take what reaches the motors now."""
         while self._pending and self._pending[0][0] <= self.now_ns:
             self.wanted = self._pending.popleft()[1]
-        if self._command_ns is not None and self.timed_out:
+        if self.timed_out:
             self.halt()
-        return self.wanted is not before
 
     def _limited(self, twist: Twist) -> tuple[float, float]:
         limits = self.settings

@@ -1,6 +1,6 @@
 """What is concluded from refined parameters: inliers, the vote on the sign, F."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.estimators.machinery.gaussian import undetermined
@@ -22,9 +22,9 @@ class Conclusion(NamedTuple):
     balance: FloatArray
     fundamental: FloatArray
 
-    def take(self, row: Any) -> 'Conclusion':
-        """Return one of many geometries."""
-        return Conclusion(*(part[row] for part in self))
+    def rows(self) -> list['Conclusion']:
+        """Return many geometries, shape (B,), one by one."""
+        return [Conclusion(*row) for row in zip(*self, strict=True)]
 
     def require_determined(self) -> None:
         """Raise DegenerateGeometryError where one geometry is not determined."""

@@ -6,7 +6,6 @@ before limits, ramps and the dead band; twists are in m/s and rad/s.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 import math
 
 from visual_servo_epipolar.core.control import laws
@@ -36,7 +35,7 @@ def curvature_compensated(twist: Twist, state: ServoState, settings: ServoSettin
     """Return ``twist`` less the turn c u_1 that the identified curvature c would add to it."""
     if not settings.options.curvature_feedforward:
         return twist
-    return replace(twist, angular=twist.angular - state.curvature.value * twist.linear)
+    return Twist(twist.linear, twist.angular - state.curvature.value * twist.linear)
 
 
 def _stand(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Twist:
@@ -54,7 +53,7 @@ def _retreat(state: ServoState, measurement: Measurement, settings: ServoSetting
     angle = min(max(-measurement.heading_error, -right), left)
     turn = laws.turn_to_heading(-angle, gain=settings.turn_gain)
     turning = abs(angle) > settings.retreat_heading
-    return replace(turn, linear=0.0 if turning else -settings.retreat_speed)
+    return Twist(0.0 if turning else -settings.retreat_speed, turn.angular)
 
 
 def _displace(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Twist:

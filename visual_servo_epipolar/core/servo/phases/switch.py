@@ -1,6 +1,5 @@
 """Switch of the phase: the target, gains and counters of the new one, the reason to leave."""
 
-from dataclasses import replace
 import math
 
 from visual_servo_epipolar.core.perception.measurement import Measurement
@@ -10,6 +9,7 @@ from visual_servo_epipolar.core.servo.phases.table import Event, next_phase, Pha
 from visual_servo_epipolar.core.servo.ranging import Leg
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.values import changed
 from visual_servo_epipolar.core.stamps import seconds_between
 
 
@@ -20,7 +20,7 @@ def switched(
     phase = next_phase(state.phase, event)
     if phase is state.phase:
         return _waiting(state, measurement, settings)
-    state = replace(
+    state = changed(
         state,
         phase=phase,
         phase_start_ns=measurement.stamp_ns,
@@ -37,14 +37,14 @@ def switched(
     if phase in (Phase.DISPLACING, Phase.ZEROING_EPIPOLES) and measurement.bearings is not None:
         side = math.copysign(1.0, measurement.bearings.chi)
         leg = Leg(measurement.bearings.psi)
-        state = replace(state, side=side, latched=False, leg=leg)
+        state = changed(state, side=side, latched=False, leg=leg)
     if phase is Phase.RETREATING:
-        state = replace(state, leg=None)
+        state = changed(state, leg=None)
     try:
         return _prepared(state, measurement, settings)
     except ValueError as error:
         state = switched(state, measurement, Event.NO_GAIN, settings)
-        return replace(state, reason=str(error))
+        return changed(state, reason=str(error))
 
 
 def _waiting(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
@@ -52,7 +52,7 @@ def _waiting(state: ServoState, measurement: Measurement, settings: ServoSetting
     few = measurement.features < settings.min_features
     if state.phase is not Phase.WAITING or not few:
         return state
-    return replace(state, reason=too_few_features(measurement.features, settings))
+    return changed(state, reason=too_few_features(measurement.features, settings))
 
 
 def too_few_features(features: int, settings: ServoSettings) -> str:
@@ -68,9 +68,9 @@ def too_few_features(features: int, settings: ServoSettings) -> str:
 def _prepared(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
     """Return ``state`` with the target or the gains of its phase; ValueError if none is legal."""
     if state.phase is Phase.DISPLACING and settings.derives:
-        return replace(state, target=legal_target(state, measurement, settings))
+        return changed(state, target=legal_target(state, measurement, settings))
     if state.phase is Phase.DISPLACING:
-        return replace(state, target=_target(measurement, settings))
+        return changed(state, target=_target(measurement, settings))
     if settings.derives and state.phase in (Phase.ZEROING_EPIPOLES, Phase.MATCHING_FEATURES):
         return with_gains_of_now(state, measurement, settings)
     return state
