@@ -146,14 +146,14 @@ def _polygons(scene: Scene, view: View) -> tuple[IntArray, list[Polygon], BoolAr
     planes = np.array(frustum)
     corners = view.to_camera(scene.corners)
     inside = corners @ planes[:, :3].T + planes[:, 3] >= 0.0
-    whole = inside.all(axis=(1, 2)).tolist()
+    within = inside.all(axis=1).tolist()
     candidates = np.nonzero(scene.facing(view.centre) & inside.any(axis=1).all(axis=1))[0]
     rank = np.argsort(scene.back_to_front(view.centre))[scene.bodies]
     shown, polygons, breadths = [], [], []
-    for k in sorted(candidates.tolist(), key=rank.tolist().__getitem__):
+    for k in candidates[np.argsort(rank[candidates], kind='stable')].tolist():
         polygon: Polygon = list(map(tuple, corners[k].tolist()))
-        for plane in () if whole[k] else frustum:
-            polygon = clipping.clipped(polygon, plane) if polygon else polygon
+        for plane, uncut in zip(frustum, within[k], strict=True):
+            polygon = polygon if uncut or not polygon else clipping.clipped(polygon, plane)
         breadth = clipping.breadth(view.outline(polygon)) if polygon else 0.0
         if breadth >= THINNEST:
             shown.append(k)
