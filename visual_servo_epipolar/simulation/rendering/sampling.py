@@ -12,7 +12,7 @@ from visual_servo_epipolar.simulation.rendering.raster import Box, MAX_SUBDIVISI
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 
 FLAGS = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-WASTE = 8000  # samples that cost as much as one more call of OpenCV
+WASTE = 8000  # samples beside a strip that cost no more than to look closer
 
 
 class Area(NamedTuple):
@@ -30,13 +30,14 @@ def shade(scene: Scene, view: View, raster: Raster) -> Image:
         return image
     areas = list(_areas(raster))
     pictures, texels = _sources(scene, raster, areas)
-    scratch: Image = np.empty((2, MAX_SUBDIVISION * image.size), np.uint8)
+    means: Image = np.empty(image.size, np.uint8)
+    samples: Image = np.empty(MAX_SUBDIVISION * image.size, np.uint8)
     for (number, (left, top, right, bottom), mask), matrix in zip(areas, texels, strict=True):
         target, strip = image[top:bottom, left:right], raster.strips[number - 1]
         whole = strip.columns == strip.rows == 1
-        mean = target if mask is None else scratch[0, : target.size].reshape(target.shape)
+        mean = target if mask is None else means[: target.size].reshape(target.shape)
         size = (right - left) * strip.columns, (bottom - top) * strip.rows
-        parts = mean if whole else scratch[1, : size[0] * size[1]].reshape(size[::-1])
+        parts = mean if whole else samples[: size[0] * size[1]].reshape(size[::-1])
         cv2.warpPerspective(pictures[number - 1], matrix, size, parts, FLAGS, cv2.BORDER_REPLICATE)
         if not whole:
             _average(parts, mean)
