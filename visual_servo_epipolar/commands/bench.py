@@ -26,6 +26,7 @@ BENCHMARKS: Mapping[str, str] = {
     'latency': 'visual_servo_epipolar.benchmarks.latency.benchmark',
     'recording': 'visual_servo_epipolar.benchmarks.recording.benchmark',
     'calibration': 'visual_servo_epipolar.benchmarks.calibration',
+    'render': 'visual_servo_epipolar.benchmarks.rendering.benchmark',
     'ablation': 'visual_servo_epipolar.benchmarks.ablation',
     'mounts': 'visual_servo_epipolar.benchmarks.mounts.benchmark',
     'mounts_images': 'visual_servo_epipolar.benchmarks.mounts.images',

@@ -56,3 +56,12 @@ def test_blur_spreads_a_point() -> None:
 def test_wrong_size_or_frame_is_refused(image: np.ndarray, frame: int) -> None:
     with pytest.raises(ValueError, match='image and frame index must be'):
         sensor().capture(image, frame)
+
+
+def test_noise_is_added_with_its_sign_and_cut_off_at_black_and_white() -> None:
+    camera, grey = sensor(noise=20.0), np.arange(256, dtype=np.uint8)
+    added = camera.capture(GREY, 5).astype(int) - 128
+    bands = np.resize(grey, GREY.shape)
+    assert np.abs(added).max() < 128
+    assert min((added < 0).mean(), (added > 0).mean()) > 0.4
+    np.testing.assert_array_equal(camera.capture(bands, 5), np.clip(bands + added, 0, 255))

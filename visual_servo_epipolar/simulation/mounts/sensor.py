@@ -1,11 +1,11 @@
 """Image sensor: noise, a drifting gain, blur."""
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 import math
 
 import cv2
 import numpy as np
-from numpy.typing import NDArray
 
 from visual_servo_epipolar.core.arrays import as_gray, Image
 from visual_servo_epipolar.core.settings import setting, Settings
@@ -13,6 +13,13 @@ from visual_servo_epipolar.core.settings import setting, Settings
 DESIRED_FRAME = -1  # frame index of the desired photograph
 DRIFT_PERIOD = 97.0  # frames in one slow wave of the gain
 SPARE = 64  # how far the noise field may be shifted [px]
+# By whether rows and columns are mirrored.
+MIRRORINGS: Mapping[tuple[int, ...], Callable[[Image], Image]] = {
+    (0, 0): lambda image: image,
+    (0, 1): lambda image: np.asarray(cv2.flip(image, 1), dtype=np.uint8),
+    (1, 0): lambda image: np.asarray(cv2.flip(image, 0), dtype=np.uint8),
+    (1, 1): lambda image: np.asarray(cv2.flip(image, -1), dtype=np.uint8),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,8 +51,10 @@ class Sensor:
         rng = np.random.default_rng(seed)
         self._phase = float(rng.uniform(0.0, 2.0 * math.pi))
         shape = (size[1] + SPARE, size[0] + SPARE)
-        field = settings.noise * rng.standard_normal(shape, dtype=np.float32)
-        self._field = np.rint(np.clip(field, -32000.0, 32000.0)).astype(np.int16)
+        field = np.rint(settings.noise * rng.standard_normal(shape, dtype=np.float32))
+        # Apart, as bytes: OpenCV adds and subtracts those ten times as fast as signed numbers.
+        self._brighter: Image = np.clip(field, 0.0, 255.0).astype(np.uint8)
+        self._darker: Image = np.clip(-field, 0.0, 255.0).astype(np.uint8)
 
     def capture(self, image: Image, frame_index: int) -> Image:
         """Return ``image``, shape (H, W), as frame ``frame_index`` of the sensor: -1, 0, 1, ..."""
@@ -62,7 +71,7 @@ class Sensor:
         if self.settings.gain_drift > 0.0:
             image = cv2.convertScaleAbs(image, alpha=self._gain(frame_index, rng))
         if self.settings.noise > 0.0:
-            image = cv2.add(image, self._noise(rng), dtype=cv2.CV_8U)
+            image = self._noisy(image, rng)
         return image if self.settings != PERFECT else image.copy()
 
     def _gain(self, frame_index: int, rng: np.random.Generator) -> float:
@@ -70,12 +79,14 @@ class Sensor:
         wave = math.sin(self._phase + 2.0 * math.pi * frame_index / DRIFT_PERIOD)
         return 1.0 + self.settings.gain_drift * (0.75 * wave + 0.25 * rng.uniform(-1.0, 1.0))
 
-    def _noise(self, rng: np.random.Generator) -> NDArray[np.int16]:
-        """Return a part of the field of noise, shifted and mirrored by chance."""
+    def _noisy(self, image: Image, rng: np.random.Generator) -> Image:
+        """Return ``image`` with a part of the field of noise, shifted and mirrored by chance."""
         (height, width), (down, right) = self._shape, rng.integers(0, SPARE + 1, 2)
-        part = self._field[down : down + height, right : right + width]
-        flip_rows, flip_columns = rng.integers(0, 2, 2) * -2 + 1
-        return np.ascontiguousarray(part[::flip_rows, ::flip_columns])
+        part = np.s_[down : down + height, right : right + width]
+        mirrored = MIRRORINGS[tuple(rng.integers(0, 2, 2).tolist())]
+        noisy: Image = np.asarray(cv2.add(image, mirrored(self._brighter[part])), dtype=np.uint8)
+        cv2.subtract(noisy, mirrored(self._darker[part]), dst=noisy)
+        return noisy
 
 
 PERFECT = SensorSettings(noise=0.0)

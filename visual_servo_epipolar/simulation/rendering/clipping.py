@@ -20,14 +20,15 @@ def clipped(polygon: Polygon, plane: Plane) -> Polygon:
     if min(sides) >= 0.0:
         return polygon
     corners: Polygon = []
-    for k, point in enumerate(polygon):
-        side, side_before = sides[k], sides[k - 1]
+    before, side_before = polygon[-1], sides[-1]
+    for point, side in zip(polygon, sides, strict=True):
         if (side >= 0.0) != (side_before >= 0.0):
             t = side_before / (side_before - side)
-            (x0, y0, z0), (x1, y1, z1) = polygon[k - 1], point
+            (x0, y0, z0), (x1, y1, z1) = before, point
             corners.append((x0 + t * (x1 - x0), y0 + t * (y1 - y0), z0 + t * (z1 - z0)))
         if side >= 0.0:
             corners.append(point)
+        before, side_before = point, side
     return corners
 
 

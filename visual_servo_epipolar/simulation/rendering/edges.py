@@ -31,32 +31,38 @@ def smooth_edges(image: Image, scene: Scene, view: View, raster: Raster) -> Imag
     """
     crossings = _crossings(scene, view, raster.shown)
     pixels, inwards, shares, owners = crossings
-    flat, ids = image.ravel(), raster.ids.ravel()
-    surfaces = np.array([-1, *(strip.surface for strip in raster.strips)])
-    inner, outer = surfaces[ids[pixels + inwards]], surfaces[ids[pixels - inwards]]
-    result = flat.copy()
-    cut = np.nonzero((inner == owners) & (outer != owners))[0]
-    at, step, here = pixels[cut], inwards[cut], surfaces[ids[pixels[cut]]]
-    inside = flat[np.where(here == owners[cut], at, at + step)].astype(np.float64)
-    outside = flat[np.where(here == outer[cut], at, at - step)]
+    flat, result, surface_at = image.ravel(), image.flatten(), _surfaces(raster)
+    beside = surface_at(pixels - inwards)
+    cut = np.flatnonzero((surface_at(pixels + inwards) == owners) & (beside != owners))
+    at, step, owner = pixels[cut], inwards[cut], owners[cut]
+    here = surface_at(at)
+    inside = flat.take(np.where(here == owner, at, at + step)).astype(np.float64)
+    outside = flat.take(np.where(here == beside[cut], at, at - step))
     result[at] = np.rint(outside + shares[cut] * (inside - outside))
-    over = np.nonzero((outer == owners) & (surfaces[ids[pixels]] == owners))[0]
+    over = np.flatnonzero(beside == owners)
+    over = over[surface_at(pixels[over]) == owners[over]]
     at, step = pixels[over] - inwards[over], inwards[over]
-    wrong = surfaces[ids[at - step]] != owners[over]
+    wrong = surface_at(at - step) != owners[over]
     result[at[wrong]] = flat[(at - step)[wrong]]
     if raster.thin.any():
-        at, grey = _slivers(
-            crossings, flat, lambda at: surfaces[ids[at]], raster.shown[raster.thin]
-        )
+        at, grey = _slivers(crossings, flat, surface_at, raster.shown[raster.thin])
         result[at] = grey
     return result.reshape(image.shape)
+
+
+def _surfaces(raster: Raster) -> Callable[[IntArray], IntArray]:
+    """Return what gives the surface seen at pixels, by their index into the flat image."""
+    ids, surfaces = raster.ids.ravel(), np.array([-1, *(strip.surface for strip in raster.strips)])
+    return lambda pixels: surfaces.take(ids.take(pixels))
 
 
 def _slivers(
     crossings: Crossings, flat: Image, surface_at: Callable[[IntArray], IntArray], thin: IntArray
 ) -> tuple[IntArray, FloatArray]:
     """Return the pixels in which both edges of a thin surface lie, and their grey values."""
-    keep = np.nonzero(np.isin(crossings.owners, thin))[0]
+    is_thin = np.zeros(int(crossings.owners.max(initial=0)) + 1, bool)
+    is_thin[thin[thin < len(is_thin)]] = True
+    keep = np.flatnonzero(is_thin.take(crossings.owners))
     pixels, inwards, shares, owners = (values[keep] for values in crossings)
     order = np.lexsort((inwards, pixels, owners))
     one, two = order[:-1], order[1:]
@@ -91,17 +97,19 @@ def _crossings(scene: Scene, view: View, shown: IntArray) -> Crossings:
     last = np.minimum(np.floor(along.max(axis=1)), length - 1.0).astype(np.int64)
     counts = np.maximum(last - first + 1, 0)
     slope = (across[:, 1] - across[:, 0]) / np.where(counts > 0, along[:, 1] - along[:, 0], 1.0)
-    edge = np.repeat(np.arange(len(ends)), counts)
-    position = np.arange(len(edge)) - np.repeat(np.cumsum(counts) - counts - first, counts)
-    crossing = (across[:, 0] - slope * along[:, 0])[edge] + slope[edge] * position
-    breadth = np.where(steep, view.width, view.height)
-    inside = (crossing > REACH) & (crossing < breadth[edge] - 1.0 - REACH)
-    edge, position, crossing = edge[inside], position[inside], crossing[inside]
-    cell = np.rint(crossing).astype(np.int64)
+    starts = np.cumsum(counts) - counts
+    position = np.arange(int(counts.sum())) - np.repeat(starts - first, counts)
+    crossing = np.repeat(slope, counts) * position
+    crossing += np.repeat(across[:, 0] - slope * along[:, 0], counts)
+    farthest = np.where(steep, view.width, view.height) - 1.0 - REACH
+    inside = np.flatnonzero((crossing > REACH) & (crossing < np.repeat(farthest, counts)))
+    edge = np.repeat(np.arange(len(ends)), counts).take(inside)
+    position, crossing = position.take(inside), crossing.take(inside)
+    cell = np.rint(crossing)
     step, stride = np.where(steep, 1, view.width), np.where(steep, view.width, 1)
-    shares = 0.5 - inward[edge] * (crossing - cell)
-    pixels = cell * step[edge] + position * stride[edge]
-    return Crossings(pixels, (inward * step)[edge], shares, owners[edge])
+    shares = 0.5 - inward.take(edge) * (crossing - cell)
+    pixels = cell.astype(np.int64) * step.take(edge) + position * stride.take(edge)
+    return Crossings(pixels, (inward * step).take(edge), shares, owners.take(edge))
 
 
 def _edges(scene: Scene, view: View, shown: IntArray) -> tuple[FloatArray, IntArray]:

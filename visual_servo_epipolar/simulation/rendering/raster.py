@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.simulation.rendering import clipping
 from visual_servo_epipolar.simulation.rendering.clipping import Outline, Plane, Polygon
-from visual_servo_epipolar.simulation.rendering.surfaces import Scene
+from visual_servo_epipolar.simulation.rendering.surfaces import Scene, SHARPEST
 
 NEAR = 0.05  # nothing nearer than this is seen [m]
 THINNEST = 0.02  # narrower slivers are left out [px]
@@ -20,6 +20,7 @@ MARGIN = 4.0  # how far outside of the image polygons are cut off [px]
 SUBPIXEL_BITS = 6
 MAX_SKEW = 1.5  # area blurred by texture copies over area of a pixel, before it is subdivided
 MAX_SUBDIVISION = 8
+WORTHWHILE = 0.75  # a subdivision must reduce the blurred area to so much of it
 SPREAD = 0.7  # a part is judged at its corners, drawn in to its middle so much
 
 Ids: TypeAlias = NDArray[np.uint8] | NDArray[np.uint16]
@@ -86,26 +87,57 @@ class Raster:
     maps: FloatArray  # their maps from pixels to (a w, b w, w) of origin + a u + b v, (S, 3, 3)
 
 
+class Parts(NamedTuple):
+    """Parts of surfaces, each sampled in one way: corners [px], shape (C, 2), one by one."""
+
+    owners: IntArray  # index into the surfaces shown, shape (P,)
+    sides: list[int]  # of the image
+    corners: FloatArray
+    starts: IntArray  # of each part in the corners, shape (P,)
+    sizes: IntArray  # how many corners it has, shape (P,)
+
+
 def rasterize(scene: Scene, view: View) -> Raster:
     """Paint the numbers of the strips of all surfaces from back to front."""
     shown, polygons, thin = _polygons(scene, view)
     maps = _unprojections(scene, view, shown)
     level = np.abs(scene.normals[shown, 2]) > 0.5
-    parts = [
-        (owner, side, _shortened(view.outline(strip)) if thin[owner] else view.outline(strip))
-        for owner, polygon in enumerate(polygons)
-        for side, strip in clipping.strips(polygon, sections=bool(level[owner]))
-    ]
+    parts = _parts(view, polygons, level.tolist(), thin.tolist())
     keys = _sampling(scene, shown, maps, parts)
     numbers = {key: number for number, key in enumerate(dict.fromkeys(keys), start=1)}
     shape = (view.height, view.width)
     ids: Ids = np.zeros(shape, np.uint8) if len(numbers) < 256 else np.zeros(shape, np.uint16)
-    boxes: dict[Strip, Box] = {}
-    for (_, _, outline), key in zip(parts, keys, strict=True):
-        boxes[key] = _box(outline, view, boxes.get(key))
-        vertices = np.rint(np.array(outline) * (1 << SUBPIXEL_BITS)).astype(np.int32)
-        cv2.fillConvexPoly(ids, vertices, numbers[key], cv2.LINE_8, SUBPIXEL_BITS)
-    return Raster(ids, tuple(numbers), tuple(boxes[key] for key in numbers), shown, thin, maps)
+    vertices = np.rint(parts.corners * (1 << SUBPIXEL_BITS)).astype(np.int32)
+    painted = [numbers[key] for key in keys]
+    for number, start, size in zip(
+        painted, parts.starts.tolist(), parts.sizes.tolist(), strict=True
+    ):
+        outline = vertices[start : start + size]
+        cv2.fillConvexPoly(ids, outline, number, cv2.LINE_8, SUBPIXEL_BITS)
+    boxes = _boxes(view, parts, np.array(painted, np.int64) - 1, len(numbers))
+    return Raster(ids, tuple(numbers), boxes, shown, thin, maps)
+
+
+def _parts(view: View, polygons: list[Polygon], level: list[bool], thin: list[bool]) -> Parts:
+    """Cut the polygons of surfaces, some of them ``level``, some ``thin``, and project them."""
+    owners, sides, sizes = [], [], []
+    corners: Polygon = []
+    shortened: list[slice] = []
+    for owner, polygon in enumerate(polygons):
+        for side, strip in clipping.strips(polygon, sections=level[owner]):
+            if thin[owner]:
+                shortened.append(slice(len(corners), len(corners) + len(strip)))
+            owners.append(owner)
+            sides.append(side)
+            sizes.append(len(strip))
+            corners += strip
+    fx, fy, cx, cy = view.scales
+    x, y, z = np.array(corners).reshape(-1, 3).T
+    pixels = np.stack([fx * x / z + cx, fy * y / z + cy], axis=1)
+    for part in shortened:
+        pixels[part] = _shortened(pixels[part].tolist())
+    counts = np.array(sizes, np.int64)
+    return Parts(np.array(owners, np.int64), sides, pixels, np.cumsum(counts) - counts, counts)
 
 
 def _polygons(scene: Scene, view: View) -> tuple[IntArray, list[Polygon], BoolArray]:
@@ -114,14 +146,14 @@ def _polygons(scene: Scene, view: View) -> tuple[IntArray, list[Polygon], BoolAr
     planes = np.array(frustum)
     corners = view.to_camera(scene.corners)
     inside = corners @ planes[:, :3].T + planes[:, 3] >= 0.0
-    whole = inside.all(axis=(1, 2)).tolist()
+    within = inside.all(axis=1).tolist()
     candidates = np.nonzero(scene.facing(view.centre) & inside.any(axis=1).all(axis=1))[0]
     rank = np.argsort(scene.back_to_front(view.centre))[scene.bodies]
     shown, polygons, breadths = [], [], []
-    for k in sorted(candidates.tolist(), key=rank.tolist().__getitem__):
+    for k in candidates[np.argsort(rank[candidates], kind='stable')].tolist():
         polygon: Polygon = list(map(tuple, corners[k].tolist()))
-        for plane in () if whole[k] else frustum:
-            polygon = clipping.clipped(polygon, plane) if polygon else polygon
+        for plane, uncut in zip(frustum, within[k], strict=True):
+            polygon = polygon if uncut or not polygon else clipping.clipped(polygon, plane)
         breadth = clipping.breadth(view.outline(polygon)) if polygon else 0.0
         if breadth >= THINNEST:
             shown.append(k)
@@ -137,18 +169,13 @@ def _unprojections(scene: Scene, view: View, shown: IntArray) -> FloatArray:
     return np.asarray(np.linalg.inv(frames) @ np.linalg.inv(view.intrinsics))
 
 
-def _sampling(
-    scene: Scene, shown: IntArray, maps: FloatArray, parts: list[tuple[int, int, Outline]]
-) -> list[Strip]:
+def _sampling(scene: Scene, shown: IntArray, maps: FloatArray, parts: Parts) -> list[Strip]:
     """Choose how each part of a surface is sampled: for the mean over its corners."""
-    if not parts:
+    owners, sides, corners, starts, sizes = parts
+    if not len(owners):
         return []
-    owners = np.array([owner for owner, _, _ in parts])
-    sizes = np.array([len(outline) for _, _, outline in parts])
-    starts = np.cumsum(sizes) - sizes
-    corners = np.array([corner for _, _, outline in parts for corner in outline])
     middles = np.add.reduceat(corners, starts) / sizes[:, None]
-    corners += (1.0 - SPREAD) * (np.repeat(middles, sizes, axis=0) - corners)
+    corners = corners + (1.0 - SPREAD) * (np.repeat(middles, sizes, axis=0) - corners)
     slopes = _slopes(scene, shown, maps, np.repeat(owners, sizes), corners)
     area = np.add.reduceat(np.abs(np.linalg.det(slopes)), starts) / sizes
     slopes = np.sqrt(np.add.reduceat(slopes**2, starts) / sizes[:, None, None])
@@ -157,9 +184,9 @@ def _sampling(
     copies = np.rint(2.0 * np.log2(np.maximum(footprint, 1.0))).astype(int)
     return [
         Strip(surface, side, p, q, nx, ny)
-        for surface, (_, side, _), (p, q), nx, ny in zip(
+        for surface, side, (p, q), nx, ny in zip(
             shown[owners].tolist(),
-            parts,
+            sides,
             copies.tolist(),
             columns.tolist(),
             rows.tolist(),
@@ -192,16 +219,27 @@ def _subdivisions(slopes: FloatArray, area: FloatArray) -> tuple[IntArray, IntAr
     Return into how many columns and rows pixels are cut before they are sampled.
 
     Texture copies are blurred along u and v. A pixel that is a skewed sliver on the texture would
-    be blurred far beyond it; its parts are less skewed.
+    be blurred far beyond it; its parts are less skewed. Where copies could not be much sharper,
+    because the texture is magnified, pixels stay whole.
     """
     columns, rows = np.ones(len(slopes), np.int64), np.ones(len(slopes), np.int64)
     for _ in range(MAX_SUBDIVISION.bit_length() - 1):
-        skew = _footprint(slopes, columns, rows).prod(axis=1) * columns * rows / area
-        wider = _footprint(slopes, 2 * columns, rows).prod(axis=1)
-        higher = _footprint(slopes, columns, 2 * rows).prod(axis=1)
-        columns[(skew > MAX_SKEW) & (wider < higher)] *= 2
-        rows[(skew > MAX_SKEW) & (wider >= higher)] *= 2
+        here, wider, higher = (
+            _footprint(slopes, n, m)
+            for n, m in ((columns, rows), (2 * columns, rows), (columns, 2 * rows))
+        )
+        skewed = here.prod(axis=1) * columns * rows > MAX_SKEW * area
+        across = wider.prod(axis=1) < higher.prod(axis=1)
+        sharper = _blurred_area(np.where(across[:, None], wider, higher))
+        useful = skewed & (sharper < WORTHWHILE * _blurred_area(here))
+        columns[useful & across] *= 2
+        rows[useful & ~across] *= 2
     return columns, rows
+
+
+def _blurred_area(footprint: FloatArray) -> FloatArray:
+    """Return the area [texel^2] that the copy for a footprint, shape (K, 2), blurs."""
+    return np.asarray(np.maximum(footprint, SHARPEST).prod(axis=1))
 
 
 def _shortened(outline: Outline) -> Outline:
@@ -214,11 +252,14 @@ def _shortened(outline: Outline) -> Outline:
     ]
 
 
-def _box(outline: Outline, view: View, box: Box | None) -> Box:
-    """Return the pixels an outline may touch, joined with those in ``box``."""
-    u, v = zip(*outline, strict=True)
-    left, top = max(int(min(u)) - 2, 0), max(int(min(v)) - 2, 0)
-    right, bottom = min(int(max(u)) + 3, view.width), min(int(max(v)) + 3, view.height)
-    if box is None:
-        return left, top, right, bottom
-    return min(left, box[0]), min(top, box[1]), max(right, box[2]), max(bottom, box[3])
+def _boxes(view: View, parts: Parts, strips: IntArray, count: int) -> tuple[Box, ...]:
+    """Return for each of ``count`` strips the pixels that its parts may touch."""
+    if not count:
+        return ()
+    size = np.array([view.width, view.height])
+    low = np.maximum(np.minimum.reduceat(parts.corners, parts.starts).astype(np.int64) - 2, 0)
+    high = np.maximum.reduceat(parts.corners, parts.starts).astype(np.int64) + 3
+    boxes = np.concatenate([np.tile(size, (count, 1)), np.zeros((count, 2), np.int64)], axis=1)
+    np.minimum.at(boxes[:, :2], strips, low)
+    np.maximum.at(boxes[:, 2:], strips, np.minimum(high, size))
+    return tuple((left, top, right, bottom) for left, top, right, bottom in boxes.tolist())

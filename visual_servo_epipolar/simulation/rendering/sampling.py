@@ -1,14 +1,26 @@
 """Texture sampling: grey values for the strips of the raster, one by one."""
 
+from collections.abc import Iterator
+from typing import NamedTuple
+
 import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.simulation.rendering.edges import smooth_edges
-from visual_servo_epipolar.simulation.rendering.raster import Raster, Strip, View
+from visual_servo_epipolar.simulation.rendering.raster import Box, MAX_SUBDIVISION, Raster, View
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 
 FLAGS = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+WASTE = 8000  # samples beside a strip that cost no more than to look closer
+
+
+class Area(NamedTuple):
+    """A rectangle of the image with pixels of one strip."""
+
+    number: int  # of the strip, from 1
+    box: Box  # left, top, right, bottom, the last two exclusive
+    mask: Image | None  # where it shows the strip; None if it shows nothing else
 
 
 def shade(scene: Scene, view: View, raster: Raster) -> Image:
@@ -16,52 +28,111 @@ def shade(scene: Scene, view: View, raster: Raster) -> Image:
     image: Image = np.zeros((view.height, view.width), dtype=np.uint8)
     if not raster.strips:
         return image
-    sources = _sources(scene, raster)
-    for number, (strip, box, source) in enumerate(
-        zip(raster.strips, raster.boxes, sources, strict=True), start=1
-    ):
-        left, top, right, bottom = box
-        if left >= right or top >= bottom:
-            continue
-        # Not cv2.compare: it takes the number for an array where the box is a single pixel.
-        mask = np.equal(raster.ids[top:bottom, left:right], number).view(np.uint8)
-        x, y, width, height = cv2.boundingRect(mask)
-        if width > 0:
-            part = _sample(strip, *source, (left + x, top + y, width, height))
-            area = image[top + y : top + y + height, left + x : left + x + width]
-            cv2.copyTo(part, mask[y : y + height, x : x + width], area)
+    areas = list(_areas(raster))
+    pictures, texels = _sources(scene, raster, areas)
+    means: Image = np.empty(image.size, np.uint8)
+    samples: Image = np.empty(MAX_SUBDIVISION * image.size, np.uint8)
+    for (number, (left, top, right, bottom), mask), matrix in zip(areas, texels, strict=True):
+        target, strip = image[top:bottom, left:right], raster.strips[number - 1]
+        whole = strip.columns == strip.rows == 1
+        mean = target if mask is None else means[: target.size].reshape(target.shape)
+        size = (right - left) * strip.columns, (bottom - top) * strip.rows
+        parts = mean if whole else samples[: size[0] * size[1]].reshape(size[::-1])
+        cv2.warpPerspective(pictures[number - 1], matrix, size, parts, FLAGS, cv2.BORDER_REPLICATE)
+        if not whole:
+            _average(parts, mean)
+        if mask is not None:
+            cv2.copyTo(mean, mask, target)
     return smooth_edges(image, scene, view, raster)
 
 
-def _sources(scene: Scene, raster: Raster) -> list[tuple[Image, FloatArray]]:
-    """Return for each strip the picture to sample, and the map from pixels to its texels."""
+def _areas(raster: Raster) -> Iterator[Area]:
+    """Yield areas that hold all pixels of every strip, and few others."""
+    sizes = np.array(
+        [(right - left) * (bottom - top) for left, top, right, bottom in raster.boxes]
+    )
+    masks: Image = np.empty(int(np.maximum(sizes, 0).sum()), np.uint8)
+    for number, (strip, box) in enumerate(zip(raster.strips, raster.boxes, strict=True), start=1):
+        left, top, right, bottom = box
+        if left >= right or top >= bottom:
+            continue
+        shape = bottom - top, right - left
+        mask = masks[: shape[0] * shape[1]].reshape(shape)
+        masks = masks[mask.size :]
+        # Not cv2.compare: it takes the number for an array where the box is a single pixel.
+        np.equal(raster.ids[top:bottom, left:right], number, out=mask.view(bool))
+        for (x0, y0, x1, y1), full in _cover(mask, WASTE // (strip.columns * strip.rows)):
+            area = left + x0, top + y0, left + x1, top + y1
+            yield Area(number, area, None if full else mask[y0:y1, x0:x1])
+
+
+def _cover(mask: Image, waste: int) -> Iterator[tuple[Box, bool]]:
+    """
+    Yield boxes that hold all of a mask, and whether they are full.
+
+    A box with more than ``waste`` pixels beside the mask is halved.
+    """
+    remaining: list[Box] = [(0, 0, mask.shape[1], mask.shape[0])]
+    while remaining:
+        left, top, right, bottom = remaining.pop()
+        part = mask[top:bottom, left:right]
+        count = cv2.countNonZero(part)
+        if count == 0:
+            continue
+        if count < part.size:
+            x, y, width, height = cv2.boundingRect(part)
+            left, top = left + x, top + y
+            right, bottom = left + width, top + height
+        beside = (right - left) * (bottom - top) - count
+        if beside <= waste:
+            yield (left, top, right, bottom), beside == 0
+        elif right - left > bottom - top:
+            middle = (left + right) // 2
+            remaining += [(left, top, middle, bottom), (middle, top, right, bottom)]
+        else:
+            middle = (top + bottom) // 2
+            remaining += [(left, top, right, middle), (left, middle, right, bottom)]
+
+
+def _sources(scene: Scene, raster: Raster, areas: list[Area]) -> tuple[list[Image], FloatArray]:
+    """
+    Return for each strip the picture to sample, and for each area the map to its texels.
+
+    The maps, shape (A, 3, 3), are from parts of pixels, counted from the upper left of the area.
+    """
     place = {surface: k for k, surface in enumerate(raster.shown.tolist())}
-    pictures, texels, maps = [], [], []
+    pictures, scales = [], []
     for strip in raster.strips:
         texture = scene.surfaces[strip.surface].texture
         picture, i, j = texture.filtered(strip.p, strip.q)
         rows, columns = texture.image.shape
-        # Texel t of the original is texel (t + 1/2) / 2^i - 1/2 of a copy halved i times.
-        texels.append([[columns / 2**i, 0.0, -0.5], [0.0, rows / 2**j, -0.5], [0.0, 0.0, 1.0]])
+        scales.append(
+            (columns / 2**i, rows / 2**j, strip.columns, strip.rows, place[strip.surface])
+        )
         pictures.append(picture)
-        maps.append(place[strip.surface])
-    return list(zip(pictures, np.array(texels) @ raster.maps[maps], strict=True))
-
-
-def _sample(
-    strip: Strip, picture: Image, texels: FloatArray, area: tuple[int, int, int, int]
-) -> Image:
-    """Sample a picture in the area (x, y, width, height) of the image."""
-    x, y, width, height = area
-    n, m = strip.columns, strip.rows
+    strips = np.array(scales)[[area.number - 1 for area in areas]]
+    corners = np.array([area.box[:2] for area in areas]).reshape(-1, 2)
+    maps = raster.maps[strips[:, 4].astype(np.int64)]
+    # Texel t of the original is texel (t + 1/2) / 2^i - 1/2 of a copy halved i times.
+    texels = strips[:, :2, None] * maps[:, :2] - 0.5 * maps[:, 2:]
+    maps = np.concatenate([texels, maps[:, 2:]], axis=1)
     # Part k of the n parts of pixel x is centred at x + (k + 1/2) / n - 1/2.
-    pixels = np.array(
-        [[1.0 / n, 0.0, x + 0.5 / n - 0.5], [0.0, 1.0 / m, y + 0.5 / m - 0.5], [0.0, 0.0, 1.0]]
-    )
-    size = (n * width, m * height)
-    part = cv2.warpPerspective(
-        picture, texels @ pixels, size, flags=FLAGS, borderMode=cv2.BORDER_REPLICATE
-    )
-    if n * m > 1:
-        part = cv2.resize(part, (width, height), interpolation=cv2.INTER_AREA)
-    return np.asarray(part, dtype=np.uint8)
+    parts = strips[:, None, 2:4]
+    first = corners[:, None] + 0.5 / parts - 0.5
+    origin = (maps[:, :, :2] * first).sum(axis=2) + maps[:, :, 2]
+    return pictures, np.concatenate([maps[:, :, :2] / parts, origin[:, :, None]], axis=2)
+
+
+def _average(parts: Image, mean: Image) -> None:
+    """Store in ``mean``, (H, W), that of ``parts``, (H m, W n); a half is rounded to even."""
+    height, width = mean.shape
+    rows = len(parts) // height
+    if parts.shape[1] > width:
+        cv2.resize(parts, (width, height), mean, interpolation=cv2.INTER_AREA)
+    elif rows == 2:
+        cv2.addWeighted(parts[::2], 0.5, parts[1::2], 0.5, 0.0, mean)
+    else:
+        total = np.zeros(mean.shape, np.float32)
+        for k in range(rows):
+            cv2.accumulate(parts[k::rows], total)
+        cv2.convertScaleAbs(total, mean, 1.0 / rows)

@@ -23,6 +23,8 @@ LENS_SIGMA = 0.42
 # What a copy is blurred already, drawn or reduced, and by bilinear sampling [texel^2].
 TEXEL_VARIANCE = 0.5
 DOUBLED_VARIANCE = 1.6
+# The sharpest copy, the doubled one, is blurred as if a pixel spanned so many texels.
+SHARPEST = math.sqrt(DOUBLED_VARIANCE) / (2.0 * LENS_SIGMA)
 ROOM = 'room'
 
 
@@ -181,13 +183,15 @@ class Scene:
         count = len(self.body_centres)
         may_cover = np.ones((count, count), dtype=bool)
         may_cover[np.where(towards, behind, before), np.where(towards, before, behind)] = False
-        waits = may_cover & ~may_cover.T
-        distance = np.linalg.norm(self.body_centres - centre, axis=1)
+        waits = np.packbits(may_cover & ~may_cover.T, axis=1, bitorder='little')
+        behind_of = [int.from_bytes(row.tobytes(), 'little') for row in waits]  # a bit a body
+        distance = np.linalg.norm(self.body_centres - centre, axis=1).tolist()
         remaining, order = sorted(range(1, count), key=lambda k: -distance[k]), [0]
         while remaining:
-            free = [k for k in remaining if not waits[k, remaining].any()]
-            order += free or remaining[:1]
-            remaining = [k for k in remaining if k not in order]
+            left = sum(1 << k for k in remaining)
+            free = [k for k in remaining if not behind_of[k] & left] or remaining[:1]
+            order += free
+            remaining = [k for k in remaining if k not in free]
         return order
 
 

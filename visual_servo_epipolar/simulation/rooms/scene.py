@@ -1,6 +1,7 @@
 """Scenes: a furnished room, a room dominated by a single wall, and a plain one."""
 
 from collections.abc import Callable
+from functools import lru_cache
 import math
 
 import numpy as np
@@ -43,7 +44,7 @@ ASIDE = (c.bookcase, c.cupboard, c.crate, c.noticeboard)  # fronts along the sid
 
 def room(seed: int, kind: str = 'room') -> Scene:
     """
-    Build a room; ``seed`` and ``kind`` fix every texel of it.
+    Return a room; ``seed`` and ``kind`` fix every texel of it. The last one asked for is kept.
 
     Parameters
     ----------
@@ -62,6 +63,12 @@ def room(seed: int, kind: str = 'room') -> Scene:
     """
     if kind not in KINDS:
         raise ValueError(f'kind of room must be one of {", ".join(KINDS)}, got {kind!r}')
+    return _built(seed, kind)
+
+
+@lru_cache(maxsize=1)  # a room and its filtered pictures take some 200 MB
+def _built(seed: int, kind: str) -> Scene:
+    """Build a room, which takes one to two seconds."""
     rng = np.random.default_rng((seed, KINDS.index(kind)))
     lamps = [(x, y) for x, y in LAMPS if y < END[kind]]
     builder = Builder(rng, lamps, END[kind])

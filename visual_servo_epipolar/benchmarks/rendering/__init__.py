@@ -1,0 +1,1 @@
+"""Rendering benchmark: what an image of the simulated camera costs."""
