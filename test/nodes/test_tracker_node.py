@@ -252,6 +252,37 @@ def test_why_the_photograph_is_not_found_stands_in_the_diagnostics(rig, photogra
     assert len(reports) == heard  # nothing is said as long as all is well
 
 
+def test_of_images_that_came_meanwhile_only_the_newest_is_tracked(rig, photograph, view) -> None:
+    rig.calibrated().taught(photograph).track(view)
+    rig.clouds.clear()
+    for number in range(1, 7):  # nobody spins: the tracker is busy
+        rig.send(message(view, STAMP_NS + number))
+    rig.bench.until(lambda: bool(rig.clouds), 'tracks')
+    rig.bench.settle()
+    assert [read.stamp_ns(cloud.header) for cloud in rig.clouds] == [STAMP_NS + 6]
+
+
+@pytest.mark.parametrize(('age_s', 'late'), [(0.1, False), (5.0, True), (1e6, False)])
+def test_tracks_that_come_late_are_told_with_their_age(
+    rig, photograph, view, age_s: float, late: bool
+) -> None:
+    reports = rig.bench.listen(DiagnosticArray, '/diagnostics')
+    rig.calibrated().taught(photograph)
+    now_ns = rig.node.get_clock().now().nanoseconds
+    rig.track(view, now_ns - int(age_s * 1e9))
+    rig.bench.settle()
+    assert len(reports) == late  # of a million seconds: another clock made the stamp
+    if late:
+        status = reports[0].status[0]
+        assert status.level == b'\x01'
+        assert status.message.startswith('the tracker falls behind: the newest image was ')
+        values = {item.key: item.value for item in status.values}
+        assert 5.0 <= float(values['image_age_s']) < 60.0
+        assert rig.bench.logged('falls behind')
+        rig.track(view, rig.node.get_clock().now().nanoseconds)
+        rig.bench.until(lambda: reports[-1].status[0].level == b'\x00', 'the end of it')
+
+
 def test_whatever_images_come_the_node_survives(rig, photograph, view) -> None:
     rig.calibrated().taught(photograph)
     rng = np.random.default_rng(0)

@@ -13,6 +13,7 @@ from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 NOTICEABLE_GAIN = 0.02  # change of brightness that is corrected for
 CRITERIA = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 20, 0.01)  # iterations, step [px]
 COARSE_CRITERIA = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 10, 0.03)
+LEAST_WINDOW = 5  # side of the window in the half of an image [px]
 LEAST_HALVED = 120  # sides of an image from which its half shows enough [px]
 
 Points: TypeAlias = NDArray[np.float32]  # pixels for OpenCV's flow, shape (N, 2)
@@ -54,12 +55,14 @@ def flow(
     """
     if not len(points):  # of which OpenCV returns None
         return points, np.zeros(0, bool)
+    # As much of the scene: a larger window reaches over more edges in depth.
+    window = max(LEAST_WINDOW, settings.window // 2 | 1) if halved else settings.window
     pixels, status, _ = cv2.calcOpticalFlowPyrLK(
         source,
         target,
         points,
         None if guess is None else guess.copy(),
-        winSize=(settings.window, settings.window),
+        winSize=(window, window),
         maxLevel=settings.levels - halved,
         criteria=COARSE_CRITERIA if halved else CRITERIA,
         flags=0 if guess is None else cv2.OPTFLOW_USE_INITIAL_FLOW,
