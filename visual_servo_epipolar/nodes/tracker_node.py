@@ -39,6 +39,7 @@ from visual_servo_epipolar.report.images.overlay import draw_overlay
 WARN_PERIOD_S = 5.0
 MAX_CAPTURE_AGE_S = 1.0
 BEHIND_S = 0.5  # age of an image at which its tracks come late
+BEHIND_IMAGES = 3  # so many one after the other are no single match of the whole image
 OTHER_CLOCK_S = 60.0  # age from which on its stamp was made by a clock that is not ours
 RECTIFIED = 'image_rect'  # in the names that image_proc gives
 
@@ -61,6 +62,7 @@ class TrackerNode(Node):
         self._stamp_ns: int | None = None
         self._camera: CameraModel | None = None
         self._unusable = ''  # why the last camera_info cannot be used
+        self._late = 0  # images in a row whose tracks came late
         self._complaint = ''  # what was wrong with the last tracks
         self._latest: Pixels | None = None
         self._latest_ns, self._steady = 0, Clock(clock_type=ClockType.STEADY_TIME)
@@ -143,7 +145,8 @@ class TrackerNode(Node):
         self._stamp_ns = read.stamp_ns(message.header)
         self._publish(tracking.features, message)
         age_s = self._age_s(self._stamp_ns)
-        behind = _behind(age_s)
+        self._late = self._late + 1 if age_s is not None and age_s >= BEHIND_S else 0
+        behind = _behind(age_s or 0.0) if self._late >= BEHIND_IMAGES else ''
         for complaint in filter(None, (tracking.warning, behind)):
             self._warn(complaint)
         self._diagnose(tracking.warning, behind, len(tracking.features), age_s)
@@ -224,10 +227,8 @@ class TrackerNode(Node):
         return response
 
 
-def _behind(age_s: float | None) -> str:
-    """Return that tracks come late, and what to do, or ''."""
-    if age_s is None or age_s < BEHIND_S:
-        return ''
+def _behind(age_s: float) -> str:
+    """Return that tracks come late, and what to do."""
     return (
         f'the tracker falls behind: the newest image was {age_s:.1f} s old when its tracks came; '
         'send smaller images or fewer, or lower max_features'
