@@ -133,4 +133,8 @@ def test_a_tiny_plan_gives_figures_that_json_and_the_table_take() -> None:
     text = tracking.table(document)
     assert progress and all(name in text for name in tracking.CONFIGURATIONS)
     assert 'occluder at once' in text
+    assert [it['size'] for it in document['over_floor']] == [[320, 240]]
+    floor = document['over_floor'][0]
+    assert 0.0 < floor['ratio_low'] <= floor['ratio'] <= floor['ratio_high']
+    assert floor['ratio_high'] <= floor['ratio_worst'] and 'ratio to one pyramid' in text
     assert document['scenes'][0]['configurations']['anchored']['goal_px'] < 0.5

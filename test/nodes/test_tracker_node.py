@@ -49,6 +49,10 @@ def message(image, stamp_ns=STAMP_NS):
     return write.image(image, 'mono8', stamp_ns, 'camera')
 
 
+def now_ns(rig):
+    return int(rig.node.get_clock().now().nanoseconds)
+
+
 @pytest.fixture
 def rig(bench, simulator):
     return Rig(bench, simulator)
@@ -252,6 +256,44 @@ def test_why_the_photograph_is_not_found_stands_in_the_diagnostics(rig, photogra
     rig.track(view, STAMP_NS + 13)
     rig.bench.settle()
     assert len(reports) == heard  # nothing is said as long as all is well
+
+
+def test_of_images_that_came_meanwhile_only_the_newest_is_tracked(rig, photograph, view) -> None:
+    rig.calibrated().taught(photograph).track(view)
+    rig.clouds.clear()
+    for number in range(1, 7):  # nobody spins: the tracker is busy
+        rig.send(message(view, STAMP_NS + number))
+    rig.bench.until(lambda: bool(rig.clouds), 'tracks')
+    rig.bench.settle()
+    assert [read.stamp_ns(cloud.header) for cloud in rig.clouds] == [STAMP_NS + 6]
+
+
+def test_tracks_that_come_late_are_told_with_their_age(rig, photograph, view) -> None:
+    reports = rig.bench.listen(DiagnosticArray, '/diagnostics')
+    rig.calibrated().taught(photograph)
+    for age_s in (5.0, 5.0, -9.0, 5.0, 5.0, 1e6, 5.0, 5.0):  # never three in a row
+        rig.track(view, now_ns(rig) - int(age_s * 1e9))  # 1e6: the stamp of another clock
+    rig.bench.settle()
+    assert reports == []
+    rig.track(view, now_ns(rig) - 5_000_000_000)
+    rig.bench.until(lambda: bool(reports), 'the complaint')
+    status = reports[0].status[0]
+    assert status.level == b'\x01'
+    assert status.message.startswith('the tracker falls behind: the newest image was ')
+    values = {item.key: item.value for item in status.values}
+    assert 5.0 <= float(values['image_age_s']) < 60.0
+    rig.bench.until(lambda: rig.bench.logged('falls behind'), 'the complaint in the log')
+    rig.track(view, now_ns(rig) + 9_000_000_000)
+    rig.bench.until(lambda: reports[-1].status[0].level == b'\x00', 'the end of it')
+
+
+def test_in_simulated_time_no_age_is_told(bench, simulator, photograph, view) -> None:
+    reports = bench.listen(DiagnosticArray, '/diagnostics')
+    rig = Rig(bench, simulator, use_sim_time=True).calibrated().taught(photograph)
+    for _ in range(4):
+        rig.track(view, -5_000_000_000)
+    bench.settle()
+    assert reports == []  # time may wait for the tracks
 
 
 def test_whatever_images_come_the_node_survives(rig, photograph, view) -> None:

@@ -50,6 +50,11 @@ def median_of_sorted(values: FloatArray) -> FloatArray:
     return np.asarray(0.5 * (values[..., (count - 1) // 2] + values[..., count // 2]))
 
 
+def median(values: FloatArray) -> float:
+    """Return the median of at least one of ``values``, shape (N,), none of them nan."""
+    return float(median_of_sorted(np.sort(values)))
+
+
 def as_gray(image: Any, name: str = 'image') -> Image:
     """Return ``image`` as contiguous uint8 of shape (H, W), or raise ValueError naming it."""
     array = np.asarray(image)

@@ -35,13 +35,29 @@ def diagnosis(state: ServoState, stamp_ns: int, *, name: str) -> DiagnosticArray
     )
 
 
-def tracking_diagnosis(reason: str, features: int, stamp_ns: int, *, name: str) -> DiagnosticArray:
-    """Return the ``reason`` why the photograph is not found, '' if it is, as a status."""
+def tracking_diagnosis(
+    reason: str,
+    features: int,
+    stamp_ns: int,
+    *,
+    name: str,
+    age_s: float | None = None,
+    behind: str = '',
+) -> DiagnosticArray:
+    """
+    Return the ``reason`` why the photograph is not found, '' if it is, as a status.
+
+    With the age ``age_s`` [s] of the image whose tracks were published, where it is known, and in
+    which words the tracker falls ``behind``, '' if it does not.
+    """
+    values: dict[str, object] = {'features': features, 'untracked_because': reason}
+    if age_s is not None:
+        values['image_age_s'] = round(age_s, 3)
     return write.diagnostics(
         name,
-        level=DiagnosticStatus.WARN if reason else DiagnosticStatus.OK,
-        summary=reason or 'the photograph is found',
-        values={'features': features, 'untracked_because': reason},
+        level=DiagnosticStatus.WARN if reason or behind else DiagnosticStatus.OK,
+        summary=reason or behind or 'the photograph is found',
+        values=values,
         stamp_ns=stamp_ns,
     )
 

@@ -18,6 +18,7 @@ from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.geometry.cameras.calibrated import FISHEYES
 from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
+from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
@@ -37,6 +38,9 @@ from visual_servo_epipolar.report.images.overlay import draw_overlay
 
 WARN_PERIOD_S = 5.0
 MAX_CAPTURE_AGE_S = 1.0
+BEHIND_S = 0.5  # age of an image at which its tracks come late
+BEHIND_IMAGES = 3  # so many one after the other are no single match of the whole image
+OTHER_CLOCK_S = 60.0  # age from which on its stamp was made by a clock that is not ours
 RECTIFIED = 'image_rect'  # in the names that image_proc gives
 
 
@@ -58,7 +62,8 @@ class TrackerNode(Node):
         self._stamp_ns: int | None = None
         self._camera: CameraModel | None = None
         self._unusable = ''  # why the last camera_info cannot be used
-        self._reason = ''  # why the photograph was not found in the last image
+        self._late = 0  # images in a row whose tracks came late
+        self._complaint = ''  # what was wrong with the last tracks
         self._latest: Pixels | None = None
         self._latest_ns, self._steady = 0, Clock(clock_type=ClockType.STEADY_TIME)
         self._pending_image: Image | None = None
@@ -138,19 +143,38 @@ class TrackerNode(Node):
         tracking = validation.track(self._tracker, message, self._camera or self._unusable)
         self._latest, self._latest_ns = tracking.image, self._steady.now().nanoseconds
         self._stamp_ns = read.stamp_ns(message.header)
-        if tracking.warning:
-            self._warn(tracking.warning)
-        self._diagnose(tracking.warning, len(tracking.features))
         self._publish(tracking.features, message)
+        age_s = self._age_s(self._stamp_ns)
+        self._late = self._late + 1 if age_s is not None and age_s >= BEHIND_S else 0
+        behind = _behind(age_s or 0.0) if self._late >= BEHIND_IMAGES else ''
+        for complaint in filter(None, (tracking.warning, behind)):
+            self._warn(complaint)
+        self._diagnose(tracking.warning, behind, len(tracking.features), age_s)
 
-    def _diagnose(self, reason: str, features: int) -> None:
-        """Publish why the photograph is not found, as long as that lasts, and that it is over."""
-        if reason or self._reason:
-            name = self.get_fully_qualified_name()
-            self._diagnostics_pub.publish(
-                diagnostics.tracking_diagnosis(reason, features, self._stamp_ns or 0, name=name)
+    def _age_s(self, stamp_ns: int) -> float | None:
+        """
+        Return the age of the image whose tracks are published now [s].
+
+        None in simulated time, which may wait for the tracks, and of a stamp by another clock.
+        """
+        if self.get_parameter('use_sim_time').value:
+            return None
+        age_s = seconds_between(stamp_ns, self.get_clock().now().nanoseconds)
+        return age_s if abs(age_s) < OTHER_CLOCK_S else None
+
+    def _diagnose(self, reason: str, behind: str, features: int, age_s: float | None) -> None:
+        """Publish what is wrong with the tracks, as long as that lasts, and that it is over."""
+        if reason or behind or self._complaint:
+            diagnosis = diagnostics.tracking_diagnosis(
+                reason,
+                features,
+                self._stamp_ns or 0,
+                name=self.get_fully_qualified_name(),
+                age_s=age_s,
+                behind=behind,
             )
-        self._reason = reason
+            self._diagnostics_pub.publish(diagnosis)
+        self._complaint = reason or behind
 
     def _publish(self, features: Features, image: Image) -> None:
         stamp_ns, frame_id = read.stamp_ns(image.header), image.header.frame_id
@@ -201,6 +225,14 @@ class TrackerNode(Node):
         response.success, response.message = True, 'the next image is matched anew'
         self.get_logger().info(response.message)
         return response
+
+
+def _behind(age_s: float) -> str:
+    """Return that tracks come late, and what to do."""
+    return (
+        f'the tracker falls behind: the newest image was {age_s:.1f} s old when its tracks came; '
+        'send smaller images or fewer, or lower max_features'
+    )
 
 
 def _photograph(path: str) -> Pixels:

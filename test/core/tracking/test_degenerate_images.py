@@ -11,18 +11,15 @@ from strategies import floats
 
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.tracking import tracker as module
+from visual_servo_epipolar.core.tracking.alignment.sampling import float_image, patch_radius
+from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
+from visual_servo_epipolar.core.tracking.alignment.warps import Warps
 from visual_servo_epipolar.core.tracking.flow import flow, OpenCVError
 from visual_servo_epipolar.core.tracking.matching import desired_view, match
 from visual_servo_epipolar.core.tracking.predicted_features import PredictedFeatures
 from visual_servo_epipolar.core.tracking.reacquisition import reacquire
 from visual_servo_epipolar.core.tracking.robust_geometry import epipolar_geometry
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
-from visual_servo_epipolar.core.tracking.template_alignment import (
-    Anchor,
-    float_image,
-    patch_radius,
-    Warps,
-)
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 
 SIZE = (96, 128)  # rows and columns: small, so that many are tried
@@ -166,7 +163,7 @@ def test_what_opencv_cannot_cope_with_is_a_reason_and_the_next_image_is_tracked(
         raise OpenCVError('(-215:Assertion failed) !model.empty()')
 
     with monkeypatch.context() as patched:
-        patched.setattr(module, 'checked_flow', fails)
+        patched.setattr(module, 'coarse_flow', fails)
         assert len(tracking.track(scene())) == 0
     assert tracking.reason.startswith('the image could not be tracked in: (-215')
     assert len(tracking.track(scene())) == usual

@@ -9,7 +9,7 @@ import numpy as np
 
 from visual_servo_epipolar.benchmarks.tracking.scores import ended, recovered, scores
 from visual_servo_epipolar.benchmarks.tracking.table import table
-from visual_servo_epipolar.benchmarks.tracking.timing import times
+from visual_servo_epipolar.benchmarks.tracking.timing import over_floor, times
 from visual_servo_epipolar.benchmarks.tracking.world import (
     approach,
     FrameErrors,
@@ -136,7 +136,20 @@ def measure(plan: Plan, seed: int, say: Callable[[str], None]) -> dict[str, Any]
         'scenes': scenes,
         'disturbed': disturbed,
         'time': times(kept[0], kept[1:], single=plan.single),
+        'over_floor': [over_floor(images[0], images[1:]) for images in _sizes(plan, seed, kept)],
     }
+
+
+def _sizes(plan: Plan, seed: int, kept: list[Image]) -> list[list[Image]]:
+    """Return photograph and images at the plan's size, ``kept``, and at the usual one."""
+    camera = QUICK.camera
+    if plan.camera.width * plan.camera.height <= camera.width * camera.height:
+        return [kept]
+    world = World(_with_seeds(camera, plan.scenes[0], seed))
+    poses = approach(start_of(seed + plan.scenes[0], plan.frames), plan.frames)
+    frames = range(plan.frames - len(kept) + 1, plan.frames)
+    images = [world.capture(world.renderer.render(poses[k]), k, None) for k in frames]
+    return [kept, [world.photograph(), *images]]
 
 
 def _scene(

@@ -1,6 +1,6 @@
 """The document of the tracking benchmark as text."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from visual_servo_epipolar.benchmarks.tracking.scores import ENOUGH
@@ -23,6 +23,7 @@ def table(document: Mapping[str, Any]) -> str:
     lines += ['', _rough_head()]
     lines += [_rough_row(it) for it in document['disturbed']]
     lines += ['', *(line for it in document['time'] for line in _time_rows(it))]
+    lines += _floor_rows(document['over_floor'])
     return '\n'.join(lines)
 
 
@@ -79,6 +80,21 @@ def _time_rows(it: Mapping[str, Any]) -> list[str]:
         lines.append(
             f'  {word:<32}{_px(of["tracker_ms"], 2):>8} ms, bare {_px(of["bare_ms"], 2):>6} ms, '
             f'ratio {_px(of["ratio"], 2)}, {_px(of["features"], 0)} features'
+        )
+    return lines
+
+
+def _floor_rows(sizes: Sequence[Mapping[str, Any]]) -> list[str]:
+    lines = [
+        'processor time a frame, anchored, one thread; ratio to one pyramid and one bare flow'
+    ]
+    for it in sizes:
+        width, height = it['size']
+        quartiles = f'{_px(it["ratio_low"], 2)} to {_px(it["ratio_high"], 2)}'
+        lines.append(
+            f'  {f"{width}x{height}":<10}{_px(it["tracker_ms"], 2):>8} ms, '
+            f'floor {_px(it["floor_ms"], 2)} ms, ratio {_px(it["ratio"], 2)} (quartiles '
+            f'{quartiles}, worst frame {_px(it["ratio_worst"], 2)}, {_px(it["worst_ms"], 1)} ms)'
         )
     return lines
 

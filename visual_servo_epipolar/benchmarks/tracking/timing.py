@@ -1,7 +1,7 @@
 """Time of the tracker per frame, beside bare pyramidal Lucas-Kanade on the same images."""
 
 from collections.abc import Sequence
-from time import perf_counter
+from time import perf_counter, process_time
 from typing import Any
 
 import cv2
@@ -9,9 +9,21 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.core.tracking.flow import CRITERIA, Points
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 
+FLOOR_FIGURES = (
+    'tracker_ms',
+    'floor_ms',
+    'ratio_low',
+    'ratio',
+    'ratio_high',
+    'ratio_worst',
+    'worst_ms',
+    'features',
+)
+QUARTILES = (25, 50, 75, 100)
 PERIOD = 5  # frames between two anchorings of the run that shows frames with and without
 
 
@@ -68,16 +80,15 @@ def _lucas_kanade(
     if not len(points):
         return float('nan')
     start = perf_counter()
-    cv2.calcOpticalFlowPyrLK(
-        last,
-        image,
-        points,
-        None,
-        winSize=(settings.window, settings.window),
-        maxLevel=settings.levels,
-        criteria=(cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 20, 0.01),
-    )
+    _bare(last, image, points, settings)
     return perf_counter() - start
+
+
+def _bare(last: Image, image: Image, points: Points, settings: TrackerSettings) -> None:
+    window = settings.window, settings.window
+    cv2.calcOpticalFlowPyrLK(
+        last, image, points, None, winSize=window, maxLevel=settings.levels, criteria=CRITERIA
+    )
 
 
 def _ratio(rows: FloatArray) -> dict[str, float | None]:
@@ -91,3 +102,56 @@ def _ratio(rows: FloatArray) -> dict[str, float | None]:
         'ratio': float(tracker / bare),
         'features': float(features),
     }
+
+
+def over_floor(desired: Image, images: Sequence[Image]) -> dict[str, Any]:
+    """
+    Return the anchored tracker's time of a frame over that of one pyramid and one bare flow.
+
+    Processor time on one thread, the two by turns on the same images, shape (H, W), and features;
+    medians [ms], and of the ratio the quartiles and the worst frame. A frame in which the whole
+    image is matched is another matter.
+    """
+    threads, settings = cv2.getNumThreads(), TrackerSettings()
+    cv2.setNumThreads(1)
+    try:
+        rows = _floor_rows(desired, images, settings)
+    finally:
+        cv2.setNumThreads(threads)
+    height, width = desired.shape
+    document: dict[str, Any] = {'size': [width, height], 'frames': len(rows)}
+    if not len(rows):
+        return document | dict.fromkeys(FLOOR_FIGURES)
+    ratio = rows[:, 0] / rows[:, 1]
+    tracker, floor, features = np.median(rows, axis=0)
+    figures = 1e3 * tracker, 1e3 * floor, *np.percentile(ratio, QUARTILES), 1e3 * rows[:, 0].max()
+    return document | dict(zip(FLOOR_FIGURES, map(float, (*figures, features)), strict=True))
+
+
+def _floor_rows(desired: Image, images: Sequence[Image], settings: TrackerSettings) -> FloatArray:
+    """Return seconds of the tracker and of the floor, and features, of each frame, (N, 3)."""
+    tracker = Tracker(settings)
+    tracker.set_desired(desired)
+    rows, features = [], tracker.track(images[0])
+    for k in range(1, len(images)):
+        points, matchings = features.current.astype(np.float32), tracker.matchings
+        floor = _floor(images[k - 1], images[k], points, settings) if k % 2 else 0.0
+        start = process_time()
+        features = tracker.track(images[k])
+        seconds = process_time() - start
+        if not k % 2:
+            floor = _floor(images[k - 1], images[k], points, settings)
+        if len(points) and tracker.matchings == matchings:
+            rows.append((seconds, floor, len(points)))
+    return np.array(rows).reshape(-1, 3)
+
+
+def _floor(last: Image, image: Image, points: Points, settings: TrackerSettings) -> float:
+    """Return the processor time [s] of a pyramid of ``image`` and the flow of ``points``."""
+    if not len(points):
+        return 0.0
+    window = settings.window, settings.window
+    start = process_time()
+    cv2.buildOpticalFlowPyramid(image, window, settings.levels, withDerivatives=False)
+    _bare(last, image, points, settings)
+    return process_time() - start

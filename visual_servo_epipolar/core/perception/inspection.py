@@ -18,8 +18,10 @@ from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.perception.validation import MAX_JUMP
+from visual_servo_epipolar.core.tracking.alignment.sampling import float_image
+from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
+from visual_servo_epipolar.core.tracking.alignment.warps import Warps
 from visual_servo_epipolar.core.tracking.matching import desired_view, DesiredView, match, Matches
-from visual_servo_epipolar.core.tracking.template_alignment import Anchor, float_image, Warps
 
 REFINEMENT = 15  # iterations of the alignment after the match
 MIN_CORRELATION = 0.75

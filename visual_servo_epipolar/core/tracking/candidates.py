@@ -3,12 +3,13 @@
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, IntArray
+from visual_servo_epipolar.core.tracking.alignment.warps import contained, Warps
 from visual_servo_epipolar.core.tracking.bucketing import bucketed, CELLS, cells
 from visual_servo_epipolar.core.tracking.matching import DesiredView
-from visual_servo_epipolar.core.tracking.template_alignment import Warps
 
 INFORMATIVE_HEIGHT = 0.25  # of half the image: nearer to the horizon a feature counts for less
 FULL_SHARE = 4  # with a full set the search of a frame is divided by this
+FULL_PERIOD = 3  # and made once in so many frames
 SPARSE = 2  # features in a cell of the desired image that is hardly covered
 
 
@@ -17,8 +18,9 @@ class Candidates:
 
     def __init__(self, view: DesiredView) -> None:
         self._view = view
+        self._cells = cells(view.keypoints.pixels, self.size)
         self._ids: IntArray = np.empty(0, np.int64)
-        self._next = 0
+        self._next, self._frames = 0, 0
 
     @property
     def size(self) -> tuple[int, int]:
@@ -29,7 +31,7 @@ class Candidates:
     def remember(self, ids: IntArray, limit: int) -> None:
         """Add features ``ids``, shape (M,); of all keep at most ``limit``, older ones first."""
         union: IntArray = np.asarray(np.union1d(self._ids, ids), dtype=np.int64)
-        self._ids = union[self.bucketed(union, np.isin(union, self._ids), limit)]
+        self._ids = union[self.bucketed(union, contained(union, self._ids), limit)]
 
     def bucketed(self, ids: IntArray, preferred: BoolArray, count: int) -> IntArray:
         """
@@ -49,13 +51,16 @@ class Candidates:
         """
         Return the next ``count`` candidates at most that are not ``tracked``, in turn, by id.
 
-        With ``enough`` tracked only candidates in sparse cells of the desired image, and fewer.
+        With ``enough`` tracked only candidates in sparse cells of the desired image, fewer, and
+        not in every frame, for each of which this is called once.
         """
-        missing = self._ids[~np.isin(self._ids, tracked.ids)]
+        self._frames += 1
+        if len(tracked) >= enough and self._frames % FULL_PERIOD:
+            return self._ids[:0]
+        missing = self._ids[~contained(self._ids, tracked.ids)]
         if len(tracked) >= enough:
-            occupied = np.bincount(cells(tracked.desired, self.size), minlength=CELLS)
-            pixels = self._view.keypoints.pixels[missing]
-            missing = missing[occupied[cells(pixels, self.size)] <= SPARSE]
+            occupied = np.bincount(self._cells[tracked.ids], minlength=CELLS)
+            missing = missing[occupied[self._cells[missing]] <= SPARSE]
             count = max(count // FULL_SHARE, 1)
         count = min(count, len(missing))
         if count == 0:

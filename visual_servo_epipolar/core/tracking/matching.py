@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 from visual_servo_epipolar.core.arrays import as_gray, BoolArray, FloatArray, Image, IntArray
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.geometry.significance import log_false_alarms
+from visual_servo_epipolar.core.tracking.alignment.sampling import patch_radius
 from visual_servo_epipolar.core.tracking.robust_geometry import epipolar_geometry, MIN_MATCHES
-from visual_servo_epipolar.core.tracking.template_alignment import patch_radius
 
 RATIO = 0.8  # of the nearest to the second nearest descriptor distance (Lowe 2004)
 CORNER_WINDOW = 15  # side of the window of the corner measure [px]

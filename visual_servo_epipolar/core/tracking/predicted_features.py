@@ -10,10 +10,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
-from visual_servo_epipolar.core.tracking.template_alignment import Warps
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray, median
+from visual_servo_epipolar.core.tracking.alignment.warps import contained, Warps
 
 STALE_FRAMES = 100  # added to the age of a prediction by a frame without a motion to follow
+MAX_UNSEEN = 40  # frames for which a prediction is followed
 MIN_SUPPORT = 6  # tracked features below which no motion is fitted
 ROUNDS = 2  # of reweighting, so that one outlier does not drag the others along
 RIDGE = 1e-6 * np.eye(3)  # features in a row leave one direction open
@@ -35,22 +36,29 @@ class PredictedFeatures:
 
     def corrected(self, tracked: Warps) -> 'PredictedFeatures':
         """Return the predictions with those of ``tracked`` features replaced or added."""
-        untracked = ~np.isin(self.warps.ids, tracked.ids)
+        untracked = ~contained(self.warps.ids, tracked.ids)
         return PredictedFeatures(
             self.warps.take(untracked).joined(tracked),
             np.concatenate([self.unseen[untracked], np.zeros(len(tracked), np.int64)]),
         )
 
-    def propagated(self, motion: 'ImageMotion | None') -> 'PredictedFeatures':
-        """Return the predictions one frame later; without a ``motion`` they become stale."""
+    def propagated(self, motion: 'ImageMotion | None', tracked: IntArray) -> 'PredictedFeatures':
+        """
+        Return the predictions one frame later; without a ``motion`` they become stale.
+
+        Only what is followed moves: not the features ``tracked``, shape (M,), which will be
+        corrected, and not what has been out of sight for too long.
+        """
         if motion is None:
             return replace(self, unseen=self.unseen + STALE_FRAMES)
-        current = motion.applied(self.warps.current)
+        lost = ~contained(self.warps.ids, tracked) & (self.unseen <= MAX_UNSEEN)
+        current = self.warps.current.copy()
+        current[lost] = motion.applied(current[lost])
         return PredictedFeatures(replace(self.warps, current=current), self.unseen + 1)
 
     def select(self, ids: IntArray) -> 'PredictedFeatures':
         """Return the predictions of the features ``ids``, shape (M,)."""
-        rows = np.isin(self.warps.ids, ids)
+        rows = contained(self.warps.ids, ids)
         return PredictedFeatures(self.warps.take(rows), self.unseen[rows])
 
 
@@ -86,8 +94,9 @@ class ImageMotion:
         Positions ``before`` and ``after`` have shape (M, 2); outliers are farther from the map
         than ``limit`` [px] plus OUTLIER_MEDIANS medians.
         """
-        residual = np.linalg.norm(after - _homogeneous(before) @ self.affine, axis=1)
-        return np.asarray(residual > limit + OUTLIER_MEDIANS * float(np.median(residual)))
+        off = after - _homogeneous(before) @ self.affine
+        residual = np.sqrt((off**2).sum(axis=1))
+        return np.asarray(residual > limit + OUTLIER_MEDIANS * median(residual))
 
 
 def fit_motion(before: FloatArray, after: FloatArray) -> ImageMotion | None:
@@ -104,11 +113,13 @@ def fit_motion(before: FloatArray, after: FloatArray) -> ImageMotion | None:
         weighted = rows.T * (weight * weight)
         affine = np.linalg.solve(weighted @ rows + RIDGE, weighted @ after)
         residual = np.sqrt(((after - rows @ affine) ** 2).sum(axis=1))
-        weight = 1.0 / (1.0 + (residual / (2.0 * float(np.median(residual)) + 0.1)) ** 2)
+        weight = 1.0 / (1.0 + (residual / (2.0 * median(residual) + 0.1)) ** 2)
     residuals: FloatArray = (after - rows @ affine) * weight[:, None]
     affine[2] -= centre @ affine[:2]
     return ImageMotion(np.asarray(affine, dtype=np.float64), before, residuals)
 
 
 def _homogeneous(pixels: FloatArray) -> FloatArray:
-    return np.column_stack([pixels, np.ones(len(pixels))])
+    rows = np.ones((len(pixels), 3))
+    rows[:, :2] = pixels
+    return rows

@@ -12,12 +12,10 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.tracking.predicted_features import PredictedFeatures
-from visual_servo_epipolar.core.tracking.template_alignment import (
-    Anchor,
-    FloatImage,
-    Warps,
-)
+from visual_servo_epipolar.core.tracking.alignment.sampling import FloatImage
+from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
+from visual_servo_epipolar.core.tracking.alignment.warps import Warps
+from visual_servo_epipolar.core.tracking.predicted_features import MAX_UNSEEN, PredictedFeatures
 
 NEIGHBOURS = 8
 MIN_NEIGHBOURS = 5
@@ -28,7 +26,6 @@ MIN_PEAK = 0.8  # correlation of a match
 MAX_RIVAL = 0.9  # largest ratio of the second peak to the first
 PEAK_RADIUS = 4  # half side of one peak [px]
 RADIUS_GROWTH = 0.3  # of a predicted feature's search radius [px a frame]
-MAX_UNSEEN = 40  # frames for which a prediction is followed
 
 
 @dataclass(frozen=True, slots=True, eq=False)

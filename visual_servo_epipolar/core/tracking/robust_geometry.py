@@ -7,6 +7,7 @@ from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import cross_matrix
 
 EPIPOLAR_PX = 2.0  # largest distance of an inlier from its epipolar line
+AGREEMENT_PX = 1.0  # less: a fit by least squares bends towards an outlier
 MIN_MATCHES = 8
 CONFIDENCE = 0.999
 ITERATIONS = 5000
@@ -20,6 +21,36 @@ def epipolar_inliers(current: FloatArray, desired: FloatArray) -> BoolArray:
     eight is an inlier.
     """
     return epipolar_geometry(current, desired)[1]
+
+
+def agree_on_one_geometry(current: FloatArray, desired: FloatArray) -> bool:
+    """
+    Return whether least squares find a geometry that all matches fit within AGREEMENT_PX.
+
+    ``current`` and ``desired`` are their pixels, shape (N, 2) each, N at least eight. In most
+    frames they do, and a robust search, which takes several times as long, has nothing to drop.
+    """
+    columns, rows, scale = _normalised(current, desired)
+    products = (rows[:, :, None] * columns[:, None, :]).reshape(-1, 9)
+    moments = products.T @ products
+    if not np.isfinite(moments).all():
+        return False
+    fundamental = np.linalg.eigh(moments)[1][:, 0].reshape(3, 3)
+    across_current, across_desired = columns @ fundamental.T, rows @ fundamental
+    residual = (across_current * rows).sum(axis=1)
+    gradient = (across_current[:, :2] ** 2 + across_desired[:, :2] ** 2).sum(axis=1)
+    return bool((residual**2 <= (scale * AGREEMENT_PX) ** 2 * gradient).all())
+
+
+def _normalised(current: FloatArray, desired: FloatArray) -> tuple[FloatArray, FloatArray, float]:
+    """Return both as rows (x, y, 1) about their means, with the one scale that makes them one."""
+    pixels = np.stack([current, desired])
+    pixels -= pixels.mean(axis=1, keepdims=True)
+    spread = float(np.sqrt((pixels**2).mean()))
+    scale = 1.0 / spread if spread > 0.0 else 1.0
+    rows = np.ones((2, len(current), 3))
+    rows[:, :, :2] = pixels * scale
+    return rows[0], rows[1], scale
 
 
 def epipolar_geometry(

@@ -12,9 +12,12 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import as_gray, Image
 from visual_servo_epipolar.core.errors import TrackingError
+from visual_servo_epipolar.core.tracking.alignment.sampling import float_image, FloatImage
+from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
+from visual_servo_epipolar.core.tracking.alignment.warps import contained, Warps
 from visual_servo_epipolar.core.tracking.candidates import Candidates
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.core.tracking.flow import checked_flow, OpenCVError
+from visual_servo_epipolar.core.tracking.flow import checked_flow, coarse_flow, Frame, OpenCVError
 from visual_servo_epipolar.core.tracking.matching import (
     desired_view,
     DesiredView,
@@ -26,12 +29,6 @@ from visual_servo_epipolar.core.tracking.matching import (
 from visual_servo_epipolar.core.tracking.predicted_features import fit_motion, PredictedFeatures
 from visual_servo_epipolar.core.tracking.reacquisition import reacquire
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
-from visual_servo_epipolar.core.tracking.template_alignment import (
-    Anchor,
-    float_image,
-    FloatImage,
-    Warps,
-)
 from visual_servo_epipolar.core.tracking.tracks import Tracks
 
 FIRST_ITERATIONS = 15  # of the alignment after a match: its scale is only known by SIFT
@@ -54,7 +51,7 @@ class Tracker:
         self.settings = settings
         self._view: DesiredView | None = None
         self._anchor: Anchor | None = None
-        self._previous: Image | None = None
+        self._previous: Frame | None = None
         self._tracked = Tracks.empty()
         self._candidates: Candidates | None = None
         self._predicted = PredictedFeatures.empty()
@@ -106,28 +103,29 @@ class Tracker:
             )
         self._frame += 1
         try:
-            self._tracked = self._tracked_in(image)
+            frame = Frame(image)
+            self._tracked = self._tracked_in(frame)
         except (OpenCVError, np.linalg.LinAlgError) as error:
             self.redetect()
             self.reason = f'the image could not be tracked in: {" ".join(str(error).split())}'
             return Features()
-        self._previous = image
+        self._previous = frame
         self._predicted = self._predicted.corrected(self._tracked.warps)
         return self._features()
 
-    def _tracked_in(self, image: Image) -> Tracks:
-        """Return the tracks in ``image``, by matching all of it where few are left."""
-        tracked = self._carried_on(image)
+    def _tracked_in(self, frame: Frame) -> Tracks:
+        """Return the tracks in ``frame``, by matching all of it where few are left."""
+        tracked = self._carried_on(frame)
         if len(tracked) < self.settings.min_features and self._may_match():
-            return self._replenished(tracked, image)
+            return self._replenished(tracked, frame.image)
         return tracked
 
-    def _carried_on(self, image: Image) -> Tracks:
+    def _carried_on(self, frame: Frame) -> Tracks:
         """Return the tracks of the last frame in this one, without matching the whole image."""
-        tracked = self._followed(image)
+        tracked = self._followed(frame)
         if not self._aligns_now:
             return self._on_common_motion(tracked)
-        pixels = float_image(image)
+        pixels = float_image(frame.image)
         tracked = self._aligned(tracked, pixels, self.settings.anchor_iterations)
         tracked = self._on_common_motion(tracked.without_residual_outliers())
         return self._reacquired(tracked, pixels).without_epipolar_outliers()
@@ -145,23 +143,24 @@ class Tracker:
         period = self.settings.anchor_period
         return period > 0 and self._frame % period == 0
 
-    def _followed(self, image: Image) -> Tracks:
+    def _followed(self, frame: Frame) -> Tracks:
         """Return the tracks of the last frame, followed to this one by optical flow."""
         if self._previous is None or not len(self._tracked):
             return Tracks.empty()
         before = self._tracked.warps.current.astype(np.float32)
-        after, valid = checked_flow(self._previous, image, before, settings=self.settings)
+        follow = coarse_flow if self._aligns_now else checked_flow
+        after, valid = follow(self._previous, frame, before, settings=self.settings)
         warps = replace(self._tracked.warps, current=after.astype(np.float64))
-        valid &= inside_border(warps.current, image.shape, BORDER)
+        valid &= inside_border(warps.current, frame.image.shape, BORDER)
         return replace(self._tracked, warps=warps, ages=self._tracked.ages + 1).take(valid)
 
     def _on_common_motion(self, tracked: Tracks) -> Tracks:
         """Drop outliers of the motion since the last frame; propagate the predictions by it."""
         last, current = self._tracked.warps, tracked.warps.current
         # Both lists are in the order of the last frame; lost features are missing in the second.
-        before = last.current[np.isin(last.ids, tracked.warps.ids)]
+        before = last.current[contained(last.ids, tracked.warps.ids)]
         motion = fit_motion(before, current)
-        self._predicted = self._predicted.propagated(motion)
+        self._predicted = self._predicted.propagated(motion, tracked.warps.ids)
         if motion is None:
             return tracked
         return tracked.take(~motion.outliers(before, current, OUTLIER_PX))
@@ -217,7 +216,7 @@ class Tracker:
     def _untracked(self, matches: Matches, tracked: Tracks) -> Warps:
         """Return the warps of matches that are not ``tracked``, spread over the desired image."""
         assert self._view is not None and self._candidates is not None
-        rows = np.flatnonzero(~np.isin(matches.indices, tracked.warps.ids))
+        rows = np.flatnonzero(~contained(matches.indices, tracked.warps.ids))
         preferred, limit = np.zeros(len(rows), bool), self.settings.candidates
         rows = rows[self._candidates.bucketed(matches.indices[rows], preferred, limit)]
         ids = matches.indices[rows]
@@ -228,7 +227,7 @@ class Tracker:
         """Return at most ``max_features`` of ``tracks``, spread, ``preferred`` ones first."""
         assert self._candidates is not None
         ids, limit = tracks.warps.ids, self.settings.max_features
-        first = np.isin(ids, preferred.warps.ids)
+        first = contained(ids, preferred.warps.ids)
         return tracks.take(self._candidates.bucketed(ids, first, limit))
 
     def _features(self) -> Features:

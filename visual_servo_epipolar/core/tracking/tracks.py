@@ -4,9 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
-from visual_servo_epipolar.core.tracking.robust_geometry import epipolar_inliers
-from visual_servo_epipolar.core.tracking.template_alignment import Warps
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray, median
+from visual_servo_epipolar.core.tracking.alignment.warps import keeps_all, Warps
+from visual_servo_epipolar.core.tracking.robust_geometry import (
+    agree_on_one_geometry,
+    epipolar_inliers,
+)
 
 MIN_FEATURES = 15  # below which a test of outliers says nothing
 RESIDUAL_FACTOR, RESIDUAL_FLOOR = 3.0, 2.0  # limit: times the median, plus grey levels
@@ -35,6 +38,8 @@ class Tracks:
 
     def take(self, rows: IntArray | BoolArray) -> 'Tracks':
         """Return the rows chosen by index, shape (M,), or mask, shape (N,)."""
+        if keeps_all(rows):
+            return self
         return Tracks(self.warps.take(rows), self.ages[rows], self.residuals[rows])
 
     def joined(self, more: 'Tracks') -> 'Tracks':
@@ -53,7 +58,7 @@ class Tracks:
         """
         if len(self) < MIN_FEATURES:
             return self
-        limit = RESIDUAL_FACTOR * float(np.median(self.residuals)) + RESIDUAL_FLOOR
+        limit = RESIDUAL_FACTOR * median(self.residuals) + RESIDUAL_FLOOR
         return self.take(self.residuals <= limit)
 
     def without_epipolar_outliers(self) -> 'Tracks':
@@ -63,6 +68,8 @@ class Tracks:
         Where it has less than half of them as inliers it is no judge, and nothing is dropped.
         """
         if len(self) < MIN_FEATURES:
+            return self
+        if agree_on_one_geometry(self.warps.current, self.warps.desired):
             return self
         inliers = epipolar_inliers(self.warps.current, self.warps.desired)
         return self.take(inliers) if 2 * int(inliers.sum()) >= len(self) else self

@@ -1,0 +1,147 @@
+"""What is left out of a frame's work: it changes nothing, and it is left out."""
+
+import cv2
+import numpy as np
+import pytest
+
+from visual_servo_epipolar.core.tracking.alignment import sampling, template_alignment
+from visual_servo_epipolar.core.tracking.alignment.sampling import float_image
+from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
+from visual_servo_epipolar.core.tracking.alignment.warps import contained, Warps
+from visual_servo_epipolar.core.tracking.candidates import Candidates, FULL_PERIOD
+from visual_servo_epipolar.core.tracking.flow import checked_flow, coarse_flow, Frame
+from visual_servo_epipolar.core.tracking.matching import desired_view
+from visual_servo_epipolar.core.tracking.robust_geometry import agree_on_one_geometry
+from visual_servo_epipolar.core.tracking.settings import TrackerSettings
+
+SHIFT = np.array([1.6, -0.7])  # px
+
+
+def scene(shift: np.ndarray | None = None) -> np.ndarray:
+    """Return smooth blobs of all greys, 320x240, moved by ``shift``."""
+    noise = np.random.default_rng(5).uniform(0.0, 255.0, (240, 320))
+    image = cv2.normalize(cv2.GaussianBlur(noise, (0, 0), 3.0), None, 20.0, 235.0, cv2.NORM_MINMAX)
+    if shift is not None:
+        matrix = np.column_stack([np.eye(2), shift])
+        image = cv2.warpAffine(image, matrix, (320, 240), borderMode=cv2.BORDER_REFLECT)
+    return image.astype(np.uint8)
+
+
+def grid() -> np.ndarray:
+    """Return 48 pixels, shape (48, 2), away from the border."""
+    columns, rows = np.meshgrid(np.linspace(40, 280, 8), np.linspace(40, 200, 6))
+    return np.column_stack([columns.ravel(), rows.ravel()])
+
+
+def warps(offset: np.ndarray) -> Warps:
+    desired = grid()
+    return Warps(
+        np.arange(len(desired)),
+        desired,
+        desired + offset,
+        np.tile(np.eye(2), (len(desired), 1, 1)),
+    )
+
+
+def test_an_alignment_ends_when_nothing_moves(monkeypatch: pytest.MonkeyPatch) -> None:
+    counts: list[int] = []
+    sample = sampling.PatchGrid.sample
+
+    def counted(self, image, centre, local):
+        counts.append(len(centre))
+        return sample(self, image, centre, local)
+
+    monkeypatch.setattr(sampling.PatchGrid, 'sample', counted)
+    anchor, image = Anchor(scene()), float_image(scene(SHIFT))
+    anchor.align(warps(SHIFT), image, iterations=1)
+    counts.clear()
+    alignment = anchor.align(warps(SHIFT + 0.2), image, iterations=15)
+    assert len(counts) < 8
+    assert counts == sorted(counts, reverse=True)
+    assert counts[-1] < counts[0]
+    monkeypatch.setattr(template_alignment, 'CONVERGED', 0.0)
+    whole = anchor.align(warps(SHIFT + 0.2), image, iterations=15)
+    off = np.abs(alignment.warps.current - whole.warps.current).max()
+    assert 0.0 < off < template_alignment.CONVERGED + 0.02
+    assert np.abs(alignment.correlation - whole.correlation).max() < 1e-3
+
+
+def test_templates_are_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    anchor, image = Anchor(scene()), float_image(scene())
+    first = anchor.align(warps(np.zeros(2)), image, iterations=4)
+
+    def fails(*_: object) -> None:
+        raise AssertionError('a template was made again')
+
+    monkeypatch.setattr(anchor._templates, '_made', fails)
+    again = anchor.align(warps(np.zeros(2)), image, iterations=4)
+    np.testing.assert_array_equal(again.warps.current, first.warps.current)
+
+
+def test_more_templates_than_there_was_room_for_are_kept() -> None:
+    anchor, image = Anchor(scene()), float_image(scene(SHIFT))
+    many = [warps(SHIFT) for _ in range(3)]
+    for number, each in enumerate(many):
+        many[number] = Warps(each.ids + 1000 * number, each.desired, each.current, each.affine)
+    joined = many[0].joined(many[1]).joined(many[2])
+    together = anchor.align(joined, image, iterations=4).warps.current
+    alone = Anchor(scene()).align(many[0], image, iterations=4).warps.current
+    np.testing.assert_allclose(together, np.tile(alone, (3, 1)), atol=1e-4)
+
+
+def test_the_coarse_flow_is_near_enough_to_be_aligned() -> None:
+    frames, settings = (Frame(scene()), Frame(scene(SHIFT))), TrackerSettings()
+    points = grid().astype(np.float32)
+    fine, _ = checked_flow(*frames, points, settings=settings)
+    coarse, valid = coarse_flow(*frames, points, settings=settings)
+    assert valid.all()
+    assert 0.0 < np.abs(coarse - fine).max() < 0.5
+    assert frames[1].half is frames[1].half
+    assert 'half' not in vars(Frame(scene()))
+
+
+def test_without_levels_the_flow_is_that_of_the_whole_image() -> None:
+    frames, settings = (Frame(scene()), Frame(scene(SHIFT))), TrackerSettings(levels=0)
+    points = grid().astype(np.float32)
+    fine, _ = checked_flow(*frames, points, settings=settings)
+    coarse, _ = coarse_flow(*frames, points, settings=settings)
+    np.testing.assert_array_equal(coarse, fine)
+
+
+def test_dimmed_light_is_no_motion_to_the_coarse_flow() -> None:
+    dimmed = (scene() * 0.7).astype(np.uint8)
+    points = grid().astype(np.float32)
+    moved, valid = coarse_flow(Frame(scene()), Frame(dimmed), points, settings=TrackerSettings())
+    assert valid.all()
+    assert np.abs(moved - points).max() < 0.3
+
+
+@pytest.mark.parametrize(('error', 'agree'), [(0.0, True), (12.0, False), (np.nan, False)])
+def test_all_agree_unless_one_does_not(error: float, agree: bool) -> None:
+    rng = np.random.default_rng(2)
+    desired = rng.uniform(0.0, 640.0, (40, 2))
+    current = 320.0 + (desired - 320.0) / rng.uniform(1.1, 1.6, (40, 1))  # driving ahead
+    across = np.array([-(desired[7, 1] - 320.0), desired[7, 0] - 320.0])
+    current[7] += error * across / np.hypot(*across)
+    assert agree_on_one_geometry(current, desired) == agree
+
+
+def test_matches_at_one_place_do_not_raise() -> None:
+    assert isinstance(agree_on_one_geometry(np.ones((20, 2)), np.ones((20, 2))), bool)
+
+
+def test_with_enough_tracked_the_search_rests_in_most_frames() -> None:
+    view = desired_view(scene())
+    candidates, nothing = Candidates(view), Warps.empty()
+    candidates.remember(np.arange(len(view.keypoints)), 100)
+    sought = [len(candidates.next_missing(nothing, 8, 0)) for _ in range(2 * FULL_PERIOD)]
+    assert [bool(count) for count in sought] == [False, False, True] * 2
+    assert all(len(candidates.next_missing(nothing, 8, 1)) == 8 for _ in range(3))
+
+
+def test_ids_are_contained_or_not() -> None:
+    rng = np.random.default_rng(1)
+    ids, among = rng.integers(0, 50, 30), rng.integers(0, 80, 20)
+    np.testing.assert_array_equal(contained(ids, among), np.isin(ids, among))
+    assert not contained(ids, among[:0]).any()
+    assert contained(ids[:0], among).shape == (0,)

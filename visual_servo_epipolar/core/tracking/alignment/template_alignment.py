@@ -1,0 +1,165 @@
+"""
+Template alignment: feature patches aligned with the desired image, so that nothing drifts.
+
+Inverse-compositional affine alignment (Baker and Matthews 2004) of all features at once, blind to
+gain and bias of the light.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, Image
+from visual_servo_epipolar.core.tracking.alignment.sampling import (
+    FloatImage,
+    patch_radius,
+    PatchGrid,
+)
+from visual_servo_epipolar.core.tracking.alignment.templates import (
+    levels_of,
+    PARAMETERS,
+    scales,
+    Templates,
+)
+from visual_servo_epipolar.core.tracking.alignment.warps import Warps
+
+MAX_CORRECTION = 4.0  # of one alignment from the position by flow or matching [px]
+LEAST_SCALE = 1e-3  # determinant below which a step of the alignment is not taken
+CONVERGED = 0.02  # motion by a step after which none follows [px]
+AFFINE_REACH = 0.5  # of the radius: where the motion by its linear part is judged
+ADJUGATE, ADJUGATE_SIGNS = [5, 3, 4, 2], np.array([1.0, -1.0, -1.0, 1.0])
+IDENTITY = np.array([1.0, 0.0, 0.0, 1.0])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Alignment:
+    """Aligned ``warps`` with zero-mean correlation and residual [grey levels], shape (N,) each."""
+
+    warps: Warps
+    correlation: FloatArray
+    residual: FloatArray
+
+
+class Anchor:
+    """
+    Anchor: the desired image as a pyramid, with the templates of features at its levels.
+
+    Patches have 2 ``radius`` + 1 pixels a side, at the scale of the current image.
+    """
+
+    def __init__(self, image: Image) -> None:
+        self.radius = patch_radius(image.shape)
+        self._grids = {self.radius: PatchGrid(self.radius)}
+        self._grid = self._grids[self.radius]
+        self._reaches = np.array([1.0, 1.0, *[AFFINE_REACH * self.radius] * 4])
+        self._templates = Templates(image, self._grid)
+
+    def patch(
+        self, feature: int, point: FloatArray, affine: FloatArray
+    ) -> tuple[FloatImage, FloatArray]:
+        """
+        Return the template at the scale of ``affine``, (2, 2), of the feature at ``point``, (2,).
+
+        Shape (S, S), S = 2 radius + 1; and the map of its pixels to current offsets, (2, 2).
+        """
+        levels = levels_of(affine[None])
+        patch = self._templates.patch(feature, point, int(levels[0]))
+        return patch.reshape(2 * self.radius + 1, -1), affine / float(scales(levels)[0])
+
+    def region(
+        self, image: FloatImage, centre: FloatArray, local: FloatArray, reach: int
+    ) -> FloatImage:
+        """
+        Return ``image`` around ``centre``, (2,) [px], resampled up to ``reach`` template pixels.
+
+        Shape (2 reach + 1, 2 reach + 1); ``local``, (2, 2), maps template pixels to offsets.
+        """
+        if reach not in self._grids:
+            self._grids[reach] = PatchGrid(reach)
+        sampled = self._grids[reach].sample(image, centre[None], local[None])
+        return sampled.reshape(2 * reach + 1, -1)
+
+    def align(self, warps: Warps, image: FloatImage, *, iterations: int) -> Alignment:
+        """
+        Align every feature of ``warps`` with its patch in the desired image.
+
+        ``image`` is the current one, float32 of shape (H, W). At most ``iterations`` steps, none
+        after one that has hardly moved. A patch without texture keeps its position and gets
+        correlation 0, as does one that moves more than MAX_CORRECTION.
+        """
+        if not len(warps):
+            return Alignment(warps, np.empty(0), np.empty(0))
+        levels = levels_of(warps.affine)
+        templates = self._templates.stacked(warps.ids, warps.desired, levels)
+        scale = scales(levels)[:, None, None]
+        local, centre = warps.affine / scale, warps.current.copy()
+        correlation, deviation = self._descended(templates, image, local, centre, iterations)
+        correction = np.sqrt(((centre - warps.current) ** 2).sum(axis=1))
+        # A comparison with nan is false: what diverged stays where it was.
+        stays = ~(correction <= MAX_CORRECTION) | ~np.isfinite(local).all(axis=(1, 2))
+        correlation[stays] = 0.0
+        residual = deviation * np.sqrt(np.maximum(2.0 - 2.0 * correlation, 0.0))
+        centre[stays], affine = warps.current[stays], local * scale
+        affine[stays] = warps.affine[stays]
+        return Alignment(replace(warps, current=centre, affine=affine), correlation, residual)
+
+    def _descended(
+        self,
+        templates: FloatImage,
+        image: FloatImage,
+        local: FloatArray,
+        centre: FloatArray,
+        iterations: int,
+    ) -> tuple[FloatArray, FloatArray]:
+        """
+        Move ``local``, (N, 2, 2), and ``centre``, (N, 2), in place to where the patches agree.
+
+        Returns correlations and deviations, shape (N,), up to CONVERGED those of the end.
+        """
+        moving = np.arange(len(centre))
+        correlation, deviation = np.empty(len(centre)), np.empty(len(centre))
+        for left in range(iterations, -1, -1):
+            current, map_ = centre[moving], local[moving]
+            step, deviation[moving] = _compared(templates, self._grid.sample(image, current, map_))
+            correlation[moving] = step[:, PARAMETERS]
+            if not left:
+                break
+            local[moving], centre[moving] = _composed(map_, current, step)
+            goes_on = self._moves(step)
+            if not goes_on.all():
+                moving, templates = moving[goes_on], templates[goes_on]
+            if not len(moving):
+                break
+        return correlation, deviation
+
+    def _moves(self, step: FloatArray) -> BoolArray:
+        """Return which of the steps, shape (N, 7), move a pixel of the patch noticeably, (N,)."""
+        motion = (np.abs(step[:, :PARAMETERS]) * self._reaches).max(axis=1)
+        return np.asarray(~(motion < CONVERGED))  # nan goes on, and is not taken in the end
+
+
+def _compared(templates: FloatImage, patches: FloatImage) -> tuple[FloatArray, FloatArray]:
+    """
+    Return the step to take of each of ``patches``, (N, P), with the correlation, shape (N, 7).
+
+    And their deviations, shape (N,) [grey levels]. ``patches`` are used up.
+    """
+    patches -= patches.mean(axis=1, keepdims=True)
+    norm = np.sqrt(np.einsum('np,np->n', patches, patches).astype(np.float64))
+    # A template's own patch has no step: the product of the current one is that of the residual.
+    product = (templates @ patches[:, :, None])[:, :, 0].astype(np.float64)
+    product /= np.where(norm > 0.0, norm, 1.0)[:, None]
+    return product, norm / np.sqrt(patches.shape[1])
+
+
+def _composed(
+    local: FloatArray, centre: FloatArray, step: FloatArray
+) -> tuple[FloatArray, FloatArray]:
+    """Return the linear part and centre of W o dW^-1, dW the ``step``, shape (N, 6) or more."""
+    adjugate = step[:, ADJUGATE] * ADJUGATE_SIGNS + IDENTITY
+    with np.errstate(invalid='ignore', over='ignore', divide='ignore'):
+        scale = adjugate[:, 0] * adjugate[:, 3] - adjugate[:, 1] * adjugate[:, 2]
+        inverse = adjugate / scale[:, None]
+    inverse[~(np.abs(scale) >= LEAST_SCALE)] = IDENTITY  # a diverging step is not taken
+    composed = local @ inverse.reshape(-1, 2, 2)
+    return composed, centre - (composed @ step[:, :2, None])[:, :, 0]
