@@ -2,6 +2,7 @@
 
 import json
 
+import numpy as np
 import pytest
 
 pytest.importorskip('rclpy')
@@ -13,10 +14,11 @@ from visual_servo_epipolar.core.errors import VisualServoError
 def test_the_demo_is_timed(monkeypatch) -> None:
     small = {'neither': ('--no-video', '--bag', 'none')}
     monkeypatch.setattr(loop, 'VARIANTS', small)
-    monkeypatch.setattr(loop, 'QUICK_START', ('--start', '0', '-0.3', '0'))
+    monkeypatch.setattr(loop, 'QUICK_LONG', ('0', '-0.5', '0'))
     document = loop.run(seed=0, quick=True, say=lambda _: None)
     (row,) = document['rows']
     assert row['simulated_s'] > 0.0 and row['processor_s'] > 0.0
+    assert np.isfinite(row['driving_real_time'])
     assert row['real_time'] == row['simulated_s'] / row['wall_s']
     assert 'neither' in loop.table(json.loads(json.dumps(document)))
     assert loop.figures(document) == {

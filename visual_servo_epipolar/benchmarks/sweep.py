@@ -92,6 +92,17 @@ def table(document: Mapping[str, Any]) -> str:
     return '\n'.join(lines)
 
 
+def figures(document: Mapping[str, Any]) -> dict[str, float]:
+    """Return what to compare between runs; less is better."""
+    return {
+        f'{it["scenario"]}, {row["batch"]} at a time, processor time of a step [us]': row[
+            'step_us'
+        ]
+        for it in document['scenarios']
+        for row in it['batches']
+    }
+
+
 def _runs(scenario: Scenario, count: int, seed: int) -> list[Run]:
     runs: list[Run] = []
     for index in range(count):

@@ -120,7 +120,9 @@ def test_the_files_of_the_package_hold_in_a_namespace_and_under_another_name(
 
 @pytest.mark.parametrize('path', sorted(CONFIG.glob('*.yaml')), ids=lambda path: path.stem)
 def test_every_file_is_keyed_for_any_node(path) -> None:
-    assert [section.key for section in sections(str(path))] == ['/**']
+    # What is given after robot.yaml and sets a homonym names its node, in any namespace.
+    key = '/**/tracker_node' if path.stem == 'small_computer' else '/**'
+    assert [section.key for section in sections(str(path))] == [key]
 
 
 def test_a_file_that_sets_nothing_is_warned_of(bench, tmp_path) -> None:
@@ -213,6 +215,17 @@ def test_each_parameter_of_a_robot_says_when_to_change_it() -> None:
     lines = (CONFIG / 'robot.yaml').read_text().splitlines()
     for name in ROBOT:
         assert any(line.strip().startswith(f'{name}:') and ' # ' in line for line in lines), name
+
+
+def test_the_tracker_of_a_small_computer_takes_its_file_after_the_robots(bench) -> None:
+    files = (*given(CONFIG / 'robot.yaml'), *given(CONFIG / 'small_computer.yaml'))
+    node = start(bench, TrackerNode, *files, '-r', '__ns:=/robot1')
+    small = yaml.safe_load((CONFIG / 'small_computer.yaml').read_text())['/**/tracker_node']
+    expected = {'camera_reliability': 'best_effort', **small['ros__parameters']}
+    assert {name: node.get_parameter(name).value for name in expected} == expected
+    # The servo's parameter of that name means something else.
+    servo = start(bench, ServoNode, *files, '-r', '__ns:=/robot1')
+    assert servo.get_parameter('min_features').value == ServoSettings().min_features
 
 
 @pytest.mark.parametrize(

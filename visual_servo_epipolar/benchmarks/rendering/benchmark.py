@@ -14,7 +14,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from visual_servo_epipolar.benchmarks.rendering.table import table
+from visual_servo_epipolar.benchmarks.rendering.table import figures, table
 from visual_servo_epipolar.benchmarks.tracking.world import approach, start_of
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import Pose
@@ -24,7 +24,7 @@ from visual_servo_epipolar.simulation.rendering.edges import smooth_edges
 from visual_servo_epipolar.simulation.rendering.raster import rasterize, View
 from visual_servo_epipolar.simulation.rendering.sampling import shade
 
-__all__ = ['run', 'table']
+__all__ = ['figures', 'run', 'table']
 
 LARGE = CameraSettings(noise=2.0)
 SMALL = replace(

@@ -20,6 +20,14 @@ def table(document: Mapping[str, Any]) -> str:
     return '\n'.join(lines)
 
 
+def figures(document: Mapping[str, Any]) -> dict[str, float]:
+    """Return what to compare between runs; less is better."""
+    return {
+        f'{"x".join(map(str, camera["size"]))} image over remap': camera['ratio']['median']
+        for camera in document['cameras']
+    }
+
+
 def _cell(of: Mapping[str, float], digits: int) -> str:
     median, low, high = (f'{of[name]:.{digits}f}' for name in ('median', 'low', 'high'))
     return f'{median} ({low}-{high})'

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from visual_servo_epipolar.benchmarks.tracking.scores import ended, recovered, scores
-from visual_servo_epipolar.benchmarks.tracking.table import table
+from visual_servo_epipolar.benchmarks.tracking.table import figures, table
 from visual_servo_epipolar.benchmarks.tracking.timing import over_floor, times
 from visual_servo_epipolar.benchmarks.tracking.world import (
     approach,
@@ -24,7 +24,7 @@ from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.simulation.disturbances.image import Disturbances, DisturbanceSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
-__all__ = ['run', 'table']
+__all__ = ['figures', 'run', 'table']
 
 SCENES = (101, 102, 103, 104, 105)  # none of them served to tune the tracker
 DISTURBED_SCENES = 2

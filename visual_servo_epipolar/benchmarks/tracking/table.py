@@ -27,6 +27,15 @@ def table(document: Mapping[str, Any]) -> str:
     return '\n'.join(lines)
 
 
+def figures(document: Mapping[str, Any]) -> dict[str, float]:
+    """Return what to compare between runs; less is better."""
+    return {
+        f'{"x".join(map(str, it["size"]))} anchored frame over pyramid and flow': it['ratio']
+        for it in document['over_floor']
+        if it['ratio'] is not None
+    }
+
+
 def _row(it: Mapping[str, Any]) -> str:
     gross = f'{it["gross"]} ({len(it["gross_tracks"])}) {100 * it["gross_share"]:.2f} %'
     edges = f'{100 * it["edge_share"]:.0f} % {_px(it["edge_px"])} {it["edge_gross"]}'
