@@ -15,15 +15,16 @@ from visual_servo_epipolar.core.tracking.robust_geometry import agree_on_one_geo
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 
 SHIFT = np.array([1.6, -0.7])  # px
+SMALL = 320, 240  # px
 
 
-def scene(shift: np.ndarray | None = None) -> np.ndarray:
-    """Return smooth blobs of all greys, 320x240, moved by ``shift``."""
-    noise = np.random.default_rng(5).uniform(0.0, 255.0, (240, 320))
+def scene(shift: np.ndarray | None = None, size: tuple[int, int] = (640, 480)) -> np.ndarray:
+    """Return smooth blobs of all greys of a ``size``, moved by ``shift``."""
+    noise = np.random.default_rng(5).uniform(0.0, 255.0, size[::-1])
     image = cv2.normalize(cv2.GaussianBlur(noise, (0, 0), 3.0), None, 20.0, 235.0, cv2.NORM_MINMAX)
     if shift is not None:
         matrix = np.column_stack([np.eye(2), shift])
-        image = cv2.warpAffine(image, matrix, (320, 240), borderMode=cv2.BORDER_REFLECT)
+        image = cv2.warpAffine(image, matrix, size, borderMode=cv2.BORDER_REFLECT)
     return image.astype(np.uint8)
 
 
@@ -55,15 +56,24 @@ def test_an_alignment_ends_when_nothing_moves(monkeypatch: pytest.MonkeyPatch) -
     anchor, image = Anchor(scene()), float_image(scene(SHIFT))
     anchor.align(warps(SHIFT), image, iterations=1)
     counts.clear()
-    alignment = anchor.align(warps(SHIFT + 0.2), image, iterations=15)
-    assert len(counts) < 8
+    start = SHIFT + np.linspace(0.0, 1.0, 48)[:, None]  # some have farther to go
+    alignment = anchor.align(warps(start), image, iterations=15)
+    assert len(counts) < 12
     assert counts == sorted(counts, reverse=True)
     assert counts[-1] < counts[0]
     monkeypatch.setattr(template_alignment, 'CONVERGED', 0.0)
-    whole = anchor.align(warps(SHIFT + 0.2), image, iterations=15)
+    whole = anchor.align(warps(start), image, iterations=15)
     off = np.abs(alignment.warps.current - whole.warps.current).max()
     assert 0.0 < off < template_alignment.CONVERGED + 0.02
     assert np.abs(alignment.correlation - whole.correlation).max() < 1e-3
+
+
+def test_a_small_image_is_aligned_to_the_last_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    anchor, image = Anchor(scene(size=SMALL)), float_image(scene(SHIFT, SMALL))
+    as_it_is = anchor.align(warps(SHIFT + 0.2), image, iterations=15)
+    monkeypatch.setattr(template_alignment, 'CONVERGED', 0.0)
+    whole = anchor.align(warps(SHIFT + 0.2), image, iterations=15)
+    np.testing.assert_array_equal(as_it_is.warps.current, whole.warps.current)
 
 
 def test_templates_are_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -100,8 +110,12 @@ def test_the_coarse_flow_is_near_enough_to_be_aligned() -> None:
     assert 'half' not in vars(Frame(scene()))
 
 
-def test_without_levels_the_flow_is_that_of_the_whole_image() -> None:
-    frames, settings = (Frame(scene()), Frame(scene(SHIFT))), TrackerSettings(levels=0)
+@pytest.mark.parametrize(('levels', 'size'), [(0, (640, 480)), (3, (320, 240))])
+def test_without_levels_and_in_a_small_image_the_flow_is_that_of_the_whole_image(
+    levels: int, size: tuple[int, int]
+) -> None:
+    frames = Frame(scene(size=size)), Frame(scene(SHIFT, size))
+    settings = TrackerSettings(levels=levels)
     points = grid().astype(np.float32)
     fine, _ = checked_flow(*frames, points, settings=settings)
     coarse, _ = coarse_flow(*frames, points, settings=settings)

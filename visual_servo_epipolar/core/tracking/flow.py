@@ -14,7 +14,7 @@ NOTICEABLE_GAIN = 0.02  # change of brightness that is corrected for
 CRITERIA = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 20, 0.01)  # iterations, step [px]
 COARSE_CRITERIA = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 10, 0.03)
 LEAST_WINDOW = 5  # side of the window in the half of an image [px]
-LEAST_HALVED = 120  # sides of an image from which its half shows enough [px]
+LEAST_HALVED = 400  # sides of an image from which its half shows enough [px]
 
 Points: TypeAlias = NDArray[np.float32]  # pixels for OpenCV's flow, shape (N, 2)
 OpenCVError: type[Exception] = cv2.error

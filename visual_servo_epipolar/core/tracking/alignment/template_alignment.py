@@ -14,6 +14,7 @@ from visual_servo_epipolar.core.tracking.alignment.sampling import (
     FloatImage,
     patch_radius,
     PatchGrid,
+    RADIUS,
 )
 from visual_servo_epipolar.core.tracking.alignment.templates import (
     levels_of,
@@ -135,7 +136,9 @@ class Anchor:
     def _moves(self, step: FloatArray) -> BoolArray:
         """Return which of the steps, shape (N, 7), move a pixel of the patch noticeably, (N,)."""
         motion = (np.abs(step[:, :PARAMETERS]) * self._reaches).max(axis=1)
-        return np.asarray(~(motion < CONVERGED))  # nan goes on, and is not taken in the end
+        # In a small image there is little to average over: the last hundredths count.
+        converged = CONVERGED if self.radius == RADIUS else 0.0
+        return np.asarray(~(motion < converged))  # nan goes on, and is not taken in the end
 
 
 def _compared(templates: FloatImage, patches: FloatImage) -> tuple[FloatArray, FloatArray]:
