@@ -50,3 +50,15 @@ def test_another_file_is_refused_and_left_alone(tmp_path, line: str) -> None:
 def test_a_history_that_cannot_be_written_is_said_before_anything_runs(tmp_path, capsys) -> None:
     assert main(['bench', 'laws', '--history', str(tmp_path)]) == 2
     assert 'this is not the name of a file' in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('content', [b'\xff\xfe\n', None])
+def test_what_is_no_file_of_text_is_one_line(tmp_path, capsys, content) -> None:
+    path = tmp_path / 'history.jsonl'
+    if content is not None:
+        path.write_bytes(content)
+    name = '-' if content is None else str(path)
+    assert main(['bench', 'laws', '--quick', '--history', name]) == 2
+    said = capsys.readouterr().err
+    assert ('appends to a file' if content is None else 'history cannot be read') in said
+    assert said.count('\n') == 1

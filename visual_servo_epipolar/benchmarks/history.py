@@ -41,8 +41,13 @@ def read(path: Path) -> list[dict[str, Any]]:
     """Return the entries of a history, the newest last; none if there is no file yet."""
     if not path.exists():
         return []
+    try:
+        lines = path.read_text(encoding='utf-8').splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, 'strerror', None) or error
+        raise InputError(f'{path}: history cannot be read: {reason}') from None
     entries = []
-    for number, line in enumerate(path.read_text().splitlines(), 1):
+    for number, line in enumerate(lines, 1):
         try:
             item = json.loads(line)
         except ValueError:

@@ -69,6 +69,8 @@ def add_to(kinds: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the benchmarks one after the other, print their tables; return 0."""
+    if options.history == '-':
+        raise InputError('--history appends to a file, - is none; name one')
     check_json(options.history)
     earlier = history.read(Path(options.history)) if options.history else []
     unknown = sorted(set(options.which) - set(BENCHMARKS))
