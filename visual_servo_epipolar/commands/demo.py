@@ -93,10 +93,10 @@ def _drive(
     monitor = RunMonitor(settings)
     bag = _cleared(folder / BAG)
     (folder / VIDEO).unlink(missing_ok=True)  # of an earlier run
-    with_images = not options.no_video
+    video = None if options.no_video else _video_writer(scenario, settings, folder)
     with ExitStack() as stack:
         progress = stack.enter_context(closing(Progress()))
-        draw = _drawing(stack, scenario, settings, folder) if with_images else None
+        draw = None if video is None else _drawing(stack, video, scenario)
 
         def watch(sample: Sample, image: Image | None, features: Features | None) -> None:
             progress(sample)
@@ -107,32 +107,31 @@ def _drive(
         open_to = 'LOCALHOST' if options.visible else 'OFF'
         lockstep = stack.enter_context(Lockstep(scenario, settings, open_to=open_to))
         lockstep.add(
-            ObserverNode(monitor, watch, with_images=with_images, context=lockstep.context)
+            ObserverNode(monitor, watch, with_images=video is not None, context=lockstep.context)
         )
         if options.bag != 'none':
             lockstep.record(bag, exclude=EXCLUDED[options.bag])
         lockstep.run(lambda: monitor.done)
         progress.say('finishing the video ...')
+    if video is not None and video.advice:
+        print(f'visual_servo demo: {video.advice}', file=sys.stderr)
     return monitor.log()
 
 
 def _drawing(
-    stack: ExitStack, scenario: Scenario, settings: LoopSettings, folder: Path
+    stack: ExitStack, video: 'VideoWriter', scenario: Scenario
 ) -> Callable[[Image, Features, Sample], None]:
     """Open the video in ``stack``; return what adds a step to it, on a thread of its own."""
-    from visual_servo_epipolar.report.images.background import Background
+    from visual_servo_epipolar.report.images.background import background
     from visual_servo_epipolar.report.images.picture import picture
 
-    video = _video_writer(scenario, settings, folder)
-    if video.advice:
-        stack.callback(print, f'visual_servo demo: {video.advice}', file=sys.stderr)
     stack.enter_context(video)
-    background = stack.enter_context(Background())
+    do = stack.enter_context(background())
 
     def add(image: Image, features: Features, sample: Sample) -> None:
         video.add(picture(image, features, sample, scenario.camera.nominal_camera), sample)
 
-    return lambda *step: background.do(add, *step)
+    return lambda *step: do(add, *step)
 
 
 def _cleared(bag: Path) -> Path:

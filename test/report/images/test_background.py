@@ -5,15 +5,15 @@ import time
 
 import pytest
 
-from visual_servo_epipolar.report.images.background import Background, WAITING
+from visual_servo_epipolar.report.images.background import background, WAITING
 
 
 def test_calls_run_in_order_on_another_thread() -> None:
     done: list[tuple[int, bool]] = []
     here = threading.get_ident()
-    with Background() as background:
+    with background() as do:
         for number in range(5 * WAITING):
-            background.do(lambda n: done.append((n, threading.get_ident() != here)), number)
+            do(lambda n: done.append((n, threading.get_ident() != here)), number)
     assert done == [(number, True) for number in range(5 * WAITING)]
 
 
@@ -28,10 +28,10 @@ def test_no_more_than_some_calls_wait() -> None:
     def feed() -> None:
         nonlocal submitted
         for number in range(WAITING + 3):
-            background.do(wait, number)
+            do(wait, number)
             submitted += 1
 
-    with Background() as background:
+    with background() as do:
         feeder = threading.Thread(target=feed)
         feeder.start()
         deadline = time.monotonic() + 30.0
@@ -48,17 +48,17 @@ def test_an_error_comes_out_of_the_block() -> None:
     def fail() -> None:
         raise OSError('disk full')
 
-    with pytest.raises(OSError, match='disk full'), Background() as background:
-        background.do(fail)
+    with pytest.raises(OSError, match='disk full'), background() as do:
+        do(fail)
 
 
 def test_an_error_comes_out_of_a_later_call() -> None:
     def fail() -> None:
         raise OSError('disk full')
 
-    with pytest.raises(OSError, match='disk full'), Background() as background:
+    with pytest.raises(OSError, match='disk full'), background() as do:
         for _ in range(10 * WAITING):
-            background.do(fail)
+            do(fail)
         pytest.fail('nobody said that the disk is full')
 
 
@@ -69,9 +69,9 @@ def test_after_an_exception_what_waits_is_left_out() -> None:
         begun.append(number)
         gate.wait(30.0)
 
-    with pytest.raises(KeyboardInterrupt), Background() as background:
+    with pytest.raises(KeyboardInterrupt), background() as do:
         for number in range(WAITING):
-            background.do(wait, number)
+            do(wait, number)
         threading.Timer(0.2, gate.set).start()
         raise KeyboardInterrupt
     assert len(begun) < WAITING

@@ -1,44 +1,34 @@
 """Work in order on a thread of its own, beside what makes it: drawing and encoding a video."""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor
-from types import TracebackType
+from contextlib import contextmanager
 from typing import Any
 
 WAITING = 8  # calls that may wait, each with an image
 
 
-class Background:
+@contextmanager
+def background() -> Iterator[Callable[..., None]]:
     """
-    Runs calls one after the other on one thread; OpenCV and encoders let go of Python meanwhile.
+    Give what runs calls one after the other on one thread, as ``do(call, *arguments)``.
 
-    Use it as a context manager: it ends when all calls have run, or, if the block ends by an
-    exception, after the one that runs. What a call raises comes out of a later ``do``, or of the
-    end of the block.
+    OpenCV and encoders let go of Python meanwhile; ``do`` waits if too many calls do. The block
+    ends when all have run, or, if it ends by an exception, after the one that runs. What a call
+    raises comes out of a later ``do``, or of the end of the block.
     """
+    waiting: deque[Future[Any]] = deque()
+    pool = ThreadPoolExecutor(1, 'background')
 
-    def __init__(self) -> None:
-        self._pool = ThreadPoolExecutor(1, 'background')
-        self._waiting: deque[Future[Any]] = deque()
+    def do(call: Callable[..., Any], *arguments: Any) -> None:
+        while waiting and (len(waiting) >= WAITING or waiting[0].done()):
+            waiting.popleft().result()
+        waiting.append(pool.submit(call, *arguments))
 
-    def __enter__(self) -> 'Background':
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        try:
-            while kind is None and self._waiting:
-                self._waiting.popleft().result()
-        finally:
-            self._pool.shutdown(cancel_futures=True)
-
-    def do(self, call: Callable[..., Any], *arguments: Any) -> None:
-        """Let ``call`` run after those before it; waits if too many do."""
-        while self._waiting and (len(self._waiting) >= WAITING or self._waiting[0].done()):
-            self._waiting.popleft().result()
-        self._waiting.append(self._pool.submit(call, *arguments))
+    try:
+        yield do
+        while waiting:
+            waiting.popleft().result()
+    finally:
+        pool.shutdown(cancel_futures=True)
