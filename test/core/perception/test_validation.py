@@ -15,8 +15,9 @@ from visual_servo_epipolar.core.geometry.rays import unit_rays
 from visual_servo_epipolar.core.perception.memory import (
     fresh_memory,
     KNOWN_DEVIATION,
+    Lesson,
     PerceptionMemory,
-    updated_memory,
+    updated_memories,
 )
 from visual_servo_epipolar.core.perception.validation import (
     fit_quality,
@@ -39,6 +40,12 @@ GOOD = Estimate(
     covariance=1e-6 * np.eye(2),
     attitude=Attitude(0.02, 0.01, 1e-3, 2e-3, 0.0),
 )
+
+
+def updated_memory(
+    memory: PerceptionMemory, estimate: Estimate, reason: str, *, noise: float, parallax: float
+) -> PerceptionMemory:
+    return updated_memories([Lesson(memory, estimate, reason, noise, parallax)])[0]
 
 
 def reason(memory: PerceptionMemory = FRESH, rays: np.ndarray = RAYS, **changes: object) -> str:

@@ -17,15 +17,12 @@ from visual_servo_epipolar.core.geometry.epipolar import rotations_desired_curre
 from visual_servo_epipolar.core.geometry.lens import change, spurious_parallax
 from visual_servo_epipolar.core.geometry.rotation import fit_rotations, RotationFits
 from visual_servo_epipolar.core.perception import measures
-from visual_servo_epipolar.core.perception.memory import (
-    fresh_memory,
-    PerceptionMemory,
-    updated_memories,
-)
+from visual_servo_epipolar.core.perception.memory import fresh_memory, PerceptionMemory
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import blank, Measures, Perception, perception
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.perception.validated import (
+    concluded,
     lesson_of,
     no_baseline,
     prior_of,
@@ -192,12 +189,7 @@ def _judged(
             stack.views, stack.rotations.parallax.tolist(), geometries, qualities, strict=True
         )
     ]
-    return [
-        ValidatedEstimate(memory, lesson.reason, lesson.estimate, quality)
-        for memory, lesson, quality in zip(
-            updated_memories(lessons), lessons, qualities, strict=True
-        )
-    ]
+    return concluded(lessons, qualities)
 
 
 def _fit_qualities(

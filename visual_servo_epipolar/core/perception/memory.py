@@ -64,13 +64,6 @@ class Lesson(NamedTuple):
         return not self.reason and self.parallax > INFORMATIVE_PARALLAX * self.noise
 
 
-def updated_memory(
-    memory: PerceptionMemory, estimate: Estimate, reason: str, *, noise: float, parallax: float
-) -> PerceptionMemory:
-    """Return the memory after a ``Lesson``."""
-    return updated_memories([Lesson(memory, estimate, reason, noise, parallax)])[0]
-
-
 def updated_memories(lessons: Sequence[Lesson]) -> list[PerceptionMemory]:
     """Return the memories after lessons, one of each robot: none depends on the others."""
     attitudes = {
@@ -94,18 +87,13 @@ def _after(lesson: Lesson, attitude: Attitude) -> PerceptionMemory:
     return PerceptionMemory(attitude, lesson.noise, estimate.bearings, lens=lens)
 
 
-def learnt_attitude(before: Attitude, after: Attitude) -> Attitude:
+def learnt_attitudes(pairs: Sequence[tuple[Attitude, Attitude]]) -> list[Attitude]:
     """
-    Return what is known of the attitude ``after`` one more pair of views.
+    Return the attitudes before, of one robot each, corrected by those of one more pair of views.
 
     Every pair has the same photograph: what its noise did to one estimate it does to the next as
     well. No number of pairs tells more than twice what one does.
     """
-    return learnt_attitudes([(before, after)])[0]
-
-
-def learnt_attitudes(pairs: Sequence[tuple[Attitude, Attitude]]) -> list[Attitude]:
-    """Return ``learnt_attitude`` of many robots, of attitudes before and after."""
     if not pairs:
         return []
     moments = np.array([(before.moments, after.moments) for before, after in pairs])

@@ -1,5 +1,6 @@
 """Validated estimates: the geometry of one pair of views, or why there is none to act on."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
@@ -63,7 +64,8 @@ def validated_estimate(
     quality = fit_quality(
         geometry, observation.current, observation.desired, observation.resolution
     )
-    return validated(observation, parallax, memory, settings, geometry, quality)
+    lesson = lesson_of(observation, parallax, memory, settings, geometry, quality)
+    return concluded([lesson], [quality])[0]
 
 
 def no_baseline(parallax_px: float, settings: PerceptionSettings) -> str:
@@ -78,17 +80,16 @@ def prior_of(memory: PerceptionMemory, settings: PerceptionSettings) -> Prior:
     return Prior(memory.attitude, memory.bearings, settings.max_leap, memory.lens, settings.mount)
 
 
-def validated(
-    observation: Observation,
-    parallax: float,
-    memory: PerceptionMemory,
-    settings: PerceptionSettings,
-    geometry: Estimate,
-    quality: FitQuality,
-) -> ValidatedEstimate:
-    """Return an estimate with the verdict of the gates, and the memory after it."""
-    lesson = lesson_of(observation, parallax, memory, settings, geometry, quality)
-    return ValidatedEstimate(updated_memories([lesson])[0], lesson.reason, geometry, quality)
+def concluded(
+    lessons: Sequence[Lesson], qualities: Sequence[FitQuality]
+) -> list[ValidatedEstimate]:
+    """Return the estimates of lessons with their verdicts, and the memories after them."""
+    return [
+        ValidatedEstimate(memory, lesson.reason, lesson.estimate, quality)
+        for memory, lesson, quality in zip(
+            updated_memories(lessons), lessons, qualities, strict=True
+        )
+    ]
 
 
 def lesson_of(
