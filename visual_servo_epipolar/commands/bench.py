@@ -31,6 +31,7 @@ BENCHMARKS: Mapping[str, str] = {
     'mounts': 'visual_servo_epipolar.benchmarks.mounts.benchmark',
     'mounts_images': 'visual_servo_epipolar.benchmarks.mounts.images',
 }
+LATENCY_NODES = ('unicycle,camera,tracker,servo', 'tracker,servo')
 ON_REQUEST = ('mounts_images',)  # too long to be run unless it is named
 
 
@@ -49,8 +50,8 @@ def add_to(kinds: Any) -> None:
     parser.add_argument('--seed', type=seed, default=0, metavar='N', help='seed (default 0)')
     parser.add_argument(
         '--nodes',
-        choices=('unicycle,camera,tracker,servo', 'tracker,servo'),
-        default='unicycle,camera,tracker,servo',
+        choices=LATENCY_NODES,
+        default=LATENCY_NODES[0],
         help='processes of the latency: all four, or those alone that a robot has (default all)',
     )
     parser.add_argument(

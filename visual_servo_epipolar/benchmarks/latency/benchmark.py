@@ -19,9 +19,9 @@ from visual_servo_epipolar.benchmarks.latency.in_memory import in_memory
 from visual_servo_epipolar.benchmarks.latency.table import figures, table
 from visual_servo_epipolar.benchmarks.wire.loop import Drive, ECHO, Loop, TRACKER_AND_SERVO
 from visual_servo_epipolar.benchmarks.wire.processes import costs, Process, spent
+from visual_servo_epipolar.benchmarks.wire.views import views
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import VisualServoError
-from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
@@ -44,8 +44,6 @@ CELLS = (
 )
 SECONDS, QUICK_SECONDS = 60.0, 4.0
 TURN_S = 20.0  # nodes and echo by turns: load from elsewhere hits both
-START = Pose.from_start(0.3, -2.2, 0.0)
-VIEWS, STRIDE = 30, 0.01  # images on the way to the goal, and metres between two
 FRAMES_IN_MEMORY = 300
 ECHO_SHARE = 0.25  # of the time of the nodes
 QUANTILES = {'p50': 0.5, 'p99': 0.99, 'p99.9': 0.999}
@@ -95,15 +93,6 @@ def run(
         for cell in (CELLS[:1] if quick else CELLS)
     ]
     return {'nodes': nodes, 'seconds': seconds, 'rows': rows}
-
-
-def views(simulator: CameraSimulator) -> list[Image]:
-    """Return images, shape (H, W), on a way ahead and back again: a cycle."""
-    ahead = [
-        simulator.capture(Pose(START.x, START.y + STRIDE * number, START.theta), number)
-        for number in range(VIEWS)
-    ]
-    return ahead + ahead[-2:0:-1]
 
 
 def _measured(

@@ -12,8 +12,7 @@ from rosbags.highlevel import AnyReader
 
 from visual_servo_epipolar.benchmarks.wire.loop import Loop, TRACKER_AND_SERVO
 from visual_servo_epipolar.benchmarks.wire.processes import Cost
-from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.benchmarks.wire.views import views
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
@@ -21,9 +20,7 @@ from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettin
 RATE = 30.0  # images a second
 TURNS, TURN_S = 3, 20.0  # without and with a recorder by turns: load from elsewhere hits both
 QUICK_TURNS, QUICK_TURN_S = 1, 3.0
-START = Pose.from_start(0.3, -2.2, 0.0)
 QUANTILES = ('p50', 'p95', 'p99')
-VIEWS, STRIDE = 30, 0.01  # images on the way to the goal, and metres between two
 NODES = {
     **TRACKER_AND_SERVO,
     'recorder_node': ('-p', 'autostart:=false', '-p', 'topics:=["*"]'),
@@ -55,15 +52,6 @@ def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]
         'with': _quantiles([item for it in stretches for item in it.pop('latencies')]),
         'bags': stretches,
     }
-
-
-def views(simulator: CameraSimulator) -> list[Image]:
-    """Return images, shape (H, W), on a way ahead and back again: a cycle."""
-    ahead = [
-        simulator.capture(Pose(START.x, START.y + STRIDE * number, START.theta), number)
-        for number in range(VIEWS)
-    ]
-    return ahead + ahead[-2:0:-1]
 
 
 def _recorded(loop: Loop, folder: Path, seconds: float) -> dict[str, Any]:
