@@ -13,6 +13,7 @@ import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
+from rclpy.subscription import Subscription
 
 from visual_servo_epipolar.bags.recording.settings import RecordSettings
 from visual_servo_epipolar.core.errors import VisualServoError
@@ -30,7 +31,9 @@ if TYPE_CHECKING:
     from visual_servo_epipolar.nodes.recorder_node import RecorderNode
 
 STALL_S = 60.0
-SPIN_S = 0.05  # one for all: with another the executor forgets what was ready
+WITH_INFO = Subscription.CallbackType.WithMessageInfo
+SPIN_S = 0.05
+TURNS_A_LOOK, LOOK_SPINS = 32, 3  # at timers and services
 QUIET_SPINS = 6  # without a message: everything has arrived
 DISCOVERY = ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_LOCALHOST_ONLY', 'ROS_STATIC_PEERS')
 
@@ -56,6 +59,7 @@ class Lockstep(AbstractContextManager['Lockstep']):
         rclpy.init(args=[], context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
         self.nodes: list[Node] = []
+        self._turns = 0
         self.recorder: RecorderNode | None = None
         try:
             self._populate(scenario, loop)
@@ -121,7 +125,7 @@ class Lockstep(AbstractContextManager['Lockstep']):
         self.executor.remove_node(self.camera)
         quiet, received = 0, recorder.received
         while quiet < QUIET_SPINS:
-            self.executor.spin_once(timeout_sec=SPIN_S)
+            self._turn()
             quiet = quiet + 1 if recorder.received == received else 0
             received = recorder.received
         status = recorder.stop()
@@ -168,10 +172,53 @@ class Lockstep(AbstractContextManager['Lockstep']):
             for item in node.publishers
         )
 
+    def _turn(self) -> None:
+        """Hand out the messages that have arrived; wait in the executor if there are none."""
+        self._turns += 1
+        if self._turns % TURNS_A_LOOK == 0:
+            self._look()
+        if not self._hand_out(self._listening()):
+            self.executor.spin_once(timeout_sec=SPIN_S)
+
+    def _look(self) -> None:
+        """Let the executor serve timers and services, while all but the camera have heard all."""
+        others = [node for node in self._listening() if node is not self.camera]
+        while self._hand_out(others):
+            pass
+        # No more: a step of the base must not come before what recorders have yet to hear.
+        for _ in range(LOOK_SPINS):
+            self.executor.spin_once(timeout_sec=0.0)
+
+    def _listening(self) -> list[Node]:
+        """
+        Return the nodes that take part, the latest first: one that was removed hears nothing more.
+
+        Recorders come after the nodes they record, and must hear all before time goes on.
+        """
+        present = self.executor.get_nodes()
+        return [node for node in reversed(self.nodes) if node in present]
+
+    def _hand_out(self, nodes: Sequence[Node]) -> bool:
+        """
+        Call ``nodes`` back for one message of each topic; return whether there was any.
+
+        The executor fills a wait set with every entity of every node twice for each message, which
+        takes longer than most callbacks.
+        """
+        handed_out = False
+        for subscription in [item for node in nodes for item in node.subscriptions]:
+            with subscription.handle:
+                taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+            if taken is not None:
+                with_info = subscription._callback_type is WITH_INFO
+                subscription.callback(*taken if with_info else taken[:1])
+                handed_out = True
+        return handed_out
+
     def _spin_until(self, condition: Callable[[], bool], waited_for: str) -> None:
         last_progress_s, last_steps = time.monotonic(), -1
         while not condition():
-            self.executor.spin_once(timeout_sec=SPIN_S)
+            self._turn()
             steps = self.unicycle.steps
             if steps != last_steps:
                 last_progress_s, last_steps = time.monotonic(), steps
