@@ -1,8 +1,7 @@
 """``visual_servo demo``: the four real nodes in lockstep; leaves result, figures, video, bag."""
 
 import argparse
-from collections.abc import Callable
-from contextlib import closing, ExitStack
+from contextlib import AbstractContextManager, closing, ExitStack
 from pathlib import Path
 import re
 import shutil
@@ -29,7 +28,7 @@ from visual_servo_epipolar.simulation.run_monitor import LoopSettings, RunMonito
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 if TYPE_CHECKING:
-    from visual_servo_epipolar.report.images.video import VideoWriter
+    from visual_servo_epipolar.report.images.film import Add
 
 DEFAULT_START = (1.0, -3.5, 8.0)
 DEFAULT_FOLDER = 'demo_out'
@@ -93,10 +92,11 @@ def _drive(
     monitor = RunMonitor(settings)
     bag = _cleared(folder / BAG)
     (folder / VIDEO).unlink(missing_ok=True)  # of an earlier run
-    video = None if options.no_video else _video_writer(scenario, settings, folder)
     with ExitStack() as stack:
         progress = stack.enter_context(closing(Progress()))
-        draw = None if video is None else _drawing(stack, video, scenario)
+        draw, advice = None, ''
+        if not options.no_video:
+            draw, advice = stack.enter_context(_film(scenario, settings, folder))
 
         def watch(sample: Sample, image: Image | None, features: Features | None) -> None:
             progress(sample)
@@ -107,31 +107,29 @@ def _drive(
         open_to = 'LOCALHOST' if options.visible else 'OFF'
         lockstep = stack.enter_context(Lockstep(scenario, settings, open_to=open_to))
         lockstep.add(
-            ObserverNode(monitor, watch, with_images=video is not None, context=lockstep.context)
+            ObserverNode(monitor, watch, with_images=draw is not None, context=lockstep.context)
         )
         if options.bag != 'none':
             lockstep.record(bag, exclude=EXCLUDED[options.bag])
         lockstep.run(lambda: monitor.done)
         progress.say('finishing the video ...')
-    if video is not None and video.advice:
-        print(f'visual_servo demo: {video.advice}', file=sys.stderr)
+    if advice:
+        print(f'visual_servo demo: {advice}', file=sys.stderr)
     return monitor.log()
 
 
-def _drawing(
-    stack: ExitStack, video: 'VideoWriter', scenario: Scenario
-) -> Callable[[Image, Features, Sample], None]:
-    """Open the video in ``stack``; return what adds a step to it, on a thread of its own."""
-    from visual_servo_epipolar.report.images.background import background
-    from visual_servo_epipolar.report.images.picture import picture
+def _film(
+    scenario: Scenario, settings: LoopSettings, folder: Path
+) -> AbstractContextManager[tuple['Add', str]]:
+    from visual_servo_epipolar.report.images.film import filmed
+    from visual_servo_epipolar.report.images.map_view import Bounds
 
-    stack.enter_context(video)
-    do = stack.enter_context(background())
-
-    def add(image: Image, features: Features, sample: Sample) -> None:
-        video.add(picture(image, features, sample, scenario.camera.nominal_camera), sample)
-
-    return lambda *step: do(add, *step)
+    return filmed(
+        folder / VIDEO,
+        scenario.camera.frame_rate,
+        bounds=Bounds.around(Pose.from_start(*settings.start)),
+        camera=scenario.camera.nominal_camera,
+    )
 
 
 def _cleared(bag: Path) -> Path:
@@ -146,16 +144,3 @@ def _cleared(bag: Path) -> Path:
             )
         shutil.rmtree(bag)
     return bag
-
-
-def _video_writer(scenario: Scenario, settings: LoopSettings, folder: Path) -> 'VideoWriter':
-    from visual_servo_epipolar.report.images.map_view import Bounds
-    from visual_servo_epipolar.report.images.video import VideoWriter
-
-    camera = scenario.camera
-    return VideoWriter(
-        folder / VIDEO,
-        camera.frame_rate,
-        image_size=(camera.width, camera.height),
-        bounds=Bounds.around(Pose.from_start(*settings.start)),
-    )

@@ -1,0 +1,100 @@
+"""Film of a run while it runs: drawn and encoded by a process of its own."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from pathlib import Path
+import signal
+from typing import Any
+
+from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.errors import VisualServoError
+from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
+from visual_servo_epipolar.core.servo.run_log import Sample
+from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.report.images.background import background
+from visual_servo_epipolar.report.images.map_view import Bounds
+from visual_servo_epipolar.report.images.picture import picture
+from visual_servo_epipolar.report.images.video import VideoWriter
+
+END_S = 60.0  # for the encoder to write what it holds
+
+Add = Callable[[Image, Features, Sample], None]
+
+
+@contextmanager
+def filmed(
+    path: Path, fps: float, *, bounds: Bounds, camera: CameraModel
+) -> Iterator[tuple[Add, str]]:
+    """
+    Give what adds a control step to the video ``path``, and the writer's advice on players.
+
+    A thread would do the same, but each of its hundreds of calls into OpenCV takes Python away
+    from the run, for up to 5 ms. The file appears at the end of the block; if that ends by an
+    exception, or this process dies, there is none.
+
+    Raises
+    ------
+    InputError
+        If no encoder here can write such a file there, or the disk is full.
+    VisualServoError
+        If the process dies.
+
+    """
+    spawn = get_context('spawn')
+    there, here = spawn.Pipe()
+    process = spawn.Process(
+        target=_draw, args=(there, path, fps, bounds, camera), name='film', daemon=True
+    )
+    process.start()
+    there.close()
+    try:
+        advice = _answer(here)
+        with background() as do:
+            yield lambda *step: do(_send, here, step), advice
+            do(_send, here, None)
+        _answer(here)
+    finally:
+        here.close()  # which ends it, with an unfinished file or without
+        process.join(END_S)
+
+
+def _send(here: Connection, step: tuple[Image, Features, Sample] | None) -> None:
+    try:
+        here.send(step)
+    except OSError:
+        _answer(here)
+        raise
+
+
+def _answer(here: Connection) -> str:
+    """Return what the process says, or raise what it has raised."""
+    try:
+        answer = here.recv()
+    except (EOFError, OSError):
+        raise VisualServoError(
+            'the process that draws the video died (killed, or out of memory?); run again, or '
+            'leave the video out by --no-video'
+        ) from None
+    if isinstance(answer, Exception):
+        raise answer
+    return str(answer)
+
+
+def _draw(there: Connection, path: Path, fps: float, bounds: Bounds, camera: CameraModel) -> None:
+    """Write the video of the steps that come; an end without a word means that there is none."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's
+    try:
+        size = (camera.width, camera.height)
+        with VideoWriter(path, fps, image_size=size, bounds=bounds) as video:
+            there.send(video.advice)
+            step: Any
+            while (step := there.recv()) is not None:
+                image, features, sample = step
+                video.add(picture(image, features, sample, camera), sample)
+        there.send('')
+    except (EOFError, BrokenPipeError):  # the parent's end is closed
+        return
+    except (VisualServoError, ValueError, OSError) as error:
+        there.send(error)
