@@ -1,5 +1,6 @@
 """Quality-of-service profiles, each with its reason."""
 
+from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 
@@ -31,3 +32,6 @@ IMAGES = {
     'reliable': _newest(ReliabilityPolicy.RELIABLE),
     'best_effort': _newest(ReliabilityPolicy.BEST_EFFORT),
 }
+# What is published for people to look at reports no subscriber of another QoS: each report is two
+# entities that the executor asks about twice a callback, and the subscriber has its own.
+NO_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)

@@ -81,12 +81,20 @@ class TrackerNode(Node):
 
     def _create_publishers(self) -> None:
         self._tracks_pub = self.create_publisher(PointCloud2, 'tracks', qos.STREAM)
-        self._overlay_pub = self.create_publisher(Image, 'overlay/image_raw', qos.STREAM)
-        self._desired_pub = self.create_publisher(Image, '~/desired/image_raw', qos.LATCHED)
-        self._settings_pub = self.create_publisher(String, '~/settings', qos.LATCHED)
-        self._events_pub = self.create_publisher(String, '~/events', qos.DIAGNOSTICS)
+        self._overlay_pub = self.create_publisher(
+            Image, 'overlay/image_raw', qos.STREAM, event_callbacks=qos.NO_EVENTS
+        )
+        self._desired_pub = self.create_publisher(
+            Image, '~/desired/image_raw', qos.LATCHED, event_callbacks=qos.NO_EVENTS
+        )
+        self._settings_pub = self.create_publisher(
+            String, '~/settings', qos.LATCHED, event_callbacks=qos.NO_EVENTS
+        )
+        self._events_pub = self.create_publisher(
+            String, '~/events', qos.DIAGNOSTICS, event_callbacks=qos.NO_EVENTS
+        )
         self._diagnostics_pub = self.create_publisher(
-            DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS
+            DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS, event_callbacks=qos.NO_EVENTS
         )
 
     def _create_subscriptions(self) -> None:

@@ -21,14 +21,24 @@ class Reports:
 
     def __init__(self, node: Node) -> None:
         self._name = node.get_fully_qualified_name()
-        self._telemetry_pub = node.create_publisher(JointState, 'epipoles', qos.STREAM)
-        self._phase_pub = node.create_publisher(String, 'phase', qos.LATCHED)
-        self._diagnostics_pub = node.create_publisher(
-            DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS
+        self._telemetry_pub = node.create_publisher(
+            JointState, 'epipoles', qos.STREAM, event_callbacks=qos.NO_EVENTS
         )
-        self._markers_pub = node.create_publisher(MarkerArray, '~/markers', qos.STREAM)
-        self._settings_pub = node.create_publisher(String, '~/settings', qos.LATCHED)
-        self._events_pub = node.create_publisher(String, '~/events', qos.DIAGNOSTICS)
+        self._phase_pub = node.create_publisher(
+            String, 'phase', qos.LATCHED, event_callbacks=qos.NO_EVENTS
+        )
+        self._diagnostics_pub = node.create_publisher(
+            DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS, event_callbacks=qos.NO_EVENTS
+        )
+        self._markers_pub = node.create_publisher(
+            MarkerArray, '~/markers', qos.STREAM, event_callbacks=qos.NO_EVENTS
+        )
+        self._settings_pub = node.create_publisher(
+            String, '~/settings', qos.LATCHED, event_callbacks=qos.NO_EVENTS
+        )
+        self._events_pub = node.create_publisher(
+            String, '~/events', qos.DIAGNOSTICS, event_callbacks=qos.NO_EVENTS
+        )
 
     def phase(self, state: ServoState) -> None:
         """Publish the phase."""
