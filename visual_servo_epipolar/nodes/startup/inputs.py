@@ -55,12 +55,17 @@ class Inputs:
     def __init__(self, node: Node) -> None:
         self._node, self._steady = node, Clock(clock_type=ClockType.STEADY_TIME)
         self._begin_ns, self._timeless_said = self._now_ns(), False
-        kinds = {node.resolve_topic_name(topic): kind for topic, kind in KINDS.items()}
-        self._inputs = [
-            self._listen(kinds[item.topic_name], item)
-            for item in node.subscriptions
-            if item.topic_name in kinds and not item.raw
-        ]
+        self._kinds = {node.resolve_topic_name(topic): kind for topic, kind in KINDS.items()}
+        self._inputs: dict[Subscription, Input] = {}
+        self._find()
+
+    def _find(self) -> None:
+        """Find the inputs; a node that is configured anew has others than before."""
+        self._inputs = {
+            item: self._inputs.get(item) or self._listen(self._kinds[item.topic_name], item)
+            for item in self._node.subscriptions
+            if item.topic_name in self._kinds and not item.raw
+        }
 
     def _listen(self, kind: Kind, subscription: Subscription) -> Input:
         """Return an input that notices each message on its way to the callback."""
@@ -80,7 +85,8 @@ class Inputs:
         if not self._timeless_said and self._age(self._begin_ns) >= PATIENCE_S and self._timeless:
             self._timeless_said = True
             self._node.get_logger().warning(f'use_sim_time is true: {NO_TIME}')
-        for source in self._inputs:
+        self._find()
+        for source in self._inputs.values():
             if self._age(source.since_ns) >= source.patience_s:
                 source.since_ns, source.patience_s = self._now_ns(), REPEAT_S
                 self._node.get_logger().warning(self._complaint(source))
