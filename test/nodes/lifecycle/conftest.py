@@ -75,8 +75,8 @@ class Parrot(ManagedNode):
 def parrot(bench) -> Callable[..., Parrot]:
     """Return how to start one; unconfigured unless told otherwise."""
 
-    def start(*, autostart_node: bool = False) -> Parrot:
-        node: Parrot = bench.start(Parrot, autostart_node=autostart_node)
+    def start(*, autostart_node: bool = False, **values: Any) -> Parrot:
+        node: Parrot = bench.start(Parrot, autostart_node=autostart_node, **values)
         return node
 
     return start

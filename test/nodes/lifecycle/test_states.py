@@ -2,10 +2,11 @@
 
 from lifecycles import go
 import pytest
+from rosgraph_msgs.msg import Clock
 from std_msgs.msg import String
 
 from visual_servo_epipolar.messages import write
-from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes import parameters, qos
 
 
 def words(heard: list[String]) -> list[str]:
@@ -107,3 +108,32 @@ def test_a_node_that_is_configured_anew_hears_anew_what_is_latched(bench, parrot
     bench.until(lambda: node.heard == ['Polly'], 'its name')
     go(bench, node, 'deactivate', 'cleanup', 'configure', 'activate')
     bench.until(lambda: node.heard == ['Polly', 'Polly'], 'its name again')
+
+
+def test_what_was_latched_before_a_cleanup_is_forgotten(bench, parrot) -> None:
+    name = bench.talk(String, 'name', qos.LATCHED)
+    node = parrot()
+    go(bench, node, 'configure')
+    name(write.text('Polly'))
+    bench.settle()
+    go(bench, node, 'cleanup')
+    name(write.text('Coco'))
+    bench.settle()
+    go(bench, node, 'configure')
+    bench.settle()
+    go(bench, node, 'activate')
+    assert node.heard == ['Coco']
+
+
+@pytest.mark.parametrize('early', [True, False])
+def test_simulated_time_goes_on_while_a_node_is_inactive(bench, parrot, early) -> None:
+    tick = bench.talk(Clock, '/clock', qos.CLOCK)
+    node = parrot(use_sim_time=early)
+    node.set_parameters([parameters.override('use_sim_time', True)])
+    bench.until(lambda: any(item.topic_name == '/clock' for item in node.subscriptions), 'a clock')
+
+    def came() -> bool:
+        tick(write.clock(5_000_000_000))
+        return bool(node.get_clock().now().nanoseconds == 5_000_000_000)
+
+    bench.until(came, 'the time')

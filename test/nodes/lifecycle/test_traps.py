@@ -71,6 +71,16 @@ def test_a_mistake_is_logged_and_the_node_can_be_had_again(bench, parrot, part) 
 
 
 @pytest.mark.parametrize('part', ['deactivate', 'cleanup'])
+def test_a_node_that_does_not_come_to_rest_is_brought_to_it(bench, parrot, part) -> None:
+    node = parrot()
+    before = entities(node)
+    go(bench, node, *['configure', 'activate'][: 2 if part == 'deactivate' else 1])
+    node.fails = {part: OSError('not now')}
+    assert not change(bench, node, IDS[part])
+    assert (node.state, entities(node)) == ('unconfigured', before)
+
+
+@pytest.mark.parametrize('part', ['deactivate', 'cleanup'])
 def test_nothing_keeps_a_node_from_its_end(bench, parrot, part) -> None:
     node = parrot(autostart_node=True)
     node.fails = {part: OSError('not now')}
