@@ -25,6 +25,7 @@ class Parrot(ManagedNode):
         self.calls: list[str] = []
         self.heard: list[str] = []
         self.ticks = 0
+        self.later: Any = None
         self.create_service(Trigger, '~/talk', self._on_talk)
         self.create_service(Trigger, '~/hush', self._on_hush)
         self.autostart(parameters.declare(self, LifecycleSettings))
@@ -40,11 +41,17 @@ class Parrot(ManagedNode):
 
     def activate(self) -> None:
         self._live('activate')
+        for _ in range(2):  # the first is what somebody replaces in mid-life
+            more = self.create_subscription(String, 'more', self._hear, qos.STREAM)
+            if self.later is not None:
+                self.destroy_subscription(self.later)
+            self.later = more
 
     def deactivate(self) -> None:
         self._live('deactivate')
 
     def cleanup(self) -> None:
+        self.later = None
         self._live('cleanup')
 
     def _live(self, part: str) -> None:

@@ -32,17 +32,17 @@ class ManagedNode(LifecycleNode):
     ValueError or OSError where they cannot: the node stays in the state it was in.
 
     Subscriptions, timers and services call back only while the node is active, but for callbacks
-    marked ``in_every_state``; other services answer what to do. What ``configure`` creates is
-    destroyed after ``cleanup``.
+    marked ``in_every_state``; other services answer what to do. What is created by ``configure``
+    or later is destroyed after ``cleanup``, unless it is ``keep``-ed.
     """
 
     _is_made = False  # until then rclpy creates what is its own
 
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
-        self._created: list[tuple[Callable[[Any], object], Any]] = []  # and how it is destroyed
-        self._mailboxes: list[Mailbox] = []
-        self._is_configuring = self._is_starting = self._is_destroyed = False
+        self._created: dict[Any, Callable[[Any], object]] = {}  # and how each is destroyed
+        self._mailboxes: dict[Any, Mailbox] = {}
+        self._is_configured = self._is_starting = self._is_destroyed = False
         self._refusal: Exception | None = None  # of the last transition
         self._is_made = True
         changes.answer_the_impossible(self)
@@ -99,9 +99,8 @@ class ManagedNode(LifecycleNode):
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Configure; on failure nothing is left of it."""
-        self._is_configuring = True
+        self._is_configured = True
         outcome = self._tried(self.configure)
-        self._is_configuring = False
         if outcome != SUCCESS:
             self._release()
         return outcome
@@ -154,13 +153,20 @@ class ManagedNode(LifecycleNode):
         self, msg_type: Any, topic: str, callback: Callback, qos_profile: Any, **more: Any
     ) -> Any:
         """Create a subscription; latched messages wait for the node to be active."""
-        if self._is_made and topic != CLOCK:
-            mailbox = Mailbox(callback, qos_profile)
-            callback = gated(callback, self._is_open, mailbox.keep)
-            if self._is_configuring:
-                self._mailboxes.append(mailbox)
-        subscription = super().create_subscription(msg_type, topic, callback, qos_profile, **more)
+        create = super().create_subscription
+        if not self._is_made or topic == CLOCK:
+            return create(msg_type, topic, callback, qos_profile, **more)
+        mailbox = Mailbox(callback, qos_profile)
+        callback = gated(callback, self._is_open, mailbox.keep)
+        subscription = create(msg_type, topic, callback, qos_profile, **more)
+        self._mailboxes[subscription] = mailbox
         return self._remember(self.destroy_subscription, subscription)
+
+    def destroy_subscription(self, subscription: Any) -> bool:
+        """Destroy a subscription, and what waits in its mailbox."""
+        self._mailboxes.pop(subscription, None)
+        self.keep(subscription)
+        return super().destroy_subscription(subscription)
 
     def create_timer(
         self, timer_period_sec: float, callback: Callback, *rest: Any, **more: Any
@@ -183,21 +189,25 @@ class ManagedNode(LifecycleNode):
         client = super().create_client(srv_type, srv_name, **more)
         return self._remember(self.destroy_client, client)
 
+    def keep(self, entity: Any) -> None:
+        """Leave an entity as it is at the next cleanup: somebody else takes care of it."""
+        self._created.pop(entity, None)
+
     def _remember(self, destroy: Callable[[Any], object], entity: Any) -> Any:
         """Remember what is created while the node is configured."""
-        if self._is_made and self._is_configuring:
-            self._created.append((destroy, entity))
+        if self._is_made and self._is_configured:
+            self._created[entity] = destroy
         return entity
 
     def _release(self) -> None:
         """Destroy what was created since the node was unconfigured."""
         while self._created:
-            destroy, entity = self._created.pop()
+            entity, destroy = self._created.popitem()
             destroy(entity)
-        self._mailboxes.clear()
+        self._is_configured = False
 
     def _deliver(self) -> None:
-        for mailbox in self._mailboxes:
+        for mailbox in list(self._mailboxes.values()):  # a callback may subscribe
             mailbox.deliver()
 
     def _is_open(self) -> bool:

@@ -10,6 +10,7 @@ from rclpy.qos import qos_check_compatible, QoSCompatibility
 from rclpy.subscription import Subscription
 
 from visual_servo_epipolar.core.stamps import seconds_between
+from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 
 LOOK_PERIOD_S = 1.0
 PATIENCE_S = 5.0  # time without a message, or without /clock, before it is said
@@ -132,4 +133,6 @@ class Inputs:
 def watch(node: Node) -> None:
     """Let ``node`` say what it waits for: messages, and /clock where time is simulated."""
     clock = Clock(clock_type=ClockType.STEADY_TIME)
-    node.create_timer(LOOK_PERIOD_S, Inputs(node).look, clock=clock)
+    timer = node.create_timer(LOOK_PERIOD_S, Inputs(node).look, clock=clock)
+    if isinstance(node, ManagedNode):
+        node.keep(timer)
