@@ -1,24 +1,19 @@
 """The tracker: images in, features of the desired view out."""
 
-from pathlib import Path
 import sys
 from typing import Any
 
-import cv2
 from diagnostic_msgs.msg import DiagnosticArray
-import numpy as np
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from visual_servo_epipolar.core.arrays import as_gray
 from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.geometry.cameras.calibrated import FISHEYES
 from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
-from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
@@ -34,13 +29,12 @@ from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.complaints import Complaints
 from visual_servo_epipolar.nodes.run import spin
 from visual_servo_epipolar.nodes.startup.settings import TrackerNodeSettings
+from visual_servo_epipolar.nodes.tracking.lateness import Lateness
+from visual_servo_epipolar.nodes.tracking.photograph import read_photograph
 from visual_servo_epipolar.report.images.overlay import draw_overlay
 
 WARN_PERIOD_S = 5.0
 MAX_CAPTURE_AGE_S = 1.0
-BEHIND_S = 0.5  # age of an image at which its tracks come late
-BEHIND_IMAGES = 3  # so many one after the other are no single match of the whole image
-OTHER_CLOCK_S = 60.0  # age from which on its stamp was made by a clock that is not ours
 RECTIFIED = 'image_rect'  # in the names that image_proc gives
 
 
@@ -62,14 +56,14 @@ class TrackerNode(Node):
         self._stamp_ns: int | None = None
         self._camera: CameraModel | None = None
         self._unusable = ''  # why the last camera_info cannot be used
-        self._late = 0  # images in a row whose tracks came late
+        self._lateness = Lateness(self)
         self._complaint = ''  # what was wrong with the last tracks
         self._latest: Pixels | None = None
         self._latest_ns, self._steady = 0, Clock(clock_type=ClockType.STEADY_TIME)
         self._pending_image: Image | None = None
         self._create_publishers()
         if self._node_settings.desired_image:
-            self._set_desired(_photograph(self._node_settings.desired_image))
+            self._set_desired(read_photograph(self._node_settings.desired_image))
             self.get_logger().info(f'desired image is {self._node_settings.desired_image}')
         self._create_subscriptions()
         self._announce()
@@ -144,23 +138,11 @@ class TrackerNode(Node):
         self._latest, self._latest_ns = tracking.image, self._steady.now().nanoseconds
         self._stamp_ns = read.stamp_ns(message.header)
         self._publish(tracking.features, message)
-        age_s = self._age_s(self._stamp_ns)
-        self._late = self._late + 1 if age_s is not None and age_s >= BEHIND_S else 0
-        behind = _behind(age_s or 0.0) if self._late >= BEHIND_IMAGES else ''
+        age_s = self._lateness.age_s(self._stamp_ns)
+        behind = self._lateness.complaint(age_s)
         for complaint in filter(None, (tracking.warning, behind)):
             self._warn(complaint)
         self._diagnose(tracking.warning, behind, len(tracking.features), age_s)
-
-    def _age_s(self, stamp_ns: int) -> float | None:
-        """
-        Return the age of the image whose tracks are published now [s].
-
-        None in simulated time, which may wait for the tracks, and of a stamp by another clock.
-        """
-        if self.get_parameter('use_sim_time').value:
-            return None
-        age_s = seconds_between(stamp_ns, self.get_clock().now().nanoseconds)
-        return age_s if abs(age_s) < OTHER_CLOCK_S else None
 
     def _diagnose(self, reason: str, behind: str, features: int, age_s: float | None) -> None:
         """Publish what is wrong with the tracks, as long as that lasts, and that it is over."""
@@ -225,23 +207,6 @@ class TrackerNode(Node):
         response.success, response.message = True, 'the next image is matched anew'
         self.get_logger().info(response.message)
         return response
-
-
-def _behind(age_s: float) -> str:
-    """Return that tracks come late, and what to do."""
-    return (
-        f'the tracker falls behind: the newest image was {age_s:.1f} s old when its tracks came; '
-        'send smaller images or fewer, or lower max_features'
-    )
-
-
-def _photograph(path: str) -> Pixels:
-    """Read the photograph, or raise ValueError."""
-    encoded = np.fromfile(path, np.uint8) if Path(path).is_file() else np.empty(0, np.uint8)
-    image = cv2.imdecode(encoded, cv2.IMREAD_GRAYSCALE) if encoded.size else None
-    if image is None:
-        raise ValueError(f'desired_image must be a readable image file, got {path!r}')
-    return as_gray(image)
 
 
 def main() -> None:
