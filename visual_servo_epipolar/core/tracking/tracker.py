@@ -77,6 +77,8 @@ class Tracker:
 
     def redetect(self) -> None:
         """Forget all features; the next image is matched to the desired one anew."""
+        if self.has_desired:
+            self.reason = 'the photograph was not looked for yet'
         self._previous, self._tracked, self._match_frame = None, Tracks.empty(), None
         self._candidates = None if self._view is None else Candidates(self._view)
         self._predicted = PredictedFeatures.empty()
