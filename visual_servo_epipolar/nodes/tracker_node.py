@@ -160,7 +160,8 @@ class TrackerNode(Node):
 
     def _publish(self, features: Features, image: Image) -> None:
         stamp_ns, frame_id = read.stamp_ns(image.header), image.header.frame_id
-        self._tracks_pub.publish(write.features(features, stamp_ns, frame_id))
+        tracks = write.features(features, stamp_ns, frame_id, self._tracker.goal)
+        self._tracks_pub.publish(tracks)
         if self._settings.overlay and self._overlay_pub.get_subscription_count():
             if self._latest is not None:
                 overlay = draw_overlay(self._latest, features.current, features.desired)
@@ -168,7 +169,10 @@ class TrackerNode(Node):
 
     def _on_desired(self, message: Image) -> None:
         try:
-            self._set_desired(read.gray(message))
+            image = read.gray(message)
+            if self._tracker.is_desired(image):  # a latched one that comes again
+                return
+            self._set_desired(image)
         except (ValueError, TrackingError) as error:
             self.get_logger().warning(f'desired image refused: {error}')
             return
