@@ -6,7 +6,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -25,10 +25,12 @@ from visual_servo_epipolar.messages import (
     validation,
     write,
 )
+from visual_servo_epipolar.messages.encodings import GrayReader
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.complaints import Complaints
 from visual_servo_epipolar.nodes.run import spin
 from visual_servo_epipolar.nodes.startup.settings import TrackerNodeSettings
+from visual_servo_epipolar.nodes.tracking.camera_subscriptions import CameraSubscriptions
 from visual_servo_epipolar.nodes.tracking.lateness import Lateness
 from visual_servo_epipolar.nodes.tracking.photograph import read_photograph
 from visual_servo_epipolar.report.images.overlay import draw_overlay
@@ -60,7 +62,8 @@ class TrackerNode(Node):
         self._complaint = ''  # what was wrong with the last tracks
         self._latest: Pixels | None = None
         self._latest_ns, self._steady = 0, Clock(clock_type=ClockType.STEADY_TIME)
-        self._pending_image: Image | None = None
+        self._pending_image: Image | CompressedImage | None = None
+        self._reader = GrayReader()
         self._create_publishers()
         if self._node_settings.desired_image:
             self._set_desired(read_photograph(self._node_settings.desired_image))
@@ -84,11 +87,12 @@ class TrackerNode(Node):
         )
 
     def _create_subscriptions(self) -> None:
-        images = qos.IMAGES[self._node_settings.camera_reliability]
-        self.create_subscription(CameraInfo, 'camera_info', self._on_info, images)
-        self.create_subscription(Image, 'image_raw', self._on_image, images)
-        if not self._node_settings.desired_image:
-            self.create_subscription(Image, 'desired/image_raw', self._on_desired, qos.LATCHED)
+        settings = self._node_settings
+        camera = CameraSubscriptions(self, settings.transport, settings.camera_reliability)
+        camera.create_subscription(CameraInfo, 'camera_info', self._on_info)
+        camera.create_subscription(Image, 'image_raw', self._on_image)
+        if not settings.desired_image:
+            camera.create_subscription(Image, 'desired/image_raw', self._on_desired, qos.LATCHED)
         self.create_service(Trigger, '~/capture_desired', self._on_capture)
         self.create_service(Trigger, '~/redetect', self._on_redetect)
 
@@ -129,12 +133,14 @@ class TrackerNode(Node):
                 'is removed from its images; set rectified: true for tracker and servo'
             )
 
-    def _on_image(self, message: Image) -> None:
+    def _on_image(self, message: Image | CompressedImage) -> None:
         if self._camera is None and not self._unusable:
             self._pending_image = message
             self._warn('no usable camera_info yet; an image waits for it, the robot stands')
             return
-        tracking = validation.track(self._tracker, message, self._camera or self._unusable)
+        tracking = validation.track(
+            self._tracker, message, self._camera or self._unusable, self._reader
+        )
         self._latest, self._latest_ns = tracking.image, self._steady.now().nanoseconds
         self._stamp_ns = read.stamp_ns(message.header)
         self._publish(tracking.features, message)
@@ -158,7 +164,7 @@ class TrackerNode(Node):
             self._diagnostics_pub.publish(diagnosis)
         self._complaint = reason or behind
 
-    def _publish(self, features: Features, image: Image) -> None:
+    def _publish(self, features: Features, image: Image | CompressedImage) -> None:
         stamp_ns, frame_id = read.stamp_ns(image.header), image.header.frame_id
         tracks = write.features(features, stamp_ns, frame_id, self._tracker.goal)
         self._tracks_pub.publish(tracks)
@@ -167,16 +173,17 @@ class TrackerNode(Node):
                 overlay = draw_overlay(self._latest, features.current, features.desired)
                 self._overlay_pub.publish(write.image(overlay, 'bgr8', stamp_ns, frame_id))
 
-    def _on_desired(self, message: Image) -> None:
+    def _on_desired(self, message: Image | CompressedImage) -> None:
         try:
-            image = read.gray(message)
+            image = read.gray(message, self._reader)
             if self._tracker.is_desired(image):  # a latched one that comes again
                 return
             self._set_desired(image)
         except (ValueError, TrackingError) as error:
             self.get_logger().warning(f'desired image refused: {error}')
             return
-        self.get_logger().info(f'desired image of {message.width}x{message.height} px taken')
+        height, width = image.shape
+        self.get_logger().info(f'desired image of {width}x{height} px taken')
 
     def _on_capture(
         self, request: Trigger.Request, response: Trigger.Response

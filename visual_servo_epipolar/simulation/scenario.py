@@ -91,6 +91,7 @@ CONNECTION = frozenset(
         'enable_stamped_cmd_vel',
         'mount_from_tf',
         'rectified',
+        'transport',
         'use_sim_time',
         'watchdog',
     }

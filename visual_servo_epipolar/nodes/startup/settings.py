@@ -4,7 +4,8 @@ from dataclasses import dataclass
 
 from visual_servo_epipolar.core.settings import setting, Settings
 
-RELIABILITIES = ('reliable', 'best_effort')  # of images, as in nodes.qos
+RELIABILITIES = ('auto', 'reliable', 'best_effort')  # of images, as in nodes.qos
+TRANSPORTS = ('raw', 'compressed')
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,8 +30,8 @@ class ServoNodeSettings(Settings):
         read_only=True,
     )
     camera_reliability: str = setting(
-        'best_effort',
-        'Subscribe to camera_info as: best_effort connects to every driver',
+        'auto',
+        'Subscribe to camera_info as: auto and best_effort connect to every driver',
         choices=RELIABILITIES,
         read_only=True,
     )
@@ -50,9 +51,15 @@ class TrackerNodeSettings(Settings):
         'Images are rectified: P of camera_info holds, its distortion does not apply',
         read_only=True,
     )
+    transport: str = setting(
+        'raw',
+        'Images come as: compressed are JPEG or PNG, on image_raw/compressed',
+        choices=TRANSPORTS,
+        read_only=True,
+    )
     camera_reliability: str = setting(
-        'best_effort',
-        'Subscribe to images as: best_effort connects to every driver, reliable loses none',
+        'auto',
+        'Subscribe to images as: auto finds out what the driver offers',
         choices=RELIABILITIES,
         read_only=True,
     )
