@@ -1,10 +1,10 @@
 """The tracker: images in, features of the desired view out."""
 
+from dataclasses import replace
 import sys
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from std_msgs.msg import String
@@ -12,8 +12,7 @@ from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.errors import TrackingError
-from visual_servo_epipolar.core.geometry.cameras.calibrated import FISHEYES
-from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
+from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera, FISHEYES
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
@@ -33,10 +32,10 @@ from visual_servo_epipolar.nodes.startup.settings import TrackerNodeSettings
 from visual_servo_epipolar.nodes.tracking.camera_subscriptions import CameraSubscriptions
 from visual_servo_epipolar.nodes.tracking.lateness import Lateness
 from visual_servo_epipolar.nodes.tracking.photograph import read_photograph
+from visual_servo_epipolar.nodes.tracking.photographer import Photographer
 from visual_servo_epipolar.report.images.overlay import draw_overlay
 
 WARN_PERIOD_S = 5.0
-MAX_CAPTURE_AGE_S = 1.0
 RECTIFIED = 'image_rect'  # in the names that image_proc gives
 
 
@@ -56,18 +55,18 @@ class TrackerNode(Node):
         parameters.watch(self, lambda: self._settings, self._use)
         self._tracker = Tracker(self._settings)
         self._stamp_ns: int | None = None
-        self._camera: CameraModel | None = None
+        self._camera: CalibratedCamera | None = None
         self._unusable = ''  # why the last camera_info cannot be used
         self._lateness = Lateness(self)
         self._complaint = ''  # what was wrong with the last tracks
         self._latest: Pixels | None = None
-        self._latest_ns, self._steady = 0, Clock(clock_type=ClockType.STEADY_TIME)
         self._pending_image: Image | CompressedImage | None = None
         self._reader = GrayReader()
         self._create_publishers()
-        if self._node_settings.desired_image:
-            self._set_desired(read_photograph(self._node_settings.desired_image))
-            self.get_logger().info(f'desired image is {self._node_settings.desired_image}')
+        self._photographer = Photographer(
+            self._node_settings.capture_frames, self._node_settings.photograph
+        )
+        self._load_photograph()
         self._create_subscriptions()
         self._announce()
 
@@ -111,6 +110,16 @@ class TrackerNode(Node):
         self._tracker.set_desired(image)
         self._desired_pub.publish(write.image(image, 'mono8', self._stamp_ns or 0, ''))
 
+    def _load_photograph(self) -> None:
+        """Take the photograph from a file, if one is there; raises ValueError if it is broken."""
+        given, kept = self._node_settings.desired_image, self._photographer.load()
+        if given:
+            self._set_desired(read_photograph(given))
+        elif kept is not None:
+            self._set_desired(kept)
+        if given or kept is not None:
+            self.get_logger().info(f'desired image is {given or self._node_settings.photograph}')
+
     def _on_info(self, message: CameraInfo) -> None:
         try:
             rectified = self._node_settings.rectified
@@ -119,6 +128,7 @@ class TrackerNode(Node):
         except ValueError as error:
             self._camera, self._unusable = None, str(error)
             self._latest = None
+            self._photographer.see(None)
         if self._pending_image is not None:
             pending, self._pending_image = self._pending_image, None
             self._on_image(pending)
@@ -141,7 +151,11 @@ class TrackerNode(Node):
         tracking = validation.track(
             self._tracker, message, self._camera or self._unusable, self._reader
         )
-        self._latest, self._latest_ns = tracking.image, self._steady.now().nanoseconds
+        self._latest = tracking.image
+        self._photographer.see(tracking.image)
+        foreign = self._photographer.complaint(self._camera)
+        if foreign:
+            tracking = replace(tracking, features=Features(), warning=foreign)
         self._stamp_ns = read.stamp_ns(message.header)
         self._publish(tracking.features, message)
         age_s = self._lateness.age_s(self._stamp_ns)
@@ -179,25 +193,29 @@ class TrackerNode(Node):
             if self._tracker.is_desired(image):  # a latched one that comes again
                 return
             self._set_desired(image)
+            self._photographer.forget_camera()
         except (ValueError, TrackingError) as error:
             self.get_logger().warning(f'desired image refused: {error}')
             return
         height, width = image.shape
         self.get_logger().info(f'desired image of {width}x{height} px taken')
 
+    def _capture(self) -> str:
+        """Capture the photograph, and return what to say; raises ValueError if it is none."""
+        image, count = self._photographer.capture()
+        assert self._camera is not None  # or there were no images
+        self._set_desired(image)
+        kept = self._photographer.keep(image, count, self._camera, self._stamp_ns or 0)
+        images = 'one image' if count == 1 else f'the mean of {count} images'
+        return f'this is the pose to come back to, {images}{kept}'
+
     def _on_capture(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
         try:
-            if self._latest is None:
-                raise ValueError('no usable image is there; check image_raw and camera_info')
-            age = (self._steady.now().nanoseconds - self._latest_ns) / 1e9
-            if age > MAX_CAPTURE_AGE_S:
-                raise ValueError(f'the last image is {age:.1f} s old; check the camera')
-            self._set_desired(self._latest)
+            response.success, response.message = True, self._capture()
             entry = event_log.Entry(event_log.CAPTURED, self._stamp_ns)
             self._events_pub.publish(write.text(event_log.to_text(entry)))
-            response.success, response.message = True, 'this is the pose to come back to'
             self.get_logger().info(f'captured: {response.message}')
         except (ValueError, TrackingError) as error:
             response.success, response.message = False, str(error)

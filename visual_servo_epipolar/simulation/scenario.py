@@ -87,9 +87,11 @@ CONNECTION = frozenset(
     {
         'base_frame',
         'camera_reliability',
+        'capture_frames',
         'desired_image',
         'enable_stamped_cmd_vel',
         'mount_from_tf',
+        'photograph',
         'rectified',
         'transport',
         'use_sim_time',

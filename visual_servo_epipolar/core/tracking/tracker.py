@@ -80,7 +80,7 @@ class Tracker:
         """
         view = desired_view(image)
         self._view, self._anchor = view, Anchor(view.image)
-        self.goal = crc32(view.image.tobytes()) or 1
+        self.goal = goal_of(view.image)
         self.redetect()
 
     def redetect(self) -> None:
@@ -245,6 +245,11 @@ class Tracker:
         return Features(
             warps.ids, warps.current, warps.desired, self._tracked.ages, self._tracked.residuals
         )
+
+
+def goal_of(image: Image) -> int:
+    """Return the number made of a desired image, never NO_GOAL."""
+    return crc32(image.tobytes()) or NO_GOAL + 1
 
 
 def _size(image: Image) -> str:

@@ -46,6 +46,18 @@ class TrackerNodeSettings(Settings):
         'File of the photograph; empty: wait for desired/image_raw or ~/capture_desired',
         read_only=True,
     )
+    photograph: str = setting(
+        '',
+        'File where a captured photograph is kept with its camera, .yaml; empty: it is not kept',
+        read_only=True,
+    )
+    capture_frames: int = setting(
+        10,
+        'Images at rest of which a captured photograph is the mean',
+        low=1,
+        high=100,
+        read_only=True,
+    )
     rectified: bool = setting(
         False,
         'Images are rectified: P of camera_info holds, its distortion does not apply',
@@ -63,6 +75,14 @@ class TrackerNodeSettings(Settings):
         choices=RELIABILITIES,
         read_only=True,
     )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.desired_image and self.photograph:
+            raise ValueError(
+                'desired_image and photograph exclude each other: the first is given, the second '
+                'captured; set one of them'
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
