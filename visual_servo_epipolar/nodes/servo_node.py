@@ -19,8 +19,10 @@ from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCam
 from visual_servo_epipolar.core.perception.observation import Observation, observe
 from visual_servo_epipolar.core.servo.interruptions import (
     camera_changed,
+    GOAL_CHANGED,
     interrupted,
     Interruption,
+    RunGoal,
 )
 from visual_servo_epipolar.core.servo.phases.table import DRIVING
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -64,6 +66,7 @@ class ServoNode(Node):
         self._active, self._state = self._settings.autostart, ServoState()
         self._pending_tracks: PointCloud2 | None = None
         self._fresh_ns: int | None = None
+        self._goal = RunGoal()
         self._stamp_ns: int | None = None
         self._camera = ServoCamera(self, self._node_settings, self._warn)
         self._watch_clock = Clock(clock_type=ClockType.STEADY_TIME)
@@ -129,6 +132,9 @@ class ServoNode(Node):
             self._fresh_ns = self._watch_clock.now().nanoseconds
         if self._stamp_ns is not None and stamp_ns <= self._stamp_ns:
             self._warn(NO_TIME)
+        other_goal = self._active and self._goal.is_other(read.goal(message), self._state)
+        if other_goal and self._state.reason != GOAL_CHANGED:
+            self._lose(GOAL_CHANGED)
         if self._active:
             self._take_mount(message.header.frame_id)  # and so announced from this stamp on
         self._stamp_ns = stamp_ns
@@ -150,6 +156,8 @@ class ServoNode(Node):
         features, warning = validation.checked_tracks(message, camera)
         if self._camera.is_other(camera, self._state):
             features, warning = Features(), camera_changed(camera)
+        if self._goal.is_other(read.goal(message), self._state):
+            features, warning = Features(), GOAL_CHANGED
         observation = observe(features, camera, read.stamp_ns(message.header))
         warning = warning or validation.left_out(observation, camera)
         if warning:

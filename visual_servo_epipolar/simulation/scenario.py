@@ -87,10 +87,13 @@ CONNECTION = frozenset(
     {
         'base_frame',
         'camera_reliability',
+        'capture_frames',
         'desired_image',
         'enable_stamped_cmd_vel',
         'mount_from_tf',
+        'photograph',
         'rectified',
+        'transport',
         'use_sim_time',
         'watchdog',
     }
