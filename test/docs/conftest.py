@@ -10,10 +10,20 @@ import pytest
 Topics: TypeAlias = Callable[[Path], set[str]]
 
 
+def parts(source: Path) -> list[Path]:
+    """Return ``source`` and the modules that it imports from folders beside it."""
+    text = source.read_text(encoding='utf-8')
+    names = re.findall(
+        rf'from visual_servo_epipolar\.{source.parent.name}\.(\w+)\.(\w+) import', text
+    )
+    return [source, *(source.parent / folder / f'{name}.py' for folder, name in names)]
+
+
 def topics(source: Path, maker: str) -> set[str]:
-    """Return the topics that ``source`` gives to its calls of ``maker``."""
+    """Return the topics that ``source`` and its parts give to their calls of ``maker``."""
     call = rf"\.{maker}\(\s*\w+,\s*'([^']+)'"
-    return set(re.findall(call, source.read_text(encoding='utf-8')))
+    texts = (path.read_text(encoding='utf-8') for path in parts(source))
+    return {topic for text in texts for topic in re.findall(call, text)}
 
 
 @pytest.fixture(scope='session')

@@ -46,10 +46,10 @@ class Servo:
     def see(self, features=None) -> None:
         """Send tracks, and wait until the node has taken them in."""
         features = self.world.observe(AWAY, 0) if features is None else features
-        self.node._fresh_ns = None
+        received = self.node.received
         self._send(write.features(features, self.stamp_ns, 'camera'))
         self.stamp_ns += PERIOD_NS
-        self.bench.until(lambda: self.node._fresh_ns is not None, 'tracks to arrive')
+        self.bench.until(lambda: self.node.received > received, 'tracks to arrive')
 
     @property
     def state(self):

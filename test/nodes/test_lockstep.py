@@ -111,7 +111,7 @@ def test_a_chain_that_stands_still_is_reported(monkeypatch) -> None:
             begin()
 
         nodes.unicycle.begin = begin_impatiently
-        nodes.servo._command = lambda *_: None
+        nodes.servo._commands.send = lambda *_: None
         with pytest.raises(LockstepError, match=r'after 0 steps, waiting for the run to end'):
             nodes.run(lambda: False)
 

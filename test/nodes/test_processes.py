@@ -2,15 +2,14 @@
 
 from collections.abc import Iterator
 from contextlib import ExitStack
-import os
 from pathlib import Path
 import re
 import signal
 import subprocess
-import sys
 
 from bench import Bench, next_domain
 from nav_msgs.msg import Odometry
+from node_process import arguments, environment
 import pytest
 from std_msgs.msg import String
 
@@ -24,19 +23,6 @@ NODES = ('unicycle_node', 'camera_node', 'tracker_node', 'servo_node')
 START = ('-p', 'start:=[0.3, -2.2, 0.0]')
 ARRIVE_SEC, MOVE_SEC, END_SEC = 150.0, 60.0, 30.0
 COMMAND_TIMEOUT_SEC, BRAKING_SEC = 0.5, 0.4 / 0.6  # from 0.4 m/s at 0.6 m/s^2
-
-
-def environment(domain: int) -> dict[str, str]:
-    return {
-        **os.environ,
-        'PYTHONPATH': os.pathsep.join(filter(None, [str(ROOT), os.environ.get('PYTHONPATH')])),
-        'ROS_DOMAIN_ID': str(domain),
-        'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-    }
-
-
-def arguments(name: str, *more: str) -> list[str]:
-    return [sys.executable, '-m', f'visual_servo_epipolar.nodes.{name}', '--ros-args', *more]
 
 
 class Team:

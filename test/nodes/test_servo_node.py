@@ -52,9 +52,9 @@ class Rig:
 
     def tell(self, cloud) -> None:
         """Send tracks, and wait until the node has taken them in."""
-        self.node._fresh_ns = None
+        received = self.node.received
         self.send(cloud)
-        self.bench.until(lambda: self.node._fresh_ns is not None, 'tracks to arrive')
+        self.bench.until(lambda: self.node.received > received, 'tracks to arrive')
         self.bench.settle()
 
     def see(self, pose=AWAY) -> None:
@@ -208,9 +208,9 @@ def test_a_robot_that_was_stopped_waits_for_a_start_after_a_reset(bench) -> None
 def test_the_watchdog_leaves_a_robot_alone_that_stands(bench) -> None:
     rig = Rig(bench, stale_timeout=0.05)
     rig.see(GOAL)
-    watch = rig.node._watch_clock.now().nanoseconds
+    watch = rig.node._freshness.clock.now().nanoseconds
     bench.until(
-        lambda: rig.node._watch_clock.now().nanoseconds > watch + 0.3e9,
+        lambda: rig.node._freshness.clock.now().nanoseconds > watch + 0.3e9,
         'six looks of the watchdog',
     )
     assert rig.twists() == [STANDSTILL]

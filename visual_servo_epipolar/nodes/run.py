@@ -1,7 +1,6 @@
 """Main loop of every node: init, spin, a clean exit with a zero twist."""
 
 import re
-import signal
 import sys
 import threading
 from typing import Any
@@ -13,16 +12,17 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from visual_servo_epipolar.core.errors import VisualServoError
-from visual_servo_epipolar.nodes.startup import command_line, inputs
+from visual_servo_epipolar.nodes.startup import command_line, inputs, signals
 from visual_servo_epipolar.nodes.startup.transport import tune_transport
 
 
 def spin(kind: type[Any], args: list[str] | None = None) -> int:
     """
-    Run a node of this ``kind`` until SIGINT or SIGTERM; return the exit code.
+    Run a node of this ``kind`` until a signal ends it; return the exit code.
 
     rclpy's own signal handlers end the context before Python runs again, so that no last twist
-    could be published: these set an event only.
+    could be published: ours set an event only. Without one SIGHUP, of a terminal that is closed,
+    would leave the robot moving.
     """
     name = _executable(kind)
     code = command_line.answer(name, sys.argv[1:] if args is None else args)
@@ -30,8 +30,7 @@ def spin(kind: type[Any], args: list[str] | None = None) -> int:
         return code
     tune_transport()
     ending = threading.Event()
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: ending.set())
+    signals.on_ending(lambda _: ending.set())
     node: Node | None = None
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
@@ -53,8 +52,7 @@ def spin(kind: type[Any], args: list[str] | None = None) -> int:
                 stop()
             node.destroy_node()
         rclpy.try_shutdown()
-        for number in (signal.SIGINT, signal.SIGTERM):
-            signal.signal(number, signal.SIG_IGN)  # a second Ctrl-C finds nothing left to end
+        signals.ignore_ending()
     return 0
 
 

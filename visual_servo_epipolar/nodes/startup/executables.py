@@ -1,10 +1,12 @@
 """Executables of the nodes: they import ROS only when they run, and say it if there is none."""
 
 from importlib import import_module
+import signal
 import sys
 
 from visual_servo_epipolar.nodes.startup.command_line import answer, USAGE_ERROR
 from visual_servo_epipolar.nodes.startup.missing import NO_ROS, remedy
+from visual_servo_epipolar.nodes.startup.signals import on_ending
 from visual_servo_epipolar.nodes.startup.table import PACKAGE
 
 # What nodes import beside ROS 2.
@@ -17,6 +19,7 @@ def run(node: str) -> int:
     code = answer(node, sys.argv[1:])
     if code is not None:
         return code
+    on_ending(lambda number: _leave(node, number))
     try:
         main = import_module(f'{PACKAGE}.nodes.{node}').main
     except ImportError as error:
@@ -28,6 +31,14 @@ def run(node: str) -> int:
         return INTERRUPTED
     main()
     return 0
+
+
+def _leave(node: str, number: signal.Signals) -> None:
+    """End the process before the node has begun: nothing moves, nothing is lost."""
+    if number is signal.SIGINT:
+        raise KeyboardInterrupt
+    print(f'{node}: ended by {number.name} before it had begun', file=sys.stderr)
+    sys.exit(0)
 
 
 def _missing(error: ImportError) -> str:

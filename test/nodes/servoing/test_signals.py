@@ -1,0 +1,103 @@
+"""Signals that end a servo, as a real process: the robot is told to stand, whatever ends it."""
+
+from collections.abc import Iterator
+from contextlib import ExitStack
+import signal
+import subprocess
+import sys
+
+from bench import Bench, next_domain
+from geometry_msgs.msg import Twist as TwistMessage
+from node_process import arguments, environment
+import pytest
+from sensor_msgs.msg import CameraInfo, PointCloud2
+
+from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
+from visual_servo_epipolar.messages import read, write
+from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
+from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
+
+CAMERA = Camera(1280, 1024, 769.2, 769.2, 635.0, 512.0)
+WORLD = PointWorld(PointSettings(), FixedRig(CAMERA), seed=0)
+AWAY = Pose.from_start(1.0, -3.5, 8.0)
+START_SEC, END_SEC = 60.0, 30.0
+DRIVING = ('-p', 'autostart:=true', '-p', 'stale_timeout:=60.0')
+
+
+class Process:
+    """A servo in a process of its own, and a bench that is its tracker and its base."""
+
+    def __init__(self, stack: ExitStack, *command: str) -> None:
+        domain = next_domain()
+        self.bench = stack.enter_context(Bench(domain))
+        self.commands = self.bench.listen(TwistMessage, 'cmd_vel')
+        self._send = self.bench.talk(PointCloud2, 'tracks')
+        self._calibrate = self.bench.talk(CameraInfo, 'camera_info')
+        self.process = stack.enter_context(
+            subprocess.Popen(
+                command or arguments('servo_node', *DRIVING),
+                env=environment(domain),
+                stderr=subprocess.PIPE,
+                text=True,
+                start_new_session=True,  # it must not inherit an ignored SIGINT
+            )
+        )
+        stack.callback(self.process.kill)
+
+    def drive(self) -> None:
+        """Show tracks until the robot is told to move."""
+        self.bench.until(self._moves, 'the robot to be told to move', START_SEC)
+
+    def _moves(self) -> bool:
+        stamp_ns = self.bench.probe.get_clock().now().nanoseconds
+        self._calibrate(write.camera_info(CAMERA, stamp_ns, 'camera'))
+        self._send(write.features(WORLD.observe(AWAY, 0), stamp_ns, 'camera'))
+        return any(read.twist(item) != STANDSTILL for item in self.commands)
+
+
+@pytest.fixture
+def stack(monkeypatch: pytest.MonkeyPatch) -> Iterator[ExitStack]:
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    with ExitStack() as entered:
+        yield entered
+
+
+@pytest.mark.parametrize('number', ['SIGINT', 'SIGTERM', 'SIGHUP', 'SIGQUIT'])
+def test_a_servo_that_is_ended_stops_the_robot(stack: ExitStack, number: str) -> None:
+    servo = Process(stack)
+    servo.drive()
+    servo.process.send_signal(signal.Signals[number])
+    _, said = servo.process.communicate(timeout=END_SEC)
+    assert servo.process.returncode == 0, said
+    assert 'Traceback' not in said
+    servo.bench.until(
+        lambda: read.twist(servo.commands[-1]) == STANDSTILL, 'the last zero twist', END_SEC
+    )
+
+
+def test_a_servo_started_by_nohup_outlives_its_terminal(stack: ExitStack) -> None:
+    servo = Process(stack, 'nohup', *arguments('servo_node', *DRIVING))
+    servo.drive()
+    servo.process.send_signal(signal.SIGHUP)
+    del servo.commands[:]
+    servo.drive()
+    assert servo.process.poll() is None
+
+
+# The import of the node, in which SIGTERM comes.
+CODE = """
+import os, signal, sys
+from visual_servo_epipolar.nodes.startup import executables
+executables.import_module = lambda _: os.kill(os.getpid(), signal.{number})
+sys.argv = ['servo_node']
+executables.servo_node()
+"""
+
+
+@pytest.mark.parametrize('number', ['SIGTERM', 'SIGHUP', 'SIGQUIT'])
+def test_a_node_that_is_ended_before_it_began_says_so_in_one_line(number: str) -> None:
+    code = [sys.executable, '-c', CODE.format(number=number)]
+    ended = subprocess.run(code, capture_output=True, text=True, timeout=END_SEC)
+    line = f'servo_node: ended by {number} before it had begun\n'
+    assert (ended.returncode, ended.stderr) == (0, line)

@@ -1,0 +1,52 @@
+"""Reports of the servo: phase, telemetry, diagnostics, markers; settings and events for bags."""
+
+from collections.abc import Sequence
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import String
+from visualization_msgs.msg import MarkerArray
+
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.telemetry import telemetry
+from visual_servo_epipolar.core.settings import Settings
+from visual_servo_epipolar.messages import diagnostics, event_log, settings_text, write
+from visual_servo_epipolar.messages.event_log import Entry
+from visual_servo_epipolar.nodes import qos
+
+
+class Reports:
+    """Reports of the servo ``node``: all that it publishes but commands."""
+
+    def __init__(self, node: Node) -> None:
+        self._name = node.get_fully_qualified_name()
+        self._telemetry_pub = node.create_publisher(JointState, 'epipoles', qos.STREAM)
+        self._phase_pub = node.create_publisher(String, 'phase', qos.LATCHED)
+        self._diagnostics_pub = node.create_publisher(
+            DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS
+        )
+        self._markers_pub = node.create_publisher(MarkerArray, '~/markers', qos.STREAM)
+        self._settings_pub = node.create_publisher(String, '~/settings', qos.LATCHED)
+        self._events_pub = node.create_publisher(String, '~/events', qos.DIAGNOSTICS)
+
+    def phase(self, state: ServoState) -> None:
+        """Publish the phase."""
+        self._phase_pub.publish(write.text(state.phase.value))
+
+    def step(self, state: ServoState, stamp_ns: int, frame_id: str) -> None:
+        """Publish all that a step found out, with the stamp of its image."""
+        self.phase(state)
+        self._telemetry_pub.publish(write.telemetry(telemetry(state), stamp_ns, frame_id))
+        self._diagnostics_pub.publish(diagnostics.diagnosis(state, stamp_ns, name=self._name))
+        self._markers_pub.publish(diagnostics.markers(state, stamp_ns, frame_id))
+
+    def settings(self, groups: Sequence[Settings], after_stamp_ns: int | None) -> None:
+        """Publish the settings in force, so that a bag can be replayed with them."""
+        text = settings_text.to_text(self._name, groups, after_stamp_ns)
+        self._settings_pub.publish(write.text(text))
+
+    def event(self, name: str, after_stamp_ns: int | None, reason: str = '') -> None:
+        """Publish what happened between two images, likewise."""
+        entry = Entry(name, after_stamp_ns, reason)
+        self._events_pub.publish(write.text(event_log.to_text(entry)))
