@@ -5,7 +5,7 @@ import sys
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
-from rclpy.node import Node
+from rclpy.duration import Duration
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -27,6 +27,7 @@ from visual_servo_epipolar.messages import (
 from visual_servo_epipolar.messages.encodings import GrayReader
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.complaints import Complaints
+from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 from visual_servo_epipolar.nodes.run import spin
 from visual_servo_epipolar.nodes.startup.settings import TrackerNodeSettings
 from visual_servo_epipolar.nodes.tracking.camera_subscriptions import CameraSubscriptions
@@ -35,11 +36,11 @@ from visual_servo_epipolar.nodes.tracking.photograph import read_photograph
 from visual_servo_epipolar.nodes.tracking.photographer import Photographer
 from visual_servo_epipolar.report.images.overlay import draw_overlay
 
-WARN_PERIOD_S = 5.0
+WARN_PERIOD_S, LAST_WORD_S = 5.0, 0.2
 RECTIFIED = 'image_rect'  # in the names that image_proc gives
 
 
-class TrackerNode(Node):
+class TrackerNode(ManagedNode):
     """
     Hosts a ``Tracker``; publishes one cloud for each image, empty when nothing is to be trusted.
 
@@ -54,7 +55,14 @@ class TrackerNode(Node):
         parameters.refuse_unknown(self, options)
         parameters.watch(self, lambda: self._settings, self._use)
         self._tracker = Tracker(self._settings)
+        self._create_services()
+        self.autostart(self._node_settings)
+
+    def configure(self) -> None:
+        """Create all that tracking needs; raises ValueError for a photograph that is broken."""
+        self._tracker = Tracker(self._settings)
         self._stamp_ns: int | None = None
+        self._frame_id = ''
         self._camera: CalibratedCamera | None = None
         self._unusable = ''  # why the last camera_info cannot be used
         self._lateness = Lateness(self)
@@ -68,7 +76,23 @@ class TrackerNode(Node):
         )
         self._load_photograph()
         self._create_subscriptions()
+
+    def activate(self) -> None:
+        """Match the next image anew: the robot may have been driven elsewhere meanwhile."""
+        if self._tracker.has_desired:
+            self._tracker.redetect()
         self._announce()
+
+    def deactivate(self) -> None:
+        """Tell the servo at once that there are no tracks any more; photograph and camera stay."""
+        if self._stamp_ns is not None:
+            nothing = write.features(
+                Features(), self._stamp_ns + 1, self._frame_id, self._tracker.goal
+            )
+            self._tracks_pub.publish(nothing)
+            self._tracks_pub.wait_for_all_acked(Duration(seconds=LAST_WORD_S))
+        self._latest = self._pending_image = None
+        self._photographer.see(None)
 
     @property
     def ready(self) -> bool:
@@ -92,12 +116,15 @@ class TrackerNode(Node):
         camera.create_subscription(Image, 'image_raw', self._on_image)
         if not settings.desired_image:
             camera.create_subscription(Image, 'desired/image_raw', self._on_desired, qos.LATCHED)
+
+    def _create_services(self) -> None:
         self.create_service(Trigger, '~/capture_desired', self._on_capture)
         self.create_service(Trigger, '~/redetect', self._on_redetect)
 
     def _use(self, settings: TrackerSettings) -> None:
         self._settings = self._tracker.settings = settings
-        self._announce()
+        if self.is_configured:
+            self._announce()
 
     def _announce(self) -> None:
         """Publish the settings in force, so that a bag can be replayed with them."""
@@ -180,6 +207,7 @@ class TrackerNode(Node):
 
     def _publish(self, features: Features, image: Image | CompressedImage) -> None:
         stamp_ns, frame_id = read.stamp_ns(image.header), image.header.frame_id
+        self._frame_id = frame_id
         tracks = write.features(features, stamp_ns, frame_id, self._tracker.goal)
         self._tracks_pub.publish(tracks)
         if self._settings.overlay and self._overlay_pub.get_subscription_count():

@@ -97,6 +97,11 @@ class ManagedNode(LifecycleNode):
         """Whether callbacks are called, and what is published goes out."""
         return self.state == 'active'
 
+    @property
+    def is_configured(self) -> bool:
+        """Whether there is what ``configure`` creates."""
+        return self._is_configured
+
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Configure; on failure nothing is left of it."""
         self._is_configured = True

@@ -3,13 +3,14 @@
 from dataclasses import dataclass
 
 from visual_servo_epipolar.core.settings import setting, Settings
+from visual_servo_epipolar.nodes.lifecycle.settings import LifecycleSettings
 
 RELIABILITIES = ('auto', 'reliable', 'best_effort')  # of images, as in nodes.qos
 TRANSPORTS = ('raw', 'compressed')
 
 
 @dataclass(frozen=True, kw_only=True)
-class ServoNodeSettings(Settings):
+class ServoNodeSettings(LifecycleSettings):
     """Settings of the connections of the node."""
 
     enable_stamped_cmd_vel: bool = setting(
@@ -38,7 +39,7 @@ class ServoNodeSettings(Settings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrackerNodeSettings(Settings):
+class TrackerNodeSettings(LifecycleSettings):
     """Settings of the node: source of the photograph, and QoS of images."""
 
     desired_image: str = setting(
