@@ -85,6 +85,7 @@ ALL_NODES = '/**'
 # Parameters of the connections of these nodes: a simulation has none of them.
 CONNECTION = frozenset(
     {
+        'autostart_node',
         'base_frame',
         'camera_reliability',
         'capture_frames',

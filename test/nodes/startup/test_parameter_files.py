@@ -250,6 +250,7 @@ def test_names_that_nodes_share_are_known_to_mean_different_things_or_not() -> N
             for item in fields(kind):
                 texts.setdefault(item.name, set()).add(node)
     alike = {
+        'autostart_node',
         'base_frame',
         'camera_reliability',
         'enable_stamped_cmd_vel',
