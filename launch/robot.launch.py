@@ -60,12 +60,20 @@ def generate_launch_description():
                 'record', default_value='', description='Folder of a new bag; empty: no recorder'
             ),
             DeclareLaunchArgument(
+                'lifecycle',
+                default_value='self',
+                choices=['self', 'manual', 'nav2'],
+                description='Who configures and activates: each node itself at the start, you by '
+                'ros2 lifecycle, or the lifecycle manager of nav2, which is started for it',
+            ),
+            DeclareLaunchArgument(
                 'sigterm_timeout',
                 default_value='30',
                 description='Time to end after Ctrl-C [s]: a recorder completes its bag in it',
             ),
             OpaqueFunction(function=controller),
             OpaqueFunction(function=recorder),
+            OpaqueFunction(function=manager),
         ]
     )
 
@@ -82,6 +90,7 @@ def controller(context):
                 config('robot.yaml'),
                 *own(value['params_file']),
                 *given(value, desired_image=str, use_sim_time=bool),
+                *managed(value),
             ],
             remappings=[('image_raw', value['image']), ('camera_info', value['camera_info'])],
             output='screen',
@@ -94,6 +103,7 @@ def controller(context):
                 config('robot.yaml'),
                 *own(value['params_file']),
                 *given(value, autostart=bool, use_sim_time=bool),
+                *managed(value),
             ],
             remappings=[('camera_info', value['camera_info']), ('cmd_vel', value['cmd_vel'])],
             output='screen',
@@ -112,10 +122,38 @@ def recorder(context):
             config('recorder_node.yaml'),  # no file of the servo's: its autostart is another
             {'bag': value['record']},
             *given(value, use_sim_time=bool),
+            *managed(value),
         ],
         output='screen',
     )
     return [node] if value['record'] else []
+
+
+def manager(context):
+    """Return the lifecycle manager of nav2, if it is asked for; the servo starts last."""
+    value = context.launch_configurations
+    recorded = ['recorder_node'] if value['record'] else []
+    node = Node(
+        package='nav2_lifecycle_manager',
+        executable='lifecycle_manager',
+        name='lifecycle_manager_visual_servo',
+        namespace=value['namespace'],
+        parameters=[
+            {
+                'autostart': True,
+                'bond_timeout': 0.0,  # there is no bond for Python: it would wait for one in vain
+                'node_names': [*recorded, 'tracker_node', 'servo_node'],
+            },
+            *given(value, use_sim_time=bool),
+        ],
+        output='screen',
+    )
+    return [node] if value['lifecycle'] == 'nav2' else []
+
+
+def managed(value):
+    """Return the parameter that leaves the nodes to somebody else, if that is so."""
+    return [] if value['lifecycle'] == 'self' else [{'autostart_node': False}]
 
 
 def config(name):

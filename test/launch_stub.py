@@ -82,6 +82,7 @@ class IncludeLaunchDescription:
 class Node:
     package: str
     executable: str
+    name: str = ''
     namespace: str = ''
     parameters: list[Any] = field(default_factory=list)
     remappings: list[tuple[str, str]] = field(default_factory=list)

@@ -12,14 +12,16 @@ from launch_stub import Launch, load, modules, ROOT
 import pytest
 import yaml
 
+from visual_servo_epipolar.nodes.startup import table
+
 PACKAGE = 'visual_servo_epipolar'
 FILES = sorted(path.name for path in (ROOT / 'launch').glob('*.py'))
 EVERYTHING = {
     'simulation.launch.py': {'record': '/bags/one', 'rviz': 'true'},
-    'robot.launch.py': {'record': '/bags/one'},
+    'robot.launch.py': {'record': '/bags/one', 'lifecycle': 'nav2'},
     'two_robots.launch.py': {'record': '/bags', 'rviz': 'true'},
 }
-TOPIC = re.compile(r"\.create_(?:publisher|subscription)\(\s*\w+,\s*'([^'~/][^']*)'")
+OTHERS = {'rviz2': 'rviz2', 'lifecycle_manager': 'nav2_lifecycle_manager'}  # by executable
 DECLARATION = re.compile(r'parameters\.declare\(self, (\w+)\)')
 RVIZ = yaml.safe_load((ROOT / 'config/visual_servo.rviz').read_text(encoding='utf-8'))
 
@@ -72,12 +74,12 @@ def test_each_launch_file_is_tested_here() -> None:
 def test_nodes_are_entry_points_and_their_files_exist(name) -> None:
     launch = Launch(name, **EVERYTHING[name])
     assert {node.executable for node in ours(launch)} <= entry_points()
-    assert {node.package for node in launch.nodes} <= {PACKAGE, 'rviz2'}
+    assert {node.package for node in launch.nodes} <= {PACKAGE, *OTHERS.values()}
     for node in launch.nodes:
         paths = [item for item in (*node.parameters, *node.arguments) if '/' in str(item)]
         files = [Path(item) for item in paths if isinstance(item, str) and item.startswith('/')]
         assert [path for path in files if not path.is_file()] == []
-        assert node.executable == 'rviz2' or files, f'{node.executable} has no settings'
+        assert node.executable in OTHERS or files, f'{node.executable} has no settings'
 
 
 @pytest.mark.parametrize('name', FILES)
@@ -104,7 +106,8 @@ def test_a_recorder_has_time_to_complete_its_bag(name) -> None:
 @pytest.mark.parametrize('name', FILES)
 def test_remapped_topics_are_topics_of_the_nodes(name) -> None:
     for node in ours(Launch(name)):
-        topics = set(TOPIC.findall(source(node)))
+        row = table.NODES[node.executable]
+        topics = {*row.subscribes, *row.publishes}
         assert {topic for topic, _ in node.remappings} <= topics, node.executable
 
 
@@ -191,6 +194,25 @@ def test_topics_go_where_they_are_sent(name) -> None:
         assert nodes['camera_node'].remappings == [image, info]
         assert nodes['unicycle_node'].remappings == [('cmd_vel', '/base/cmd')]
     assert {node.namespace for node in nodes.values()} == {'r'}
+
+
+@pytest.mark.parametrize(('record', 'first'), [('', []), ('/bags/one', ['recorder_node'])])
+def test_the_lifecycle_manager_of_nav2_leads_all_nodes_without_a_bond(record, first) -> None:
+    launch = Launch('robot.launch.py', namespace='r', lifecycle='nav2', record=record)
+    *led, manager = launch.nodes
+    assert (manager.executable, manager.namespace) == ('lifecycle_manager', 'r')
+    assert values(manager) == {
+        'autostart': True,
+        'bond_timeout': 0.0,
+        'node_names': [*first, 'tracker_node', 'servo_node'],
+    }
+    assert {node.executable for node in led} == set(values(manager)['node_names'])
+    assert [values(node)['autostart_node'] for node in led] == [False] * len(led)
+
+
+def test_nodes_that_are_led_by_hand_have_no_manager() -> None:
+    launch = Launch('robot.launch.py', lifecycle='manual')
+    assert [values(node) for node in launch.nodes] == [{'autostart_node': False}] * 2
 
 
 def test_start_and_seed_reach_base_and_camera() -> None:

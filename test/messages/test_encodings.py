@@ -6,7 +6,7 @@ import pytest
 from sensor_msgs.msg import CompressedImage, Image
 
 from visual_servo_epipolar.messages import read
-from visual_servo_epipolar.messages.encodings import ENCODINGS, LARGEST
+from visual_servo_epipolar.messages.encodings import ENCODINGS, GrayReader, LARGEST
 
 BLUE, GREEN, RED = 30, 90, 200
 GRAY = round(0.114 * BLUE + 0.587 * GREEN + 0.299 * RED)
@@ -118,3 +118,61 @@ def test_a_huge_picture_is_refused_before_it_takes_memory() -> None:
     raw.data[16:24] = type(raw.data)('B', (60_000).to_bytes(4, 'big') * 2)
     with pytest.raises(ValueError, match=f'1 to {LARGEST} pixels, got 60000x60000'):
         read.gray(raw)
+
+
+@pytest.mark.parametrize('bits', [10, 12, 14, 16])
+@pytest.mark.parametrize('encoding', ['mono16', '16UC1', 'bayer_rggb16', 'bgr16'])
+def test_a_sensor_of_fewer_bits_is_as_bright_as_one_of_8(encoding, bits) -> None:
+    channels = ENCODINGS[encoding].channels
+    grays = np.repeat(np.full((6, 8, 1), 250, np.uint8), channels, axis=2)
+    pixels = (grays.astype('<u2') << (bits - 8)).view(np.uint8)
+    raw = message(pixels.reshape(6, 8, 2 * channels), encoding)
+    np.testing.assert_array_equal(read.gray(raw), np.full((6, 8), 250))
+
+
+def test_a_dark_image_of_a_sensor_is_not_taken_for_one_of_fewer_bits() -> None:
+    reader = GrayReader()
+    for brightest, shade in ((4000, 250), (100, 6), (3000, 187)):
+        pixels = np.full((6, 8, 1), brightest, '<u2').view(np.uint8)
+        assert read.gray(message(pixels, 'mono16'), reader)[0, 0] == shade
+
+
+@pytest.mark.parametrize('encoding', list(ENCODINGS))
+def test_images_of_a_row_a_column_or_a_pixel_are_grey_or_refused(encoding) -> None:
+    kind = ENCODINGS[encoding]
+    for shape in ((1, 1), (1, 9), (9, 1), (2, 2), (3, 1), (1, 2)):
+        raw = message(np.full((*shape, kind.channels * kind.depth), 9, np.uint8), encoding)
+        try:
+            assert read.gray(raw).shape == shape
+        except ValueError as error:
+            assert 'cannot become grey' in str(error)
+
+
+def test_a_mosaic_in_a_jpeg_is_interpolated() -> None:
+    mosaic = np.empty((48, 64), np.uint8)
+    for number, name in enumerate('grbg'):
+        mosaic[number // 2 :: 2, number % 2 :: 2] = SHADE[name]
+    raw = compressed('.jpg', mosaic)
+    raw.format = 'bayer_grbg8; jpeg compressed '
+    assert np.abs(read.gray(raw)[4:-4, 4:-4].astype(int) - GRAY).max() <= 4
+    raw.format = 'bayer_grbg8; jpeg compressed bgr8'  # it was made of colours
+    assert np.ptp(read.gray(raw)[4:-4, 4:-4].astype(int)) > 100
+
+
+def test_a_png_of_16_bits_is_as_bright_as_one_of_8() -> None:
+    values = np.full((6, 8), 250 << 4, np.uint16)
+    np.testing.assert_array_equal(read.gray(compressed('.png', values)), np.full((6, 8), 250))
+
+
+@pytest.mark.parametrize('suffix', ['.png', '.jpg'])
+def test_damage_of_a_picture_is_an_image_or_one_line(suffix) -> None:
+    rng = np.random.default_rng(1)
+    whole = compressed(suffix, rng.integers(0, 256, (40, 60), dtype=np.uint8))
+    for _ in range(200):
+        raw = CompressedImage(format=whole.format, data=whole.data[:])
+        for place in rng.integers(0, len(raw.data), 4):
+            raw.data[int(place)] = int(rng.integers(0, 256))
+        try:
+            assert read.gray(raw).dtype == np.uint8
+        except ValueError as error:
+            assert '\n' not in str(error)

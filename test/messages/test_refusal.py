@@ -108,7 +108,7 @@ def test_a_cloud_of_something_else_is_refused() -> None:
 def test_truncated_tracks_are_refused() -> None:
     message = tracks()
     message.data.pop()
-    with pytest.raises(ValueError, match='2 rows of 48 bytes, got 95 bytes'):
+    with pytest.raises(ValueError, match='2 rows of 52 bytes, got 103 bytes'):
         read.features(message)
 
 

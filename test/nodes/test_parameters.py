@@ -37,7 +37,6 @@ NODES = {
 # Where a file shall differ from the defaults: our own camera is reliable, a driver may not be; the
 # simulation starts by itself, a robot must not.
 MEANT_TO_DIFFER = {
-    'tracker_node': {'camera_reliability'},
     'servo_node': {'camera_reliability', 'autostart'},
 }
 

@@ -321,3 +321,21 @@ def test_a_photograph_too_small_for_features_is_refused(rig, photograph, view, s
     rig.teach(message(np.random.default_rng(0).integers(0, 256, shape).astype(np.uint8)))
     rig.bench.until(lambda: rig.bench.logged('desired image refused'), 'the refusal')
     assert len(rig.track(view)) > 0
+
+
+def test_tracks_tell_which_photograph_they_are_of(rig, photograph, view) -> None:
+    rig.calibrated().taught(photograph).track(view)
+    first = read.goal(rig.clouds[-1])
+    assert first is not None
+    assert rig.bench.call('tracker_node/capture_desired').success
+    rig.track(view, STAMP_NS + 1)
+    assert read.goal(rig.clouds[-1]) not in (None, first)
+
+
+def test_the_same_photograph_again_changes_nothing(rig, photograph, view) -> None:
+    rig.calibrated().taught(photograph).track(view)
+    goal = read.goal(rig.clouds[-1])
+    rig.teach(message(photograph))
+    rig.bench.settle()
+    assert rig.track(view, STAMP_NS + 1).ages.max() == 1
+    assert read.goal(rig.clouds[-1]) == goal

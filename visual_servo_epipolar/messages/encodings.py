@@ -1,23 +1,28 @@
 """
 Image encodings: grey levels from sensor_msgs/Image, and from JPEG and PNG.
 
-16 bits become 8 by their upper half, which is what cv_bridge does: a sensor of 10 or 12 bits that
-does not use the upper ones looks dark. The mosaic of a colour sensor is interpolated.
+Of 16 bits those that the sensor uses count: their upper eight are the grey levels. The mosaic of a
+colour sensor is interpolated.
 """
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+import re
 from types import MappingProxyType
 from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from visual_servo_epipolar.core.arrays import Image
 
 LARGEST = 2**26  # pixels of a compressed image: a damaged header must not cost gigabytes
 PNG, PNG_END = b'\x89PNG\r\n\x1a\n', b'IEND'
 JPEG, JPEG_END = b'\xff\xd8', b'\xff\xd9'
+MOSAIC = re.compile(r'(bayer_[rgb]{4}8); ?jpeg compressed *')  # in a JPEG, not yet colours
+UNTOUCHED = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+DEPTHS = (8, 10, 12, 14, 16)  # bits of sensors, sent as 16
 FRAME_HEADERS = frozenset({*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC})  # of JPEG, with the size
 
 
@@ -49,6 +54,8 @@ ENCODINGS: Mapping[str, Encoding] = MappingProxyType(
         '8UC4': Encoding(4, cv2.COLOR_BGRA2GRAY),
         'mono16': Encoding(1, depth=2),
         '16UC1': Encoding(1, depth=2),
+        'bgr16': Encoding(3, cv2.COLOR_BGR2GRAY, depth=2),
+        'rgb16': Encoding(3, cv2.COLOR_RGB2GRAY, depth=2),
         **{f'bayer_{name}8': Encoding(1, code) for name, code in _MOSAICS.items()},
         **{f'bayer_{name}16': Encoding(1, code, depth=2) for name, code in _MOSAICS.items()},
         **{name: Encoding(2, luminance=1) for name in ('yuv422', 'uyvy')},
@@ -57,25 +64,62 @@ ENCODINGS: Mapping[str, Encoding] = MappingProxyType(
 )
 
 
-def gray_from_raw(message: Any) -> Image:
-    """Return the grey image of a sensor_msgs/Image, uint8 of shape (H, W), or raise ValueError."""
-    encoding = ENCODINGS.get(message.encoding)
-    if encoding is None:
-        raise ValueError(
-            f'image encoding must be one of {", ".join(ENCODINGS)}, got {message.encoding!r:.40}; '
-            'convert it before it gets here'
-        )
-    rows = _rows(message, encoding.channels * encoding.depth)
-    if encoding.depth == 2:
-        order = '>u2' if message.is_bigendian else '<u2'
-        rows = (np.ascontiguousarray(rows).view(order) >> 8).astype(np.uint8)
-    if encoding.luminance is not None:
-        rows = rows[:, encoding.luminance :: 2]
+class GrayReader:
+    """
+    Reader of the images of one camera as grey levels, uint8 of shape (H, W).
+
+    It remembers how many of 16 bits the sensor uses, which a dark image does not tell.
+    """
+
+    def __init__(self) -> None:
+        self._bits = DEPTHS[0]
+
+    def raw(self, message: Any) -> Image:
+        """Return the grey image of a sensor_msgs/Image, or raise ValueError."""
+        encoding = ENCODINGS.get(message.encoding)
+        if encoding is None:
+            raise ValueError(
+                f'image encoding must be one of {", ".join(ENCODINGS)}, got '
+                f'{message.encoding!r:.40}; convert it before it gets here'
+            )
+        rows = _rows(message, encoding.channels * encoding.depth)
+        if encoding.depth == 2:
+            order = '>u2' if message.is_bigendian else '<u2'
+            rows = self._scaled(np.ascontiguousarray(rows).view(order))
+        if encoding.luminance is not None:
+            rows = rows[:, encoding.luminance :: 2]
+        if encoding.channels > 1 and encoding.luminance is None:
+            rows = rows.reshape(len(rows), -1, encoding.channels)
+        return _gray(rows, encoding)
+
+    def compressed(self, message: Any) -> Image:
+        """Return the grey image of a sensor_msgs/CompressedImage, or raise ValueError."""
+        image = _decoded(message)
+        if image.dtype == np.uint16:
+            image = self._scaled(image)
+        mosaic = MOSAIC.fullmatch(message.format)
+        encoding = ENCODINGS.get(mosaic[1]) if mosaic else None
+        return np.asarray(image, dtype=np.uint8) if encoding is None else _gray(image, encoding)
+
+    def _scaled(self, values: NDArray[Any]) -> Image:
+        """Return those eight bits of ``values`` that are the upper ones of what is used."""
+        used = int(values.max()).bit_length()
+        self._bits = next(bits for bits in DEPTHS if bits >= max(used, self._bits))
+        return (values >> (self._bits - 8)).astype(np.uint8)
+
+
+def _gray(pixels: Image, encoding: Encoding) -> Image:
+    """Return ``pixels``, shape (H, W) or (H, W, channels), as grey levels."""
+    pixels = np.ascontiguousarray(pixels)
     if encoding.to_gray is None:
-        return np.ascontiguousarray(rows)
-    if encoding.channels > 1:
-        rows = rows.reshape(len(rows), -1, encoding.channels)
-    return np.asarray(cv2.cvtColor(np.ascontiguousarray(rows), encoding.to_gray), dtype=np.uint8)
+        return pixels
+    try:
+        return np.asarray(cv2.cvtColor(pixels, encoding.to_gray), dtype=np.uint8)
+    except cv2.error as error:
+        height, width = pixels.shape[:2]
+        raise ValueError(
+            f'an image of {width}x{height} px cannot become grey: {error.err}; check the driver'
+        ) from None
 
 
 def _rows(message: Any, pixel_bytes: int) -> Image:
@@ -92,8 +136,8 @@ def _rows(message: Any, pixel_bytes: int) -> Image:
     return np.asarray(rows[:, : width * pixel_bytes])
 
 
-def gray_from_compressed(message: Any) -> Image:
-    """Return the grey image of a sensor_msgs/CompressedImage, or raise ValueError."""
+def _decoded(message: Any) -> NDArray[Any]:
+    """Return the picture in a sensor_msgs/CompressedImage, (H, W), or raise ValueError."""
     data = bytes(message.data)
     size = _picture_size(data) if _is_whole(data) else None
     if size is None:
@@ -107,12 +151,12 @@ def gray_from_compressed(message: Any) -> Image:
             'message is damaged'
         )
     try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), UNTOUCHED)
     except cv2.error as error:
         raise ValueError(f'a compressed image cannot be decoded: {error.err}') from None
     if image is None:
         raise ValueError('a compressed image cannot be decoded; the message is damaged')
-    return np.asarray(image, dtype=np.uint8)
+    return np.asarray(image)
 
 
 def _is_whole(data: bytes) -> bool:

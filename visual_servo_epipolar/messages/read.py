@@ -16,8 +16,8 @@ from visual_servo_epipolar.core.geometry.cameras.calibrated import (
 from visual_servo_epipolar.core.geometry.cameras.plausibility import refuse_implausible
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist, yaw_from_quaternion
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.messages.encodings import gray_from_compressed, gray_from_raw
+from visual_servo_epipolar.core.tracking.features import Features, NO_GOAL
+from visual_servo_epipolar.messages.encodings import GrayReader
 
 NUMPY_TYPES = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 8: 'f8'}
 UNIT = 1e-2  # error of the length of a quaternion that somebody typed
@@ -29,13 +29,14 @@ def stamp_ns(header: Any) -> int:
     return int(header.stamp.sec) * NANOSECONDS + int(header.stamp.nanosec)
 
 
-def gray(message: Any) -> Image:
+def gray(message: Any, reader: GrayReader | None = None) -> Image:
     """
     Return the grey image of a sensor_msgs/Image or CompressedImage, uint8 of shape (H, W).
 
-    See ``encodings`` for what is understood.
+    See ``encodings`` for what is understood; the images of one camera share a ``reader``.
     """
-    return gray_from_compressed(message) if hasattr(message, 'format') else gray_from_raw(message)
+    reader = reader or GrayReader()
+    return reader.compressed(message) if hasattr(message, 'format') else reader.raw(message)
 
 
 def camera(message: Any, *, rectified: bool = False) -> CalibratedCamera:
@@ -159,6 +160,20 @@ def features(message: Any) -> Features:
         ages=rows['age'].astype(np.int64),
         errors=rows['error'].astype(np.float64),
     )
+
+
+def goal(message: Any) -> int | None:
+    """
+    Return the number of the photograph that tracks are of, None where nothing tells it.
+
+    Other trackers have no such field, and empty tracks no row.
+    """
+    field = next((field for field in message.fields if field.name == 'goal'), None)
+    if field is None or NUMPY_TYPES.get(field.datatype) != 'u4':
+        return None
+    first = bytes(message.data[field.offset : field.offset + 4])
+    number = int.from_bytes(first, 'big' if message.is_bigendian else 'little')
+    return number if len(first) == 4 and number != NO_GOAL else None
 
 
 def telemetry(message: Any) -> dict[str, float]:

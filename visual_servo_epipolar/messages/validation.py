@@ -9,6 +9,7 @@ from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.messages import read
+from visual_servo_epipolar.messages.encodings import GrayReader
 
 BORDER_PX = 1.0  # a refined feature may end a little outside of the image
 
@@ -22,11 +23,13 @@ class TrackingResult:
     warning: str
 
 
-def track(tracker: Tracker, message: Any, camera: CameraModel | str) -> TrackingResult:
-    """Track features in a sensor_msgs/Image; ``camera`` may be the reason why there is none."""
+def track(
+    tracker: Tracker, message: Any, camera: CameraModel | str, reader: GrayReader | None = None
+) -> TrackingResult:
+    """Track features in an image message; ``camera`` may be the reason why there is none."""
     image: Image | None = None
     try:
-        gray = read.gray(message)
+        gray = read.gray(message, reader)
         _check_size(gray, camera)
         image = gray
         features = tracker.track(image)

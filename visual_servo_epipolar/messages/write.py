@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
 from visual_servo_epipolar.core.geometry.motion import Pose, quaternion_from_yaw, Twist
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.core.tracking.features import Features, NO_GOAL
 
 TRACK_LAYOUT = np.dtype(
     [
@@ -27,6 +27,7 @@ TRACK_LAYOUT = np.dtype(
         ('desired_v', '<f8'),
         ('age', '<u4'),
         ('error', '<f8'),
+        ('goal', '<u4'),
     ]
 )
 UNMEASURED = 1e6  # variance of an axis that nothing measures, by the custom of ROS
@@ -118,11 +119,11 @@ def _covariance(measured: FloatArray, axes: tuple[int, ...]) -> FloatArray:
     return whole.ravel()
 
 
-def features(value: Features, stamp_ns: int, frame_id: str) -> PointCloud2:
-    """Return tracks as a sensor_msgs/PointCloud2, one row a feature."""
+def features(value: Features, stamp_ns: int, frame_id: str, goal: int = NO_GOAL) -> PointCloud2:
+    """Return tracks of the photograph ``goal`` as a sensor_msgs/PointCloud2, a row a feature."""
     rows = np.empty(len(value), TRACK_LAYOUT)
     rows['id'], rows['age'], rows['error'] = value.ids, value.ages, value.errors
-    rows['u'], rows['v'] = value.current.T
+    rows['u'], rows['v'], rows['goal'] = *value.current.T, goal
     rows['desired_u'], rows['desired_v'] = value.desired.T
     message = PointCloud2(header=header(stamp_ns, frame_id), height=1, width=len(value))
     message.fields = [

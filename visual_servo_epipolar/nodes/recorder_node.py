@@ -8,7 +8,6 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.bags.recording.recorder import Recorder, RecordingStatus
@@ -18,6 +17,7 @@ from visual_servo_epipolar.bags.storage import Topic
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import parameters, qos
+from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 from visual_servo_epipolar.nodes.recording.discovery import TopicSelection
 from visual_servo_epipolar.nodes.recording.raw_subscriptions import RawSubscriptions
 from visual_servo_epipolar.nodes.recording.settings import RecorderNodeSettings
@@ -29,11 +29,12 @@ WARN_PERIOD_S, MISSING_PERIOD_S = 5.0, 30.0
 PATIENT_DISCOVERIES = 25  # before a topic is missed, five seconds
 
 
-class RecorderNode(Node):
+class RecorderNode(ManagedNode):
     """
     Hosts a ``Recorder``; subscribes to every selected topic as soon as somebody publishes it.
 
-    Messages pass as serialized bytes, stamped with the time of the node's clock.
+    Messages pass as serialized bytes, stamped with the time of the node's clock. A bag is begun by
+    an active node alone, and completed before it is active no more.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -49,18 +50,34 @@ class RecorderNode(Node):
         self._recorder: Recorder | None = None
         self._error, self._bags, self._discoveries = '', 0, 0
         self.received = 0  # messages
-        self._diagnostics_pub = self.create_publisher(
-            DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS
-        )
         self.create_service(Trigger, '~/start', self._on_start)
         self.create_service(Trigger, '~/stop', self._on_stop)
         self._servo_stop = self.create_client(Trigger, f'{settings.servo}/stop')
-        if settings.autostart:
-            self._begin_or_destroy()
-        else:
-            self.get_logger().info(f'waits for {self.get_fully_qualified_name()}/start')
+        self.autostart(settings)
+
+    def configure(self) -> None:
+        """Create what reports, and looks for topics."""
+        self._error, self._discoveries = '', 0
+        self._diagnostics_pub = self.create_publisher(
+            DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS
+        )
         steady_clock = Clock(clock_type=ClockType.STEADY_TIME)  # in simulated time as well
         self.create_timer(DISCOVERY_PERIOD_S, self._on_discovery, clock=steady_clock)
+
+    def activate(self) -> None:
+        """Begin a bag, if that is not left to ~/start."""
+        if self._node_settings.autostart:
+            self._begin()
+        else:
+            self.get_logger().info(f'waits for {self.get_fully_qualified_name()}/start')
+
+    def deactivate(self) -> None:
+        """Complete the bag, and say so."""
+        status = self.stop()
+        self._error = status.error
+        if status.error:
+            self.get_logger().error(status.error)
+        self._report(status)
 
     @property
     def recorded(self) -> frozenset[str]:
@@ -77,7 +94,9 @@ class RecorderNode(Node):
         return RecordingStatus() if self._recorder is None else self._recorder.status()
 
     def stop(self) -> RecordingStatus:
-        """Complete the bag; return its status."""
+        """Complete the bag with all that has arrived; return its status."""
+        if self._recorder is not None:
+            self._raw_subscriptions.drain()
         self._raw_subscriptions.close()
         recorder, self._recorder = self._recorder, None
         if recorder is None:
@@ -90,13 +109,6 @@ class RecorderNode(Node):
         """Complete the bag before the node goes."""
         self.stop()
         super().destroy_node()
-
-    def _begin_or_destroy(self) -> None:
-        try:
-            self._begin()
-        except InputError:
-            self.destroy_node()  # or its name stays taken
-            raise
 
     def _begin(self) -> Path:
         """Begin a bag; raises InputError if it cannot be."""

@@ -3,7 +3,6 @@
 import sys
 from typing import Any
 
-from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, PointCloud2
 from std_srvs.srv import Trigger
 
@@ -12,8 +11,10 @@ from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCam
 from visual_servo_epipolar.core.perception.observation import Observation, observe
 from visual_servo_epipolar.core.servo.interruptions import (
     camera_changed,
+    GOAL_CHANGED,
     interrupted,
     Interruption,
+    RunGoal,
 )
 from visual_servo_epipolar.core.servo.phases.table import DRIVING
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -23,6 +24,8 @@ from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import event_log, read, validation
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.complaints import Complaints
+from visual_servo_epipolar.nodes.lifecycle.gates import in_every_state
+from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 from visual_servo_epipolar.nodes.run import spin
 from visual_servo_epipolar.nodes.servoing.camera import ServoCamera
 from visual_servo_epipolar.nodes.servoing.commands import Commands
@@ -34,11 +37,12 @@ from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 WARN_PERIOD_S, WATCH_PERIOD_S = 5.0, 0.05
 
 
-class ServoNode(Node):
+class ServoNode(ManagedNode):
     """
     Hosts ``core.servo.step``: one command for each set of tracks, none while it is not started.
 
     A watchdog on the steady clock stops the robot when tracks stay away, or repeat their stamp.
+    A node that is activated begins a new run as ``autostart`` says, but after ~/stop.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -49,7 +53,13 @@ class ServoNode(Node):
         parameters.refuse_unknown(self, options)
         parameters.watch(self, lambda: self._settings, self._use)
         self._active, self._state = self._settings.autostart, ServoState()
+        self._create_services()
+        self.autostart(self._node_settings)
+
+    def configure(self) -> None:
+        """Create all that a run needs."""
         self._pending_tracks: PointCloud2 | None = None
+        self._goal = RunGoal()
         self._stamp_ns: int | None = None
         self.received = 0  # sets of tracks
         self._camera = ServoCamera(self, self._node_settings, self._warn)
@@ -58,6 +68,9 @@ class ServoNode(Node):
         self._create_subscriptions()
         if self._node_settings.watchdog:
             self.create_timer(WATCH_PERIOD_S, self._on_watch, clock=self._freshness.clock)
+
+    def activate(self) -> None:
+        """Wait for tracks, or for ~/start."""
         self._reports.phase(self._state)
         self._announce()
         if self._active:
@@ -65,9 +78,21 @@ class ServoNode(Node):
         else:
             self._log(f'the robot stands until {self.get_fully_qualified_name()}/start is called')
 
+    def deactivate(self) -> None:
+        """Stop the robot first; the run is over."""
+        self._commands.send(HALT, self.get_clock().now().nanoseconds)
+        self._state = self._interrupted(Interruption.RESET)
+        self._active = self._active and self._settings.autostart
+        self._pending_tracks = None
+        self._reports.phase(self._state)
+        self._commands.wait()
+
     def stop(self) -> None:
         """Stop the robot, and wait until the command is acknowledged."""
-        self._active, self._state = False, self._interrupted(Interruption.STOPPED)
+        self._active = False
+        if not self.is_configured:  # it stands
+            return
+        self._state = self._interrupted(Interruption.STOPPED)
         self._commands.send(HALT, self.get_clock().now().nanoseconds)
         self._commands.wait()
 
@@ -75,13 +100,16 @@ class ServoNode(Node):
         info = qos.IMAGES[self._node_settings.camera_reliability]
         self.create_subscription(CameraInfo, 'camera_info', self._on_info, info)
         self.create_subscription(PointCloud2, 'tracks', self._on_tracks, qos.STREAM)
+
+    def _create_services(self) -> None:
         self.create_service(Trigger, '~/start', self._on_start)
         self.create_service(Trigger, '~/stop', self._on_stop)
         self.create_service(Trigger, '~/reset', self._on_reset)
 
     def _use(self, settings: ServoSettings) -> None:
         self._settings = settings
-        self._announce()
+        if self.is_configured:
+            self._announce()
 
     def _announce(self) -> None:
         """Publish the settings in force, so that a bag can be replayed with them."""
@@ -102,6 +130,9 @@ class ServoNode(Node):
             self._freshness.renew()
         if self._stamp_ns is not None and stamp_ns <= self._stamp_ns:
             self._warn(NO_TIME)
+        other_goal = self._active and self._goal.is_other(read.goal(message), self._state)
+        if other_goal and self._state.reason != GOAL_CHANGED:
+            self._lose(GOAL_CHANGED)
         if self._active:
             self._take_mount(message.header.frame_id)  # and so announced from this stamp on
         self._stamp_ns = stamp_ns
@@ -123,6 +154,8 @@ class ServoNode(Node):
         features, warning = validation.checked_tracks(message, camera)
         if self._camera.is_other(camera, self._state):
             features, warning = Features(), camera_changed(camera)
+        if self._goal.is_other(read.goal(message), self._state):
+            features, warning = Features(), GOAL_CHANGED
         observation = observe(features, camera, read.stamp_ns(message.header))
         warning = warning or validation.left_out(observation, camera)
         if warning:
@@ -178,9 +211,11 @@ class ServoNode(Node):
         self._log(response.message)
         return response
 
+    @in_every_state  # who stops the robot wants it to stand also when the node is active again
     def _on_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.stop()
-        self._reports.phase(self._state)
+        if self.is_configured:
+            self._reports.phase(self._state)
         response.success, response.message = True, 'the robot stands'
         self._log('stopped, the robot stands')
         return response

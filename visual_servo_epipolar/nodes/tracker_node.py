@@ -1,24 +1,18 @@
 """The tracker: images in, features of the desired view out."""
 
-from pathlib import Path
+from dataclasses import replace
 import sys
 from typing import Any
 
-import cv2
 from diagnostic_msgs.msg import DiagnosticArray
-import numpy as np
-from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
-from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from rclpy.duration import Duration
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from visual_servo_epipolar.core.arrays import as_gray
 from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.errors import TrackingError
-from visual_servo_epipolar.core.geometry.cameras.calibrated import FISHEYES
-from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
-from visual_servo_epipolar.core.stamps import seconds_between
+from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera, FISHEYES
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
@@ -30,21 +24,23 @@ from visual_servo_epipolar.messages import (
     validation,
     write,
 )
+from visual_servo_epipolar.messages.encodings import GrayReader
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.complaints import Complaints
+from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 from visual_servo_epipolar.nodes.run import spin
 from visual_servo_epipolar.nodes.startup.settings import TrackerNodeSettings
+from visual_servo_epipolar.nodes.tracking.camera_subscriptions import CameraSubscriptions
+from visual_servo_epipolar.nodes.tracking.lateness import Lateness
+from visual_servo_epipolar.nodes.tracking.photograph import read_photograph
+from visual_servo_epipolar.nodes.tracking.photographer import Photographer
 from visual_servo_epipolar.report.images.overlay import draw_overlay
 
-WARN_PERIOD_S = 5.0
-MAX_CAPTURE_AGE_S = 1.0
-BEHIND_S = 0.5  # age of an image at which its tracks come late
-BEHIND_IMAGES = 3  # so many one after the other are no single match of the whole image
-OTHER_CLOCK_S = 60.0  # age from which on its stamp was made by a clock that is not ours
+WARN_PERIOD_S, LAST_WORD_S = 5.0, 0.2
 RECTIFIED = 'image_rect'  # in the names that image_proc gives
 
 
-class TrackerNode(Node):
+class TrackerNode(ManagedNode):
     """
     Hosts a ``Tracker``; publishes one cloud for each image, empty when nothing is to be trusted.
 
@@ -59,20 +55,44 @@ class TrackerNode(Node):
         parameters.refuse_unknown(self, options)
         parameters.watch(self, lambda: self._settings, self._use)
         self._tracker = Tracker(self._settings)
+        self._create_services()
+        self.autostart(self._node_settings)
+
+    def configure(self) -> None:
+        """Create all that tracking needs; raises ValueError for a photograph that is broken."""
+        self._tracker = Tracker(self._settings)
         self._stamp_ns: int | None = None
-        self._camera: CameraModel | None = None
+        self._frame_id = ''
+        self._camera: CalibratedCamera | None = None
         self._unusable = ''  # why the last camera_info cannot be used
-        self._late = 0  # images in a row whose tracks came late
+        self._lateness = Lateness(self)
         self._complaint = ''  # what was wrong with the last tracks
         self._latest: Pixels | None = None
-        self._latest_ns, self._steady = 0, Clock(clock_type=ClockType.STEADY_TIME)
-        self._pending_image: Image | None = None
+        self._pending_image: Image | CompressedImage | None = None
+        self._reader = GrayReader()
         self._create_publishers()
-        if self._node_settings.desired_image:
-            self._set_desired(_photograph(self._node_settings.desired_image))
-            self.get_logger().info(f'desired image is {self._node_settings.desired_image}')
+        self._photographer = Photographer(
+            self._node_settings.capture_frames, self._node_settings.photograph
+        )
+        self._load_photograph()
         self._create_subscriptions()
+
+    def activate(self) -> None:
+        """Match the next image anew: the robot may have been driven elsewhere meanwhile."""
+        if self._tracker.has_desired:
+            self._tracker.redetect()
         self._announce()
+
+    def deactivate(self) -> None:
+        """Tell the servo at once that there are no tracks any more; photograph and camera stay."""
+        if self._stamp_ns is not None:
+            nothing = write.features(
+                Features(), self._stamp_ns + 1, self._frame_id, self._tracker.goal
+            )
+            self._tracks_pub.publish(nothing)
+            self._tracks_pub.wait_for_all_acked(Duration(seconds=LAST_WORD_S))
+        self._latest = self._pending_image = None
+        self._photographer.see(None)
 
     @property
     def ready(self) -> bool:
@@ -98,17 +118,21 @@ class TrackerNode(Node):
         )
 
     def _create_subscriptions(self) -> None:
-        images = qos.IMAGES[self._node_settings.camera_reliability]
-        self.create_subscription(CameraInfo, 'camera_info', self._on_info, images)
-        self.create_subscription(Image, 'image_raw', self._on_image, images)
-        if not self._node_settings.desired_image:
-            self.create_subscription(Image, 'desired/image_raw', self._on_desired, qos.LATCHED)
+        settings = self._node_settings
+        camera = CameraSubscriptions(self, settings.transport, settings.camera_reliability)
+        camera.create_subscription(CameraInfo, 'camera_info', self._on_info)
+        camera.create_subscription(Image, 'image_raw', self._on_image)
+        if not settings.desired_image:
+            camera.create_subscription(Image, 'desired/image_raw', self._on_desired, qos.LATCHED)
+
+    def _create_services(self) -> None:
         self.create_service(Trigger, '~/capture_desired', self._on_capture)
         self.create_service(Trigger, '~/redetect', self._on_redetect)
 
     def _use(self, settings: TrackerSettings) -> None:
         self._settings = self._tracker.settings = settings
-        self._announce()
+        if self.is_configured:
+            self._announce()
 
     def _announce(self) -> None:
         """Publish the settings in force, so that a bag can be replayed with them."""
@@ -121,6 +145,16 @@ class TrackerNode(Node):
         self._tracker.set_desired(image)
         self._desired_pub.publish(write.image(image, 'mono8', self._stamp_ns or 0, ''))
 
+    def _load_photograph(self) -> None:
+        """Take the photograph from a file, if one is there; raises ValueError if it is broken."""
+        given, kept = self._node_settings.desired_image, self._photographer.load()
+        if given:
+            self._set_desired(read_photograph(given))
+        elif kept is not None:
+            self._set_desired(kept)
+        if given or kept is not None:
+            self.get_logger().info(f'desired image is {given or self._node_settings.photograph}')
+
     def _on_info(self, message: CameraInfo) -> None:
         try:
             rectified = self._node_settings.rectified
@@ -129,6 +163,7 @@ class TrackerNode(Node):
         except ValueError as error:
             self._camera, self._unusable = None, str(error)
             self._latest = None
+            self._photographer.see(None)
         if self._pending_image is not None:
             pending, self._pending_image = self._pending_image, None
             self._on_image(pending)
@@ -143,32 +178,26 @@ class TrackerNode(Node):
                 'is removed from its images; set rectified: true for tracker and servo'
             )
 
-    def _on_image(self, message: Image) -> None:
+    def _on_image(self, message: Image | CompressedImage) -> None:
         if self._camera is None and not self._unusable:
             self._pending_image = message
             self._warn('no usable camera_info yet; an image waits for it, the robot stands')
             return
-        tracking = validation.track(self._tracker, message, self._camera or self._unusable)
-        self._latest, self._latest_ns = tracking.image, self._steady.now().nanoseconds
+        tracking = validation.track(
+            self._tracker, message, self._camera or self._unusable, self._reader
+        )
+        self._latest = tracking.image
+        self._photographer.see(tracking.image)
+        foreign = self._photographer.complaint(self._camera)
+        if foreign:
+            tracking = replace(tracking, features=Features(), warning=foreign)
         self._stamp_ns = read.stamp_ns(message.header)
         self._publish(tracking.features, message)
-        age_s = self._age_s(self._stamp_ns)
-        self._late = self._late + 1 if age_s is not None and age_s >= BEHIND_S else 0
-        behind = _behind(age_s or 0.0) if self._late >= BEHIND_IMAGES else ''
+        age_s = self._lateness.age_s(self._stamp_ns)
+        behind = self._lateness.complaint(age_s)
         for complaint in filter(None, (tracking.warning, behind)):
             self._warn(complaint)
         self._diagnose(tracking.warning, behind, len(tracking.features), age_s)
-
-    def _age_s(self, stamp_ns: int) -> float | None:
-        """
-        Return the age of the image whose tracks are published now [s].
-
-        None in simulated time, which may wait for the tracks, and of a stamp by another clock.
-        """
-        if self.get_parameter('use_sim_time').value:
-            return None
-        age_s = seconds_between(stamp_ns, self.get_clock().now().nanoseconds)
-        return age_s if abs(age_s) < OTHER_CLOCK_S else None
 
     def _diagnose(self, reason: str, behind: str, features: int, age_s: float | None) -> None:
         """Publish what is wrong with the tracks, as long as that lasts, and that it is over."""
@@ -184,35 +213,45 @@ class TrackerNode(Node):
             self._diagnostics_pub.publish(diagnosis)
         self._complaint = reason or behind
 
-    def _publish(self, features: Features, image: Image) -> None:
+    def _publish(self, features: Features, image: Image | CompressedImage) -> None:
         stamp_ns, frame_id = read.stamp_ns(image.header), image.header.frame_id
-        self._tracks_pub.publish(write.features(features, stamp_ns, frame_id))
+        self._frame_id = frame_id
+        tracks = write.features(features, stamp_ns, frame_id, self._tracker.goal)
+        self._tracks_pub.publish(tracks)
         if self._settings.overlay and self._overlay_pub.get_subscription_count():
             if self._latest is not None:
                 overlay = draw_overlay(self._latest, features.current, features.desired)
                 self._overlay_pub.publish(write.image(overlay, 'bgr8', stamp_ns, frame_id))
 
-    def _on_desired(self, message: Image) -> None:
+    def _on_desired(self, message: Image | CompressedImage) -> None:
         try:
-            self._set_desired(read.gray(message))
+            image = read.gray(message, self._reader)
+            if self._tracker.is_desired(image):  # a latched one that comes again
+                return
+            self._set_desired(image)
+            self._photographer.forget_camera()
         except (ValueError, TrackingError) as error:
             self.get_logger().warning(f'desired image refused: {error}')
             return
-        self.get_logger().info(f'desired image of {message.width}x{message.height} px taken')
+        height, width = image.shape
+        self.get_logger().info(f'desired image of {width}x{height} px taken')
+
+    def _capture(self) -> str:
+        """Capture the photograph, and return what to say; raises ValueError if it is none."""
+        image, count = self._photographer.capture()
+        assert self._camera is not None  # or there were no images
+        self._set_desired(image)
+        kept = self._photographer.keep(image, count, self._camera, self._stamp_ns or 0)
+        images = 'one image' if count == 1 else f'the mean of {count} images'
+        return f'this is the pose to come back to, {images}{kept}'
 
     def _on_capture(
         self, request: Trigger.Request, response: Trigger.Response
     ) -> Trigger.Response:
         try:
-            if self._latest is None:
-                raise ValueError('no usable image is there; check image_raw and camera_info')
-            age = (self._steady.now().nanoseconds - self._latest_ns) / 1e9
-            if age > MAX_CAPTURE_AGE_S:
-                raise ValueError(f'the last image is {age:.1f} s old; check the camera')
-            self._set_desired(self._latest)
+            response.success, response.message = True, self._capture()
             entry = event_log.Entry(event_log.CAPTURED, self._stamp_ns)
             self._events_pub.publish(write.text(event_log.to_text(entry)))
-            response.success, response.message = True, 'this is the pose to come back to'
             self.get_logger().info(f'captured: {response.message}')
         except (ValueError, TrackingError) as error:
             response.success, response.message = False, str(error)
@@ -233,23 +272,6 @@ class TrackerNode(Node):
         response.success, response.message = True, 'the next image is matched anew'
         self.get_logger().info(response.message)
         return response
-
-
-def _behind(age_s: float) -> str:
-    """Return that tracks come late, and what to do."""
-    return (
-        f'the tracker falls behind: the newest image was {age_s:.1f} s old when its tracks came; '
-        'send smaller images or fewer, or lower max_features'
-    )
-
-
-def _photograph(path: str) -> Pixels:
-    """Read the photograph, or raise ValueError."""
-    encoded = np.fromfile(path, np.uint8) if Path(path).is_file() else np.empty(0, np.uint8)
-    image = cv2.imdecode(encoded, cv2.IMREAD_GRAYSCALE) if encoded.size else None
-    if image is None:
-        raise ValueError(f'desired_image must be a readable image file, got {path!r}')
-    return as_gray(image)
 
 
 def main() -> None:

@@ -85,12 +85,16 @@ ALL_NODES = '/**'
 # Parameters of the connections of these nodes: a simulation has none of them.
 CONNECTION = frozenset(
     {
+        'autostart_node',
         'base_frame',
         'camera_reliability',
+        'capture_frames',
         'desired_image',
         'enable_stamped_cmd_vel',
         'mount_from_tf',
+        'photograph',
         'rectified',
+        'transport',
         'use_sim_time',
         'watchdog',
     }

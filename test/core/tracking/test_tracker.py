@@ -50,6 +50,21 @@ def test_without_a_photograph_there_are_no_features(world: CameraSimulator) -> N
     assert len(Tracker(SETTINGS).track(world.photograph())) == 0
 
 
+@pytest.mark.parametrize('changes', [{'min_features': 1}, {'search_per_frame': 0}])
+def test_with_the_least_that_may_be_asked_for_it_is_not_blind(world, approach, changes) -> None:
+    assert len(tracker(world, **changes).track(approach[0][1])) >= 20
+
+
+def test_never_to_match_is_refused(world: CameraSimulator) -> None:
+    with pytest.raises(ValueError, match='min_features must lie in .1, 1000., got 0'):
+        tracker(world, min_features=0)
+
+
+def test_with_a_photograph_it_does_not_say_that_there_is_none(world: CameraSimulator) -> None:
+    assert Tracker(SETTINGS).reason == 'no desired image yet'
+    assert tracker(world).reason == 'the photograph was not looked for yet'
+
+
 def test_the_photograph_itself_is_found_where_it_is(world: CameraSimulator) -> None:
     features = tracker(world).track(world.photograph())
     assert len(features) == SETTINGS.max_features

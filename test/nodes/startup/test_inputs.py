@@ -96,7 +96,7 @@ def test_best_effort_images_for_a_reliable_tracker_are_explained(bench, impatien
         bench, 'waits for images on /image_raw (1 publisher); their QoS does not fit: Best '
     )
     (text,) = bench.logged('waits for images')
-    assert text.endswith('; set camera_reliability: best_effort')
+    assert text.endswith('; set camera_reliability: auto')
 
 
 def test_a_publisher_that_fits_is_not_blamed(bench, impatient) -> None:

@@ -203,7 +203,7 @@ def test_a_real_robot_takes_its_file_in_a_namespace_under_another_name(
 
 
 def test_the_file_of_a_robot_waits_for_a_start_and_hears_any_driver() -> None:
-    assert (ROBOT['autostart'], ROBOT['camera_reliability']) == (False, 'best_effort')
+    assert (ROBOT['autostart'], ROBOT['camera_reliability']) == (False, 'auto')
 
 
 def test_the_file_of_a_robot_means_one_thing_by_one_name() -> None:
@@ -221,7 +221,7 @@ def test_the_tracker_of_a_small_computer_takes_its_file_after_the_robots(bench) 
     files = (*given(CONFIG / 'robot.yaml'), *given(CONFIG / 'small_computer.yaml'))
     node = start(bench, TrackerNode, *files, '-r', '__ns:=/robot1')
     small = yaml.safe_load((CONFIG / 'small_computer.yaml').read_text())['/**/tracker_node']
-    expected = {'camera_reliability': 'best_effort', **small['ros__parameters']}
+    expected = {'camera_reliability': 'auto', **small['ros__parameters']}
     assert {name: node.get_parameter(name).value for name in expected} == expected
     # The servo's parameter of that name means something else.
     servo = start(bench, ServoNode, *files, '-r', '__ns:=/robot1')
@@ -250,6 +250,7 @@ def test_names_that_nodes_share_are_known_to_mean_different_things_or_not() -> N
             for item in fields(kind):
                 texts.setdefault(item.name, set()).add(node)
     alike = {
+        'autostart_node',
         'base_frame',
         'camera_reliability',
         'enable_stamped_cmd_vel',

@@ -25,8 +25,10 @@ from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.servo.interruptions import (
     camera_changed,
     camera_of_run,
+    GOAL_CHANGED,
     interrupted,
     Interruption,
+    RunGoal,
 )
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -36,7 +38,8 @@ from visual_servo_epipolar.core.servo.telemetry import telemetry
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
-from visual_servo_epipolar.messages import validation
+from visual_servo_epipolar.messages import read, validation
+from visual_servo_epipolar.messages.encodings import GrayReader
 from visual_servo_epipolar.messages.event_log import Entry, REDETECTED
 
 T = TypeVar('T')
@@ -67,6 +70,7 @@ class TrackedImage:
     features: Features
     image: Image | None = None
     warning: str = ''
+    goal: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,7 +101,7 @@ def replay(bag: Bag, run: Recording, plan: Plan, *, watch: Watch | None = None) 
 
     """
     state, steps, refusal = ServoState(), list[Step](), ''
-    events, begun_with = EventQueue(run.servo_events), None
+    events, begun_with, goal = EventQueue(run.servo_events), None, RunGoal()
     for tracked in tracked_images(bag, run, plan):
         if isinstance(tracked.camera, str):
             refusal = f'camera_info cannot be used: {tracked.camera}'
@@ -110,6 +114,8 @@ def replay(bag: Bag, run: Recording, plan: Plan, *, watch: Watch | None = None) 
         begun_with = camera_of_run(state, begun_with, camera)
         if begun_with != camera:
             tracked = replace(tracked, features=Features(), warning=camera_changed(camera))
+        if goal.is_other(tracked.goal, state):
+            tracked = replace(tracked, features=Features(), warning=GOAL_CHANGED)
         observation = observe(tracked.features, camera, tracked.key[0])
         state = step(state, observation, value_at(plan.servo, tracked.key[0]))
         outcome = Step(tracked.key, tracked.log_ns, state.phase, state.reason, telemetry(state))
@@ -144,6 +150,7 @@ class ReplayTracker:
     def __init__(self, plan: Plan, events: EventQueue) -> None:
         self._plan, self._tracker, self._events = plan, Tracker(plan.tracker[0][1]), events
         self._photograph: Image | None = None
+        self._reader = GrayReader()
 
     def track(self, item: RecordedMessage, key: Key, camera: CameraModel | str) -> TrackedImage:
         """Track features in the next image."""
@@ -154,12 +161,13 @@ class ReplayTracker:
         for entry in self._events.due(key[0]):
             if entry.event == REDETECTED:
                 self._tracker.redetect()
-        result = validation.track(self._tracker, item.message, camera)
+        result = validation.track(self._tracker, item.message, camera, self._reader)
         features, warning = result.features, result.warning
         if not isinstance(camera, str):
             features, untrusted = validation.checked_features(features, camera)
             warning = untrusted or warning
-        return TrackedImage(key, item.log_ns, camera, features, result.image, warning)
+        goal = self._tracker.goal or None
+        return TrackedImage(key, item.log_ns, camera, features, result.image, warning, goal)
 
     def _set_desired(self, photograph: Image) -> None:
         self._photograph = photograph
@@ -182,7 +190,8 @@ def _from_recorded_tracks(
     if isinstance(camera, str):
         return TrackedImage(key, item.log_ns, camera, Features())
     features, warning = validation.checked_tracks(item.message, camera)
-    return TrackedImage(key, item.log_ns, camera, features, None, warning)
+    goal = read.goal(item.message)
+    return TrackedImage(key, item.log_ns, camera, features, None, warning, goal)
 
 
 def value_at(history: History[T], stamp_ns: int) -> T:

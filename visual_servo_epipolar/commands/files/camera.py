@@ -1,9 +1,7 @@
 """Camera files as camera_calibration writes them, and photographs, from disk."""
 
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -11,11 +9,8 @@ import yaml
 
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.geometry.cameras.calibrated import (
-    calibrated_camera,
-    CalibratedCamera,
-)
-from visual_servo_epipolar.core.geometry.cameras.plausibility import refuse_implausible
+from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
+from visual_servo_epipolar.messages.camera_file import from_document
 
 ASPECT_TOLERANCE = 0.01
 
@@ -35,39 +30,10 @@ def read_camera(path: Path, *, rectified: bool = False) -> CalibratedCamera:
         raise InputError(f'{path}: camera file cannot be read: {reason}') from None
     except yaml.YAMLError as error:
         raise InputError(f'{path}: camera file is not YAML: {error}') from None
-    if not isinstance(document, Mapping):
-        raise InputError(f'{path}: a camera file must map names to values, as calibration writes')
     try:
-        camera = _rectified(document) if rectified else _camera(document)
-        refuse_implausible(camera)
-        return camera
-    except KeyError as error:
-        raise InputError(
-            f'{path}: camera file lacks {error}; write it with camera_calibration'
-        ) from None
-    except (OverflowError, TypeError, ValueError) as error:
+        return from_document(document, rectified=rectified)
+    except ValueError as error:
         raise InputError(f'{path}: {error}') from None
-
-
-def _camera(document: Mapping[str, Any]) -> CalibratedCamera:
-    k = [float(value) for value in document['camera_matrix']['data']]
-    if len(k) != 9:
-        raise ValueError(f'camera_matrix must have nine numbers, got {len(k)}')
-    coefficients = document.get('distortion_coefficients') or {'data': []}
-    distortion = tuple(float(value) for value in coefficients['data'])
-    model = str(document.get('distortion_model', 'plumb_bob'))
-    return calibrated_camera(_size(document), tuple(k), distortion, model)
-
-
-def _rectified(document: Mapping[str, Any]) -> CalibratedCamera:
-    p = [float(value) for value in document['projection_matrix']['data']]
-    if len(p) != 12:
-        raise ValueError(f'projection_matrix must have twelve numbers, got {len(p)}')
-    return calibrated_camera(_size(document), (*p[0:3], *p[4:7], *p[8:11]))
-
-
-def _size(document: Mapping[str, Any]) -> tuple[int, int]:
-    return int(document['image_width']), int(document['image_height'])
 
 
 def read_photograph(path: Path) -> Image:

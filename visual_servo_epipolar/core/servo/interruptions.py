@@ -10,6 +10,10 @@ from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.values import changed
 
 Camera = TypeVar('Camera', bound=CameraModel)
+GOAL_CHANGED = (
+    'the photograph has changed in mid-run: its tracks lead to another goal; send the one it '
+    'began with, or reset'
+)
 
 
 class Interruption(Enum):
@@ -41,7 +45,8 @@ def lost(state: ServoState, reason: str) -> ServoState:
     """Return the state after tracks stopped coming: holding where it drove, at a standstill."""
     phase = next_phase(state.phase, Event.LOST)
     if phase is state.phase:
-        return changed(state, command=HALT)
+        reason = reason if phase is Phase.HOLDING else state.reason
+        return changed(state, command=HALT, reason=reason)
     # It holds since the last tracks: a phase that had lasted long would count as waiting.
     start_ns = state.phase_start_ns if state.measurement is None else state.measurement.stamp_ns
     return changed(
@@ -52,6 +57,22 @@ def lost(state: ServoState, reason: str) -> ServoState:
 def stop(state: ServoState) -> ServoState:
     """Return the state after an order to stop: waiting, at a standstill."""
     return ServoState(phase=next_phase(state.phase, Event.STOPPED), frame=state.frame)
+
+
+class RunGoal:
+    """Goal of a run: the photograph that it began with, by its number."""
+
+    def __init__(self) -> None:
+        self._begun_with: int | None = None
+
+    def is_other(self, goal: int | None, state: ServoState) -> bool:
+        """Return whether a run goes on that began with another than ``goal``; None is any."""
+        running = state.phase in DRIVING or state.phase is Phase.HOLDING
+        if goal is None:
+            return False
+        if not running or self._begun_with is None:
+            self._begun_with = goal
+        return self._begun_with != goal
 
 
 def camera_of_run(state: ServoState, begun_with: Camera | None, camera: Camera) -> Camera:

@@ -6,6 +6,8 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import as_points, FloatArray, frozen, IntArray
 
+NO_GOAL = 0  # number of no photograph
+
 
 def _no_points() -> FloatArray:
     return np.empty((0, 2))

@@ -11,7 +11,7 @@ class TrackerSettings(Settings):
 
     max_features: int = setting(60, 'Features tracked at a time', low=8, high=1000)
     min_features: int = setting(
-        40, 'Features below which the image is matched anew', low=0, high=1000
+        40, 'Features below which the image is matched anew', low=1, high=1000
     )
     rematch_period: int = setting(
         11, 'Least number of frames between two matchings', low=1, high=10000

@@ -7,6 +7,7 @@ and when too few remain the whole image is matched anew.
 """
 
 from dataclasses import replace
+from zlib import crc32
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from visual_servo_epipolar.core.tracking.alignment.sampling import float_image, 
 from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
 from visual_servo_epipolar.core.tracking.alignment.warps import contained, Warps
 from visual_servo_epipolar.core.tracking.candidates import Candidates
-from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.core.tracking.features import Features, NO_GOAL
 from visual_servo_epipolar.core.tracking.flow import checked_flow, coarse_flow, Frame, OpenCVError
 from visual_servo_epipolar.core.tracking.matching import (
     desired_view,
@@ -43,7 +44,8 @@ class Tracker:
     Tracker of the features of one desired image through a stream of current images.
 
     ``track`` returns no features before ``set_desired``. The id of a feature is its number in the
-    desired view and never changes; a feature that was lost may come back under its id.
+    desired view and never changes; a feature that was lost may come back under its id. ``goal``
+    is a number made of the desired image, NO_GOAL before there is one.
     ``matchings`` counts matchings of whole images; ``reason`` says why the last one failed.
     """
 
@@ -56,6 +58,7 @@ class Tracker:
         self._candidates: Candidates | None = None
         self._predicted = PredictedFeatures.empty()
         self._frame = 0
+        self.goal = NO_GOAL
         self._match_frame: int | None = None
         self.matchings = 0
         self.reason = 'no desired image yet'
@@ -65,6 +68,10 @@ class Tracker:
         """Whether there is a desired view."""
         return self._view is not None
 
+    def is_desired(self, image: Image) -> bool:
+        """Return whether ``image``, of shape (H, W), is the desired one, pixel by pixel."""
+        return self._view is not None and np.array_equal(self._view.image, image)
+
     def set_desired(self, image: Image) -> None:
         """
         Make ``image``, uint8 of shape (H, W), the desired view and forget all features.
@@ -73,10 +80,13 @@ class Tracker:
         """
         view = desired_view(image)
         self._view, self._anchor = view, Anchor(view.image)
+        self.goal = goal_of(view.image)
         self.redetect()
 
     def redetect(self) -> None:
         """Forget all features; the next image is matched to the desired one anew."""
+        if self.has_desired:
+            self.reason = 'the photograph was not looked for yet'
         self._previous, self._tracked, self._match_frame = None, Tracks.empty(), None
         self._candidates = None if self._view is None else Candidates(self._view)
         self._predicted = PredictedFeatures.empty()
@@ -235,6 +245,11 @@ class Tracker:
         return Features(
             warps.ids, warps.current, warps.desired, self._tracked.ages, self._tracked.residuals
         )
+
+
+def goal_of(image: Image) -> int:
+    """Return the number made of a desired image, never NO_GOAL."""
+    return crc32(image.tobytes()) or NO_GOAL + 1
 
 
 def _size(image: Image) -> str:

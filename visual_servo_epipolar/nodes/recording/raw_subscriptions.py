@@ -11,6 +11,7 @@ from rclpy.qos import QoSProfile
 
 from visual_servo_epipolar.bags.storage import Topic
 from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.nodes.lifecycle.gates import in_every_state
 from visual_servo_epipolar.nodes.recording import discovery
 from visual_servo_epipolar.nodes.recording.discovery import TopicSelection
 
@@ -91,6 +92,18 @@ class RawSubscriptions:
                 self._node.destroy_subscription(raw.handle)
                 self._subscriptions[name] = self._subscription(raw.topic, profile)
 
+    def drain(self) -> None:
+        """Hand on what has arrived, but waits in DDS for this process."""
+        if not self._node.context.ok():
+            return
+        for raw in self._subscriptions.values():
+            for _ in range(raw.profile.depth):
+                with raw.handle.handle:
+                    waiting = raw.handle.handle.take_message(raw.handle.msg_type, True)
+                if waiting is None:
+                    break
+                raw.handle.callback(*waiting)
+
     def close(self) -> None:
         """Drop all subscriptions; ``discover`` begins anew."""
         for raw in self._subscriptions.values():
@@ -113,6 +126,7 @@ class RawSubscriptions:
     def _subscription(self, topic: Topic, profile: QoSProfile) -> RawSubscription:
         raw = RawSubscription(topic, profile)
 
+        @in_every_state  # those that wait when the node is deactivated belong into the bag
         def listen(data: bytes, info: Mapping[str, int]) -> None:
             raw.count_gap(info['publication_sequence_number'])
             self._on_message(topic, data)

@@ -2,11 +2,12 @@
 
 from dataclasses import dataclass
 
-from visual_servo_epipolar.core.settings import setting, Settings
+from visual_servo_epipolar.core.settings import setting
+from visual_servo_epipolar.nodes.lifecycle.settings import LifecycleSettings
 
 
 @dataclass(frozen=True, kw_only=True)
-class RecorderNodeSettings(Settings):
+class RecorderNodeSettings(LifecycleSettings):
     """Settings of the node: what is recorded, where to, and what the robot does if that fails."""
 
     bag: str = setting(
@@ -18,7 +19,9 @@ class RecorderNodeSettings(Settings):
     exclude: tuple[str, ...] = setting(
         ('*overlay/image_raw',), 'Topics not to record, likewise', read_only=True
     )
-    autostart: bool = setting(True, 'Begin at once, not on ~/start', read_only=True)
+    autostart: bool = setting(
+        True, 'Begin as soon as the node is active, not on ~/start', read_only=True
+    )
     report: bool = setting(True, 'Publish /diagnostics once a second', read_only=True)
     on_error: str = setting(
         'continue',

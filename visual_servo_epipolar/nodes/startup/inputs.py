@@ -10,6 +10,7 @@ from rclpy.qos import qos_check_compatible, QoSCompatibility
 from rclpy.subscription import Subscription
 
 from visual_servo_epipolar.core.stamps import seconds_between
+from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 
 LOOK_PERIOD_S = 1.0
 PATIENCE_S = 5.0  # time without a message, or without /clock, before it is said
@@ -26,9 +27,11 @@ class Kind:
     once: bool = False
 
 
-ANY_DRIVER = 'set camera_reliability: best_effort'
+COMPRESSED = '/compressed'  # what image_transport puts after the name of the images
+ANY_DRIVER = 'set camera_reliability: auto'
 KINDS = {
     'image_raw': Kind('images', ANY_DRIVER),
+    f'image_raw{COMPRESSED}': Kind('images', ANY_DRIVER),
     'camera_info': Kind('the calibration of the camera', ANY_DRIVER, once=True),
     'tracks': Kind('tracks of features'),
     'ground_truth': Kind('the pose of the simulated robot'),
@@ -40,6 +43,7 @@ class Input:
     """Input: silent since it came last, or since that was said; ``patience_s`` until it is."""
 
     kind: Kind
+    topic: str
     subscription: Subscription
     since_ns: int
     patience_s: float
@@ -55,16 +59,23 @@ class Inputs:
     def __init__(self, node: Node) -> None:
         self._node, self._steady = node, Clock(clock_type=ClockType.STEADY_TIME)
         self._begin_ns, self._timeless_said = self._now_ns(), False
-        kinds = {node.resolve_topic_name(topic): kind for topic, kind in KINDS.items()}
-        self._inputs = [
-            self._listen(kinds[item.topic_name], item)
-            for item in node.subscriptions
-            if item.topic_name in kinds and not item.raw
-        ]
+        self._kinds = {_resolved(node, topic): kind for topic, kind in KINDS.items()}
+        self._inputs: dict[str, Input] = {}
+        self._follow()
 
-    def _listen(self, kind: Kind, subscription: Subscription) -> Input:
+    def _follow(self) -> None:
+        """Listen to the subscriptions that there are: a node may have made one anew."""
+        for item in self._node.subscriptions:
+            if item.topic_name in self._kinds and not item.raw:
+                source = self._inputs.get(item.topic_name)
+                if source is None or item is not source.subscription:
+                    self._inputs[item.topic_name] = self._listen(item)
+
+    def _listen(self, subscription: Subscription) -> Input:
         """Return an input that notices each message on its way to the callback."""
-        source = Input(kind, subscription, self._now_ns(), PATIENCE_S)
+        topic = subscription.topic_name
+        kind = self._kinds[topic]
+        source = Input(kind, topic, subscription, self._now_ns(), PATIENCE_S)
         callback = subscription.callback
 
         def arrived(message: Any) -> None:
@@ -80,7 +91,8 @@ class Inputs:
         if not self._timeless_said and self._age(self._begin_ns) >= PATIENCE_S and self._timeless:
             self._timeless_said = True
             self._node.get_logger().warning(f'use_sim_time is true: {NO_TIME}')
-        for source in self._inputs:
+        self._follow()
+        for source in self._inputs.values():
             if self._age(source.since_ns) >= source.patience_s:
                 source.since_ns, source.patience_s = self._now_ns(), REPEAT_S
                 self._node.get_logger().warning(self._complaint(source))
@@ -92,13 +104,17 @@ class Inputs:
         return simulated and self._node.get_clock().now().nanoseconds == 0
 
     def _complaint(self, source: Input) -> str:
-        topic = source.subscription.topic_name
+        topic = source.topic
         publishers = self._node.get_publishers_info_by_topic(topic)
         count = f'{len(publishers)} publisher{"" if len(publishers) == 1 else "s"}'
         return f'waits for {source.kind.what} on {topic} ({count}){self._hint(source, publishers)}'
 
     def _hint(self, source: Input, publishers: list[Any]) -> str:
         """Return what keeps messages from coming, as far as it can be seen from here."""
+        if not publishers and source.kind.what == 'images':
+            beside = self._beside(source.topic)
+            if beside:
+                return beside
         if not publishers:
             return '; start what publishes them, or remap the topic'
         message: Any = source.subscription.msg_type
@@ -116,6 +132,14 @@ class Inputs:
             return f'; their QoS does not fit: {refusal}; {source.kind.remedy}'
         return ''
 
+    def _beside(self, topic: str) -> str:
+        """Return that the images come by the other transport, or ''."""
+        compressed = topic.endswith(COMPRESSED)
+        other = topic.removesuffix(COMPRESSED) if compressed else topic + COMPRESSED
+        if not self._node.get_publishers_info_by_topic(other):
+            return ''
+        return f'; {other} has some: set transport: {"raw" if compressed else "compressed"}'
+
     def _age(self, stamp_ns: int) -> float:
         return seconds_between(stamp_ns, self._now_ns())
 
@@ -123,7 +147,15 @@ class Inputs:
         return int(self._steady.now().nanoseconds)
 
 
+def _resolved(node: Node, topic: str) -> str:
+    """Return the full name of ``topic``; that of compressed images follows the raw ones."""
+    base = topic.removesuffix(COMPRESSED)
+    return node.resolve_topic_name(base) + topic[len(base) :]
+
+
 def watch(node: Node) -> None:
     """Let ``node`` say what it waits for: messages, and /clock where time is simulated."""
     clock = Clock(clock_type=ClockType.STEADY_TIME)
-    node.create_timer(LOOK_PERIOD_S, Inputs(node).look, clock=clock)
+    timer = node.create_timer(LOOK_PERIOD_S, Inputs(node).look, clock=clock)
+    if isinstance(node, ManagedNode):
+        node.keep(timer)

@@ -3,12 +3,14 @@
 from dataclasses import dataclass
 
 from visual_servo_epipolar.core.settings import setting, Settings
+from visual_servo_epipolar.nodes.lifecycle.settings import LifecycleSettings
 
-RELIABILITIES = ('reliable', 'best_effort')  # of images, as in nodes.qos
+RELIABILITIES = ('auto', 'reliable', 'best_effort')  # of images, as in nodes.qos
+TRANSPORTS = ('raw', 'compressed')
 
 
 @dataclass(frozen=True, kw_only=True)
-class ServoNodeSettings(Settings):
+class ServoNodeSettings(LifecycleSettings):
     """Settings of the connections of the node."""
 
     enable_stamped_cmd_vel: bool = setting(
@@ -29,15 +31,15 @@ class ServoNodeSettings(Settings):
         read_only=True,
     )
     camera_reliability: str = setting(
-        'best_effort',
-        'Subscribe to camera_info as: best_effort connects to every driver',
+        'auto',
+        'Subscribe to camera_info as: auto and best_effort connect to every driver',
         choices=RELIABILITIES,
         read_only=True,
     )
 
 
 @dataclass(frozen=True, kw_only=True)
-class TrackerNodeSettings(Settings):
+class TrackerNodeSettings(LifecycleSettings):
     """Settings of the node: source of the photograph, and QoS of images."""
 
     desired_image: str = setting(
@@ -45,17 +47,43 @@ class TrackerNodeSettings(Settings):
         'File of the photograph; empty: wait for desired/image_raw or ~/capture_desired',
         read_only=True,
     )
+    photograph: str = setting(
+        '',
+        'File where a captured photograph is kept with its camera, .yaml; empty: it is not kept',
+        read_only=True,
+    )
+    capture_frames: int = setting(
+        10,
+        'Images at rest of which a captured photograph is the mean',
+        low=1,
+        high=100,
+        read_only=True,
+    )
     rectified: bool = setting(
         False,
         'Images are rectified: P of camera_info holds, its distortion does not apply',
         read_only=True,
     )
+    transport: str = setting(
+        'raw',
+        'Images come as: compressed are JPEG or PNG, on image_raw/compressed',
+        choices=TRANSPORTS,
+        read_only=True,
+    )
     camera_reliability: str = setting(
-        'best_effort',
-        'Subscribe to images as: best_effort connects to every driver, reliable loses none',
+        'auto',
+        'Subscribe to images as: auto finds out what the driver offers',
         choices=RELIABILITIES,
         read_only=True,
     )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.desired_image and self.photograph:
+            raise ValueError(
+                'desired_image and photograph exclude each other: the first is given, the second '
+                'captured; set one of them'
+            )
 
 
 @dataclass(frozen=True, kw_only=True)

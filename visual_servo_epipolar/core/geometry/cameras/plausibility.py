@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 
+from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
 
@@ -12,6 +13,7 @@ FARTHEST_OUTSIDE = 0.5  # of the image's size, that the principal point may lie 
 NARROWEST, WIDEST_PINHOLE, WIDEST = 1.0, 170.0, 360.0  # field of view [deg]
 MOST_LOST = 0.2  # of the image, where the distortion cannot be undone
 SAMPLES = 24  # a row and a column, over the image
+CALIBRATION_DEG = 1.0  # that a ray may differ from one calibration to another
 
 
 def refuse_implausible(camera: CalibratedCamera) -> None:
@@ -24,11 +26,7 @@ def refuse_implausible(camera: CalibratedCamera) -> None:
 @lru_cache(maxsize=16)
 def doubts(camera: CalibratedCamera) -> str:
     """Return what is to be said of a camera that can be used all the same, or ''."""
-    u, v = np.meshgrid(
-        np.linspace(0.0, camera.width - 1.0, SAMPLES),
-        np.linspace(0.0, camera.height - 1.0, SAMPLES),
-    )
-    pixels = np.stack([u.ravel(), v.ravel()], axis=1)
+    pixels = _samples(camera)
     lost = 1.0 - float(camera.round_trips(pixels, camera.rays(pixels)).mean())
     if lost <= MOST_LOST:
         return ''
@@ -37,6 +35,26 @@ def doubts(camera: CalibratedCamera) -> str:
         'of the image, features there are left out; a wide lens needs equidistant: calibrate it '
         'as a fisheye'
     )
+
+
+def are_alike(one: CalibratedCamera, other: CalibratedCamera) -> bool:
+    """Return whether both see the same directions: one camera, maybe calibrated anew."""
+    if (one.width, one.height) != (other.width, other.height):
+        return False
+    pixels = _samples(one)
+    rays, others = one.rays(pixels), other.rays(pixels)
+    known = np.isfinite(rays).all(axis=1) & np.isfinite(others).all(axis=1)
+    cosines = (rays[known] * others[known]).sum(axis=1)
+    return bool(known.any() and cosines.min() > math.cos(math.radians(CALIBRATION_DEG)))
+
+
+def _samples(camera: CalibratedCamera) -> FloatArray:
+    """Return pixels, (N, 2), all over the image."""
+    u, v = np.meshgrid(
+        np.linspace(0.0, camera.width - 1.0, SAMPLES),
+        np.linspace(0.0, camera.height - 1.0, SAMPLES),
+    )
+    return np.stack([u.ravel(), v.ravel()], axis=1)
 
 
 @lru_cache(maxsize=16)

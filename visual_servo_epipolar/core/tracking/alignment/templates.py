@@ -5,6 +5,8 @@ A template is the desired image blurred and sampled at the scale at which the fe
 the current one, so that both patches show equal detail.
 """
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 
@@ -22,6 +24,9 @@ DAMPING = 1e-3  # of the Hessian, over its mean eigenvalue (Levenberg)
 PARAMETERS = 6  # of an affine step: shift along x and y, then the linear part row by row
 STACKS = 2  # kept, the last used: of the tracked features, and of those found anew
 FIRST_CAPACITY = 64  # templates for which there is room, doubled when it is taken
+MOST = 2048  # templates kept, 25 MB: more than a run uses, but a robot may be up for weeks
+
+Key = tuple[int, int]  # number of the feature, level
 
 
 class Templates:
@@ -35,7 +40,7 @@ class Templates:
     def __init__(self, image: Image, grid: PatchGrid) -> None:
         self._grid, self._wide = grid, PatchGrid(grid.reach + 1)
         self._images = [_blurred(image, level) for level in range(LEVELS)]
-        self._rows: dict[tuple[int, int], int] = {}
+        self._rows: dict[Key, int] = {}
         shape = FIRST_CAPACITY, PARAMETERS + 1, len(grid.offsets)
         self._stored = np.empty(shape, np.float32)
         self._stacks: dict[tuple[int, ...], FloatImage] = {}
@@ -47,9 +52,10 @@ class Templates:
         Shapes (N,), (N, 2), (N,). Mostly they are those of the last frame, and already stacked.
         """
         keys = list(zip(ids.tolist(), levels.tolist(), strict=True))
-        for number, key in enumerate(keys):
-            if key not in self._rows:
-                self._add(key, points[number])
+        missing = [number for number, key in enumerate(keys) if key not in self._rows]
+        self._make_room(len(missing), keys)
+        for number in missing:
+            self._add(keys[number], points[number])
         chosen = tuple(self._rows[key] for key in keys)
         stack = self._stacks.pop(chosen, None)
         self._stacks[chosen] = self._stored[list(chosen)] if stack is None else stack
@@ -61,8 +67,19 @@ class Templates:
         """Return the patch of the feature at ``point``, (2,), zero mean, unit norm, (P,)."""
         key = feature, level
         if key not in self._rows:
+            self._make_room(1, [key])
             self._add(key, point)
         return np.asarray(self._stored[self._rows[key], -1])
+
+    def _make_room(self, count: int, keys: Sequence[Key]) -> None:
+        """Drop what was not used lately, but none of ``keys``, where ``count`` are too many."""
+        if not count or len(self._rows) + count <= MOST:
+            return
+        recent, wanted = {row for chosen in self._stacks for row in chosen}, set(keys)
+        kept = {key: row for key, row in self._rows.items() if row in recent or key in wanted}
+        self._stored[: len(kept)] = self._stored[list(kept.values())]
+        self._rows = {key: number for number, key in enumerate(kept)}
+        self._stacks.clear()
 
     def _add(self, key: tuple[int, int], point: FloatArray) -> None:
         row = len(self._rows)

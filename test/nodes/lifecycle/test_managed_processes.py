@@ -1,0 +1,70 @@
+"""Managed nodes as processes: refused in one line, led over the wire, ended in any state."""
+
+from contextlib import ExitStack
+from pathlib import Path
+import signal
+import subprocess
+
+from bench import Bench, next_domain
+from lifecycle_msgs.srv import ChangeState, GetState
+from lifecycles import asked
+from node_process import arguments, environment
+import pytest
+
+START_SEC, END_SEC = 60.0, 30.0
+NODES = ('servo_node', 'tracker_node', 'recorder_node')
+
+
+@pytest.fixture
+def wide_open(monkeypatch) -> None:
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+
+
+def test_a_process_survives_impossible_transitions_and_ends_in_any_state(
+    wide_open, tmp_path
+) -> None:
+    domain = next_domain()
+    with ExitStack() as stack:
+        bench, processes = stack.enter_context(Bench(domain)), {}
+        for name in NODES:
+            log = stack.enter_context((tmp_path / name).open('w'))
+            command = arguments(name, '-p', 'autostart_node:=false')
+            processes[name] = stack.enter_context(
+                subprocess.Popen(
+                    command,
+                    env=environment(domain),
+                    stderr=log,
+                    cwd=tmp_path,
+                    start_new_session=True,
+                )
+            )
+            stack.callback(processes[name].kill)
+        for count, name in enumerate(NODES):  # one ends unconfigured, one inactive, one active
+            for number in (99, 3, *(1, 1, 3, 3)[: 2 * count]):
+                bench.call(f'{name}/change_state', ChangeState, asked(number))
+            state = bench.call(f'{name}/get_state', GetState).current_state.label
+            assert state == ('unconfigured', 'inactive', 'active')[count]
+            processes[name].send_signal(signal.SIGINT)
+            assert processes[name].wait(END_SEC) == 0, (tmp_path / name).read_text()
+            assert 'Traceback' not in (tmp_path / name).read_text()
+
+
+@pytest.mark.parametrize('lifecycle', ['true', 'false'])
+def test_a_bad_parameter_is_one_line_whoever_leads_the_node(tmp_path, lifecycle) -> None:
+    command = arguments('servo_node', '-p', f'autostart_node:={lifecycle}', '-p', 'law:=none')
+    ended = subprocess.run(
+        command, env=environment(next_domain()), capture_output=True, text=True, timeout=START_SEC
+    )
+    assert ended.returncode == 2
+    assert len(ended.stderr.splitlines()) == 1, ended.stderr
+    assert ended.stderr.startswith('servo_node: ')
+
+
+def test_a_photograph_that_is_missing_is_one_line(tmp_path: Path) -> None:
+    command = arguments('tracker_node', '-p', f'desired_image:={tmp_path / "goal.png"}')
+    ended = subprocess.run(
+        command, env=environment(next_domain()), capture_output=True, text=True, timeout=START_SEC
+    )
+    assert ended.returncode == 2
+    assert len(ended.stderr.splitlines()) == 1, ended.stderr
+    assert 'desired_image must be a readable image file' in ended.stderr

@@ -1,0 +1,177 @@
+"""The life cycle of the servo: no twist unless active, the last one zero, no run by itself."""
+
+import random
+
+from geometry_msgs.msg import Twist as TwistMessage
+from lifecycles import change, entities, go
+import pytest
+from rclpy.parameter import Parameter
+from sensor_msgs.msg import CameraInfo, PointCloud2
+from std_msgs.msg import String
+
+from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
+from visual_servo_epipolar.messages import event_log, read, write
+from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes.servo_node import ServoNode
+from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
+from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
+
+CAMERA = Camera(1280, 1024, 769.2, 769.2, 635.0, 512.0)
+FEATURES = PointWorld(PointSettings(), FixedRig(CAMERA), seed=0).observe(
+    Pose.from_start(1.0, -3.5, 8.0), 0
+)
+STAMP_NS, PERIOD_NS = 7_000_000_003, 90_909_091
+STEPS = 80
+LABELS = ('configure', 'cleanup', 'activate', 'deactivate')
+
+
+class Rig:
+    """A servo that is led about, its camera, and its tracks one by one."""
+
+    def __init__(self, bench, **values) -> None:
+        self.bench, self.stamp_ns = bench, STAMP_NS
+        self.twists = bench.listen(TwistMessage, 'cmd_vel')
+        self.phases = bench.listen(String, 'phase', qos.LATCHED)
+        self.events = bench.listen(String, 'servo_node/events')
+        self.send = bench.talk(PointCloud2, 'tracks')
+        self.calibrate = bench.talk(CameraInfo, 'camera_info')
+        values = {'autostart': True, 'stale_timeout': 60.0, **values}
+        self.node = bench.start(ServoNode, **values)
+
+    def see(self) -> None:
+        """Let the tracks of another image, with its camera_info, arrive."""
+        self.calibrate(write.camera_info(CAMERA, self.stamp_ns, 'camera'))
+        self.bench.settle()
+        self.see_tracks()
+
+    def see_tracks(self) -> None:
+        self.send(write.features(FEATURES, self.stamp_ns, 'camera'))
+        self.stamp_ns += PERIOD_NS
+        self.bench.settle()
+
+    def drive(self) -> 'Rig':
+        """See until the robot is told to move."""
+        for _ in range(20):
+            self.see()
+            if self.moving:
+                return self
+        pytest.fail('the robot was never told to move')
+
+    @property
+    def moving(self) -> bool:
+        return bool(self.twists) and read.twist(self.twists[-1]) != STANDSTILL
+
+
+@pytest.fixture
+def rig(bench):
+    return Rig(bench)
+
+
+def test_a_servo_that_is_not_active_commands_nothing(bench) -> None:
+    rig = Rig(bench, autostart_node=False)
+    rig.see()
+    go(bench, rig.node, 'configure')
+    rig.see()
+    assert (rig.twists, rig.phases) == ([], [])
+    go(bench, rig.node, 'activate')
+    assert rig.drive().phases
+
+
+def test_deactivated_in_mid_run_it_stops_the_robot_and_is_silent(rig) -> None:
+    rig.drive()
+    go(rig.bench, rig.node, 'deactivate')
+    rig.bench.until(lambda: not rig.moving, 'the zero twist')
+    told, phases = len(rig.twists), len(rig.phases)
+    rig.see()
+    assert (len(rig.twists), len(rig.phases)) == (told, phases)
+    assert rig.phases[-1].data == 'waiting'
+    assert event_log.from_text(rig.events[-1].data).event == 'reset'  # for replays
+
+
+@pytest.mark.parametrize('way', [('shutdown',), ('deactivate', 'cleanup')])
+def test_the_last_twist_of_a_life_is_zero(rig, way) -> None:
+    rig.drive()
+    for label in way:
+        assert change(rig.bench, rig.node, label=label)
+    rig.bench.until(lambda: not rig.moving, 'the zero twist')
+    told = len(rig.twists)
+    rig.see()
+    assert len(rig.twists) == told
+
+
+def test_a_run_never_goes_on_by_itself(bench) -> None:
+    rig = Rig(bench, autostart=False)
+    assert bench.call('servo_node/start').success
+    rig.drive()
+    go(bench, rig.node, 'deactivate', 'activate')
+    told = len(rig.twists)
+    rig.see()
+    assert (rig.moving, len(rig.twists), rig.phases[-1].data) == (False, told, 'waiting')
+    assert bench.call('servo_node/start').success
+    rig.drive()
+
+
+@pytest.mark.parametrize('way', [(), ('cleanup', 'configure')])
+def test_with_autostart_a_new_run_begins(rig, way) -> None:
+    rig.drive()
+    go(rig.bench, rig.node, 'deactivate', *way, 'activate')
+    rig.bench.until(lambda: not rig.moving, 'the zero twist')
+    assert rig.node._state.phase.value == 'waiting'
+    rig.drive()
+
+
+@pytest.mark.parametrize('way', [(), ('cleanup', 'configure')])
+def test_a_stop_is_heard_in_every_state_and_lasts(rig, way) -> None:
+    rig.drive()
+    go(rig.bench, rig.node, 'deactivate', *way[:1])
+    assert rig.bench.call('servo_node/stop').success
+    assert not rig.bench.call('servo_node/start').success
+    go(rig.bench, rig.node, *way[1:], 'activate')
+    for _ in range(3):
+        rig.see()
+    assert not rig.moving
+    assert rig.bench.call('servo_node/start').success
+    rig.drive()
+
+
+def test_the_camera_is_kept_while_inactive_and_asked_for_anew_after_a_cleanup(rig) -> None:
+    rig.drive()
+    go(rig.bench, rig.node, 'deactivate', 'activate')
+    rig.see_tracks()
+    assert rig.node._camera.model == CAMERA
+    go(rig.bench, rig.node, 'deactivate', 'cleanup', 'configure', 'activate')
+    rig.bench.until(lambda: not rig.moving, 'the zero twist')
+    rig.see_tracks()
+    assert not rig.moving
+    rig.bench.until(lambda: rig.bench.logged('no usable camera_info yet'), 'what it waits for')
+    rig.drive()
+
+
+def test_a_parameter_that_changes_in_any_state_holds_when_it_is_active(bench) -> None:
+    rig = Rig(bench, autostart_node=False)
+    settings = bench.listen(String, 'servo_node/settings', qos.LATCHED)
+    for value, way in ((0.11, 'configure'), (0.12, 'activate')):
+        (answer,) = rig.node.set_parameters([Parameter('max_linear', value=value)])
+        assert answer.successful
+        go(bench, rig.node, way)
+    bench.until(lambda: settings and '0.12' in settings[-1].data, 'the settings in force')
+    assert '0.11' not in settings[-1].data
+
+
+def test_led_about_at_random_in_mid_run_it_moves_while_active_alone(rig) -> None:
+    chance, before, runs = random.Random(5), None, 0
+    for _ in range(STEPS):
+        rig.see()
+        active, told = rig.node.is_active, len(rig.twists)
+        runs += rig.moving
+        assert active or not rig.moving
+        change(rig.bench, rig.node, label=chance.choice(LABELS))
+        if active and not rig.node.is_active:
+            rig.bench.until(lambda: not rig.moving, 'the zero twist')  # noqa: B023
+        elif not active:
+            assert len(rig.twists) == told
+        if rig.node.state == 'unconfigured':
+            before = before or entities(rig.node)
+            assert entities(rig.node) == before
+    assert runs >= 3

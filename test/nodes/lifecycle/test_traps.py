@@ -1,0 +1,152 @@
+"""The traps of rclpy's lifecycle nodes: each is closed."""
+
+import gc
+
+from lifecycles import change, entities, go, IDS
+import psutil
+import pytest
+
+from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
+
+CYCLES = 100
+MB = 2**20
+
+
+@pytest.mark.parametrize('number', [IDS['activate'], IDS['configure'], 5, 10, 99, 255])
+def test_an_impossible_transition_by_id_is_refused_and_the_node_lives_on(
+    bench, parrot, number
+) -> None:
+    node = parrot(autostart_node=True)
+    assert not change(bench, node, number)
+    assert node.state == 'active'
+    expected = f'/parrot is active: there is no transition with the id {number}'
+    bench.until(lambda: bench.logged(expected), 'what was wrong in the log')
+    assert go(bench, node, 'deactivate') == 'inactive'
+
+
+def test_a_label_is_told_from_an_id(bench, parrot) -> None:
+    node = parrot(autostart_node=True)
+    assert not change(bench, node, IDS['deactivate'], 'dance')
+    assert not change(bench, node, IDS['deactivate'], 'activate')
+    assert node.state == 'active'
+    assert change(bench, node, 99, 'deactivate')  # a known label beats a wrong id
+    assert node.state == 'inactive'
+
+
+@pytest.mark.parametrize('part', ['configure', 'activate'])
+def test_a_refusal_is_one_line_and_leaves_the_node_as_it_was(bench, parrot, part) -> None:
+    node = parrot()
+    before = entities(node)
+    go(bench, node, *['configure'][: part == 'activate'])
+    state, between = node.state, entities(node)
+    node.fails = {part: OSError('the disk is full')}
+    assert not change(bench, node, IDS[part])
+    assert (node.state, entities(node)) == (state, between)
+    bench.until(lambda: bench.logged(f'{part} failed: the disk is full'), 'the reason in the log')
+    assert not bench.logged('Traceback')
+    node.fails = {}
+    assert go(bench, node, *IDS.keys() & {part}) != state
+    go(bench, node, *['deactivate'][: part == 'activate'], 'cleanup')
+    assert entities(node) == before
+
+
+@pytest.mark.parametrize('part', ['configure', 'activate', 'deactivate', 'cleanup'])
+def test_a_mistake_is_logged_and_the_node_can_be_had_again(bench, parrot, part) -> None:
+    node = parrot()
+    before = entities(node)
+    way = {
+        'configure': [],
+        'activate': ['configure'],
+        'deactivate': ['configure', 'activate'],
+        'cleanup': ['configure'],
+    }[part]
+    go(bench, node, *way)
+    node.fails = {part: KeyError('a mistake')}
+    assert not change(bench, node, IDS[part])
+    assert (node.state, entities(node)) == ('unconfigured', before)
+    bench.until(lambda: bench.logged(f'{part} failed: Traceback'), 'the mistake in the log')
+    assert "KeyError: 'a mistake'" in bench.logged(f'{part} failed: ')[0]
+    node.fails = {}
+    assert go(bench, node, 'configure', 'activate') == 'active'
+
+
+@pytest.mark.parametrize('part', ['deactivate', 'cleanup'])
+def test_a_node_that_does_not_come_to_rest_is_brought_to_it(bench, parrot, part) -> None:
+    node = parrot()
+    before = entities(node)
+    go(bench, node, *['configure', 'activate'][: 2 if part == 'deactivate' else 1])
+    node.fails = {part: OSError('not now')}
+    assert not change(bench, node, IDS[part])
+    assert (node.state, entities(node)) == ('unconfigured', before)
+
+
+@pytest.mark.parametrize('part', ['deactivate', 'cleanup'])
+def test_nothing_keeps_a_node_from_its_end(bench, parrot, part) -> None:
+    node = parrot(autostart_node=True)
+    node.fails = {part: OSError('not now')}
+    assert change(bench, node, label='shutdown')
+    assert node.state == 'finalized'
+    assert node.calls[2:] == ['deactivate', 'cleanup']
+    assert bench.call('parrot/talk').message == '/parrot is finalized; start it anew'
+
+
+@pytest.mark.parametrize('error', [OSError('the disk is full'), KeyError('a mistake')])
+def test_what_keeps_a_node_from_starting_is_raised(bench, parrot, monkeypatch, error) -> None:
+    def fail(self: ManagedNode) -> None:
+        raise error
+
+    kind = type(parrot())
+    monkeypatch.setattr(kind, 'activate', fail)
+    with pytest.raises(type(error)) as raised:
+        bench.start(kind)
+    assert raised.value is error
+    bench.settle()
+    assert not bench.logged('failed')  # once is enough: run.py says it
+
+
+def test_the_answers_of_rclpy_are_never_left_to_a_kind_of_node(parrot) -> None:
+    with pytest.raises(TypeError, match=r'Loose\.on_activate: write activate\(\) instead'):
+
+        class Loose(ManagedNode):
+            def on_activate(self, state):
+                """Return None: rclpy would be stuck in activating."""
+
+
+def test_whatever_a_part_returns_the_node_is_not_stuck(bench, parrot, monkeypatch) -> None:
+    node = parrot()
+    answers = {'configure': False, 'activate': 'no', 'deactivate': 3, 'cleanup': node}
+    for part, answer in answers.items():
+        monkeypatch.setattr(type(node), part, lambda _, answer=answer: answer)
+    assert go(bench, node, 'configure', 'activate', 'deactivate', 'cleanup') == 'unconfigured'
+
+
+def test_configured_and_cleaned_up_again_and_again_it_leaves_nothing(bench, parrot) -> None:
+    node = parrot()
+    process = psutil.Process()
+    before, watched = entities(node), []
+    for _ in range(2 * CYCLES):
+        node.trigger_configure()
+        node.trigger_activate()
+        node.trigger_deactivate()
+        node.trigger_cleanup()
+        bench.executor.spin_once(timeout_sec=0.0)
+        assert entities(node) == before
+        watched.append((process.memory_info().rss, process.num_fds(), process.num_threads()))
+    settled, last = watched[CYCLES - 1], watched[-1]
+    assert last[0] - settled[0] < 1 * MB  # the first hundred fill the pools of the allocator
+    assert last[1:] == settled[1:]
+    bench.until(lambda: not bench.probe.count_publishers('/words'), 'its topics to be gone')
+
+
+def test_a_node_that_is_destroyed_is_gone_at_once(bench, parrot) -> None:
+    node = parrot(autostart_node=True)
+    bench.nodes.remove(node)
+    bench.executor.remove_node(node)
+    gc.disable()
+    try:
+        node.destroy_node()
+        assert 'parrot' not in bench.probe.get_node_names()
+    finally:
+        gc.enable()
+    node.destroy_node()  # a second time is nothing
+    assert node.state == 'finalized'

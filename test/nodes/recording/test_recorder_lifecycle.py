@@ -1,0 +1,142 @@
+"""The life cycle of the recorder: whatever state it is led to, the bag is whole."""
+
+from itertools import count
+import random
+
+from bag_reading import read_back
+from diagnostic_msgs.msg import DiagnosticArray
+from lifecycles import asked, change, entities, go
+import pytest
+from rclpy.serialization import deserialize_message
+from std_msgs.msg import String
+
+from visual_servo_epipolar.messages import read, write
+from visual_servo_epipolar.nodes.recorder_node import RecorderNode
+
+MANY = 50  # fewer than wait in DDS
+STEPS = 60
+
+
+def said_in(folder) -> list[str]:
+    """Return the words in a bag, in their order."""
+    return [deserialize_message(data, String).data for _, _, data in read_back(folder)]
+
+
+class Reporter:
+    """A recorder that is led about, and somebody who talks."""
+
+    def __init__(self, bench, folder, **values) -> None:
+        self.bench, self.folder = bench, folder
+        self.talker = bench.probe.create_publisher(String, 'words', 10 * MANY)
+        self.node = bench.start(RecorderNode, bag=str(folder / 'bag'), topics=('words',), **values)
+
+    def until_heard(self) -> None:
+        self.bench.until(
+            lambda: self.node.ready and self.talker.get_subscription_count() > 0,
+            'words to be recorded',
+        )
+
+    def say(self, words: range) -> list[str]:
+        """Say words; they have arrived at the recorder, which has taken none."""
+        self.bench.executor.remove_node(self.node)
+        texts = [str(word) for word in words]
+        for text in texts:
+            self.talker.publish(write.text(text))
+        self.bench.executor.spin_once(timeout_sec=0.05)
+        self.bench.executor.add_node(self.node)
+        return texts
+
+    def bags(self) -> list[str]:
+        return sorted(path.name for path in self.folder.iterdir())
+
+
+@pytest.mark.parametrize('ways', [['deactivate'], ['shutdown'], ['deactivate', 'cleanup']])
+def test_no_transition_loses_what_was_said_before(bench, tmp_path, ways) -> None:
+    reporter = Reporter(bench, tmp_path)
+    reporter.until_heard()
+    texts = reporter.say(range(MANY))
+    for label in ways:
+        node = reporter.node
+        answer = node._service_change_state.srv_type.Response()
+        assert node._service_change_state.callback(asked(0, label), answer).success
+    assert reporter.bags() == ['bag']  # and by its name, so it is whole
+    assert said_in(tmp_path / 'bag') == texts
+
+
+def test_an_inactive_recorder_records_nothing_and_says_what_to_do(bench, tmp_path) -> None:
+    reporter = Reporter(bench, tmp_path, autostart_node=False)
+    bench.settle()
+    assert reporter.bags() == []
+    go(bench, reporter.node, 'configure')
+    reporter.say(range(MANY))
+    bench.settle()
+    answer = bench.call('recorder_node/start')
+    assert (answer.success, answer.message) == (
+        False,
+        '/recorder_node is inactive; call ros2 lifecycle set /recorder_node activate',
+    )
+    assert (reporter.bags(), reporter.node.recorded) == ([], frozenset())
+
+
+def test_each_activation_begins_a_bag(bench, tmp_path) -> None:
+    reporter = Reporter(bench, tmp_path)
+    before = entities(reporter.node)['subscriptions']
+    for number in range(3):
+        reporter.until_heard()
+        texts = reporter.say(range(MANY * number, MANY * (number + 1)))
+        go(bench, reporter.node, 'deactivate')
+        assert said_in(tmp_path / reporter.bags()[-1]) == texts
+        assert entities(reporter.node)['subscriptions'] < before
+        go(bench, reporter.node, *['cleanup', 'configure'][: number % 2 * 2], 'activate')
+    assert [name for name in reporter.bags() if not name.endswith('_3')] == [
+        'bag',
+        'bag_1',
+        'bag_2',
+    ]
+
+
+def test_a_recorder_that_waits_for_start_waits_after_each_activation(bench, tmp_path) -> None:
+    reporter = Reporter(bench, tmp_path, autostart=False)
+    assert bench.call('recorder_node/start').success
+    go(bench, reporter.node, 'deactivate', 'activate')
+    assert reporter.bags() == ['bag']
+    assert bench.call('recorder_node/stop').message == 'nothing is being recorded'
+
+
+def test_a_bag_that_cannot_be_begun_leaves_the_node_inactive(bench, tmp_path) -> None:
+    reporter = Reporter(bench, tmp_path, autostart_node=False)
+    (tmp_path / 'bag').mkdir()
+    go(bench, reporter.node, 'configure')
+    assert not change(bench, reporter.node, label='activate')
+    assert reporter.node.state == 'inactive'
+    bench.until(lambda: bench.logged('bag exists already; name another bag'), 'the reason')
+    (tmp_path / 'bag').rmdir()
+    assert go(bench, reporter.node, 'activate') == 'active'
+
+
+def test_the_diagnostics_say_that_nothing_is_recorded_any_more(bench, tmp_path) -> None:
+    heard = bench.listen(DiagnosticArray, '/diagnostics')
+    reporter = Reporter(bench, tmp_path)
+    bench.until(lambda: bool(heard), 'a report')
+    assert read.diagnosis(heard[-1])['recording'] == 'True'
+    go(bench, reporter.node, 'deactivate')
+    bench.until(lambda: read.diagnosis(heard[-1])['recording'] == 'False', 'the last report')
+    told = len(heard)
+    bench.settle()
+    assert len(heard) == told
+
+
+def test_led_about_at_random_it_loses_nothing_that_it_heard(bench, tmp_path) -> None:
+    reporter, chance, numbers = Reporter(bench, tmp_path), random.Random(3), count()
+    labels = ('configure', 'cleanup', 'activate', 'deactivate')
+    kept: list[str] = []
+    for _ in range(STEPS):
+        if reporter.node.state == 'active':
+            reporter.until_heard()
+            first = next(numbers)
+            kept += reporter.say(range(first * MANY, first * MANY + chance.randrange(MANY)))
+        change(bench, reporter.node, label=chance.choice(labels))
+    reporter.node.stop()
+    bags = sorted(tmp_path.iterdir(), key=lambda path: int(path.name[4:] or 0))
+    assert len(bags) >= STEPS // 10
+    assert [text for bag in bags for text in said_in(bag)] == kept

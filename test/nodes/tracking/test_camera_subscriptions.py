@@ -1,0 +1,160 @@
+"""Cameras as drivers publish them: compressed, best effort or reliable, which is found out."""
+
+import cv2
+import numpy as np
+import pytest
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
+
+from visual_servo_epipolar.messages import read, write
+from visual_servo_epipolar.nodes import parameters, qos
+from visual_servo_epipolar.nodes.startup import inputs
+from visual_servo_epipolar.nodes.tracker_node import TrackerNode
+from visual_servo_epipolar.nodes.tracking import camera_subscriptions
+
+BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+STAMP_NS = 5_000_000_007
+
+
+@pytest.fixture(autouse=True)
+def attentive(monkeypatch):
+    monkeypatch.setattr(camera_subscriptions, 'LOOK_PERIOD_S', 0.02)
+    monkeypatch.setattr(inputs, 'LOOK_PERIOD_S', 0.02)
+
+
+def reliability(node, topic='/image_raw') -> str:
+    (subscription,) = (item for item in node.subscriptions if item.topic_name == topic)
+    return subscription.qos_profile.reliability.name.lower()
+
+
+def jpeg(image, stamp_ns=STAMP_NS, *, quality=80) -> CompressedImage:
+    message = CompressedImage(format='mono8; jpeg compressed ')
+    message.header = write.header(stamp_ns, 'camera')
+    encoded = cv2.imencode('.jpg', image, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+    message.data.frombytes(encoded.tobytes())
+    return message
+
+
+@pytest.mark.parametrize('profile', [BEST_EFFORT, qos.STREAM])
+def test_any_driver_is_heard_in_the_way_it_offers(bench, simulator, photograph, profile) -> None:
+    info = bench.talk(CameraInfo, 'camera_info', profile)
+    send, clouds = bench.talk(Image, 'image_raw', profile), bench.listen(PointCloud2, 'tracks')
+    node = bench.start(TrackerNode)
+    expected = profile.reliability.name.lower()
+    for topic in ('/image_raw', '/camera_info'):
+        bench.until(lambda topic=topic: reliability(node, topic) == expected, f'{topic} to fit')
+    info(write.camera_info(simulator.camera, STAMP_NS, 'camera'))
+    bench.until(lambda: node._camera is not None, 'camera_info')
+    send(write.image(photograph, 'mono8', STAMP_NS, 'camera'))
+    bench.until(lambda: bool(clouds), 'tracks')
+
+
+def test_a_driver_that_is_started_anew_otherwise_is_followed(bench) -> None:
+    node = bench.start(TrackerNode)
+    assert reliability(node) == 'reliable'
+    for profile in (BEST_EFFORT, qos.STREAM, BEST_EFFORT):
+        publisher = bench.probe.create_publisher(Image, 'image_raw', profile)
+        expected = profile.reliability.name.lower()
+        bench.until(lambda expected=expected: reliability(node) == expected, 'it to fit')
+        bench.probe.destroy_publisher(publisher)
+    bench.until(lambda: bench.logged('is published as best_effort, and so subscribed'), 'the log')
+
+
+def test_of_two_drivers_the_one_that_fits_both_is_taken(bench) -> None:
+    bench.talk(Image, 'image_raw', qos.STREAM)
+    bench.talk(Image, 'image_raw', BEST_EFFORT)
+    node = bench.start(TrackerNode)
+    bench.until(lambda: reliability(node) == 'best_effort', 'best effort')
+
+
+@pytest.mark.parametrize('word', ['reliable', 'best_effort'])
+def test_what_is_told_is_not_found_out(bench, word) -> None:
+    other = BEST_EFFORT if word == 'reliable' else qos.STREAM
+    node = bench.start(TrackerNode, camera_reliability=word)
+    bench.talk(Image, 'image_raw', other)
+    for _ in range(5):
+        bench.settle()
+    assert reliability(node) == word
+    assert not bench.logged('and so subscribed')
+
+
+def test_images_of_a_subscription_made_anew_are_not_missed(bench, monkeypatch) -> None:
+    monkeypatch.setattr(inputs, 'PATIENCE_S', 0.5)
+    node = bench.start(TrackerNode)
+    inputs.watch(node)
+    send = bench.talk(Image, 'image_raw', BEST_EFFORT)
+    bench.until(lambda: reliability(node) == 'best_effort', 'best effort')
+    bench.until(lambda: bool(send(Image()) or bench.logged('waits for the calib')), 'a complaint')
+    assert not bench.logged('waits for images')
+
+
+def test_compressed_images_are_tracked_as_raw_ones(bench, simulator, photograph, view) -> None:
+    clouds = bench.listen(PointCloud2, 'tracks')
+    info = bench.talk(CameraInfo, '/cam/camera_info')
+    send = bench.talk(CompressedImage, '/cam/image_raw/compressed', BEST_EFFORT)
+    teach = bench.talk(CompressedImage, 'desired/image_raw/compressed', qos.LATCHED)
+    words = ('-r', 'image_raw:=/cam/image_raw', '-r', 'camera_info:=/cam/camera_info')
+    node = bench.add(
+        TrackerNode(
+            context=bench.context,
+            cli_args=['--ros-args', *words],
+            parameter_overrides=[parameters.override('transport', 'compressed')],
+        )
+    )
+    teach(jpeg(photograph))
+    bench.until(lambda: node.ready, 'the photograph')
+    topic = '/cam/image_raw/compressed'
+    bench.until(lambda: reliability(node, topic) == 'best_effort', 'it to fit')
+    info(write.camera_info(simulator.camera, STAMP_NS, 'camera'))
+    bench.until(lambda: node._camera is not None, 'camera_info')
+    send(jpeg(view))
+    bench.until(lambda: bool(clouds), 'tracks')
+    assert len(read.features(clouds[0])) >= 40
+    assert read.stamp_ns(clouds[0].header) == STAMP_NS
+
+
+@pytest.mark.parametrize('damage', ['truncated', 'no picture', 'another size', 'empty'])
+def test_a_broken_picture_is_one_line_and_nothing_is_lost(
+    bench, simulator, photograph, view, damage
+) -> None:
+    clouds = bench.listen(PointCloud2, 'tracks')
+    info = bench.talk(CameraInfo, 'camera_info')
+    send = bench.talk(CompressedImage, 'image_raw/compressed')
+    teach = bench.talk(CompressedImage, 'desired/image_raw/compressed', qos.LATCHED)
+    node = bench.start(TrackerNode, transport='compressed')
+    teach(jpeg(photograph))
+    info(write.camera_info(simulator.camera, STAMP_NS, 'camera'))
+    bench.until(lambda: node.ready and node._camera is not None, 'photograph and camera')
+    broken = jpeg(view if damage != 'another size' else np.zeros((120, 160), np.uint8))
+    if damage == 'truncated':
+        del broken.data[len(broken.data) // 2 :]
+    elif damage != 'another size':
+        broken = CompressedImage(format='jpeg', data=b'' if damage == 'empty' else b'no picture')
+    for message in (jpeg(view, 1), broken, jpeg(view, 3)):
+        count = len(clouds)
+        send(message)
+        bench.until(lambda count=count: len(clouds) > count, 'tracks')
+    first, second, third = (read.features(cloud) for cloud in clouds)
+    assert len(first) >= 40
+    assert len(second) == 0
+    assert third.ages.max() == 1  # followed over the gap
+    bench.until(lambda: bench.logged('image refused: '), 'the line')
+    assert len(bench.logged('image refused: ')) == 1
+    assert '\n' not in bench.logged('image refused: ')[0]
+
+
+@pytest.mark.parametrize(
+    ('transport', 'kind', 'topic', 'other'),
+    [
+        ('raw', CompressedImage, 'image_raw/compressed', 'compressed'),
+        ('compressed', Image, 'image_raw', 'raw'),
+    ],
+)
+def test_images_by_the_other_transport_are_pointed_out(
+    bench, monkeypatch, transport, kind, topic, other
+) -> None:
+    monkeypatch.setattr(inputs, 'PATIENCE_S', 0.2)
+    bench.talk(kind, topic)
+    inputs.watch(bench.start(TrackerNode, transport=transport))
+    text = f'; /{topic} has some: set transport: {other}'
+    bench.until(lambda: bench.logged(text), text)

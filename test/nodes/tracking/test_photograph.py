@@ -1,0 +1,236 @@
+"""The photograph that is captured: of images at rest, kept on disk with its camera."""
+
+from dataclasses import replace
+import os
+import shutil
+
+import cv2
+import numpy as np
+import pytest
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+import yaml
+
+from visual_servo_epipolar.core.geometry.cameras.equidistant import Equidistant
+from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.messages import camera_file, read, write
+from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes.tracker_node import TrackerNode
+from visual_servo_epipolar.nodes.tracking.photograph import keep, load, Photograph
+
+HOME = Pose.from_start(0.0, 0.0, 0.0)
+
+
+class Rig:
+    """A tracker with a camera that stands at the goal, or is driven about."""
+
+    def __init__(self, bench, simulator, *, camera=None, **values) -> None:
+        self.bench, self.simulator, self.stamp_ns = bench, simulator, 0
+        self.clouds = bench.listen(PointCloud2, 'tracks')
+        self._send = bench.talk(Image, 'image_raw')
+        info = bench.talk(CameraInfo, 'camera_info')
+        self.node = bench.start(TrackerNode, **values)
+        info(write.camera_info(camera or simulator.camera, 0, 'camera'))
+        bench.until(lambda: self.node._camera is not None, 'camera_info')
+
+    def see(self, pose=HOME, times=1):
+        """Send images, each with noise of its own, and return the last features."""
+        for _ in range(times):
+            self.stamp_ns += 1_000_000
+            count = len(self.clouds)
+            image = self.simulator.capture(pose, self.stamp_ns // 1_000_000)
+            self._send(write.image(image, 'mono8', self.stamp_ns, 'camera'))
+            self.bench.until(lambda count=count: len(self.clouds) > count, 'tracks')
+        return read.features(self.clouds[-1])
+
+    def capture(self):
+        return self.bench.call('tracker_node/capture_desired')
+
+    def desired(self):
+        received = self.bench.listen(Image, 'tracker_node/desired/image_raw', qos.LATCHED)
+        self.bench.until(lambda: bool(received), 'the photograph')
+        return read.gray(received[-1])
+
+
+def test_a_photograph_is_the_mean_of_the_last_images(bench, simulator) -> None:
+    rig = Rig(bench, simulator, capture_frames=8)
+    rig.see(times=12)
+    answer = rig.capture()
+    assert answer.success
+    assert answer.message == 'this is the pose to come back to, the mean of 8 images'
+    images = [simulator.capture(HOME, number) for number in range(5, 13)]
+    expected = np.rint(np.mean(images, axis=0))
+    assert np.abs(rig.desired() - expected).max() <= 1.0
+    assert (rig.desired() == expected).mean() > 0.9
+
+
+def test_images_from_before_the_robot_stood_are_left_out(bench, simulator) -> None:
+    rig = Rig(bench, simulator, capture_frames=8)
+    rig.see(Pose.from_start(0.0, -0.1, 0.0), times=3)
+    rig.see(times=4)
+    assert rig.capture().message.endswith(', the mean of 4 images')
+
+
+def test_a_robot_that_moves_is_not_captured(bench, simulator) -> None:
+    rig = Rig(bench, simulator)
+    for step in range(4):
+        rig.see(Pose.from_start(0.0, -0.02 * step, 0.0))
+    answer = rig.capture()
+    assert not answer.success
+    assert answer.message.startswith('the last two images differ: the view moves by ')
+    assert not rig.node.ready
+    rig.see(Pose.from_start(0.0, -0.06, 0.0))
+    assert rig.capture().success  # now it stands
+
+
+def test_a_captured_photograph_is_there_after_a_restart(bench, simulator, tmp_path) -> None:
+    path = tmp_path / 'goal.yaml'
+    rig = Rig(bench, simulator, photograph=str(path))
+    rig.see(times=3)
+    answer = rig.capture()
+    assert answer.message.endswith(f'the mean of 3 images, kept in {path}')
+    before = rig.desired()
+    assert sorted(item.suffix for item in tmp_path.iterdir()) == ['.png', '.yaml']
+    kept = load(path)
+    assert kept.camera == simulator.camera
+    assert kept.stamp_ns == rig.stamp_ns
+    bench.executor.remove_node(rig.node)
+    bench.nodes.remove(rig.node)
+    rig.node.destroy_node()
+    rig = Rig(bench, simulator, photograph=str(path))
+    bench.until(lambda: bench.logged(f'desired image is {path}'), 'the file in the log')
+    assert len(rig.see()) >= 40
+    np.testing.assert_array_equal(rig.desired(), before)
+
+
+def test_a_photograph_of_another_camera_leads_nowhere(bench, simulator, tmp_path) -> None:
+    path, camera = tmp_path / 'goal.yaml', simulator.camera
+    keep(path, Photograph(simulator.photograph(), replace(camera, fx=150.0, fy=150.0)))
+    rig = Rig(bench, simulator, photograph=str(path))
+    assert len(rig.see()) == 0
+    bench.until(
+        lambda: bench.logged('the photograph was taken with another camera, a pinhole lens of'),
+        'the complaint',
+    )
+    assert rig.capture().success  # it is of this camera now
+    assert len(rig.see()) >= 40
+    assert load(path).camera == camera
+
+
+def test_a_camera_that_was_calibrated_anew_is_the_same(bench, simulator, tmp_path) -> None:
+    path, camera = tmp_path / 'goal.yaml', simulator.camera
+    anew = replace(camera, fx=1.005 * camera.fx, cx=camera.cx + 0.7)
+    keep(path, Photograph(simulator.photograph(), anew))
+    assert len(Rig(bench, simulator, photograph=str(path)).see()) >= 40
+
+
+def test_a_photograph_that_cannot_be_kept_is_said_so(bench, simulator, tmp_path) -> None:
+    folder = tmp_path / 'folder'
+    folder.mkdir()
+    rig = Rig(bench, simulator, photograph=str(folder / 'goal.yaml'))
+    rig.see()
+    shutil.rmtree(folder)
+    answer = rig.capture()
+    assert answer.success
+    assert ', but it is not kept: ' in answer.message
+
+
+def picture(path):
+    (found,) = path.parent.glob('goal-*.png')
+    return found
+
+
+def cut_short(path) -> None:
+    picture(path).write_bytes(picture(path).read_bytes()[:40])
+
+
+def exchanged(path) -> None:
+    blank = np.full((240, 320), 90, np.uint8)
+    picture(path).write_bytes(cv2.imencode('.png', blank)[1].tobytes())
+
+
+def of_another_size(path) -> None:
+    picture(path).write_bytes(cv2.imencode('.png', np.zeros((9, 9), np.uint8))[1].tobytes())
+
+
+def without(key):
+    def change(path) -> None:
+        document = yaml.safe_load(path.read_text())
+        del document[key]
+        path.write_text(yaml.safe_dump(document))
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ('damage', 'reason'),
+    [
+        (lambda path: picture(path).unlink(), 'is missing or broken'),
+        (cut_short, 'is missing or broken'),
+        (exchanged, 'is another one'),
+        (of_another_size, 'its picture has 9x9 px, its camera 320x240'),
+        (lambda path: path.write_text(''), 'a camera file must map names to values'),
+        (lambda path: path.write_bytes(b'\xff\xfe\x00'), 'cannot be used'),
+        (lambda path: path.write_text('a: [1'), 'cannot be used'),
+        (without('camera_matrix'), "lacks 'camera_matrix'"),
+        (without('photograph'), "'photograph'"),
+        (without('stamp_ns'), "'stamp_ns'"),
+        (without('goal'), "'goal'"),
+    ],
+)
+def test_a_broken_photograph_is_one_line_at_the_start(
+    bench, simulator, tmp_path, damage, reason
+) -> None:
+    path = tmp_path / 'goal.yaml'
+    keep(path, Photograph(simulator.photograph(), simulator.camera))
+    damage(path)
+    with pytest.raises(ValueError, match='cannot be used') as caught:
+        bench.start(TrackerNode, photograph=str(path))
+    assert reason in str(caught.value)
+    assert '\n' not in str(caught.value)
+    assert str(caught.value).endswith('; move it away, and capture anew')
+
+
+@pytest.mark.parametrize(
+    ('name', 'reason'),
+    [('goal.png', 'the name of a .yaml file'), ('none/goal.yaml', 'a folder that can be written')],
+)
+def test_where_nothing_can_be_kept_is_said_at_the_start(bench, tmp_path, name, reason) -> None:
+    with pytest.raises(ValueError, match=reason):
+        bench.start(TrackerNode, photograph=str(tmp_path / name))
+
+
+def test_one_photograph_is_given_or_kept_not_both(bench, tmp_path) -> None:
+    with pytest.raises(ValueError, match='exclude each other'):
+        bench.start(TrackerNode, photograph=str(tmp_path / 'a.yaml'), desired_image='b.png')
+
+
+def test_a_crash_leaves_the_former_photograph(simulator, tmp_path, monkeypatch) -> None:
+    path, image = tmp_path / 'goal.yaml', simulator.photograph()
+    keep(path, Photograph(image, simulator.camera))
+    for crash_at in (1, 2):  # while the picture is written, or the file that names it
+        calls = []
+
+        def fsync(_: int, calls=calls, crash_at=crash_at) -> None:
+            calls.append(1)
+            if len(calls) == crash_at:
+                raise OSError('the power is gone')
+
+        monkeypatch.setattr(os, 'fsync', fsync)
+        with pytest.raises(OSError, match='power'):
+            keep(path, Photograph(255 - image, simulator.camera))
+        np.testing.assert_array_equal(load(path).image, image)
+    monkeypatch.undo()
+    keep(path, Photograph(255 - image, simulator.camera))
+    np.testing.assert_array_equal(load(path).image, 255 - image)
+    assert len(list(tmp_path.iterdir())) == 2
+
+
+@pytest.mark.parametrize('lens', ['pinhole', 'plumb_bob', 'equidistant'])
+def test_every_camera_comes_back_from_its_file(simulator, tmp_path, lens) -> None:
+    camera = simulator.camera
+    if lens == 'plumb_bob':
+        camera = replace(camera, distortion=(-0.1, 0.02, 1e-4, -2e-4, 0.0))
+    if lens == 'equidistant':
+        camera = Equidistant(320, 240, 100.0, 100.0, 159.5, 119.5, (0.01, 0.0, -0.002, 0.0))
+    document = yaml.safe_load(yaml.safe_dump(camera_file.to_document(camera)))
+    assert camera_file.from_document(document) == camera

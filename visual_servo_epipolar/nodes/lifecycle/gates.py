@@ -1,0 +1,50 @@
+"""Gates: callbacks of a managed node that are called only while it is active."""
+
+from collections import deque
+from collections.abc import Callable
+from functools import wraps
+from typing import Any, TypeVar
+
+from rclpy.qos import DurabilityPolicy, QoSProfile
+
+Callback = Callable[..., Any]
+CallbackT = TypeVar('CallbackT', bound=Callback)
+
+
+def in_every_state(callback: CallbackT) -> CallbackT:
+    """Mark a callback that is called in every state, such as that which stops the robot."""
+    callback.in_every_state = True  # type: ignore[attr-defined]
+    return callback
+
+
+def gated(callback: Callback, is_open: Callable[[], bool], otherwise: Callback) -> Callback:
+    """Return a callback that calls ``otherwise`` while the gate is not open."""
+    if getattr(callback, 'in_every_state', False):
+        return callback
+
+    @wraps(callback)  # rclpy looks at its signature
+    def pass_on(*arguments: Any) -> Any:
+        return callback(*arguments) if is_open() else otherwise(*arguments)
+
+    return pass_on
+
+
+class Mailbox:
+    """Messages that came before a closed gate: latched ones, for nobody sends them again."""
+
+    def __init__(self, callback: Callback, profile: QoSProfile | int) -> None:
+        latched = not isinstance(profile, int) and (
+            profile.durability == DurabilityPolicy.TRANSIENT_LOCAL
+        )
+        depth = max(1, profile.depth) if latched else 0  # type: ignore[union-attr]
+        self._callback = callback
+        self._waiting: deque[tuple[Any, ...]] = deque(maxlen=depth)
+
+    def keep(self, *message: Any) -> None:
+        """Keep a message, the newest if there are too many; drop it where it is not latched."""
+        self._waiting.append(message)
+
+    def deliver(self) -> None:
+        """Hand on what waits."""
+        while self._waiting:
+            self._callback(*self._waiting.popleft())

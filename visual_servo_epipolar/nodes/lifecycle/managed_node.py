@@ -1,0 +1,236 @@
+"""Managed node: the life cycle of ROS 2, without the traps of rclpy."""
+
+from collections.abc import Callable
+import traceback
+from typing import Any
+
+from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
+from rclpy.lifecycle.node import LifecycleState
+
+from visual_servo_epipolar.core.errors import VisualServoError
+from visual_servo_epipolar.nodes.lifecycle import changes
+from visual_servo_epipolar.nodes.lifecycle.gates import Callback, gated, Mailbox
+from visual_servo_epipolar.nodes.lifecycle.managed_publisher import ManagedPublisher
+from visual_servo_epipolar.nodes.lifecycle.settings import LifecycleSettings
+
+SUCCESS, FAILURE, ERROR = (
+    TransitionCallbackReturn.SUCCESS,
+    TransitionCallbackReturn.FAILURE,
+    TransitionCallbackReturn.ERROR,
+)
+REFUSALS = (VisualServoError, ValueError, OSError)  # what configure and activate may raise
+CLOCK = '/clock'  # rclpy itself listens to it
+
+
+class ManagedNode(LifecycleNode):
+    """
+    Node with a life cycle: unconfigured, inactive, active.
+
+    A kind of node has its settings and services in its constructor, which ends with
+    ``autostart``, and writes what else it does into ``configure``, ``activate``, ``deactivate``
+    and ``cleanup``. These return nothing. ``configure`` and ``activate`` raise VisualServoError,
+    ValueError or OSError where they cannot: the node stays in the state it was in.
+
+    Subscriptions, timers and services call back only while the node is active, but for callbacks
+    marked ``in_every_state``; other services answer what to do. What is created by ``configure``
+    or later is destroyed after ``cleanup``, unless it is ``keep``-ed.
+    """
+
+    _is_made = False  # until then rclpy creates what is its own
+
+    def __init__(self, name: str, **options: Any) -> None:
+        super().__init__(name, **options)
+        self._created: dict[Any, Callable[[Any], object]] = {}  # and how each is destroyed
+        self._mailboxes: dict[Any, Mailbox] = {}
+        self._is_configured = self._is_starting = self._is_destroyed = False
+        self._refusal: Exception | None = None  # of the last transition
+        self._is_made = True
+        changes.answer_the_impossible(self)
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        for name in vars(cls):
+            if name.startswith('on_'):  # would lose what is written here about it
+                raise TypeError(f'{cls.__name__}.{name}: write {name[3:]}() instead')
+
+    def configure(self) -> None:
+        """Create publishers, subscriptions, timers."""
+
+    def activate(self) -> None:
+        """Begin; what is published here is heard if the topic is latched."""
+
+    def deactivate(self) -> None:
+        """Come to rest; what is published here is still heard."""
+
+    def cleanup(self) -> None:
+        """Forget; is called in any state, also twice."""
+
+    def autostart(self, settings: LifecycleSettings) -> None:
+        """Configure and activate, unless the settings leave it to others; raise what kept it."""
+        if not settings.autostart_node:
+            self.get_logger().info(f'autostart_node is false: {changes.remedy(self)}')
+            return
+        self._is_starting = True
+        for trigger in (self.trigger_configure, self.trigger_activate):
+            if trigger() != SUCCESS:
+                refusal = self._refusal or RuntimeError('no reason is known')
+                self.destroy_node()  # or its name stays taken
+                raise refusal
+        self._is_starting = False
+
+    def destroy_node(self) -> None:
+        """Destroy the node; rclpy alone would leave it on the graph until it is collected."""
+        if not self._is_destroyed:
+            self._is_destroyed = True
+            super().destroy_node()
+            self._state_machine.destroy_when_not_in_use()
+
+    @property
+    def state(self) -> str:
+        """The state by its label, or that of the transition under way: activating, ..."""
+        if self._is_destroyed:  # to ask rclpy would be a segmentation fault
+            return 'finalized'
+        return str(self._state_machine.current_state[1])
+
+    @property
+    def is_active(self) -> bool:
+        """Whether callbacks are called, and what is published goes out."""
+        return self.state == 'active'
+
+    @property
+    def is_configured(self) -> bool:
+        """Whether there is what ``configure`` creates."""
+        return self._is_configured
+
+    def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Configure; on failure nothing is left of it."""
+        self._is_configured = True
+        outcome = self._tried(self.configure)
+        if outcome != SUCCESS:
+            self._release()
+        return outcome
+
+    def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Activate, publishers last: a node that failed to has said nothing."""
+        outcome = self._tried(self._deliver)
+        if outcome == SUCCESS:
+            outcome = self._tried(self.activate)
+        if outcome == SUCCESS:
+            super().on_activate(state)
+        return outcome
+
+    def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Deactivate, publishers last; a node that failed to must not stay active."""
+        outcome = self._tried(self.deactivate)
+        super().on_deactivate(state)
+        return SUCCESS if outcome == SUCCESS else ERROR
+
+    def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Clean up, and destroy what was created since; half of that is an error."""
+        outcome = self._tried(self.cleanup)
+        self._release()
+        return SUCCESS if outcome == SUCCESS else ERROR
+
+    def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Go through what is left of the life; nothing may keep a node from its end."""
+        if state.label == 'active':
+            self.on_deactivate(state)
+        self.on_cleanup(state)
+        return SUCCESS
+
+    def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
+        """Fall back to unconfigured, from where the node can be had again."""
+        super().on_deactivate(state)
+        self.on_cleanup(state)
+        return SUCCESS
+
+    def create_publisher(self, msg_type: Any, topic: str, qos_profile: Any, **more: Any) -> Any:
+        """Create a publisher; a managed one, once the node is made."""
+        if not self._is_made:
+            return super().create_publisher(msg_type, topic, qos_profile, **more)
+        more['publisher_class'] = ManagedPublisher
+        publisher: Any = super().create_publisher(msg_type, topic, qos_profile, **more)
+        self.add_managed_entity(publisher)
+        # destroy_publisher would leave the dead one among the managed entities.
+        return self._remember(self.destroy_lifecycle_publisher, publisher)
+
+    def create_subscription(
+        self, msg_type: Any, topic: str, callback: Callback, qos_profile: Any, **more: Any
+    ) -> Any:
+        """Create a subscription; latched messages wait for the node to be active."""
+        create = super().create_subscription
+        if not self._is_made or topic == CLOCK:
+            return create(msg_type, topic, callback, qos_profile, **more)
+        mailbox = Mailbox(callback, qos_profile)
+        callback = gated(callback, self._is_open, mailbox.keep)
+        subscription = create(msg_type, topic, callback, qos_profile, **more)
+        self._mailboxes[subscription] = mailbox
+        return self._remember(self.destroy_subscription, subscription)
+
+    def destroy_subscription(self, subscription: Any) -> bool:
+        """Destroy a subscription, and what waits in its mailbox."""
+        self._mailboxes.pop(subscription, None)
+        self.keep(subscription)
+        return super().destroy_subscription(subscription)
+
+    def create_timer(
+        self, timer_period_sec: float, callback: Callback, *rest: Any, **more: Any
+    ) -> Any:
+        """Create a timer; what falls due while the node is not active is left out."""
+        if self._is_made:
+            callback = gated(callback, self._is_open, lambda: None)
+        timer = super().create_timer(timer_period_sec, callback, *rest, **more)
+        return self._remember(self.destroy_timer, timer)
+
+    def create_service(self, srv_type: Any, srv_name: str, callback: Callback, **more: Any) -> Any:
+        """Create a service; while the node is not active it answers what to do."""
+        if self._is_made:
+            callback = gated(callback, self._is_open, self._refuse)
+        service = super().create_service(srv_type, srv_name, callback, **more)
+        return self._remember(self.destroy_service, service)
+
+    def create_client(self, srv_type: Any, srv_name: str, **more: Any) -> Any:
+        """Create a client."""
+        client = super().create_client(srv_type, srv_name, **more)
+        return self._remember(self.destroy_client, client)
+
+    def keep(self, entity: Any) -> None:
+        """Leave an entity as it is at the next cleanup: somebody else takes care of it."""
+        self._created.pop(entity, None)
+
+    def _remember(self, destroy: Callable[[Any], object], entity: Any) -> Any:
+        """Remember what is created while the node is configured."""
+        if self._is_made and self._is_configured:
+            self._created[entity] = destroy
+        return entity
+
+    def _release(self) -> None:
+        """Destroy what was created since the node was unconfigured."""
+        while self._created:
+            entity, destroy = self._created.popitem()
+            destroy(entity)
+        self._is_configured = False
+
+    def _deliver(self) -> None:
+        for mailbox in list(self._mailboxes.values()):  # a callback may subscribe
+            mailbox.deliver()
+
+    def _is_open(self) -> bool:
+        return self.is_active
+
+    def _refuse(self, request: Any, response: Any) -> Any:
+        response.success, response.message = False, changes.remedy(self)
+        return response
+
+    def _tried(self, hook: Callable[[], None]) -> TransitionCallbackReturn:
+        """Return the outcome of a part of a transition; rclpy would not say why it failed."""
+        try:
+            hook()
+        except Exception as error:  # rclpy swallows it, whatever it is
+            self._refusal = error
+            expected = isinstance(error, REFUSALS)
+            if not self._is_starting:  # or the constructor raises it
+                text = str(error) if expected else traceback.format_exc()
+                self.get_logger().error(f'{hook.__name__.strip("_")} failed: {text}')
+            return FAILURE if expected else ERROR
+        return SUCCESS

@@ -1,0 +1,122 @@
+"""
+The photograph as a file: a picture that somebody gives, or what was captured, with its camera.
+
+What is captured is a camera file as camera_calibration writes it, which names the picture beside
+it: ``visual_servo inspect`` takes both. The picture is there before the camera file is renamed to
+its place, so that a crash leaves the former photograph or the new one, whole.
+"""
+
+from dataclasses import dataclass
+import os
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import yaml
+
+from visual_servo_epipolar.core.arrays import as_gray, Image
+from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
+from visual_servo_epipolar.core.tracking.tracker import goal_of
+from visual_servo_epipolar.messages import camera_file
+
+HEAD = '# The photograph of a tracker_node, and the camera it was taken with.\n'
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Photograph:
+    """Photograph: ``image``, uint8 of shape (H, W), of ``images``, with its camera and time."""
+
+    image: Image
+    camera: CalibratedCamera
+    stamp_ns: int = 0
+    images: int = 1
+
+
+def read_photograph(path: str) -> Image:
+    """Read the photograph that a parameter names, or raise ValueError."""
+    image = _read_picture(Path(path))
+    if image is None:
+        raise ValueError(f'desired_image must be a readable image file, got {path!r}')
+    return image
+
+
+def load(path: Path) -> Photograph | None:
+    """Return the photograph that was kept, None if there is none; raises ValueError if broken."""
+    check(path)
+    if not path.exists():
+        return None
+    try:
+        document = yaml.safe_load(path.read_text(encoding='utf-8'))
+        camera = camera_file.from_document(document)
+        image = _read_picture(path.with_name(Path(str(document['photograph'])).name))
+        photograph = Photograph(
+            _checked(image, camera, document), camera, int(document['stamp_ns'])
+        )
+    except (KeyError, OSError, TypeError, ValueError, yaml.YAMLError) as error:
+        reason = ' '.join(str(error).split()) or type(error).__name__
+        raise ValueError(
+            f'photograph {path} cannot be used: {reason:.200}; move it away, and capture anew'
+        ) from None
+    return photograph
+
+
+def check(path: Path) -> None:
+    """Raise ValueError for a path where no photograph can be kept."""
+    if path.suffix not in ('.yaml', '.yml') or path.is_dir():
+        raise ValueError(f'photograph must be the name of a .yaml file, got {str(path)!r}')
+    if not os.access(path.parent, os.W_OK | os.X_OK):
+        raise ValueError(
+            f'photograph must lie in a folder that can be written, got {str(path)!r}; make it'
+        )
+
+
+def keep(path: Path, photograph: Photograph) -> None:
+    """Keep a photograph in place of the former one; raises OSError if that cannot be done."""
+    goal = goal_of(photograph.image)
+    picture = path.with_name(f'{path.stem}-{goal:08x}.png')
+    document = {
+        'photograph': picture.name,
+        'stamp_ns': photograph.stamp_ns,
+        'images': photograph.images,
+        'goal': goal,
+        **camera_file.to_document(photograph.camera),
+    }
+    _write(picture, cv2.imencode('.png', photograph.image)[1].tobytes())
+    _write(path, (HEAD + yaml.safe_dump(document, sort_keys=False)).encode())
+    for former in path.parent.glob(f'{path.stem}-{"[0-9a-f]" * 8}.png'):
+        if former != picture:
+            former.unlink(missing_ok=True)
+
+
+def _checked(image: Image | None, camera: CalibratedCamera, document: Any) -> Image:
+    """Return the picture of a camera file, or raise ValueError if it is not that."""
+    if image is None:
+        raise ValueError(f'its picture {document["photograph"]} is missing or broken')
+    height, width = image.shape
+    if (width, height) != (camera.width, camera.height):
+        raise ValueError(
+            f'its picture has {width}x{height} px, its camera {camera.width}x{camera.height}'
+        )
+    if goal_of(image) != document['goal']:
+        raise ValueError(f'its picture {document["photograph"]} is another one')
+    return image
+
+
+def _read_picture(path: Path) -> Image | None:
+    encoded = np.fromfile(path, np.uint8) if path.is_file() else np.empty(0, np.uint8)
+    image = cv2.imdecode(encoded, cv2.IMREAD_GRAYSCALE) if encoded.size else None
+    return None if image is None else as_gray(image)
+
+
+def _write(path: Path, content: bytes) -> None:
+    """Write a file by rename: it is there whole, or as before."""
+    partial = path.with_name(f'.{path.name}.partial')
+    try:
+        with partial.open('wb') as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)

@@ -1,0 +1,88 @@
+"""The photographer of the tracker: captures the goal from the last images, and keeps it."""
+
+from collections import deque
+from pathlib import Path
+
+from rclpy.clock import Clock, ClockType
+
+from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
+from visual_servo_epipolar.core.geometry.cameras.plausibility import are_alike
+from visual_servo_epipolar.core.stamps import NANOSECONDS
+from visual_servo_epipolar.core.tracking.averaging import at_rest, averaged
+from visual_servo_epipolar.nodes.tracking import photograph
+from visual_servo_epipolar.nodes.tracking.photograph import Photograph
+
+MAX_CAPTURE_AGE_S = 1.0
+
+
+class Photographer:
+    """
+    Photographer of the mean of at most ``frames`` images, the last ones that show one view.
+
+    ``path`` is where the photograph is kept, '' if it is not.
+    """
+
+    def __init__(self, frames: int, path: str) -> None:
+        self._recent: deque[Image] = deque(maxlen=frames)
+        self._path = Path(path).expanduser() if path else None
+        self._seen_ns, self._steady = 0, Clock(clock_type=ClockType.STEADY_TIME)
+        self._taken_with: CalibratedCamera | None = None
+
+    def load(self) -> Image | None:
+        """Return the photograph that was kept, if there is one; raises ValueError if broken."""
+        kept = None if self._path is None else photograph.load(self._path)
+        if kept is None:
+            return None
+        self._taken_with = kept.camera
+        return kept.image
+
+    def see(self, image: Image | None) -> None:
+        """Take in an image; None is one that cannot be used."""
+        if image is None:
+            self._recent.clear()
+        else:
+            self._recent.append(image)
+            self._seen_ns = int(self._steady.now().nanoseconds)
+
+    def capture(self) -> tuple[Image, int]:
+        """Return the photograph, and of how many images it is; raises ValueError if it is none."""
+        if not self._recent:
+            raise ValueError('no usable image is there; check image_raw and camera_info')
+        age = (self._steady.now().nanoseconds - self._seen_ns) / NANOSECONDS
+        if age > MAX_CAPTURE_AGE_S:
+            raise ValueError(f'the last image is {age:.1f} s old; check the camera')
+        images = list(reversed(self._recent))
+        count, unrest = at_rest(images)
+        if count == 1 and unrest:
+            raise ValueError(
+                f'the last two images differ: {unrest}; let the robot stand, and capture again'
+            )
+        return averaged(images[:count]), count
+
+    def keep(self, image: Image, count: int, camera: CalibratedCamera, stamp_ns: int) -> str:
+        """Keep what was captured, if it is to be kept; return in words what became of it."""
+        self._taken_with = camera
+        if self._path is None:
+            return ''
+        try:
+            photograph.keep(self._path, Photograph(image, camera, stamp_ns, count))
+        except OSError as error:
+            return f', but it is not kept: {self._path}: {error.strerror}'
+        return f', kept in {self._path}'
+
+    def forget_camera(self) -> None:
+        """Forget which camera the photograph was taken with: it came from elsewhere."""
+        self._taken_with = None
+
+    def complaint(self, camera: CalibratedCamera | None) -> str:
+        """Return that the photograph was taken with another camera than this, or ''."""
+        taken_with = self._taken_with
+        if taken_with is None or camera is None or are_alike(taken_with, camera):
+            return ''
+        return (
+            f'the photograph was taken with another camera, a {taken_with.lens} lens of '
+            f'{taken_with.focal:.1f} px, {taken_with.width}x{taken_with.height}, and this is a '
+            f'{camera.lens} lens of {camera.focal:.1f} px, {camera.width}x{camera.height}; '
+            'capture it anew'
+        )
