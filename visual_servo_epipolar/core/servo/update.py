@@ -15,24 +15,18 @@ from visual_servo_epipolar.core.servo.phases.conditions import (
     is_settled,
 )
 from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.servo.phases.timing import usual_step
 from visual_servo_epipolar.core.servo.ranging import Leg, MIN_TURN, UNKNOWN_RANGE
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.values import changed
-from visual_servo_epipolar.core.stamps import seconds_between
 
-MAX_STEP_S = 1.0  # a longer gap between two images is not integrated over
 RATE_SMOOTHING = 0.4  # weight of the newest value in an exponential mean, as the next two
 RANGE_SMOOTHING = 0.2
 PERIOD_SMOOTHING = 0.1
 MANY_RESTARTS = 4  # of step 1: something is wrong, as after an attempt that missed
 MIN_SPEED = 0.05  # below which the path says nothing about the range [m/s]
 TURN_DEVIATIONS = 8.0  # least turn of the line of sight, in deviations of a bearing
-
-
-def interval(earlier_ns: int, later_ns: int) -> float:
-    """Return the time between two stamps [ns] to integrate over [s], from 0 to MAX_STEP_S."""
-    return min(max(seconds_between(earlier_ns, later_ns), 0.0), MAX_STEP_S)
 
 
 def updated(
@@ -62,6 +56,7 @@ def updated(
         extrinsics=extrinsics,
         last_linear=state.twist.linear,
         travel=state.travel + driven,
+        reversed=state.reversed + _reversed(state, dt),
         period=_period(state, dt),
         range=_range(state, measurement, leg, dt),
         desired_rate=_desired_rate(state, measurement, dt),
@@ -96,6 +91,16 @@ def _driven(state: ServoState, dt: float, settings: ServoSettings) -> float:
         return 0.0
     late = min(settings.latency / dt, 1.0)
     return (state.twist.linear + late * (state.last_linear - state.twist.linear)) * dt
+
+
+def _reversed(state: ServoState, dt: float) -> float:
+    """
+    Return the largest travel backward between the last two images [m].
+
+    It is a bound that counts: a command acts late, and may have been withdrawn in between.
+    """
+    fastest = max(-state.twist.linear, -state.last_linear, 0.0)
+    return fastest * (dt or usual_step(state))
 
 
 def _of_the_axle(measurement: Measurement, extrinsics: Extrinsics) -> Measurement:
@@ -145,6 +150,8 @@ def _period(state: ServoState, dt: float) -> float:
     """Return the time between two images [s], smoothed."""
     if math.isnan(state.period):
         return dt or math.nan
+    if dt == 0.0:  # stamps that leap tell nothing of it
+        return state.period
     return state.period + PERIOD_SMOOTHING * (dt - state.period)
 
 
