@@ -28,7 +28,8 @@ class ServoState:
 
     Measurement and memory: ``measurement``, the last one, and ``memory``, what perception carries
     to the next image, both None before the first; ``period``, the time between two images [s],
-    smoothed, nan before the second.
+    smoothed, nan before the second; ``rotation_bias``, what the best rotation is off in heading
+    [rad], nan while unknown.
 
     Command: ``command``, the last one; ``dead_band_residual``, the part of it that the dead band
     of the base withheld [m/s, rad/s].
@@ -62,6 +63,7 @@ class ServoState:
     desired_rate: float = 0.0
     leg: Leg | None = None
     range: float = math.nan
+    rotation_bias: float = math.nan
     period: float = math.nan
     gains: Gains | None = None
     curvature: Curvature = Curvature()

@@ -37,6 +37,8 @@ from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.update import updated
 from visual_servo_epipolar.core.servo.values import changed
 
+ROUNDING = 1e-15  # of a command within its limits
+
 
 def step(state: ServoState, observation: Observation, settings: ServoSettings) -> ServoState:
     """Return the state after an ``observation``; its ``command`` is for the base."""
@@ -82,16 +84,22 @@ def _limited(
     nominal: Twist, last: Twist, dt: float, state: ServoState, settings: ServoSettings
 ) -> Twist:
     """Return ``nominal`` within the limits of speed, and of acceleration since ``last``."""
-    twist = saturate(nominal, max_linear=settings.max_linear, max_angular=settings.max_angular)
+    limits = {'max_linear': settings.max_linear, 'max_angular': settings.max_angular}
+    twist = saturate(nominal, **limits)
     if not settings.options.speed_ramps or state.phase not in DRIVING:
         return twist
-    return ramped(
+    twist = ramped(
         twist,
         last,
         dt,
         linear=settings.max_acceleration,
         angular=settings.max_angular_acceleration,
     )
+    # A limit that was lowered on the way holds at once.
+    excess = max(
+        abs(twist.linear) / settings.max_linear, abs(twist.angular) / settings.max_angular
+    )
+    return saturate(twist, **limits) if excess > 1.0 + ROUNDING else twist
 
 
 def _beyond_dead_band(

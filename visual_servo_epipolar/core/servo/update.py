@@ -21,9 +21,10 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.values import changed
 
-RATE_SMOOTHING = 0.4  # weight of the newest value in an exponential mean, as the next two
+RATE_SMOOTHING = 0.4  # weight of the newest value in an exponential mean, as the next three
 RANGE_SMOOTHING = 0.2
 PERIOD_SMOOTHING = 0.1
+BIAS_SMOOTHING = 0.2
 MANY_RESTARTS = 4  # of step 1: something is wrong, as after an attempt that missed
 MIN_SPEED = 0.05  # below which the path says nothing about the range [m/s]
 TURN_DEVIATIONS = 8.0  # least turn of the line of sight, in deviations of a bearing
@@ -45,6 +46,8 @@ def updated(
         perception = _disproved(perception, settings)
         measurement, extrinsics = perception.measurement, settings.extrinsics
     measurement = _of_the_axle(measurement, extrinsics)
+    bias = _rotation_bias(state, measurement)
+    measurement = _without_bias(measurement, bias)
     if extrinsics.believed and not (state.extrinsics and state.extrinsics.believed):
         # What was ranged so far was driven by another mount.
         state = changed(state, leg=None, range=extrinsics.distance)
@@ -65,6 +68,7 @@ def updated(
         ),
         slope=_slope(state, measurement, dt),
         latched=_latch(state, measurement, settings),
+        rotation_bias=bias,
         measurement=measurement,
         memory=perception.memory,
     )
@@ -110,6 +114,29 @@ def _of_the_axle(measurement: Measurement, extrinsics: Extrinsics) -> Measuremen
         return measurement
     bearings = at_axle(measurement.bearings, mount, extrinsics.distance)
     return replace(measurement, bearings=bearings, camera_bearings=measurement.bearings)
+
+
+def _rotation_bias(state: ServoState, measurement: Measurement) -> float:
+    """
+    Return what the best rotation is off in heading during a turn in place [rad]; nan if unknown.
+
+    It takes a small baseline for a turn. In place that does not change, so that what bearings show
+    of it holds as well for images of a parallax too small for them.
+    """
+    if state.phase is not Phase.ORIENTING:
+        return math.nan
+    before = state.rotation_bias
+    if measurement.bearings is None:
+        return before
+    now = math.remainder(measurement.heading_error - measurement.rotation_heading, 2.0 * math.pi)
+    return now if math.isnan(before) else before + BIAS_SMOOTHING * (now - before)
+
+
+def _without_bias(measurement: Measurement, bias: float) -> Measurement:
+    """Return ``measurement`` with the heading of the best rotation, less its ``bias`` if known."""
+    if math.isnan(bias):
+        return measurement
+    return replace(measurement, heading_error=measurement.rotation_heading + bias)
 
 
 def _with_settled(

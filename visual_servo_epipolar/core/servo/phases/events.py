@@ -70,7 +70,7 @@ def _orienting(state: ServoState, measurement: Measurement, settings: ServoSetti
     if is_sideways(measurement, settings):
         return Event.SIDEWAYS
     if measurement.bearings is not None:
-        return Event.APART
+        return _begun(measurement, settings, Event.APART)
     # At the goal's heading and still no baseline: step 2 removes the residual.
     return Event.ALIGNED
 
@@ -109,18 +109,18 @@ def _zeroing(state: ServoState, measurement: Measurement, settings: ServoSetting
     if abs(chi) >= settings.divergence:
         return Event.DIVERGED
     if state.yaw_learnt > YAW_FOR_NEW_START:
-        return _anew(measurement, settings)
+        return _begun(measurement, settings, Event.ESCAPED)
     if not state.latched and is_off_course(measurement, settings):
         return Event.SIDEWAYS
     if state.latched and abs(chi) > escape_bound(state, measurement, settings):
-        return _anew(measurement, settings)
+        return _begun(measurement, settings, Event.ESCAPED)
     return Event.ALIGNED if state.settled >= settings.align_frames else Event.NOTHING
 
 
-def _anew(measurement: Measurement, settings: ServoSettings) -> Event:
-    """Return the event that begins step 1 anew: from too near a goal the robot backs off first."""
+def _begun(measurement: Measurement, settings: ServoSettings, event: Event) -> Event:
+    """Return the ``event`` that begins step 1; but from too near a goal the robot backs off."""
     near = measurement.difference > -settings.retreat_difference
-    return Event.SIDEWAYS if near and settings.options.retreat else Event.ESCAPED
+    return Event.SIDEWAYS if near and settings.options.retreat else event
 
 
 def _matching(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
