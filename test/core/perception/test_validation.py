@@ -79,6 +79,14 @@ def test_every_doubt_is_named(changes: dict[str, object], said: str) -> None:
     assert re.search(said, with_it)
 
 
+@pytest.mark.parametrize(('deviations', 'doubted'), [(11.5, False), (12.5, True)])
+def test_the_camera_may_tilt_by_twelve_deviations_of_the_floor(
+    deviations: float, doubted: bool
+) -> None:
+    said = reason(jump=deviations * SETTINGS.floor_jitter)
+    assert said.startswith('the camera tilted') == doubted
+
+
 def test_nine_of_thirty_that_agree_are_enough() -> None:
     assert reason(inliers=some(9)) == ''
 

@@ -15,39 +15,86 @@ from servo_states import (
     then,
 )
 
+from visual_servo_epipolar.core.control.command import Command
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.geometry.motion import STANDSTILL
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.servo.phases.conditions import astray
 from visual_servo_epipolar.core.servo.phases.events import classify
 from visual_servo_epipolar.core.servo.phases.table import DRIVING, Event, Phase
 from visual_servo_epipolar.core.servo.ranging import Leg
+from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 
-# Backing off
+# Driving backward
 
 
-def test_who_backs_off_too_far_fails_and_says_so() -> None:
-    state = then(in_phase(Phase.RETREATING, travel=-10.01))
+@pytest.mark.parametrize('phase', DRIVING)
+def test_who_drives_backward_too_far_fails_and_says_so(phase: Phase) -> None:
+    state = then(in_phase(phase, reversed=10.01))
     assert (state.phase, state.twist) == (Phase.FAILED, STANDSTILL)
-    assert state.reason == 'backed off by 10.0 m (max_retreat), the goal is still not ahead'
+    assert state.reason == f'drove 10.0 m backward in this run (max_retreat), still {phase.value}'
+    assert then(in_phase(phase, reversed=9.99)).phase is not Phase.FAILED
 
 
-@pytest.mark.parametrize('travel', [-9.99, 10.01])
-def test_backing_off_may_take_that_long(travel: float) -> None:
-    assert then(in_phase(Phase.RETREATING, travel=travel)).phase is not Phase.FAILED
+def test_the_bound_holds_while_tracks_are_lost() -> None:
+    state = then(in_phase(Phase.HOLDING, reversed=10.01))
+    assert (state.phase, state.twist) == (Phase.FAILED, STANDSTILL)
 
 
-def test_the_bound_of_backing_off_is_a_setting_and_counts_what_was_driven() -> None:
-    settings = replace(SETTINGS, max_retreat=0.5)
-    sideways = sight(bearings=Bearings(-0.3, -0.3 - math.pi / 2.0), difference=0.1)
-    state = in_phase(Phase.RETREATING, measurement=replace(sideways, stamp_ns=0))
-    for frame in range(1, 60):
-        state = then(state, replace(sideways, stamp_ns=frame * 100_000_000), settings)
+@pytest.mark.parametrize('law', ['paper', 'corrected', 'full-retreat'])
+def test_of_a_law_that_leads_away_by_itself_a_retreat_alone_is_bounded(law: str) -> None:
+    settings = replace(SETTINGS, law=law)
+    assert astray(in_phase(Phase.ZEROING_EPIPOLES, reversed=50.0), sight(), settings) == ''
+    assert astray(in_phase(Phase.RETREATING, reversed=50.0, travel=-9.9), sight(), settings) == ''
+    assert astray(in_phase(Phase.RETREATING, travel=-10.1), sight(), settings) != ''
+
+
+SIDEWAYS = sight(bearings=Bearings(-0.3, -0.3 - math.pi / 2.0), difference=0.1)
+
+
+def backing_off(settings: ServoSettings, *, frames: int = 60, **changes: Any) -> ServoState:
+    """Return the state after ``frames`` beside the goal, or when it has failed."""
+    state = in_phase(Phase.RETREATING, measurement=replace(SIDEWAYS, stamp_ns=0), **changes)
+    for frame in range(1, frames):
+        state = then(state, replace(SIDEWAYS, stamp_ns=frame * 100_000_000), settings)
         if state.phase is Phase.FAILED:
             break
-    assert state.reason.startswith('backed off by 0.5 m (max_retreat)')
+    return state
+
+
+def test_the_bound_of_driving_backward_is_a_setting_and_counts_what_was_driven() -> None:
+    state = backing_off(replace(SETTINGS, max_retreat=0.5))
+    assert state.reason.startswith('drove 0.5 m backward in this run (max_retreat)')
     # 0.2 m/s from a standstill: not before 2.5 s.
     assert 26 <= state.frame <= 35
+
+
+def test_what_former_attempts_drove_backward_counts_as_well() -> None:
+    settings = replace(SETTINGS, max_retreat=0.5)
+    assert backing_off(settings, reversed=0.4).frame < 20
+    missed = in_phase(Phase.MATCHING_FEATURES, reversed=0.4, travel=-0.4)
+    there = sight(difference=0.0, heading_error=0.0)
+    state = then(replace(missed, settled=SETTINGS.arrival_frames, settled_parallax=1.0), there)
+    assert (state.phase, state.attempts) == (Phase.RETREATING, 2)
+    assert (state.travel, state.reversed) == (0.0, 0.4)
+
+
+@pytest.mark.parametrize('linear', [-0.2, 0.2])
+def test_only_what_is_driven_backward_counts(linear: float) -> None:
+    moving = in_phase(Phase.MATCHING_FEATURES, command=Command(Twist(linear, 0.0)))
+    assert then(moving).reversed == pytest.approx(max(-linear, 0.0) * 0.1)
+
+
+def test_a_command_that_was_withdrawn_meanwhile_counts_in_full() -> None:
+    # The base obeyed it until then, and nobody says how long.
+    stopped = in_phase(Phase.HOLDING, last_linear=-0.2)
+    assert then(stopped, sight(5)).reversed == pytest.approx(0.1)
+
+
+@pytest.mark.parametrize(('frame', 'seconds'), [(1300, 0.1), (0, 0.1), (-9000, 0.1)])
+def test_stamps_that_leap_do_not_hide_what_is_driven_backward(frame: int, seconds: float) -> None:
+    state = in_phase(Phase.RETREATING, command=Command(Twist(-0.2, 0.0)), period=0.1)
+    assert then(state, sight(frame)).reversed == pytest.approx(0.2 * seconds)
 
 
 # The longest way
@@ -94,6 +141,15 @@ def test_the_bound_of_the_excursion_is_a_setting() -> None:
     assert then(off(2.0), settings=replace(SETTINGS, max_excursion=2.1)).phase is not Phase.FAILED
 
 
+def test_no_bound_of_the_excursion_is_zero() -> None:
+    assert then(off(9.0), settings=replace(SETTINGS, max_excursion=0.0)).phase is not Phase.FAILED
+    assert replace(SETTINGS, max_excursion=1.05).max_excursion == 1.05
+    with pytest.raises(
+        ValueError, match=r'at least 1\.05 start distances, or 0 for none, got 0\.9'
+    ):
+        replace(SETTINGS, max_excursion=0.9)
+
+
 @pytest.mark.parametrize(
     'changes',
     [
@@ -126,8 +182,8 @@ def test_near_the_goal_the_excursion_refers_to_half_a_metre() -> None:
 
 
 @pytest.mark.parametrize('phase', DRIVING)
-def test_every_driving_phase_ends_where_it_is_astray(phase: Phase) -> None:
+def test_steps_1_and_2_end_where_they_lead_astray(phase: Phase) -> None:
     state = off(2.0, phase, travel=-1e3)
     state = replace(state, measurement=sight())
-    bounded = phase is Phase.RETREATING or phase in STEPS
+    bounded = phase in STEPS
     assert (classify(state, SETTINGS) is Event.ASTRAY) == bounded

@@ -17,12 +17,12 @@ NO_ESTIMATE = sight(bearings=None, difference=math.nan, reason='two geometries f
 
 
 def test_backing_off_goes_on_counting_after_tracks_were_lost() -> None:
-    state = then(in_phase(Phase.RETREATING, travel=-9.5), NO_ESTIMATE)
+    state = then(in_phase(Phase.RETREATING, travel=-9.5, reversed=9.5), NO_ESTIMATE)
     assert state.phase is Phase.HOLDING
     aside = sight(2, bearings=replace(BEARINGS, psi=-0.1, phi=-0.1 - math.pi / 2.0))
     state = then(state, aside)
     assert state.phase is Phase.RETREATING
-    assert state.travel == pytest.approx(-9.5)
+    assert (state.travel, state.reversed) == (pytest.approx(-9.5), 9.5)
 
 
 def test_who_backs_off_begins_a_way_of_his_own() -> None:

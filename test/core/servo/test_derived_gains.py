@@ -167,8 +167,8 @@ def test_gains_too_slow_for_the_phase_are_a_warning_and_the_reason_why_it_fails(
     assert state.warning.startswith(
         f'derived gains need up to {needed:.0f} s; raise phase_timeout'
     )
-    later = round((late.phase_timeout + 1.0) / PERIOD)
-    failed = advance(state, sight(later, 0.32, -0.3), late)
+    begun_ns = state.phase_start_ns - round((late.phase_timeout + 1.0) * 1e9)
+    failed = advance(replace(state, phase_start_ns=begun_ns), sight(3, 0.32, -0.3), late)
     assert failed.phase is Phase.FAILED
     assert failed.reason == f'zeroing_epipoles took longer than 120 s: {state.warning}'
     assert failed.warning == ''

@@ -287,9 +287,12 @@ def test_d_hat_is_updated_by_the_speed_that_was_applied() -> None:
 
 def test_a_long_gap_is_not_integrated_over() -> None:
     state = in_phase(Phase.ZEROING_EPIPOLES, command=Command(Twist(0.25, 0.0)))
-    assert after(measurement(30.0), state=state).distance == pytest.approx(
-        8.0 - 0.25 * math.cos(0.2)
-    )
+    longest = 8.0 - 0.25 * math.cos(0.2)
+    assert after(measurement(1.0), state=state).distance == pytest.approx(longest)
+    assert after(measurement(1.01), state=state).distance == 8.0
+    patient = replace(SETTINGS, stale_timeout=40.0)
+    slow = after(measurement(30.0), state=state, settings=patient)
+    assert slow.distance == pytest.approx(longest)
 
 
 def test_both_epipoles_at_zero_begin_the_second_step() -> None:
@@ -532,8 +535,9 @@ def test_time_that_runs_backwards_does_not_change_d_hat() -> None:
 
 @pytest.mark.parametrize('phase', DRIVING)
 def test_a_phase_that_takes_too_long_fails_with_its_name(phase: Phase) -> None:
-    late = measurement(SETTINGS.phase_timeout + 0.1)
-    state = after(late, state=in_phase(phase))
+    running = in_phase(phase, measurement=measurement(SETTINGS.phase_timeout - 0.1))
+    assert after(measurement(SETTINGS.phase_timeout), state=running).phase is not Phase.FAILED
+    state = after(measurement(SETTINGS.phase_timeout + 0.1), state=running)
     assert (state.phase, state.twist) == (Phase.FAILED, STANDSTILL)
     assert state.reason == f'{phase.value} took longer than 120 s'
 

@@ -88,8 +88,12 @@ def test_epipole_outside_is_not_marked(abscissa: float | None) -> None:
 
 def test_no_features_far_features_and_an_unknown_phase_are_drawn() -> None:
     far = np.array([[1e9, -1e9]])
-    draw_overlay(gray((640, 480)), far, far, phase='tracking')
-    draw_overlay(gray((64, 48)), far[:0], far[:0], fundamental=skew(*EPIPOLE))
+    picture = draw_overlay(gray((640, 480)), far, far, phase='tracking')
+    assert picture.shape == (480, 640, 3)
+    assert (picture[60:] == 128).all()  # nothing of a feature that is out of the image
+    assert (picture[:60] != 128).any()  # the phase stands there
+    empty = draw_overlay(gray((64, 48)), far[:0], far[:0], fundamental=skew(*EPIPOLE))
+    assert empty.shape == (48, 64, 3)
 
 
 def test_features_that_do_not_match_are_refused() -> None:

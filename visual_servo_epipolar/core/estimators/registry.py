@@ -19,15 +19,13 @@ from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
 from visual_servo_epipolar.core.estimators.soft_uncalibrated import soft_uncalibrated
 from visual_servo_epipolar.core.registry import Registry
 
-ESTIMATORS: Registry[Estimator] = Registry(
-    'visual_servo_epipolar.estimators',
-    {
-        'lmeds_8pt': lmeds_8pt,
-        'planar_3dof': planar_3dof,
-        'planar_2dof': planar_2dof,
-        'soft_planar': soft_planar,
-    },
-)
+OWN: dict[str, Estimator] = {
+    'lmeds_8pt': lmeds_8pt,
+    'planar_3dof': planar_3dof,
+    'planar_2dof': planar_2dof,
+    'soft_planar': soft_planar,
+}
+ESTIMATORS: Registry[Estimator] = Registry('visual_servo_epipolar.estimators', OWN)
 DEFAULT_ESTIMATOR = 'soft_planar'
 # The variants for a focal length that is not known.
 UNCALIBRATED: dict[str, Estimator] = {'soft_planar': soft_uncalibrated}
@@ -37,6 +35,11 @@ EACH: dict[str, Callable[..., list[Answer]]] = {
     'soft_planar': soft_planar_each,
 }
 EACH_UNCALIBRATED = {'soft_planar': soft_uncalibrated_each}
+
+
+def may_learn_focal(name: str) -> bool:
+    """Return whether estimator ``name`` finds the lens out; one of another package may."""
+    return name in UNCALIBRATED or name not in OWN
 
 
 def estimate(

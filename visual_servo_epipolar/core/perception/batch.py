@@ -227,6 +227,7 @@ def _measures(stack: _Stack, estimates: Sequence[ValidatedEstimate]) -> list[Mea
     columns = (
         _parallaxes(stack, estimates, headings).tolist(),
         headings.tolist(),
+        stack.rotations.heading_error.tolist(),
         _differences(stack, headings).tolist(),
         measures.difference_deviation(
             stack.current, stack.desired, noise / focal, _wide(stack)

@@ -20,7 +20,8 @@ class Measurement:
     D of eq. (23) at unit focal length, averaged over the features, ``difference_deviation`` its
     noise; ``feature_error`` the median angle between current and desired features [rad];
     ``parallax`` the angle that the best rotation leaves unexplained [rad]; ``heading_error``
-    [rad], left positive, comes from the bearings where there are any, else from that rotation.
+    [rad], left positive, comes from the bearings where there are any, else from that rotation,
+    whose own is ``rotation_heading``.
     ``deviation`` is the larger one of psi and phi [rad], ``covariance`` that of both, shape (2, 2)
     [rad^2], ``jump`` the change of tilt and roll between the views [rad]; ``view_margins`` is how
     far the robot may turn to the left and to the right before the features run out of the image
@@ -40,6 +41,7 @@ class Measurement:
     inliers: int = 0
     parallax: float = math.nan
     heading_error: float = math.nan
+    rotation_heading: float = math.nan
     difference: float = math.nan
     difference_deviation: float = math.nan
     feature_error: float = math.nan

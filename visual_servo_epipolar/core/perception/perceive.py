@@ -85,6 +85,7 @@ class Measures:
 
     parallax: float
     heading_error: float
+    rotation_heading: float
     difference: float
     difference_deviation: float
     feature_error: float
@@ -108,6 +109,7 @@ def _measures(
     return Measures(
         _parallax(observation, rotation, heading_error, estimate.memory, settings),
         heading_error,
+        rotation.heading_error,
         _difference(observation, rotation, heading_error, settings),
         float(measures.difference_deviation(current, desired, noise, observation.wide)),
         float(median_of_sorted(np.sort(measures.distances(current, desired)))),
@@ -166,6 +168,7 @@ def perception(
         inliers=0 if quality is None else quality.inliers,
         parallax=measured.parallax,
         heading_error=measured.heading_error,
+        rotation_heading=measured.rotation_heading,
         difference=measured.difference,
         difference_deviation=measured.difference_deviation,
         feature_error=measured.feature_error,

@@ -4,7 +4,12 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from visual_servo_epipolar.core.estimators.base import Attitude
-from visual_servo_epipolar.core.estimators.registry import DEFAULT_ESTIMATOR, ESTIMATORS
+from visual_servo_epipolar.core.estimators.registry import (
+    DEFAULT_ESTIMATOR,
+    ESTIMATORS,
+    may_learn_focal,
+    UNCALIBRATED,
+)
 from visual_servo_epipolar.core.settings import setting, Settings
 
 
@@ -93,6 +98,12 @@ class PerceptionSettings(Settings):
             raise ValueError(
                 f'estimator must be one of {", ".join(ESTIMATORS)}, got {self.estimator!r}'
             ) from None
+        if not self.calibrated and not may_learn_focal(self.estimator):
+            raise ValueError(
+                f'focal_deviation must be 0 with estimator {self.estimator}, which does not learn '
+                f'the focal length, got {self.focal_deviation:g}; {", ".join(UNCALIBRATED)} does: '
+                'set estimator to it, or focal_deviation to 0.0'
+            )
 
     @cached_property
     def mount(self) -> Attitude:

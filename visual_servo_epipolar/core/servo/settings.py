@@ -13,6 +13,7 @@ from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.servo.extrinsics import Extrinsics, told_extrinsics
 from visual_servo_epipolar.core.settings import setting
 
+LEAST_EXCURSION = 1.05  # start distances: below it noise alone would fail the run
 MOUNT = tuple(f'camera_{item.name}' for item in fields(Mount))
 
 
@@ -108,10 +109,16 @@ class ServoSettings(PerceptionSettings, ControlSettings):
     )
     retreat_speed: float = setting(0.2, 'Speed of backing off [m/s]', low=0.01, high=2.0)
     max_retreat: float = setting(
-        10.0, 'Retreat: distance backed off at which the run fails [m]', low=0.1, high=100.0
+        10.0,
+        'Distance driven backward at which the run fails, attempts and all [m]',
+        low=0.1,
+        high=100.0,
     )
     max_excursion: float = setting(
-        1.3, 'Distance in steps 1 and 2 over their first at which the run fails', low=1.05, high=10
+        1.3,
+        'Distance in steps 1 and 2 over their first at which the run fails; 0 = off',
+        low=0,
+        high=10,
     )
     divergence: float = setting(
         1.5, 'Bearing of e_du at which step 1 has failed [rad]', low=0.5, high=1.57
@@ -130,6 +137,11 @@ class ServoSettings(PerceptionSettings, ControlSettings):
             raise ValueError(
                 f'latch_engage must not exceed latch_release, got {self.latch_engage:g} and '
                 f'{self.latch_release:g} rad; without hysteresis noise would switch the law'
+            )
+        if 0.0 < self.max_excursion < LEAST_EXCURSION:
+            raise ValueError(
+                f'max_excursion must be at least {LEAST_EXCURSION:g} start distances, or 0 for '
+                f'none, got {self.max_excursion:g}; no step would ever be short enough'
             )
 
     @property

@@ -22,12 +22,14 @@ class ServoState:
 
     Phase: ``phase``; ``phase_start_ns`` and ``run_start_ns``, stamps of the images at which it and
     the run began [ns]; ``reason`` of the last change of phase, or why it waits; ``warning``, what
-    may make the phase fail; ``travel`` in the phase, backward negative [m]; ``attempts`` at both
-    steps, from 1, and ``restarts`` of step 1 in this one; ``frame``, the number of steps.
+    may make the phase fail; ``travel`` in the phase, backward negative, and ``reversed``, the most
+    that was driven backward in the run [m]; ``attempts`` at both steps, from 1, and ``restarts``
+    of step 1 in this one; ``frame``, the number of steps.
 
     Measurement and memory: ``measurement``, the last one, and ``memory``, what perception carries
     to the next image, both None before the first; ``period``, the time between two images [s],
-    smoothed, nan before the second.
+    smoothed, nan before the second; ``rotation_bias``, what the best rotation is off in heading
+    [rad], nan while unknown.
 
     Command: ``command``, the last one; ``dead_band_residual``, the part of it that the dead band
     of the base withheld [m/s, rad/s].
@@ -61,6 +63,7 @@ class ServoState:
     desired_rate: float = 0.0
     leg: Leg | None = None
     range: float = math.nan
+    rotation_bias: float = math.nan
     period: float = math.nan
     gains: Gains | None = None
     curvature: Curvature = Curvature()
@@ -75,6 +78,7 @@ class ServoState:
     restarts: int = 0
     frame: int = 0
     travel: float = 0.0
+    reversed: float = 0.0
     reason: str = ''
     warning: str = ''
 

@@ -26,12 +26,18 @@ from visual_servo_epipolar.core.servo.phases.commands import curvature_compensat
 from visual_servo_epipolar.core.servo.phases.events import classify
 from visual_servo_epipolar.core.servo.phases.switch import switched
 from visual_servo_epipolar.core.servo.phases.table import DRIVING, Event
+from visual_servo_epipolar.core.servo.phases.timing import (
+    after_leap,
+    interval,
+    leap,
+    USUAL_STEP_S,
+)
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.update import interval, updated
+from visual_servo_epipolar.core.servo.update import updated
 from visual_servo_epipolar.core.servo.values import changed
 
-USUAL_STEP_S = 0.1  # of acceleration, where no image came before
+ROUNDING = 1e-15  # of a command within its limits
 
 
 def step(state: ServoState, observation: Observation, settings: ServoSettings) -> ServoState:
@@ -42,12 +48,15 @@ def step(state: ServoState, observation: Observation, settings: ServoSettings) -
 
 def advance(state: ServoState, perception: Perception, settings: ServoSettings) -> ServoState:
     """Return the state after a ``perception``: the part of the step that needs no features."""
-    previous, last_twist, measurement = state.measurement, state.twist, perception.measurement
-    dt = 0.0 if previous is None else interval(previous.stamp_ns, measurement.stamp_ns)
+    last_twist, measurement = state.twist, perception.measurement
+    leapt = leap(state, measurement.stamp_ns, settings)
+    dt = _time_step(state, measurement, leapt)
+    if leapt:
+        state = after_leap(state, measurement.stamp_ns)
     state = updated(state, perception, dt, settings)
     event = classify(state, settings)
-    if previous is not None and measurement.stamp_ns <= previous.stamp_ns:
-        state, event = _out_of_order(state, measurement)
+    if leapt and event not in (Event.TIMED_OUT, Event.ASTRAY):
+        state, event = _held(state, leapt)
     state = switched(state, state.measurement or measurement, event, settings)
     nominal = curvature_compensated(nominal_twist(state, settings), state, settings)
     limited = _limited(nominal, last_twist, dt or USUAL_STEP_S, state, settings)
@@ -57,29 +66,40 @@ def advance(state: ServoState, perception: Perception, settings: ServoSettings) 
     )
 
 
-def _out_of_order(state: ServoState, measurement: Measurement) -> tuple[ServoState, Event]:
-    """Return state and event of an image whose stamp does not advance: hold if driving."""
-    if state.phase not in DRIVING:
-        return changed(state, phase_start_ns=measurement.stamp_ns), Event.NOTHING
-    measurement = replace(measurement, reason='the stamps do not advance; is /clock published?')
-    state = changed(state, measurement=measurement, phase_start_ns=measurement.stamp_ns)
-    return state, Event.LOST
+def _time_step(state: ServoState, measurement: Measurement, leapt: str) -> float:
+    """Return the time since the last image [s] to integrate over: none where stamps leap."""
+    if leapt or state.measurement is None:
+        return 0.0
+    return interval(state.measurement.stamp_ns, measurement.stamp_ns)
+
+
+def _held(state: ServoState, leapt: str) -> tuple[ServoState, Event]:
+    """Return state and event of an image whose stamp leaps: hold if driving."""
+    if state.phase not in DRIVING or state.measurement is None:
+        return state, Event.NOTHING
+    return changed(state, measurement=replace(state.measurement, reason=leapt)), Event.LOST
 
 
 def _limited(
     nominal: Twist, last: Twist, dt: float, state: ServoState, settings: ServoSettings
 ) -> Twist:
     """Return ``nominal`` within the limits of speed, and of acceleration since ``last``."""
-    twist = saturate(nominal, max_linear=settings.max_linear, max_angular=settings.max_angular)
+    limits = {'max_linear': settings.max_linear, 'max_angular': settings.max_angular}
+    twist = saturate(nominal, **limits)
     if not settings.options.speed_ramps or state.phase not in DRIVING:
         return twist
-    return ramped(
+    twist = ramped(
         twist,
         last,
         dt,
         linear=settings.max_acceleration,
         angular=settings.max_angular_acceleration,
     )
+    # A limit that was lowered on the way holds at once.
+    excess = max(
+        abs(twist.linear) / settings.max_linear, abs(twist.angular) / settings.max_angular
+    )
+    return saturate(twist, **limits) if excess > 1.0 + ROUNDING else twist
 
 
 def _beyond_dead_band(

@@ -15,24 +15,19 @@ from visual_servo_epipolar.core.servo.phases.conditions import (
     is_settled,
 )
 from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.servo.phases.timing import usual_step
 from visual_servo_epipolar.core.servo.ranging import Leg, MIN_TURN, UNKNOWN_RANGE
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.values import changed
-from visual_servo_epipolar.core.stamps import seconds_between
 
-MAX_STEP_S = 1.0  # a longer gap between two images is not integrated over
-RATE_SMOOTHING = 0.4  # weight of the newest value in an exponential mean, as the next two
+RATE_SMOOTHING = 0.4  # weight of the newest value in an exponential mean, as the next three
 RANGE_SMOOTHING = 0.2
 PERIOD_SMOOTHING = 0.1
+BIAS_SMOOTHING = 0.2
 MANY_RESTARTS = 4  # of step 1: something is wrong, as after an attempt that missed
 MIN_SPEED = 0.05  # below which the path says nothing about the range [m/s]
 TURN_DEVIATIONS = 8.0  # least turn of the line of sight, in deviations of a bearing
-
-
-def interval(earlier_ns: int, later_ns: int) -> float:
-    """Return the time between two stamps [ns] to integrate over [s], from 0 to MAX_STEP_S."""
-    return min(max(seconds_between(earlier_ns, later_ns), 0.0), MAX_STEP_S)
 
 
 def updated(
@@ -51,6 +46,8 @@ def updated(
         perception = _disproved(perception, settings)
         measurement, extrinsics = perception.measurement, settings.extrinsics
     measurement = _of_the_axle(measurement, extrinsics)
+    bias = _rotation_bias(state, measurement)
+    measurement = _without_bias(measurement, bias)
     if extrinsics.believed and not (state.extrinsics and state.extrinsics.believed):
         # What was ranged so far was driven by another mount.
         state = changed(state, leg=None, range=extrinsics.distance)
@@ -62,6 +59,7 @@ def updated(
         extrinsics=extrinsics,
         last_linear=state.twist.linear,
         travel=state.travel + driven,
+        reversed=state.reversed + _reversed(state, dt),
         period=_period(state, dt),
         range=_range(state, measurement, leg, dt),
         desired_rate=_desired_rate(state, measurement, dt),
@@ -70,6 +68,7 @@ def updated(
         ),
         slope=_slope(state, measurement, dt),
         latched=_latch(state, measurement, settings),
+        rotation_bias=bias,
         measurement=measurement,
         memory=perception.memory,
     )
@@ -98,6 +97,16 @@ def _driven(state: ServoState, dt: float, settings: ServoSettings) -> float:
     return (state.twist.linear + late * (state.last_linear - state.twist.linear)) * dt
 
 
+def _reversed(state: ServoState, dt: float) -> float:
+    """
+    Return the largest travel backward between the last two images [m].
+
+    It is a bound that counts: a command acts late, and may have been withdrawn in between.
+    """
+    fastest = max(-state.twist.linear, -state.last_linear, 0.0)
+    return fastest * (dt or usual_step(state))
+
+
 def _of_the_axle(measurement: Measurement, extrinsics: Extrinsics) -> Measurement:
     """Return ``measurement`` with the bearings of the axle, where the camera is not on it."""
     mount = extrinsics.mount
@@ -105,6 +114,29 @@ def _of_the_axle(measurement: Measurement, extrinsics: Extrinsics) -> Measuremen
         return measurement
     bearings = at_axle(measurement.bearings, mount, extrinsics.distance)
     return replace(measurement, bearings=bearings, camera_bearings=measurement.bearings)
+
+
+def _rotation_bias(state: ServoState, measurement: Measurement) -> float:
+    """
+    Return what the best rotation is off in heading during a turn in place [rad]; nan if unknown.
+
+    It takes a small baseline for a turn. In place that does not change, so that what bearings show
+    of it holds as well for images of a parallax too small for them.
+    """
+    if state.phase is not Phase.ORIENTING:
+        return math.nan
+    before = state.rotation_bias
+    if measurement.bearings is None:
+        return before
+    now = math.remainder(measurement.heading_error - measurement.rotation_heading, 2.0 * math.pi)
+    return now if math.isnan(before) else before + BIAS_SMOOTHING * (now - before)
+
+
+def _without_bias(measurement: Measurement, bias: float) -> Measurement:
+    """Return ``measurement`` with the heading of the best rotation, less its ``bias`` if known."""
+    if math.isnan(bias):
+        return measurement
+    return replace(measurement, heading_error=measurement.rotation_heading + bias)
 
 
 def _with_settled(
@@ -145,6 +177,8 @@ def _period(state: ServoState, dt: float) -> float:
     """Return the time between two images [s], smoothed."""
     if math.isnan(state.period):
         return dt or math.nan
+    if dt == 0.0:  # stamps that leap tell nothing of it
+        return state.period
     return state.period + PERIOD_SMOOTHING * (dt - state.period)
 
 

@@ -43,9 +43,50 @@ def test_the_machine_goes_where_the_design_sends_it(
     assert next_phase(phase, event) is then
 
 
-@pytest.mark.parametrize(('phase', 'event'), list(TRANSITIONS))
-def test_every_transition_of_the_table_is_taken(phase: Phase, event: Event) -> None:
-    assert next_phase(phase, event) is TRANSITIONS[phase, event]
+# What each event means to whom it may happen, in words of its own.
+STANDING = {Phase.WAITING, Phase.HOLDING}
+DRIVERS = {
+    Phase.ORIENTING,
+    Phase.RETREATING,
+    Phase.DISPLACING,
+    Phase.ZEROING_EPIPOLES,
+    Phase.MATCHING_FEATURES,
+}
+MEANING = {
+    Event.NOTHING: {},
+    Event.NO_BASELINE: dict.fromkeys({*STANDING, Phase.ZEROING_EPIPOLES}, Phase.ORIENTING),
+    Event.SIDEWAYS: dict.fromkeys(
+        {*STANDING, Phase.ORIENTING, Phase.ZEROING_EPIPOLES}, Phase.RETREATING
+    ),
+    Event.APART: dict.fromkeys({*STANDING, Phase.ORIENTING, Phase.RETREATING}, Phase.DISPLACING),
+    Event.ALIGNED: dict.fromkeys(
+        {*STANDING, Phase.ORIENTING, Phase.ZEROING_EPIPOLES}, Phase.MATCHING_FEATURES
+    ),
+    Event.DISPLACED: {Phase.DISPLACING: Phase.ZEROING_EPIPOLES},
+    Event.ESCAPED: {Phase.ZEROING_EPIPOLES: Phase.DISPLACING},
+    Event.MATCHED: dict.fromkeys(
+        {*STANDING, Phase.ORIENTING, Phase.MATCHING_FEATURES}, Phase.ARRIVED
+    ),
+    Event.TURNED: {Phase.MATCHING_FEATURES: Phase.ORIENTING},
+    Event.MISSED: {Phase.MATCHING_FEATURES: Phase.RETREATING},
+    Event.LOST: dict.fromkeys({Phase.WAITING, *DRIVERS}, Phase.HOLDING),
+    Event.NO_GAIN: {
+        Phase.ZEROING_EPIPOLES: Phase.DISPLACING,
+        Phase.DISPLACING: Phase.FAILED,
+        Phase.MATCHING_FEATURES: Phase.FAILED,
+    },
+    Event.STOPPED: dict.fromkeys(Phase, Phase.WAITING),
+    **{
+        event: dict.fromkeys({*DRIVERS, Phase.HOLDING}, Phase.FAILED)
+        for event in (Event.EXHAUSTED, Event.DIVERGED, Event.ASTRAY, Event.TIMED_OUT)
+    },
+}
+
+
+@pytest.mark.parametrize('event', Event)
+def test_every_event_means_what_the_design_says_and_nothing_else(event: Event) -> None:
+    led = {phase: next_phase(phase, event) for phase in Phase}
+    assert led == {phase: MEANING[event].get(phase, phase) for phase in Phase}
 
 
 @pytest.mark.parametrize(

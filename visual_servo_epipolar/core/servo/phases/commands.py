@@ -9,7 +9,7 @@ from collections.abc import Callable, Mapping
 import math
 
 from visual_servo_epipolar.core.control import laws
-from visual_servo_epipolar.core.control.gains import CRITICAL_GAIN_DELAY
+from visual_servo_epipolar.core.control.gains import CRITICAL_GAIN_DELAY, Gains
 from visual_servo_epipolar.core.control.law_table import epipole_controls, matching_control
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import saturate, STANDSTILL, Twist
@@ -119,9 +119,14 @@ def _second_step(state: ServoState, measurement: Measurement, settings: ServoSet
     )
 
 
+def _derived(state: ServoState, settings: ServoSettings) -> Gains | None:
+    """Return the gains derived for this step, unless those given are to hold by now."""
+    return state.gains if settings.derives else None
+
+
 def _first_gains(state: ServoState, settings: ServoSettings) -> dict[str, float]:
     """Return k1, k2 and the exponent of (12), given or derived; a held e_au has the turn gain."""
-    derived, holds = state.gains, settings.options.discordant_turn
+    derived, holds = _derived(state, settings), settings.options.discordant_turn
     k1 = settings.turn_gain if holds else settings.k1
     if derived is None:
         return {'k1': k1, 'k2': settings.k2, 'exponent': settings.exponent}
@@ -134,7 +139,7 @@ def _first_gains(state: ServoState, settings: ServoSettings) -> dict[str, float]
 
 def _matching_gain(state: ServoState, measurement: Measurement, settings: ServoSettings) -> float:
     """Return k_t of (21) [m/s]: given, derived, or a rate over the slope of D once it is known."""
-    derived = state.gains
+    derived = _derived(state, settings)
     k_t = settings.k_t if derived is None else derived.k_t
     if not settings.options.slope_gain or not state.slope.value > 0.0:
         return k_t

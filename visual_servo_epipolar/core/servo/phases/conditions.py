@@ -178,17 +178,16 @@ def is_at_goal(state: ServoState, measurement: Measurement, settings: ServoSetti
 
 def astray(state: ServoState, measurement: Measurement, settings: ServoSettings) -> str:
     """
-    Return in words that the robot is farther from the goal than its phase may lead it.
+    Return in words that the robot is farther from the goal than its run may lead it.
 
-    Backing off has a bound of its own. In steps 1 and 2 of a law that spirals inwards the distance
-    never grows, and no way is longer than its upper bound allows.
+    What is driven backward has a bound of its own, over all phases and attempts. In steps 1 and 2
+    of a law that spirals inwards the distance never grows, and no way is longer than its upper
+    bound allows.
     """
-    name = state.phase.value
-    if state.phase is Phase.RETREATING:
-        if -state.travel <= settings.max_retreat:
-            return ''
-        return f'backed off by {-state.travel:.1f} m (max_retreat), the goal is still not ahead'
-    law = settings.options
+    name, law = state.phase.value, settings.options
+    backward = _backward(state, settings)
+    if backward > settings.max_retreat:
+        return f'drove {backward:.1f} m backward in this run (max_retreat), still {name}'
     spirals = law.discordant_turn and law.retreat  # laws without lead away first
     if not spirals or state.phase not in (Phase.ZEROING_EPIPOLES, Phase.MATCHING_FEATURES):
         return ''
@@ -196,9 +195,20 @@ def astray(state: ServoState, measurement: Measurement, settings: ServoSettings)
     if abs(state.travel) > longest:
         return f'drove {longest:.0f} m in {name} and is not there (initial_distance)'
     ratio = _excursion(state, measurement)
-    if ratio <= settings.max_excursion:
+    if settings.max_excursion == 0.0 or ratio <= settings.max_excursion:
         return ''
     return f'{name} leads away from the goal: {ratio:.1f} times the distance (max_excursion)'
+
+
+def _backward(state: ServoState, settings: ServoSettings) -> float:
+    """
+    Return what was driven backward [m] and counts.
+
+    It is all of the run, but for laws that lead away by themselves: of theirs a retreat alone.
+    """
+    if settings.options.retreat:
+        return state.reversed
+    return -state.travel if state.phase is Phase.RETREATING else 0.0
 
 
 def _excursion(state: ServoState, measurement: Measurement) -> float:

@@ -22,9 +22,9 @@ from visual_servo_epipolar.core.servo.phases.table import (
     next_phase,
     Phase,
 )
+from visual_servo_epipolar.core.servo.phases.timing import has_timed_out
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.stamps import seconds_between
 
 # What the yaw of the camera may be learnt to differ by while a step lasts [rad].
 YAW_FOR_NEW_START, YAW_FOR_NEW_ATTEMPT = math.radians(1.5), math.radians(0.5)
@@ -35,7 +35,7 @@ def classify(state: ServoState, settings: ServoSettings) -> Event:
     measurement, phase = state.measurement, state.phase
     if measurement is None or phase in ENDED:
         return Event.NOTHING
-    if _has_timed_out(state, measurement, settings):
+    if has_timed_out(state, measurement, settings):
         return Event.TIMED_OUT
     if measurement.features < settings.min_features:
         return Event.LOST if phase in DRIVING else Event.NOTHING
@@ -44,17 +44,6 @@ def classify(state: ServoState, settings: ServoSettings) -> Event:
     event = _CLASSIFIERS[phase](state, measurement, settings)
     into_step_2 = next_phase(phase, event) is Phase.MATCHING_FEATURES
     return Event.LOST if into_step_2 and not math.isfinite(measurement.difference) else event
-
-
-def _has_timed_out(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
-    """Return whether the run or the phase has lasted too long; waiting may last for ever."""
-    holding = state.phase is Phase.HOLDING
-    if not holding and state.phase not in DRIVING:
-        return False
-    run_time = seconds_between(state.run_start_ns, measurement.stamp_ns)
-    phase_time = seconds_between(state.phase_start_ns, measurement.stamp_ns)
-    timeout = settings.holding_timeout if holding else settings.phase_timeout
-    return run_time > settings.run_timeout or phase_time > timeout
 
 
 def _survey(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
@@ -81,7 +70,7 @@ def _orienting(state: ServoState, measurement: Measurement, settings: ServoSetti
     if is_sideways(measurement, settings):
         return Event.SIDEWAYS
     if measurement.bearings is not None:
-        return Event.APART
+        return _begun(measurement, settings, Event.APART)
     # At the goal's heading and still no baseline: step 2 removes the residual.
     return Event.ALIGNED
 
@@ -120,18 +109,18 @@ def _zeroing(state: ServoState, measurement: Measurement, settings: ServoSetting
     if abs(chi) >= settings.divergence:
         return Event.DIVERGED
     if state.yaw_learnt > YAW_FOR_NEW_START:
-        return _anew(measurement, settings)
+        return _begun(measurement, settings, Event.ESCAPED)
     if not state.latched and is_off_course(measurement, settings):
         return Event.SIDEWAYS
     if state.latched and abs(chi) > escape_bound(state, measurement, settings):
-        return _anew(measurement, settings)
+        return _begun(measurement, settings, Event.ESCAPED)
     return Event.ALIGNED if state.settled >= settings.align_frames else Event.NOTHING
 
 
-def _anew(measurement: Measurement, settings: ServoSettings) -> Event:
-    """Return the event that begins step 1 anew: from too near a goal the robot backs off first."""
+def _begun(measurement: Measurement, settings: ServoSettings, event: Event) -> Event:
+    """Return the ``event`` that begins step 1; but from too near a goal the robot backs off."""
     near = measurement.difference > -settings.retreat_difference
-    return Event.SIDEWAYS if near and settings.options.retreat else Event.ESCAPED
+    return Event.SIDEWAYS if near and settings.options.retreat else event
 
 
 def _matching(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:

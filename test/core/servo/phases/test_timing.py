@@ -1,0 +1,131 @@
+"""Stamps that leap: the robot stands for that image, and no limit gets shorter or longer."""
+
+from dataclasses import replace
+import math
+
+import pytest
+from servo_states import in_phase, SETTINGS, sight, then
+
+from visual_servo_epipolar.core.control.command import Command
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
+from visual_servo_epipolar.core.servo.state import ServoState
+
+PERIOD = 0.1
+LEAPS = [130.0, -900.0, 1e6]
+
+
+def at(seconds: float) -> Measurement:
+    """Return a good sight from beside the goal, to which the robot backs off for long."""
+    return replace(sight(), stamp_ns=round(seconds * 1e9))
+
+
+def blind(seconds: float) -> Measurement:
+    return replace(at(seconds), features=3, bearings=None, reason='3 features')
+
+
+def driving(
+    phase: Phase = Phase.DISPLACING, *, run: float = 0.0, lasted: float = 0.0
+) -> ServoState:
+    """Return a state at 1000 s whose run and phase have lasted so long [s]."""
+    return in_phase(
+        phase,
+        measurement=at(1000.0),
+        period=PERIOD,
+        phase_start_ns=round((1000.0 - lasted) * 1e9),
+        run_start_ns=round((1000.0 - run) * 1e9),
+        command=Command(Twist(0.1, 0.1)),
+    )
+
+
+@pytest.mark.parametrize('phase', DRIVING)
+@pytest.mark.parametrize('leap', LEAPS)
+def test_who_drives_stands_for_the_image_that_leaps_and_goes_on(phase: Phase, leap: float) -> None:
+    state = then(driving(phase), at(1000.1 + leap))
+    assert (state.phase, state.twist) == (Phase.HOLDING, STANDSTILL)
+    ahead = f'no image for {leap + 0.1:.1f} s by their stamps'
+    assert state.reason == (
+        ahead if leap > 0.0 else 'the stamps do not advance; is /clock published?'
+    )
+    state = then(state, at(1000.2 + leap))
+    assert state.phase in DRIVING
+    assert state.twist != STANDSTILL
+
+
+@pytest.mark.parametrize('leap', LEAPS)
+@pytest.mark.parametrize(('left', 'fails'), [(0.15, False), (0.05, True)])
+def test_a_leap_counts_as_one_period_of_the_run(leap: float, left: float, fails: bool) -> None:
+    state = then(driving(run=SETTINGS.run_timeout - left), at(1000.1 + leap))
+    assert (state.phase is Phase.FAILED) == fails
+    assert state.twist == STANDSTILL
+    if not fails:
+        # 0.05 s are left, and no more than the next image takes them.
+        state = then(state, at(1000.2 + leap))
+        assert state.phase is Phase.FAILED
+        assert state.reason == 'the run took longer than 600 s, still holding'
+
+
+@pytest.mark.parametrize('leap', LEAPS)
+def test_a_leap_does_not_end_a_phase_that_has_time_left(leap: float) -> None:
+    assert (
+        then(driving(lasted=SETTINGS.phase_timeout - 1.0), at(1000.1 + leap)).phase
+        is Phase.HOLDING
+    )
+
+
+def test_a_stamp_that_runs_back_again_and_again_does_not_prolong_the_run() -> None:
+    state = driving(run=SETTINGS.run_timeout - 10.0)
+    for frame in range(1, 200):
+        state = then(state, at(1000.0 - 3.0 * frame))
+        if state.phase is Phase.FAILED:
+            break
+    assert state.phase is Phase.FAILED
+    assert frame <= 102
+
+
+@pytest.mark.parametrize('leap', [0.0, -900.0])
+def test_who_holds_does_not_wait_longer_for_stamps_that_stand_or_run_back(leap: float) -> None:
+    state = then(driving(), blind(1000.1))
+    assert state.phase is Phase.HOLDING
+    for frame in range(1, 100):
+        state = then(state, blind(1000.1 + frame * leap))
+        if state.phase is Phase.FAILED:
+            break
+    assert state.reason.startswith('tracks lost or untrusted for 5 s')
+    assert 50 <= frame <= 52
+
+
+@pytest.mark.parametrize(('gap', 'stale', 'held'), [(1.0, 0.5, False), (1.01, 0.5, True)])
+def test_a_leap_is_longer_than_a_second(gap: float, stale: float, held: bool) -> None:
+    state = then(driving(), at(1000.0 + gap), replace(SETTINGS, stale_timeout=stale))
+    assert (state.phase is Phase.HOLDING) == held
+
+
+@pytest.mark.parametrize(('gap', 'held'), [(3.0, False), (3.01, True)])
+def test_a_slow_camera_may_take_as_long_as_its_tracks_may_age(gap: float, held: bool) -> None:
+    state = then(driving(), at(1000.0 + gap), replace(SETTINGS, stale_timeout=3.0))
+    assert (state.phase is Phase.HOLDING) == held
+
+
+@pytest.mark.parametrize('leap', LEAPS)
+def test_a_leap_teaches_nothing(leap: float) -> None:
+    before = replace(driving(Phase.ZEROING_EPIPOLES), distance=5.0, range=4.0)
+    state = then(before, at(1000.1 + leap))
+    assert (state.distance, state.range, state.period, state.travel) == (5.0, 4.0, PERIOD, 0.0)
+    assert state.curvature.value == 0.0
+    assert math.isnan(state.slope.value)
+
+
+def test_before_a_period_is_known_a_leap_counts_as_a_tenth_of_a_second() -> None:
+    fresh = replace(driving(run=SETTINGS.run_timeout - 0.11), period=math.nan)
+    assert then(fresh, at(1130.0)).phase is Phase.HOLDING
+    late = replace(driving(run=SETTINGS.run_timeout - 0.09), period=math.nan)
+    assert then(late, at(1130.0)).phase is Phase.FAILED
+
+
+def test_who_holds_counts_what_the_stamps_say_while_they_advance() -> None:
+    # He stands, and cannot tell a clock that was set from a camera that was silent.
+    state = then(driving(), blind(1000.1))
+    assert then(state, at(1005.0)).phase in DRIVING
+    assert then(state, at(1005.2)).phase is Phase.FAILED

@@ -1,0 +1,93 @@
+"""Nobody drives blind for longer than tracks may age: what stops the robot, and what keeps it."""
+
+from dataclasses import replace
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+from servo_states import BEARINGS, in_phase, SETTINGS, sight, then
+
+from visual_servo_epipolar.core.control.command import Command
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.interruptions import interrupted, Interruption
+from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
+from visual_servo_epipolar.core.servo.state import ServoState
+
+FAST = Command(Twist(SETTINGS.max_linear, SETTINGS.max_angular))
+FAR = SETTINGS.near_parallax * 2.0
+BLIND = {
+    'too few features': {'features': SETTINGS.min_features - 1},
+    'untrusted far off': {'bearings': None, 'parallax': FAR},
+    'nothing ahead': {'bearings': None, 'difference': math.nan, 'parallax': FAR},
+}
+
+
+def at(seconds: float, what: str = '') -> Measurement:
+    return replace(sight(**BLIND.get(what, {})), stamp_ns=round(seconds * 1e9))
+
+
+def at_full_speed(phase: Phase) -> ServoState:
+    return in_phase(phase, command=FAST, last_linear=SETTINGS.max_linear, period=0.1)
+
+
+@pytest.mark.parametrize('phase', [phase for phase in DRIVING if phase is not Phase.ORIENTING])
+@pytest.mark.parametrize('what', BLIND)
+def test_the_first_blind_image_stops_the_robot_and_no_blind_one_moves_it(
+    phase: Phase, what: str
+) -> None:
+    state = at_full_speed(phase)
+    for frame in range(1, 100):
+        state = then(state, at(0.1 * frame, what))
+        assert state.twist == STANDSTILL
+    assert state.phase is Phase.FAILED
+
+
+def test_orienting_stops_without_features_and_never_drives_off() -> None:
+    # A turn in place needs the rotation alone, which matches show without bearings.
+    few = then(at_full_speed(Phase.ORIENTING), at(0.1, 'too few features'))
+    assert (few.phase, few.twist) == (Phase.HOLDING, STANDSTILL)
+    turning = then(in_phase(Phase.ORIENTING), at(0.1, 'untrusted far off'))
+    assert turning.twist.linear == 0.0
+
+
+@given(
+    phase=st.sampled_from(DRIVING),
+    images=st.lists(
+        st.tuples(st.floats(0.02, 3.0), st.sampled_from(['good', *BLIND])), min_size=1, max_size=20
+    ),
+)
+def test_what_is_driven_between_trusted_sight_and_the_stop_is_bounded(
+    phase: Phase, images: list[tuple[float, str]]
+) -> None:
+    """The watchdog of the node stands beside: it stops where ``stale_timeout`` is over."""
+    state, now, driven = in_phase(phase), 0.0, 0.0
+    for gap, what in images:
+        obeyed = gap
+        if state.phase in DRIVING and gap > SETTINGS.stale_timeout:
+            obeyed, before = SETTINGS.stale_timeout, state.twist
+            state = interrupted(state, Interruption.LOST, 'no new tracks')
+            assert (state.phase, state.twist) == (Phase.HOLDING, STANDSTILL)
+            driven += abs(before.linear) * obeyed
+        else:
+            driven += abs(state.twist.linear) * obeyed
+        assert driven <= SETTINGS.max_linear * SETTINGS.stale_timeout + 1e-12
+        now += gap
+        state = then(state, at(now, what))
+        if what == 'good':
+            driven = 0.0
+        elif state.phase is not Phase.ORIENTING:
+            assert state.twist.linear == 0.0
+
+
+def test_the_clock_of_the_images_stops_who_has_no_watchdog() -> None:
+    state = then(at_full_speed(Phase.ZEROING_EPIPOLES), at(1.01))
+    assert (state.phase, state.twist) == (Phase.HOLDING, STANDSTILL)
+
+
+def test_only_trusted_sight_moves_a_robot_that_holds() -> None:
+    holding = in_phase(Phase.HOLDING)
+    assert then(holding, replace(at(0.1), bearings=BEARINGS)).twist != STANDSTILL
+    for what in BLIND:
+        assert then(holding, at(0.1, what)).twist == STANDSTILL

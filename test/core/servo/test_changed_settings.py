@@ -1,0 +1,94 @@
+"""Settings changed while the robot drives hold from the next command on."""
+
+from dataclasses import replace
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+from servo_states import in_phase, SETTINGS, sight, then
+from strategies import floats
+
+from visual_servo_epipolar.core.control.command import Command
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.motion import Twist
+from visual_servo_epipolar.core.perception.settings import PerceptionSettings
+from visual_servo_epipolar.core.servo.phases.commands import nominal_twist
+from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+
+DERIVED = ServoSettings(gains='derived', law='full')
+ALIGNED = Bearings(-math.pi / 2.0, math.pi)
+STEPS = (Phase.ZEROING_EPIPOLES, Phase.MATCHING_FEATURES)
+
+
+@given(
+    phase=st.sampled_from(DRIVING),
+    last=st.builds(Twist, floats(-0.4, 0.4), floats(-0.5, 0.5)),
+    max_linear=floats(0.01, 0.4),
+    max_angular=floats(0.01, 0.5),
+)
+def test_a_limit_lowered_while_driving_holds_at_once(
+    phase: Phase, last: Twist, max_linear: float, max_angular: float
+) -> None:
+    lowered = replace(SETTINGS, max_linear=max_linear, max_angular=max_angular)
+    twist = then(in_phase(phase, command=Command(last)), settings=lowered).twist
+    assert abs(twist.linear) <= max_linear * (1.0 + 1e-15)
+    assert abs(twist.angular) <= max_angular * (1.0 + 1e-15)
+
+
+def test_a_lowered_limit_scales_so_that_the_curve_stays() -> None:
+    fast = in_phase(Phase.MATCHING_FEATURES, command=Command(Twist(0.4, 0.2)))
+    wide, narrow = (
+        then(fast, settings=replace(SETTINGS, max_linear=limit)).twist for limit in (0.4, 0.1)
+    )
+    assert wide.linear > narrow.linear == pytest.approx(0.1)
+    assert narrow.angular / narrow.linear == pytest.approx(wide.angular / wide.linear, abs=0.5)
+    slowest = 0.4 - 2.0 * SETTINGS.max_acceleration * 0.1
+    assert slowest > 0.1  # the ramp alone would not have brought it there
+
+
+def begun(settings: ServoSettings, phase: Phase) -> ServoState:
+    """Return a state in ``phase`` whose gains were derived as it began."""
+    before = {
+        Phase.ZEROING_EPIPOLES: in_phase(Phase.DISPLACING, target=0.2, period=0.1),
+        Phase.MATCHING_FEATURES: in_phase(
+            Phase.ZEROING_EPIPOLES, latched=True, settled=SETTINGS.align_frames, period=0.1
+        ),
+    }[phase]
+    there = {
+        Phase.ZEROING_EPIPOLES: sight(),
+        Phase.MATCHING_FEATURES: sight(bearings=ALIGNED, difference=-0.005),
+    }[phase]
+    return then(before, there, settings)
+
+
+@pytest.mark.parametrize('phase', STEPS)
+def test_given_gains_hold_as_soon_as_derived_ones_are_given_up(phase: Phase) -> None:
+    state = begun(DERIVED, phase)
+    assert state.phase is phase
+    assert state.gains is not None
+    given_up = replace(DERIVED, gains='given')
+    fresh = replace(state, gains=None)
+    assert nominal_twist(state, given_up) == nominal_twist(fresh, given_up)
+    assert nominal_twist(state, given_up) != nominal_twist(state, DERIVED)
+
+
+def test_gains_that_were_given_up_are_not_taken_up_again_by_the_next_phase() -> None:
+    state = then(
+        replace(begun(DERIVED, Phase.ZEROING_EPIPOLES), settled=9, latched=True),
+        sight(2, bearings=ALIGNED),
+        replace(DERIVED, gains='given'),
+    )
+    assert (state.phase, state.gains) == (Phase.MATCHING_FEATURES, None)
+
+
+@pytest.mark.parametrize('estimator', ['planar_2dof', 'planar_3dof', 'lmeds_8pt'])
+def test_a_focal_length_is_not_left_to_an_estimator_that_cannot_learn_it(estimator: str) -> None:
+    with pytest.raises(
+        ValueError, match=rf'with estimator {estimator}, .* got 0\.3; soft_planar does'
+    ):
+        PerceptionSettings(estimator=estimator, focal_deviation=0.3)
+    assert PerceptionSettings(estimator=estimator).calibrated
+    assert not PerceptionSettings(focal_deviation=0.3).calibrated

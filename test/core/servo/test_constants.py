@@ -1,0 +1,109 @@
+"""Constants of the servo, each at its boundary: a factor more or less is another robot."""
+
+from dataclasses import replace
+import math
+
+import pytest
+from servo_states import BEARINGS, in_phase, SETTINGS, sight
+
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.servo.identification import Curvature
+from visual_servo_epipolar.core.servo.phases.conditions import has_parallax
+from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.servo.ranging import Leg
+from visual_servo_epipolar.core.servo.step import _beyond_dead_band
+from visual_servo_epipolar.core.servo.update import _measured_range
+
+
+@pytest.mark.parametrize(('deviations', 'seen'), [(1.20, False), (1.30, True)])
+def test_noise_alone_shows_a_parallax_of_one_and_a_quarter(deviations: float, seen: bool) -> None:
+    # So many features that the root of their mean square varies by nothing.
+    exact = replace(SETTINGS, arrival_parallax=0.0)
+    still = sight(features=10**8, parallax=deviations * 0.3 / 769.0)
+    assert has_parallax(in_phase(Phase.MATCHING_FEATURES), still, exact) == seen
+
+
+@pytest.mark.parametrize(('features', 'factor'), [(25, 1.3), (100, 1.15)])
+def test_few_features_vary_more(features: int, factor: float) -> None:
+    exact = replace(SETTINGS, arrival_parallax=0.0)
+    for change, seen in [(0.97, False), (1.03, True)]:
+        still = sight(features=features, parallax=change * factor * 1.25 * 0.3 / 769.0)
+        assert has_parallax(in_phase(Phase.MATCHING_FEATURES), still, exact) == seen
+
+
+@pytest.mark.parametrize(('degrees', 'known'), [(2.2, False), (2.4, True)])
+def test_a_distance_shows_once_the_line_of_sight_has_turned_enough(
+    degrees: float, known: bool
+) -> None:
+    # 0.04 rad are 2.29 deg.
+    leg = Leg(BEARINGS.psi, 0.1, 0.1)
+    turned = (leg.distance(BEARINGS.psi + math.radians(s * degrees)) for s in (-1, 1))
+    assert any(value is not None for value in turned) == known
+
+
+@pytest.mark.parametrize(('deviation', 'known'), [(0.004, True), (0.02, False)])
+def test_an_uncertain_line_of_sight_has_to_turn_farther(deviation: float, known: bool) -> None:
+    # By 0.1 rad: eight deviations of 0.0125.
+    there = sight(bearings=BEARINGS, deviation=deviation)
+    state = replace(in_phase(Phase.ZEROING_EPIPOLES), last_linear=0.4)
+    moving = replace(state, command=replace(state.command, twist=Twist(0.4, 0.0)))
+    ranges = [
+        _measured_range(moving, there, Leg(BEARINGS.psi + turn, 0.1, 0.1)) for turn in (-0.1, 0.1)
+    ]
+    assert any(value is not None for value in ranges) == known
+
+
+def learnt_turn(*, unrest: float, frames: int = 1) -> float:
+    """Return the curvature after a straight metre that turned, ``frames`` after ``unrest``."""
+    curvature = Curvature(change=unrest)
+    for frame in range(frames):
+        before = sight(frame, heading_error=0.0)
+        after = sight(frame + 1, heading_error=0.002 if frame == frames - 1 else 0.0)
+        travel = Twist(0.4 if frame == frames - 1 else 0.0, 0.0)
+        curvature = curvature.updated(before, after, travel, 0.1, drift=0.01)
+    return curvature.value
+
+
+def test_a_command_that_changes_says_little_about_the_wheels() -> None:
+    # It reaches them late by up to 0.2 s: a change of 0.2 rad/s is 0.04 rad of heading.
+    calm, stirred = learnt_turn(unrest=0.0), learnt_turn(unrest=0.2)
+    assert calm > 20.0 * stirred > 0.0
+    at_half = Curvature(variance=0.05**2).updated(
+        sight(0, heading_error=0.0), sight(1, heading_error=0.002), Twist(0.4, 0.0), 0.1, drift=0.0
+    )
+    assert at_half.value == pytest.approx(calm, rel=0.1)
+
+
+def test_unrest_decays_by_half_in_a_frame() -> None:
+    assert learnt_turn(unrest=0.2, frames=2) == pytest.approx(
+        learnt_turn(unrest=0.1, frames=1), rel=0.05
+    )
+    late = [Curvature(change=c).updated(None, sight(), STANDSTILL, 0.1, drift=0.0) for c in (0.2,)]
+    assert late[0].change == pytest.approx(0.1)
+
+
+def test_the_unrest_of_a_change_counts_for_a_fifth_of_a_second() -> None:
+    # gain = P s / (P s^2 + (0.2 change)^2): with s = 0.04 m, P = 0.0025, change = 0.5 rad/s.
+    changed = Curvature().updated(
+        sight(0, heading_error=0.0, deviation=0.0),
+        sight(1, heading_error=0.05),
+        Twist(0.4, 0.5),
+        0.1,
+        drift=0.0,
+    )
+    gain = 0.0025 * 0.04 / (0.0025 * 0.04**2 + 0.1**2 + 2.0 * 5e-4**2)
+    assert changed.value == pytest.approx(gain * (0.05 - 0.05), abs=1e-12)
+    off = Curvature().updated(
+        sight(0, heading_error=0.0), sight(1, heading_error=0.15), Twist(0.4, 0.5), 0.1, drift=0.0
+    )
+    assert off.value == pytest.approx(gain * 0.1, rel=0.05)
+
+
+@pytest.mark.parametrize('mode', ['raise', 'zero', 'pulse'])
+def test_a_settled_robot_is_not_stirred_by_its_dead_band(mode: str) -> None:
+    settings = replace(SETTINGS, dead_band_mode=mode, dead_band_linear=0.05, dead_band_angular=0.1)
+    tiny = Twist(0.04, -0.08)
+    settled = replace(in_phase(Phase.MATCHING_FEATURES), settled=1)
+    assert _beyond_dead_band(tiny, settled, settings) == (STANDSTILL, STANDSTILL)
+    unsettled, _ = _beyond_dead_band(tiny, replace(settled, settled=0), settings)
+    assert unsettled == (STANDSTILL if mode == 'zero' else Twist(0.05, -0.1))

@@ -1,0 +1,78 @@
+"""A turn in place at the least baseline: one heading, whichever way an image measures it."""
+
+from dataclasses import replace
+import math
+
+import pytest
+from servo_states import in_phase, SETTINGS, sight, then
+
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.phases.table import Phase
+
+BIAS = 0.017  # of the best rotation, as a baseline of 0.1 m at 6 m depth shows
+BESIDE = math.pi / 2.0  # the goal is to the left
+
+
+def with_bearings(frame: int, heading: float) -> Measurement:
+    bearings = Bearings(math.pi, BESIDE - heading)
+    near = sight(frame, bearings=bearings, difference=0.0, parallax=2.52 / 769.0)
+    return replace(near, heading_error=heading, rotation_heading=heading - BIAS)
+
+
+def without(frame: int, heading: float) -> Measurement:
+    near = sight(frame, bearings=None, difference=0.0, parallax=2.48 / 769.0)
+    return replace(near, heading_error=heading - BIAS, rotation_heading=heading - BIAS)
+
+
+def test_a_heading_that_flickers_at_the_least_parallax_is_one_heading() -> None:
+    state, heading = in_phase(Phase.ORIENTING), 0.05
+    for frame in range(1, 400):
+        seen = (with_bearings, without)[frame % 2](frame, heading)
+        state = then(state, seen)
+        if state.phase is not Phase.ORIENTING:
+            break
+        heading += 0.1 * state.twist.angular
+    assert state.phase in (Phase.RETREATING, Phase.MATCHING_FEATURES)
+    assert abs(heading) < 2.0 * SETTINGS.arrival_heading
+    assert frame < 150
+
+
+def test_what_bearings_show_holds_for_the_images_after_it() -> None:
+    state = then(in_phase(Phase.ORIENTING), with_bearings(1, 0.05))
+    state = then(state, without(2, 0.03))
+    assert state.measurement is not None
+    assert state.measurement.heading_error == pytest.approx(0.03)
+
+
+def test_bearings_that_are_noisy_are_averaged() -> None:
+    state = then(in_phase(Phase.ORIENTING), with_bearings(1, 0.05))
+    noisy = replace(with_bearings(2, 0.05), heading_error=0.06)
+    assert then(state, noisy).measurement.heading_error == pytest.approx(0.052)  # type: ignore[union-attr]
+
+
+def test_until_bearings_show_it_the_rotation_is_believed() -> None:
+    state = then(in_phase(Phase.ORIENTING), without(1, 0.05))
+    assert state.measurement is not None
+    assert state.measurement.heading_error == pytest.approx(0.05 - BIAS)
+
+
+def test_another_phase_measures_for_itself() -> None:
+    state = in_phase(Phase.MATCHING_FEATURES, rotation_bias=0.5)
+    state = then(state, without(1, 0.05))
+    assert state.measurement is not None
+    assert state.measurement.heading_error == pytest.approx(0.05 - BIAS)
+    assert math.isnan(state.rotation_bias)
+
+
+@pytest.mark.parametrize(('difference', 'phase'), [(-0.01, 'retreating'), (-0.07, 'displacing')])
+def test_a_baseline_found_too_near_the_goal_is_made_longer_first(
+    difference: float, phase: str
+) -> None:
+    # A displacement there would lose it again, for ever.
+    facing = replace(
+        sight(bearings=Bearings(-math.pi / 2.0 - 0.15, math.pi - 0.15), difference=difference),
+        heading_error=0.0,
+    )
+    state = then(in_phase(Phase.ORIENTING, settled=SETTINGS.align_frames), facing)
+    assert state.phase.value == phase

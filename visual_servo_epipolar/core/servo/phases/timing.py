@@ -1,0 +1,69 @@
+"""
+Timing: how long a phase and the run have lasted, by the stamps of images, which may leap.
+
+The clock of the stamps is not ours: it may be set while the robot drives. Where it leaps, the
+stamps at which phase and run began are moved along, so that limits count the time that passed,
+one usual period, and go on by the new clock.
+"""
+
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.values import changed
+from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
+
+MAX_STEP_S = 1.0  # a longer gap between two images is not integrated over
+USUAL_STEP_S = 0.1  # between two images, where no others came before
+NOT_ADVANCING = 'the stamps do not advance; is /clock published?'
+
+
+def interval(earlier_ns: int, later_ns: int) -> float:
+    """Return the time between two stamps [ns] to integrate over [s], from 0 to MAX_STEP_S."""
+    return min(max(seconds_between(earlier_ns, later_ns), 0.0), MAX_STEP_S)
+
+
+def leap(state: ServoState, stamp_ns: int, settings: ServoSettings) -> str:
+    """
+    Return in words how the stamps leap to ``stamp_ns`` from the last image; empty if they do not.
+
+    They must advance. Who drives has an image again before the last one is stale. Who stands may
+    have waited for as long as the stamps say.
+    """
+    if state.measurement is None:
+        return ''
+    gap = seconds_between(state.measurement.stamp_ns, stamp_ns)
+    if gap <= 0.0:
+        return NOT_ADVANCING
+    if state.phase not in DRIVING or gap <= max(settings.stale_timeout, MAX_STEP_S):
+        return ''
+    return f'no image for {gap:.1f} s by their stamps'
+
+
+def usual_step(state: ServoState) -> float:
+    """Return the time that usually passes between two images [s]."""
+    return state.period if state.period > 0.0 else USUAL_STEP_S
+
+
+def after_leap(state: ServoState, stamp_ns: int) -> ServoState:
+    """Return ``state`` by the clock that leapt to ``stamp_ns``: one usual period has passed."""
+    if state.measurement is None:
+        return state
+    passed_ns = round(usual_step(state) * NANOSECONDS)
+    leap_ns = stamp_ns - state.measurement.stamp_ns - passed_ns
+    return changed(
+        state,
+        phase_start_ns=state.phase_start_ns + leap_ns,
+        run_start_ns=state.run_start_ns + leap_ns,
+    )
+
+
+def has_timed_out(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
+    """Return whether the run or the phase has lasted too long; waiting may last for ever."""
+    holding = state.phase is Phase.HOLDING
+    if not holding and state.phase not in DRIVING:
+        return False
+    run_time = seconds_between(state.run_start_ns, measurement.stamp_ns)
+    phase_time = seconds_between(state.phase_start_ns, measurement.stamp_ns)
+    timeout = settings.holding_timeout if holding else settings.phase_timeout
+    return run_time > settings.run_timeout or phase_time > timeout
