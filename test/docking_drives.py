@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.docking.dock_pose import DockSearch, looked
 from visual_servo_epipolar.core.docking.path import Path
 from visual_servo_epipolar.core.docking.planar import inverse
+from visual_servo_epipolar.core.docking.search import DockSearch, looked
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings
 from visual_servo_epipolar.core.docking.sighting import observed
 from visual_servo_epipolar.core.geometry.camera import Camera

@@ -12,9 +12,10 @@ from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, PointCloud2
 from std_srvs.srv import Trigger
 
-from visual_servo_epipolar.core.docking.dock_pose import DockPose, DockSearch, looked
+from visual_servo_epipolar.core.docking.dock_pose import DockPose
 from visual_servo_epipolar.core.docking.path import Path, Place
 from visual_servo_epipolar.core.docking.planar import composed
+from visual_servo_epipolar.core.docking.search import DockSearch, looked
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings
 from visual_servo_epipolar.core.docking.sighting import observed
 from visual_servo_epipolar.core.docking.task_settings import DockTaskSettings

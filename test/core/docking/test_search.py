@@ -7,8 +7,8 @@ from docking_drives import CAMERA, Drive, EXACT, NOISE, true_dock
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.docking.dock_pose import DockSearch, looked
 from visual_servo_epipolar.core.docking.path import Place
+from visual_servo_epipolar.core.docking.search import DockSearch, looked
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings
 from visual_servo_epipolar.core.docking.sighting import observed
 from visual_servo_epipolar.core.geometry.motion import Pose
