@@ -7,7 +7,14 @@ import re
 from setuptools import find_packages, setup
 
 NAME = 'visual_servo_epipolar'
-NODES = ('unicycle_node', 'camera_node', 'tracker_node', 'servo_node', 'recorder_node')
+NODES = (
+    'unicycle_node',
+    'camera_node',
+    'tracker_node',
+    'servo_node',
+    'recorder_node',
+    'dock_node',
+)
 SHARE = f'share/{NAME}'
 
 

@@ -15,7 +15,14 @@ from visual_servo_epipolar.simulation.point_world import PointSettings
 from visual_servo_epipolar.simulation.scenario import RunSettings
 
 ROOT = Path(__file__).parents[1]
-NODES = ('servo_node', 'tracker_node', 'camera_node', 'unicycle_node', 'recorder_node')
+NODES = (
+    'servo_node',
+    'tracker_node',
+    'camera_node',
+    'unicycle_node',
+    'recorder_node',
+    'dock_node',
+)
 SCENARIO = (RunSettings, PointSettings)  # sections run and points
 DECLARATION = re.compile(r'parameters\.declare\(self, (\w+)\)')
 HEADER = ('| parameter | default | range | what | |', '|---|---|---|---|---|')

@@ -13,10 +13,13 @@ import yaml
 
 from visual_servo_epipolar.bags.recording.settings import RecordSettings
 from visual_servo_epipolar.core.control.law_table import law_options
+from visual_servo_epipolar.core.docking.settings import DockPoseSettings
+from visual_servo_epipolar.core.docking.task_settings import DockTaskSettings
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import range_of
 from visual_servo_epipolar.core.tracking.tracker import TrackerSettings
 from visual_servo_epipolar.nodes.camera_node import CameraFrames, CameraNode
+from visual_servo_epipolar.nodes.dock_node import DockNode, DockNodeSettings
 from visual_servo_epipolar.nodes.recorder_node import RecorderNode
 from visual_servo_epipolar.nodes.recording.settings import RecorderNodeSettings
 from visual_servo_epipolar.nodes.servo_node import ServoNode, ServoNodeSettings
@@ -33,6 +36,7 @@ NODES = {
     'tracker_node': (TrackerNode, (TrackerNodeSettings, TrackerSettings)),
     'servo_node': (ServoNode, (ServoNodeSettings, ServoSettings)),
     'recorder_node': (RecorderNode, (RecorderNodeSettings, RecordSettings)),
+    'dock_node': (DockNode, (DockNodeSettings, DockTaskSettings, DockPoseSettings)),
 }
 # Where a file shall differ from the defaults: our own camera is reliable, a driver may not be; the
 # simulation starts by itself, a robot must not.

@@ -21,7 +21,14 @@ from rclpy.node import Node
 
 ROOT = Path(__file__).parents[2]
 NAME = 'visual_servo_epipolar'
-NODES = ('unicycle_node', 'camera_node', 'tracker_node', 'servo_node', 'recorder_node')
+NODES = (
+    'unicycle_node',
+    'camera_node',
+    'tracker_node',
+    'servo_node',
+    'recorder_node',
+    'dock_node',
+)
 DOMAIN = next_domain()
 START_SEC, STOP_SEC = 60.0, 30.0  # more than ten times what they take
 

@@ -21,6 +21,8 @@ LATCHED = _newest(ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL)
 # /clock as ROS defines it.
 CLOCK = _newest(ReliabilityPolicy.BEST_EFFORT)
 DIAGNOSTICS = QoSProfile(depth=10)
+# Any driver's odometry; what comes while images are looked at is needed for the next ones.
+ODOMETRY = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 # /tf as tf2 has it: many publish on it.
 TRANSFORMS = QoSProfile(depth=100)
 # /tf_static as tf2 has it: latched, and depth 1 would keep that of one publisher alone.

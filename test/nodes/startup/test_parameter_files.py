@@ -10,6 +10,7 @@ import yaml
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.nodes.camera_node import CameraNode
+from visual_servo_epipolar.nodes.dock_node import DockNode
 from visual_servo_epipolar.nodes.recorder_node import RecorderNode
 from visual_servo_epipolar.nodes.servo_node import ServoNode, ServoNodeSettings
 from visual_servo_epipolar.nodes.startup import table
@@ -24,6 +25,7 @@ KINDS = {
     'camera_node': CameraNode,
     'unicycle_node': UnicycleNode,
     'recorder_node': RecorderNode,
+    'dock_node': DockNode,
 }
 ELSEWHERE = ('-r', '__ns:=/robot1', '-r', '__node:=dock')
 WARNING = 'sets no parameter of'
@@ -106,6 +108,7 @@ def test_the_files_of_the_package_hold_in_a_namespace_and_under_another_name(
         'camera_node': ('noise: 2.0', 'noise: 2.5'),
         'unicycle_node': ('max_linear: 1.0', 'max_linear: 0.1'),
         'recorder_node': ('min_free: 200.0', 'min_free: 0.0'),
+        'dock_node': ('max_retries: 3', 'max_retries: 0'),
     }
     assert changes[name][0] in text
     (tmp_path / 'edited.yaml').write_text(text.replace(*changes[name]))

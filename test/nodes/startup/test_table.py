@@ -35,9 +35,8 @@ def test_every_node_with_a_main_function_has_a_row() -> None:
 
 def test_every_row_is_an_executable() -> None:
     setup = (ROOT / 'setup.py').read_text()
-    assert set(re.search(r'^NODES = \((.*)\)$', setup, re.M)[1].replace("'", '').split(', ')) == (
-        set(NODES)
-    )
+    names = re.search(r'^NODES = \((.*?)\)$', setup, re.M | re.S)[1]
+    assert set(re.findall(r"'(\w+)'", names)) == set(NODES)
     assert "f'{node} = {NAME}.nodes.startup.executables:{node}'" in setup
     for name in NODES:
         assert callable(getattr(executables, name))

@@ -61,6 +61,11 @@ def tracker_node() -> None:
     sys.exit(run('tracker_node'))
 
 
+def dock_node() -> None:
+    """Run the node that tells the dock's pose, and docks on request."""
+    sys.exit(run('dock_node'))
+
+
 def unicycle_node() -> None:
     """Run the simulated base."""
     sys.exit(run('unicycle_node'))

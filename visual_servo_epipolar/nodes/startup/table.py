@@ -54,6 +54,17 @@ NODES: Mapping[str, NodeRow] = {
             'core.tracking.settings:TrackerSettings',
         ),
     ),
+    'dock_node': NodeRow(
+        does='Says where the photograph was taken, in metres, and docks there on request.',
+        subscribes=('tracks', 'camera_info', 'odom'),
+        publishes=('detected_dock_pose', 'detected_dock_pose_with_covariance', '/diagnostics'),
+        services=('~/reset',),
+        settings=(
+            'nodes.docking.settings:DockNodeSettings',
+            'core.docking.task_settings:DockTaskSettings',
+            'core.docking.settings:DockPoseSettings',
+        ),
+    ),
     'unicycle_node': NodeRow(
         does='Simulates the base of a Pioneer 3-DX.',
         subscribes=('cmd_vel',),

@@ -1,0 +1,179 @@
+"""The dock's pose in metres: right within what it says of itself, and silent before it knows."""
+
+from dataclasses import replace
+import math
+
+from docking_drives import CAMERA, Drive, EXACT, NOISE, true_dock
+import numpy as np
+import pytest
+
+from visual_servo_epipolar.core.docking.path import Place
+from visual_servo_epipolar.core.docking.search import DockSearch, looked
+from visual_servo_epipolar.core.docking.settings import DockPoseSettings
+from visual_servo_epipolar.core.docking.sighting import observed
+from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
+from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
+from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
+
+SETTINGS = DockPoseSettings(
+    path_deviation=NOISE, path_scale_deviation=1e-5, floor_jitter=1e-4, pixel_noise=0.2, **EXACT
+)
+RUNS, FRAMES = 24, 14
+
+
+def error(dock, pose):
+    apart = dock.pose - true_dock(pose)
+    apart[2] = math.remainder(apart[2], 2.0 * math.pi)
+    return apart
+
+
+def start(seed):
+    rng = np.random.default_rng(seed)
+    return rng.uniform(-0.4, 0.4), rng.uniform(-2.0, -1.6), rng.uniform(-8.0, 8.0)
+
+
+def normalised(drive, settings=SETTINGS, frames=FRAMES):
+    """Return the square of the normalised error at the end, over its three degrees of freedom."""
+    *_, (search, pose) = drive.searched(settings, frames)
+    apart = error(search.estimate, pose)
+    return apart @ np.linalg.solve(search.estimate.covariance, apart) / 3.0
+
+
+def test_its_covariance_is_honest_whatever_is_driven() -> None:
+    # 72 squares of unit deviation on average 1, their root within 0.09 of it by chance
+    drives = [
+        Drive(start=start(seed), seed=seed, angular=0.3 * (seed % 3 - 1)) for seed in range(RUNS)
+    ]
+    assert 0.9 < math.sqrt(np.mean([normalised(drive) for drive in drives])) < 1.2
+
+
+def test_driving_straight_at_the_dock_tells_how_far_it_is() -> None:
+    # The bearing never changes there: each feature moves by its own depth.
+    *_, (search, pose) = Drive(start=(0.0, -2.0, 0.0), seed=1).searched(SETTINGS, FRAMES)
+    assert search.dock is not None
+    assert search.dock.deviation < 0.01
+    assert np.abs(error(search.dock, pose)[:2]).max() < 0.02
+
+
+def test_nothing_is_published_before_its_deviation_is_below_the_setting() -> None:
+    published = []
+    for search, pose in Drive(start=(0.3, -2.0, 4.0), seed=2).searched(SETTINGS, FRAMES):
+        published.append(search.dock is not None)
+        assert (search.dock is None) == bool(search.reason)
+        if search.dock is not None:
+            assert search.dock.deviation <= SETTINGS.publish_deviation
+            assert np.abs(error(search.dock, pose)[:2]).max() < 4.0 * SETTINGS.publish_deviation
+    assert not published[0] and not published[1]
+    assert published[-1]
+
+
+def test_a_stricter_setting_publishes_later() -> None:
+    def first(settings):
+        drive = Drive(start=(0.3, -2.0, 4.0), seed=2)
+        searches = drive.searched(settings, FRAMES)
+        return next((k for k, (search, _) in enumerate(searches) if search.dock), FRAMES)
+
+    assert first(SETTINGS) < first(replace(SETTINGS, publish_deviation=0.008))
+
+
+def test_a_robot_that_stands_publishes_nothing() -> None:
+    *_, (search, _) = Drive(start=(0.5, -2.0, 5.0), linear=0.0, seed=3).searched(SETTINGS, 8)
+    assert search.dock is None
+    assert 'has not moved yet' in search.reason
+
+
+@pytest.mark.parametrize(
+    ('mount', 'linear', 'heading'),
+    [
+        (CameraMount(forward=0.2, left=-0.1, yaw=0.3, tilt=0.2, roll=0.05), 0.4, -17.0),
+        (CameraMount(yaw=math.pi, forward=-0.2), -0.4, 180.0),
+    ],
+    ids=['ahead, aside and tilted', 'looks back'],
+)
+def test_the_pose_is_that_of_the_base_however_the_camera_sits(mount, linear, heading) -> None:
+    settings = replace(
+        SETTINGS,
+        camera_forward=mount.forward,
+        camera_left=mount.left,
+        camera_yaw=mount.yaw,
+        camera_tilt=mount.tilt,
+        camera_roll=mount.roll,
+    )
+    begin = (0.2, -2.0, 3.0) if linear > 0.0 else (0.2, 2.0, 3.0)
+    drive = Drive(start=begin, seed=4, linear=linear, angular=0.1, mount=mount)
+    *_, (search, pose) = drive.searched(settings, FRAMES)
+    assert search.dock is not None
+    assert np.abs(error(search.dock, pose)[:2]).max() < 4.0 * search.dock.deviation
+    assert search.dock.deviation < 0.03
+
+
+def test_what_is_not_known_of_the_mount_is_found_out_on_the_way() -> None:
+    drive = Drive(start=(0.4, -2.0, 4.0), seed=5, angular=0.2, mount=CameraMount(yaw=0.05))
+    sure, unsure = SETTINGS, replace(SETTINGS, camera_yaw_deviation=0.05)
+    *_, (search, pose) = drive.searched(unsure, FRAMES)
+    assert np.abs(error(search.dock, pose)[:2]).max() < 4.0 * search.dock.deviation
+    *_, (search, pose) = drive.searched(sure, FRAMES)  # it was told with certainty, and wrong
+    assert search.dock is None or search.dock.deviation > 0.01
+
+
+def test_wrong_matches_do_not_make_it_wrong() -> None:
+    drive = Drive(start=(0.3, -2.0, 4.0), seed=6, points=PointSettings(outlier_ratio=0.2))
+    *_, (search, pose) = drive.searched(SETTINGS, FRAMES)
+    assert search.dock is not None
+    apart = error(search.dock, pose)
+    assert apart @ np.linalg.solve(search.dock.covariance, apart) < 16.0
+
+
+def look(search, pose, world, place):
+    ids, seen = observed(world.observe(pose, search.frame), CAMERA, place.stamp_ns)
+    return looked(search, ids, seen, place, SETTINGS)
+
+
+@pytest.fixture(scope='module')
+def known():
+    """Return a search that knows the dock, and where the base is."""
+    *_, last = Drive(start=(0.3, -2.0, 4.0), seed=7).searched(SETTINGS, FRAMES)
+    return last
+
+
+def place_after(search, **changes):
+    last = search.last.place
+    return replace(last, stamp_ns=last.stamp_ns + 1, **changes)
+
+
+@pytest.mark.parametrize('what', ['another photograph', 'odometry that leapt'])
+def test_what_goes_together_no_more_is_forgotten(known, what) -> None:
+    search, pose = known
+    leapt = what == 'odometry that leapt'
+    world = PointWorld(PointSettings(), FixedRig(CAMERA), seed=7 if leapt else 8)
+    after = look(search, pose, world, place_after(search, epoch=int(leapt)))
+    assert after.dock is None
+    assert len(after.keys) == 1
+
+
+def test_without_features_there_is_no_pose_and_it_comes_back_with_them(known) -> None:
+    search, pose = known
+    none = looked(search, *observed(Features(), CAMERA, 1), place_after(search), SETTINGS)
+    assert none.dock is None
+    assert 'features' in none.reason
+    world = PointWorld(PointSettings(), FixedRig(CAMERA), seed=7)
+    assert look(none, pose, world, place_after(search)).dock is not None
+
+
+def test_odometry_that_lies_is_found_out(known) -> None:
+    # It says that the base stood, while it went on by 30 cm.
+    search, pose = known
+    world = PointWorld(PointSettings(), FixedRig(CAMERA), seed=7)
+    ahead = Pose(pose.x - 0.1, pose.y + 0.3, pose.theta)
+    place = place_after(search)
+    for _ in range(12):
+        search = look(search, ahead, world, place)
+        assert search.dock is None
+    assert not search.keys or search.keys[0].place is place  # it has begun anew
+
+
+def test_it_begins_without_a_word() -> None:
+    assert DockSearch().dock is None
+    assert Place(0, np.zeros(3)).way == 0.0

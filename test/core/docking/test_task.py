@@ -1,0 +1,218 @@
+"""Requests to dock: each phase of the servo is a state, each reason an error, each end final."""
+
+from dataclasses import replace
+
+import pytest
+
+from visual_servo_epipolar.core.docking.task import (
+    answered,
+    canceled,
+    charging,
+    Error,
+    Order,
+    passed,
+    Request,
+    requested,
+    said,
+    State,
+    Step,
+    Task,
+)
+from visual_servo_epipolar.core.docking.task_settings import DockTaskSettings
+from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
+
+SETTINGS = DockTaskSettings(max_retries=1)
+CHARGING = DockTaskSettings(max_retries=1, wait_for_charge=True)
+
+
+def running(settings=SETTINGS, now=0.0):
+    """Return a task whose servo has been started."""
+    return again(requested(Request(), now, settings), now, settings)
+
+
+def again(task, now, settings=SETTINGS):
+    """Return the task after an attempt was begun as it asks for."""
+    assert task.orders == (Order.STOP,)
+    task = said(task, Phase.WAITING, '', now, settings)
+    task = answered(task, Order.STOP, '', now)
+    assert task.orders == (Order.START,)
+    return answered(task, Order.START, '', now)
+
+
+def heard(task, *phases, reason='', now=1.0, settings=SETTINGS):
+    for phase in phases:
+        task = said(task, phase, reason, now, settings)
+    return task
+
+
+def test_the_usual_way() -> None:
+    task = running()
+    assert task.state is State.INITIAL_PERCEPTION
+    task = heard(task, Phase.RETREATING)
+    assert task.state is State.NAV_TO_STAGING_POSE
+    task = heard(task, Phase.DISPLACING)
+    assert task.state is State.CONTROLLING
+    task = heard(task, Phase.HOLDING, Phase.MATCHING_FEATURES)
+    assert task.outcome is None
+    task = heard(task, Phase.ARRIVED)
+    assert task.outcome.success
+    assert task.outcome.error is Error.NONE
+    assert task.orders == ()
+
+
+@pytest.mark.parametrize('phase', DRIVING)
+def test_every_phase_that_drives_has_a_state(phase) -> None:
+    expected = State.NAV_TO_STAGING_POSE if phase is Phase.RETREATING else State.CONTROLLING
+    assert heard(running(), phase).state is expected
+
+
+def test_numbers_are_those_of_the_action() -> None:
+    assert [int(state) for state in State] == [0, 1, 2, 3, 4, 5]
+    assert [int(error) for error in Error] == [0, 901, 902, 903, 904, 905, 906, 999]
+
+
+@pytest.mark.parametrize(
+    ('request_', 'error'),
+    [
+        (Request(by_id=False), Error.DOCK_NOT_VALID),
+        (Request(dock_id='elsewhere'), Error.DOCK_NOT_IN_DB),
+        (Request(dock_type='pallet'), Error.DOCK_NOT_VALID),
+    ],
+    ids=['a pose', 'another dock', 'another type'],
+)
+def test_a_dock_without_a_photograph_is_refused(request_, error) -> None:
+    settings = DockTaskSettings(dock_id='home', dock_type='photograph')
+    task = requested(request_, 0.0, settings)
+    assert task.outcome.error is error
+    assert Order.START not in task.orders
+
+
+def test_names_that_nobody_set_fit_every_request() -> None:
+    assert requested(Request(dock_id='any', dock_type='thing'), 0.0, SETTINGS).outcome is None
+
+
+def test_what_an_earlier_run_said_does_not_count() -> None:
+    task = requested(Request(), 0.0, SETTINGS)
+    task = heard(task, Phase.ARRIVED)
+    assert task.outcome is None
+    task = answered(task, Order.STOP, '', 0.1)
+    assert task.orders == ()  # it has not said that it waits
+    task = heard(task, Phase.ARRIVED)
+    assert task.outcome is None
+    task = heard(task, Phase.WAITING)
+    assert task.orders == (Order.START,)
+
+
+def test_a_robot_that_stands_at_the_dock_is_docked_at_once() -> None:
+    assert heard(running(), Phase.WAITING, Phase.ARRIVED).outcome.success
+
+
+@pytest.mark.parametrize(
+    ('phases', 'error'),
+    [
+        ((Phase.RETREATING,), Error.FAILED_TO_STAGE),
+        ((Phase.MATCHING_FEATURES,), Error.FAILED_TO_CONTROL),
+        ((Phase.DISPLACING, Phase.HOLDING), Error.FAILED_TO_DETECT_DOCK),
+        ((), Error.FAILED_TO_DETECT_DOCK),
+    ],
+    ids=['backing off', 'approaching', 'lost', 'never seen'],
+)
+def test_a_failure_is_tried_again_and_then_is_an_error(phases, error) -> None:
+    task = heard(running(), *phases, Phase.FAILED, reason='of reasons')
+    assert task.outcome is None
+    assert (task.state, task.retries) == (State.RETRY, 1)
+    task = heard(again(task, 2.0), *phases, Phase.FAILED, reason='of reasons', now=3.0)
+    assert task.outcome.error is error
+    assert task.outcome.message == 'of reasons'
+    assert task.retries == 1
+
+
+def test_after_a_retry_it_controls_and_docks() -> None:
+    task = again(heard(running(), Phase.DISPLACING, Phase.FAILED), 2.0)
+    assert task.state is State.RETRY
+    task = heard(task, Phase.RETREATING, now=3.0)
+    assert task.state is State.CONTROLLING
+    task = heard(task, Phase.ARRIVED, now=4.0)
+    assert task.outcome.success
+    assert task.retries == 1
+
+
+def test_a_photograph_that_is_not_seen_in_time() -> None:
+    task = heard(running(), Phase.WAITING, now=1.0)
+    task = passed(task, SETTINGS.initial_perception_timeout, SETTINGS)
+    assert task.retries == 0
+    task = heard(task, Phase.HOLDING, now=4.9)
+    task = passed(task, SETTINGS.initial_perception_timeout + 0.1, SETTINGS)
+    assert task.retries == 1
+    assert task.orders == (Order.STOP,)
+
+
+def test_an_approach_that_takes_too_long() -> None:
+    settings = replace(SETTINGS, max_retries=0, dock_approach_timeout=20.0)
+    task = heard(running(settings), Phase.DISPLACING, now=20.0, settings=settings)
+    assert passed(task, 20.0, settings).outcome is None
+    task = passed(task, 20.1, settings)
+    assert task.outcome.error is Error.FAILED_TO_CONTROL
+    assert task.orders == (Order.STOP,)
+
+
+@pytest.mark.parametrize(
+    ('phases', 'error'),
+    [
+        ((Phase.DISPLACING,), Error.FAILED_TO_CONTROL),
+        ((), Error.FAILED_TO_DETECT_DOCK),
+    ],
+    ids=['while it drives', 'before'],
+)
+def test_a_servo_that_falls_silent_is_stopped_and_not_tried_again(phases, error) -> None:
+    task = heard(running(), *phases, now=0.0)
+    assert passed(task, SETTINGS.servo_timeout, SETTINGS).outcome is None
+    task = passed(task, SETTINGS.servo_timeout + 0.1, SETTINGS)
+    assert task.outcome.error is error
+    assert task.orders == (Order.STOP,)
+
+
+def test_a_servo_that_somebody_else_stops() -> None:
+    task = heard(running(), Phase.DISPLACING, Phase.WAITING)
+    assert task.outcome.error is Error.FAILED_TO_CONTROL
+    assert 'somebody else' in task.outcome.message
+
+
+def test_a_servo_that_is_not_there() -> None:
+    task = answered(requested(Request(), 0.0, SETTINGS), Order.STOP, 'nobody serves it', 0.0)
+    assert task.outcome.error is Error.UNKNOWN
+    assert task.outcome.message == 'nobody serves it'
+
+
+def test_what_charges_is_docked() -> None:
+    task = heard(running(CHARGING), Phase.DISPLACING, Phase.ARRIVED, settings=CHARGING)
+    assert (task.state, task.outcome) == (State.WAIT_FOR_CHARGE, None)
+    assert charging(task, CHARGING.charging_threshold, CHARGING).outcome is None
+    assert charging(task, 0.6, CHARGING).outcome.success
+
+
+def test_what_does_not_charge_is_an_error_and_not_tried_again() -> None:
+    task = heard(running(CHARGING), Phase.DISPLACING, Phase.ARRIVED, settings=CHARGING)
+    assert passed(task, 1.0 + CHARGING.wait_charge_timeout, CHARGING).outcome is None
+    task = passed(task, 1.1 + CHARGING.wait_charge_timeout, CHARGING)
+    assert task.outcome.error is Error.FAILED_TO_CHARGE
+
+
+@pytest.mark.parametrize('step', Step)
+def test_a_cancel_stops_the_servo_in_every_step(step) -> None:
+    task = canceled(Task(0.0, 0.0, 0.0, step=step), 'canceled')
+    assert task.orders == (Order.STOP,)
+    assert task.outcome.canceled
+    assert not task.outcome.success
+
+
+def test_an_end_is_final() -> None:
+    end = heard(running(), Phase.ARRIVED)
+    for after in (
+        heard(end, Phase.FAILED),
+        passed(end, 1e4, SETTINGS),
+        answered(end, Order.STOP, 'refused', 2.0),
+        charging(end, 10.0, SETTINGS),
+    ):
+        assert after.outcome is end.outcome
+        assert after.orders == ()

@@ -1,0 +1,190 @@
+"""The dock node: tracks and odometry in, the dock's pose out, and nothing before it is known."""
+
+import math
+
+from diagnostic_msgs.msg import DiagnosticArray
+from docking_drives import CAMERA, PERIOD_NS, PERIOD_S, true_dock
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from geometry_msgs.msg import Twist as TwistMessage
+from nav_msgs.msg import Odometry
+import numpy as np
+import pytest
+from sensor_msgs.msg import CameraInfo, PointCloud2
+
+from visual_servo_epipolar.core.docking.planar import composed
+from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist, yaw_from_quaternion
+from visual_servo_epipolar.messages import docking, read, write
+from visual_servo_epipolar.nodes.dock_node import DockNode, NO_NAV2
+from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
+from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
+
+FRAMES = 10
+TWIST = Twist(0.4, 0.05)
+START = Pose.from_start(0.3, -2.0, 4.0)
+
+
+class Rig:
+    """A dock node, and a robot that drives towards the photograph with perfect odometry."""
+
+    def __init__(self, bench, **values) -> None:
+        self.bench = bench
+        self.poses = bench.listen(PoseStamped, 'detected_dock_pose')
+        self.uncertain = bench.listen(
+            PoseWithCovarianceStamped, 'detected_dock_pose_with_covariance'
+        )
+        self.reports = bench.listen(DiagnosticArray, '/diagnostics')
+        self.tracks = bench.talk(PointCloud2, 'tracks')
+        self.odometry = bench.talk(Odometry, 'odom')
+        self.info = bench.talk(CameraInfo, 'camera_info')
+        self.node = bench.start(DockNode, **values)
+        self.world = PointWorld(PointSettings(), FixedRig(CAMERA), seed=0)
+        self.pose, self.told, self.frame = START, Pose(5.0, 3.0, 1.0), 0
+        self.info(write.camera_info(CAMERA, 0, 'camera'))
+        bench.until(lambda: self.node._camera is not None, 'camera_info to arrive')
+
+    @property
+    def stamp_ns(self) -> int:
+        return (self.frame + 1) * PERIOD_NS
+
+    def tell_odometry(self) -> None:
+        message = write.odometry(self.told, TWIST, self.stamp_ns, 'odom', 'base_link')
+        self.odometry(message)
+
+    def see(self) -> None:
+        features = self.world.observe(self.pose, self.frame)
+        self.tracks(write.features(features, self.stamp_ns, 'camera'))
+
+    def step(self) -> None:
+        """See, hear of it, and drive on."""
+        count = len(self.reports)
+        self.see()
+        self.tell_odometry()
+        self.bench.until(lambda: len(self.reports) > count, 'the tracks to be looked at')
+        self.frame += 1
+        self.before = self.pose, self.told
+        self.pose = integrate(self.pose, TWIST, PERIOD_S)
+        self.told = integrate(self.told, TWIST, PERIOD_S)
+
+    def drive(self, frames=FRAMES):
+        for _ in range(frames):
+            self.step()
+        self.bench.settle()
+        return self
+
+
+def planar(message):
+    place, turn = message.pose.position, message.pose.orientation
+    return np.array([place.x, place.y, yaw_from_quaternion(turn.x, turn.y, turn.z, turn.w)])
+
+
+def test_the_pose_is_that_of_the_base_at_the_photograph(bench) -> None:
+    rig = Rig(bench).drive()
+    message, pose = rig.poses[-1], rig.before[0]
+    assert message.header.frame_id == 'base_link'
+    assert read.stamp_ns(message.header) == rig.stamp_ns - PERIOD_NS
+    assert planar(message) == pytest.approx(true_dock(pose), abs=0.03)
+    covariance = rig.uncertain[-1].pose.covariance.reshape(6, 6)
+    apart = (planar(message) - true_dock(pose))[:2]
+    assert apart @ np.linalg.solve(covariance[:2, :2], apart) < 16.0
+    assert covariance[2, 2] == write.UNMEASURED
+
+
+def test_nothing_is_published_before_it_is_known(bench) -> None:
+    rig = Rig(bench, publish_deviation=0.01).drive(2)
+    assert rig.poses == [] == rig.uncertain
+    assert 'uncertain by' in read.diagnosis(rig.reports[-1])['unpublished_because']
+
+
+def test_without_odometry_nothing_is_published(bench) -> None:
+    rig = Rig(bench)
+    for _ in range(15):
+        rig.see()
+        rig.bench.settle()
+        rig.frame += 1
+    assert rig.reports == [] == rig.poses
+    rig.bench.until(lambda: rig.bench.logged('no odom for these tracks'), 'what is missing')
+
+
+def test_in_the_frame_of_odometry_it_stands_still(bench) -> None:
+    rig = Rig(bench, pose_frame='odometry').drive()
+    assert rig.poses[-1].header.frame_id == 'odom'
+    pose, told = rig.before
+    expected = composed(np.array([told.x, told.y, told.theta]), true_dock(pose))
+    assert planar(rig.poses[-1])[:2] == pytest.approx(expected[:2], abs=0.03)
+    covariance = rig.uncertain[-1].pose.covariance.reshape(6, 6)[:2, :2]
+    # What is known least is the distance, along the line of sight.
+    _, axes = np.linalg.eigh(covariance)
+    sight = expected[:2] - [told.x, told.y]
+    assert abs(axes[:, 1] @ sight) > 0.9 * np.linalg.norm(sight)
+
+
+def test_a_reset_looks_for_it_anew(bench) -> None:
+    rig = Rig(bench).drive()
+    count = len(rig.poses)
+    assert count
+    assert bench.call('dock_node/reset').success
+    rig.drive(1)
+    assert len(rig.poses) == count
+
+
+def test_commands_stand_in_for_odometry(bench) -> None:
+    rig = Rig(bench, path_source='commands')
+    rig.node._path.add_twist(0, TWIST)  # by simulated time, as stamped commands do
+    rig.node._path._timeout = math.inf
+    rig.drive()
+    assert planar(rig.poses[-1]) == pytest.approx(true_dock(rig.before[0]), abs=0.03)
+
+
+def test_a_camera_looking_back_has_its_commands_turned_round(bench) -> None:
+    heard = bench.listen(TwistMessage, 'cmd_vel')
+    bench.start(DockNode, dock_backwards=True)
+    say = bench.talk(TwistMessage, 'cmd_vel_reversed')
+    say(write.twist(Twist(0.3, 0.2)))
+    bench.until(lambda: len(heard) == 1, 'the command')
+    assert read.twist(heard[0]) == Twist(-0.3, 0.2)
+    broken = TwistMessage()
+    broken.linear.x = math.nan
+    say(broken)
+    bench.until(lambda: len(heard) == 2, 'the standstill')
+    assert read.twist(heard[1]) == Twist(0.0, 0.0)
+
+
+def test_without_it_no_command_is_touched(bench) -> None:
+    node = bench.start(DockNode)
+    assert not [item for item in node.publishers if item.topic_name == '/cmd_vel']
+
+
+def test_without_nav2_msgs_the_action_is_missed_in_one_line(bench, monkeypatch) -> None:
+    monkeypatch.setattr(docking, 'dock_robot_wire', lambda: None)
+    bench.start(DockNode, serve_action=True)
+    bench.until(lambda: bench.logged(NO_NAV2), 'what is missing')
+
+
+def test_without_serve_action_nothing_is_said_of_nav2(bench, monkeypatch) -> None:
+    monkeypatch.setattr(docking, 'dock_robot_wire', lambda: None)
+    bench.start(DockNode)
+    bench.settle()
+    assert not bench.logged('nav2_msgs')
+
+
+def test_a_frame_without_its_odometry_is_refused(bench) -> None:
+    with pytest.raises(ValueError, match='commands have no frame'):
+        bench.start(DockNode, pose_frame='odometry', path_source='commands')
+
+
+def test_a_camera_that_changes_begins_anew(bench) -> None:
+    rig = Rig(bench).drive()
+    other = CAMERA.__class__(1280, 1024, 800.0, 800.0, 635.0, 512.0)
+    rig.info(write.camera_info(other, 0, 'camera'))
+    bench.until(lambda: bench.logged('camera_info has changed'), 'what happened')
+    assert not rig.node._search.keys
+
+
+def test_nonsense_is_refused_in_one_line(bench) -> None:
+    rig = Rig(bench)
+    message = write.odometry(rig.told, TWIST, rig.stamp_ns, 'odom', 'base_link')
+    message.pose.pose.position.x = math.nan
+    rig.odometry(message)
+    bench.until(lambda: bench.logged('odometry refused'), 'what was wrong')
+    rig.drive()
+    assert rig.poses

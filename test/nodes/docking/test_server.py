@@ -1,0 +1,192 @@
+"""The action server: goals become tasks of the servo; cancels and failures end as they should."""
+
+import itertools
+
+from action_msgs.msg import GoalStatus
+import pytest
+from rclpy.action import ActionClient
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+pytest.importorskip('test_msgs', reason='pip install ros-jazzy-test-msgs==2.0.3')
+
+from fibonacci_wire import BY_POSE, FibonacciWire  # noqa: E402
+from test_msgs.action import Fibonacci  # noqa: E402
+
+from visual_servo_epipolar.core.docking.task import Error, State  # noqa: E402
+from visual_servo_epipolar.core.servo.phases.table import Phase  # noqa: E402
+from visual_servo_epipolar.messages import write  # noqa: E402
+from visual_servo_epipolar.nodes import qos  # noqa: E402
+from visual_servo_epipolar.nodes.dock_node import DockNode  # noqa: E402
+
+
+class Servo:
+    """What others see of a servo: services that are counted, and the phase that a test says."""
+
+    def __init__(self, bench) -> None:
+        self.bench, self.calls, self.refuses = bench, [], False
+        self._say = bench.talk(String, 'phase', qos.LATCHED)
+        bench.probe.create_service(Trigger, 'servo_node/start', self._serve('start'))
+        bench.probe.create_service(Trigger, 'servo_node/stop', self._serve('stop'))
+
+    def _serve(self, name):
+        def serve(request, response):
+            self.calls.append(name)
+            response.success, response.message = not self.refuses, 'as you say'
+            if name == 'stop':
+                self.say(Phase.WAITING)
+            return response
+
+        return serve
+
+    def say(self, phase) -> None:
+        self._say(write.text(phase.value))
+
+
+class Client:
+    """Who asks for docking."""
+
+    def __init__(self, bench) -> None:
+        self.bench = bench
+        self._client = ActionClient(bench.probe, Fibonacci, 'dock_robot')
+        self.feedback = []
+
+    def ask(self, order=0):
+        self.bench.until(self._client.server_is_ready, 'the action server')
+        future = self._client.send_goal_async(
+            Fibonacci.Goal(order=order),
+            feedback_callback=lambda item: self.feedback.append(list(item.feedback.sequence)),
+        )
+        self.bench.until(future.done, 'the goal to be accepted')
+        assert future.result().accepted
+        return future.result(), future.result().get_result_async()
+
+    def outcome(self, result):
+        self.bench.until(result.done, 'the result')
+        return result.result().status, list(result.result().result.sequence)
+
+    def states(self):
+        return [state for state, _ in itertools.groupby(item[0] for item in self.feedback)]
+
+
+@pytest.fixture
+def servo(bench):
+    return Servo(bench)
+
+
+@pytest.fixture
+def client(bench, servo):
+    bench.start(lambda **options: DockNode(FibonacciWire(), **options), **SERVED)
+    made = Client(bench)
+    yield made
+    made._client.destroy()
+
+
+SERVED = {'serve_action': True, 'max_retries': 1}
+
+
+def started(bench, servo, count=1):
+    bench.until(lambda: servo.calls.count('start') == count, f'start {count} of the servo')
+    bench.settle()
+
+
+def drives(bench, servo, client, phase=Phase.DISPLACING):
+    """Let the servo say a phase until the server has taken it in."""
+    servo.say(phase)
+    state = State.NAV_TO_STAGING_POSE if phase is Phase.RETREATING else State.CONTROLLING
+    bench.until(lambda: client.feedback and client.feedback[-1][0] == state, f'state {state}')
+
+
+def test_it_docks(bench, servo, client) -> None:
+    _, result = client.ask()
+    started(bench, servo)
+    assert servo.calls == ['stop', 'start']
+    drives(bench, servo, client, Phase.RETREATING)
+    drives(bench, servo, client)
+    servo.say(Phase.ARRIVED)
+    assert client.outcome(result) == (GoalStatus.STATUS_SUCCEEDED, [1, 0, 0])
+    assert client.states() == [2, 1, 3]
+    assert servo.calls == ['stop', 'start']
+
+
+def test_a_failure_is_tried_again_and_counted(bench, servo, client) -> None:
+    _, result = client.ask()
+    started(bench, servo)
+    drives(bench, servo, client)
+    servo.say(Phase.FAILED)
+    started(bench, servo, 2)
+    drives(bench, servo, client)
+    servo.say(Phase.ARRIVED)
+    assert client.outcome(result) == (GoalStatus.STATUS_SUCCEEDED, [1, 0, 1])
+    assert State.RETRY in client.states()
+
+
+def test_the_last_failure_is_the_error(bench, servo, client) -> None:
+    _, result = client.ask()
+    for count in (1, 2):
+        started(bench, servo, count)
+        servo.say(Phase.RETREATING)
+        servo.say(Phase.FAILED)
+    expected = [0, int(Error.FAILED_TO_STAGE), 1]
+    assert client.outcome(result) == (GoalStatus.STATUS_ABORTED, expected)
+    bench.until(lambda: servo.calls[-1] == 'stop', 'the servo to be stopped')
+
+
+def test_a_cancel_stops_the_servo(bench, servo, client) -> None:
+    goal, result = client.ask()
+    started(bench, servo)
+    drives(bench, servo, client)
+    goal.cancel_goal_async()
+    assert client.outcome(result) == (GoalStatus.STATUS_CANCELED, [0, 0, 0])
+    bench.until(lambda: servo.calls == ['stop', 'start', 'stop'], 'the servo to be stopped')
+
+
+def test_another_goal_aborts_the_first_and_docks(bench, servo, client) -> None:
+    _, first = client.ask()
+    started(bench, servo)
+    drives(bench, servo, client)
+    _, second = client.ask()
+    assert client.outcome(first)[0] == GoalStatus.STATUS_ABORTED
+    started(bench, servo, 2)
+    servo.say(Phase.DISPLACING)
+    servo.say(Phase.ARRIVED)
+    assert client.outcome(second) == (GoalStatus.STATUS_SUCCEEDED, [1, 0, 0])
+
+
+def test_goals_come_one_after_the_other(bench, servo, client) -> None:
+    for count in (1, 2, 3):
+        _, result = client.ask()
+        started(bench, servo, count)
+        servo.say(Phase.DISPLACING)
+        servo.say(Phase.ARRIVED)
+        assert client.outcome(result)[0] == GoalStatus.STATUS_SUCCEEDED
+
+
+def test_a_request_that_cannot_be_served_starts_nothing(bench, servo, client) -> None:
+    _, result = client.ask(BY_POSE)
+    expected = [0, int(Error.DOCK_NOT_VALID), 0]
+    assert client.outcome(result) == (GoalStatus.STATUS_ABORTED, expected)
+    assert 'start' not in servo.calls
+
+
+def test_a_servo_that_refuses_is_an_unknown_error(bench, servo, client) -> None:
+    servo.refuses = True
+    _, result = client.ask()
+    assert client.outcome(result)[1] == [0, int(Error.UNKNOWN), 0]
+
+
+def test_a_servo_that_is_not_there_is_an_unknown_error(bench) -> None:
+    bench.start(lambda **options: DockNode(FibonacciWire(), **options), **SERVED)
+    client = Client(bench)
+    _, result = client.ask()
+    assert client.outcome(result)[1] == [0, int(Error.UNKNOWN), 0]
+    assert bench.logged('nobody serves /servo_node/stop')
+    client._client.destroy()
+
+
+def test_an_end_of_the_node_stops_the_servo(bench, servo, client) -> None:
+    client.ask()
+    started(bench, servo)
+    drives(bench, servo, client)
+    next(node for node in bench.nodes if node.get_name() == 'dock_node').stop()
+    bench.until(lambda: servo.calls[-1] == 'stop', 'the servo to be stopped')

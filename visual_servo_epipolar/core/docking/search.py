@@ -1,0 +1,204 @@
+"""The search for the dock: views of the photograph along the path become its pose."""
+
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray, IntArray
+from visual_servo_epipolar.core.docking import bundle
+from visual_servo_epipolar.core.docking.dock_pose import dock_of, DockPose
+from visual_servo_epipolar.core.docking.path import Place
+from visual_servo_epipolar.core.docking.planar import between, camera_at, composed, inverse
+from visual_servo_epipolar.core.docking.projection import nearness_of
+from visual_servo_epipolar.core.docking.settings import DockPoseSettings
+from visual_servo_epipolar.core.docking.sighting import (
+    moved_enough,
+    problem_of,
+    Sighting,
+    thinned,
+)
+from visual_servo_epipolar.core.docking.unknowns import MOUNT, Problem, ROLL, TILT, Unknowns
+from visual_servo_epipolar.core.perception.memory import PerceptionMemory
+from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.perception.perceive import perceive
+
+FIRST_DISTANCES = np.geomspace(0.1, 20.0, 28)  # to begin with, the best of them [m]
+FIRST_ITERATIONS, ITERATIONS = 20, 6
+CONTRADICTION = 2.0  # deviations, root mean square, of images or of the path: no noise is so
+LEAST_INLIERS = 0.5  # of the features in the last view, that others explain
+MAX_CONTRADICTIONS = 8  # in a row: then all is begun anew
+# Deviation over the distance, and deviation [m], above which the best guess is looked for anew.
+UNCERTAIN, UNCERTAIN_M = 0.25, 0.03
+
+
+@dataclass(frozen=True, eq=False)
+class DockSearch:
+    """
+    What is known on the way; a new search begins from ``DockSearch()``.
+
+    ``keys`` are the views kept, ``solution`` that of them and the last view, ``estimate`` the
+    pose that follows from it. ``dock`` is that, or None, for the ``reason``, where nothing may be
+    published.
+    """
+
+    keys: tuple[Sighting, ...] = ()
+    last: Sighting | None = None
+    solution: bundle.Solution | None = None
+    memory: PerceptionMemory | None = None
+    frame: int = 0
+    contradictions: int = 0
+    dock: DockPose | None = None
+    estimate: DockPose | None = None
+    reason: str = 'nothing was seen yet'
+
+
+def looked(
+    search: DockSearch,
+    ids: IntArray,
+    observation: Observation,
+    place: Place,
+    settings: DockPoseSettings,
+) -> DockSearch:
+    """
+    Return the search after an ``observation`` of features ``ids``, (N,), from a ``place``.
+
+    Never raises on degenerate views; ``reason`` says why there is no pose.
+    """
+    perception = perceive(observation, settings, search.frame, search.memory)
+    search = replace(search, memory=perception.memory, frame=search.frame + 1, dock=None)
+    measurement = perception.measurement
+    if len(observation) < settings.min_features:
+        return replace(search, reason=measurement.reason)
+    seen = observation.corrected(perception.memory.lens)
+    sighting = Sighting.of(place, ids, seen, measurement.bearings, measurement.parallax)
+    if search.last is not None and _is_another_run(search.last, sighting):
+        search = DockSearch(memory=perception.memory, frame=search.frame)
+    return _judged(_solved(search, sighting, perception.memory, settings), sighting, settings)
+
+
+def _is_another_run(last: Sighting, now: Sighting) -> bool:
+    """Return whether nothing seen so far goes together with what is seen now."""
+    return last.place.epoch != now.place.epoch or now.is_of_another_photograph(last)
+
+
+def _solved(
+    search: DockSearch, now: Sighting, memory: PerceptionMemory, settings: DockPoseSettings
+) -> DockSearch:
+    """Return the search with the solution of the views kept and of this one."""
+    keys, views = search.keys, (*search.keys, now)
+    new = not keys or moved_enough(keys[-1], now, settings)
+    if new:
+        keys = thinned(views, settings.key_views)
+    elif len(keys) == 1:  # it has not moved, and one view tells no distance
+        views = keys
+    solution = None
+    if len(views) > 1:
+        problem = problem_of(views, memory.noise, settings)
+        solution = _best(problem, views, search, memory, settings, doubt=new)
+    return replace(search, keys=keys, last=now, solution=solution, estimate=None)
+
+
+def _best(
+    problem: Problem,
+    views: tuple[Sighting, ...],
+    search: DockSearch,
+    memory: PerceptionMemory,
+    settings: DockPoseSettings,
+    *,
+    doubt: bool,
+) -> bundle.Solution | None:
+    """
+    Return the solution from the last one, carried along the path, or from the best guess.
+
+    An uncertain one is doubted where ``doubt`` says that there is something new.
+    """
+    known = None
+    if search.solution is not None and search.last is not None:
+        last = search.solution.unknowns
+        at = composed(last.views[-1, :3], inverse(last.shared[MOUNT]))
+        start = _guess(problem, views, search.last.place, at, last.shared)
+        known = bundle.solved(problem, start, ITERATIONS)
+        if not contradiction(known) and not (doubt and _is_uncertain(known)):
+            return known
+    first = _first_guess(problem, views, memory, settings)
+    if first is None:
+        return known
+    other = bundle.solved(problem, first, FIRST_ITERATIONS)
+    return other if known is None or other.cost < known.cost else known
+
+
+def _is_uncertain(solution: bundle.Solution) -> bool:
+    """Return whether the distance is hardly known: another one may explain the views better."""
+    dock = dock_of(solution, 0)
+    distance = math.hypot(*dock.pose[:2].tolist())
+    return dock.deviation > max(UNCERTAIN * distance, UNCERTAIN_M)
+
+
+def _first_guess(
+    problem: Problem,
+    views: tuple[Sighting, ...],
+    memory: PerceptionMemory,
+    settings: DockPoseSettings,
+) -> Unknowns | None:
+    """Return the best of several distances along the bearings with the largest parallax."""
+    seen = [(view.parallax, view.bearings, view) for view in views if view.bearings is not None]
+    if not seen:
+        return None
+    _, bearings, best = max(seen, key=lambda each: each[0])
+    shared, _ = settings.shared
+    shared[[TILT, ROLL]] = memory.attitude.tilt, memory.attitude.roll
+    mount = inverse(shared[MOUNT])
+    guesses = [
+        _guess(problem, views, best.place, composed(camera_at(bearings, far), mount), shared)
+        for far in FIRST_DISTANCES
+    ]
+    return min(guesses, key=lambda guess: bundle.cost(problem, guess))
+
+
+def _guess(
+    problem: Problem,
+    views: tuple[Sighting, ...],
+    place: Place,
+    base: FloatArray,
+    shared: FloatArray,
+) -> Unknowns:
+    """Return all unknowns where the base was at pose ``base`` of the photograph's camera."""
+    poses = np.array([between(place.pose, view.place.pose) for view in views])
+    cameras = composed(composed(base[None], poses), np.broadcast_to(shared[MOUNT], poses.shape))
+    rows = np.concatenate([cameras, np.zeros((len(views), 2))], axis=1)
+    nearness = nearness_of(problem, rows, shared)
+    return Unknowns(rows, shared, np.zeros((len(nearness), 2)), nearness)
+
+
+def _judged(search: DockSearch, now: Sighting, settings: DockPoseSettings) -> DockSearch:
+    """Return the search with the pose, where it may be published, or the reason why not."""
+    solution = search.solution
+    if solution is None:
+        return replace(search, reason='the robot has not moved yet, or sees no bearings')
+    reason = contradiction(solution)
+    if reason:
+        count = search.contradictions + 1
+        if count > MAX_CONTRADICTIONS:
+            return DockSearch(memory=search.memory, frame=search.frame, reason=reason)
+        return replace(search, contradictions=count, solution=None, reason=reason)
+    dock = dock_of(solution, now.place.stamp_ns)
+    search = replace(search, contradictions=0, estimate=dock)
+    if dock.deviation > settings.publish_deviation:
+        reason = f'its place is uncertain by {dock.deviation:.3f} m; drive on'
+        return replace(search, reason=reason)
+    if dock.heading_deviation > settings.publish_heading:
+        reason = f'its heading is uncertain by {math.degrees(dock.heading_deviation):.1f} deg'
+        return replace(search, reason=reason)
+    return replace(search, dock=dock, reason='')
+
+
+def contradiction(solution: bundle.Solution) -> str:
+    """Return what does not go together in a solution, in words, or ''."""
+    worst = max(solution.noise_ratio, solution.path_ratio)
+    if not worst < CONTRADICTION:
+        return f'views and path contradict each other by {worst:.1f} deviations'
+    if solution.inliers < LEAST_INLIERS:
+        share = 100.0 * solution.inliers
+        return f'only {share:.0f} % of the features are where the path puts them'
+    return ''

@@ -1,0 +1,88 @@
+"""Settings of docking: how the camera sits, what the path is worth, when a pose is published."""
+
+from dataclasses import dataclass, fields, replace
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.geometry.mount import Mount
+from visual_servo_epipolar.core.perception.settings import PerceptionSettings
+from visual_servo_epipolar.core.settings import setting
+
+
+@dataclass(frozen=True, kw_only=True)
+class DockPoseSettings(PerceptionSettings):
+    """
+    Settings of the dock's pose: those of perception, and its own.
+
+    Angles in rad, lengths in m.
+    """
+
+    camera_yaw: float = setting(
+        0.0,
+        'Yaw of the camera on the base, to the left, 3.14 looks back, as told [rad]',
+        low=-3.15,
+        high=3.15,
+        read_only=True,
+    )
+    camera_forward: float = setting(
+        0.0, 'Camera ahead of the axle, as told [m]', low=-2.0, high=2.0, read_only=True
+    )
+    camera_left: float = setting(
+        0.0,
+        'Camera to the left of the middle of the axle, as told [m]',
+        low=-2.0,
+        high=2.0,
+        read_only=True,
+    )
+    camera_yaw_deviation: float = setting(
+        0.02, 'Deviation of that yaw [rad]', low=0.0, high=0.5, read_only=True
+    )
+    camera_forward_deviation: float = setting(
+        0.02, 'Deviation of that offset ahead [m]', low=0.0, high=1.0, read_only=True
+    )
+    camera_left_deviation: float = setting(
+        0.02, 'Deviation of that offset aside [m]', low=0.0, high=1.0, read_only=True
+    )
+    path_deviation: float = setting(
+        0.01,
+        'Deviation of the driven way after a metre, of its heading after a metre and a radian',
+        low=1e-4,
+        high=1.0,
+    )
+    path_scale_deviation: float = setting(
+        0.01, 'Deviation of the scale of all driven ways', low=0.0, high=0.5
+    )
+    publish_deviation: float = setting(
+        0.05, 'Deviation of the place below which it is published [m]', low=1e-4, high=10.0
+    )
+    publish_heading: float = setting(
+        0.02, 'Deviation of the heading below which it is published [rad]', low=1e-4, high=3.0
+    )
+    key_views: int = setting(
+        10, 'Views along the path that are kept', low=3, high=40, read_only=True
+    )
+    key_travel: float = setting(0.05, 'Way after which a view is kept [m]', low=0.005, high=5.0)
+    key_turn: float = setting(0.1, 'Turn after which a view is kept [rad]', low=0.01, high=3.0)
+
+    def mounted(self, mount: Mount) -> 'DockPoseSettings':
+        """Return the settings of a camera mounted as a description of the robot has it."""
+        told = {f'camera_{item.name}': getattr(mount, item.name) for item in fields(mount)}
+        return replace(self, **told)
+
+    @property
+    def shared(self) -> tuple[FloatArray, FloatArray]:
+        """What is told of the unknowns that all views share, (6,), and the deviations, (6,)."""
+        told = self.camera_tilt, self.camera_roll, self.camera_yaw
+        deviations = (
+            self.camera_tilt_deviation,
+            self.camera_roll_deviation,
+            self.camera_yaw_deviation,
+            self.camera_forward_deviation,
+            self.camera_left_deviation,
+            self.path_scale_deviation,
+        )
+        return (
+            np.array([*told, self.camera_forward, self.camera_left, 0.0]),
+            np.maximum(np.array(deviations), 1e-5),
+        )

@@ -1,0 +1,233 @@
+"""
+A request to dock, from acceptance to result: states and errors of the action DockRobot.
+
+Pure functions take what is heard of the servo and the time [s], and return the task after it with
+the orders that follow; who carries them out is no matter of the core. Each attempt stops the servo
+first: what it says before it says ``waiting`` is of an earlier run.
+"""
+
+from dataclasses import dataclass, replace
+from enum import Enum, IntEnum
+import math
+
+from visual_servo_epipolar.core.docking.task_settings import DockTaskSettings
+from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
+
+
+class State(IntEnum):
+    """State of docking, as nav2_msgs/action/DockRobot numbers them in its feedback."""
+
+    NONE = 0
+    NAV_TO_STAGING_POSE = 1  # backing off to where the approach can begin
+    INITIAL_PERCEPTION = 2
+    CONTROLLING = 3
+    WAIT_FOR_CHARGE = 4
+    RETRY = 5
+
+
+class Error(IntEnum):
+    """Error of docking, as nav2_msgs/action/DockRobot numbers them in its result."""
+
+    NONE = 0
+    DOCK_NOT_IN_DB = 901
+    DOCK_NOT_VALID = 902
+    FAILED_TO_STAGE = 903
+    FAILED_TO_DETECT_DOCK = 904
+    FAILED_TO_CONTROL = 905
+    FAILED_TO_CHARGE = 906
+    UNKNOWN = 999
+
+
+class Order(Enum):
+    """Order to the servo: its service of that name."""
+
+    START = 'start'
+    STOP = 'stop'
+
+
+class Step(Enum):
+    """Step of an attempt: the servo is being stopped, is being started, drives, charges."""
+
+    CLEARING = 'clearing'
+    STARTING = 'starting'
+    RUNNING = 'running'
+    CHARGING = 'charging'
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """Goal of the action: a dock by name, or by a pose that no photograph can serve."""
+
+    by_id: bool = True
+    dock_id: str = ''
+    dock_type: str = ''
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """Outcome of a task: docked, canceled, or an ``error`` with a ``message``."""
+
+    success: bool = False
+    error: Error = Error.NONE
+    message: str = ''
+    canceled: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """
+    A request under way; ``orders`` are those of the last event, ``outcome`` ends it.
+
+    Times [s] are those at which it began, the ``step`` began and the servo was heard. ``driven``
+    says whether the servo has driven in this attempt, ``last_phase`` what it did before it ended.
+    """
+
+    began: float
+    step_began: float
+    heard: float
+    step: Step = Step.CLEARING
+    state: State = State.INITIAL_PERCEPTION
+    cleared: bool = False
+    stopped: bool = False
+    driven: bool = False
+    last_phase: Phase = Phase.WAITING
+    retries: int = 0
+    orders: tuple[Order, ...] = ()
+    outcome: Outcome | None = None
+
+
+def requested(request: Request, now: float, settings: DockTaskSettings) -> Task:
+    """Return the task of a ``request``, which may end it at once."""
+    task = Task(now, now, now)
+    if not request.by_id:
+        message = (
+            'a photograph is docked at, not a pose: set use_dock_id, and dock_id if it has one'
+        )
+        return _ended(task, Error.DOCK_NOT_VALID, message)
+    for name, wanted, has, error in (
+        ('dock_id', request.dock_id, settings.dock_id, Error.DOCK_NOT_IN_DB),
+        ('dock_type', request.dock_type, settings.dock_type, Error.DOCK_NOT_VALID),
+    ):
+        if wanted and has and wanted != has:
+            return _ended(task, error, f'the photograph is of {name} {has!r}, got {wanted!r}')
+    return replace(task, orders=(Order.STOP,))
+
+
+def answered(task: Task, order: Order, refusal: str, now: float) -> Task:
+    """Return the task after the answer to an ``order``, with the servo's ``refusal`` or ''."""
+    task = replace(task, orders=())
+    if task.outcome is not None:
+        return task
+    if refusal:
+        return _ended(task, Error.UNKNOWN, refusal)
+    if order is Order.STOP and task.step is Step.CLEARING:
+        return _started(replace(task, stopped=True, heard=now), now)
+    if order is Order.START and task.step is Step.STARTING:
+        return replace(task, step=Step.RUNNING, step_began=now, heard=now)
+    return task
+
+
+def said(task: Task, phase: Phase, reason: str, now: float, settings: DockTaskSettings) -> Task:
+    """Return the task after the servo has said its ``phase``, and the ``reason`` for it."""
+    task = replace(task, orders=(), heard=now)
+    if task.outcome is not None or task.step is Step.CHARGING:
+        return task
+    if task.step is Step.CLEARING:
+        cleared = task.cleared or phase is Phase.WAITING
+        return _started(replace(task, cleared=cleared), now)
+    if task.step is Step.STARTING and phase is Phase.WAITING:
+        return task
+    if phase in DRIVING:
+        return _driving(task, phase)
+    if phase is Phase.ARRIVED:
+        return _arrived(task, now, settings)
+    if phase is Phase.FAILED:
+        return _missed(task, _error_of(task), reason or 'the servo failed', now, settings)
+    if phase is Phase.WAITING and task.driven:
+        return _ended(task, Error.FAILED_TO_CONTROL, 'somebody else has stopped the servo')
+    return replace(task, last_phase=phase)
+
+
+def charging(task: Task, current: float, settings: DockTaskSettings) -> Task:
+    """Return the task after the battery takes a ``current`` [A]."""
+    task = replace(task, orders=())
+    if task.outcome is None and task.step is Step.CHARGING:
+        if current > settings.charging_threshold:
+            return replace(task, outcome=Outcome(success=True, message='docked, and charging'))
+    return task
+
+
+def passed(task: Task, now: float, settings: DockTaskSettings) -> Task:
+    """Return the task as time goes by: what takes too long fails."""
+    task = replace(task, orders=())
+    if task.outcome is not None:
+        return task
+    waited = now - task.step_began
+    if task.step is Step.CHARGING:
+        if waited > settings.wait_charge_timeout:
+            reason = f'no current above {settings.charging_threshold:g} A for {waited:.0f} s'
+            return _ended(task, Error.FAILED_TO_CHARGE, reason)
+        return task
+    silence = now - task.heard
+    if silence > settings.servo_timeout:
+        error = Error.FAILED_TO_CONTROL if task.driven else Error.FAILED_TO_DETECT_DOCK
+        return _ended(task, error, f'the servo has said nothing for {silence:.1f} s')
+    if task.step is Step.RUNNING and not task.driven:
+        if waited > settings.initial_perception_timeout:
+            reason = f'the photograph was not seen for {waited:.0f} s'
+            return _missed(task, Error.FAILED_TO_DETECT_DOCK, reason, now, settings)
+    if task.step is Step.RUNNING and waited > settings.dock_approach_timeout:
+        reason = f'the approach took longer than {settings.dock_approach_timeout:g} s'
+        return _missed(task, Error.FAILED_TO_CONTROL, reason, now, settings)
+    return task
+
+
+def canceled(task: Task, why: str) -> Task:
+    """Return the task after an order to give it up: the servo is stopped."""
+    outcome = Outcome(message=why, canceled=True)
+    return replace(task, orders=(Order.STOP,), outcome=outcome)
+
+
+def _started(task: Task, now: float) -> Task:
+    """Return the task with the order to start, as soon as the servo has forgotten the last run."""
+    if not (task.cleared and task.stopped):
+        return task
+    return replace(task, step=Step.STARTING, step_began=now, orders=(Order.START,))
+
+
+def _driving(task: Task, phase: Phase) -> Task:
+    backs_off = phase is Phase.RETREATING and not task.retries
+    state = State.NAV_TO_STAGING_POSE if backs_off else State.CONTROLLING
+    return replace(task, state=state, driven=True, last_phase=phase)
+
+
+def _arrived(task: Task, now: float, settings: DockTaskSettings) -> Task:
+    if settings.wait_for_charge:
+        return replace(task, step=Step.CHARGING, step_began=now, state=State.WAIT_FOR_CHARGE)
+    return replace(task, outcome=Outcome(success=True, message='docked'))
+
+
+def _error_of(task: Task) -> Error:
+    """Return the error of a servo that failed, by what it did before."""
+    if task.last_phase is Phase.RETREATING:
+        return Error.FAILED_TO_STAGE
+    if task.last_phase in (Phase.HOLDING, Phase.WAITING):
+        return Error.FAILED_TO_DETECT_DOCK
+    return Error.FAILED_TO_CONTROL
+
+
+def _missed(task: Task, error: Error, reason: str, now: float, settings: DockTaskSettings) -> Task:
+    """Return the task after an attempt that failed: the next one, or the end."""
+    if task.retries >= settings.max_retries:
+        return _ended(task, error, reason)
+    again = Task(task.began, now, now, state=State.RETRY, retries=task.retries + 1)
+    return replace(again, orders=(Order.STOP,))
+
+
+def _ended(task: Task, error: Error, message: str) -> Task:
+    return replace(task, orders=(Order.STOP,), outcome=Outcome(error=error, message=message))
+
+
+def elapsed(task: Task, now: float) -> float:
+    """Return the time since the request [s]."""
+    return max(now - task.began, 0.0) if math.isfinite(now) else 0.0

@@ -1,0 +1,97 @@
+"""Docking as messages: the dock's pose, and the action DockRobot of nav2_msgs where it is."""
+
+from importlib import import_module
+from typing import Any, Protocol
+
+from builtin_interfaces.msg import Duration
+from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.docking.task import Outcome, Request, Task
+from visual_servo_epipolar.core.geometry.motion import quaternion_from_yaw
+from visual_servo_epipolar.core.stamps import NANOSECONDS
+from visual_servo_epipolar.messages import write
+
+AXES = (write.X, write.Y, write.YAW)
+
+
+def pose(value: FloatArray, stamp_ns: int, frame_id: str) -> PoseStamped:
+    """Return a pose in the plane, (3,): x, y [m], turn [rad], as a geometry_msgs/PoseStamped."""
+    message = PoseStamped(header=write.header(stamp_ns, frame_id))
+    place, turn = message.pose.position, message.pose.orientation
+    x, y, yaw = value.tolist()
+    place.x, place.y = x, y
+    turn.x, turn.y, turn.z, turn.w = quaternion_from_yaw(yaw)
+    return message
+
+
+def pose_with_covariance(
+    value: FloatArray, covariance: FloatArray, stamp_ns: int, frame_id: str
+) -> PoseWithCovarianceStamped:
+    """Return the same with its ``covariance``, (3, 3); height, roll and pitch are not measured."""
+    message = PoseWithCovarianceStamped(header=write.header(stamp_ns, frame_id))
+    message.pose.pose = pose(value, stamp_ns, frame_id).pose
+    whole = np.diag(np.full(6, write.UNMEASURED))
+    whole[np.ix_(AXES, AXES)] = covariance
+    message.pose.covariance = whole.ravel()
+    return message
+
+
+class DockWire(Protocol):
+    """An action type, and how requests, tasks and outcomes look in its messages."""
+
+    kind: Any
+
+    def request(self, goal: Any) -> Request:
+        """Return what a goal asks for."""
+        ...
+
+    def feedback(self, task: Task, seconds: float) -> Any:
+        """Return a task, which has taken ``seconds``, as feedback."""
+        ...
+
+    def result(self, task: Task, outcome: Outcome) -> Any:
+        """Return the outcome of a task as result."""
+        ...
+
+
+class DockRobotWire:
+    """The action DockRobot of nav2_msgs, of Jazzy and later."""
+
+    def __init__(self, kind: Any) -> None:
+        self.kind = kind
+
+    def request(self, goal: Any) -> Request:
+        """Return what a goal asks for; there is no staging pose to navigate to."""
+        return Request(bool(goal.use_dock_id), str(goal.dock_id), str(goal.dock_type))
+
+    def feedback(self, task: Task, seconds: float) -> Any:
+        """Return a task, which has taken ``seconds``, as feedback."""
+        message = self.kind.Feedback()
+        message.state, message.num_retries = int(task.state), int(task.retries)
+        whole = round(seconds * NANOSECONDS)
+        message.docking_time = Duration(sec=whole // NANOSECONDS, nanosec=whole % NANOSECONDS)
+        return message
+
+    def result(self, task: Task, outcome: Outcome) -> Any:
+        """Return the outcome of a task as result."""
+        message = self.kind.Result()
+        message.success, message.error_code = bool(outcome.success), int(outcome.error)
+        message.num_retries = int(task.retries)
+        if hasattr(message, 'error_msg'):  # the first releases of Jazzy have none
+            message.error_msg = outcome.message
+        return message
+
+
+def dock_robot_wire() -> DockRobotWire | None:
+    """Return the wire of nav2_msgs/action/DockRobot, None where it is not installed."""
+    try:
+        return DockRobotWire(import_module('nav2_msgs.action').DockRobot)
+    except (ImportError, AttributeError):
+        return None
+
+
+def current(message: Any) -> float:
+    """Return the current of a sensor_msgs/BatteryState [A]: positive while it charges."""
+    return float(message.current)

@@ -1,0 +1,48 @@
+"""Commands of a servo whose camera looks back, turned round for the base."""
+
+from typing import Any
+
+from geometry_msgs.msg import Twist as TwistMessage
+from geometry_msgs.msg import TwistStamped
+from rclpy.node import Node
+
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.messages import read, write
+from visual_servo_epipolar.nodes import qos
+
+REVERSED = 'cmd_vel_reversed'
+
+
+class Reversal:
+    """
+    Turns each command on ``cmd_vel_reversed`` round: what is ahead of the servo is behind.
+
+    A base that drives backwards is one that looks back and drives forwards; turns stay. One
+    command for one: where the servo falls silent, so does this, and the base stops by itself.
+    """
+
+    def __init__(self, node: Node, *, stamped: bool, base_frame: str) -> None:
+        kind = TwistStamped if stamped else TwistMessage
+        self._node, self._stamped, self._base_frame = node, stamped, base_frame
+        self._pub = node.create_publisher(kind, 'cmd_vel', qos.COMMAND)
+        node.create_subscription(kind, REVERSED, self._turn_round, qos.COMMAND)
+
+    def stop(self) -> None:
+        """Stop the base."""
+        self._publish(STANDSTILL, int(self._node.get_clock().now().nanoseconds))
+
+    def _turn_round(self, message: Any) -> None:
+        now_ns = int(self._node.get_clock().now().nanoseconds)
+        stamp_ns = read.stamp_ns(message.header) if self._stamped else now_ns
+        try:
+            ahead = read.twist(message)
+        except ValueError as error:
+            self._node.get_logger().warning(str(error), throttle_duration_sec=5.0)
+            ahead = STANDSTILL
+        self._publish(Twist(-ahead.linear, ahead.angular), stamp_ns)
+
+    def _publish(self, twist: Twist, stamp_ns: int) -> None:
+        if self._stamped:
+            self._pub.publish(write.twist_stamped(twist, stamp_ns, self._base_frame))
+        else:
+            self._pub.publish(write.twist(twist))

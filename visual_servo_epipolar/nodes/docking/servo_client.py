@@ -1,0 +1,68 @@
+"""The servo as others drive it: its services, its phase, and the reason for that."""
+
+from collections.abc import Callable
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
+
+from visual_servo_epipolar.core.docking.task import Order
+from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.messages import read
+from visual_servo_epipolar.nodes import qos
+
+# Deep, for a phase may last one image; latched, for the servo may stand for hours.
+PHASES = QoSProfile(depth=50, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+
+
+class ServoClient:
+    """
+    The servo called ``servo``: calls ``on_phase`` with each phase, ``on_answer`` with answers.
+
+    Answers are the order, and the refusal in words or ''.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        servo: str,
+        on_phase: Callable[[Phase, str], None],
+        on_answer: Callable[[Order, str], None],
+    ) -> None:
+        self._node, self._on_phase, self._on_answer = node, on_phase, on_answer
+        self._clients = {
+            order: node.create_client(Trigger, f'{servo}/{order.value}') for order in Order
+        }
+        self._name, self._reason = node.resolve_service_name(servo), ''
+        self.phase: Phase | None = None
+        node.create_subscription(String, 'phase', self._hear, PHASES)
+        node.create_subscription(DiagnosticArray, '/diagnostics', self._explain, qos.DIAGNOSTICS)
+
+    def order(self, order: Order) -> None:
+        """Call the service of an ``order``; the answer comes later, a refusal at once."""
+        client = self._clients[order]
+        if not client.service_is_ready():
+            service = self._node.resolve_service_name(client.srv_name)
+            refusal = f'nobody serves {service}; run the servo, or set servo to its name'
+            self._on_answer(order, refusal)
+            return
+        future = client.call_async(Trigger.Request())
+        future.add_done_callback(lambda answer: self._answer(order, answer))
+
+    def _answer(self, order: Order, future: Any) -> None:
+        response = future.result()
+        self._on_answer(order, '' if response.success else f'{order.value}: {response.message}')
+
+    def _hear(self, message: String) -> None:
+        try:
+            self.phase = Phase(message.data)
+        except ValueError:
+            return  # of another program
+        self._on_phase(self.phase, self._reason)
+
+    def _explain(self, message: DiagnosticArray) -> None:
+        if message.status and message.status[0].name == self._name:
+            self._reason = read.diagnosis(message).get('reason', '')
