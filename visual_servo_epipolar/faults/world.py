@@ -17,7 +17,9 @@ from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.faults.base import BreakableUnicycleNode
 from visual_servo_epipolar.faults.wire.hooks import hooked
-from visual_servo_epipolar.faults.wire.wire import Wire
+from visual_servo_epipolar.faults.wire.parcel import Parcel
+from visual_servo_epipolar.faults.wire.wire import BEGIN_NS, Wire
+from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import parameters
 from visual_servo_epipolar.nodes.camera_node import CameraNode
 from visual_servo_epipolar.nodes.servo_node import ServoNode
@@ -28,6 +30,8 @@ from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettin
 
 DISCOVERY = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 BASE_RATE = 50.0  # [Hz]
+CLOCK = '/clock'
+TIMES = ('stale_timeout', 'max_latency')  # what a servo was told of them at its start [s]
 NODES: Mapping[str, type[Any]] = {
     'servo_node': ServoNode,
     'tracker_node': TrackerNode,
@@ -54,12 +58,13 @@ class World(AbstractContextManager['World']):
     """
     Four real nodes and a wire; no other process sees them.
 
-    ``nodes`` are those that live, by name. What happens to one is what happens to its process.
+    ``nodes`` are those that live, by name; ``told`` are the TIMES that each was told. What happens to one is what happens to its process.
     """
 
     def __init__(self, settings: WorldSettings) -> None:
         self.settings, self.wire = settings, Wire()
         self.nodes: dict[str, Node] = {}
+        self.told: dict[str, dict[str, float]] = {}
         self._stack = ExitStack()
         with ExitStack() as stack:
             before = os.environ.get(DISCOVERY)
@@ -70,6 +75,8 @@ class World(AbstractContextManager['World']):
             stack.callback(self._context.try_shutdown)
             stack.enter_context(hooked(self.wire))
             stack.callback(self._destroy)
+            if settings.simulated_time:
+                self._tick()
             self._stack = stack.pop_all()
 
     def __exit__(self, *_: object) -> None:
@@ -91,6 +98,9 @@ class World(AbstractContextManager['World']):
         inputs.watch(node)  # as spin() does
         self.nodes[known] = node
         self.wire.add(node)
+        numbers = (int, float)
+        told = {key: node.get_parameter(key).value for key in TIMES if node.has_parameter(key)}
+        self.told[known] = {key: float(it) for key, it in told.items() if isinstance(it, numbers)}
 
     def kill(self, name: str) -> None:
         """Let a node be gone, without a word."""
@@ -142,9 +152,21 @@ class World(AbstractContextManager['World']):
         result = self.wire.call(node, node.set_parameters_atomically, wanted)
         return '' if result is None or result.successful else str(result.reason)
 
+    @property
+    def delay_s(self) -> float:
+        """How long a command takes to the motors, by now [s]."""
+        base = self.nodes.get('unicycle_node')
+        return 0.0 if base is None else float(base.get_parameter('command_delay').value)
+
     def run_for(self, seconds: float) -> None:
         """Let time pass."""
         self.wire.run_until(self.wire.now_ns + round(seconds * NANOSECONDS))
+
+    def _tick(self) -> None:
+        """Publish /clock, now and for ever."""
+        wire = self.wire
+        wire.post(Parcel(CLOCK, write.clock(wire.now_ns - BEGIN_NS + NANOSECONDS), 0))
+        wire.at(wire.now_ns + round(NANOSECONDS / BASE_RATE), self._tick)
 
     def _values(self, name: str) -> dict[str, Any]:
         """Return the parameters of a node."""

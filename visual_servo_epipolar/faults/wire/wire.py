@@ -48,6 +48,7 @@ class Wire:
         self._hung: dict[Node, dict[Subscription, deque[Parcel]]] = {}
         self._latched: dict[str, Parcel] = {}
         self._sight: Sight | None = None  # of the parcel that is worked on
+        self._running = ''  # the node that works
 
     @property
     def wall_ns(self) -> int:
@@ -86,6 +87,15 @@ class Wire:
         """Put a parcel on its way to all who subscribe to its topic when it arrives."""
         self.at(self.now_ns + parcel.delay_ns, lambda: self._arrive(parcel))
 
+    def post(self, parcel: Parcel) -> list[Parcel]:
+        """Send what the faults of its topic make of a parcel, and return that."""
+        parcels = [parcel]
+        for each in self.filters[parcel.topic]:
+            parcels = [after for before in parcels for after in each(before)]
+        for sent in parcels:
+            self.send(sent)
+        return parcels
+
     def publish(self, publisher: Publisher, message: Any) -> None:
         """Take what a node publishes; see ``hooks``."""
         topic = publisher.topic_name
@@ -93,14 +103,11 @@ class Wire:
         if not (latched or self.taps[topic] or self._listeners(topic)):
             return
         raw = message if isinstance(message, bytes) else serialize_message(message)
-        parcel = Parcel(topic, deserialize_message(raw, publisher.msg_type), HOP_NS, self._sight)
+        copy = deserialize_message(raw, publisher.msg_type)
+        parcel = Parcel(topic, copy, HOP_NS, self._sight, self._running)
         for tap in self.taps[topic]:
             tap(parcel)
-        parcels = [parcel]
-        for each in self.filters[topic]:
-            parcels = [after for before in parcels for after in each(before)]
-        for parcel in parcels:
-            self.send(parcel)
+        for parcel in self.post(parcel):
             if latched:
                 self._latched[topic] = parcel
 
@@ -126,6 +133,7 @@ class Wire:
         """Let a node work; if it raises, its process is over."""
         if node not in self.nodes:
             return None
+        before, self._running = self._running, str(node.get_name())
         try:
             return callback(*arguments)
         except Exception:  # as spin() of a process: whatever it is, it ends there
@@ -134,6 +142,8 @@ class Wire:
             if stop is not None:
                 stop()
             self.remove(node)
+        finally:
+            self._running = before
         return None
 
     def _listeners(self, topic: str) -> list[tuple[Node, Subscription]]:
