@@ -1,8 +1,8 @@
-"""The course of a run: nodes start, the fault strikes in its phase, and the robot comes to rest."""
+"""The course of a run: nodes start, the fault strikes in its phase, the robot comes to rest."""
 
 from dataclasses import dataclass
 
-from visual_servo_epipolar.core.servo.phases.table import DRIVING, ENDED, Phase
+from visual_servo_epipolar.core.servo.phases.table import ENDED, Phase
 from visual_servo_epipolar.faults.catalogue.fault import Fault, Scene
 from visual_servo_epipolar.faults.judging.motion import moving
 from visual_servo_epipolar.faults.world import NODES

@@ -14,10 +14,8 @@ from visual_servo_epipolar.faults.drive import Drive, Moment
 from visual_servo_epipolar.faults.judging.judge import judged
 from visual_servo_epipolar.faults.judging.record import Bounds
 from visual_servo_epipolar.faults.judging.witness import SERVO, Witness
-from visual_servo_epipolar.faults.world import World, WorldSettings
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.faults.world import small_camera, World, WorldSettings
 
-WIDTH, HEIGHT = 320, 256  # [px], a quarter of the default camera each way
 SLACK_S = 0.15  # watchdog, messages and ticks of the base
 BESIDE = 0.25  # part of the starts from which the robot turns and backs off first
 LONGEST_DELAY_S = 3.0  # into the phase
@@ -45,6 +43,7 @@ def run(name: str, fault: Fault, seed: int) -> dict[str, Any]:
         'notes': drive.scene.notes,
         'safe': judgement.safe,
         **asdict(judgement),
+        'verdict': judgement.verdict.value,
         'wrong_geometry_s': record.wrong_geometry_s,
         'phase': record.phase,
         'reason': record.reason,
@@ -54,22 +53,9 @@ def run(name: str, fault: Fault, seed: int) -> dict[str, Any]:
 
 def _world(seed: int, rng: np.random.Generator, *, beside: bool) -> WorldSettings:
     x, y, heading = rng.uniform(-1.0, 1.0, 3)
-    start = (0.5 * x, -0.2 + 0.3 * y, 10.0 * heading) if beside else (0.3 * x, -1.3 + 0.3 * y, 6.0 * heading)
-    return WorldSettings(start=tuple(map(float, start)), seed=seed, camera=_camera(seed))
-
-
-def _camera(seed: int) -> CameraSettings:
-    """Return the default camera with 4x4 pixels binned."""
-    full = CameraSettings()
-    ratio_u, ratio_v = WIDTH / full.width, HEIGHT / full.height
-    return CameraSettings(
-        width=WIDTH,
-        height=HEIGHT,
-        focal_length=ratio_u * full.focal_length,
-        principal_u=ratio_u * (full.principal_u + 0.5) - 0.5,
-        principal_v=ratio_v * (full.principal_v + 0.5) - 0.5,
-        seed=seed,
-    )
+    spot = (0.5 * x, -0.2 + 0.3 * y) if beside else (0.3 * x, -1.3 + 0.3 * y)
+    start = float(spot[0]), float(spot[1]), float(6.0 * heading)
+    return WorldSettings(start=start, seed=seed, camera=small_camera(seed))
 
 
 def _moment(fault: Fault, rng: np.random.Generator, *, beside: bool) -> Moment:

@@ -31,6 +31,8 @@ from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettin
 DISCOVERY = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 BASE_RATE = 50.0  # [Hz]
 CLOCK = '/clock'
+FRAME_RATE = CameraSettings.frame_rate
+WIDTH, HEIGHT = 320, 256  # [px], a quarter of the default camera each way
 TIMES = ('stale_timeout', 'max_latency')  # what a servo was told of them at its start [s]
 NODES: Mapping[str, type[Any]] = {
     'servo_node': ServoNode,
@@ -58,7 +60,8 @@ class World(AbstractContextManager['World']):
     """
     Four real nodes and a wire; no other process sees them.
 
-    ``nodes`` are those that live, by name; ``told`` are the TIMES that each was told. What happens to one is what happens to its process.
+    ``nodes`` are those that live, by name, ``told`` the TIMES that each was told. What happens to
+    one is what happens to its process.
     """
 
     def __init__(self, settings: WorldSettings) -> None:
@@ -87,7 +90,8 @@ class World(AbstractContextManager['World']):
         known = alias or name
         more = {'use_sim_time': self.settings.simulated_time, **self.settings.more.get(name, {})}
         values = [
-            parameters.override(key, value) for key, value in {**self._values(name), **more}.items()
+            parameters.override(key, value)
+            for key, value in {**self._values(name), **more}.items()
         ]
         node = NODES[name](
             context=self._context,
@@ -136,7 +140,7 @@ class World(AbstractContextManager['World']):
         """Call a service (std_srvs/Trigger), as /servo_node/stop, and return its answer."""
         for node in self.nodes.values():
             for item in node.services:
-                if item.srv_name == service and item.srv_type is Trigger:
+                if item.service_name == service and item.srv_type is Trigger:
                     answer = self.wire.call(
                         node, item.callback, Trigger.Request(), Trigger.Response()
                     )
@@ -196,3 +200,17 @@ def _put_back(before: str | None) -> None:
     os.environ.pop(DISCOVERY, None)
     if before is not None:
         os.environ[DISCOVERY] = before
+
+
+def small_camera(seed: int) -> CameraSettings:
+    """Return the default camera with 4x4 pixels binned."""
+    full = CameraSettings()
+    ratio_u, ratio_v = WIDTH / full.width, HEIGHT / full.height
+    return CameraSettings(
+        width=WIDTH,
+        height=HEIGHT,
+        focal_length=ratio_u * full.focal_length,
+        principal_u=ratio_u * (full.principal_u + 0.5) - 0.5,
+        principal_v=ratio_v * (full.principal_v + 0.5) - 0.5,
+        seed=seed,
+    )

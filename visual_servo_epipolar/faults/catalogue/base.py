@@ -4,12 +4,12 @@ from collections.abc import Callable, Mapping
 import math
 from types import MappingProxyType
 
-from visual_servo_epipolar.core.geometry.motion import Twist
+from geometry_msgs.msg import Twist as TwistMessage
+
 from visual_servo_epipolar.faults.base import BreakableUnicycleNode
 from visual_servo_epipolar.faults.catalogue.fault import ALWAYS, Fault, Scene
 from visual_servo_epipolar.faults.catalogue.streams import dropped
 from visual_servo_epipolar.faults.wire.parcel import Parcel
-from visual_servo_epipolar.messages import write
 
 COMMANDS = '/cmd_vel'
 DELAY_S = 0.3
@@ -36,8 +36,9 @@ def _garbage(scene: Scene) -> None:
     """Let somebody send twists that are no numbers."""
 
     def send() -> None:
-        twist = Twist(*OTHERS[int(scene.rng.integers(len(OTHERS)))])
-        scene.world.wire.send(Parcel(COMMANDS, write.twist(twist), 0))
+        twist = TwistMessage()
+        twist.linear.x, twist.angular.z = OTHERS[int(scene.rng.integers(len(OTHERS)))]
+        scene.world.wire.send(Parcel(COMMANDS, twist, 0))
 
     for number in range(round(OTHERS_S * 20)):
         scene.later(number / 20, send)
@@ -58,7 +59,9 @@ FAULTS: Mapping[str, Fault] = MappingProxyType(
             what='a wheel loses a third of its motion', strike=_wheels((0.66, 1.0), (1.0, 0.66))
         ),
         'command_delay': Fault(what='commands take 0.3 s to the motors', strike=_delay),
-        'commands_dropped': Fault(what='up to half of the commands lost', strike=dropped(COMMANDS)),
+        'commands_dropped': Fault(
+            what='up to half of the commands lost', strike=dropped(COMMANDS)
+        ),
         'commands_garbage': Fault(
             what='nan and inf on cmd_vel by somebody else', strike=_garbage, phases=ALWAYS
         ),

@@ -86,9 +86,7 @@ def _photograph(pixels: Callable[[Scene], Pixels]) -> Callable[[Scene], None]:
     def strike(scene: Scene) -> None:
         image = pixels(scene)
         message: Image = write.image(image, 'mono8', 0, 'camera_optical_frame')
-        scene.world.wire.filters[DESIRED].append(
-            lambda parcel: [parcel.changed(message=message)]
-        )
+        scene.world.wire.filters[DESIRED].append(lambda parcel: [parcel.changed(message=message)])
         scene.world.wire.send(Parcel(DESIRED, message, 2 * HOP_NS))
 
     return strike

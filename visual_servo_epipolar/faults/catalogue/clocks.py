@@ -54,7 +54,9 @@ FAULTS: Mapping[str, Fault] = MappingProxyType(
             what='the wall clock leaps 1 to 300 s ahead', strike=_leap(1.0, 300.0), phases=ALWAYS
         ),
         'clock_back': Fault(
-            what='the wall clock leaps 0.1 to 900 s back', strike=_leap(-900.0, -0.1), phases=ALWAYS
+            what='the wall clock leaps 0.1 to 900 s back',
+            strike=_leap(-900.0, -0.1),
+            phases=ALWAYS,
         ),
         'clock_stops': Fault(
             what='/clock stands still', strike=_stop, prepare=_simulated, phases=ALWAYS

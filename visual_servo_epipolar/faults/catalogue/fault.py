@@ -19,7 +19,7 @@ ALWAYS = (Phase.WAITING, *EVERYWHERE, Phase.ARRIVED)
 
 @dataclass(slots=True)
 class Scene:
-    """The run that a fault strikes: its world, who watches it, chance; ``notes`` say what is done."""
+    """The run that a fault strikes: its world, its witness, chance; ``notes`` say what is done."""
 
     world: World
     witness: Witness

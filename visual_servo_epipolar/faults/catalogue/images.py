@@ -50,12 +50,13 @@ def _frozen(*, stamps: bool) -> Callable[[Scene], None]:
 
 
 def _swapped(scene: Scene) -> None:
-    kept: deque[bytes] = deque(maxlen=KEPT)
+    kept: deque[Parcel] = deque(maxlen=KEPT)
 
     def swap(parcel: Parcel) -> list[Parcel]:
-        kept.append(parcel.message.data.tobytes())
+        kept.append(parcel)
         other = kept[int(scene.rng.integers(len(kept)))]
-        return [untrue(parcel, showing(parcel.message, other))]
+        message = showing(parcel.message, other.message.data.tobytes())
+        return [parcel.changed(message=message, sight=other.sight)]
 
     scene.filter(IMAGES, swap, scene.spell(0.5, LONGEST_S))
 
@@ -72,9 +73,10 @@ def _loop(scene: Scene) -> None:
         if len(bag) < length:
             bag.append(parcel)
             return [parcel]
-        old = bag[played % length].message
+        old = bag[played % length]
         played += 1
-        return [untrue(parcel, showing(old, old.data.tobytes()))]
+        message = showing(old.message, old.message.data.tobytes())
+        return [parcel.changed(message=message, sight=old.sight)]
 
     scene.filter(IMAGES, play)
 
@@ -170,7 +172,9 @@ FAULTS: Mapping[str, Fault] = MappingProxyType(
         'images_mirrored': Fault(what='mirrored images', strike=_seen(_mirrored)),
         'images_upside_down': Fault(what='images upside down', strike=_seen(_upside_down)),
         'images_covered': Fault(what='a fifth of the image is covered', strike=_covered),
-        'images_lying_size': Fault(what='images of a height that lies', strike=_damaged(_lying_size)),
+        'images_lying_size': Fault(
+            what='images of a height that lies', strike=_damaged(_lying_size)
+        ),
         'images_truncated': Fault(what='images without their end', strike=_damaged(_truncated)),
         'images_unknown_encoding': Fault(
             what='images in an unknown encoding', strike=_damaged(_unknown_encoding)

@@ -61,7 +61,7 @@ def _transitions(name: str) -> Callable[[Scene], None]:
             scene.notes.append(f'{label}: {result}')
 
     def strike(scene: Scene) -> None:
-        for number in range(TRANSITIONS_IN_A_RUN):
+        for _ in range(TRANSITIONS_IN_A_RUN):
             label = TRANSITIONS[int(scene.rng.integers(len(TRANSITIONS)))]
             scene.later(scene.draw(0.0, 5.0), lambda label=label: turn(scene, label))
 

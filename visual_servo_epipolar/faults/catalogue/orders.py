@@ -111,7 +111,9 @@ FAULTS: Mapping[str, Fault] = MappingProxyType(
         'order_start': Fault(what='~/start', strike=called(SERVICES[0]), phases=ALWAYS),
         'order_stop': Fault(what='~/stop', strike=called(SERVICES[1]), phases=ALWAYS),
         'order_reset': Fault(what='~/reset', strike=called(SERVICES[2]), phases=ALWAYS),
-        'order_capture': Fault(what='~/capture_desired', strike=called(SERVICES[3]), phases=ALWAYS),
+        'order_capture': Fault(
+            what='~/capture_desired', strike=called(SERVICES[3]), phases=ALWAYS
+        ),
         'order_redetect': Fault(what='~/redetect', strike=called(SERVICES[4]), phases=ALWAYS),
         'order_stop_and_start': Fault(
             what='~/stop, and ~/start a little later', strike=_stop_then_start, phases=ALWAYS

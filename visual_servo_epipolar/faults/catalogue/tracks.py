@@ -44,7 +44,7 @@ def _half_random(rows: Rows, scene: Scene) -> Rows:
 
 
 def _half_shifted(rows: Rows, scene: Scene) -> Rows:
-    """Let half of the features, always the same, be elsewhere, as those of something that moves."""
+    """Let half of the features, always the same, be elsewhere, as those of what moves."""
     wrong = rows['id'] % 2 == 0
     rows['u'][wrong] += 25.0
     return rows
@@ -68,8 +68,6 @@ def _few(rows: Rows, scene: Scene) -> Rows:
 def _one_point(rows: Rows, scene: Scene) -> Rows:
     rows['u'], rows['v'] = 160.0, 128.0
     return rows
-
-
 
 
 def _lying(scene: Scene) -> None:

@@ -100,10 +100,10 @@ def _limits(record: Record, bounds: Bounds) -> str:
             abs(order.twist.linear) > order.limits.linear + ROUNDING
             or abs(order.twist.angular) > order.limits.angular + ROUNDING
         )
-        if over or not math.isfinite(order.twist.linear + order.twist.angular):
+        if over:
             limits = f'{order.limits.linear:.2f} m/s, {order.limits.angular:.2f} rad/s'
             return f'the servo commands {speed(order.twist)} where {limits} are allowed'
-    return _ramps(record, bounds) or _base(record, bounds)
+    return record.senseless or _ramps(record, bounds) or _base(record, bounds)
 
 
 def _ramps(record: Record, bounds: Bounds) -> str:

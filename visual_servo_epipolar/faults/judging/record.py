@@ -60,6 +60,7 @@ class Record:
     reason: str = ''
     why: list[str] = field(default_factory=list)
     crashes: list[str] = field(default_factory=list)
+    senseless: str = ''  # what was wrong with a command that is no velocity
     wrong_geometry_s: float = 0.0
 
 

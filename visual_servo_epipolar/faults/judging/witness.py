@@ -113,7 +113,12 @@ class Witness:
         servo = self._world.nodes.get(parcel.sender)
         if servo is None or parcel.sender != SERVO:
             return
-        self.record.orders.append(Order(self.now_s, read.twist(parcel.message), _limits(servo)))
+        try:
+            twist = read.twist(parcel.message)
+        except ValueError as error:
+            self.record.senseless = str(error)
+            return
+        self.record.orders.append(Order(self.now_s, twist, _limits(servo)))
 
     def _on_phase(self, parcel: Parcel) -> None:
         if parcel.sender in (SERVO, ''):

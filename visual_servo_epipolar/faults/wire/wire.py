@@ -107,9 +107,9 @@ class Wire:
         parcel = Parcel(topic, copy, HOP_NS, self._sight, self._running)
         for tap in self.taps[topic]:
             tap(parcel)
-        for parcel in self.post(parcel):
+        for sent in self.post(parcel):
             if latched:
-                self._latched[topic] = parcel
+                self._latched[topic] = sent
 
     def log(self, node: str, severity: int, text: str) -> None:
         """Take what a node logs; see ``hooks``."""
