@@ -1,7 +1,7 @@
 """One run with one fault, drawn from a seed, and what became of it."""
 
 from collections.abc import Mapping
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import Any
 import zlib
 
@@ -18,6 +18,7 @@ from visual_servo_epipolar.faults.world import small_camera, World, WorldSetting
 
 SLACK_S = 0.15  # watchdog, messages and ticks of the base
 BESIDE = 0.25  # part of the starts from which the robot turns and backs off first
+NO_TIMEOUT = 0.5  # part of the bases that do not stop by themselves
 LONGEST_DELAY_S = 3.0  # into the phase
 
 
@@ -28,6 +29,8 @@ def run(name: str, fault: Fault, seed: int) -> dict[str, Any]:
     beside = bool(rng.random() < BESIDE)
     settings = fault.prepare(_world(seed, rng, beside=beside), rng)
     moment = _moment(fault, rng, beside=beside)
+    if not fault.base_alone and bool(rng.random() < NO_TIMEOUT):
+        settings = replace(settings, base=replace(settings.base, command_timeout=0.0))
     with World(settings) as world:
         drive = Drive(Scene(world, Witness(world), rng), fault, moment)
         drive.drive()
@@ -37,6 +40,7 @@ def run(name: str, fault: Fault, seed: int) -> dict[str, Any]:
         'fault': name,
         'seed': seed,
         'start': list(settings.start),
+        'base_stops_by_itself': settings.base.command_timeout > 0.0,
         'moment': {'phase': moment.phase.value, 'delay_s': moment.delay_s},
         'struck_s': drive.struck_s,
         'struck_in': drive.struck_in,

@@ -60,7 +60,7 @@ FAULTS: Mapping[str, Fault] = MappingProxyType(
         ),
         'command_delay': Fault(what='commands take 0.3 s to the motors', strike=_delay),
         'commands_dropped': Fault(
-            what='up to half of the commands lost', strike=dropped(COMMANDS)
+            what='up to half of the commands lost', strike=dropped(COMMANDS), base_alone=True
         ),
         'commands_garbage': Fault(
             what='nan and inf on cmd_vel by somebody else', strike=_garbage, phases=ALWAYS

@@ -64,10 +64,12 @@ class Fault:
     A fault: ``strike`` does it to a scene, in one of the ``phases`` and some time into it.
 
     ``prepare`` changes the world before it is made, for what is wrong from the beginning. A fault
-    in WAITING strikes before the first image.
+    in WAITING strikes before the first image. Where the servo cannot be heard, as ``base_alone``
+    says, the base must stop by itself; elsewhere it may be one that does not.
     """
 
     what: str
     strike: Callable[[Scene], object] = lambda scene: None
     prepare: Prepare = lambda settings, rng: settings
     phases: tuple[Phase, ...] = EVERYWHERE
+    base_alone: bool = False

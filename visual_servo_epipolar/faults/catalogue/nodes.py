@@ -79,7 +79,10 @@ KINDS: Mapping[str, tuple[str, Callable[[str], Callable[[Scene], None]]]] = Mapp
 FAULTS: Mapping[str, Fault] = MappingProxyType(
     {
         f'{name.removesuffix("_node")}_{kind}': Fault(
-            what=f'{name} {words}', strike=strike(name), phases=ALWAYS
+            what=f'{name} {words}',
+            strike=strike(name),
+            phases=ALWAYS,
+            base_alone=name == 'servo_node' and kind != 'ended',
         )
         for name in NODES
         for kind, (words, strike) in KINDS.items()

@@ -36,7 +36,7 @@ def run(name: str, fault: ProcessFault, seed: int) -> dict[str, Any]:
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         listener = stack.enter_context(Listener())
-        harmed = _team(stack, folder, start, seed)[fault.node]
+        harmed = _team(stack, folder, seed, start, fault)[fault.node]
         listener.wait(lambda: listener.moving, START_S, 'a robot that moves')
         listener.spin_for(after_s)
         listener.strike(fault.node)
@@ -66,14 +66,19 @@ def run(name: str, fault: ProcessFault, seed: int) -> dict[str, Any]:
 
 
 def _team(
-    stack: ExitStack, folder: Path, start: list[float], seed: int
+    stack: ExitStack, folder: Path, seed: int, start: list[float], fault: ProcessFault
 ) -> dict[str, 'subprocess.Popen[bytes]']:
-    """Start the four nodes, each in a session of its own; they end with the stack."""
+    """
+    Start the four nodes, each in a session of its own; they end with the stack.
+
+    The base stops by itself only where nobody else can stop it.
+    """
     camera = small_camera(seed)
     names = ('width', 'height', 'focal_length', 'principal_u', 'principal_v', 'seed')
+    timeout_s = BASE.command_timeout if fault.mute else 0.0
     more = {
         'camera_node': [f'{name}:={getattr(camera, name)}' for name in names],
-        'unicycle_node': [f'start:={start}'],
+        'unicycle_node': [f'start:={start}', f'command_timeout:={timeout_s}'],
         'servo_node': ['autostart:=true'],
     }
     path = os.pathsep.join(filter(None, map(os.path.abspath, sys.path)))

@@ -13,13 +13,18 @@ class ProcessFault:
     """
     What is done to the process of ``node``: a signal.
 
-    ``resumes``: it may be continued later. ``ends``: whether it must be gone after.
+    ``resumes``: it may be continued later.
     """
 
     what: str
     node: str
     signal: signal.Signals
     resumes: bool = False
+
+    @property
+    def mute(self) -> bool:
+        """Whether the servo cannot stop the base any more."""
+        return self.node == 'servo_node' and self.signal in (signal.SIGKILL, signal.SIGSTOP)
 
 
 KINDS: Mapping[str, tuple[signal.Signals, str]] = MappingProxyType(
