@@ -59,6 +59,9 @@ def faults(options: argparse.Namespace) -> int:
 
         def watch(result: Mapping[str, Any]) -> None:
             ended.append(result)
+            if not result['safe']:
+                progress.close()
+                print(report.offence(result), file=sys.stderr)
             unsafe = sum(not it['safe'] for it in ended)
             progress.say(
                 f'faults: {len(ended)} of {len(runs)}, {unsafe} unsafe; '

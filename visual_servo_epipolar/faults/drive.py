@@ -12,7 +12,7 @@ REST_S = 8.0  # that a robot must stand until a run is over: longer than the ser
 TAIL_S = 2.0  # that it must stand where the servo has ended
 PATIENCE_S = 20.0  # for the phase that the fault waits for
 LONGEST_S = 180.0
-STARTING = tuple(reversed(NODES))
+STARTING = tuple(NODES)[::-1]
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,7 @@ from visual_servo_epipolar.faults.catalogue.table import FAULTS
 from visual_servo_epipolar.faults.judging.record import Verdict
 from visual_servo_epipolar.faults.processes.table import PROCESSES
 
+LONGEST_NOTE = 120  # [characters]
 HEAD = (
     '| fault | what | arrived | at rest | unsafe | excursion [m] | without sight [s] '
     '| wrong geometry [s] |',
@@ -57,9 +58,13 @@ def _offences(results: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     unsafe = [run for run in results if not run['safe']]
     if unsafe:
         yield from ('', 'Unsafe:', '')
-    for run in unsafe:
-        yield (
-            f'- `--only {run["fault"]} --seed {run["seed"]}`: {run["verdict"]}: '
-            f'{run["detail"]} ({run["struck_in"] or "at the start"}'
-            f'{", " if run["notes"] else ""}{"; ".join(run["notes"])[:120]})'
-        )
+    yield from (f'- {offence(run)}' for run in unsafe)
+
+
+def offence(run: Mapping[str, Any]) -> str:
+    """Return what an unsafe run did, and how to repeat it."""
+    notes = f', {"; ".join(run["notes"])[:LONGEST_NOTE]}' if run['notes'] else ''
+    return (
+        f'`--only {run["fault"]} --seed {run["seed"]}`: {run["verdict"]}: {run["detail"]} '
+        f'({run["struck_in"] or "at the start"}{notes})'
+    )

@@ -141,9 +141,9 @@ class World(AbstractContextManager['World']):
         for node in self.nodes.values():
             for item in node.services:
                 if item.service_name == service and item.srv_type is Trigger:
-                    answer = self.wire.call(
-                        node, item.callback, Trigger.Request(), Trigger.Response()
-                    )
+                    kind: Any = item.srv_type
+                    asked = kind.Request(), kind.Response()
+                    answer = self.wire.call(node, item.callback, *asked)
                     return '' if answer is None else str(answer.message)
         return ''
 

@@ -39,7 +39,7 @@ class Scene:
         """Let ``act`` happen in ``seconds`` from now."""
         wire = self.world.wire
         self.busy_s = max(self.busy_s, self.witness.now_s + seconds)
-        wire.at(wire.now_ns + round(seconds * NANOSECONDS), lambda: act() and None)
+        wire.at(wire.now_ns + round(seconds * NANOSECONDS), act)
 
     def filter(self, topic: str, change: Filter, seconds: float = math.inf) -> None:
         """Let messages of ``topic`` go through ``change``, for ``seconds``."""

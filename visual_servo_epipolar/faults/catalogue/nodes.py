@@ -1,6 +1,7 @@
 """Faults of nodes: gone, hung, restarted, ended, taken through their states."""
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from types import MappingProxyType
 
 from visual_servo_epipolar.faults.catalogue.fault import ALWAYS, Fault, Scene
@@ -63,7 +64,7 @@ def _transitions(name: str) -> Callable[[Scene], None]:
     def strike(scene: Scene) -> None:
         for _ in range(TRANSITIONS_IN_A_RUN):
             label = TRANSITIONS[int(scene.rng.integers(len(TRANSITIONS)))]
-            scene.later(scene.draw(0.0, 5.0), lambda label=label: turn(scene, label))
+            scene.later(scene.draw(0.0, 5.0), partial(turn, scene, label))
 
     return strike
 

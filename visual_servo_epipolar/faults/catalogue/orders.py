@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import fields
+from functools import partial
 import math
 from types import MappingProxyType
 from typing import Any
@@ -53,7 +54,7 @@ def _storm(scene: Scene) -> None:
     """Call services at random, ending with a stop: nothing but the stop counts then."""
     for number in range(ORDERS_IN_A_STORM):
         service = SERVICES[int(scene.rng.integers(len(SERVICES)))]
-        scene.later(0.1 * number, lambda service=service: call(scene, service))
+        scene.later(0.1 * number, partial(call, scene, service))
     scene.later(0.1 * ORDERS_IN_A_STORM, lambda: call(scene, '/servo_node/stop'))
 
 
@@ -74,14 +75,14 @@ def _parameters(node: str, settings: Settings) -> Callable[[Scene], None]:
     names = [
         item
         for item in fields(settings)
-        if not item.metadata.get('read_only') and not item.name.startswith(MEANT)
+        if not range_of(item).read_only and not item.name.startswith(MEANT)
     ]
 
     def strike(scene: Scene) -> None:
         for number in range(int(scene.rng.integers(1, 4))):
             item = names[int(scene.rng.integers(len(names)))]
             values = {item.name: _drawn(item, getattr(settings, item.name), scene)}
-            scene.later(0.5 * number, lambda values=values: _set(scene, node, values))
+            scene.later(0.5 * number, partial(_set, scene, node, values))
 
     return strike
 
@@ -93,15 +94,16 @@ def _set(scene: Scene, node: str, values: Mapping[str, Any]) -> None:
 
 def _drawn(item: Any, now: Any, scene: Scene) -> Any:
     """Draw a value of a setting out of its range."""
-    choices = item.metadata.get('choices')
+    allowed = range_of(item)
     if isinstance(now, bool):
         return not now
-    if choices:
-        return str(scene.rng.choice(list(choices)))
+    if allowed.choices:
+        return str(scene.rng.choice(list(allowed.choices)))
     if not isinstance(now, (int, float)):
         return now
-    low, high = range_of(item)
     factor = math.exp(scene.draw(-2.0, 2.0))
+    low = -math.inf if allowed.low is None else allowed.low
+    high = math.inf if allowed.high is None else allowed.high
     value = min(max(now * factor, low), high)
     return round(value) if isinstance(now, int) else float(value)
 

@@ -22,7 +22,7 @@ from visual_servo_epipolar.faults.world import FRAME_RATE, small_camera
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 
 PACKAGE = 'visual_servo_epipolar.nodes'
-START_S, REST_S, LONGEST_S, END_S = 90.0, 3.0, 60.0, 30.0
+START_S, REST_S, LONGEST_S, END_S = 90.0, 3.0, 45.0, 30.0
 LATE_S = 0.5  # by which a busy machine may deliver what is sent, or run who is due
 BASE = PioneerSettings()
 

@@ -14,7 +14,10 @@ class Wired(Protocol):
     """What takes the place of middleware, clocks and log."""
 
     now_ns: int
-    wall_ns: int
+
+    @property
+    def wall_ns(self) -> int:
+        """What the wall clock shows [ns]."""
 
     def publish(self, publisher: Publisher, message: Any) -> None:
         """Take what a node publishes."""

@@ -20,6 +20,7 @@ from visual_servo_epipolar.faults.wire.parcel import Filter, Parcel, Sight
 HOP_NS = 2_000_000  # a message is under way that long where nothing is wrong
 BEGIN_NS = 1_000 * NANOSECONDS  # of the steady clock
 WALL_NS = 1_700_000_000 * NANOSECONDS  # of the wall clock, at that moment
+FAR_NS = 2**63  # later than all else
 WARNING = 30  # severity of a log
 
 Latched = DurabilityPolicy.TRANSIENT_LOCAL
@@ -42,7 +43,7 @@ class Wire:
         self.ears: dict[str, list[Callable[[Node, Parcel], None]]] = defaultdict(list)
         self.logs: list[tuple[int, str, int, str]] = []  # time, node, severity, text
         self.crashes: list[str] = []
-        self._events: list[tuple[int, int, Callable[[], None]]] = []
+        self._events: list[tuple[int, int, Callable[[], object]]] = []
         self._numbers = itertools.count()
         self._due: dict[Timer, int] = {}
         self._hung: dict[Node, dict[Subscription, deque[Parcel]]] = {}
@@ -79,7 +80,7 @@ class Wire:
             for parcel in parcels:
                 self._deliver(node, subscription, parcel)
 
-    def at(self, moment_ns: int, act: Callable[[], None]) -> None:
+    def at(self, moment_ns: int, act: Callable[[], object]) -> None:
         """Let ``act`` happen at ``moment_ns``, after what was set for then before."""
         heapq.heappush(self._events, (moment_ns, next(self._numbers), act))
 
@@ -175,9 +176,9 @@ class Wire:
         self.call(node, subscription.callback, message)
         self._sight = before
 
-    def _next_timer(self) -> tuple[Timer | None, float]:
+    def _next_timer(self) -> tuple[Timer | None, int]:
         """Return the timer that is due first, and when; a new one counts from now."""
-        first, first_ns = None, float('inf')
+        first, first_ns = None, FAR_NS
         for node in self.nodes:
             for timer in node.timers:
                 due_ns = self._due.setdefault(timer, self.now_ns + timer.timer_period_ns)
