@@ -11,6 +11,7 @@ from visual_servo_epipolar import __version__
 from visual_servo_epipolar.commands import (
     bench,
     demo,
+    faults,
     gains,
     inspect,
     reproduce,
@@ -25,7 +26,7 @@ from visual_servo_epipolar.core.errors import InputError, VisualServoError
 from visual_servo_epipolar.nodes.startup.missing import remedy
 
 SUCCESS, FAILURE, BAD_INPUT, INTERRUPTED, UNREAD, TERMINATED = 0, 1, 2, 130, 141, 143
-COMMANDS = (demo, simulate, sweep, inspect, replay, report, reproduce, bench, gains)
+COMMANDS = (demo, simulate, sweep, inspect, replay, report, reproduce, bench, faults, gains)
 
 
 class Parser(argparse.ArgumentParser):

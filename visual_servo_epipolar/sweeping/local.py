@@ -54,8 +54,8 @@ def local_workers(jobs: int) -> Iterator[LocalWorkers]:
     """
     spawn = get_context('spawn')
     lifeline, parent_end = spawn.Pipe(duplex=False)
-    with _one_thread_each():
-        pool = ProcessPoolExecutor(jobs, spawn, _live_by, (lifeline,))
+    with one_thread_each():
+        pool = ProcessPoolExecutor(jobs, spawn, live_by, (lifeline,))
         try:
             yield LocalWorkers(pool, jobs)
         except BrokenProcessPool:
@@ -72,7 +72,7 @@ def local_workers(jobs: int) -> Iterator[LocalWorkers]:
             lifeline.close()
 
 
-def _live_by(lifeline: Connection) -> None:
+def live_by(lifeline: Connection) -> None:
     """Leave Ctrl-C to the parent, and end when the other end of ``lifeline`` is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
@@ -86,7 +86,8 @@ def _end_with(lifeline: Connection) -> None:
 
 
 @contextmanager
-def _one_thread_each() -> Iterator[None]:
+def one_thread_each() -> Iterator[None]:
+    """Let processes that are started meanwhile have one thread each."""
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, '1'))
     try:

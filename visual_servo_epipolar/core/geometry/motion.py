@@ -157,6 +157,8 @@ def _beyond(value: float, threshold: float, lift: bool) -> float:
 def _ramp(wanted: float, before: float, change: float) -> float:
     slower = abs(wanted) < abs(before) or wanted * before < 0.0
     limit = 2.0 * change if slower else change
+    if wanted * before < 0.0:  # once it stands, it speeds up the other way
+        limit = min(limit, change + 0.5 * abs(before))
     return before + min(max(wanted - before, -limit), limit)
 
 

@@ -1,0 +1,1 @@
+"""Fault campaign: closed loops on images with faults in them, judged by ground truth alone."""

@@ -1,0 +1,70 @@
+"""Faults between servo and wheels."""
+
+from collections.abc import Callable, Mapping
+import math
+from types import MappingProxyType
+
+from geometry_msgs.msg import Twist as TwistMessage
+
+from visual_servo_epipolar.faults.base import BreakableUnicycleNode
+from visual_servo_epipolar.faults.catalogue.fault import ALWAYS, Fault, Scene
+from visual_servo_epipolar.faults.catalogue.streams import dropped
+from visual_servo_epipolar.faults.wire.parcel import Parcel
+
+COMMANDS = '/cmd_vel'
+DELAY_S = 0.3
+OTHERS = ((math.nan, 0.0), (math.inf, 0.0), (0.0, -math.inf), (math.nan, math.nan))
+OTHERS_S = 3.0
+
+
+def _wheels(*grips: tuple[float, float]) -> Callable[[Scene], None]:
+    def strike(scene: Scene) -> None:
+        base = scene.world.nodes['unicycle_node']
+        grip = grips[int(scene.rng.integers(len(grips)))]
+        scene.notes.append(f'left {grip[0]:g}, right {grip[1]:g} of the motion')
+        if isinstance(base, BreakableUnicycleNode):
+            base.break_wheels(*grip)
+
+    return strike
+
+
+def _delay(scene: Scene) -> None:
+    scene.notes.append(scene.world.set('unicycle_node', {'command_delay': DELAY_S}))
+
+
+def _garbage(scene: Scene) -> None:
+    """Let somebody send twists that are no numbers."""
+
+    def send() -> None:
+        twist = TwistMessage()
+        twist.linear.x, twist.angular.z = OTHERS[int(scene.rng.integers(len(OTHERS)))]
+        scene.world.wire.send(Parcel(COMMANDS, twist, 0))
+
+    for number in range(round(OTHERS_S * 20)):
+        scene.later(number / 20, send)
+
+
+def _second_servo(scene: Scene) -> None:
+    """Start one more servo on the same tracks and the same cmd_vel."""
+    scene.world.start('servo_node', alias='servo_two')
+
+
+FAULTS: Mapping[str, Fault] = MappingProxyType(
+    {
+        'wheel_stuck': Fault(
+            what='a wheel, or both, stand still',
+            strike=_wheels((0.0, 1.0), (1.0, 0.0), (0.0, 0.0)),
+        ),
+        'wheel_slips': Fault(
+            what='a wheel loses a third of its motion', strike=_wheels((0.66, 1.0), (1.0, 0.66))
+        ),
+        'command_delay': Fault(what='commands take 0.3 s to the motors', strike=_delay),
+        'commands_dropped': Fault(
+            what='up to half of the commands lost', strike=dropped(COMMANDS), base_alone=True
+        ),
+        'commands_garbage': Fault(
+            what='nan and inf on cmd_vel by somebody else', strike=_garbage, phases=ALWAYS
+        ),
+        'two_servos': Fault(what='two servos on one cmd_vel', strike=_second_servo, phases=ALWAYS),
+    }
+)

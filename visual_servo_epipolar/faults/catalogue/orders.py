@@ -1,0 +1,135 @@
+"""Orders as faults: every service and any parameter, at any moment."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import fields
+from functools import partial
+import math
+from types import MappingProxyType
+from typing import Any
+
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.settings import range_of, Settings
+from visual_servo_epipolar.core.tracking.settings import TrackerSettings
+from visual_servo_epipolar.faults.catalogue.fault import ALWAYS, EVERYWHERE, Fault, Scene
+
+SERVICES = (
+    '/servo_node/start',
+    '/servo_node/stop',
+    '/servo_node/reset',
+    '/tracker_node/capture_desired',
+    '/tracker_node/redetect',
+)
+# A person who changes these says what counts as arrived, or as seen.
+MEANT = ('arrival_', 'near_parallax', 'max_attempts', 'stale_timeout', 'law', 'final_turn')
+ORDERS_IN_A_STORM = 30
+
+
+def called(service: str) -> Callable[[Scene], None]:
+    """Call ``service``."""
+
+    def strike(scene: Scene) -> None:
+        call(scene, service)
+
+    return strike
+
+
+def call(scene: Scene, service: str) -> None:
+    """Call ``service``, and note what that means for the goal, or for a robot that moves."""
+    record, witness = scene.witness.record, scene.witness
+    if service.endswith('/capture_desired'):
+        record.goals.append(witness.seen_pose)
+    if service == '/servo_node/stop':
+        record.stopped_s = witness.now_s
+    if service in ('/servo_node/start', '/servo_node/reset'):
+        record.stopped_s = math.inf
+    scene.notes.append(f'{service}: {scene.world.call(service)}')
+
+
+def _stop_then_start(scene: Scene) -> None:
+    call(scene, '/servo_node/stop')
+    scene.later(scene.draw(0.2, 3.0), lambda: call(scene, '/servo_node/start'))
+
+
+def _storm(scene: Scene) -> None:
+    """Call services at random, ending with a stop: nothing but the stop counts then."""
+    for number in range(ORDERS_IN_A_STORM):
+        service = SERVICES[int(scene.rng.integers(len(SERVICES)))]
+        scene.later(0.1 * number, partial(call, scene, service))
+    scene.later(0.1 * ORDERS_IN_A_STORM, lambda: call(scene, '/servo_node/stop'))
+
+
+def _carried(scene: Scene) -> None:
+    """Carry the robot back to the start, as ``~/reset`` of the base does."""
+    scene.witness.record.moved_s.append(scene.witness.now_s)
+    scene.notes.append(scene.world.call('/unicycle_node/reset'))
+
+
+def _limits(scene: Scene) -> None:
+    """Lower the speed limits of a robot that drives."""
+    values = {'max_linear': scene.draw(0.02, 0.1), 'max_angular': scene.draw(0.02, 0.1)}
+    scene.notes.append(str(values) + scene.world.set('servo_node', values))
+
+
+def _parameters(node: str, settings: Settings) -> Callable[[Scene], None]:
+    """Set some parameters of ``node`` to anything that they may be, one by one."""
+    names = [
+        item
+        for item in fields(settings)
+        if not range_of(item).read_only and not item.name.startswith(MEANT)
+    ]
+
+    def strike(scene: Scene) -> None:
+        for number in range(int(scene.rng.integers(1, 4))):
+            item = names[int(scene.rng.integers(len(names)))]
+            values = {item.name: _drawn(item, getattr(settings, item.name), scene)}
+            scene.later(0.5 * number, partial(_set, scene, node, values))
+
+    return strike
+
+
+def _set(scene: Scene, node: str, values: Mapping[str, Any]) -> None:
+    refusal = scene.world.set(node, values)
+    scene.notes.append(f'{dict(values)}{": " if refusal else ""}{refusal}')
+
+
+def _drawn(item: Any, now: Any, scene: Scene) -> Any:
+    """Draw a value of a setting out of its range."""
+    allowed = range_of(item)
+    if isinstance(now, bool):
+        return not now
+    if allowed.choices:
+        return str(scene.rng.choice(list(allowed.choices)))
+    if not isinstance(now, (int, float)):
+        return now
+    factor = math.exp(scene.draw(-2.0, 2.0))
+    low = -math.inf if allowed.low is None else allowed.low
+    high = math.inf if allowed.high is None else allowed.high
+    value = min(max(now * factor, low), high)
+    return round(value) if isinstance(now, int) else float(value)
+
+
+FAULTS: Mapping[str, Fault] = MappingProxyType(
+    {
+        'order_start': Fault(what='~/start', strike=called(SERVICES[0]), phases=ALWAYS),
+        'order_stop': Fault(what='~/stop', strike=called(SERVICES[1]), phases=ALWAYS),
+        'order_reset': Fault(what='~/reset', strike=called(SERVICES[2]), phases=ALWAYS),
+        'order_capture': Fault(
+            what='~/capture_desired', strike=called(SERVICES[3]), phases=ALWAYS
+        ),
+        'order_redetect': Fault(what='~/redetect', strike=called(SERVICES[4]), phases=ALWAYS),
+        'order_stop_and_start': Fault(
+            what='~/stop, and ~/start a little later', strike=_stop_then_start, phases=ALWAYS
+        ),
+        'order_storm': Fault(what='30 services in 3 s, then ~/stop', strike=_storm, phases=ALWAYS),
+        'carried': Fault(what='somebody carries the robot', strike=_carried, phases=ALWAYS),
+        'limits_lowered': Fault(what='max_linear, max_angular lowered', strike=_limits),
+        'parameters_servo': Fault(
+            what='parameters of the servo', strike=_parameters('servo_node', ServoSettings())
+        ),
+        'parameters_tracker': Fault(
+            what='parameters of the tracker',
+            strike=_parameters('tracker_node', TrackerSettings()),
+            phases=EVERYWHERE,
+        ),
+    }
+)

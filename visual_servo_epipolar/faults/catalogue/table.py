@@ -1,0 +1,22 @@
+"""The table of all faults by name."""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from visual_servo_epipolar.faults.catalogue import (
+    base,
+    calibration,
+    clocks,
+    images,
+    nodes,
+    orders,
+    streams,
+    tracks,
+)
+from visual_servo_epipolar.faults.catalogue.fault import Fault
+
+GROUPS = (streams, images, tracks, calibration, clocks, orders, base, nodes)
+FAULTS: Mapping[str, Fault] = MappingProxyType(
+    {'none': Fault(what='nothing is wrong')}
+    | {name: fault for group in GROUPS for name, fault in group.FAULTS.items()}
+)

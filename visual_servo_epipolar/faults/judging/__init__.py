@@ -1,0 +1,1 @@
+"""Judging: what happened in a run, by ground truth, and the verdict on it."""

@@ -1,0 +1,106 @@
+"""Record of a run with a fault: ground truth, what the servo saw, commanded and said."""
+
+from dataclasses import dataclass, field
+from enum import Enum
+import math
+from typing import NamedTuple
+
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose, Twist
+
+
+class Truth(NamedTuple):
+    """Where the robot really is, and how it moves, at ``time_s``."""
+
+    time_s: float
+    pose: Pose
+    twist: Twist
+
+
+class Limits(NamedTuple):
+    """Limits of speed [m/s, rad/s] and of its ramps [m/s^2, rad/s^2], inf without one."""
+
+    linear: float
+    angular: float
+    acceleration: float
+    angular_acceleration: float
+
+
+class Order(NamedTuple):
+    """A command of the servo at ``time_s``, and the limits that it was told by then."""
+
+    time_s: float
+    twist: Twist
+    limits: Limits
+
+
+class Seen(NamedTuple):
+    """What reached the servo at ``time_s``: tracks of the true scene as it was at ``taken_s``."""
+
+    time_s: float
+    taken_s: float
+
+
+@dataclass(slots=True)
+class Record:
+    """
+    Record of one run; times are of the steady clock [s].
+
+    ``goals`` are the poses that somebody asked for, ``moved_s`` when the robot was carried,
+    ``stopped_s`` when it was told to stand for good, and ``why`` the words of those who said why
+    it stands. ``wrong_geometry_s`` is as ``run_monitor.wrong_geometry_s`` [s].
+    """
+
+    truths: list[Truth] = field(default_factory=list)
+    orders: list[Order] = field(default_factory=list)
+    seen: list[Seen] = field(default_factory=list)
+    goals: list[Pose] = field(default_factory=lambda: [DESIRED_POSE])
+    moved_s: list[float] = field(default_factory=list)
+    stopped_s: float = math.inf
+    phase: str = 'waiting'
+    reason: str = ''
+    why: list[str] = field(default_factory=list)
+    crashes: list[str] = field(default_factory=list)
+    senseless: str = ''  # what was wrong with a command that is no velocity
+    wrong_geometry_s: float = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bounds:
+    """
+    What is right and what is allowed.
+
+    ``sight_s``: how old the newest true sight may be before a moving robot must begin to stand;
+    ``delay_s``: from a command to the motors; ``period_s``: between two images. Speeds and
+    accelerations are those of the base.
+    """
+
+    sight_s: float
+    period_s: float
+    delay_s: float = 0.0
+    base_linear: float = 1.0
+    base_angular: float = 1.74
+    base_acceleration: float = 0.6
+    base_deceleration: float = 0.6
+    base_angular_acceleration: float = 1.74
+    position_m: float = 0.03
+    heading_rad: float = math.radians(1.0)
+    excursion_ratio: float = 2.0
+    excursion_m: float = 1.0
+
+
+class Verdict(str, Enum):
+    """Verdict on a run: two are safe."""
+
+    ARRIVED = 'arrived'
+    AT_REST = 'at rest'
+    TRACEBACK = 'traceback'
+    BLIND = 'moved without sight'
+    DISOBEYED = 'moved after stop'
+    LIMITS = 'limits exceeded'
+    RAN_AWAY = 'ran away'
+    STILL_MOVING = 'still moving at the end'
+    WRONG_ARRIVAL = 'wrong arrival'
+    UNEXPLAINED = 'at rest without a reason'
+
+
+SAFE = (Verdict.ARRIVED, Verdict.AT_REST)

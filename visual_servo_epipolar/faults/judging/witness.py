@@ -1,0 +1,155 @@
+"""Witness of a run: writes down what happens in a world."""
+
+from bisect import bisect_right
+import math
+from typing import Any
+
+from rclpy.node import Node
+
+from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
+from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.stamps import NANOSECONDS
+from visual_servo_epipolar.faults.judging.record import Limits, Order, Record, Seen, Truth
+from visual_servo_epipolar.faults.wire.parcel import Parcel, Sight
+from visual_servo_epipolar.faults.wire.wire import WARNING
+from visual_servo_epipolar.faults.world import World
+from visual_servo_epipolar.messages import read
+from visual_servo_epipolar.simulation.mounts.registry import new_rig
+from visual_servo_epipolar.simulation.mounts.true_geometry import true_geometry
+from visual_servo_epipolar.simulation.run_monitor import LEAST_BASELINE_M, WRONG_BEARING
+
+SERVO = 'servo_node'
+LONGEST_STEP_S = 0.5  # between two measurements that count as one drive
+LIMITS = (
+    'max_linear',
+    'max_angular',
+    'max_acceleration',
+    'max_angular_acceleration',
+    'speed_ramps',
+    'dead_band_linear',
+    'dead_band_angular',
+)
+MUTE = (Phase.HOLDING.value, Phase.FAILED.value, Phase.WAITING.value)  # have a reason, or should
+
+
+class Witness:
+    """Witness of a ``world``; ``record`` is what it saw up to now."""
+
+    def __init__(self, world: World) -> None:
+        self.record, self._world, self._wire = Record(), world, world.wire
+        self._rig = new_rig(world.settings.camera)
+        self._image: Sight | None = None  # the last one that reached the tracker
+        self._sight: Sight | None = None  # what the servo saw last
+        self._measured_s: float | None = None
+        for topic, tap in (
+            ('/ground_truth', self._on_truth),
+            ('/image_raw', self._on_image),
+            ('/tracks', self._on_tracks),
+            ('/cmd_vel', self._on_command),
+            ('/phase', self._on_phase),
+            ('/diagnostics', self._on_diagnostics),
+            ('/epipoles', self._on_epipoles),
+        ):
+            self._wire.taps[topic].append(tap)
+        self._wire.ears['/image_raw'].append(self._on_arrival)
+        self._wire.ears['/tracks'].append(self._on_sight)
+
+    @property
+    def now_s(self) -> float:
+        """The time [s]."""
+        return self._wire.now_ns / NANOSECONDS
+
+    @property
+    def pose(self) -> Pose:
+        """Where the robot is."""
+        return self.record.truths[-1].pose
+
+    def pose_at(self, taken_ns: int) -> Pose:
+        """Return where the robot was."""
+        times = [truth.time_s for truth in self.record.truths]
+        return self.record.truths[max(bisect_right(times, taken_ns / NANOSECONDS) - 1, 0)].pose
+
+    @property
+    def seen_pose(self) -> Pose:
+        """Where the image was taken that the tracker had last."""
+        return self.pose if self._image is None else self.pose_at(self._image.taken_ns)
+
+    def finish(self) -> Record:
+        """Return the record, with what was said about why the robot stands."""
+        record = self.record
+        record.crashes = list(self._wire.crashes)
+        record.why += [text for _, _, severity, text in self._wire.logs if severity >= WARNING]
+        if SERVO not in self._world.nodes:
+            record.why.append(f'{SERVO} is gone')
+        if record.stopped_s < math.inf:
+            record.why.append('it was told to')
+        if record.phase in MUTE and record.reason:
+            record.why.append(record.reason)
+        return record
+
+    def _on_truth(self, parcel: Parcel) -> None:
+        pose, twist = read.pose(parcel.message), read.twist(parcel.message.twist)
+        self.record.truths.append(Truth(self.now_s, pose, twist))
+
+    def _on_image(self, parcel: Parcel) -> None:
+        parcel.sight = Sight(self._wire.now_ns)
+
+    def _on_arrival(self, node: Node, parcel: Parcel) -> None:
+        self._image = parcel.sight
+
+    def _on_tracks(self, parcel: Parcel) -> None:
+        # An image that waited for its camera_info was not what the tracker was called for.
+        parcel.sight = parcel.sight or self._image
+
+    def _on_sight(self, node: Node, parcel: Parcel) -> None:
+        enough = int(node.get_parameter('min_features').value)
+        if node.get_name() != SERVO or parcel.sight is None:
+            return
+        self._sight = parcel.sight
+        if parcel.sight.true and parcel.message.width >= enough:
+            self.record.seen.append(Seen(self.now_s, parcel.sight.taken_ns / NANOSECONDS))
+
+    def _on_command(self, parcel: Parcel) -> None:
+        servo = self._world.nodes.get(parcel.sender)
+        if servo is None or parcel.sender != SERVO:
+            return
+        try:
+            twist = read.twist(parcel.message)
+        except ValueError as error:
+            self.record.senseless = str(error)
+            return
+        self.record.orders.append(Order(self.now_s, twist, _limits(servo)))
+
+    def _on_phase(self, parcel: Parcel) -> None:
+        if parcel.sender in (SERVO, ''):
+            self.record.phase = str(parcel.message.data)
+
+    def _on_diagnostics(self, parcel: Parcel) -> None:
+        said = read.diagnosis(parcel.message)
+        if parcel.sender == SERVO and 'reason' in said:
+            self.record.reason = said['reason']
+
+    def _on_epipoles(self, parcel: Parcel) -> None:
+        """Add up the time driven on a wrong geometry."""
+        if parcel.sender != SERVO or self._sight is None or len(self.record.goals) > 1:
+            return
+        said: dict[str, Any] = read.telemetry(parcel.message)
+        truth = true_geometry(self._rig, self.pose_at(self._sight.taken_ns))
+        error = truth.error(said['bearing_current_rad'], said['bearing_desired_rad'])
+        before_s, self._measured_s = self._measured_s, self.now_s
+        driven = bool(self.record.orders) and self.record.orders[-1].twist != STANDSTILL
+        wrong = truth.baseline > LEAST_BASELINE_M and error > WRONG_BEARING
+        if driven and wrong and before_s is not None:
+            self.record.wrong_geometry_s += min(self.now_s - before_s, LONGEST_STEP_S)
+
+
+def _limits(servo: Node) -> Limits:
+    """Return the limits that a servo obeys; slow commands may jump to a dead band that is told."""
+    said = {name: servo.get_parameter(name).value for name in LIMITS}
+    ramps = said['speed_ramps'] and not (said['dead_band_linear'] or said['dead_band_angular'])
+    return Limits(
+        float(said['max_linear']),
+        float(said['max_angular']),
+        float(said['max_acceleration']) if ramps else math.inf,
+        float(said['max_angular_acceleration']) if ramps else math.inf,
+    )

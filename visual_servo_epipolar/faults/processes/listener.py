@@ -1,0 +1,146 @@
+"""Listener: hears what real processes publish, and writes the record of their run."""
+
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, ExitStack
+import math
+from pathlib import Path
+import re
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Twist as TwistMessage
+from nav_msgs.msg import Odometry
+import rclpy
+from rclpy.context import Context
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import PointCloud2
+from std_msgs.msg import String
+
+from visual_servo_epipolar.benchmarks.wire.processes import DOMAIN, only_this_machine
+from visual_servo_epipolar.core.errors import VisualServoError
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.stamps import NANOSECONDS
+from visual_servo_epipolar.faults.judging.motion import moving
+from visual_servo_epipolar.faults.judging.record import Limits, Order, Record, Seen, Truth
+from visual_servo_epipolar.messages import read
+from visual_servo_epipolar.nodes import qos
+
+DEEP = QoSProfile(depth=500)
+SPEAKS = re.compile(r'\[(?:WARN|ERROR|FATAL)\].*?\]: (.*)')
+SETTINGS = ServoSettings()
+# Ramps are judged in simulated time alone: here messages come when the machine has time.
+LIMITS = Limits(SETTINGS.max_linear, SETTINGS.max_angular, math.inf, math.inf)
+
+
+class Listener(AbstractContextManager['Listener']):
+    """Hears ground truth, tracks, commands and phase; times are of the wall clock [s]."""
+
+    def __init__(self) -> None:
+        self.record, self.struck_s, self.struck_in = Record(), math.nan, ''
+        self._begin_s, self._deaf, self._moved_s = time.time(), '', math.nan
+        with ExitStack() as stack:
+            stack.enter_context(only_this_machine())
+            context = Context()
+            rclpy.init(args=[], context=context, domain_id=DOMAIN)
+            stack.callback(context.try_shutdown)
+            self._node: Node = rclpy.create_node('faults_listener', context=context)
+            stack.callback(self._node.destroy_node)
+            self._executor = SingleThreadedExecutor(context=context)
+            self._executor.add_node(self._node)
+            self._listen()
+            self._stack = stack.pop_all()
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    @property
+    def moving(self) -> bool:
+        """Whether the robot moves."""
+        return bool(self.record.truths) and moving(self.record.truths[-1].twist)
+
+    @property
+    def time_s(self) -> float:
+        """Time since the beginning."""
+        return time.time() - self._begin_s
+
+    def strike(self, node: str) -> None:
+        """Note that ``node`` is harmed now."""
+        self.struck_s, self.struck_in, self._deaf = self.time_s, self.record.phase, node
+
+    def resumed(self) -> None:
+        """Note that it goes on."""
+        self._deaf = ''
+
+    def spin_for(self, seconds: float) -> None:
+        """Hear what comes for ``seconds``."""
+        end_s = time.monotonic() + seconds
+        while (left_s := end_s - time.monotonic()) > 0.0:
+            self._executor.spin_once(timeout_sec=left_s)
+
+    def wait(self, condition: Callable[[], bool], timeout_s: float, what: str) -> None:
+        """Hear what comes until ``condition``."""
+        end_s = time.monotonic() + timeout_s
+        while not condition():
+            self.spin_for(0.05)
+            if time.monotonic() > end_s:
+                raise VisualServoError(f'{what} was waited for, {timeout_s:g} s in vain')
+
+    def watch_until_rest(self, rest_s: float, longest_s: float) -> None:
+        """Hear what comes until the robot has stood for ``rest_s``, or for ``longest_s``."""
+        begin_s = moved_s = time.monotonic()
+        while time.monotonic() < min(moved_s + rest_s, begin_s + longest_s):
+            before = len(self.record.truths)
+            self.spin_for(0.1)
+            if self.moving and len(self.record.truths) > before:
+                moved_s = time.monotonic()
+
+    def finish(self, logs: Mapping[str, Path]) -> Record:
+        """Return the record; ``logs`` are what each node wrote to standard error."""
+        record = self.record
+        if self._deaf == 'unicycle_node':  # a base whose process is gone or hangs stands
+            record.truths.append(record.truths[-1]._replace(time_s=time.time(), twist=STANDSTILL))
+        if self._deaf:
+            record.why.append(f'{self._deaf} is gone, or hangs')
+        for name, path in logs.items():
+            text = path.read_text(errors='replace')
+            record.why += SPEAKS.findall(text)
+            if 'Traceback' in text:
+                record.crashes.append(f'{name}: {text[text.index("Traceback") :]}')
+        if record.phase in ('holding', 'failed') and record.reason:
+            record.why.append(record.reason)
+        return record
+
+    def _listen(self) -> None:
+        for kind, topic, hear, profile in (
+            (Odometry, 'ground_truth', self._on_truth, DEEP),
+            (PointCloud2, 'tracks', self._on_tracks, DEEP),
+            (TwistMessage, 'cmd_vel', self._on_command, DEEP),
+            (String, 'phase', self._on_phase, qos.LATCHED),
+            (DiagnosticArray, '/diagnostics', self._on_diagnostics, DEEP),
+        ):
+            self._node.create_subscription(kind, topic, hear, profile)
+
+    def _on_truth(self, message: Any) -> None:
+        time_s = read.stamp_ns(message.header) / NANOSECONDS
+        twist = read.twist(message.twist)
+        self.record.truths.append(Truth(time_s, read.pose(message), twist))
+
+    def _on_tracks(self, message: Any) -> None:
+        if self._deaf != 'servo_node' and message.width >= SETTINGS.min_features:
+            taken_s = read.stamp_ns(message.header) / NANOSECONDS
+            self.record.seen.append(Seen(time.time(), taken_s))
+
+    def _on_command(self, message: Any) -> None:
+        self.record.orders.append(Order(time.time(), read.twist(message), LIMITS))
+
+    def _on_phase(self, message: Any) -> None:
+        self.record.phase = str(message.data)
+
+    def _on_diagnostics(self, message: Any) -> None:
+        said = read.diagnosis(message)
+        if 'reason' in said:
+            self.record.reason = said['reason']

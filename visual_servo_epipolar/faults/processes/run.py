@@ -1,0 +1,123 @@
+"""One run of real processes, one of which is harmed while the robot drives."""
+
+from contextlib import ExitStack
+from dataclasses import asdict
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+import tempfile
+from typing import Any
+import zlib
+
+import numpy as np
+
+from visual_servo_epipolar.benchmarks.wire.processes import DISCOVERY, DOMAIN
+from visual_servo_epipolar.faults.judging.judge import judged
+from visual_servo_epipolar.faults.judging.record import Bounds
+from visual_servo_epipolar.faults.processes.listener import Listener, SETTINGS
+from visual_servo_epipolar.faults.processes.table import NODES, ProcessFault
+from visual_servo_epipolar.faults.world import FRAME_RATE, small_camera
+from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
+
+PACKAGE = 'visual_servo_epipolar.nodes'
+START_S, REST_S, LONGEST_S, END_S = 90.0, 3.0, 45.0, 30.0
+LATE_S = 0.5  # by which a busy machine may deliver what is sent, or run who is due
+BASE = PioneerSettings()
+
+
+def run(name: str, fault: ProcessFault, seed: int) -> dict[str, Any]:
+    """Start the nodes, harm one while the robot drives, and return what became of it."""
+    rng = np.random.default_rng((seed, zlib.crc32(name.encode())))
+    start = [float(rng.uniform(-0.3, 0.3)), float(rng.uniform(-3.0, -2.0)), 0.0]
+    after_s, hung_s = float(rng.uniform(0.3, 4.0)), float(rng.uniform(0.3, 4.0))
+    resumes = fault.resumes and bool(rng.random() < 0.5)
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        listener = stack.enter_context(Listener())
+        harmed = _team(stack, folder, seed, start, fault)[fault.node]
+        listener.wait(lambda: listener.moving, START_S, 'a robot that moves')
+        listener.spin_for(after_s)
+        listener.strike(fault.node)
+        harmed.send_signal(fault.signal)
+        if resumes:
+            listener.spin_for(hung_s)
+            harmed.send_signal(signal.SIGCONT)
+            listener.resumed()
+        listener.watch_until_rest(REST_S, LONGEST_S)
+        record = listener.finish({node: folder / f'{node}.log' for node in NODES})
+    judgement = judged(record, _bounds())
+    return {
+        'fault': name,
+        'seed': seed,
+        'start': start,
+        'struck_s': listener.struck_s,
+        'struck_in': listener.struck_in,
+        'notes': [f'continued after {hung_s:.1f} s'] if resumes else [],
+        'safe': judgement.safe,
+        **asdict(judgement),
+        'verdict': judgement.verdict.value,
+        'wrong_geometry_s': 0.0,
+        'phase': record.phase,
+        'reason': record.reason,
+        'duration_s': listener.time_s,
+    }
+
+
+def _team(
+    stack: ExitStack, folder: Path, seed: int, start: list[float], fault: ProcessFault
+) -> dict[str, 'subprocess.Popen[bytes]']:
+    """
+    Start the four nodes, each in a session of its own; they end with the stack.
+
+    The base stops by itself only where nobody else can stop it.
+    """
+    camera = small_camera(seed)
+    names = ('width', 'height', 'focal_length', 'principal_u', 'principal_v', 'seed')
+    timeout_s = BASE.command_timeout if fault.mute else 0.0
+    more = {
+        'camera_node': [f'{name}:={getattr(camera, name)}' for name in names],
+        'unicycle_node': [f'start:={start}', f'command_timeout:={timeout_s}'],
+        'servo_node': ['autostart:=true'],
+    }
+    path = os.pathsep.join(filter(None, map(os.path.abspath, sys.path)))
+    environment = {**os.environ, 'ROS_DOMAIN_ID': str(DOMAIN), 'PYTHONPATH': path}
+    environment |= {DISCOVERY: 'LOCALHOST', 'ROS_LOG_DIR': str(folder)}
+    team = {}
+    for node in NODES:
+        arguments = [word for text in more.get(node, ()) for word in ('-p', text)]
+        log = stack.enter_context((folder / f'{node}.log').open('w'))
+        team[node] = subprocess.Popen(
+            [sys.executable, '-m', f'{PACKAGE}.{node}', '--ros-args', *arguments],
+            cwd=folder,
+            env=environment,
+            stderr=log,
+            start_new_session=True,
+        )
+        stack.callback(_end, team[node])
+    return team
+
+
+def _end(process: 'subprocess.Popen[bytes]') -> None:
+    """End a process that may hang."""
+    process.send_signal(signal.SIGCONT)
+    process.terminate()
+    try:
+        process.wait(END_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+
+
+def _bounds() -> Bounds:
+    """Return what is allowed; ramps of the base between messages are not judged."""
+    latency_s = float(getattr(SETTINGS, 'max_latency', 0.0))
+    period_s = 1.0 / FRAME_RATE
+    return Bounds(
+        sight_s=SETTINGS.stale_timeout + latency_s + period_s + LATE_S,
+        period_s=period_s,
+        base_acceleration=float('inf'),
+        base_deceleration=BASE.deceleration,
+        base_angular_acceleration=BASE.angular_acceleration,
+    )
