@@ -89,6 +89,7 @@ CONNECTION = frozenset(
         'camera_reliability',
         'desired_image',
         'enable_stamped_cmd_vel',
+        'max_latency',
         'mount_from_tf',
         'rectified',
         'use_sim_time',
