@@ -165,3 +165,12 @@ def test_diagnostics_come_back_as_text() -> None:
     values = {'phase': 'holding', 'features': 3.0}
     message = write.diagnostics('servo', level=b'\x00', summary='', values=values, stamp_ns=1)
     assert read.diagnosis(from_bag(message)) == {'phase': 'holding', 'features': '3.0'}
+
+
+@pytest.mark.parametrize(('sec', 'nanosec'), [(2**31 - 1, 2**32 - 1), (-(2**31), 0), (-1, 5)])
+def test_a_stamp_that_no_clock_shows_is_passed_on_all_the_same(sec, nanosec) -> None:
+    header = write.header(0, 'camera')
+    header.stamp.sec, header.stamp.nanosec = sec, nanosec
+    stamp = write.stamp(read.stamp_ns(header))
+    assert stamp.sec == sec
+    assert stamp.nanosec == min(nanosec, 10**9 - 1)

@@ -32,7 +32,9 @@ class Servo:
         self.bench, self.stamp_ns = bench, 0
         self._send = bench.talk(PointCloud2, 'tracks')
         calibrate = bench.talk(CameraInfo, 'camera_info')
-        self.node = bench.start(ServoNode, autostart=True, stale_timeout=60.0, **values)
+        self.node = bench.start(
+            ServoNode, autostart=True, max_latency=0.0, stale_timeout=60.0, **values
+        )
         self._world = PointWorld(PointSettings(), FixedRig(CAMERA), seed=0)
         calibrate(write.camera_info(CAMERA, 1, 'camera'))
         bench.settle()
@@ -42,7 +44,7 @@ class Servo:
         self.stamp_ns += PERIOD_NS
         features = Features() if blank else self._world.observe(AWAY, 0)
         self._send(write.features(features, self.stamp_ns, 'camera', goal))
-        self.bench.until(lambda: self.node._stamp_ns == self.stamp_ns, 'tracks to arrive')
+        self.bench.until(lambda: self.node._run.stamp_ns == self.stamp_ns, 'tracks to arrive')
         self.bench.settle()
         return self.node._state
 

@@ -31,7 +31,9 @@ class Servo:
         self.phases = bench.listen(String, 'phase')
         self._send = bench.talk(PointCloud2, 'tracks')
         self._calibrate = bench.talk(CameraInfo, 'camera_info')
-        self.node = bench.start(ServoNode, autostart=True, stale_timeout=60.0, **values)
+        self.node = bench.start(
+            ServoNode, autostart=True, stale_timeout=60.0, max_latency=0.0, **values
+        )
         self.world = PointWorld(PointSettings(), FixedRig(camera), seed=0)
         self.calibrate(camera)
 

@@ -4,17 +4,15 @@ from dataclasses import replace
 import math
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import Twist as TwistMessage
-from geometry_msgs.msg import TwistStamped
 import numpy as np
 import pytest
 from rclpy.parameter import Parameter
-from sensor_msgs.msg import CameraInfo, JointState, PointCloud2
+from sensor_msgs.msg import JointState
+from servo_rig import AWAY, CAMERA, GOAL, PERIOD_NS, Rig, STAMP_NS, tracks, WORLD
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
 
-from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
 from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -23,57 +21,6 @@ from visual_servo_epipolar.core.servo.step import step
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import read, settings_text, write
 from visual_servo_epipolar.nodes import qos
-from visual_servo_epipolar.nodes.servo_node import ServoNode
-from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
-from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
-
-CAMERA = Camera(1280, 1024, 769.2, 769.2, 635.0, 512.0)
-WORLD = PointWorld(PointSettings(), FixedRig(CAMERA), seed=0)
-AWAY, GOAL = Pose.from_start(1.0, -3.5, 8.0), Pose.from_start(0.0, 0.0, 0.0)
-STAMP_NS, PERIOD_NS = 7_000_000_003, 90_909_091
-
-
-class Rig:
-    """A running servo node, fed with tracks one by one."""
-
-    def __init__(self, bench, *, calibrated=True, **values) -> None:
-        self.bench, self.stamp_ns = bench, STAMP_NS
-        kind = TwistStamped if values.get('enable_stamped_cmd_vel') else TwistMessage
-        self.commands = bench.listen(kind, 'cmd_vel')
-        self.send = bench.talk(PointCloud2, 'tracks')
-        self.calibrate = bench.talk(CameraInfo, 'camera_info')
-        self.node = bench.start(ServoNode, **{'autostart': True, **values})
-        if calibrated:
-            self.calibrate(write.camera_info(CAMERA, 0, 'camera'))
-            bench.until(lambda: self.node._camera.model is not None, 'camera_info to arrive')
-
-    def twists(self):
-        return [read.twist(message) for message in self.commands]
-
-    def tell(self, cloud) -> None:
-        """Send tracks, and wait until the node has taken them in."""
-        received = self.node.received
-        self.send(cloud)
-        self.bench.until(lambda: self.node.received > received, 'tracks to arrive')
-        self.bench.settle()
-
-    def see(self, pose=AWAY) -> None:
-        self.tell(tracks(pose, self.stamp_ns))
-        self.stamp_ns += PERIOD_NS
-
-    def drive(self):
-        """See until the robot is told to move."""
-        while self.node._state.twist == STANDSTILL:
-            self.see()
-        return self
-
-    @property
-    def phase(self) -> str:
-        return self.node._state.phase.value
-
-
-def tracks(pose=AWAY, stamp_ns=STAMP_NS):
-    return write.features(WORLD.observe(pose, 0), stamp_ns, 'camera_optical_frame')
 
 
 @pytest.fixture
@@ -208,9 +155,9 @@ def test_a_robot_that_was_stopped_waits_for_a_start_after_a_reset(bench) -> None
 def test_the_watchdog_leaves_a_robot_alone_that_stands(bench) -> None:
     rig = Rig(bench, stale_timeout=0.05)
     rig.see(GOAL)
-    watch = rig.node._freshness.clock.now().nanoseconds
+    watch = rig.node._run.freshness.clock.now().nanoseconds
     bench.until(
-        lambda: rig.node._freshness.clock.now().nanoseconds > watch + 0.3e9,
+        lambda: rig.node._run.freshness.clock.now().nanoseconds > watch + 0.3e9,
         'six looks of the watchdog',
     )
     assert rig.twists() == [STANDSTILL]
@@ -300,12 +247,18 @@ def test_what_it_says_carries_the_stamp_of_the_tracks(bench) -> None:
     markers = bench.listen(MarkerArray, 'servo_node/markers')
     phases = bench.listen(String, 'phase')
     Rig(bench, stale_timeout=60.0).see()
-    bench.until(lambda: bool(epipoles and diagnostics and markers and phases), 'its report')
-    headers = [epipoles[0].header, diagnostics[0].header]
+
+    def of_steps():
+        return [item for item in diagnostics if read.is_of_step(read.diagnosis(item))]
+
+    bench.until(lambda: bool(epipoles and of_steps() and markers), 'its report')
+    # Who listens from the beginning hears the phase before the first image as well.
+    bench.until(lambda: bool(phases) and phases[-1].data != 'waiting', 'the phase of the step')
+    headers = [epipoles[0].header, of_steps()[0].header]
     headers += [marker.header for marker in markers[0].markers]
     assert {read.stamp_ns(header) for header in headers} == {STAMP_NS}
     assert markers[0].markers[0].header.frame_id == 'camera_optical_frame'
-    assert phases[-1].data == read.diagnosis(diagnostics[0])['phase'] == 'displacing'
+    assert phases[-1].data == read.diagnosis(of_steps()[0])['phase'] == 'displacing'
 
 
 def test_epipoles_are_published_as_measured(bench) -> None:
@@ -330,8 +283,9 @@ def true_bearings(pose):
 def test_diagnostics_warn_of_a_robot_that_holds(bench) -> None:
     diagnostics = bench.listen(DiagnosticArray, '/diagnostics')
     rig = Rig(bench, stale_timeout=60.0).drive()
-    bench.until(lambda: bool(diagnostics), 'diagnostics')
-    assert diagnostics[-1].status[0].level == b'\x00'
+    bench.until(
+        lambda: bool(diagnostics) and diagnostics[-1].status[0].level == b'\x00', 'diagnostics'
+    )
     rig.tell(write.features(Features(), rig.stamp_ns, 'camera'))
     bench.until(lambda: diagnostics[-1].status[0].level == b'\x01', 'a warning')
     assert '0 features, 12 needed' in diagnostics[-1].status[0].message
@@ -367,7 +321,7 @@ def test_a_gain_changed_on_the_way_is_published_with_the_stamp_it_holds_from(rig
 def test_stamps_that_do_not_advance_are_said_so(rig, later_ns) -> None:
     rig.tell(tracks(stamp_ns=STAMP_NS))
     assert not rig.bench.logged('the stamps do not advance')
-    rig.node._active = False  # nor while it stands
+    rig.node._run.active = False  # nor while it stands
     rig.send(tracks(stamp_ns=STAMP_NS + later_ns))
     rig.bench.until(
         lambda: rig.bench.logged('the stamps do not advance; is /clock published?'), 'the warning'
@@ -381,7 +335,7 @@ def test_a_servo_that_drives_by_itself_says_so(rig) -> None:
 
 def test_a_warning_of_a_run_is_logged_even_amid_other_complaints(rig) -> None:
     rig.node._warn('the stamps do not advance')
-    rig.node._follow(replace(rig.node._state, warning='it takes long'))
+    rig.node._run.follow(replace(rig.node._state, warning='it takes long'))
     rig.bench.until(lambda: rig.bench.logged('it takes long'), 'the warning')
 
 

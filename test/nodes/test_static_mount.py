@@ -39,12 +39,18 @@ def see(bench, node, stamp_ns=STAMP_NS, frame='camera_optical_frame') -> None:
     bench.talk(CameraInfo, 'camera_info')(write.camera_info(CAMERA, stamp_ns, frame))
     bench.until(lambda: node._camera.model is not None, 'camera_info to arrive')
     bench.talk(PointCloud2, 'tracks')(write.features(WORLD.observe(AWAY, 0), stamp_ns, frame))
-    bench.until(lambda: node._stamp_ns == stamp_ns, 'tracks to arrive')
+    bench.until(lambda: node._run.stamp_ns == stamp_ns, 'tracks to arrive')
     bench.settle()
 
 
 def started(bench, **values) -> ServoNode:
-    values = {'mount_from_tf': True, 'autostart': True, 'stale_timeout': 60.0, **values}
+    values = {
+        'mount_from_tf': True,
+        'autostart': True,
+        'stale_timeout': 60.0,
+        'max_latency': 0.0,
+        **values,
+    }
     return bench.start(ServoNode, **values)
 
 

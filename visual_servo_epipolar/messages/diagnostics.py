@@ -10,6 +10,7 @@ from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.telemetry import telemetry
 from visual_servo_epipolar.messages import write
+from visual_servo_epipolar.messages.read import BETWEEN
 
 ARROW_M = 1.0
 LEVELS = {Phase.HOLDING: DiagnosticStatus.WARN, Phase.FAILED: DiagnosticStatus.ERROR}
@@ -31,6 +32,26 @@ def diagnosis(state: ServoState, stamp_ns: int, *, name: str) -> DiagnosticArray
         level=LEVELS.get(state.phase, DiagnosticStatus.OK),
         summary=summary,
         values=values,
+        stamp_ns=stamp_ns,
+    )
+
+
+def standing_diagnosis(
+    state: ServoState, reason: str, stamp_ns: int, *, name: str, alarming: bool
+) -> DiagnosticArray:
+    """Return why the servo stands between two images, or still does, as a diagnostic status."""
+    reason = reason or state.reason
+    level = LEVELS.get(state.phase, DiagnosticStatus.OK)
+    return write.diagnostics(
+        name,
+        level=max(level, DiagnosticStatus.WARN) if alarming else level,
+        summary=f'{state.phase.value}: {reason}' if reason else state.phase.value,
+        values={
+            'phase': state.phase.value,
+            'reason': reason,
+            'warning': state.warning,
+            BETWEEN: True,
+        },
         stamp_ns=stamp_ns,
     )
 

@@ -4,6 +4,7 @@ Reading: messages into core values, by their fields alone, so that rosbags messa
 Every function raises ValueError for a message that cannot be used.
 """
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from visual_servo_epipolar.messages.encodings import GrayReader
 
 NUMPY_TYPES = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 8: 'f8'}
 UNIT = 1e-2  # error of the length of a quaternion that somebody typed
+BETWEEN = 'between_images'  # the key of a diagnosis that no image led to
 TRACK_FIELDS = ('id', 'u', 'v', 'desired_u', 'desired_v', 'age', 'error')
 
 
@@ -188,3 +190,8 @@ def diagnosis(message: Any) -> dict[str, str]:
     if not message.status:
         raise ValueError('diagnostics must have a status, got none; connect those of a servo_node')
     return {str(item.key): str(item.value) for item in message.status[0].values}
+
+
+def is_of_step(diagnosis: Mapping[str, str]) -> bool:
+    """Return whether a diagnosis is of a step of the servo; other nodes publish them, too."""
+    return 'phase' in diagnosis and BETWEEN not in diagnosis

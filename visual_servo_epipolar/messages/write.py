@@ -30,13 +30,16 @@ TRACK_LAYOUT = np.dtype(
         ('goal', '<u4'),
     ]
 )
+FIRST_NS, LAST_NS = -(2**31) * NANOSECONDS, 2**31 * NANOSECONDS - 1
 UNMEASURED = 1e6  # variance of an axis that nothing measures, by the custom of ROS
 X, Y, YAW = 0, 1, 5  # rows and columns of a covariance: x, y, z, then turns about them
 POINT_TYPES = {'<u4': PointField.UINT32, '<f8': PointField.FLOAT64}
 
 
 def stamp(stamp_ns: int) -> Time:
-    """Return a time [ns] as a message."""
+    """Return a time [ns] as a message; the first or last that there is of any beyond."""
+    # Of 2^32 - 1 ns beside the last second, as a driver may send, who passes it on must not die.
+    stamp_ns = min(max(stamp_ns, FIRST_NS), LAST_NS)
     return Time(sec=int(stamp_ns // NANOSECONDS), nanosec=int(stamp_ns % NANOSECONDS))
 
 

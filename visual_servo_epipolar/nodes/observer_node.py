@@ -18,6 +18,7 @@ from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.simulation.run_monitor import RunMonitor
 
 DEPTH = 20
+UNFINISHED = 100  # stamps whose other messages may still come; older ones are forgotten
 
 Watch = Callable[[Sample, Pixels | None, Features | None], None]
 
@@ -49,9 +50,11 @@ class ObserverNode(Node):
     def _listener(self, topic: str) -> Callable[[Any], None]:
         def listen(message: Any) -> None:
             stamp_ns = read.stamp_ns(message.header)
-            if topic == '/diagnostics' and 'phase' not in read.diagnosis(message):
-                return  # other nodes publish here too
+            if topic == '/diagnostics' and not _is_of_step(message):
+                return
             parts = self._pending.setdefault(stamp_ns, {})
+            if len(self._pending) > UNFINISHED:
+                del self._pending[next(iter(self._pending))]
             parts[topic] = message
             if self._topics <= parts.keys():
                 self._complete(stamp_ns, self._pending.pop(stamp_ns))
@@ -69,3 +72,8 @@ class ObserverNode(Node):
         image = read.gray(parts['image_raw']) if 'image_raw' in parts else None
         features = read.features(parts['tracks']) if 'tracks' in parts else None
         self._watch(step, image, features)
+
+
+def _is_of_step(message: DiagnosticArray) -> bool:
+    """Return whether diagnostics are of a step of the servo: other nodes publish here, too."""
+    return bool(message.status) and read.is_of_step(read.diagnosis(message))

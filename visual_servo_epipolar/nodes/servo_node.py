@@ -6,43 +6,39 @@ from typing import Any
 from sensor_msgs.msg import CameraInfo, PointCloud2
 from std_srvs.srv import Trigger
 
-from visual_servo_epipolar.core.control.command import HALT
-from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
-from visual_servo_epipolar.core.perception.observation import Observation, observe
-from visual_servo_epipolar.core.servo.interruptions import (
-    camera_changed,
-    GOAL_CHANGED,
-    interrupted,
-    Interruption,
-    RunGoal,
-)
-from visual_servo_epipolar.core.servo.phases.table import DRIVING
+from visual_servo_epipolar.core.perception.observation import observe
+from visual_servo_epipolar.core.servo.interruptions import GOAL_CHANGED, RunGoal
+from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import step
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.messages import event_log, read, validation
+from visual_servo_epipolar.messages import event_log, read
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.complaints import Complaints
 from visual_servo_epipolar.nodes.lifecycle.gates import in_every_state
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 from visual_servo_epipolar.nodes.run import spin
+from visual_servo_epipolar.nodes.servoing import rivals, stamps
 from visual_servo_epipolar.nodes.servoing.camera import ServoCamera
-from visual_servo_epipolar.nodes.servoing.commands import Commands
-from visual_servo_epipolar.nodes.servoing.freshness import Freshness
+from visual_servo_epipolar.nodes.servoing.commands import Commands, RUNNING
 from visual_servo_epipolar.nodes.servoing.reports import Reports
+from visual_servo_epipolar.nodes.servoing.run import Run
+from visual_servo_epipolar.nodes.servoing.stop_button import PRESSED, StopButton
 from visual_servo_epipolar.nodes.startup.inputs import NO_TIME
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 
-WARN_PERIOD_S, WATCH_PERIOD_S = 5.0, 0.05
+WARN_PERIOD_S, WATCH_PERIOD_S, IDLE_PERIOD_S = 5.0, 0.05, 1.0
+NO_CAMERA = 'no usable camera_info yet; tracks wait for it, the robot stands'
 
 
 class ServoNode(ManagedNode):
     """
-    Hosts ``core.servo.step``: one command for each set of tracks, none while it is not started.
+    Hosts ``core.servo.step``: one command for each set of tracks in a run, silence outside.
 
     A watchdog on the steady clock stops the robot when tracks stay away, or repeat their stamp.
-    A node that is activated begins a new run as ``autostart`` says, but after ~/stop.
+    What is wrong with the tracks that come is ``_trouble``. A node that is activated begins a run
+    as ``autostart`` says, but not after a stop.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -52,7 +48,9 @@ class ServoNode(ManagedNode):
         self._settings = parameters.declare(self, ServoSettings)
         parameters.refuse_unknown(self, options)
         parameters.watch(self, lambda: self._settings, self._use)
-        self._active, self._state = self._settings.autostart, ServoState()
+        parameters.watch(self, lambda: self._node_settings, self._use_connections)
+        self._begins = self._settings.autostart  # a run, when it is activated
+        self._stop_button = StopButton(self, self._stop)
         self._create_services()
         self.autostart(self._node_settings)
 
@@ -60,41 +58,56 @@ class ServoNode(ManagedNode):
         """Create all that a run needs."""
         self._pending_tracks: PointCloud2 | None = None
         self._goal = RunGoal()
-        self._stamp_ns: int | None = None
-        self.received = 0  # sets of tracks
+        self.received, self._trouble = 0, ''  # sets of tracks
         self._camera = ServoCamera(self, self._node_settings, self._warn)
-        self._freshness = Freshness()
         self._commands, self._reports = Commands(self, self._node_settings), Reports(self)
+        self._run = Run(self, self._commands, self._reports, self._standstill)
         self._create_subscriptions()
         if self._node_settings.watchdog:
-            self.create_timer(WATCH_PERIOD_S, self._on_watch, clock=self._freshness.clock)
+            clock = self._run.freshness.clock
+            self.create_timer(WATCH_PERIOD_S, self._on_watch, clock=clock)
+            self.create_timer(IDLE_PERIOD_S, self._on_idle, clock=clock)
 
     def activate(self) -> None:
         """Wait for tracks, or for ~/start."""
+        self._run.active = self._begins
         self._reports.phase(self._state)
         self._announce()
-        if self._active:
-            self._log('autostart is true: the robot drives as soon as there are tracks')
+        if self._run.active:
+            self.get_logger().info(
+                'autostart is true: the robot drives as soon as there are tracks'
+            )
         else:
-            self._log(f'the robot stands until {self.get_fully_qualified_name()}/start is called')
+            self.get_logger().info(f'the robot {self._not_started}')
 
     def deactivate(self) -> None:
-        """Stop the robot first; the run is over."""
-        self._commands.send(HALT, self.get_clock().now().nanoseconds)
-        self._state = self._interrupted(Interruption.RESET)
-        self._active = self._active and self._settings.autostart
-        self._pending_tracks = None
-        self._reports.phase(self._state)
+        """Stop the robot; the run is over, and none goes on by itself."""
+        self._begins = self._run.active and self._settings.autostart
+        self._run.stop()
+        self._run.reset()
+        self._run.report()
+        self._pending_tracks, self._trouble = None, ''
         self._commands.wait()
+
+    @property
+    def _state(self) -> ServoState:
+        return self._run.state
+
+    @property
+    def _not_started(self) -> str:
+        return f'stands until {self.get_fully_qualified_name()}/start is called'
 
     def stop(self) -> None:
         """Stop the robot, and wait until the command is acknowledged."""
-        self._active = False
-        if not self.is_configured:  # it stands
-            return
-        self._state = self._interrupted(Interruption.STOPPED)
-        self._commands.send(HALT, self.get_clock().now().nanoseconds)
-        self._commands.wait()
+        self._stop()
+        if self.is_configured:
+            self._commands.wait()
+
+    def _stop(self, reason: str = '') -> None:
+        """Stop the robot, also for when the node is active again."""
+        self._begins = False
+        if self.is_configured:
+            self._run.stop(reason)
 
     def _create_subscriptions(self) -> None:
         info = qos.IMAGES[self._node_settings.camera_reliability]
@@ -111,128 +124,158 @@ class ServoNode(ManagedNode):
         if self.is_configured:
             self._announce()
 
+    def _use_connections(self, settings: ServoNodeSettings) -> None:
+        self._node_settings = settings
+        if self.is_configured:
+            self._announce()
+
     def _announce(self) -> None:
         """Publish the settings in force, so that a bag can be replayed with them."""
-        self._reports.settings((self._node_settings, self._settings), self._stamp_ns)
+        self._reports.settings((self._node_settings, self._settings), self._run.stamp_ns)
 
     def _on_info(self, message: CameraInfo) -> None:
         trouble = self._camera.hear(message, self._state, self._settings)
         if trouble and self._state.phase in DRIVING:
-            self._lose(trouble)
+            self._run.lose(trouble)
         pending, self._pending_tracks = self._pending_tracks, None
         if pending is not None and self._camera.model is not None and not self._is_stale():
-            self._on_tracks(pending)
+            self._drive_by(pending)
 
     def _on_tracks(self, message: PointCloud2) -> None:
-        stamp_ns = read.stamp_ns(message.header)
+        stamp_ns, run = read.stamp_ns(message.header), self._run
         self.received += 1
-        if stamp_ns != self._stamp_ns:  # a camera that hangs may repeat its last image for ever
-            self._freshness.renew()
-        if self._stamp_ns is not None and stamp_ns <= self._stamp_ns:
+        trouble = self._untimely(stamp_ns)
+        if trouble:
+            self._refuse(trouble)
+            return
+        if stamp_ns != run.stamp_ns:  # a camera that hangs may repeat its last image for ever
+            run.freshness.renew()
+        if run.stamp_ns is not None and stamp_ns <= run.stamp_ns:
             self._warn(NO_TIME)
-        other_goal = self._active and self._goal.is_other(read.goal(message), self._state)
-        if other_goal and self._state.reason != GOAL_CHANGED:
-            self._lose(GOAL_CHANGED)
-        if self._active:
+        if run.active:
+            if self._is_other_goal(message) and self._state.reason != GOAL_CHANGED:
+                run.lose(GOAL_CHANGED)
             self._take_mount(message.header.frame_id)  # and so announced from this stamp on
-        self._stamp_ns = stamp_ns
-        if not self._active:
+        run.stamp_ns = stamp_ns
+        self._drive_by(message)
+
+    def _drive_by(self, message: PointCloud2) -> None:
+        """Take the step that tracks lead to, where a run goes on or may begin."""
+        if not self._run.active:
             return
-        if self._camera.model is None:
+        camera = self._camera.model
+        if camera is None:
             self._pending_tracks = message
-            self._warn('no usable camera_info yet; tracks wait for it, the robot stands')
-            self._halt()
+            self._refuse(NO_CAMERA)
             return
-        observation = self._observed(message, self._camera.model)
-        self._follow(step(self._state, observation, self._settings))
-        self._commands.send(self._state.command, stamp_ns)  # nobody drives by what follows
-        self._reports.step(self._state, stamp_ns, message.header.frame_id)
+        contested = self._contested() if self._state.phase is Phase.WAITING else ''
+        if contested:
+            self._refuse(contested)
+            return
+        self._trouble = ''
+        features = self._camera.checked(message, camera, self._state)
+        if self._is_other_goal(message):
+            features = Features()
+            self._warn(GOAL_CHANGED)
+        observation = observe(features, camera, read.stamp_ns(message.header))
+        state = step(self._state, observation, self._settings)
+        self._run.advance(state, observation.stamp_ns, message.header.frame_id)
         self._camera.check(observation, self._state, self._settings)
 
-    def _observed(self, message: PointCloud2, camera: CalibratedCamera) -> Observation:
-        """Return the tracks as ``camera`` sees them, none through another than that of the run."""
-        features, warning = validation.checked_tracks(message, camera)
-        if self._camera.is_other(camera, self._state):
-            features, warning = Features(), camera_changed(camera)
-        if self._goal.is_other(read.goal(message), self._state):
-            features, warning = Features(), GOAL_CHANGED
-        observation = observe(features, camera, read.stamp_ns(message.header))
-        warning = warning or validation.left_out(observation, camera)
-        if warning:
-            self._warn(warning)
-        return observation
+    def _is_other_goal(self, message: PointCloud2) -> bool:
+        return self._goal.is_other(read.goal(message), self._state)
+
+    def _untimely(self, stamp_ns: int) -> str:
+        """Return why an image of this stamp is not driven by, or ''."""
+        if not self._node_settings.watchdog:
+            return ''  # time itself waits for the servo
+        now_ns = self.get_clock().now().nanoseconds
+        late = stamps.refusal(stamp_ns, now_ns, self._node_settings.max_latency)
+        newest_ns = self._run.stamp_ns if self._state.phase in RUNNING else None
+        return late or stamps.disorder(newest_ns, stamp_ns)
+
+    def _contested(self) -> str:
+        """Return that another servo commands the same base, so that no run may begin; or ''."""
+        return rivals.complaint(self, fatal=True) if self._node_settings.watchdog else ''
+
+    def _refuse(self, trouble: str) -> None:
+        """Take no step by tracks: hold a robot that drives, and say why."""
+        self._trouble = trouble
+        if self._state.phase in DRIVING:
+            self._run.lose(trouble)
+        else:
+            self._warn(trouble)
 
     def _take_mount(self, frame_id: str) -> None:
         settings = self._camera.mounted(frame_id, self._state, self._settings)
         if settings is not self._settings:
             self._use(settings)
 
-    def _follow(self, state: ServoState) -> None:
-        """Take over a new state, and log what is new of it."""
-        if state.phase is not self._state.phase:
-            self._log(f'{self._state.phase.value} -> {state.phase.value} ({state.reason})')
-        if state.warning and state.warning != self._state.warning:
-            self.get_logger().warning(state.warning)  # once: no other may keep it from the log
-        self._state = state
-
-    def _halt(self) -> None:
-        """Stop a robot that may be moving; the state remembers that it stands."""
-        if self._state.command != HALT:
-            self._state = self._interrupted(Interruption.HALTED)
-            self._commands.send(HALT, self.get_clock().now().nanoseconds)
-
-    def _interrupted(self, kind: Interruption, reason: str = '') -> ServoState:
-        """Return the state after an interruption, and publish it as an event for replays."""
-        self._reports.event(kind.value, self._stamp_ns, reason)
-        return interrupted(self._state, kind, reason)
-
     def _on_watch(self) -> None:
-        if self._state.phase not in DRIVING or not self._is_stale():
+        """Stop the robot, and end its run, where images do not."""
+        if not self._is_stale():
             return
-        self._lose(f'no new tracks for {self._freshness.age:.2f} s')
+        if self._state.phase in DRIVING:
+            self._run.lose(f'no new tracks for {self._run.freshness.age:.2f} s')
+        elif self._run.freshness.held > self._settings.holding_timeout:
+            self._run.time_out(self._settings.holding_timeout)
 
-    def _lose(self, reason: str) -> None:
-        """Stop a robot that drives, and hold."""
-        self.get_logger().warning(f'{reason}, the robot is stopped')
-        self._halt()
-        self._follow(self._interrupted(Interruption.LOST, reason))
-        self._reports.phase(self._state)
+    def _on_idle(self) -> None:
+        """Say that another servo is there, and why the robot stands, where no step does."""
+        contested = rivals.complaint(self) if self._run.active else ''
+        if contested:
+            self._warn(contested)
+        if self._reports.silence >= IDLE_PERIOD_S:
+            self._run.report()
+
+    def _standstill(self) -> tuple[str, bool]:
+        """Return why the robot stands, '' if its state says it, and whether that is alarming."""
+        if self._stop_button.pressed:
+            return PRESSED, True
+        if not self._run.active:
+            return self._not_started, False
+        if self._state.ended or self._state.phase is Phase.HOLDING:
+            return '', False
+        if self._camera.model is None:
+            return NO_CAMERA, True
+        if self._is_stale() and not self._trouble:
+            return f'no new tracks for {self._run.freshness.age:.0f} s', True
+        return self._trouble, bool(self._trouble)
 
     def _is_stale(self) -> bool:
-        late = self._freshness.age > self._settings.stale_timeout
+        late = self._run.freshness.age > self._settings.stale_timeout
         return self._node_settings.watchdog and late
 
     def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        refusal = PRESSED if self._stop_button.pressed else self._contested()
+        if refusal:
+            self.get_logger().warning(f'not started: {refusal}')
+            response.success, response.message = False, refusal
+            return response
         if self._state.ended:
-            self._state = self._interrupted(Interruption.RESET)
-        self._active = response.success = True
-        self._reports.event(event_log.STARTED, self._stamp_ns)
+            self._run.reset()
+        self._run.active = response.success = True
+        self._reports.event(event_log.STARTED, self._run.stamp_ns)
         response.message = 'started' if self._camera.model else 'started; waits for camera_info'
-        self._log(response.message)
+        self.get_logger().info(response.message)
         return response
 
     @in_every_state  # who stops the robot wants it to stand also when the node is active again
     def _on_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self.stop()
-        if self.is_configured:
-            self._reports.phase(self._state)
         response.success, response.message = True, 'the robot stands'
-        self._log('stopped, the robot stands')
+        self.get_logger().info('stopped, the robot stands')
         return response
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._halt()
-        self._state = self._interrupted(Interruption.RESET)
-        self._active = self._active and self._settings.autostart
-        self._reports.phase(self._state)
+        self._run.reset()
+        self._run.active = self._run.active and self._settings.autostart
+        self._run.report()
         response.success, response.message = True, 'ready for a new run'
-        if not self._active:
+        if not self._run.active:
             response.message += '; call ~/start'
-        self._log(f'reset, {response.message}')
+        self.get_logger().info(f'reset, {response.message}')
         return response
-
-    def _log(self, text: str) -> None:
-        self.get_logger().info(text)
 
 
 def main() -> None:

@@ -91,6 +91,7 @@ CONNECTION = frozenset(
         'capture_frames',
         'desired_image',
         'enable_stamped_cmd_vel',
+        'max_latency',
         'mount_from_tf',
         'photograph',
         'rectified',

@@ -38,7 +38,7 @@ def recorded(bench, infos, **values) -> list[Message]:
     listener, received = new_listener(bench.context)
     bench.add(listener)
     calibrate, send = bench.talk(CameraInfo, 'camera_info'), bench.talk(PointCloud2, 'tracks')
-    node = bench.start(ServoNode, autostart=True, stale_timeout=60.0, **values)
+    node = bench.start(ServoNode, autostart=True, stale_timeout=60.0, max_latency=0.0, **values)
     world = PointWorld(PointSettings(), FixedRig(TRUE), seed=0)
     bench.settle()
     for number, message in enumerate(infos):
@@ -47,7 +47,7 @@ def recorded(bench, infos, **values) -> list[Message]:
         calibrate(message)
         bench.settle()
         send(write.features(world.observe(AWAY, number), stamp_ns, 'camera'))
-        bench.until(lambda stamp_ns=stamp_ns: node._stamp_ns == stamp_ns, 'tracks to arrive')
+        bench.until(lambda stamp_ns=stamp_ns: node._run.stamp_ns == stamp_ns, 'tracks to arrive')
         bench.settle()
     return received
 

@@ -16,7 +16,7 @@ from visual_servo_epipolar.bags.replaying.replay import replay, Step
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 
-DRIVING = {'autostart': True, 'stale_timeout': 60.0}
+DRIVING = {'autostart': True, 'stale_timeout': 60.0, 'max_latency': 0.0}
 
 
 class Robot:

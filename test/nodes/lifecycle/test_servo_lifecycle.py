@@ -7,7 +7,7 @@ from lifecycles import change, entities, go
 import pytest
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import CameraInfo, PointCloud2
-from std_msgs.msg import String
+from std_msgs.msg import Bool, String
 
 from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
@@ -36,7 +36,7 @@ class Rig:
         self.events = bench.listen(String, 'servo_node/events')
         self.send = bench.talk(PointCloud2, 'tracks')
         self.calibrate = bench.talk(CameraInfo, 'camera_info')
-        values = {'autostart': True, 'stale_timeout': 60.0, **values}
+        values = {'autostart': True, 'stale_timeout': 60.0, 'max_latency': 0.0, **values}
         self.node = bench.start(ServoNode, **values)
 
     def see(self) -> None:
@@ -131,6 +131,22 @@ def test_a_stop_is_heard_in_every_state_and_lasts(rig, way) -> None:
     for _ in range(3):
         rig.see()
     assert not rig.moving
+    assert rig.bench.call('servo_node/start').success
+    rig.drive()
+
+
+def test_a_stop_button_is_heard_in_every_state_and_lasts(rig) -> None:
+    press = rig.bench.talk(Bool, 'stop_button')
+    rig.drive()
+    go(rig.bench, rig.node, 'deactivate', 'cleanup')
+    press(Bool(data=True))
+    rig.bench.settle()
+    go(rig.bench, rig.node, 'configure', 'activate')
+    rig.see()
+    assert not rig.moving
+    assert not rig.bench.call('servo_node/start').success
+    press(Bool(data=False))
+    rig.bench.settle()
     assert rig.bench.call('servo_node/start').success
     rig.drive()
 

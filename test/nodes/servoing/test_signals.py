@@ -11,16 +11,11 @@ from geometry_msgs.msg import Twist as TwistMessage
 from node_process import arguments, environment
 import pytest
 from sensor_msgs.msg import CameraInfo, PointCloud2
+from servo_rig import CAMERA, tracks
 
-from visual_servo_epipolar.core.geometry.camera import Camera
-from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.messages import read, write
-from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
-from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 
-CAMERA = Camera(1280, 1024, 769.2, 769.2, 635.0, 512.0)
-WORLD = PointWorld(PointSettings(), FixedRig(CAMERA), seed=0)
-AWAY = Pose.from_start(1.0, -3.5, 8.0)
 START_SEC, END_SEC = 60.0, 30.0
 DRIVING = ('-p', 'autostart:=true', '-p', 'stale_timeout:=60.0')
 
@@ -52,7 +47,7 @@ class Process:
     def _moves(self) -> bool:
         stamp_ns = self.bench.probe.get_clock().now().nanoseconds
         self._calibrate(write.camera_info(CAMERA, stamp_ns, 'camera'))
-        self._send(write.features(WORLD.observe(AWAY, 0), stamp_ns, 'camera'))
+        self._send(tracks(stamp_ns=stamp_ns))
         return any(read.twist(item) != STANDSTILL for item in self.commands)
 
 

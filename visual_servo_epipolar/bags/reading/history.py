@@ -13,6 +13,7 @@ from visual_servo_epipolar.messages.settings_text import NodeSettings
 WORDS = {
     'halted': 'brought to a standstill',
     'lost': 'no tracks came in time',
+    'timed out': 'failed, for no tracks came while it held',
     'reset': 'reset to a new run, by ~/reset or ~/start',
     'stopped': 'stopped, by ~/stop or at the end of the node',
     event_log.STARTED: 'started, by ~/start',

@@ -198,7 +198,7 @@ def _read_diagnosis(run: Recording, item: RecordedMessage, key: Key) -> None:
     if run.namespace is not None and not run.namespace.has_node(item.message.status[0].name):
         return
     diagnosis = read.diagnosis(item.message)
-    if 'phase' in diagnosis:  # other nodes publish here too
+    if read.is_of_step(diagnosis):
         run.diagnoses[read.stamp_ns(item.message.header)] = diagnosis
 
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from visual_servo_epipolar.bags.reading.run import RecordedTwist, Recording
 from visual_servo_epipolar.bags.replaying.replay import Step
+from visual_servo_epipolar.core.servo.phases.table import ENDED, Phase
 from visual_servo_epipolar.core.stamps import seconds_between
 
 ROUNDING = 1e-6  # differences up to this, in units of the tolerance, come from other arithmetic
@@ -162,12 +163,23 @@ def _distance(recorded: Value, replayed: Value) -> float:
 
 def _count_unpublished(commands: Sequence[RecordedTwist], steps: Sequence[Step]) -> int:
     """Count replayed commands that are missing, in their order, among the published ones."""
-    expected = [(s.telemetry['linear_m_s'], s.telemetry['angular_rad_s']) for s in steps]
+    expected = [
+        (step.telemetry['linear_m_s'], step.telemetry['angular_rad_s'])
+        for before, step in zip([None, *steps], steps, strict=False)
+        if _is_commanded(before, step)
+    ]
     position = 0
     for twist in (item.twist for item in commands):
         if position < len(expected) and (twist.linear, twist.angular) == expected[position]:
             position += 1
     return len(expected) - position
+
+
+def _is_commanded(before: Step | None, step: Step) -> bool:
+    """Return whether the servo certainly commands a step: one of a run, or its end."""
+    if step.phase in ENDED:
+        return before is not None and before.phase not in ENDED
+    return step.phase is not Phase.WAITING
 
 
 def as_document(result: Comparison) -> dict[str, Any]:

@@ -21,23 +21,26 @@ class Interruption(Enum):
     Interruption of a run between two steps.
 
     STOPPED: ordered to stop. RESET: a new run. HALTED: a standstill that keeps the state. LOST: no
-    tracks came in time, or of another camera.
+    tracks came in time, or of another camera. TIMED_OUT: none came while it held.
     """
 
     STOPPED = 'stopped'
     RESET = 'reset'
     HALTED = 'halted'
     LOST = 'lost'
+    TIMED_OUT = 'timed out'
 
 
 def interrupted(state: ServoState, kind: Interruption, reason: str = '') -> ServoState:
-    """Return the state after an interruption, with the command to stand; ``reason`` of LOST."""
+    """Return the state after an interruption, with the command to stand; ``reason`` if any."""
     if kind is Interruption.STOPPED:
         return stop(state)
     if kind is Interruption.RESET:
         return ServoState()
     if kind is Interruption.LOST:
         return lost(state, reason)
+    if kind is Interruption.TIMED_OUT:
+        return timed_out(state, reason)
     return changed(state, command=HALT)
 
 
@@ -52,6 +55,14 @@ def lost(state: ServoState, reason: str) -> ServoState:
     return changed(
         state, phase=phase, phase_start_ns=start_ns, command=HALT, settled=0, reason=reason
     )
+
+
+def timed_out(state: ServoState, reason: str) -> ServoState:
+    """Return the state of a run that has held for too long: failed; no other changes."""
+    phase = next_phase(state.phase, Event.TIMED_OUT)
+    if phase is state.phase:
+        return changed(state, command=HALT)
+    return changed(state, phase=phase, command=HALT, settled=0, reason=reason)
 
 
 def stop(state: ServoState) -> ServoState:

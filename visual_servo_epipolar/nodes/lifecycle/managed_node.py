@@ -36,15 +36,17 @@ class ManagedNode(LifecycleNode):
     or later is destroyed after ``cleanup``, unless it is ``keep``-ed.
     """
 
-    _is_made = False  # until then rclpy creates what is its own
+    __is_made = (
+        False  # until then rclpy creates what is its own; no kind of node knows these names
+    )
 
     def __init__(self, name: str, **options: Any) -> None:
         super().__init__(name, **options)
-        self._created: dict[Any, Callable[[Any], object]] = {}  # and how each is destroyed
-        self._mailboxes: dict[Any, Mailbox] = {}
-        self._is_configured = self._is_starting = self._is_destroyed = False
-        self._refusal: Exception | None = None  # of the last transition
-        self._is_made = True
+        self.__created: dict[Any, Callable[[Any], object]] = {}  # and how each is destroyed
+        self.__mailboxes: dict[Any, Mailbox] = {}
+        self.__is_configured = self.__is_starting = self.__is_destroyed = False
+        self.__refusal: Exception | None = None  # of the last transition
+        self.__is_made = True
         changes.answer_the_impossible(self)
 
     def __init_subclass__(cls) -> None:
@@ -70,25 +72,25 @@ class ManagedNode(LifecycleNode):
         if not settings.autostart_node:
             self.get_logger().info(f'autostart_node is false: {changes.remedy(self)}')
             return
-        self._is_starting = True
+        self.__is_starting = True
         for trigger in (self.trigger_configure, self.trigger_activate):
             if trigger() != SUCCESS:
-                refusal = self._refusal or RuntimeError('no reason is known')
+                refusal = self.__refusal or RuntimeError('no reason is known')
                 self.destroy_node()  # or its name stays taken
                 raise refusal
-        self._is_starting = False
+        self.__is_starting = False
 
     def destroy_node(self) -> None:
         """Destroy the node; rclpy alone would leave it on the graph until it is collected."""
-        if not self._is_destroyed:
-            self._is_destroyed = True
+        if not self.__is_destroyed:
+            self.__is_destroyed = True
             super().destroy_node()
             self._state_machine.destroy_when_not_in_use()
 
     @property
     def state(self) -> str:
         """The state by its label, or that of the transition under way: activating, ..."""
-        if self._is_destroyed:  # to ask rclpy would be a segmentation fault
+        if self.__is_destroyed:  # to ask rclpy would be a segmentation fault
             return 'finalized'
         return str(self._state_machine.current_state[1])
 
@@ -100,35 +102,35 @@ class ManagedNode(LifecycleNode):
     @property
     def is_configured(self) -> bool:
         """Whether there is what ``configure`` creates."""
-        return self._is_configured
+        return self.__is_configured
 
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Configure; on failure nothing is left of it."""
-        self._is_configured = True
-        outcome = self._tried(self.configure)
+        self.__is_configured = True
+        outcome = self.__tried(self.configure)
         if outcome != SUCCESS:
-            self._release()
+            self.__release()
         return outcome
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Activate, publishers last: a node that failed to has said nothing."""
-        outcome = self._tried(self._deliver)
+        outcome = self.__tried(self.__deliver)
         if outcome == SUCCESS:
-            outcome = self._tried(self.activate)
+            outcome = self.__tried(self.activate)
         if outcome == SUCCESS:
             super().on_activate(state)
         return outcome
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Deactivate, publishers last; a node that failed to must not stay active."""
-        outcome = self._tried(self.deactivate)
+        outcome = self.__tried(self.deactivate)
         super().on_deactivate(state)
         return SUCCESS if outcome == SUCCESS else ERROR
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Clean up, and destroy what was created since; half of that is an error."""
-        outcome = self._tried(self.cleanup)
-        self._release()
+        outcome = self.__tried(self.cleanup)
+        self.__release()
         return SUCCESS if outcome == SUCCESS else ERROR
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
@@ -146,30 +148,30 @@ class ManagedNode(LifecycleNode):
 
     def create_publisher(self, msg_type: Any, topic: str, qos_profile: Any, **more: Any) -> Any:
         """Create a publisher; a managed one, once the node is made."""
-        if not self._is_made:
+        if not self.__is_made:
             return super().create_publisher(msg_type, topic, qos_profile, **more)
         more['publisher_class'] = ManagedPublisher
         publisher: Any = super().create_publisher(msg_type, topic, qos_profile, **more)
         self.add_managed_entity(publisher)
         # destroy_publisher would leave the dead one among the managed entities.
-        return self._remember(self.destroy_lifecycle_publisher, publisher)
+        return self.__remember(self.destroy_lifecycle_publisher, publisher)
 
     def create_subscription(
         self, msg_type: Any, topic: str, callback: Callback, qos_profile: Any, **more: Any
     ) -> Any:
         """Create a subscription; latched messages wait for the node to be active."""
         create = super().create_subscription
-        if not self._is_made or topic == CLOCK:
+        if not self.__is_made or topic == CLOCK:
             return create(msg_type, topic, callback, qos_profile, **more)
         mailbox = Mailbox(callback, qos_profile)
-        callback = gated(callback, self._is_open, mailbox.keep)
+        callback = gated(callback, self.__is_open, mailbox.keep)
         subscription = create(msg_type, topic, callback, qos_profile, **more)
-        self._mailboxes[subscription] = mailbox
-        return self._remember(self.destroy_subscription, subscription)
+        self.__mailboxes[subscription] = mailbox
+        return self.__remember(self.destroy_subscription, subscription)
 
     def destroy_subscription(self, subscription: Any) -> bool:
         """Destroy a subscription, and what waits in its mailbox."""
-        self._mailboxes.pop(subscription, None)
+        self.__mailboxes.pop(subscription, None)
         self.keep(subscription)
         return super().destroy_subscription(subscription)
 
@@ -177,59 +179,59 @@ class ManagedNode(LifecycleNode):
         self, timer_period_sec: float, callback: Callback, *rest: Any, **more: Any
     ) -> Any:
         """Create a timer; what falls due while the node is not active is left out."""
-        if self._is_made:
-            callback = gated(callback, self._is_open, lambda: None)
+        if self.__is_made:
+            callback = gated(callback, self.__is_open, lambda: None)
         timer = super().create_timer(timer_period_sec, callback, *rest, **more)
-        return self._remember(self.destroy_timer, timer)
+        return self.__remember(self.destroy_timer, timer)
 
     def create_service(self, srv_type: Any, srv_name: str, callback: Callback, **more: Any) -> Any:
         """Create a service; while the node is not active it answers what to do."""
-        if self._is_made:
-            callback = gated(callback, self._is_open, self._refuse)
+        if self.__is_made:
+            callback = gated(callback, self.__is_open, self.__refuse)
         service = super().create_service(srv_type, srv_name, callback, **more)
-        return self._remember(self.destroy_service, service)
+        return self.__remember(self.destroy_service, service)
 
     def create_client(self, srv_type: Any, srv_name: str, **more: Any) -> Any:
         """Create a client."""
         client = super().create_client(srv_type, srv_name, **more)
-        return self._remember(self.destroy_client, client)
+        return self.__remember(self.destroy_client, client)
 
     def keep(self, entity: Any) -> None:
         """Leave an entity as it is at the next cleanup: somebody else takes care of it."""
-        self._created.pop(entity, None)
+        self.__created.pop(entity, None)
 
-    def _remember(self, destroy: Callable[[Any], object], entity: Any) -> Any:
+    def __remember(self, destroy: Callable[[Any], object], entity: Any) -> Any:
         """Remember what is created while the node is configured."""
-        if self._is_made and self._is_configured:
-            self._created[entity] = destroy
+        if self.__is_made and self.__is_configured:
+            self.__created[entity] = destroy
         return entity
 
-    def _release(self) -> None:
+    def __release(self) -> None:
         """Destroy what was created since the node was unconfigured."""
-        while self._created:
-            entity, destroy = self._created.popitem()
+        while self.__created:
+            entity, destroy = self.__created.popitem()
             destroy(entity)
-        self._is_configured = False
+        self.__is_configured = False
 
-    def _deliver(self) -> None:
-        for mailbox in list(self._mailboxes.values()):  # a callback may subscribe
+    def __deliver(self) -> None:
+        for mailbox in list(self.__mailboxes.values()):  # a callback may subscribe
             mailbox.deliver()
 
-    def _is_open(self) -> bool:
+    def __is_open(self) -> bool:
         return self.is_active
 
-    def _refuse(self, request: Any, response: Any) -> Any:
+    def __refuse(self, request: Any, response: Any) -> Any:
         response.success, response.message = False, changes.remedy(self)
         return response
 
-    def _tried(self, hook: Callable[[], None]) -> TransitionCallbackReturn:
+    def __tried(self, hook: Callable[[], None]) -> TransitionCallbackReturn:
         """Return the outcome of a part of a transition; rclpy would not say why it failed."""
         try:
             hook()
         except Exception as error:  # rclpy swallows it, whatever it is
-            self._refusal = error
+            self.__refusal = error
             expected = isinstance(error, REFUSALS)
-            if not self._is_starting:  # or the constructor raises it
+            if not self.__is_starting:  # or the constructor raises it
                 text = str(error) if expected else traceback.format_exc()
                 self.get_logger().error(f'{hook.__name__.strip("_")} failed: {text}')
             return FAILURE if expected else ERROR

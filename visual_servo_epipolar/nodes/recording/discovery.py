@@ -4,6 +4,9 @@ from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+import re
 from typing import Any
 
 from rclpy.duration import Duration
@@ -26,6 +29,7 @@ from visual_servo_epipolar.core.stamps import NANOSECONDS
 # 5 s of small ones at 200 Hz.
 IMAGE_DEPTH, DEPTH = 100, 1000
 IMAGES = 'sensor_msgs/msg/Image'
+MESSAGE_TYPE = re.compile(r'([a-z][a-z0-9_]*)/msg/([A-Z][A-Za-z0-9]*)')
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,14 +112,32 @@ def is_weaker(profile: QoSProfile, than: QoSProfile) -> bool:
 
 
 def message_class(kind: str) -> Any:
-    """Return the class of a message type such as std_msgs/msg/String, or raise InputError."""
-    package, _, name = kind.partition('/msg/')
+    """
+    Return the class of a message type such as std_msgs/msg/String, or raise InputError.
+
+    The name comes from whoever publishes on the network: only what is a message is imported.
+    """
+    names = MESSAGE_TYPE.fullmatch(kind)
+    if names is None:
+        raise InputError(f'{kind!r:.80} is no type of messages; expected package/msg/Name')
+    package, name = names.groups()
     try:
-        return getattr(import_module(f'{package}.msg'), name)
+        if not _has_messages(package):
+            raise ImportError
+        message: Any = getattr(import_module(f'{package}.msg'), name)
+        message.get_fields_and_field_types  # noqa: B018 - what every generated message has
     except (ImportError, AttributeError):
         raise InputError(
             f'{kind} cannot be imported; source the workspace that defines it'
         ) from None
+    return message
+
+
+def _has_messages(package: str) -> bool:
+    """Return whether a package has a folder ``msg``, without importing anything of it."""
+    spec = find_spec(package)
+    folders = (spec.submodule_search_locations or ()) if spec is not None else ()
+    return any(Path(folder, 'msg', '__init__.py').is_file() for folder in folders)
 
 
 def _is_pattern(name: str) -> bool:

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from rclpy.node import Node
-from sensor_msgs.msg import CameraInfo
+from sensor_msgs.msg import CameraInfo, PointCloud2
 
 from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
@@ -13,7 +13,8 @@ from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.interruptions import camera_changed, camera_of_run
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.messages import read
+from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.messages import read, validation
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 from visual_servo_epipolar.nodes.transforms.static_mount import StaticMount
 
@@ -56,6 +57,17 @@ class ServoCamera:
         self._begun_with = camera_of_run(state, self._begun_with, camera)
         return self._begun_with != camera
 
+    def checked(
+        self, message: PointCloud2, camera: CalibratedCamera, state: ServoState
+    ) -> Features:
+        """Return tracks that ``camera`` can have seen, none of another than that of the run."""
+        features, warning = validation.checked_tracks(message, camera)
+        if self.is_other(camera, state):
+            features, warning = Features(), camera_changed(camera)
+        if warning:
+            self._warn(warning)
+        return features
+
     def mounted(self, frame_id: str, state: ServoState, settings: ServoSettings) -> ServoSettings:
         """Return ``settings`` with the mount of /tf_static, before a run that was told none."""
         if not self.static_mount or state.memory or settings.mount_is_told:
@@ -71,7 +83,10 @@ class ServoCamera:
         return told
 
     def check(self, observation: Observation, state: ServoState, settings: ServoSettings) -> None:
-        """Say if the tracks contradict the focal length that was told."""
+        """Say if the lens cannot place tracks, or they contradict the focal length as told."""
+        left_out = '' if self.model is None else validation.left_out(observation, self.model)
+        if left_out:
+            self._warn(left_out)
         if state.measurement is not None and state.memory is not None:
             run = state.measurement, state.memory
             self._lens_check = looked_at(self._lens_check, observation, run, settings, state.frame)

@@ -1,25 +1,51 @@
-"""Commands of the servo: twists on cmd_vel."""
+"""Commands of the servo: twists on cmd_vel while a run goes on, then silence."""
 
 from geometry_msgs.msg import Twist as TwistMessage
 from geometry_msgs.msg import TwistStamped
+from rclpy.clock import Clock, ClockType
 from rclpy.duration import Duration
 from rclpy.node import Node
 
 from visual_servo_epipolar.core.control.command import Command
+from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 
 STOP_TIMEOUT_S = 0.2
+SETTLING_S = 1.0  # zero twists after the end of a run; then others may drive
+RUNNING = frozenset({*DRIVING, Phase.HOLDING})
 
 
 class Commands:
-    """Commands of the servo ``node`` to the base."""
+    """
+    Commands of the servo ``node`` to the base.
+
+    Outside of a run it is silent: zero twists would fight a joystick or another controller. Where
+    time itself waits for the servo (no watchdog), every image is answered.
+    """
 
     def __init__(self, node: Node, settings: ServoNodeSettings) -> None:
         self._stamped, self._frame = settings.enable_stamped_cmd_vel, settings.base_frame
+        self._always, self._steady = not settings.watchdog, Clock(clock_type=ClockType.STEADY_TIME)
+        self._ended_ns: int | None = None  # when the run ended
         kind = TwistStamped if self._stamped else TwistMessage
         self._command_pub = node.create_publisher(kind, 'cmd_vel', qos.COMMAND)
+
+    def answer(self, before: ServoState, state: ServoState, stamp_ns: int) -> None:
+        """Publish the command of ``state``, in a run and shortly after its end."""
+        now_ns = self._steady.now().nanoseconds
+        if not state.ended:
+            self._ended_ns = None
+        elif not before.ended:
+            self._ended_ns = now_ns
+        settles = self._ended_ns is not None and (
+            seconds_between(self._ended_ns, now_ns) <= SETTLING_S
+        )
+        if self._always or settles or state.phase in RUNNING:
+            self.send(state.command, stamp_ns)
 
     def send(self, command: Command, stamp_ns: int) -> None:
         """Publish ``command``: its twist on cmd_vel."""

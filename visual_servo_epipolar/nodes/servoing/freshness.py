@@ -1,24 +1,52 @@
-"""Freshness: how long ago the last new tracks came, on a clock that nobody sets."""
+"""Freshness: how long tracks and trust have been missing, on a clock that nobody sets."""
 
 from rclpy.clock import Clock, ClockType
 
+from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.stamps import seconds_between
 
 
 class Freshness:
-    """Time since the last new tracks, on the steady ``clock``; none count as just come."""
+    """
+    Time since the last new tracks and since the servo holds, on the steady ``clock``.
+
+    A simulated clock stands still where its publisher dies, and the wall clock is set at times.
+    """
 
     def __init__(self) -> None:
         self.clock = Clock(clock_type=ClockType.STEADY_TIME)
+        self._begin_ns = self._now_ns()
         self._fresh_ns: int | None = None
+        self._holding_ns: int | None = None
 
     def renew(self) -> None:
         """Note that new tracks have come."""
-        self._fresh_ns = self.clock.now().nanoseconds
+        self._fresh_ns = self._now_ns()
+
+    def follow(self, phase: Phase) -> None:
+        """Note the phase that the servo is in."""
+        if phase is not Phase.HOLDING:
+            self._holding_ns = None
+        elif self._holding_ns is None:
+            self._holding_ns = self._now_ns()
 
     @property
     def age(self) -> float:
-        """Time since the last new tracks [s]."""
-        if self._fresh_ns is None:
-            return 0.0
-        return seconds_between(self._fresh_ns, self.clock.now().nanoseconds)
+        """Time since the last new tracks [s], or since the beginning."""
+        return self._since(self._begin_ns if self._fresh_ns is None else self._fresh_ns)
+
+    @property
+    def began(self) -> bool:
+        """Whether any tracks have come."""
+        return self._fresh_ns is not None
+
+    @property
+    def held(self) -> float:
+        """Time since the servo began to hold [s], 0 where it does not."""
+        return 0.0 if self._holding_ns is None else self._since(self._holding_ns)
+
+    def _since(self, moment_ns: int) -> float:
+        return seconds_between(moment_ns, self._now_ns())
+
+    def _now_ns(self) -> int:
+        return int(self.clock.now().nanoseconds)

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
@@ -11,6 +12,7 @@ from visualization_msgs.msg import MarkerArray
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.telemetry import telemetry
 from visual_servo_epipolar.core.settings import Settings
+from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.messages import diagnostics, event_log, settings_text, write
 from visual_servo_epipolar.messages.event_log import Entry
 from visual_servo_epipolar.nodes import qos
@@ -20,7 +22,8 @@ class Reports:
     """Reports of the servo ``node``: all that it publishes but commands."""
 
     def __init__(self, node: Node) -> None:
-        self._name = node.get_fully_qualified_name()
+        self._name, self._clock = node.get_fully_qualified_name(), node.get_clock()
+        self._steady, self._diagnosed_ns = Clock(clock_type=ClockType.STEADY_TIME), 0
         self._telemetry_pub = node.create_publisher(
             JointState, 'epipoles', qos.STREAM, event_callbacks=qos.NO_EVENTS
         )
@@ -48,8 +51,27 @@ class Reports:
         """Publish all that a step found out, with the stamp of its image."""
         self.phase(state)
         self._telemetry_pub.publish(write.telemetry(telemetry(state), stamp_ns, frame_id))
-        self._diagnostics_pub.publish(diagnostics.diagnosis(state, stamp_ns, name=self._name))
+        self._diagnose(diagnostics.diagnosis(state, stamp_ns, name=self._name))
         self._markers_pub.publish(diagnostics.markers(state, stamp_ns, frame_id))
+
+    def standing(self, state: ServoState, reason: str, *, alarming: bool) -> None:
+        """Publish the phase and why the robot stands, where no image led to it."""
+        self.phase(state)
+        now_ns = self._clock.now().nanoseconds
+        self._diagnose(
+            diagnostics.standing_diagnosis(
+                state, reason, now_ns, name=self._name, alarming=alarming
+            )
+        )
+
+    @property
+    def silence(self) -> float:
+        """Time since the last diagnostics [s], on the steady clock."""
+        return seconds_between(self._diagnosed_ns, self._steady.now().nanoseconds)
+
+    def _diagnose(self, message: DiagnosticArray) -> None:
+        self._diagnosed_ns = self._steady.now().nanoseconds
+        self._diagnostics_pub.publish(message)
 
     def settings(self, groups: Sequence[Settings], after_stamp_ns: int | None) -> None:
         """Publish the settings in force, so that a bag can be replayed with them."""

@@ -24,6 +24,12 @@ class ServoNodeSettings(LifecycleSettings):
     watchdog: bool = setting(
         True, 'Stop the robot when tracks stay away; off where time itself waits', read_only=True
     )
+    max_latency: float = setting(
+        0.5,
+        'Age of an image, by the clock of the node, above which it is not driven by; 0 = off [s]',
+        low=0.0,
+        high=60.0,
+    )
     base_frame: str = setting('base_link', 'Frame of the commands', read_only=True)
     mount_from_tf: bool = setting(
         False,

@@ -1,0 +1,40 @@
+"""Interruptions: whatever comes from outside leaves a robot that stands, in the right phase."""
+
+import pytest
+from servo_states import in_phase, sight
+
+from visual_servo_epipolar.core.control.command import Command
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.servo.interruptions import interrupted, Interruption
+from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
+
+MOVE = Command(Twist(0.2, 0.1))
+
+
+@pytest.mark.parametrize('kind', Interruption)
+@pytest.mark.parametrize('phase', Phase)
+def test_after_any_interruption_the_robot_stands(phase: Phase, kind: Interruption) -> None:
+    state = in_phase(phase, measurement=sight(30), command=MOVE)
+    assert interrupted(state, kind, 'a reason').twist == STANDSTILL
+
+
+@pytest.mark.parametrize('phase', Phase)
+def test_tracks_that_stay_away_make_a_robot_hold_that_drives(phase: Phase) -> None:
+    state = interrupted(in_phase(phase, measurement=sight(30)), Interruption.LOST, 'no new tracks')
+    if phase in DRIVING:
+        assert (state.phase, state.reason) == (Phase.HOLDING, 'no new tracks')
+        assert state.phase_start_ns == sight(30).stamp_ns
+    elif phase is not Phase.WAITING:
+        assert state.phase is phase
+
+
+def test_no_run_holds_for_ever() -> None:
+    state = interrupted(in_phase(Phase.HOLDING), Interruption.TIMED_OUT, 'for 5 s')
+    assert (state.phase, state.reason) == (Phase.FAILED, 'for 5 s')
+
+
+@pytest.mark.parametrize('phase', [Phase.WAITING, Phase.ARRIVED, Phase.FAILED])
+def test_what_does_not_run_cannot_time_out(phase: Phase) -> None:
+    before = in_phase(phase)
+    state = interrupted(before, Interruption.TIMED_OUT, 'for 5 s')
+    assert (state.phase, state.reason) == (before.phase, before.reason)

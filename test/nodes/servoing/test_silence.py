@@ -1,0 +1,68 @@
+"""Silence: outside of a run others may drive; in it the servo has the last word."""
+
+import pytest
+from servo_rig import AWAY, GOAL, Rig
+
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL
+from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.messages import write
+from visual_servo_epipolar.nodes.servoing import commands
+
+IMAGES = 4
+
+
+def blind(rig: Rig) -> None:
+    rig.tell(write.features(Features(), rig.stamp_ns, 'camera'))
+    rig.stamp_ns += 90_000_000
+
+
+def test_a_servo_that_waits_for_the_photograph_to_come_in_view_is_silent(bench) -> None:
+    rig = Rig(bench, stale_timeout=60.0)
+    for _ in range(IMAGES):
+        blind(rig)
+    assert (rig.phase, rig.commands) == ('waiting', [])
+
+
+def test_a_run_ends_with_zero_twists_for_a_while(bench, monkeypatch) -> None:
+    monkeypatch.setattr(commands, 'SETTLING_S', 60.0)
+    rig = Rig(bench, stale_timeout=60.0)
+    for _ in range(IMAGES):
+        rig.see(GOAL)
+    assert (rig.phase, rig.twists()) == ('arrived', [STANDSTILL] * IMAGES)
+
+
+def test_after_that_it_is_silent(bench, monkeypatch) -> None:
+    monkeypatch.setattr(commands, 'SETTLING_S', 0.0)
+    rig = Rig(bench, stale_timeout=60.0)
+    for _ in range(IMAGES):
+        rig.see(GOAL)
+    assert (rig.phase, rig.twists()) == ('arrived', [STANDSTILL])
+
+
+def test_the_next_run_has_its_own_end(bench, monkeypatch) -> None:
+    monkeypatch.setattr(commands, 'SETTLING_S', 0.0)
+    rig = Rig(bench, stale_timeout=60.0)
+    rig.see(GOAL)
+    rig.bench.call('servo_node/start')
+    rig.see(AWAY)
+    rig.bench.call('servo_node/reset')
+    count = len(rig.commands)
+    rig.see(GOAL)
+    assert rig.twists()[count:] == [STANDSTILL]
+
+
+def test_a_robot_that_holds_is_told_to_stand_by_each_image(bench) -> None:
+    rig = Rig(bench, stale_timeout=60.0).drive()
+    count = len(rig.commands)
+    for _ in range(IMAGES):
+        blind(rig)
+    assert (rig.phase, rig.twists()[count:]) == ('holding', [STANDSTILL] * IMAGES)
+
+
+@pytest.mark.parametrize('show', [blind, lambda rig: rig.see(GOAL)], ids=['waiting', 'arrived'])
+def test_where_time_waits_for_the_servo_each_image_is_answered(bench, monkeypatch, show) -> None:
+    monkeypatch.setattr(commands, 'SETTLING_S', 0.0)
+    rig = Rig(bench, watchdog=False)
+    for _ in range(IMAGES):
+        show(rig)
+    assert rig.twists() == [STANDSTILL] * IMAGES

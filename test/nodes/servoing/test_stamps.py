@@ -1,0 +1,140 @@
+"""Images that are too old, or of another clock, are not driven by; it is said what to do."""
+
+from bench import Bench
+import pytest
+from rclpy.parameter import Parameter
+from rosgraph_msgs.msg import Clock
+from servo_rig import AWAY, Rig, STAMP_NS, tracks
+
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL
+from visual_servo_epipolar.messages import write
+from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes.servoing.stamps import disorder, refusal
+
+SECOND = 1_000_000_000
+NOW_NS = 1_790_000_000 * SECOND
+LATE = 'old when their tracks come, max_latency is 0.5 s'
+OTHER = 'the clock of the servo; set the clock of their driver, or use_sim_time'
+UNTIMELY = [(2.0, LATE), (-1.0, OTHER), (130.0, OTHER), (-900.0, OTHER)]
+
+
+@pytest.mark.parametrize(('age', 'text'), [*UNTIMELY, (0.51, LATE), (-0.51, OTHER)])
+def test_an_image_too_far_from_now_is_refused(age: float, text: str) -> None:
+    assert text in refusal(NOW_NS - int(age * SECOND), NOW_NS, 0.5)
+
+
+@pytest.mark.parametrize('age', [0.5, 0.1, 0.0, -0.1, -0.5])
+def test_an_image_of_now_is_driven_by(age: float) -> None:
+    assert refusal(NOW_NS - int(age * SECOND), NOW_NS, 0.5) == ''
+
+
+@pytest.mark.parametrize('age', [2.0, -2.0, 1e9])
+def test_without_a_largest_latency_no_age_is_looked_at(age: float) -> None:
+    assert refusal(NOW_NS - int(age * SECOND), NOW_NS, 0.0) == ''
+
+
+def test_images_without_a_stamp_are_told_from_old_ones() -> None:
+    assert 'the images are stamped 0' in refusal(0, NOW_NS, 0.5)
+
+
+def test_a_simulation_that_begins_at_0_is_driven_by() -> None:
+    assert refusal(0, 0, 0.5) == ''
+
+
+def test_a_clock_that_nobody_publishes_is_said_so() -> None:
+    assert 'is /clock published?' in refusal(STAMP_NS, 0, 0.5)
+
+
+STILL = 'the stamps do not advance'
+ORDERS = [(1.1, 'went back by 1.1 s'), (0.9, STILL), (0.0, STILL), (-0.1, ''), (-5.0, '')]
+
+
+@pytest.mark.parametrize(('back_s', 'text'), ORDERS)
+def test_a_leap_backwards_is_more_than_an_image_that_was_overtaken(back_s, text) -> None:
+    reason = disorder(NOW_NS, NOW_NS - round(back_s * SECOND))
+    assert text in reason
+    assert bool(reason) == bool(text)
+
+
+class Present(Rig):
+    """A servo whose images are of now, or ``age`` seconds older."""
+
+    def __init__(self, bench: Bench, **values) -> None:
+        super().__init__(bench, **{'stale_timeout': 60.0, 'max_latency': 0.5, **values})
+
+    def see(self, pose=AWAY, age: float = 0.0) -> None:
+        now_ns = self.node.get_clock().now().nanoseconds
+        self.tell(tracks(pose, now_ns - round(age * SECOND)))
+
+
+@pytest.mark.parametrize(('age', 'text'), UNTIMELY)
+def test_no_run_begins_by_an_untimely_image(bench, age, text) -> None:
+    rig = Present(bench)
+    rig.see(age=age)
+    assert (rig.commands, rig.phase) == ([], 'waiting')
+    bench.until(lambda: bench.logged(text), 'the reason')
+
+
+@pytest.mark.parametrize(('age', 'text'), UNTIMELY)
+def test_a_robot_that_drives_is_stopped_by_an_untimely_image(bench, age, text) -> None:
+    rig = Present(bench).drive()
+    rig.see(age=age)
+    assert (rig.phase, rig.twists()[-1]) == ('holding', STANDSTILL)
+    assert text in rig.node._state.reason
+    count = len(rig.commands)
+    rig.see(age=age)
+    assert (rig.phase, len(rig.commands)) == ('holding', count)
+    rig.see()
+    assert rig.twists()[-1] != STANDSTILL
+
+
+def test_the_largest_latency_may_be_changed_on_the_way(bench) -> None:
+    rig = Present(bench)
+    rig.node.set_parameters([Parameter('max_latency', value=0.0)])
+    rig.see(age=2.0)
+    assert rig.twists()[-1] != STANDSTILL
+
+
+def test_where_time_itself_waits_no_image_is_late(bench) -> None:
+    rig = Present(bench, watchdog=False)
+    rig.see(age=1e9)
+    assert rig.twists()[-1] != STANDSTILL
+
+
+def test_in_simulated_time_the_age_is_by_its_clock(bench) -> None:
+    rig = Rig(bench, max_latency=0.5, stale_timeout=60.0, use_sim_time=True)
+    tick = bench.talk(Clock, '/clock', qos.CLOCK)
+
+    def show(now_ns: int) -> None:
+        tick(write.clock(now_ns))
+        bench.until(lambda: rig.node.get_clock().now().nanoseconds == now_ns, 'the clock')
+        rig.see()
+
+    show(STAMP_NS)
+    assert rig.twists()[-1] != STANDSTILL
+    show(STAMP_NS + 2 * SECOND)
+    assert (rig.phase, rig.twists()[-1]) == ('holding', STANDSTILL)
+
+
+def test_a_bag_played_in_a_loop_ends_the_run(bench) -> None:
+    rig = Rig(bench, stale_timeout=0.2, holding_timeout=0.3)
+    for _ in range(14):
+        rig.see()
+    rig.stamp_ns = STAMP_NS
+    rig.see()
+    assert (rig.phase, rig.twists()[-1]) == ('holding', STANDSTILL)
+    bench.until(lambda: bool(bench.logged('the stamps went back by 1.2 s')), 'the reason')
+    count = len(rig.commands)
+    while rig.phase == 'holding' and len(rig.commands) == count:
+        rig.see()
+        if rig.stamp_ns > STAMP_NS + SECOND:
+            rig.stamp_ns = STAMP_NS
+    assert (rig.phase, len(rig.commands)) == ('failed', count)
+    assert bench.logged('a bag played in a loop')
+
+
+@pytest.mark.parametrize('back_ns', [0, 90_000_000], ids=['repeated', 'overtaken'])
+def test_an_image_that_comes_too_late_or_again_is_not_driven_by(bench, back_ns) -> None:
+    rig = Rig(bench, stale_timeout=60.0).drive()
+    rig.tell(tracks(stamp_ns=rig.node._run.stamp_ns - back_ns))
+    assert (rig.phase, rig.twists()[-1]) == ('holding', STANDSTILL)

@@ -1,0 +1,111 @@
+"""The stop button wins over everything, and nothing but an order to start ends its effect."""
+
+from functools import partial
+
+from diagnostic_msgs.msg import DiagnosticArray
+import pytest
+from servo_rig import Rig
+from std_msgs.msg import Bool
+
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL
+from visual_servo_epipolar.nodes.servo_node import ServoNode
+
+TEXT = 'the stop button is pressed; release it, then call ~/start'
+
+
+class Buttoned(Rig):
+    """A servo with a stop button."""
+
+    def __init__(self, bench, **values) -> None:
+        self._button = bench.talk(Bool, 'stop_button')
+        super().__init__(bench, stale_timeout=60.0, **values)
+
+    def press(self, *, pressed: bool = True) -> None:
+        self._button(Bool(data=pressed))
+        self.bench.until(lambda: self.node._stop_button.pressed == pressed, 'the button')
+        self.bench.settle()
+
+
+@pytest.fixture
+def rig(bench) -> Buttoned:
+    return Buttoned(bench)
+
+
+def test_a_pressed_button_stops_the_robot(rig) -> None:
+    rig.drive().press()
+    assert (rig.phase, rig.twists()[-1]) == ('waiting', STANDSTILL)
+    count = len(rig.commands)
+    for _ in range(3):
+        rig.see()
+    assert len(rig.commands) == count
+
+
+@pytest.mark.parametrize('order', ['start', 'reset', 'stop'])
+def test_no_order_moves_the_robot_while_it_is_pressed(rig, order) -> None:
+    rig.press()
+    answer = rig.bench.call(f'servo_node/{order}')
+    assert answer.success == (order != 'start')
+    if order == 'start':
+        assert answer.message == TEXT
+    for _ in range(3):
+        rig.see()
+    assert all(twist == STANDSTILL for twist in rig.twists())
+
+
+@pytest.mark.parametrize('order', ['', 'reset'])
+def test_released_it_stands_until_it_is_started(rig, order) -> None:
+    rig.drive().press()
+    rig.press(pressed=False)
+    if order:
+        rig.bench.call(f'servo_node/{order}')
+    count = len(rig.commands)
+    rig.see()
+    assert all(twist == STANDSTILL for twist in rig.twists()[count:])
+    assert rig.bench.call('servo_node/start').success
+    rig.drive()
+
+
+def test_the_diagnostics_warn_while_it_is_pressed(rig) -> None:
+    heard = rig.bench.listen(DiagnosticArray, '/diagnostics')
+    rig.press()
+    rig.bench.until(lambda: bool(heard), 'diagnostics')
+    assert (heard[-1].status[0].level, heard[-1].status[0].message) == (
+        b'\x01',
+        f'waiting: {TEXT}',
+    )
+
+
+def other(bench, name: str):
+    words = ['--ros-args', '-r', f'__node:={name}']
+    return bench.start(partial(ServoNode, cli_args=words))
+
+
+def test_of_two_servos_on_one_base_none_is_started(bench) -> None:
+    rig = Rig(bench, stale_timeout=60.0, autostart=False)
+    other(bench, 'dock_servo')
+    answer = bench.call('servo_node/start')
+    assert not answer.success
+    assert answer.message.startswith('/dock_servo commands /cmd_vel as well')
+    rig.see()
+    assert rig.commands == []
+
+
+def test_no_run_begins_by_itself_beside_another_servo(bench) -> None:
+    rig = Rig(bench, stale_timeout=60.0)
+    rival = other(bench, 'dock_servo')
+    rig.see()
+    assert (rig.phase, rig.commands) == ('waiting', [])
+    bench.nodes.remove(rival)
+    bench.executor.remove_node(rival)
+    rival.destroy_node()
+    bench.until(lambda: not rig.node._contested(), 'the other to go')
+    rig.drive()
+
+
+def test_what_is_left_of_a_servo_that_was_killed_keeps_none_from_starting(bench) -> None:
+    rig = Rig(bench, stale_timeout=60.0)
+    other(bench, 'servo_node')
+    rig.node._on_idle()
+    rig.drive()
+    text = '/servo_node commands /cmd_vel as well, two servos would fight'
+    bench.until(lambda: bool(bench.logged(text)), 'the warning')

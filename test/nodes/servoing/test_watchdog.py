@@ -1,0 +1,128 @@
+"""The watchdog: what it means to lose the tracks, and that no run holds for ever."""
+
+from diagnostic_msgs.msg import DiagnosticArray
+import pytest
+from sensor_msgs.msg import CameraInfo
+from servo_rig import Rig, STAMP_NS, tracks
+from std_msgs.msg import String
+
+from visual_servo_epipolar.core.control.command import HALT
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL
+from visual_servo_epipolar.core.servo.phases.table import DRIVING
+from visual_servo_epipolar.messages import event_log, read
+from visual_servo_epipolar.nodes import servo_node
+
+OK, WARN, ERROR = b'\x00', b'\x01', b'\x02'
+
+
+def statuses(heard: list[DiagnosticArray]) -> list[tuple[bytes, str]]:
+    return [(item.status[0].level, item.status[0].message) for item in heard]
+
+
+def test_tracks_that_stay_away_are_lost(bench) -> None:
+    events = bench.listen(String, 'servo_node/events')
+    phases = bench.listen(String, 'phase')
+    rig = Rig(bench, stale_timeout=0.2)
+    rig.send(tracks())
+    bench.until(lambda: bool(phases) and phases[-1].data == 'holding', 'the robot to hold')
+    bench.settle()
+    assert (rig.node._state.command, rig.twists()[-1]) == (HALT, STANDSTILL)
+    assert rig.node._state.reason.startswith('no new tracks for 0.')
+    entries = [event_log.from_text(item.data) for item in events]
+    assert [(item.event, item.after_stamp_ns) for item in entries] == [
+        ('halted', STAMP_NS),
+        ('lost', STAMP_NS),
+    ]
+
+
+def test_a_gap_late_in_a_phase_is_no_end_of_the_run(bench) -> None:
+    rig = Rig(bench, stale_timeout=0.3, holding_timeout=5.0)
+    for _ in range(70):  # 6.4 s by the stamps
+        rig.tell(tracks(stamp_ns=rig.stamp_ns))
+        rig.stamp_ns += 90_909_091
+    phase = rig.phase
+    bench.until(lambda: rig.phase == 'holding', 'the robot to hold')
+    rig.stamp_ns += 600_000_000
+    rig.see()
+    assert (rig.phase, rig.node._state.phase in DRIVING) == (phase, True)
+
+
+@pytest.mark.parametrize('hanging', [False, True], ids=['silent', 'hanging camera'])
+def test_a_run_whose_tracks_never_come_back_fails(bench, hanging) -> None:
+    diagnostics = bench.listen(DiagnosticArray, '/diagnostics')
+    rig = Rig(bench, stale_timeout=0.1, holding_timeout=0.3)
+    rig.send(tracks())
+
+    def failed() -> bool:
+        if hanging:
+            rig.send(tracks())
+        return rig.phase == 'failed'
+
+    bench.until(failed, 'the run to end')
+    reason = rig.node._state.reason
+    assert reason.startswith('tracks lost or untrusted for 0.3 s: ')
+    bench.until(lambda: (ERROR, f'failed: {reason}') in statuses(diagnostics), 'the verdict')
+    assert rig.twists()[-1] == STANDSTILL
+
+
+def test_a_robot_that_waits_does_not_fail_in_silence(bench) -> None:
+    rig = Rig(bench, stale_timeout=0.05, holding_timeout=0.1)
+    clock = rig.node._run.freshness.clock
+    begin = clock.now().nanoseconds
+    bench.until(lambda: clock.now().nanoseconds > begin + 0.4e9, 'some looks of the watchdog')
+    assert rig.phase == 'waiting'
+
+
+def test_diagnostics_tell_of_each_interruption(bench) -> None:
+    diagnostics = bench.listen(DiagnosticArray, '/diagnostics')
+    rig = Rig(bench, stale_timeout=60.0).drive()
+
+    def told(level: bytes, text: str) -> None:
+        bench.until(lambda: any(a == level and text in b for a, b in statuses(diagnostics)), text)
+        diagnostics.clear()
+
+    told(OK, 'displacing')
+    rig.node._run.lose('no new tracks for 0.51 s')
+    told(WARN, 'holding: no new tracks for 0.51 s')
+    bench.call('servo_node/stop')
+    told(OK, 'waiting: stands until /servo_node/start is called')
+    bench.call('servo_node/start')
+    rig.calibrate(CameraInfo())
+    bench.until(lambda: rig.node._camera.model is None, 'camera_info to arrive')
+    rig.see()
+    rig.node._on_idle()
+    rig.node._run.report()
+    told(WARN, 'waiting: no usable camera_info yet')
+
+
+def test_an_idle_servo_says_once_a_second_why_it_stands(bench, monkeypatch) -> None:
+    monkeypatch.setattr(servo_node, 'IDLE_PERIOD_S', 0.05)
+    diagnostics = bench.listen(DiagnosticArray, '/diagnostics')
+    rig = Rig(bench, stale_timeout=0.1)
+    text = 'waiting: no new tracks for '
+    bench.until(
+        lambda: [a for a, b in statuses(diagnostics) if text in b][:3] == [WARN] * 3, 'its reports'
+    )
+    assert not any(read.is_of_step(read.diagnosis(item)) for item in diagnostics)
+    assert rig.commands == []
+
+
+def test_a_servo_that_drives_says_nothing_beside_its_steps(bench) -> None:
+    diagnostics = bench.listen(DiagnosticArray, '/diagnostics')
+    rig = Rig(bench, stale_timeout=60.0).drive()
+    bench.until(lambda: bool(diagnostics), 'diagnostics')
+    diagnostics.clear()
+    rig.node._on_idle()
+    bench.settle()
+    assert diagnostics == []
+
+
+def test_refused_stamps_are_in_the_diagnostics(bench) -> None:
+    diagnostics = bench.listen(DiagnosticArray, '/diagnostics')
+    rig = Rig(bench, stale_timeout=60.0, max_latency=0.5)
+    rig.see()
+    rig.node._run.report()
+    bench.until(
+        lambda: any(a == WARN and 'the clock of the servo' in b for a, b in statuses(diagnostics)),
+        'the reason',
+    )

@@ -1,0 +1,92 @@
+"""Run of the servo: its state, the steps that images lead to, and what else interrupts it."""
+
+from collections.abc import Callable
+
+from rclpy.node import Node
+
+from visual_servo_epipolar.core.control.command import HALT
+from visual_servo_epipolar.core.servo.interruptions import interrupted, Interruption
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.nodes.servoing.commands import Commands
+from visual_servo_epipolar.nodes.servoing.freshness import Freshness
+from visual_servo_epipolar.nodes.servoing.reports import Reports
+
+Standstill = Callable[[], tuple[str, bool]]
+
+
+class Run:
+    """
+    Run of the servo ``node``: what happens to its state is commanded, published and logged.
+
+    It is ``active`` between an order to start and one to stop; ``stamp_ns`` is that of the last
+    tracks that counted. ``standstill`` returns why the robot stands, '' if the state says it, and
+    whether that is alarming.
+    """
+
+    def __init__(
+        self, node: Node, commands: Commands, reports: Reports, standstill: Standstill
+    ) -> None:
+        self._clock, self._logger = node.get_clock(), node.get_logger()
+        self._commands, self._reports, self._standstill = commands, reports, standstill
+        self.state, self.active, self.freshness = ServoState(), False, Freshness()
+        self.stamp_ns: int | None = None
+
+    def advance(self, state: ServoState, stamp_ns: int, frame_id: str) -> None:
+        """Follow a step: command the base, and report."""
+        before = self.state
+        self.follow(state)
+        self._commands.answer(before, self.state, stamp_ns)  # nobody drives by what follows
+        self._reports.step(self.state, stamp_ns, frame_id)
+
+    def follow(self, state: ServoState) -> None:
+        """Take over a new state, and log what is new of it."""
+        before, self.state = self.state, state
+        self.freshness.follow(state.phase)
+        if state.phase is not before.phase and state.reason:
+            self._logger.info(f'{before.phase.value} -> {state.phase.value} ({state.reason})')
+        if state.warning and state.warning != before.warning:
+            self._logger.warning(state.warning)  # once: no other may keep it from the log
+
+    def lose(self, reason: str) -> None:
+        """Stop a robot that drives, and hold."""
+        self._logger.warning(f'{reason}, the robot is stopped')
+        self._halt()
+        self._interrupt(Interruption.LOST, reason)
+        self.report()
+
+    def time_out(self, timeout: float) -> None:
+        """End a run that holds while no images come that could end it."""
+        reason = f'tracks lost or untrusted for {timeout:g} s: {self.state.reason}'
+        self._interrupt(Interruption.TIMED_OUT, reason)
+        self.report()
+
+    def stop(self, reason: str = '') -> None:
+        """End the run, and stand until the next order to start."""
+        self.active = False
+        self._interrupt(Interruption.STOPPED, reason)
+        self._send_halt()
+        self.report()
+
+    def reset(self) -> None:
+        """Stand, and be ready for a new run."""
+        self._halt()
+        self._interrupt(Interruption.RESET)
+
+    def report(self) -> None:
+        """Publish the phase and why the robot stands, where no image led to it."""
+        reason, alarming = self._standstill()
+        self._reports.standing(self.state, reason, alarming=alarming)
+
+    def _halt(self) -> None:
+        """Stop a robot that may be moving; the state remembers that it stands."""
+        if self.state.command != HALT:
+            self._interrupt(Interruption.HALTED)
+            self._send_halt()
+
+    def _send_halt(self) -> None:
+        self._commands.send(HALT, self._clock.now().nanoseconds)
+
+    def _interrupt(self, kind: Interruption, reason: str = '') -> None:
+        """Follow an interruption, and publish it as an event for replays."""
+        self._reports.event(kind.value, self.stamp_ns, reason)
+        self.follow(interrupted(self.state, kind, reason))
