@@ -12,6 +12,7 @@ from visual_servo_epipolar.core.control.command import Command
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.interruptions import interrupted, Interruption
+from visual_servo_epipolar.core.servo.phases.commands import nominal_twist
 from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
 from visual_servo_epipolar.core.servo.state import ServoState
 
@@ -91,3 +92,8 @@ def test_only_trusted_sight_moves_a_robot_that_holds() -> None:
     assert then(holding, replace(at(0.1), bearings=BEARINGS)).twist != STANDSTILL
     for what in BLIND:
         assert then(holding, at(0.1, what)).twist == STANDSTILL
+
+
+@pytest.mark.parametrize('phase', Phase)
+def test_before_the_first_image_no_phase_moves_the_robot(phase: Phase) -> None:
+    assert nominal_twist(ServoState(phase=phase), SETTINGS) == STANDSTILL
