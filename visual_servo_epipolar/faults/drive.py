@@ -62,6 +62,7 @@ class Drive:
 
     def _strike(self) -> None:
         self.struck_s, self.struck_in = self.time_s, self.scene.witness.record.phase
+        self.scene.witness.struck_ns = self.scene.world.wire.now_ns
         self._fault.strike(self.scene)
         self._moved_s = self.scene.witness.now_s
 

@@ -37,6 +37,7 @@ class Witness:
 
     def __init__(self, world: World) -> None:
         self.record, self._world, self._wire = Record(), world, world.wire
+        self.struck_ns = 0  # what was said before explains nothing
         self._rig = new_rig(world.settings.camera)
         self._image: Sight | None = None  # the last one that reached the tracker
         self._sight: Sight | None = None  # what the servo saw last
@@ -78,7 +79,11 @@ class Witness:
         """Return the record, with what was said about why the robot stands."""
         record = self.record
         record.crashes = list(self._wire.crashes)
-        record.why += [text for _, _, severity, text in self._wire.logs if severity >= WARNING]
+        record.why += [
+            text
+            for time_ns, _, severity, text in self._wire.logs
+            if severity >= WARNING and time_ns >= self.struck_ns
+        ]
         if SERVO not in self._world.nodes:
             record.why.append(f'{SERVO} is gone')
         if record.stopped_s < math.inf:

@@ -26,6 +26,7 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.faults.judging.motion import moving
 from visual_servo_epipolar.faults.judging.record import Limits, Order, Record, Seen, Truth
+from visual_servo_epipolar.faults.judging.witness import MUTE
 from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.nodes import qos
 
@@ -41,6 +42,7 @@ class Listener(AbstractContextManager['Listener']):
 
     def __init__(self) -> None:
         self.record, self.struck_s, self.struck_in = Record(), math.nan, ''
+        self._logs: dict[Path, int] = {}
         self._begin_s, self._deaf, self._moved_s = time.time(), '', math.nan
         with ExitStack() as stack:
             stack.enter_context(only_this_machine())
@@ -67,8 +69,9 @@ class Listener(AbstractContextManager['Listener']):
         """Time since the beginning."""
         return time.time() - self._begin_s
 
-    def strike(self, node: str) -> None:
-        """Note that ``node`` is harmed now."""
+    def strike(self, node: str, logs: Mapping[str, Path]) -> None:
+        """Note that ``node`` is harmed now; what ``logs`` say by then explains nothing."""
+        self._logs = {path: path.stat().st_size for path in logs.values()}
         self.struck_s, self.struck_in, self._deaf = self.time_s, self.record.phase, node
 
     def resumed(self) -> None:
@@ -98,19 +101,19 @@ class Listener(AbstractContextManager['Listener']):
             if self.moving and len(self.record.truths) > before:
                 moved_s = time.monotonic()
 
-    def finish(self, logs: Mapping[str, Path]) -> Record:
-        """Return the record; ``logs`` are what each node wrote to standard error."""
+    def finish(self) -> Record:
+        """Return the record, with what the nodes wrote to standard error since."""
         record = self.record
         if self._deaf == 'unicycle_node':  # a base whose process is gone or hangs stands
             record.truths.append(record.truths[-1]._replace(time_s=time.time(), twist=STANDSTILL))
         if self._deaf:
             record.why.append(f'{self._deaf} is gone, or hangs')
-        for name, path in logs.items():
-            text = path.read_text(errors='replace')
+        for path, begin in self._logs.items():
+            text = path.read_bytes()[begin:].decode(errors='replace')
             record.why += SPEAKS.findall(text)
             if 'Traceback' in text:
-                record.crashes.append(f'{name}: {text[text.index("Traceback") :]}')
-        if record.phase in ('holding', 'failed') and record.reason:
+                record.crashes.append(f'{path.stem}: {text[text.index("Traceback") :]}')
+        if record.phase in MUTE and record.reason:
             record.why.append(record.reason)
         return record
 

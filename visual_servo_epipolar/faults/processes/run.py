@@ -39,14 +39,15 @@ def run(name: str, fault: ProcessFault, seed: int) -> dict[str, Any]:
         harmed = _team(stack, folder, seed, start, fault)[fault.node]
         listener.wait(lambda: listener.moving, START_S, 'a robot that moves')
         listener.spin_for(after_s)
-        listener.strike(fault.node)
+        logs = {node: folder / f'{node}.log' for node in NODES}
+        listener.strike(fault.node, logs)
         harmed.send_signal(fault.signal)
         if resumes:
             listener.spin_for(hung_s)
             harmed.send_signal(signal.SIGCONT)
             listener.resumed()
         listener.watch_until_rest(REST_S, LONGEST_S)
-        record = listener.finish({node: folder / f'{node}.log' for node in NODES})
+        record = listener.finish()
     judgement = judged(record, _bounds())
     return {
         'fault': name,
