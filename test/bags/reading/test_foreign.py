@@ -108,6 +108,62 @@ def test_compressed_images_of_another_robot_give_them_as_well(
         assert twists(steps) == recorded(small_run)[: len(steps)]
 
 
+def as_jpeg(gray: np.ndarray, stamp_ns: int = 0, *, quality: int = 80) -> CompressedImage:
+    encoded = CompressedImage(format='mono8; jpeg compressed ')
+    encoded.header = write.header(stamp_ns, 'front')
+    data = cv2.imencode('.jpg', gray, [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+    encoded.data.frombytes(data.tobytes())
+    return encoded
+
+
+def compressed(messages: list[Message], photograph: np.ndarray) -> list[Message]:
+    """Return what a camera of compressed images would have sent, with the photograph."""
+    made: list[Message] = [
+        ('/desired/image_raw/compressed', 0, serialize_message(as_jpeg(photograph)))
+    ]
+    for item in messages:
+        topic, log_ns, raw = item
+        if topic == '/image_raw':
+            image = decoded(item)
+            packed = as_jpeg(read.gray(image), read.stamp_ns(image.header))
+            topic, raw = '/image_raw/compressed', serialize_message(packed)
+        made.append((topic, log_ns, raw))
+    return made
+
+
+def test_a_run_of_compressed_images_is_replayed_by_their_names(
+    driver, small_run, photograph, tmp_path
+) -> None:
+    kinds = dict.fromkeys(
+        ('/image_raw/compressed', '/desired/image_raw/compressed'),
+        'sensor_msgs/msg/CompressedImage',
+    )
+    path = write_bag(tmp_path / 'jpeg', compressed(driver, photograph), kinds=kinds)
+    steps = commands(path)
+    assert len(steps) == 20
+    np.testing.assert_allclose(twists(steps), recorded(small_run)[:20], atol=0.02)
+    assert [step.telemetry['features'] for step in steps] == [60] * 20
+
+
+@pytest.mark.parametrize('transport', ['raw', 'compressed'])
+def test_of_raw_and_compressed_images_those_that_the_tracker_took_are_replayed(
+    driver, small_run, photograph, tmp_path, transport
+) -> None:
+    jpegs = [item for item in compressed(driver, photograph) if item[0] != '/camera_info']
+    settings = next(decoded(item) for item in small_run if item[0] == '/tracker_node/settings')
+    text = settings.data.replace('transport: raw', f'transport: {transport}')
+    told: Message = ('/tracker_node/settings', 0, serialize_message(write.text(text)))
+    kinds = dict.fromkeys(
+        ('/image_raw/compressed', '/desired/image_raw/compressed'),
+        'sensor_msgs/msg/CompressedImage',
+    )
+    path = write_bag(tmp_path / 'both', [told, *jpegs, *driver], kinds=kinds)
+    with Bag(path) as bag:
+        expected = '/image_raw' if transport == 'raw' else '/image_raw/compressed'
+        assert assigned(bag, {})['image'].name == expected
+        assert assigned(bag, {'image': 'image_raw'})['image'].name == '/image_raw'
+
+
 @pytest.mark.parametrize(
     ('encoding', 'convert'),
     [

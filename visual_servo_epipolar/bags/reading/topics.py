@@ -1,12 +1,14 @@
 """Roles of topics in a bag: by our own names, by those of camera drivers, or as requested."""
 
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from types import MappingProxyType
 
 from visual_servo_epipolar.bags.reading.bag import Bag, Topic
 from visual_servo_epipolar.bags.reading.namespaces import Namespace
 from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.messages.settings_text import from_text
 
 TWISTS = ('geometry_msgs/msg/Twist', 'geometry_msgs/msg/TwistStamped')
 IMAGES = ('sensor_msgs/msg/Image', 'sensor_msgs/msg/CompressedImage')
@@ -24,7 +26,14 @@ ROLES: Mapping[str, Role] = MappingProxyType(
     {
         'image': Role(('image_raw', 'image_raw/compressed', 'image', 'image/compressed'), IMAGES),
         'camera_info': Role(('camera_info',), ('sensor_msgs/msg/CameraInfo',)),
-        'desired': Role(('tracker_node/desired/image_raw', 'desired/image_raw'), IMAGES),
+        'desired': Role(
+            (
+                'tracker_node/desired/image_raw',
+                'desired/image_raw',
+                'desired/image_raw/compressed',
+            ),
+            IMAGES,
+        ),
         'tracks': Role(('tracks',), ('sensor_msgs/msg/PointCloud2',)),
         'cmd_vel': Role(('cmd_vel',), TWISTS),
         'epipoles': Role(('epipoles',), ('sensor_msgs/msg/JointState',)),
@@ -67,7 +76,22 @@ def assigned(
             topic = _inferred_in(bag, role, topics, namespace)
         if topic is not None:
             topics[role] = topic
+    if 'image' in topics and 'image' not in requested:
+        topics['image'] = _as_transported(bag, topics)
     return topics
+
+
+def _as_transported(bag: Bag, topics: Mapping[str, Topic]) -> Topic:
+    """Return the topic of the images that the tracker took, where they came raw and compressed."""
+    image, settings = topics['image'], topics.get('tracker_settings')
+    compressed = bag.topics.get(f'{image.name}/compressed')
+    if settings is None or compressed is None or compressed.kind not in IMAGES:
+        return image
+    first = next(iter(bag.messages([settings.name])), None)
+    with suppress(ValueError):  # settings of no use: who reads them says so
+        if first and from_text(first.message.data).values.get('transport') == 'compressed':
+            return compressed
+    return image
 
 
 def parse(words: Iterable[str]) -> dict[str, str]:
