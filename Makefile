@@ -26,6 +26,7 @@ define run_tests
 endef
 BENCH_ARGS ?=
 DEMO_OUT ?= demo_out
+FAULTS_ARGS ?= --runs 200 --json faults.json
 SWEEP_ARGS ?= --region front --runs 200 --compare paper,corrected,full
 DEMO_ARGS ?= --out $(DEMO_OUT)
 REPRODUCE_OUT ?= reproduce_out
@@ -109,7 +110,9 @@ bench: $(STAMP) ## accuracy and speed beside the peers, minutes; BENCH_ARGS='est
 	@$(PIP) install --no-compile --constraint constraints.txt --no-build-isolation --editable '.[bench]'
 	@$(BIN)/visual_servo bench $(BENCH_ARGS)
 
-faults: $(STAMP) ## kill -9 the recorder at 20 random moments: each bag loses a second at most
+faults: $(STAMP) ## 200 closed loops with faults, an hour; kill -9 the recorder; random transitions
+	@$(BIN)/visual_servo faults $(FAULTS_ARGS)
+	@LIFECYCLE_REQUESTS=10000 $(BIN)/python -m pytest -ra test/nodes/lifecycle -k random
 	@RECORDER_KILLS=20 $(BIN)/python -m pytest -ra test/nodes/recording/test_recorder_process.py -k killed
 
 clean: ## remove .venv and all that make, the tools and colcon left

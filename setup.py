@@ -61,12 +61,13 @@ setup(
         'rosbags>=0.11.9,<0.12',  # bags/storage.py reaches below its promises
     ],
     extras_require={
-        # ROS 2 Jazzy as wheels, for a machine without ROS. Exact, and always the three together:
+        # ROS 2 Jazzy as wheels, for a machine without ROS. Exact, and always all together:
         # unpinned, pip mixes in wheels of a later ROS that do not load beside these.
         'ros': [
             'ros-jazzy-common-interfaces==5.3.6',
             'ros-jazzy-rclpy==7.1.6',
             'ros-jazzy-rmw-fastrtps-cpp==8.4.3',
+            'ros-jazzy-test-msgs==2.0.3',  # an action, for the tests of dock_robot
         ],
         # `colcon test` runs pytest only if this extra has this name and lists pytest.
         'test': [
