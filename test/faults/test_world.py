@@ -15,6 +15,7 @@ from visual_servo_epipolar.faults.catalogue.table import FAULTS
 from visual_servo_epipolar.faults.world import small_camera, World, WorldSettings
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes.servo_node import ServoNode
+from visual_servo_epipolar.nodes.servoing.watch import Watch
 from visual_servo_epipolar.simulation.bases.pioneer import Pioneer, PioneerSettings
 
 SEED = 3  # starts in front, without a retreat

@@ -7,7 +7,6 @@ from sensor_msgs.msg import CameraInfo, PointCloud2
 from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.perception.observation import observe
-from visual_servo_epipolar.core.servo.interruptions import GOAL_CHANGED, RunGoal
 from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
@@ -19,16 +18,17 @@ from visual_servo_epipolar.nodes.complaints import Complaints
 from visual_servo_epipolar.nodes.lifecycle.gates import in_every_state
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 from visual_servo_epipolar.nodes.run import spin
-from visual_servo_epipolar.nodes.servoing import rivals, stamps
+from visual_servo_epipolar.nodes.servoing.admission import Admission
 from visual_servo_epipolar.nodes.servoing.camera import ServoCamera
-from visual_servo_epipolar.nodes.servoing.commands import Commands, RUNNING
+from visual_servo_epipolar.nodes.servoing.commands import Commands
 from visual_servo_epipolar.nodes.servoing.reports import Reports
 from visual_servo_epipolar.nodes.servoing.run import Run
 from visual_servo_epipolar.nodes.servoing.stop_button import PRESSED, StopButton
+from visual_servo_epipolar.nodes.servoing.watch import Watch
 from visual_servo_epipolar.nodes.startup.inputs import NO_TIME
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 
-WARN_PERIOD_S, WATCH_PERIOD_S, IDLE_PERIOD_S = 5.0, 0.05, 1.0
+WARN_PERIOD_S = 5.0
 NO_CAMERA = 'no usable camera_info yet; tracks wait for it, the robot stands'
 
 
@@ -57,16 +57,19 @@ class ServoNode(ManagedNode):
     def configure(self) -> None:
         """Create all that a run needs."""
         self._pending_tracks: PointCloud2 | None = None
-        self._goal = RunGoal()
         self.received, self._trouble = 0, ''  # sets of tracks
         self._camera = ServoCamera(self, self._node_settings, self._warn)
         self._commands, self._reports = Commands(self, self._node_settings), Reports(self)
         self._run = Run(self, self._commands, self._reports, self._standstill)
+        self._admission = Admission(self, self._node_settings, self._run)
+        self._watch = Watch(
+            self,
+            self._run,
+            self._reports,
+            lambda: self._settings,
+            sleeps=not self._node_settings.watchdog,
+        )
         self._create_subscriptions()
-        if self._node_settings.watchdog:
-            clock = self._run.freshness.clock
-            self.create_timer(WATCH_PERIOD_S, self._on_watch, clock=clock)
-            self.create_timer(IDLE_PERIOD_S, self._on_idle, clock=clock)
 
     def activate(self) -> None:
         """Wait for tracks, or for ~/start."""
@@ -138,13 +141,13 @@ class ServoNode(ManagedNode):
         if trouble and self._state.phase in DRIVING:
             self._run.lose(trouble)
         pending, self._pending_tracks = self._pending_tracks, None
-        if pending is not None and self._camera.model is not None and not self._is_stale():
+        if pending is not None and self._camera.model is not None and not self._watch.is_stale:
             self._drive_by(pending)
 
     def _on_tracks(self, message: PointCloud2) -> None:
         stamp_ns, run = read.stamp_ns(message.header), self._run
         self.received += 1
-        trouble = self._untimely(stamp_ns)
+        trouble = self._admission.refusal(message, self._settings.stale_timeout)
         if trouble:
             self._refuse(trouble)
             return
@@ -153,8 +156,9 @@ class ServoNode(ManagedNode):
         if run.stamp_ns is not None and stamp_ns <= run.stamp_ns:
             self._warn(NO_TIME)
         if run.active:
-            if self._is_other_goal(message) and self._state.reason != GOAL_CHANGED:
-                run.lose(GOAL_CHANGED)
+            other_goal = self._admission.other_goal(message)
+            if other_goal and self._state.reason != other_goal:
+                run.lose(other_goal)
             self._take_mount(message.header.frame_id)  # and so announced from this stamp on
         run.stamp_ns = stamp_ns
         self._drive_by(message)
@@ -168,35 +172,21 @@ class ServoNode(ManagedNode):
             self._pending_tracks = message
             self._refuse(NO_CAMERA)
             return
-        contested = self._contested() if self._state.phase is Phase.WAITING else ''
+        waits = self._state.phase is Phase.WAITING
+        contested = self._admission.contested() if waits else ''
         if contested:
             self._refuse(contested)
             return
         self._trouble = ''
         features = self._camera.checked(message, camera, self._state)
-        if self._is_other_goal(message):
+        other_goal = self._admission.other_goal(message)
+        if other_goal:
             features = Features()
-            self._warn(GOAL_CHANGED)
+            self._warn(other_goal)
         observation = observe(features, camera, read.stamp_ns(message.header))
         state = step(self._state, observation, self._settings)
         self._run.advance(state, observation.stamp_ns, message.header.frame_id)
         self._camera.check(observation, self._state, self._settings)
-
-    def _is_other_goal(self, message: PointCloud2) -> bool:
-        return self._goal.is_other(read.goal(message), self._state)
-
-    def _untimely(self, stamp_ns: int) -> str:
-        """Return why an image of this stamp is not driven by, or ''."""
-        if not self._node_settings.watchdog:
-            return ''  # time itself waits for the servo
-        now_ns = self.get_clock().now().nanoseconds
-        late = stamps.refusal(stamp_ns, now_ns, self._node_settings.max_latency)
-        newest_ns = self._run.stamp_ns if self._state.phase in RUNNING else None
-        return late or stamps.disorder(newest_ns, stamp_ns)
-
-    def _contested(self) -> str:
-        """Return that another servo commands the same base, so that no run may begin; or ''."""
-        return rivals.complaint(self, fatal=True) if self._node_settings.watchdog else ''
 
     def _refuse(self, trouble: str) -> None:
         """Take no step by tracks: hold a robot that drives, and say why."""
@@ -211,23 +201,6 @@ class ServoNode(ManagedNode):
         if settings is not self._settings:
             self._use(settings)
 
-    def _on_watch(self) -> None:
-        """Stop the robot, and end its run, where images do not."""
-        if not self._is_stale():
-            return
-        if self._state.phase in DRIVING:
-            self._run.lose(f'no new tracks for {self._run.freshness.age:.2f} s')
-        elif self._run.freshness.held > self._settings.holding_timeout:
-            self._run.time_out(self._settings.holding_timeout)
-
-    def _on_idle(self) -> None:
-        """Say that another servo is there, and why the robot stands, where no step does."""
-        contested = rivals.complaint(self) if self._run.active else ''
-        if contested:
-            self._warn(contested)
-        if self._reports.silence >= IDLE_PERIOD_S:
-            self._run.report()
-
     def _standstill(self) -> tuple[str, bool]:
         """Return why the robot stands, '' if its state says it, and whether that is alarming."""
         if self._stop_button.pressed:
@@ -238,16 +211,12 @@ class ServoNode(ManagedNode):
             return '', False
         if self._camera.model is None:
             return NO_CAMERA, True
-        if self._is_stale() and not self._trouble:
+        if self._watch.is_stale and not self._trouble:
             return f'no new tracks for {self._run.freshness.age:.0f} s', True
         return self._trouble, bool(self._trouble)
 
-    def _is_stale(self) -> bool:
-        late = self._run.freshness.age > self._settings.stale_timeout
-        return self._node_settings.watchdog and late
-
     def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        refusal = PRESSED if self._stop_button.pressed else self._contested()
+        refusal = PRESSED if self._stop_button.pressed else self._admission.contested()
         if refusal:
             self.get_logger().warning(f'not started: {refusal}')
             response.success, response.message = False, refusal

@@ -90,7 +90,7 @@ def test_diagnostics_tell_of_each_interruption(bench) -> None:
     rig.calibrate(CameraInfo())
     bench.until(lambda: rig.node._camera.model is None, 'camera_info to arrive')
     rig.see()
-    rig.node._on_idle()
+    rig.node._watch._on_idle()
     rig.node._run.report()
     told(WARN, 'waiting: no usable camera_info yet')
 
@@ -112,7 +112,7 @@ def test_a_servo_that_drives_says_nothing_beside_its_steps(bench) -> None:
     rig = Rig(bench, stale_timeout=60.0).drive()
     bench.until(lambda: bool(diagnostics), 'diagnostics')
     diagnostics.clear()
-    rig.node._on_idle()
+    rig.node._watch._on_idle()
     bench.settle()
     assert diagnostics == []
 

@@ -1,0 +1,59 @@
+"""Watch of the servo: on the steady clock it stops a robot whose images stay away, and reports."""
+
+from collections.abc import Callable
+
+from rclpy.node import Node
+
+from visual_servo_epipolar.core.servo.phases.table import DRIVING
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.nodes.servoing import rivals
+from visual_servo_epipolar.nodes.servoing.reports import Reports
+from visual_servo_epipolar.nodes.servoing.run import Run
+
+WATCH_PERIOD_S, IDLE_PERIOD_S = 0.05, 1.0
+
+
+class Watch:
+    """
+    Watch over the ``run`` of the servo ``node``.
+
+    It ``sleeps`` where time itself waits for the servo. ``settings`` returns those in force.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        run: Run,
+        reports: Reports,
+        settings: Callable[[], ServoSettings],
+        *,
+        sleeps: bool,
+    ) -> None:
+        self._node, self._run, self._reports, self._settings = node, run, reports, settings
+        self._warn, self._sleeps = node.get_logger().warning, sleeps
+        if not sleeps:
+            clock = run.freshness.clock
+            node.create_timer(WATCH_PERIOD_S, self._on_watch, clock=clock)
+            node.create_timer(IDLE_PERIOD_S, self._on_idle, clock=clock)
+
+    @property
+    def is_stale(self) -> bool:
+        """Whether tracks have stayed away for too long."""
+        return not self._sleeps and self._run.freshness.age > self._settings().stale_timeout
+
+    def _on_watch(self) -> None:
+        """Stop the robot, and end its run, where images do not."""
+        if not self.is_stale:
+            return
+        if self._run.state.phase in DRIVING:
+            self._run.lose(f'no new tracks for {self._run.freshness.age:.2f} s')
+        elif self._run.freshness.held > self._settings().holding_timeout:
+            self._run.time_out(self._settings().holding_timeout)
+
+    def _on_idle(self) -> None:
+        """Say that another servo is there, and why the robot stands, where no step does."""
+        contested = rivals.complaint(self._node) if self._run.active else ''
+        if contested:
+            self._warn(contested, throttle_duration_sec=5.0)
+        if self._reports.silence >= IDLE_PERIOD_S:
+            self._run.report()
