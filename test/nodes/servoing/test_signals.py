@@ -75,9 +75,8 @@ def test_a_servo_started_by_nohup_outlives_its_terminal(stack: ExitStack) -> Non
     servo = Process(stack, 'nohup', *arguments('servo_node', *DRIVING))
     servo.drive()
     servo.process.send_signal(signal.SIGHUP)
-    del servo.commands[:]
-    servo.drive()
-    assert servo.process.poll() is None
+    for _ in range(3):  # one that ends answers what it has heard already, and no more
+        assert servo.bench.call('servo_node/reset').success
 
 
 # The import of the node, in which SIGTERM comes.

@@ -73,7 +73,8 @@ def test_a_robot_that_waits_does_not_fail_in_silence(bench) -> None:
     assert rig.phase == 'waiting'
 
 
-def test_diagnostics_tell_of_each_interruption(bench) -> None:
+def test_diagnostics_tell_of_each_interruption(bench, monkeypatch) -> None:
+    monkeypatch.setattr(servo_node, 'IDLE_PERIOD_S', 1000.0)  # at once, not when it looks next
     diagnostics = bench.listen(DiagnosticArray, '/diagnostics')
     rig = Rig(bench, stale_timeout=60.0).drive()
 
