@@ -49,7 +49,7 @@ def test_a_camera_that_dies_leaves_a_robot_at_rest_with_a_reason() -> None:
 def test_a_servo_whose_stop_was_removed_moves_without_sight(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr(ServoNode, '_on_watch', lambda self: None)
+    monkeypatch.setattr(Watch, '_on_watch', lambda self: None)
     fault = Fault(what='', strike=images_end, prepare=without_a_base_that_stops_by_itself)
     result = driven('end', fault)
     assert (result['verdict'], result['safe']) == ('moved without sight', False)

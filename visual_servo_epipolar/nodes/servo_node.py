@@ -61,7 +61,7 @@ class ServoNode(ManagedNode):
         self._camera = ServoCamera(self, self._node_settings, self._warn)
         self._commands, self._reports = Commands(self, self._node_settings), Reports(self)
         self._run = Run(self, self._commands, self._reports, self._standstill)
-        self._admission = Admission(self, self._node_settings, self._run)
+        self._admission = Admission(self, lambda: self._node_settings, self._run)
         self._watch = Watch(
             self,
             self._run,

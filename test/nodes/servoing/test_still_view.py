@@ -1,17 +1,25 @@
 """A camera that hangs stamps its last image anew: the robot does not drive on by it."""
 
-from servo_rig import AWAY, Rig
+from servo_rig import PERIOD_NS, Rig, tracks
 
-from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL
+from visual_servo_epipolar.messages import write
 
 STILL = 8  # images of one view: 0.73 s, stale_timeout is 0.5 s
-NEARER = Pose(AWAY.x - 0.01, AWAY.y + 0.02, AWAY.theta)
+
+
+def hang(rig: Rig) -> None:
+    """Show the same for a while, with new stamps."""
+    for _ in range(STILL):
+        cloud = tracks()
+        cloud.header.stamp = write.stamp(rig.stamp_ns)
+        rig.tell(cloud)
+        rig.stamp_ns += PERIOD_NS
 
 
 def test_a_view_that_stands_still_while_the_robot_drives_stops_it(bench) -> None:
     rig = Rig(bench).drive()
-    for _ in range(STILL):
-        rig.see()
+    hang(rig)
     assert rig.phase == 'holding'
     assert 'the very same for' in rig.node._state.reason
     assert rig.twists()[-1] == STANDSTILL
@@ -19,26 +27,23 @@ def test_a_view_that_stands_still_while_the_robot_drives_stops_it(bench) -> None
 
 def test_no_drive_begins_anew_by_the_view_that_stands_still(bench) -> None:
     rig = Rig(bench).drive()
-    for _ in range(STILL):
-        rig.see()
+    hang(rig)
     count = len(rig.commands)
-    for _ in range(STILL):
-        rig.see()
+    hang(rig)
     assert rig.phase == 'holding'
     assert all(twist == STANDSTILL for twist in rig.twists()[count:])
 
 
 def test_a_view_that_changes_again_is_driven_by(bench) -> None:
     rig = Rig(bench).drive()
-    for _ in range(STILL):
-        rig.see()
-    rig.see(NEARER)
+    hang(rig)
+    rig.see()
     assert rig.phase != 'holding'
 
 
 def test_a_robot_that_stands_may_see_the_same_for_as_long_as_it_likes(bench) -> None:
     rig = Rig(bench, autostart=False)
-    for _ in range(3 * STILL):
-        rig.see()
+    for _ in range(3):
+        hang(rig)
     rig.node._run.active = True
     rig.drive()

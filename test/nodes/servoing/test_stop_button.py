@@ -98,14 +98,14 @@ def test_no_run_begins_by_itself_beside_another_servo(bench) -> None:
     bench.nodes.remove(rival)
     bench.executor.remove_node(rival)
     rival.destroy_node()
-    bench.until(lambda: not rig.node._contested(), 'the other to go')
+    bench.until(lambda: not rig.node._admission.contested(), 'the other to go')
     rig.drive()
 
 
 def test_what_is_left_of_a_servo_that_was_killed_keeps_none_from_starting(bench) -> None:
     rig = Rig(bench, stale_timeout=60.0)
     other(bench, 'servo_node')
-    rig.node._on_idle()
+    rig.node._watch._on_idle()
     rig.drive()
     text = '/servo_node commands /cmd_vel as well, two servos would fight'
     bench.until(lambda: bool(bench.logged(text)), 'the warning')

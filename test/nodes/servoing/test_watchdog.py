@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.control.command import HALT
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.servo.phases.table import DRIVING
 from visual_servo_epipolar.messages import event_log, read
-from visual_servo_epipolar.nodes import servo_node
+from visual_servo_epipolar.nodes.servoing import watch
 
 OK, WARN, ERROR = b'\x00', b'\x01', b'\x02'
 
@@ -74,7 +74,7 @@ def test_a_robot_that_waits_does_not_fail_in_silence(bench) -> None:
 
 
 def test_diagnostics_tell_of_each_interruption(bench, monkeypatch) -> None:
-    monkeypatch.setattr(servo_node, 'IDLE_PERIOD_S', 1000.0)  # at once, not when it looks next
+    monkeypatch.setattr(watch, 'IDLE_PERIOD_S', 1000.0)  # at once, not when it looks next
     diagnostics = bench.listen(DiagnosticArray, '/diagnostics')
     rig = Rig(bench, stale_timeout=60.0).drive()
 
@@ -97,7 +97,7 @@ def test_diagnostics_tell_of_each_interruption(bench, monkeypatch) -> None:
 
 
 def test_an_idle_servo_says_once_a_second_why_it_stands(bench, monkeypatch) -> None:
-    monkeypatch.setattr(servo_node, 'IDLE_PERIOD_S', 0.05)
+    monkeypatch.setattr(watch, 'IDLE_PERIOD_S', 0.05)
     diagnostics = bench.listen(DiagnosticArray, '/diagnostics')
     rig = Rig(bench, stale_timeout=0.1)
     text = 'waiting: no new tracks for '

@@ -1,5 +1,7 @@
 """Admission: which tracks the servo drives by, and why not by others."""
 
+from collections.abc import Callable
+
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 
@@ -17,10 +19,11 @@ class Admission:
     """
     Admission of tracks to the ``run`` of the servo ``node``.
 
-    Where time itself waits for the servo (no watchdog), all are timely.
+    ``settings`` returns those in force. Where time itself waits for the servo (no watchdog), all
+    tracks are timely.
     """
 
-    def __init__(self, node: Node, settings: ServoNodeSettings, run: Run) -> None:
+    def __init__(self, node: Node, settings: Callable[[], ServoNodeSettings], run: Run) -> None:
         self._node, self._settings, self._run = node, settings, run
         self._goal, self._still = RunGoal(), StillView()
 
@@ -31,12 +34,12 @@ class Admission:
         Too old, not newer than others of the run, or the very same for ``still_timeout`` [s] of
         driving.
         """
-        if not self._settings.watchdog:
+        if not self._settings().watchdog:
             return ''
         stamp_ns, run = read.stamp_ns(message.header), self._run
         now_ns = self._node.get_clock().now().nanoseconds
         newest_ns = run.stamp_ns if run.state.phase in RUNNING else None
-        trouble = stamps.refusal(stamp_ns, now_ns, self._settings.max_latency)
+        trouble = stamps.refusal(stamp_ns, now_ns, self._settings().max_latency)
         trouble = trouble or stamps.disorder(newest_ns, stamp_ns)
         if trouble:
             return trouble
@@ -45,7 +48,7 @@ class Admission:
 
     def contested(self) -> str:
         """Return that another servo commands the same base, so that no run may begin; or ''."""
-        if not self._settings.watchdog:
+        if not self._settings().watchdog:
             return ''
         return rivals.complaint(self._node, fatal=True)
 
