@@ -170,12 +170,22 @@ def goal(message: Any) -> int | None:
 
     Other trackers have no such field, and empty tracks no row.
     """
-    field = next((field for field in message.fields if field.name == 'goal'), None)
+    number = _of_first_row(message, 'goal')
+    return number if number != NO_GOAL else None
+
+
+def repeats(message: Any) -> int:
+    """Return how many images in a row were the very same, 0 where nothing tells it."""
+    return _of_first_row(message, 'repeats') or 0
+
+
+def _of_first_row(message: Any, name: str) -> int | None:
+    field = next((field for field in message.fields if field.name == name), None)
     if field is None or NUMPY_TYPES.get(field.datatype) != 'u4':
         return None
     first = bytes(message.data[field.offset : field.offset + 4])
     number = int.from_bytes(first, 'big' if message.is_bigendian else 'little')
-    return number if len(first) == 4 and number != NO_GOAL else None
+    return number if len(first) == 4 else None
 
 
 def telemetry(message: Any) -> dict[str, float]:

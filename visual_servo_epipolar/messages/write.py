@@ -28,6 +28,7 @@ TRACK_LAYOUT = np.dtype(
         ('age', '<u4'),
         ('error', '<f8'),
         ('goal', '<u4'),
+        ('repeats', '<u4'),
     ]
 )
 FIRST_NS, LAST_NS = -(2**31) * NANOSECONDS, 2**31 * NANOSECONDS - 1
@@ -122,11 +123,17 @@ def _covariance(measured: FloatArray, axes: tuple[int, ...]) -> FloatArray:
     return whole.ravel()
 
 
-def features(value: Features, stamp_ns: int, frame_id: str, goal: int = NO_GOAL) -> PointCloud2:
-    """Return tracks of the photograph ``goal`` as a sensor_msgs/PointCloud2, a row a feature."""
+def features(
+    value: Features, stamp_ns: int, frame_id: str, goal: int = NO_GOAL, repeats: int = 0
+) -> PointCloud2:
+    """
+    Return tracks of the photograph ``goal`` as a sensor_msgs/PointCloud2, a row a feature.
+
+    ``repeats``: how many images in a row have been the very same.
+    """
     rows = np.empty(len(value), TRACK_LAYOUT)
     rows['id'], rows['age'], rows['error'] = value.ids, value.ages, value.errors
-    rows['u'], rows['v'], rows['goal'] = *value.current.T, goal
+    rows['u'], rows['v'], rows['goal'], rows['repeats'] = *value.current.T, goal, repeats
     rows['desired_u'], rows['desired_v'] = value.desired.T
     message = PointCloud2(header=header(stamp_ns, frame_id), height=1, width=len(value))
     message.fields = [

@@ -34,6 +34,7 @@ from visual_servo_epipolar.nodes.tracking.camera_subscriptions import CameraSubs
 from visual_servo_epipolar.nodes.tracking.lateness import Lateness
 from visual_servo_epipolar.nodes.tracking.photograph import read_photograph
 from visual_servo_epipolar.nodes.tracking.photographer import Photographer
+from visual_servo_epipolar.nodes.tracking.repetition import Repetition
 from visual_servo_epipolar.report.images.overlay import draw_overlay
 
 WARN_PERIOD_S, LAST_WORD_S = 5.0, 0.2
@@ -65,7 +66,7 @@ class TrackerNode(ManagedNode):
         self._frame_id = ''
         self._camera: CalibratedCamera | None = None
         self._unusable = ''  # why the last camera_info cannot be used
-        self._lateness = Lateness(self)
+        self._lateness, self._repetition = Lateness(self), Repetition()
         self._complaint = ''  # what was wrong with the last tracks
         self._latest: Pixels | None = None
         self._pending_image: Image | CompressedImage | None = None
@@ -188,6 +189,7 @@ class TrackerNode(ManagedNode):
         )
         self._latest = tracking.image
         self._photographer.see(tracking.image)
+        self._repetition.see(tracking.image)
         foreign = self._photographer.complaint(self._camera)
         if foreign:
             tracking = replace(tracking, features=Features(), warning=foreign)
@@ -216,7 +218,9 @@ class TrackerNode(ManagedNode):
     def _publish(self, features: Features, image: Image | CompressedImage) -> None:
         stamp_ns, frame_id = read.stamp_ns(image.header), image.header.frame_id
         self._frame_id = frame_id
-        tracks = write.features(features, stamp_ns, frame_id, self._tracker.goal)
+        tracks = write.features(
+            features, stamp_ns, frame_id, self._tracker.goal, self._repetition.count
+        )
         self._tracks_pub.publish(tracks)
         if self._settings.overlay and self._overlay_pub.get_subscription_count():
             if self._latest is not None:

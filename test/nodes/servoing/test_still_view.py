@@ -1,6 +1,6 @@
 """A camera that hangs stamps its last image anew: the robot does not drive on by it."""
 
-from servo_rig import PERIOD_NS, Rig, tracks
+from servo_rig import AWAY, PERIOD_NS, Rig, WORLD
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.messages import write
@@ -10,10 +10,9 @@ STILL = 8  # images of one view: 0.73 s, stale_timeout is 0.5 s
 
 def hang(rig: Rig) -> None:
     """Show the same for a while, with new stamps."""
-    for _ in range(STILL):
-        cloud = tracks()
-        cloud.header.stamp = write.stamp(rig.stamp_ns)
-        rig.tell(cloud)
+    for number in range(1, STILL + 1):
+        features = WORLD.observe(AWAY, 0)
+        rig.tell(write.features(features, rig.stamp_ns, 'camera_optical_frame', repeats=number))
         rig.stamp_ns += PERIOD_NS
 
 

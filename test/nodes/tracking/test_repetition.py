@@ -1,0 +1,34 @@
+"""Images that are the very same are counted; one grey level more in one pixel is another image."""
+
+import numpy as np
+
+from visual_servo_epipolar.nodes.tracking.repetition import Repetition
+
+IMAGE = np.arange(48, dtype=np.uint8).reshape(6, 8)
+
+
+def test_the_very_same_images_in_a_row_are_counted() -> None:
+    repetition = Repetition()
+    assert [repetition.see(IMAGE.copy()) for _ in range(4)] == [0, 1, 2, 3]
+
+
+def test_any_other_image_begins_anew() -> None:
+    repetition = Repetition()
+    repetition.see(IMAGE)
+    repetition.see(IMAGE)
+    other = IMAGE.copy()
+    other[2, 3] += 1
+    assert repetition.see(other) == 0
+    assert repetition.see(IMAGE) == 0
+
+
+def test_an_image_that_cannot_be_read_is_no_repetition() -> None:
+    repetition = Repetition()
+    repetition.see(IMAGE)
+    assert [repetition.see(None), repetition.see(None), repetition.see(IMAGE)] == [0, 0, 0]
+
+
+def test_an_image_of_another_size_is_another() -> None:
+    repetition = Repetition()
+    repetition.see(IMAGE)
+    assert repetition.see(IMAGE[:3]) == 0
