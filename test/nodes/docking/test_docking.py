@@ -51,7 +51,10 @@ class Robot:
         info = bench.talk(CameraInfo, 'camera_info')
         words = ['--ros-args', '-r', 'cmd_vel:=cmd_vel_reversed'] if backward else []
         self.servo = bench.start(
-            lambda **options: ServoNode(cli_args=words, **options), stale_timeout=60.0, **servo
+            lambda **options: ServoNode(cli_args=words, **options),
+            stale_timeout=60.0,
+            max_latency=0.0,
+            **servo,
         )
         self.dock = bench.start(
             lambda **options: DockNode(FibonacciWire(), **options),
@@ -81,19 +84,19 @@ class Robot:
         return future.result(), future.result().get_result_async()
 
     def started(self) -> None:
-        self.bench.until(lambda: self.servo._active, 'the servo to be started')
+        self.bench.until(lambda: self.servo._run.active, 'the servo to be started')
 
     def step(self) -> None:
         """Look, wait for what is commanded, and obey for one period."""
         stamp_ns = (self.frame + 1) * PERIOD_NS
-        heard, active = len(self.commands), self.servo._active
+        heard, active = len(self.commands), self.servo._run.active
         seen = Features() if self.blind else self.world.observe(self.pose, self.frame)
         self.poses[stamp_ns] = self.pose
         if self.with_odometry:  # without, the dock node has no path, and looks at no tracks
             told = write.odometry(self.pose, STANDSTILL, stamp_ns, 'odom', 'base_link')
             self.odometry(told)
         self.tracks(write.features(seen, stamp_ns, 'camera'))
-        self.bench.until(lambda: self.servo._stamp_ns == stamp_ns, 'tracks to arrive')
+        self.bench.until(lambda: self.servo._run.stamp_ns == stamp_ns, 'tracks to arrive')
         if active:
             ended = lambda: self.servo._state.ended  # noqa: E731
             self.bench.until(lambda: len(self.commands) > heard or ended(), 'a command')
@@ -164,7 +167,7 @@ def test_a_cancel_leaves_it_standing_and_another_request_docks(robot) -> None:
     goal.cancel_goal_async()
     it.bench.until(result.done, 'the result')
     assert result.result().status == GoalStatus.STATUS_CANCELED
-    it.bench.until(lambda: not it.servo._active, 'the servo to be stopped')
+    it.bench.until(lambda: not it.servo._run.active, 'the servo to be stopped')
     it.bench.settle()
     assert read.twist(it.commands[-1]) == STANDSTILL
     stood = it.pose

@@ -55,6 +55,8 @@ class Process:
 def stack(monkeypatch: pytest.MonkeyPatch) -> Iterator[ExitStack]:
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     with ExitStack() as entered:
+        for number in (signal.SIGHUP, signal.SIGQUIT):  # as nohup has it, children ignore them
+            entered.callback(signal.signal, number, signal.signal(number, signal.SIG_DFL))
         yield entered
 
 

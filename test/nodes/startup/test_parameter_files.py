@@ -7,6 +7,7 @@ import pytest
 from rclpy.node import Node
 import yaml
 
+from visual_servo_epipolar.core.docking.settings import DockPoseSettings
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.nodes.camera_node import CameraNode
@@ -261,5 +262,11 @@ def test_names_that_nodes_share_are_known_to_mean_different_things_or_not() -> N
         'frame_rate',
         'rectified',
         'seed',
+        'servo',
+        'mount_from_tf',
+    }
+    # The dock node perceives as the servo does.
+    alike |= {item.name for item in fields(DockPoseSettings)} & {
+        item.name for item in fields(ServoSettings)
     }
     assert {name for name, nodes in texts.items() if len(nodes) > 1} == alike | table.HOMONYMS

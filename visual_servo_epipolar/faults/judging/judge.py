@@ -1,5 +1,6 @@
 """The judge: the verdict on the record of a run, by ground truth."""
 
+from bisect import bisect_right
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
@@ -107,9 +108,14 @@ def _limits(record: Record, bounds: Bounds) -> str:
 
 
 def _ramps(record: Record, bounds: Bounds) -> str:
-    """Return where the servo's commands rise faster than its ramps."""
+    """
+    Return where the servo's commands rise faster than its ramps.
+
+    It goes by the times of its images: one that came late is followed at once by one in time.
+    """
     for before, after in pairwise(record.orders):
-        dt = max(after.time_s - before.time_s, STEP * bounds.period_s)
+        commanded, taken = after.time_s - before.time_s, _taken_s(record, after.time_s)
+        dt = max(commanded, taken - _taken_s(record, before.time_s), STEP * bounds.period_s)
         linear = abs(after.twist.linear) - abs(before.twist.linear)
         angular = abs(after.twist.angular) - abs(before.twist.angular)
         if (
@@ -118,6 +124,12 @@ def _ramps(record: Record, bounds: Bounds) -> str:
         ):
             return f'the servo goes from {speed(before.twist)} to {speed(after.twist)} at once'
     return ''
+
+
+def _taken_s(record: Record, time_s: float) -> float:
+    """Return when the newest image was taken that had come by ``time_s``; 0 if none had."""
+    count = bisect_right(record.seen, time_s, key=lambda seen: seen.time_s)
+    return max((seen.taken_s for seen in record.seen[max(0, count - 5) : count]), default=0.0)
 
 
 def _base(record: Record, bounds: Bounds) -> str:
