@@ -30,10 +30,6 @@ def without_a_base_that_stops_by_itself(settings: object, rng: object) -> object
     return replace(settings, base=PioneerSettings(command_timeout=0.0))
 
 
-def with_a_base_that_stops_by_itself(settings: object, rng: object) -> object:
-    return replace(settings, base=PioneerSettings())
-
-
 def driven(name: str, fault: Fault) -> dict[str, object]:
     return runs.run(name, replace(fault, phases=MOVING), SEED)
 
@@ -102,8 +98,7 @@ def test_a_servo_that_arrives_elsewhere_is_condemned() -> None:
         scene.world.kill('servo_node')  # and somebody else says that it has arrived
         scene.witness.record.phase = 'arrived'
 
-    fault = Fault(what='', strike=strike, prepare=with_a_base_that_stops_by_itself)
-    result = driven('elsewhere', fault)
+    result = driven('elsewhere', Fault(what='', strike=strike, base_alone=True))
     assert any('wrong arrival' in charge for charge in result['charges'])
 
 
