@@ -110,6 +110,7 @@ class ServoNode(ManagedNode):
         """Stop the robot, also for when the node is active again."""
         self._begins = False
         if self.is_configured:
+            self._pending_tracks = None
             self._run.stop(reason)
 
     def _create_subscriptions(self) -> None:
@@ -223,7 +224,8 @@ class ServoNode(ManagedNode):
             return response
         if self._state.ended:
             self._run.reset()
-        self._run.active = response.success = True
+        self._run.active, self._trouble = True, ''
+        response.success = True
         self._reports.event(event_log.STARTED, self._run.stamp_ns)
         response.message = 'started' if self._camera.model else 'started; waits for camera_info'
         self.get_logger().info(response.message)
@@ -237,6 +239,7 @@ class ServoNode(ManagedNode):
         return response
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        self._pending_tracks = None
         self._run.reset()
         self._run.active = self._run.active and self._settings.autostart
         self._run.report()

@@ -8,6 +8,7 @@ from servo_rig import Rig
 from std_msgs.msg import Bool
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
+from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 
 TEXT = 'the stop button is pressed; release it, then call ~/start'
@@ -17,7 +18,7 @@ class Buttoned(Rig):
     """A servo with a stop button."""
 
     def __init__(self, bench, **values) -> None:
-        self._button = bench.talk(Bool, 'stop_button')
+        self._button = bench.talk(Bool, 'stop_button', qos.LATCHED)
         super().__init__(bench, stale_timeout=60.0, **values)
 
     def press(self, *, pressed: bool = True) -> None:
@@ -38,6 +39,16 @@ def test_a_pressed_button_stops_the_robot(rig) -> None:
     for _ in range(3):
         rig.see()
     assert len(rig.commands) == count
+
+
+def test_a_servo_that_is_started_in_mid_press_stands(bench) -> None:
+    bench.talk(Bool, 'stop_button', qos.LATCHED)(Bool(data=True))
+    rig = Rig(bench, stale_timeout=60.0)
+    bench.until(lambda: rig.node._stop_button.pressed, 'the button that was pressed before')
+    for _ in range(3):
+        rig.see()
+    assert rig.commands == [] or rig.twists()[-1] == STANDSTILL
+    assert not bench.call('servo_node/start').success
 
 
 @pytest.mark.parametrize('order', ['start', 'reset', 'stop'])

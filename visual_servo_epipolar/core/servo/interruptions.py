@@ -41,7 +41,14 @@ def interrupted(state: ServoState, kind: Interruption, reason: str = '') -> Serv
         return lost(state, reason)
     if kind is Interruption.TIMED_OUT:
         return timed_out(state, reason)
-    return changed(state, command=HALT)
+    return _halted(state)
+
+
+def _halted(state: ServoState) -> ServoState:
+    """Return ``state`` at a standstill; what was commanded until now has moved the robot."""
+    if state.command == HALT:
+        return state
+    return changed(state, command=HALT, last_linear=state.twist.linear)
 
 
 def lost(state: ServoState, reason: str) -> ServoState:
@@ -49,20 +56,18 @@ def lost(state: ServoState, reason: str) -> ServoState:
     phase = next_phase(state.phase, Event.LOST)
     if phase is state.phase:
         reason = reason if phase is Phase.HOLDING else state.reason
-        return changed(state, command=HALT, reason=reason)
+        return changed(_halted(state), reason=reason)
     # It holds since the last tracks: a phase that had lasted long would count as waiting.
     start_ns = state.phase_start_ns if state.measurement is None else state.measurement.stamp_ns
-    return changed(
-        state, phase=phase, phase_start_ns=start_ns, command=HALT, settled=0, reason=reason
-    )
+    return changed(_halted(state), phase=phase, phase_start_ns=start_ns, settled=0, reason=reason)
 
 
 def timed_out(state: ServoState, reason: str) -> ServoState:
     """Return the state of a run that has held for too long: failed; no other changes."""
     phase = next_phase(state.phase, Event.TIMED_OUT)
     if phase is state.phase:
-        return changed(state, command=HALT)
-    return changed(state, phase=phase, command=HALT, settled=0, reason=reason)
+        return _halted(state)
+    return changed(_halted(state), phase=phase, settled=0, reason=reason)
 
 
 def stop(state: ServoState) -> ServoState:

@@ -30,6 +30,7 @@ from visual_servo_epipolar.core.servo.phases.timing import (
     after_leap,
     interval,
     leap,
+    usual_step,
     USUAL_STEP_S,
 )
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -37,6 +38,7 @@ from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.update import updated
 from visual_servo_epipolar.core.servo.values import changed
 
+MAX_START_STEPS = 2.0  # usual times between two images that a robot speeds up at first
 ROUNDING = 1e-15  # of a command within its limits
 
 
@@ -59,7 +61,7 @@ def advance(state: ServoState, perception: Perception, settings: ServoSettings) 
         state, event = _held(state, leapt)
     state = switched(state, state.measurement or measurement, event, settings)
     nominal = curvature_compensated(nominal_twist(state, settings), state, settings)
-    limited = _limited(nominal, last_twist, dt or USUAL_STEP_S, state, settings)
+    limited = _limited(nominal, last_twist, _ramp_step(state, last_twist, dt), state, settings)
     twist, residual = _beyond_dead_band(limited, state, settings)
     return changed(
         state, command=Command(twist), dead_band_residual=residual, frame=state.frame + 1
@@ -71,6 +73,12 @@ def _time_step(state: ServoState, measurement: Measurement, leapt: str) -> float
     if leapt or state.measurement is None:
         return 0.0
     return interval(state.measurement.stamp_ns, measurement.stamp_ns)
+
+
+def _ramp_step(state: ServoState, last: Twist, dt: float) -> float:
+    """Return the time that ramps count since ``last`` [s]: pauses give no speed to start with."""
+    dt = dt or USUAL_STEP_S
+    return min(dt, MAX_START_STEPS * usual_step(state)) if last == STANDSTILL else dt
 
 
 def _held(state: ServoState, leapt: str) -> tuple[ServoState, Event]:

@@ -129,14 +129,16 @@ def _rotation_bias(state: ServoState, measurement: Measurement) -> float:
     if measurement.bearings is None:
         return before
     now = math.remainder(measurement.heading_error - measurement.rotation_heading, 2.0 * math.pi)
-    return now if math.isnan(before) else before + BIAS_SMOOTHING * (now - before)
+    change = math.remainder(now - before, 2.0 * math.pi)
+    return now if math.isnan(before) else before + BIAS_SMOOTHING * change
 
 
 def _without_bias(measurement: Measurement, bias: float) -> Measurement:
     """Return ``measurement`` with the heading of the best rotation, less its ``bias`` if known."""
     if math.isnan(bias):
         return measurement
-    return replace(measurement, heading_error=measurement.rotation_heading + bias)
+    heading = math.remainder(measurement.rotation_heading + bias, 2.0 * math.pi)
+    return replace(measurement, heading_error=heading)
 
 
 def _with_settled(

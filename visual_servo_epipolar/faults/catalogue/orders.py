@@ -40,9 +40,10 @@ def call(scene: Scene, service: str) -> None:
         record.goals.append(witness.seen_pose)
     if service == '/servo_node/stop':
         record.stopped_s = witness.now_s
-    if service in ('/servo_node/start', '/servo_node/reset'):
+    answer = scene.world.call(service)
+    if service == '/servo_node/start' and answer.startswith('started'):
         record.stopped_s = math.inf
-    scene.notes.append(f'{service}: {scene.world.call(service)}')
+    scene.notes.append(f'{service}: {answer}')
 
 
 def _stop_then_start(scene: Scene) -> None:

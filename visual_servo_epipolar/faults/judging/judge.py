@@ -116,14 +116,19 @@ def _ramps(record: Record, bounds: Bounds) -> str:
     for before, after in pairwise(record.orders):
         commanded, taken = after.time_s - before.time_s, _taken_s(record, after.time_s)
         dt = max(commanded, taken - _taken_s(record, before.time_s), STEP * bounds.period_s)
-        linear = abs(after.twist.linear) - abs(before.twist.linear)
-        angular = abs(after.twist.angular) - abs(before.twist.angular)
+        linear = _rise(before.twist.linear, after.twist.linear)
+        angular = _rise(before.twist.angular, after.twist.angular)
         if (
             linear > after.limits.acceleration * dt + RAMP_M_S
             or angular > after.limits.angular_acceleration * dt + RAMP_RAD_S
         ):
             return f'the servo goes from {speed(before.twist)} to {speed(after.twist)} at once'
     return ''
+
+
+def _rise(before: float, after: float) -> float:
+    """Return by how much a speed has risen; beyond zero all of it."""
+    return abs(after) - (abs(before) if before * after >= 0.0 else 0.0)
 
 
 def _taken_s(record: Record, time_s: float) -> float:

@@ -19,6 +19,7 @@ from visual_servo_epipolar.faults.judging.record import Bounds
 from visual_servo_epipolar.faults.processes.listener import Listener, SETTINGS
 from visual_servo_epipolar.faults.processes.table import NODES, ProcessFault
 from visual_servo_epipolar.faults.world import FRAME_RATE, small_camera
+from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 
 PACKAGE = 'visual_servo_epipolar.nodes'
@@ -113,7 +114,7 @@ def _end(process: 'subprocess.Popen[bytes]') -> None:
 
 def _bounds() -> Bounds:
     """Return what is allowed; ramps of the base between messages are not judged."""
-    latency_s = float(getattr(SETTINGS, 'max_latency', 0.0))
+    latency_s = ServoNodeSettings().max_latency
     period_s = 1.0 / FRAME_RATE
     return Bounds(
         sight_s=SETTINGS.stale_timeout + latency_s + period_s + LATE_S,

@@ -4,13 +4,14 @@ from typing import Any
 
 from geometry_msgs.msg import Twist as TwistMessage
 from geometry_msgs.msg import TwistStamped
+from rclpy.duration import Duration
 from rclpy.node import Node
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
 
-REVERSED = 'cmd_vel_reversed'
+REVERSED, STOP_TIMEOUT_S = 'cmd_vel_reversed', 0.2
 
 
 class Reversal:
@@ -28,8 +29,9 @@ class Reversal:
         node.create_subscription(kind, REVERSED, self._turn_round, qos.COMMAND)
 
     def stop(self) -> None:
-        """Stop the base."""
+        """Stop the base, and wait until the command is acknowledged."""
         self._publish(STANDSTILL, int(self._node.get_clock().now().nanoseconds))
+        self._pub.wait_for_all_acked(Duration(seconds=STOP_TIMEOUT_S))
 
     def _turn_round(self, message: Any) -> None:
         now_ns = int(self._node.get_clock().now().nanoseconds)

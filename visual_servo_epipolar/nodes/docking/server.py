@@ -62,7 +62,7 @@ class DockServer:
         if self._task is not None and self._task.outcome is None:
             self._end(Outcome(message='superseded by another goal'))
         over = self._over = Future()
-        self._goal = goal
+        self._goal, self._task = goal, None
         request = self._wire.request(goal.request)
         self._node.get_logger().info(f'dock_robot: {request}')
         self._follow(tasks.requested(request, self._now(), self.settings))

@@ -16,12 +16,17 @@ class Freshness:
     def __init__(self) -> None:
         self.clock = Clock(clock_type=ClockType.STEADY_TIME)
         self._begin_ns = self._now_ns()
+        self._stepped_ns = self._begin_ns
         self._fresh_ns: int | None = None
         self._holding_ns: int | None = None
 
     def renew(self) -> None:
         """Note that new tracks have come."""
         self._fresh_ns = self._now_ns()
+
+    def step(self) -> None:
+        """Note that tracks have led to a step."""
+        self._stepped_ns = self._now_ns()
 
     def follow(self, phase: Phase) -> None:
         """Note the phase that the servo is in."""
@@ -36,9 +41,9 @@ class Freshness:
         return self._since(self._begin_ns if self._fresh_ns is None else self._fresh_ns)
 
     @property
-    def began(self) -> bool:
-        """Whether any tracks have come."""
-        return self._fresh_ns is not None
+    def idle(self) -> float:
+        """Time since the last step [s], or since the beginning."""
+        return self._since(self._stepped_ns)
 
     @property
     def held(self) -> float:

@@ -34,6 +34,7 @@ class Run:
     def advance(self, state: ServoState, stamp_ns: int, frame_id: str) -> None:
         """Follow a step: command the base, and report."""
         before = self.state
+        self.freshness.step()
         self.follow(state)
         self._commands.answer(before, self.state, stamp_ns)  # nobody drives by what follows
         self._reports.step(self.state, stamp_ns, frame_id)
@@ -57,20 +58,25 @@ class Run:
     def time_out(self, timeout: float) -> None:
         """End a run that holds while no images come that could end it."""
         reason = f'tracks lost or untrusted for {timeout:g} s: {self.state.reason}'
+        self.insist()
         self._interrupt(Interruption.TIMED_OUT, reason)
         self.report()
 
     def stop(self, reason: str = '') -> None:
         """End the run, and stand until the next order to start."""
         self.active = False
+        self.insist()
         self._interrupt(Interruption.STOPPED, reason)
-        self._send_halt()
         self.report()
 
     def reset(self) -> None:
         """Stand, and be ready for a new run."""
         self._halt()
         self._interrupt(Interruption.RESET)
+
+    def insist(self) -> None:
+        """Tell the base to stand; it may not have heard it before."""
+        self._commands.send(HALT, self._clock.now().nanoseconds)
 
     def report(self) -> None:
         """Publish the phase and why the robot stands, where no image led to it."""
@@ -80,11 +86,8 @@ class Run:
     def _halt(self) -> None:
         """Stop a robot that may be moving; the state remembers that it stands."""
         if self.state.command != HALT:
+            self.insist()
             self._interrupt(Interruption.HALTED)
-            self._send_halt()
-
-    def _send_halt(self) -> None:
-        self._commands.send(HALT, self._clock.now().nanoseconds)
 
     def _interrupt(self, kind: Interruption, reason: str = '') -> None:
         """Follow an interruption, and publish it as an event for replays."""

@@ -39,5 +39,5 @@ def disorder(newest_ns: int | None, stamp_ns: int) -> str:
         return NO_TIME
     return (
         f'the stamps went back by {back_s:.1f} s: a bag played in a loop, or a clock that was '
-        'set; ~/start begins anew'
+        'set; ~/stop, then ~/start begins anew'
     )

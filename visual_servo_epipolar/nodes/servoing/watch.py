@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from rclpy.node import Node
 
-from visual_servo_epipolar.core.servo.phases.table import DRIVING
+from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.nodes.servoing import rivals
 from visual_servo_epipolar.nodes.servoing.reports import Reports
@@ -42,18 +42,20 @@ class Watch:
         return not self._sleeps and self._run.freshness.age > self._settings().stale_timeout
 
     def _on_watch(self) -> None:
-        """Stop the robot, and end its run, where images do not."""
-        if not self.is_stale:
-            return
+        """Stop the robot, keep it standing, and end its run, where images do not."""
+        freshness, settings = self._run.freshness, self._settings()
         if self._run.state.phase in DRIVING:
-            self._run.lose(f'no new tracks for {self._run.freshness.age:.2f} s')
-        elif self._run.freshness.held > self._settings().holding_timeout:
-            self._run.time_out(self._settings().holding_timeout)
+            if self.is_stale:
+                self._run.lose(f'no new tracks for {freshness.age:.2f} s')
+        elif self._run.state.phase is Phase.HOLDING and freshness.idle > settings.stale_timeout:
+            self._run.insist()
+            if freshness.held > settings.holding_timeout:
+                self._run.time_out(settings.holding_timeout)
 
     def _on_idle(self) -> None:
         """Say that another servo is there, and why the robot stands, where no step does."""
         contested = rivals.complaint(self._node) if self._run.active else ''
         if contested:
             self._warn(contested, throttle_duration_sec=5.0)
-        if self._reports.silence >= IDLE_PERIOD_S:
+        if self._reports.silence >= 0.5 * IDLE_PERIOD_S:
             self._run.report()

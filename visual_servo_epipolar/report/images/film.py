@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.report.images.background import background
 from visual_servo_epipolar.report.images.map_view import Bounds
 from visual_servo_epipolar.report.images.picture import picture
-from visual_servo_epipolar.report.images.video import VideoWriter
+from visual_servo_epipolar.report.images.video import part_of, VideoWriter
 
 END_S = 60.0  # for the encoder to write what it holds
 
@@ -54,10 +54,14 @@ def filmed(
         with background() as do:
             yield lambda *step: do(_send, here, step), advice
             do(_send, here, None)
+        if not here.poll(END_S):
+            raise VisualServoError(f'the video is not finished after {END_S:g} s; run again')
         _answer(here)
     finally:
         here.close()  # which ends it, with an unfinished file or without
         process.join(END_S)
+        process.kill()
+        part_of(path).unlink(missing_ok=True)
 
 
 def _send(here: Connection, step: tuple[Image, Features, Sample] | None) -> None:

@@ -15,6 +15,11 @@ from visual_servo_epipolar.report.images.map_view import Bounds, MapView, WIDTH
 HEIGHT = 720  # of the video [px]
 
 
+def part_of(path: Path) -> Path:
+    """Return where a video is written until it is complete."""
+    return path.with_name(f'.{path.stem}.part{path.suffix}')
+
+
 class VideoWriter:
     """
     Writer of a video, one frame a control step; the file appears when the run is complete.
@@ -62,7 +67,7 @@ class VideoWriter:
         self._view_width = 2 * round(0.5 * HEIGHT * image_size[0] / image_size[1])
         self.size = self._view_width + WIDTH, HEIGHT
         self._map, self._steps, self.frames = MapView(bounds, HEIGHT), 0, 0
-        self._part = self.path.with_name(f'.{self.path.stem}.part{self.path.suffix}')
+        self._part = part_of(self.path)
         self._encoder, self.codec = open_encoder(self._part, self.path, fps, self.size)
 
     def __enter__(self) -> 'VideoWriter':
