@@ -18,6 +18,7 @@ from servo_states import (
 from visual_servo_epipolar.core.control.command import Command
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.servo.interruptions import interrupted, Interruption
 from visual_servo_epipolar.core.servo.phases.conditions import astray
 from visual_servo_epipolar.core.servo.phases.events import classify
 from visual_servo_epipolar.core.servo.phases.table import DRIVING, Event, Phase
@@ -85,10 +86,13 @@ def test_only_what_is_driven_backward_counts(linear: float) -> None:
     assert then(moving).reversed == pytest.approx(max(-linear, 0.0) * 0.1)
 
 
-def test_a_command_that_was_withdrawn_meanwhile_counts_in_full() -> None:
+@pytest.mark.parametrize('kinds', [('LOST',), ('HALTED', 'LOST'), ('LOST', 'HALTED', 'TIMED_OUT')])
+def test_a_command_that_was_withdrawn_meanwhile_counts_in_full(kinds: tuple[str, ...]) -> None:
     # The base obeyed it until then, and nobody says how long.
-    stopped = in_phase(Phase.HOLDING, last_linear=-0.2)
-    assert then(stopped, sight(5)).reversed == pytest.approx(0.1)
+    state = in_phase(Phase.RETREATING, command=Command(Twist(-0.2, 0.0)))
+    for kind in kinds:
+        state = interrupted(state, Interruption[kind], 'no new tracks')
+    assert then(state, sight(5)).reversed == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize(('frame', 'seconds'), [(1300, 0.1), (0, 0.1), (-9000, 0.1)])

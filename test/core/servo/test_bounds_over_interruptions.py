@@ -58,3 +58,12 @@ def test_an_estimator_without_covariance_tells_nothing_of_the_mount() -> None:
         assert state.extrinsics is not None
         assert np.isfinite(state.extrinsics.mean).all()
     assert state.phase is not Phase.HOLDING
+
+
+def test_a_pause_gives_no_speed_to_start_with() -> None:
+    standing = in_phase(Phase.RETREATING, period=0.1)
+    aside = replace(BEARINGS, psi=-0.1, phi=-0.1 - math.pi / 2.0)
+    sights = [sight(frame, bearings=aside) for frame in (1, 2, 9)]
+    speeds = [abs(then(standing, it).twist.linear) for it in sights]
+    # Two usual times between images count, not the 0.9 s that nothing was commanded.
+    assert speeds == pytest.approx([SETTINGS.max_acceleration * s for s in (0.1, 0.2, 0.2)])

@@ -50,7 +50,7 @@ def step(state: ServoState, observation: Observation, settings: ServoSettings) -
 
 def advance(state: ServoState, perception: Perception, settings: ServoSettings) -> ServoState:
     """Return the state after a ``perception``: the part of the step that needs no features."""
-    last_twist, measurement = state.twist, perception.measurement
+    last_twist, measurement, usual_s = state.twist, perception.measurement, usual_step(state)
     leapt = leap(state, measurement.stamp_ns, settings)
     dt = _time_step(state, measurement, leapt)
     if leapt:
@@ -61,7 +61,7 @@ def advance(state: ServoState, perception: Perception, settings: ServoSettings) 
         state, event = _held(state, leapt)
     state = switched(state, state.measurement or measurement, event, settings)
     nominal = curvature_compensated(nominal_twist(state, settings), state, settings)
-    limited = _limited(nominal, last_twist, _ramp_step(state, last_twist, dt), state, settings)
+    limited = _limited(nominal, last_twist, _ramp_step(last_twist, dt, usual_s), state, settings)
     twist, residual = _beyond_dead_band(limited, state, settings)
     return changed(
         state, command=Command(twist), dead_band_residual=residual, frame=state.frame + 1
@@ -75,10 +75,10 @@ def _time_step(state: ServoState, measurement: Measurement, leapt: str) -> float
     return interval(state.measurement.stamp_ns, measurement.stamp_ns)
 
 
-def _ramp_step(state: ServoState, last: Twist, dt: float) -> float:
+def _ramp_step(last: Twist, dt: float, usual_s: float) -> float:
     """Return the time that ramps count since ``last`` [s]: pauses give no speed to start with."""
     dt = dt or USUAL_STEP_S
-    return min(dt, MAX_START_STEPS * usual_step(state)) if last == STANDSTILL else dt
+    return min(dt, MAX_START_STEPS * usual_s) if last == STANDSTILL else dt
 
 
 def _held(state: ServoState, leapt: str) -> tuple[ServoState, Event]:
