@@ -38,7 +38,7 @@ from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.update import updated
 from visual_servo_epipolar.core.servo.values import changed
 
-MAX_START_STEPS = 2.0  # usual times between two images that a robot speeds up at first
+MAX_START_STEPS = 1.5  # usual times between two images that a robot speeds up at first
 ROUNDING = 1e-15  # of a command within its limits
 
 
