@@ -51,12 +51,19 @@ class Process:
         return any(read.twist(item) != STANDSTILL for item in self.commands)
 
 
+@pytest.fixture(autouse=True)
+def _heard() -> Iterator[None]:
+    """Let children hear signals that this process, run by nohup, may ignore."""
+    before = {it: signal.signal(it, signal.SIG_DFL) for it in (signal.SIGHUP, signal.SIGQUIT)}
+    yield
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
 @pytest.fixture
 def stack(monkeypatch: pytest.MonkeyPatch) -> Iterator[ExitStack]:
     monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
     with ExitStack() as entered:
-        for number in (signal.SIGHUP, signal.SIGQUIT):  # as nohup has it, children ignore them
-            entered.callback(signal.signal, number, signal.signal(number, signal.SIG_DFL))
         yield entered
 
 
