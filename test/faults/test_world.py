@@ -9,6 +9,7 @@ from std_msgs.msg import String
 
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.faults import drive
 from visual_servo_epipolar.faults import run as runs
 from visual_servo_epipolar.faults.catalogue.fault import Fault, Scene
 from visual_servo_epipolar.faults.catalogue.table import FAULTS
@@ -50,6 +51,7 @@ def test_a_servo_whose_stop_was_removed_moves_without_sight(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(Watch, '_on_watch', lambda self: None)
+    monkeypatch.setattr(drive, 'LONGEST_S', 20.0)
     fault = Fault(what='', strike=images_end, prepare=without_a_base_that_stops_by_itself)
     result = driven('end', fault)
     assert (result['verdict'], result['safe']) == ('moved without sight', False)
@@ -58,6 +60,8 @@ def test_a_servo_whose_stop_was_removed_moves_without_sight(
 
 
 def test_a_base_that_obeys_nobody_is_condemned(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(drive, 'LONGEST_S', 20.0)
+
     def strike(scene: Scene) -> None:
         monkeypatch.setattr(Pioneer, 'command', lambda self, command: None)
         monkeypatch.setattr(Pioneer, 'timed_out', False)
