@@ -97,6 +97,7 @@ def test_what_is_latched_is_heard_on_activation(bench, parrot) -> None:
         bench.settle()
     assert node.heard == []
     go(bench, node, 'activate')
+    bench.until(lambda: node.heard, 'its name')
     assert node.heard == ['Coco']  # the newest, as its depth says
     go(bench, node, 'deactivate', 'activate')
     assert node.heard == ['Coco']  # once
@@ -120,9 +121,8 @@ def test_what_was_latched_before_a_cleanup_is_forgotten(bench, parrot) -> None:
     go(bench, node, 'cleanup')
     name(write.text('Coco'))
     bench.settle()
-    go(bench, node, 'configure')
-    bench.settle()
-    go(bench, node, 'activate')
+    go(bench, node, 'configure', 'activate')
+    bench.until(lambda: node.heard, 'its name')
     assert node.heard == ['Coco']
 
 
