@@ -137,8 +137,7 @@ class Bench(AbstractContextManager['Bench']):
         spin_until(self.executor, condition, timeout_sec, waiting_for)
 
     def settle(self) -> None:
-        """Let all that is on its way arrive: who talks knows who listens, then two round trips."""
-        self.until(self._joined, 'publishers and subscribers to find each other')
+        """Let everything that is on its way arrive: a round trip to every node, twice."""
         for _ in range(2):
             for node in self.nodes:
                 self.call(f'{node.get_name()}/list_parameters', ListParameters)
