@@ -12,7 +12,7 @@ from visual_servo_epipolar.core.errors import VisualServoError
 
 
 def test_the_demo_is_timed(monkeypatch) -> None:
-    small = {'neither': ('--no-video', '--bag', 'none')}
+    small = {'neither': ('--no-video', '--bag', 'none', '--scenario', 'small')}
     monkeypatch.setattr(loop, 'VARIANTS', small)
     monkeypatch.setattr(loop, 'QUICK_LONG', ('0', '-0.5', '0'))
     document = loop.run(seed=0, quick=True, say=lambda _: None)

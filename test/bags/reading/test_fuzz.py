@@ -1,6 +1,7 @@
 """Broken bags: one clear line and exit code 2; no traceback, no gigabytes, no hang."""
 
 from collections.abc import Callable
+import os
 from pathlib import Path
 import resource
 import shutil
@@ -26,7 +27,7 @@ TINY = {
     },
     'run': {'max_duration': 1.0},
 }
-MUTATIONS = 50  # of each of ten kinds
+MUTATIONS = int(os.environ.get('BAG_MUTATIONS', '16'))  # of each of ten kinds
 USUAL_S = 10.0  # a replay of this bag takes 0.1 s
 MOST_MEMORY = 400_000  # that all of them may add to the peak of this process [kB]
 LENGTHS = (2**64 - 1, 2**63, 2**40, 2**33, 2**32 - 1, 2**31, 2**20, 0)
