@@ -7,7 +7,7 @@ one usual period, and go on by the new clock.
 """
 
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
+from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase, RUNNING
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.values import changed
@@ -60,9 +60,9 @@ def after_leap(state: ServoState, stamp_ns: int) -> ServoState:
 
 def has_timed_out(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
     """Return whether the run or the phase has lasted too long; waiting may last for ever."""
-    holding = state.phase is Phase.HOLDING
-    if not holding and state.phase not in DRIVING:
+    if state.phase not in RUNNING:
         return False
+    holding = state.phase is Phase.HOLDING
     run_time = seconds_between(state.run_start_ns, measurement.stamp_ns)
     phase_time = seconds_between(state.phase_start_ns, measurement.stamp_ns)
     timeout = settings.holding_timeout if holding else settings.phase_timeout
