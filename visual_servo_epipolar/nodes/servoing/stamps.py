@@ -1,9 +1,8 @@
 """Stamps of tracks against the clock of the node: which images are no longer driven by."""
 
-from visual_servo_epipolar.core.stamps import seconds_between
+from visual_servo_epipolar.core.stamps import OTHER_CLOCK_S, seconds_between
 from visual_servo_epipolar.nodes.startup.inputs import NO_TIME
 
-OTHER_CLOCK_S = 60.0  # a difference that no delay explains
 LEAP_S = 1.0  # backwards; what overtakes on a network does so by less
 
 
