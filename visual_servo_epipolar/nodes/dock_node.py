@@ -20,6 +20,7 @@ from visual_servo_epipolar.core.docking.settings import DockPoseSettings
 from visual_servo_epipolar.core.docking.sighting import observed
 from visual_servo_epipolar.core.docking.task_settings import DockTaskSettings
 from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
+from visual_servo_epipolar.core.stamps import NOT_ADVANCING
 from visual_servo_epipolar.messages import docking, read, validation, write
 from visual_servo_epipolar.messages.docking import DockWire
 from visual_servo_epipolar.nodes import parameters, qos
@@ -28,7 +29,6 @@ from visual_servo_epipolar.nodes.docking.reversal import Reversal
 from visual_servo_epipolar.nodes.docking.server import DockServer
 from visual_servo_epipolar.nodes.docking.settings import DockNodeSettings
 from visual_servo_epipolar.nodes.run import spin
-from visual_servo_epipolar.nodes.startup.inputs import NO_TIME
 from visual_servo_epipolar.nodes.transforms.static_mount import StaticMount
 
 WARN_PERIOD_S = 5.0
@@ -156,7 +156,7 @@ class DockNode(Node):
     def _on_tracks(self, message: PointCloud2) -> None:
         stamp_ns = read.stamp_ns(message.header)
         if self._stamp_ns is not None and stamp_ns <= self._stamp_ns:
-            self._warn(NO_TIME)
+            self._warn(NOT_ADVANCING)
             self._pending.clear()
             self._search = DockSearch()
         self._stamp_ns = stamp_ns

@@ -11,6 +11,7 @@ from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import step
+from visual_servo_epipolar.core.stamps import NOT_ADVANCING
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import event_log, read
 from visual_servo_epipolar.nodes import parameters, qos
@@ -25,7 +26,6 @@ from visual_servo_epipolar.nodes.servoing.reports import Reports
 from visual_servo_epipolar.nodes.servoing.run import Run
 from visual_servo_epipolar.nodes.servoing.stop_button import PRESSED, StopButton
 from visual_servo_epipolar.nodes.servoing.watch import Watch
-from visual_servo_epipolar.nodes.startup.inputs import NO_TIME
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 
 WARN_PERIOD_S = 5.0
@@ -155,7 +155,7 @@ class ServoNode(ManagedNode):
         if stamp_ns != run.stamp_ns:  # a camera that hangs may repeat its last image for ever
             run.freshness.renew()
         if run.stamp_ns is not None and stamp_ns <= run.stamp_ns:
-            self._warn(NO_TIME)
+            self._warn(NOT_ADVANCING)
         if run.active:
             other_goal = self._admission.other_goal(message)
             if other_goal and self._state.reason != other_goal:
