@@ -101,7 +101,10 @@ class DockNode(Node):
         if not settings.dock_backwards:
             return None
         return Reversal(
-            self, stamped=settings.enable_stamped_cmd_vel, base_frame=settings.base_frame
+            self,
+            self._warn,
+            stamped=settings.enable_stamped_cmd_vel,
+            base_frame=settings.base_frame,
         )
 
     def _served(self, wire: DockWire | None) -> DockServer | None:

@@ -65,7 +65,7 @@ class ServoNode(ManagedNode):
         self._watch = Watch(
             self,
             self._run,
-            self._reports,
+            self._warn,
             lambda: self._settings,
             sleeps=not self._node_settings.watchdog,
         )

@@ -31,6 +31,11 @@ class Run:
         self.state, self.active, self.freshness = ServoState(), False, Freshness()
         self.stamp_ns: int | None = None
 
+    @property
+    def silence(self) -> float:
+        """Time since something was reported [s]."""
+        return self._reports.silence
+
     def advance(self, state: ServoState, stamp_ns: int, frame_id: str) -> None:
         """Follow a step: command the base, and report."""
         before = self.state
