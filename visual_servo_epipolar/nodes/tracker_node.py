@@ -28,6 +28,7 @@ from visual_servo_epipolar.messages.encodings import GrayReader
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.complaints import Complaints
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
+from visual_servo_epipolar.nodes.qos import report_publisher
 from visual_servo_epipolar.nodes.run import spin
 from visual_servo_epipolar.nodes.startup.settings import TrackerNodeSettings
 from visual_servo_epipolar.nodes.tracking.camera_subscriptions import CameraSubscriptions
@@ -102,20 +103,12 @@ class TrackerNode(ManagedNode):
 
     def _create_publishers(self) -> None:
         self._tracks_pub = self.create_publisher(PointCloud2, 'tracks', qos.STREAM)
-        self._overlay_pub = self.create_publisher(
-            Image, 'overlay/image_raw', qos.STREAM, event_callbacks=qos.NO_EVENTS
-        )
-        self._desired_pub = self.create_publisher(
-            Image, '~/desired/image_raw', qos.LATCHED, event_callbacks=qos.NO_EVENTS
-        )
-        self._settings_pub = self.create_publisher(
-            String, '~/settings', qos.LATCHED, event_callbacks=qos.NO_EVENTS
-        )
-        self._events_pub = self.create_publisher(
-            String, '~/events', qos.DIAGNOSTICS, event_callbacks=qos.NO_EVENTS
-        )
-        self._diagnostics_pub = self.create_publisher(
-            DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS, event_callbacks=qos.NO_EVENTS
+        self._overlay_pub = report_publisher(self, Image, 'overlay/image_raw', qos.STREAM)
+        self._desired_pub = report_publisher(self, Image, '~/desired/image_raw', qos.LATCHED)
+        self._settings_pub = report_publisher(self, String, '~/settings', qos.LATCHED)
+        self._events_pub = report_publisher(self, String, '~/events', qos.DIAGNOSTICS)
+        self._diagnostics_pub = report_publisher(
+            self, DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS
         )
 
     def _create_subscriptions(self) -> None:
