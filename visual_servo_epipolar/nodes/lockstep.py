@@ -2,9 +2,8 @@
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import asdict, fields
-import os
 from pathlib import Path
 import time
 from typing import Any, TYPE_CHECKING
@@ -21,7 +20,7 @@ from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.nodes import parameters
 from visual_servo_epipolar.nodes.camera_node import CameraNode
 from visual_servo_epipolar.nodes.servo_node import ServoNode
-from visual_servo_epipolar.nodes.startup.transport import tune_transport
+from visual_servo_epipolar.nodes.startup.transport import discovery_range, tune_transport
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings
@@ -35,7 +34,6 @@ WITH_INFO = Subscription.CallbackType.WithMessageInfo
 SPIN_S = 0.05
 TURNS_A_LOOK, LOOK_SPINS = 32, 3  # at timers and services
 QUIET_SPINS = 6  # without a message: everything has arrived
-DISCOVERY = ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_LOCALHOST_ONLY', 'ROS_STATIC_PEERS')
 
 
 class LockstepError(VisualServoError):
@@ -52,9 +50,8 @@ class Lockstep(AbstractContextManager['Lockstep']):
 
     def __init__(self, scenario: Scenario, loop: LoopSettings, *, open_to: str = 'OFF') -> None:
         tune_transport()
-        # The older variables would overrule the range.
-        self._environment = {name: os.environ.pop(name, None) for name in DISCOVERY}
-        os.environ[DISCOVERY[0]] = open_to
+        self._isolation = ExitStack()
+        self._isolation.enter_context(discovery_range(open_to))
         self.context = Context()
         rclpy.init(args=[], context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
@@ -137,10 +134,7 @@ class Lockstep(AbstractContextManager['Lockstep']):
             node.destroy_node()
         self.executor.shutdown()
         self.context.try_shutdown()
-        for name, value in self._environment.items():
-            os.environ.pop(name, None)
-            if value is not None:
-                os.environ[name] = value
+        self._isolation.close()
 
     def _add(
         self,

@@ -62,8 +62,8 @@ def worker_pool(jobs: int, remedy: str) -> Iterator[ProcessPoolExecutor]:
     """
     spawn = get_context('spawn')
     lifeline, parent_end = spawn.Pipe(duplex=False)
-    with one_thread_each():
-        pool = ProcessPoolExecutor(jobs, spawn, live_by, (lifeline,))
+    with _one_thread_each():
+        pool = ProcessPoolExecutor(jobs, spawn, _live_by, (lifeline,))
         try:
             yield pool
         except BrokenProcessPool:
@@ -79,7 +79,7 @@ def worker_pool(jobs: int, remedy: str) -> Iterator[ProcessPoolExecutor]:
             lifeline.close()
 
 
-def live_by(lifeline: Connection) -> None:
+def _live_by(lifeline: Connection) -> None:
     """Leave Ctrl-C to the parent, and end when the other end of ``lifeline`` is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
@@ -93,7 +93,7 @@ def _end_with(lifeline: Connection) -> None:
 
 
 @contextmanager
-def one_thread_each() -> Iterator[None]:
+def _one_thread_each() -> Iterator[None]:
     """Let processes that are started meanwhile have one thread each."""
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, '1'))
