@@ -59,7 +59,9 @@ class DockNode(Node):
         self._pending: deque[PointCloud2] = deque(maxlen=MOST_PENDING)
         self._stamp_ns: int | None = None
         settings = self._node_settings
-        self._mount = StaticMount(self, settings.base_frame) if settings.mount_from_tf else None
+        self._mount: StaticMount | None = None
+        if settings.mount_from_tf:
+            self._mount = StaticMount(self, settings.base_frame, self._warn)
         self._pose_pub = self.create_publisher(PoseStamped, 'detected_dock_pose', qos.STREAM)
         self._covariance_pub = self.create_publisher(
             PoseWithCovarianceStamped, 'detected_dock_pose_with_covariance', qos.STREAM
@@ -134,7 +136,7 @@ class DockNode(Node):
             return
         if self._camera is not None and camera != self._camera:
             self._warn('camera_info has changed: the dock is looked for anew')
-            self._search = DockSearch()
+            self._look_anew()
         self._camera = camera
 
     def _on_odometry(self, message: Odometry) -> None:
@@ -161,7 +163,7 @@ class DockNode(Node):
         if self._stamp_ns is not None and stamp_ns <= self._stamp_ns:
             self._warn(NOT_ADVANCING)
             self._pending.clear()
-            self._search = DockSearch()
+            self._look_anew()
         self._stamp_ns = stamp_ns
         if len(self._pending) == MOST_PENDING:
             self._warn('no odom for these tracks: are its stamps those of another clock?')
@@ -184,26 +186,19 @@ class DockNode(Node):
         features, warning = validation.checked_tracks(message, camera)
         if warning:
             self._warn(warning)
-        self._take_mount(message.header.frame_id)
+        if self._mount is not None and not self._search.keys:  # before anything is seen
+            self._settings = self._mount.taken(message.header.frame_id, self._settings)
         ids, observation = observed(features, camera, place.stamp_ns)
         self._search = looked(self._search, ids, observation, place, self._settings)
         if self._search.dock is not None:
             self._publish(self._search.dock, place)
         self._report(place.stamp_ns)
 
-    def _take_mount(self, frame_id: str) -> None:
-        """Take the mount from /tf_static before anything is seen, where none is told."""
-        told = self._settings.shared[0]
-        if self._mount is None or self._search.keys or told.any():
-            return
-        try:
-            mount = self._mount.of(frame_id)
-        except ValueError as error:
-            self._warn(f'the mount of {frame_id} in /tf_static is not used: {error}')
-            return
-        if mount is not None:
-            self._settings = self._settings.mounted(mount)
-            self.get_logger().info(f'/tf_static: {frame_id} sits at {mount}')
+    def _look_anew(self) -> None:
+        """Forget the dock, and the mount that /tf_static told: the next may be another."""
+        self._search = DockSearch()
+        if self._mount is not None:
+            self._settings = self._mount.dropped(self._settings)
 
     def _publish(self, dock: DockPose, place: Place) -> None:
         frame, pose, covariance = self._node_settings.base_frame, dock.pose, dock.covariance
@@ -236,7 +231,7 @@ class DockNode(Node):
         )
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._search = DockSearch()
+        self._look_anew()
         self._pending.clear()
         response.success, response.message = True, 'the dock is looked for anew'
         return response

@@ -92,6 +92,11 @@ class ServoNode(ManagedNode):
         self._pending_tracks, self._trouble = None, ''
         self._commands.wait()
 
+    def cleanup(self) -> None:
+        """Forget the mount that /tf_static told: the next may be another."""
+        if self.is_configured:
+            self._settings = self._camera.unmounted(self._settings)
+
     @property
     def _state(self) -> ServoState:
         return self._run.state
