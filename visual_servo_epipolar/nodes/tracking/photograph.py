@@ -18,6 +18,7 @@ import yaml
 from visual_servo_epipolar.core.arrays import as_gray, Image
 from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
 from visual_servo_epipolar.core.tracking.tracker import goal_of
+from visual_servo_epipolar.files import whole
 from visual_servo_epipolar.messages import camera_file
 
 HEAD = '# The photograph of a tracker_node, and the camera it was taken with.\n'
@@ -110,13 +111,8 @@ def _read_picture(path: Path) -> Image | None:
 
 
 def _write(path: Path, content: bytes) -> None:
-    """Write a file by rename: it is there whole, or as before."""
-    partial = path.with_name(f'.{path.name}.partial')
-    try:
-        with partial.open('wb') as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+    """Write a file, whole also after a power cut."""
+    with whole(path) as partial, partial.open('wb') as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())
