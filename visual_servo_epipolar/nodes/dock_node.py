@@ -4,27 +4,25 @@ from collections import deque
 import sys
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TwistStamped
 from geometry_msgs.msg import Twist as TwistMessage
+from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, PointCloud2
 from std_srvs.srv import Trigger
 
-from visual_servo_epipolar.core.docking.dock_pose import DockPose
 from visual_servo_epipolar.core.docking.path import Path, Place
-from visual_servo_epipolar.core.docking.planar import composed
 from visual_servo_epipolar.core.docking.search import DockSearch, looked
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings
 from visual_servo_epipolar.core.docking.sighting import observed
 from visual_servo_epipolar.core.docking.task_settings import DockTaskSettings
 from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
 from visual_servo_epipolar.core.stamps import NOT_ADVANCING
-from visual_servo_epipolar.messages import docking, read, validation, write
+from visual_servo_epipolar.messages import docking, read, validation
 from visual_servo_epipolar.messages.docking import DockWire
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.complaints import Complaints
+from visual_servo_epipolar.nodes.docking.reports import DockReports
 from visual_servo_epipolar.nodes.docking.reversal import Reversal
 from visual_servo_epipolar.nodes.docking.server import DockServer
 from visual_servo_epipolar.nodes.docking.settings import DockNodeSettings
@@ -62,13 +60,7 @@ class DockNode(Node):
         self._mount: StaticMount | None = None
         if settings.mount_from_tf:
             self._mount = StaticMount(self, settings.base_frame, self._warn)
-        self._pose_pub = self.create_publisher(PoseStamped, 'detected_dock_pose', qos.STREAM)
-        self._covariance_pub = self.create_publisher(
-            PoseWithCovarianceStamped, 'detected_dock_pose_with_covariance', qos.STREAM
-        )
-        self._diagnostics_pub = self.create_publisher(
-            DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS
-        )
+        self._reports = DockReports(self, settings.base_frame)
         self._create_subscriptions()
         self._reversal = self._reversed_commands()
         self._server = self._served(wire)
@@ -166,9 +158,20 @@ class DockNode(Node):
             self._look_anew()
         self._stamp_ns = stamp_ns
         if len(self._pending) == MOST_PENDING:
-            self._warn('no odom for these tracks: are its stamps those of another clock?')
+            self._warn(self._missing)
         self._pending.append(message)
         self._look_at_pending()
+
+    @property
+    def _missing(self) -> str:
+        """What tracks wait for."""
+        source = 'odom' if self._node_settings.path_source == 'odometry' else 'cmd_vel'
+        if self._camera is None:
+            return 'no usable camera_info yet; tracks wait for it'
+        if self._path.last_ns is None:
+            topic = self.resolve_topic_name(source)
+            return f'nothing came on {topic} yet; start what publishes it, or remap {source}'
+        return f'no {source} for these tracks: are its stamps those of another clock?'
 
     def _look_at_pending(self) -> None:
         """Look at the tracks that the path reaches by now."""
@@ -191,44 +194,15 @@ class DockNode(Node):
         ids, observation = observed(features, camera, place.stamp_ns)
         self._search = looked(self._search, ids, observation, place, self._settings)
         if self._search.dock is not None:
-            self._publish(self._search.dock, place)
-        self._report(place.stamp_ns)
+            by_path = self._node_settings.pose_frame == 'odometry'
+            self._reports.pose(self._search.dock, place, self._path_frame if by_path else None)
+        self._reports.search(self._search, place.stamp_ns)
 
     def _look_anew(self) -> None:
         """Forget the dock, and the mount that /tf_static told: the next may be another."""
         self._search = DockSearch()
         if self._mount is not None:
             self._settings = self._mount.dropped(self._settings)
-
-    def _publish(self, dock: DockPose, place: Place) -> None:
-        frame, pose, covariance = self._node_settings.base_frame, dock.pose, dock.covariance
-        if self._node_settings.pose_frame == 'odometry':
-            frame, pose = self._path_frame, composed(place.pose, pose)
-            covariance = dock.turned(place.pose[2])
-        stamp_ns = dock.stamp_ns
-        self._pose_pub.publish(docking.pose(pose, stamp_ns, frame))
-        self._covariance_pub.publish(
-            docking.pose_with_covariance(pose, covariance, stamp_ns, frame)
-        )
-
-    def _report(self, stamp_ns: int) -> None:
-        search, estimate = self._search, self._search.estimate
-        values: dict[str, object] = {
-            'unpublished_because': search.reason,
-            'views': len(search.keys),
-        }
-        if estimate is not None:
-            values['deviation_m'] = round(estimate.deviation, 4)
-            values['heading_deviation_rad'] = round(estimate.heading_deviation, 5)
-        self._diagnostics_pub.publish(
-            write.diagnostics(
-                self.get_fully_qualified_name(),
-                level=DiagnosticStatus.WARN if search.reason else DiagnosticStatus.OK,
-                summary=search.reason or 'the dock is seen',
-                values=values,
-                stamp_ns=stamp_ns,
-            )
-        )
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         self._look_anew()

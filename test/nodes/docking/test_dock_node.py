@@ -97,14 +97,41 @@ def test_nothing_is_published_before_it_is_known(bench) -> None:
     assert 'uncertain by' in read.diagnosis(rig.reports[-1])['unpublished_because']
 
 
-def test_without_odometry_nothing_is_published(bench) -> None:
+@pytest.mark.parametrize(
+    ('source', 'missing'),
+    [
+        ('odometry', 'nothing came on /odom yet; start what publishes it, or remap odom'),
+        ('commands', 'nothing came on /cmd_vel yet; start what publishes it, or remap cmd_vel'),
+    ],
+)
+def test_without_a_path_nothing_is_published(bench, source, missing) -> None:
+    rig = Rig(bench, path_source=source)
+    see_in_vain(rig)
+    rig.bench.until(lambda: rig.bench.logged(missing), 'what is missing')
+
+
+def test_odometry_of_another_clock_is_suspected(bench) -> None:
     rig = Rig(bench)
+    rig.tell_odometry()
+    rig.frame += 1
+    see_in_vain(rig)
+    rig.bench.until(lambda: rig.bench.logged('no odom for these tracks'), 'what is missing')
+
+
+def test_a_camera_that_is_silent_is_what_is_missing(bench) -> None:
+    rig = Rig(bench)
+    rig.node._camera = None
+    see_in_vain(rig)
+    rig.bench.until(lambda: rig.bench.logged('no usable camera_info yet'), 'what is missing')
+    assert not rig.bench.logged('odom')
+
+
+def see_in_vain(rig) -> None:
     for _ in range(15):
         rig.see()
         rig.bench.settle()
         rig.frame += 1
     assert rig.reports == [] == rig.poses
-    rig.bench.until(lambda: rig.bench.logged('no odom for these tracks'), 'what is missing')
 
 
 def test_in_the_frame_of_odometry_it_stands_still(bench) -> None:
