@@ -34,9 +34,16 @@ class Photograph:
     images: int = 1
 
 
+def read_picture(path: Path) -> Image | None:
+    """Return the grey levels of a picture, None if it is none; raises OSError as files do."""
+    encoded = np.fromfile(path, np.uint8)
+    image = cv2.imdecode(encoded, cv2.IMREAD_GRAYSCALE) if encoded.size else None
+    return None if image is None else as_gray(image)
+
+
 def read_photograph(path: str) -> Image:
     """Read the photograph that a parameter names, or raise ValueError."""
-    image = _read_picture(Path(path))
+    image = read_picture(Path(path)) if Path(path).is_file() else None
     if image is None:
         raise ValueError(f'desired_image must be a readable image file, got {path!r}')
     return image
@@ -50,7 +57,8 @@ def load(path: Path) -> Photograph | None:
     try:
         document = yaml.safe_load(path.read_text(encoding='utf-8'))
         camera = camera_file.from_document(document)
-        image = _read_picture(path.with_name(Path(str(document['photograph'])).name))
+        picture = path.with_name(Path(str(document['photograph'])).name)
+        image = read_picture(picture) if picture.is_file() else None
         photograph = Photograph(
             _checked(image, camera, document), camera, int(document['stamp_ns'])
         )
@@ -102,12 +110,6 @@ def _checked(image: Image | None, camera: CalibratedCamera, document: Any) -> Im
     if goal_of(image) != document['goal']:
         raise ValueError(f'its picture {document["photograph"]} is another one')
     return image
-
-
-def _read_picture(path: Path) -> Image | None:
-    encoded = np.fromfile(path, np.uint8) if path.is_file() else np.empty(0, np.uint8)
-    image = cv2.imdecode(encoded, cv2.IMREAD_GRAYSCALE) if encoded.size else None
-    return None if image is None else as_gray(image)
 
 
 def _write(path: Path, content: bytes) -> None:
