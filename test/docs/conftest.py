@@ -7,6 +7,7 @@ from typing import TypeAlias
 
 import pytest
 
+PUBLISHERS = r'(?:\.create_publisher\(|\breport_publisher\(\s*\w+,)'
 Topics: TypeAlias = Callable[[Path], set[str]]
 
 
@@ -21,16 +22,16 @@ def parts(source: Path) -> list[Path]:
 
 def topics(source: Path, maker: str) -> set[str]:
     """Return the topics that ``source`` and its parts give to their calls of ``maker``."""
-    call = rf"\.{maker}\(\s*\w+,\s*'([^']+)'"
+    call = rf"{maker}\s*\w+,\s*'([^']+)'"
     texts = (path.read_text(encoding='utf-8') for path in parts(source))
     return {topic for text in texts for topic in re.findall(call, text)}
 
 
 @pytest.fixture(scope='session')
 def published() -> Topics:
-    return lambda source: topics(source, 'create_publisher')
+    return lambda source: topics(source, PUBLISHERS)
 
 
 @pytest.fixture(scope='session')
 def subscribed() -> Topics:
-    return lambda source: topics(source, 'create_subscription')
+    return lambda source: topics(source, r'\.create_subscription\(')

@@ -1,8 +1,10 @@
 """The servo takes the mount of its camera from /tf_static, before a run, where nobody told it."""
 
+from dataclasses import replace
 import math
 from types import SimpleNamespace
 
+from lifecycles import go
 import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo, PointCloud2
@@ -123,6 +125,18 @@ def test_what_comes_in_mid_run_waits_for_the_next(bench) -> None:
     assert bench.call('servo_node/start').success
     see(bench, node, STAMP_NS + 2)
     assert node._settings.camera_tilt == pytest.approx(0.3)
+
+
+def test_a_cleanup_forgets_the_mount(bench) -> None:
+    node = started(bench)
+    told(node, mounted())
+    see(bench, node)
+    go(bench, node, 'deactivate', 'cleanup')
+    assert not node._settings.mount_is_told
+    go(bench, node, 'configure', 'activate')
+    told(node, mounted(mount=replace(MOUNT, tilt=0.2)))
+    see(bench, node, STAMP_NS + 1)
+    assert node._settings.camera_tilt == pytest.approx(0.2)
 
 
 def test_a_frame_that_is_not_optical_is_said_and_not_used(bench) -> None:

@@ -10,6 +10,8 @@ from rosbags.interfaces import Connection, ConnectionExtRosbag2
 from rosbags.rosbag2.metadata import dump_qos_v9
 import yaml
 
+from visual_servo_epipolar.files import whole
+
 VERSION: Final = 9  # of rosbag2, that of Jazzy
 FILE = 'metadata.yaml'
 DISTRO: Final = 'jazzy'  # where none is sourced: its messages are those that bags hold
@@ -66,12 +68,8 @@ def document(parts: Sequence[PartInfo], storage: str, compression_mode: str) -> 
 
 def write(folder: Path, content: Mapping[str, Any]) -> None:
     """Write metadata.yaml into ``folder``, by rename."""
-    partial = folder / f'{FILE}.partial'
-    try:
+    with whole(folder / FILE) as partial:
         partial.write_text(yaml.safe_dump(dict(content), sort_keys=False), encoding='utf-8')
-        partial.replace(folder / FILE)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def listed_files(folder: Path) -> list[str] | None:

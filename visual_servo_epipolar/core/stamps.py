@@ -1,6 +1,8 @@
 """Stamps in whole nanoseconds, as messages have them, and the seconds between two."""
 
 NANOSECONDS = 1_000_000_000
+OTHER_CLOCK_S = 60.0  # a difference that no delay explains: two clocks
+NOT_ADVANCING = 'the stamps do not advance; is /clock published?'
 
 
 def seconds_between(earlier_ns: int, later_ns: int) -> float:

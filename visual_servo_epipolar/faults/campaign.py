@@ -1,18 +1,16 @@
 """The campaign: which runs there are, and all of them, side by side on this machine."""
 
 from collections.abc import Callable, Sequence
-from concurrent.futures import as_completed, ProcessPoolExecutor
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import as_completed
 import math
-from multiprocessing import get_context
 from typing import Any, NamedTuple
 
-from visual_servo_epipolar.core.errors import InputError, VisualServoError
+from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.settings import hint
 from visual_servo_epipolar.faults.catalogue.table import FAULTS
 from visual_servo_epipolar.faults.judging.record import Verdict
 from visual_servo_epipolar.faults.processes.table import PROCESSES
-from visual_servo_epipolar.sweeping.local import live_by, one_thread_each
+from visual_servo_epipolar.sweeping.local import worker_pool
 from visual_servo_epipolar.sweeping.provenance import commit
 
 NAMES = (*FAULTS, *PROCESSES)
@@ -46,23 +44,11 @@ def drive(runs: Sequence[Run], jobs: int, watch: Callable[[Result], None]) -> li
     Results are in the order of the runs. Raises VisualServoError if a process dies.
     """
     results: dict[Run, Result] = {}
-    spawn = get_context('spawn')
-    lifeline, parent_end = spawn.Pipe(duplex=False)
-    with one_thread_each():
-        pool = ProcessPoolExecutor(jobs, spawn, live_by, (lifeline,))
-        try:
-            futures = {pool.submit(one, run): run for run in runs}
-            for future in as_completed(futures):
-                results[futures[future]] = future.result()
-                watch(future.result())
-        except BrokenProcessPool:
-            raise VisualServoError(
-                'a worker process died (killed, or out of memory?); give fewer --jobs'
-            ) from None
-        finally:
-            parent_end.close()
-            pool.shutdown(cancel_futures=True)
-            lifeline.close()
+    with worker_pool(jobs, 'give fewer --jobs') as pool:
+        futures = {pool.submit(one, run): run for run in runs}
+        for future in as_completed(futures):
+            results[futures[future]] = future.result()
+            watch(future.result())
     return [results[run] for run in runs]
 
 

@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, field, fields
-import os
 from typing import Any
 
 import rclpy
@@ -24,11 +23,11 @@ from visual_servo_epipolar.nodes import parameters
 from visual_servo_epipolar.nodes.camera_node import CameraNode
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.startup import inputs
+from visual_servo_epipolar.nodes.startup.transport import discovery_range
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
-DISCOVERY = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 BASE_RATE = 50.0  # [Hz]
 CLOCK = '/clock'
 FRAME_RATE = CameraSettings.frame_rate
@@ -70,9 +69,7 @@ class World(AbstractContextManager['World']):
         self.told: dict[str, dict[str, float]] = {}
         self._stack = ExitStack()
         with ExitStack() as stack:
-            before = os.environ.get(DISCOVERY)
-            os.environ[DISCOVERY] = 'OFF'
-            stack.callback(_put_back, before)
+            stack.enter_context(discovery_range('OFF'))
             self._context = Context()
             rclpy.init(args=[], context=self._context)
             stack.callback(self._context.try_shutdown)
@@ -194,12 +191,6 @@ class World(AbstractContextManager['World']):
 
 def _fields(settings: Any) -> dict[str, Any]:
     return {item.name: getattr(settings, item.name) for item in fields(settings)}
-
-
-def _put_back(before: str | None) -> None:
-    os.environ.pop(DISCOVERY, None)
-    if before is not None:
-        os.environ[DISCOVERY] = before
 
 
 def small_camera(seed: int) -> CameraSettings:

@@ -4,31 +4,29 @@ from collections import deque
 import sys
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, TwistStamped
 from geometry_msgs.msg import Twist as TwistMessage
+from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, PointCloud2
 from std_srvs.srv import Trigger
 
-from visual_servo_epipolar.core.docking.dock_pose import DockPose
 from visual_servo_epipolar.core.docking.path import Path, Place
-from visual_servo_epipolar.core.docking.planar import composed
 from visual_servo_epipolar.core.docking.search import DockSearch, looked
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings
 from visual_servo_epipolar.core.docking.sighting import observed
 from visual_servo_epipolar.core.docking.task_settings import DockTaskSettings
 from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
-from visual_servo_epipolar.messages import docking, read, validation, write
+from visual_servo_epipolar.core.stamps import NOT_ADVANCING
+from visual_servo_epipolar.messages import docking, read, validation
 from visual_servo_epipolar.messages.docking import DockWire
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.complaints import Complaints
+from visual_servo_epipolar.nodes.docking.reports import DockReports
 from visual_servo_epipolar.nodes.docking.reversal import Reversal
 from visual_servo_epipolar.nodes.docking.server import DockServer
 from visual_servo_epipolar.nodes.docking.settings import DockNodeSettings
 from visual_servo_epipolar.nodes.run import spin
-from visual_servo_epipolar.nodes.startup.inputs import NO_TIME
 from visual_servo_epipolar.nodes.transforms.static_mount import StaticMount
 
 WARN_PERIOD_S = 5.0
@@ -59,14 +57,10 @@ class DockNode(Node):
         self._pending: deque[PointCloud2] = deque(maxlen=MOST_PENDING)
         self._stamp_ns: int | None = None
         settings = self._node_settings
-        self._mount = StaticMount(self, settings.base_frame) if settings.mount_from_tf else None
-        self._pose_pub = self.create_publisher(PoseStamped, 'detected_dock_pose', qos.STREAM)
-        self._covariance_pub = self.create_publisher(
-            PoseWithCovarianceStamped, 'detected_dock_pose_with_covariance', qos.STREAM
-        )
-        self._diagnostics_pub = self.create_publisher(
-            DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS
-        )
+        self._mount: StaticMount | None = None
+        if settings.mount_from_tf:
+            self._mount = StaticMount(self, settings.base_frame, self._warn)
+        self._reports = DockReports(self, settings.base_frame)
         self._create_subscriptions()
         self._reversal = self._reversed_commands()
         self._server = self._served(wire)
@@ -101,7 +95,10 @@ class DockNode(Node):
         if not settings.dock_backwards:
             return None
         return Reversal(
-            self, stamped=settings.enable_stamped_cmd_vel, base_frame=settings.base_frame
+            self,
+            self._warn,
+            stamped=settings.enable_stamped_cmd_vel,
+            base_frame=settings.base_frame,
         )
 
     def _served(self, wire: DockWire | None) -> DockServer | None:
@@ -131,7 +128,7 @@ class DockNode(Node):
             return
         if self._camera is not None and camera != self._camera:
             self._warn('camera_info has changed: the dock is looked for anew')
-            self._search = DockSearch()
+            self._look_anew()
         self._camera = camera
 
     def _on_odometry(self, message: Odometry) -> None:
@@ -156,14 +153,25 @@ class DockNode(Node):
     def _on_tracks(self, message: PointCloud2) -> None:
         stamp_ns = read.stamp_ns(message.header)
         if self._stamp_ns is not None and stamp_ns <= self._stamp_ns:
-            self._warn(NO_TIME)
+            self._warn(NOT_ADVANCING)
             self._pending.clear()
-            self._search = DockSearch()
+            self._look_anew()
         self._stamp_ns = stamp_ns
         if len(self._pending) == MOST_PENDING:
-            self._warn('no odom for these tracks: are its stamps those of another clock?')
+            self._warn(self._missing)
         self._pending.append(message)
         self._look_at_pending()
+
+    @property
+    def _missing(self) -> str:
+        """What tracks wait for."""
+        source = 'odom' if self._node_settings.path_source == 'odometry' else 'cmd_vel'
+        if self._camera is None:
+            return 'no usable camera_info yet; tracks wait for it'
+        if self._path.last_ns is None:
+            topic = self.resolve_topic_name(source)
+            return f'nothing came on {topic} yet; start what publishes it, or remap {source}'
+        return f'no {source} for these tracks: are its stamps those of another clock?'
 
     def _look_at_pending(self) -> None:
         """Look at the tracks that the path reaches by now."""
@@ -181,59 +189,23 @@ class DockNode(Node):
         features, warning = validation.checked_tracks(message, camera)
         if warning:
             self._warn(warning)
-        self._take_mount(message.header.frame_id)
+        if self._mount is not None and not self._search.keys:  # before anything is seen
+            self._settings = self._mount.taken(message.header.frame_id, self._settings)
         ids, observation = observed(features, camera, place.stamp_ns)
         self._search = looked(self._search, ids, observation, place, self._settings)
         if self._search.dock is not None:
-            self._publish(self._search.dock, place)
-        self._report(place.stamp_ns)
+            by_path = self._node_settings.pose_frame == 'odometry'
+            self._reports.pose(self._search.dock, place, self._path_frame if by_path else None)
+        self._reports.search(self._search, place.stamp_ns)
 
-    def _take_mount(self, frame_id: str) -> None:
-        """Take the mount from /tf_static before anything is seen, where none is told."""
-        told = self._settings.shared[0]
-        if self._mount is None or self._search.keys or told.any():
-            return
-        try:
-            mount = self._mount.of(frame_id)
-        except ValueError as error:
-            self._warn(f'the mount of {frame_id} in /tf_static is not used: {error}')
-            return
-        if mount is not None:
-            self._settings = self._settings.mounted(mount)
-            self.get_logger().info(f'/tf_static: {frame_id} sits at {mount}')
-
-    def _publish(self, dock: DockPose, place: Place) -> None:
-        frame, pose, covariance = self._node_settings.base_frame, dock.pose, dock.covariance
-        if self._node_settings.pose_frame == 'odometry':
-            frame, pose = self._path_frame, composed(place.pose, pose)
-            covariance = dock.turned(place.pose[2])
-        stamp_ns = dock.stamp_ns
-        self._pose_pub.publish(docking.pose(pose, stamp_ns, frame))
-        self._covariance_pub.publish(
-            docking.pose_with_covariance(pose, covariance, stamp_ns, frame)
-        )
-
-    def _report(self, stamp_ns: int) -> None:
-        search, estimate = self._search, self._search.estimate
-        values: dict[str, object] = {
-            'unpublished_because': search.reason,
-            'views': len(search.keys),
-        }
-        if estimate is not None:
-            values['deviation_m'] = round(estimate.deviation, 4)
-            values['heading_deviation_rad'] = round(estimate.heading_deviation, 5)
-        self._diagnostics_pub.publish(
-            write.diagnostics(
-                self.get_fully_qualified_name(),
-                level=DiagnosticStatus.WARN if search.reason else DiagnosticStatus.OK,
-                summary=search.reason or 'the dock is seen',
-                values=values,
-                stamp_ns=stamp_ns,
-            )
-        )
+    def _look_anew(self) -> None:
+        """Forget the dock, and the mount that /tf_static told: the next may be another."""
+        self._search = DockSearch()
+        if self._mount is not None:
+            self._settings = self._mount.dropped(self._settings)
 
     def _on_reset(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        self._search = DockSearch()
+        self._look_anew()
         self._pending.clear()
         response.success, response.message = True, 'the dock is looked for anew'
         return response

@@ -2,9 +2,8 @@
 
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager
+from contextlib import AbstractContextManager, ExitStack
 from dataclasses import asdict, fields
-import os
 from pathlib import Path
 import time
 from typing import Any, TYPE_CHECKING
@@ -13,15 +12,15 @@ import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
-from rclpy.subscription import Subscription
 
 from visual_servo_epipolar.bags.recording.settings import RecordSettings
 from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.nodes import parameters
 from visual_servo_epipolar.nodes.camera_node import CameraNode
+from visual_servo_epipolar.nodes.recording.waiting import hand_out
 from visual_servo_epipolar.nodes.servo_node import ServoNode
-from visual_servo_epipolar.nodes.startup.transport import tune_transport
+from visual_servo_epipolar.nodes.startup.transport import discovery_range, tune_transport
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings
@@ -31,11 +30,9 @@ if TYPE_CHECKING:
     from visual_servo_epipolar.nodes.recorder_node import RecorderNode
 
 STALL_S = 60.0
-WITH_INFO = Subscription.CallbackType.WithMessageInfo
 SPIN_S = 0.05
 TURNS_A_LOOK, LOOK_SPINS = 32, 3  # at timers and services
 QUIET_SPINS = 6  # without a message: everything has arrived
-DISCOVERY = ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_LOCALHOST_ONLY', 'ROS_STATIC_PEERS')
 
 
 class LockstepError(VisualServoError):
@@ -52,9 +49,8 @@ class Lockstep(AbstractContextManager['Lockstep']):
 
     def __init__(self, scenario: Scenario, loop: LoopSettings, *, open_to: str = 'OFF') -> None:
         tune_transport()
-        # The older variables would overrule the range.
-        self._environment = {name: os.environ.pop(name, None) for name in DISCOVERY}
-        os.environ[DISCOVERY[0]] = open_to
+        self._isolation = ExitStack()
+        self._isolation.enter_context(discovery_range(open_to))
         self.context = Context()
         rclpy.init(args=[], context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
@@ -137,10 +133,7 @@ class Lockstep(AbstractContextManager['Lockstep']):
             node.destroy_node()
         self.executor.shutdown()
         self.context.try_shutdown()
-        for name, value in self._environment.items():
-            os.environ.pop(name, None)
-            if value is not None:
-                os.environ[name] = value
+        self._isolation.close()
 
     def _add(
         self,
@@ -205,15 +198,8 @@ class Lockstep(AbstractContextManager['Lockstep']):
         The executor fills a wait set with every entity of every node twice for each message, which
         takes longer than most callbacks.
         """
-        handed_out = False
-        for subscription in [item for node in nodes for item in node.subscriptions]:
-            with subscription.handle:
-                taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
-            if taken is not None:
-                with_info = subscription._callback_type is WITH_INFO
-                subscription.callback(*taken if with_info else taken[:1])
-                handed_out = True
-        return handed_out
+        subscriptions = [item for node in nodes for item in node.subscriptions]
+        return any([hand_out(item) for item in subscriptions])  # by each of them, not the first
 
     def _spin_until(self, condition: Callable[[], bool], waited_for: str) -> None:
         last_progress_s, last_steps = time.monotonic(), -1

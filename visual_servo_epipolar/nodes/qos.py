@@ -1,6 +1,10 @@
 """Quality-of-service profiles, each with its reason."""
 
+from typing import Any
+
 from rclpy.event_handler import PublisherEventCallbacks
+from rclpy.node import Node
+from rclpy.publisher import Publisher
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
 
 
@@ -36,6 +40,14 @@ IMAGES = {
     'reliable': _newest(ReliabilityPolicy.RELIABLE),
     'best_effort': _newest(ReliabilityPolicy.BEST_EFFORT),
 }
-# What is published for people to look at reports no subscriber of another QoS: each report is two
-# entities that the executor asks about twice a callback, and the subscriber has its own.
-NO_EVENTS = PublisherEventCallbacks(use_default_callbacks=False)
+
+
+def report_publisher(node: Node, kind: Any, topic: str, profile: QoSProfile) -> Publisher:
+    """
+    Create a publisher of what people look at, which tells of no subscriber of another QoS.
+
+    To tell takes two entities that the executor asks about twice a callback, and the subscriber
+    tells it as well.
+    """
+    silent = PublisherEventCallbacks(use_default_callbacks=False)
+    return node.create_publisher(kind, topic, profile, event_callbacks=silent)

@@ -15,6 +15,7 @@ import numpy as np
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.servo.phases.table import ENDED
 from visual_servo_epipolar.core.servo.run_log import end_s, phase_spans, RunLog, Sample, seconds
+from visual_servo_epipolar.files import whole
 from visual_servo_epipolar.report.legend import legend_outside
 from visual_servo_epipolar.report.panels import draw_strip, PANELS, phase_patches, shade
 from visual_servo_epipolar.report.style import (
@@ -106,12 +107,8 @@ def save(figure: Figure, path: Path | str) -> Path:
     The file appears whole, by rename, or not at all.
     """
     path = Path(path)
-    part = path.with_name(f'.{path.stem}.part{path.suffix}')
-    try:
-        figure.savefig(part, dpi=DOTS_PER_INCH, format=path.suffix[1:] or 'png')
-        part.replace(path)
-    finally:
-        part.unlink(missing_ok=True)
+    with whole(path) as partial:
+        figure.savefig(partial, dpi=DOTS_PER_INCH, format=path.suffix[1:] or 'png')
     return path
 
 

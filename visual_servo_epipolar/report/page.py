@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.files import whole
 from visual_servo_epipolar.report.style import FIGURE_SETTINGS
 
 CLIP = re.compile(rb'\bp[0-9a-f]{10}\b')  # id of a clip path, as matplotlib makes it
@@ -54,14 +55,11 @@ def write_page(
         body='\n'.join(f'<h2>{escape(item.title)}</h2>\n{item.body}' for item in sections),
         footer=escape(footer),
     )
-    partial = path.with_name(path.name + '.partial')
     try:
-        partial.write_text(text, encoding='utf-8')
-        partial.replace(path)
+        with whole(path) as partial:
+            partial.write_text(text, encoding='utf-8')
     except OSError as error:
         raise InputError(f'{path}: report cannot be written: {error.strerror}') from None
-    finally:
-        partial.unlink(missing_ok=True)
     return path
 
 

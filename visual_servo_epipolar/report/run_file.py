@@ -15,6 +15,7 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
+from visual_servo_epipolar.files import whole
 
 FILE = 'run.json'
 FORMAT = 1
@@ -43,14 +44,12 @@ class RunFile:
 def save_run(run: RunFile, folder: Path) -> Path:
     """Write ``run`` into ``folder`` and return the file; it appears whole, by rename."""
     path = folder / FILE
-    partial = path.with_name(path.name + '.partial')
+    text = json.dumps(_document(run), allow_nan=False) + '\n'
     try:
-        partial.write_text(json.dumps(_document(run), allow_nan=False) + '\n', encoding='utf-8')
-        partial.replace(path)
+        with whole(path) as partial:
+            partial.write_text(text, encoding='utf-8')
     except OSError as error:
         raise InputError(f'{path}: run cannot be written: {error.strerror}') from None
-    finally:
-        partial.unlink(missing_ok=True)
     return path
 
 

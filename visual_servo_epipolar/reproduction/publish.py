@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 from typing import Any
 
+from visual_servo_epipolar.files import whole
 from visual_servo_epipolar.report.figures import save
 from visual_servo_epipolar.reproduction import statements
 from visual_servo_epipolar.reproduction.canvas import figure_data, thinned
@@ -61,6 +62,5 @@ def one_line_each(figures: Mapping[str, Any]) -> str:
 
 def _write(path: Path, content: str) -> None:
     """Write ``content`` to ``path``, whole or not at all."""
-    part = path.with_name(f'.{path.name}.part')
-    part.write_text(content, encoding='utf-8')
-    part.replace(path)
+    with whole(path) as partial:
+        partial.write_text(content, encoding='utf-8')

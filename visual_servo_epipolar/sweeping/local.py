@@ -16,6 +16,7 @@ from visual_servo_epipolar.sweeping.plan import Chunk, Plan
 
 # Read when numpy and OpenCV are loaded: workers are started afresh for that.
 THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
+KEPT = 'what had ended is kept, and the same command goes on from there'
 
 
 def cores() -> int:
@@ -41,27 +42,33 @@ class LocalWorkers:
 
 @contextmanager
 def local_workers(jobs: int) -> Iterator[LocalWorkers]:
+    """Yield ``jobs`` worker processes, which end with the block, as those of ``worker_pool``."""
+    with worker_pool(jobs, KEPT) as pool:
+        yield LocalWorkers(pool, jobs)
+
+
+@contextmanager
+def worker_pool(jobs: int, remedy: str) -> Iterator[ProcessPoolExecutor]:
     """
-    Yield ``jobs`` worker processes.
+    Yield a pool of ``jobs`` processes.
 
     They end with the block, and at once if it raises or if this process is killed.
 
     Raises
     ------
     VisualServoError
-        If one of them dies.
+        If one of them dies; ``remedy`` says what to do about it.
 
     """
     spawn = get_context('spawn')
     lifeline, parent_end = spawn.Pipe(duplex=False)
-    with one_thread_each():
-        pool = ProcessPoolExecutor(jobs, spawn, live_by, (lifeline,))
+    with _one_thread_each():
+        pool = ProcessPoolExecutor(jobs, spawn, _live_by, (lifeline,))
         try:
-            yield LocalWorkers(pool, jobs)
+            yield pool
         except BrokenProcessPool:
             raise VisualServoError(
-                'a worker process died (killed, or out of memory?); what had ended is kept, and '
-                'the same command goes on from there'
+                f'a worker process died (killed, or out of memory?); {remedy}'
             ) from None
         except BaseException:
             parent_end.close()
@@ -72,7 +79,7 @@ def local_workers(jobs: int) -> Iterator[LocalWorkers]:
             lifeline.close()
 
 
-def live_by(lifeline: Connection) -> None:
+def _live_by(lifeline: Connection) -> None:
     """Leave Ctrl-C to the parent, and end when the other end of ``lifeline`` is gone."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
@@ -86,7 +93,7 @@ def _end_with(lifeline: Connection) -> None:
 
 
 @contextmanager
-def one_thread_each() -> Iterator[None]:
+def _one_thread_each() -> Iterator[None]:
     """Let processes that are started meanwhile have one thread each."""
     before = {name: os.environ.get(name) for name in THREADS}
     os.environ.update(dict.fromkeys(THREADS, '1'))

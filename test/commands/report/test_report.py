@@ -209,7 +209,8 @@ def test_a_page_lists_orders_and_settings_with_their_times(small_run, tmp_path) 
         '<td>0.18</td><td>tracker</td><td>all features matched anew, by ~/redetect',
         '<td>0.36</td><td>servo</td><td>stopped, by ~/stop',
         '<td>1.00</td><td>servo</td><td>turn_gain set from 0.8 to 0.4',
-        '<td>1.82</td><td>servo</td><td>no tracks came in time: no new tracks for 0.60 s',
+        '<td>1.82</td><td>servo</td><td>held, for no tracks came that it may drive by: '
+        'no new tracks for 0.60 s',
     ]
     places = [section.find(row) for row in rows]
     assert min(places) > 0, section

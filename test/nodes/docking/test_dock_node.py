@@ -1,6 +1,7 @@
 """The dock node: tracks and odometry in, the dock's pose out, and nothing before it is known."""
 
 import math
+from types import SimpleNamespace
 
 from diagnostic_msgs.msg import DiagnosticArray
 from docking_drives import CAMERA, PERIOD_NS, PERIOD_S, true_dock
@@ -13,9 +14,10 @@ from sensor_msgs.msg import CameraInfo, PointCloud2
 
 from visual_servo_epipolar.core.docking.planar import composed
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist, yaw_from_quaternion
-from visual_servo_epipolar.messages import docking, read, write
+from visual_servo_epipolar.messages import docking, read, transforms, write
 from visual_servo_epipolar.nodes.dock_node import DockNode, NO_NAV2
 from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
+from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
 
 FRAMES = 10
@@ -95,14 +97,41 @@ def test_nothing_is_published_before_it_is_known(bench) -> None:
     assert 'uncertain by' in read.diagnosis(rig.reports[-1])['unpublished_because']
 
 
-def test_without_odometry_nothing_is_published(bench) -> None:
+@pytest.mark.parametrize(
+    ('source', 'missing'),
+    [
+        ('odometry', 'nothing came on /odom yet; start what publishes it, or remap odom'),
+        ('commands', 'nothing came on /cmd_vel yet; start what publishes it, or remap cmd_vel'),
+    ],
+)
+def test_without_a_path_nothing_is_published(bench, source, missing) -> None:
+    rig = Rig(bench, path_source=source)
+    see_in_vain(rig)
+    rig.bench.until(lambda: rig.bench.logged(missing), 'what is missing')
+
+
+def test_odometry_of_another_clock_is_suspected(bench) -> None:
     rig = Rig(bench)
+    rig.tell_odometry()
+    rig.frame += 1
+    see_in_vain(rig)
+    rig.bench.until(lambda: rig.bench.logged('no odom for these tracks'), 'what is missing')
+
+
+def test_a_camera_that_is_silent_is_what_is_missing(bench) -> None:
+    rig = Rig(bench)
+    rig.node._camera = None
+    see_in_vain(rig)
+    rig.bench.until(lambda: rig.bench.logged('no usable camera_info yet'), 'what is missing')
+    assert not rig.bench.logged('odom')
+
+
+def see_in_vain(rig) -> None:
     for _ in range(15):
         rig.see()
         rig.bench.settle()
         rig.frame += 1
     assert rig.reports == [] == rig.poses
-    rig.bench.until(lambda: rig.bench.logged('no odom for these tracks'), 'what is missing')
 
 
 def test_in_the_frame_of_odometry_it_stands_still(bench) -> None:
@@ -178,6 +207,26 @@ def test_a_camera_that_changes_begins_anew(bench) -> None:
     rig.info(write.camera_info(other, 0, 'camera'))
     bench.until(lambda: bench.logged('camera_info has changed'), 'what happened')
     assert not rig.node._search.keys
+
+
+def test_a_reset_forgets_the_mount_of_tf_static(bench) -> None:
+    rig = Rig(bench, mount_from_tf=True)
+    level = CameraMount().R_world_camera(Pose(0.0, 0.0, 0.0))
+
+    def sits(forward: float) -> None:
+        edge = transforms.mounted('base_link', 'camera', level, np.array([forward, 0.0, 0.6]))
+        rig.node._mount.receive(SimpleNamespace(transforms=[edge]))
+
+    sits(0.1)
+    rig.drive(1)
+    assert rig.node._settings.camera_forward == pytest.approx(0.1)
+    sits(0.2)
+    rig.drive(1)
+    assert rig.node._settings.camera_forward == pytest.approx(0.1)  # of what was seen
+    assert bench.call('dock_node/reset').success
+    assert rig.node._settings.camera_forward == 0.0
+    rig.drive(1)
+    assert rig.node._settings.camera_forward == pytest.approx(0.2)
 
 
 def test_nonsense_is_refused_in_one_line(bench) -> None:

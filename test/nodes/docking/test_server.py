@@ -3,6 +3,7 @@
 import itertools
 
 from action_msgs.msg import GoalStatus
+from diagnostic_msgs.msg import DiagnosticArray
 import pytest
 from rclpy.action import ActionClient
 from std_msgs.msg import String
@@ -15,7 +16,8 @@ from test_msgs.action import Fibonacci  # noqa: E402
 
 from visual_servo_epipolar.core.docking.task import Error, State  # noqa: E402
 from visual_servo_epipolar.core.servo.phases.table import Phase  # noqa: E402
-from visual_servo_epipolar.messages import write  # noqa: E402
+from visual_servo_epipolar.core.servo.state import ServoState  # noqa: E402
+from visual_servo_epipolar.messages import diagnostics, write  # noqa: E402
 from visual_servo_epipolar.nodes import qos  # noqa: E402
 from visual_servo_epipolar.nodes.dock_node import DockNode  # noqa: E402
 
@@ -130,6 +132,23 @@ def test_the_last_failure_is_the_error(bench, servo, client) -> None:
     expected = [0, int(Error.FAILED_TO_STAGE), 1]
     assert client.outcome(result) == (GoalStatus.STATUS_ABORTED, expected)
     bench.until(lambda: servo.calls[-1] == 'stop', 'the servo to be stopped')
+
+
+def test_a_failure_waits_for_its_own_reason(bench, servo, client) -> None:
+    explain = bench.talk(DiagnosticArray, '/diagnostics')
+    _, result = client.ask()
+    for count in (1, 2):
+        started(bench, servo, count)
+        before = ServoState(phase=Phase.DISPLACING, reason='a reason of before')
+        explain(diagnostics.diagnosis(before, 1, name='/servo_node'))
+        drives(bench, servo, client)
+        servo.say(Phase.FAILED)
+        bench.settle()
+        failed = ServoState(phase=Phase.FAILED, reason=f'the reason of attempt {count}')
+        explain(diagnostics.diagnosis(failed, 2, name='/servo_node'))
+    assert client.outcome(result)[0] == GoalStatus.STATUS_ABORTED
+    assert bench.logged('dock_robot: the reason of attempt 2')
+    assert not bench.logged('a reason of before')
 
 
 def test_a_cancel_stops_the_servo(bench, servo, client) -> None:

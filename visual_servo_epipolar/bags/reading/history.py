@@ -12,10 +12,10 @@ from visual_servo_epipolar.messages.settings_text import NodeSettings
 
 WORDS = {
     'halted': 'brought to a standstill',
-    'lost': 'no tracks came in time',
-    'timed out': 'failed, for no tracks came while it held',
-    'reset': 'reset to a new run, by ~/reset or ~/start',
-    'stopped': 'stopped, by ~/stop or at the end of the node',
+    'lost': 'held, for no tracks came that it may drive by',
+    'timed out': 'failed, for no such tracks came while it held',
+    'reset': 'reset to a new run, by ~/reset or ~/start, or as the node was deactivated',
+    'stopped': 'stopped, by ~/stop or the stop button, or as the node was deactivated or ended',
     event_log.STARTED: 'started, by ~/start',
     event_log.REDETECTED: 'all features matched anew, by ~/redetect',
     event_log.CAPTURED: 'photograph taken, by ~/capture_desired',

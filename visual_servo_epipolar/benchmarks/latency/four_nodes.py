@@ -9,7 +9,7 @@ from typing import Any
 
 from sensor_msgs.msg import CameraInfo
 
-from visual_servo_epipolar.benchmarks.wire.loop import Drive, Listener, TRACKER_AND_SERVO
+from visual_servo_epipolar.benchmarks.wire.loop import Drive, TRACKER_AND_SERVO, TwistListener
 from visual_servo_epipolar.benchmarks.wire.processes import started
 from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.nodes import qos
@@ -20,7 +20,7 @@ BASE_RATE = 100.0  # of ground truth [Hz]; more than images a second
 GEOMETRY = ('width', 'height', 'focal_length', 'principal_u', 'principal_v', 'seed', 'frame_rate')
 
 
-class FourNodes(Listener):
+class FourNodes(TwistListener):
     """
     Base, camera, tracker and servo as processes.
 

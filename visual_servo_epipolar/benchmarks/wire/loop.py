@@ -1,6 +1,6 @@
 """A camera for nodes in processes of their own, and a reader of the twists they answer with."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -8,15 +8,12 @@ import time
 from typing import Any
 
 from geometry_msgs.msg import TwistStamped
-import rclpy
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.benchmarks.wire import echo
-from visual_servo_epipolar.benchmarks.wire.processes import DOMAIN, only_this_machine, started
+from visual_servo_epipolar.benchmarks.wire.listener import Listener, START_S
+from visual_servo_epipolar.benchmarks.wire.processes import started
 from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
@@ -31,7 +28,7 @@ TRACKER_AND_SERVO = {
 }
 ECHO = {echo.__name__: ()}
 FRAME_ID = 'camera_optical_frame'
-START_S, WARM_UP_S, SETTLE_S = 60.0, 1.0, 0.5
+WARM_UP_S, SETTLE_S = 1.0, 0.5
 
 
 @dataclass(slots=True)
@@ -56,18 +53,11 @@ class Drive:
             self.moving += bool(message.twist.linear.x or message.twist.angular.z)
 
 
-class Listener:
-    """A node in this process that hears the twists of others, and calls their services."""
+class TwistListener(Listener):
+    """Hears the twists that others answer with, and calls their services."""
 
     def __init__(self, stack: ExitStack, name: str) -> None:
-        stack.enter_context(only_this_machine())
-        context = Context()
-        rclpy.init(args=[], context=context, domain_id=DOMAIN)
-        stack.callback(context.try_shutdown)
-        self.node: Node = rclpy.create_node(name, context=context)
-        stack.callback(self.node.destroy_node)
-        self._executor = SingleThreadedExecutor(context=context)
-        self._executor.add_node(self.node)
+        super().__init__(stack, name)
         self.drive = Drive()
         for topic in ('cmd_vel', echo.ANSWERS):
             self.node.create_subscription(TwistStamped, topic, self._on_answer, qos.COMMAND)
@@ -87,27 +77,11 @@ class Listener:
             raise VisualServoError(f'{service} failed: {answer and answer.message}')
         return str(answer.message)
 
-    def spin_for(self, seconds: float) -> None:
-        """Hear what comes for ``seconds`` [s]."""
-        self._spin_until(time.monotonic() + seconds)
-
-    def wait(self, condition: Callable[[], bool], complaint: str) -> None:
-        """Hear what comes until ``condition``, or raise ``complaint`` after a minute."""
-        deadline = time.monotonic() + START_S
-        while not condition():
-            self.spin_for(0.05)
-            if time.monotonic() > deadline:
-                raise VisualServoError(f'{complaint} within {START_S:g} s')
-
     def _on_answer(self, message: TwistStamped) -> None:
         self.drive.took(message)
 
-    def _spin_until(self, moment: float) -> None:
-        while (remaining := moment - time.monotonic()) > 0.0:
-            self._executor.spin_once(timeout_sec=remaining)
 
-
-class Loop(Listener):
+class Loop(TwistListener):
     """
     Nodes in processes of their own; this process is their camera, and hears their twists.
 

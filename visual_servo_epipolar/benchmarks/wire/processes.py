@@ -5,16 +5,17 @@ from contextlib import contextmanager, ExitStack
 from dataclasses import dataclass
 import os
 from pathlib import Path
+import signal
 import subprocess
 import sys
 from typing import Any
 
-from visual_servo_epipolar.nodes.startup.transport import tune_transport
+from visual_servo_epipolar.nodes.startup.transport import discovery_range, tune_transport
 
 # Its own among benchmarks that run at a time, and above those that people use.
 DOMAIN = 216 + os.getpid() % 16
-DISCOVERY = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 NODES = 'visual_servo_epipolar.nodes'
+END_S = 30.0  # for a process to end, before it is killed
 
 Process = subprocess.Popen[bytes]
 
@@ -42,10 +43,18 @@ class Cost:
 
 
 def started(
-    stack: ExitStack, nodes: Mapping[str, Sequence[str]], folder: Path
+    stack: ExitStack, nodes: Mapping[str, Sequence[str]], folder: Path, *, logs: bool = False
 ) -> dict[str, Process]:
-    """Start each node (a module's full name, or one of ours) with its arguments in ``folder``."""
-    return {name: _started(stack, name, arguments, folder) for name, arguments in nodes.items()}
+    """
+    Start each node (a module's full name, or one of ours) with its arguments in ``folder``.
+
+    They are in sessions of their own, and end with ``stack``. With ``logs``, what each writes to
+    standard error is in NAME.log there.
+    """
+    return {
+        name: _started(stack, name, arguments, folder, logs=logs)
+        for name, arguments in nodes.items()
+    }
 
 
 def costs(processes: Mapping[str, Process]) -> dict[str, Cost]:
@@ -71,29 +80,39 @@ def spent(
 def only_this_machine() -> Iterator[None]:
     """Let no other machine see the topics: nodes of a benchmark may publish cmd_vel."""
     tune_transport()
-    before = os.environ.get(DISCOVERY)
-    os.environ[DISCOVERY] = 'LOCALHOST'
-    try:
+    with discovery_range('LOCALHOST'):
         yield
-    finally:
-        del os.environ[DISCOVERY]
-        if before is not None:
-            os.environ[DISCOVERY] = before
 
 
-def _started(stack: ExitStack, name: str, arguments: Sequence[str], folder: Path) -> Process:
+def _started(
+    stack: ExitStack, name: str, arguments: Sequence[str], folder: Path, *, logs: bool
+) -> Process:
     module = name if '.' in name else f'{NODES}.{name}'
-    process = stack.enter_context(
-        subprocess.Popen(
-            [sys.executable, '-m', module, '--ros-args', *arguments],
-            cwd=folder,
-            env={**os.environ, 'ROS_DOMAIN_ID': str(DOMAIN), 'PYTHONPATH': _import_path()},
-            stderr=subprocess.DEVNULL,
-            start_new_session=True,
-        )
+    environment = {**os.environ, 'ROS_DOMAIN_ID': str(DOMAIN), 'PYTHONPATH': _import_path()}
+    said: Any = subprocess.DEVNULL
+    if logs:
+        environment['ROS_LOG_DIR'] = str(folder)
+        said = stack.enter_context((folder / f'{name}.log').open('wb'))
+    process = subprocess.Popen(
+        [sys.executable, '-m', module, '--ros-args', *arguments],
+        cwd=folder,
+        env=environment,
+        stderr=said,
+        start_new_session=True,
     )
-    stack.callback(process.terminate)
+    stack.callback(_end, process)
     return process
+
+
+def _end(process: Process) -> None:
+    """End a process that may hang."""
+    process.send_signal(signal.SIGCONT)
+    process.terminate()
+    try:
+        process.wait(END_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
 
 
 def _import_path() -> str:

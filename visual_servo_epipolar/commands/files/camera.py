@@ -3,14 +3,13 @@
 from dataclasses import replace
 from pathlib import Path
 
-import cv2
-import numpy as np
 import yaml
 
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
 from visual_servo_epipolar.messages.camera_file import from_document
+from visual_servo_epipolar.nodes.tracking.photograph import read_picture
 
 ASPECT_TOLERANCE = 0.01
 
@@ -39,13 +38,12 @@ def read_camera(path: Path, *, rectified: bool = False) -> CalibratedCamera:
 def read_photograph(path: Path) -> Image:
     """Read an image file as grey levels; raises InputError if it is none."""
     try:
-        encoded = np.fromfile(path, np.uint8)
+        image = read_picture(path)
     except OSError as error:
         raise InputError(f'{path}: photograph cannot be read: {error.strerror}') from None
-    image = cv2.imdecode(encoded, cv2.IMREAD_GRAYSCALE) if encoded.size else None
     if image is None:
         raise InputError(f'{path}: not an image that can be decoded; give a PNG or JPEG file')
-    return np.asarray(image, dtype=np.uint8)
+    return image
 
 
 def scaled_to(camera: CalibratedCamera, image: Image, path: Path) -> CalibratedCamera:

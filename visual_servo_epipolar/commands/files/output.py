@@ -6,6 +6,7 @@ from pathlib import Path
 from tempfile import TemporaryFile
 
 from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.files import whole
 
 
 def check_json(target: str | None) -> None:
@@ -43,12 +44,8 @@ def write_whole(path: Path, content: bytes) -> None:
     if _is_special(path):
         path.write_bytes(content)
         return
-    partial = path.with_name(f'.{path.name}.partial')
-    try:
+    with whole(path) as partial:
         partial.write_bytes(content)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def _is_special(path: Path) -> bool:

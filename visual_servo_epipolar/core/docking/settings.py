@@ -65,6 +65,11 @@ class DockPoseSettings(PerceptionSettings):
     key_travel: float = setting(0.05, 'Way after which a view is kept [m]', low=0.005, high=5.0)
     key_turn: float = setting(0.1, 'Turn after which a view is kept [rad]', low=0.01, high=3.0)
 
+    @property
+    def mount_is_told(self) -> bool:
+        """Whether any setting says how the camera is mounted."""
+        return bool(self.shared[0].any())
+
     def mounted(self, mount: Mount) -> 'DockPoseSettings':
         """Return the settings of a camera mounted as a description of the robot has it."""
         told = {f'camera_{item.name}': getattr(mount, item.name) for item in fields(mount)}

@@ -5,7 +5,7 @@ from typing import TypeVar
 
 from visual_servo_epipolar.core.control.command import HALT
 from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
-from visual_servo_epipolar.core.servo.phases.table import DRIVING, Event, next_phase, Phase
+from visual_servo_epipolar.core.servo.phases.table import Event, next_phase, Phase, RUNNING
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.values import changed
 
@@ -83,18 +83,18 @@ class RunGoal:
 
     def is_other(self, goal: int | None, state: ServoState) -> bool:
         """Return whether a run goes on that began with another than ``goal``; None is any."""
-        running = state.phase in DRIVING or state.phase is Phase.HOLDING
         if goal is None:
             return False
-        if not running or self._begun_with is None:
+        if state.phase not in RUNNING or self._begun_with is None:
             self._begun_with = goal
         return self._begun_with != goal
 
 
 def camera_of_run(state: ServoState, begun_with: Camera | None, camera: Camera) -> Camera:
     """Return the camera that a run goes by: that which it began with, ``camera`` before it."""
-    running = state.phase in DRIVING or state.phase is Phase.HOLDING
-    return begun_with if running and begun_with is not None else camera
+    if state.phase not in RUNNING or begun_with is None:
+        return camera
+    return begun_with
 
 
 def camera_changed(camera: CameraModel) -> str:

@@ -1,7 +1,7 @@
 """Listener: hears what real processes publish, and writes the record of their run."""
 
-from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager, ExitStack
+from collections.abc import Mapping
+from contextlib import ExitStack
 import math
 from pathlib import Path
 import re
@@ -11,16 +11,11 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist as TwistMessage
 from nav_msgs.msg import Odometry
-import rclpy
-from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import PointCloud2
 from std_msgs.msg import String
 
-from visual_servo_epipolar.benchmarks.wire.processes import DOMAIN, only_this_machine
-from visual_servo_epipolar.core.errors import VisualServoError
+from visual_servo_epipolar.benchmarks.wire.listener import Listener
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
@@ -37,27 +32,15 @@ SETTINGS = ServoSettings()
 LIMITS = Limits(SETTINGS.max_linear, SETTINGS.max_angular, math.inf, math.inf)
 
 
-class Listener(AbstractContextManager['Listener']):
+class RunListener(Listener):
     """Hears ground truth, tracks, commands and phase; times are of the wall clock [s]."""
 
-    def __init__(self) -> None:
+    def __init__(self, stack: ExitStack) -> None:
+        super().__init__(stack, 'faults_listener')
         self.record, self.struck_s, self.struck_in = Record(), math.nan, ''
         self._logs: dict[Path, int] = {}
-        self._begin_s, self._deaf, self._moved_s = time.time(), '', math.nan
-        with ExitStack() as stack:
-            stack.enter_context(only_this_machine())
-            context = Context()
-            rclpy.init(args=[], context=context, domain_id=DOMAIN)
-            stack.callback(context.try_shutdown)
-            self._node: Node = rclpy.create_node('faults_listener', context=context)
-            stack.callback(self._node.destroy_node)
-            self._executor = SingleThreadedExecutor(context=context)
-            self._executor.add_node(self._node)
-            self._listen()
-            self._stack = stack.pop_all()
-
-    def __exit__(self, *_: object) -> None:
-        self._stack.close()
+        self._begin_s, self._deaf = time.time(), ''
+        self._listen()
 
     @property
     def moving(self) -> bool:
@@ -77,20 +60,6 @@ class Listener(AbstractContextManager['Listener']):
     def resumed(self) -> None:
         """Note that it goes on."""
         self._deaf = ''
-
-    def spin_for(self, seconds: float) -> None:
-        """Hear what comes for ``seconds``."""
-        end_s = time.monotonic() + seconds
-        while (left_s := end_s - time.monotonic()) > 0.0:
-            self._executor.spin_once(timeout_sec=left_s)
-
-    def wait(self, condition: Callable[[], bool], timeout_s: float, what: str) -> None:
-        """Hear what comes until ``condition``."""
-        end_s = time.monotonic() + timeout_s
-        while not condition():
-            self.spin_for(0.05)
-            if time.monotonic() > end_s:
-                raise VisualServoError(f'{what} was waited for, {timeout_s:g} s in vain')
 
     def watch_until_rest(self, rest_s: float, longest_s: float) -> None:
         """Hear what comes until the robot has stood for ``rest_s``, or for ``longest_s``."""
@@ -125,7 +94,7 @@ class Listener(AbstractContextManager['Listener']):
             (String, 'phase', self._on_phase, qos.LATCHED),
             (DiagnosticArray, '/diagnostics', self._on_diagnostics, DEEP),
         ):
-            self._node.create_subscription(kind, topic, hear, profile)
+            self.node.create_subscription(kind, topic, hear, profile)
 
     def _on_truth(self, message: Any) -> None:
         time_s = read.stamp_ns(message.header) / NANOSECONDS

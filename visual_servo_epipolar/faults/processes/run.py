@@ -2,28 +2,24 @@
 
 from contextlib import ExitStack
 from dataclasses import asdict
-import os
 from pathlib import Path
 import signal
-import subprocess
-import sys
 import tempfile
 from typing import Any
 import zlib
 
 import numpy as np
 
-from visual_servo_epipolar.benchmarks.wire.processes import DISCOVERY, DOMAIN
+from visual_servo_epipolar.benchmarks.wire.processes import Process, started
 from visual_servo_epipolar.faults.judging.judge import judged
 from visual_servo_epipolar.faults.judging.record import Bounds
-from visual_servo_epipolar.faults.processes.listener import Listener, SETTINGS
+from visual_servo_epipolar.faults.processes.listener import RunListener, SETTINGS
 from visual_servo_epipolar.faults.processes.table import NODES, ProcessFault
 from visual_servo_epipolar.faults.world import FRAME_RATE, small_camera
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 
-PACKAGE = 'visual_servo_epipolar.nodes'
-START_S, REST_S, LONGEST_S, END_S = 90.0, 3.0, 45.0, 30.0
+START_S, REST_S, LONGEST_S = 90.0, 3.0, 45.0
 LATE_S = 0.5  # by which a busy machine may deliver what is sent, or run who is due
 BASE = PioneerSettings()
 
@@ -36,9 +32,9 @@ def run(name: str, fault: ProcessFault, seed: int) -> dict[str, Any]:
     resumes = fault.resumes and bool(rng.random() < 0.5)
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
-        listener = stack.enter_context(Listener())
+        listener = RunListener(stack)
         harmed = _team(stack, folder, seed, start, fault)[fault.node]
-        listener.wait(lambda: listener.moving, START_S, 'a robot that moves')
+        listener.wait(lambda: listener.moving, 'no robot has moved', START_S)
         listener.spin_for(after_s)
         logs = {node: folder / f'{node}.log' for node in NODES}
         listener.strike(fault.node, logs)
@@ -69,9 +65,9 @@ def run(name: str, fault: ProcessFault, seed: int) -> dict[str, Any]:
 
 def _team(
     stack: ExitStack, folder: Path, seed: int, start: list[float], fault: ProcessFault
-) -> dict[str, 'subprocess.Popen[bytes]']:
+) -> dict[str, Process]:
     """
-    Start the four nodes, each in a session of its own; they end with the stack.
+    Start the four nodes; they end with the stack.
 
     The base stops by itself only where nobody else can stop it.
     """
@@ -83,33 +79,10 @@ def _team(
         'unicycle_node': [f'start:={start}', f'command_timeout:={timeout_s}'],
         'servo_node': ['autostart:=true'],
     }
-    path = os.pathsep.join(filter(None, map(os.path.abspath, sys.path)))
-    environment = {**os.environ, 'ROS_DOMAIN_ID': str(DOMAIN), 'PYTHONPATH': path}
-    environment |= {DISCOVERY: 'LOCALHOST', 'ROS_LOG_DIR': str(folder)}
-    team = {}
-    for node in NODES:
-        arguments = [word for text in more.get(node, ()) for word in ('-p', text)]
-        log = stack.enter_context((folder / f'{node}.log').open('w'))
-        team[node] = subprocess.Popen(
-            [sys.executable, '-m', f'{PACKAGE}.{node}', '--ros-args', *arguments],
-            cwd=folder,
-            env=environment,
-            stderr=log,
-            start_new_session=True,
-        )
-        stack.callback(_end, team[node])
-    return team
-
-
-def _end(process: 'subprocess.Popen[bytes]') -> None:
-    """End a process that may hang."""
-    process.send_signal(signal.SIGCONT)
-    process.terminate()
-    try:
-        process.wait(END_S)
-    except subprocess.TimeoutExpired:
-        process.kill()
-        process.wait()
+    arguments = {
+        node: [word for text in more.get(node, ()) for word in ('-p', text)] for node in NODES
+    }
+    return started(stack, arguments, folder, logs=True)
 
 
 def _bounds() -> Bounds:

@@ -1,5 +1,6 @@
 """Commands of a servo whose camera looks back, turned round for the base."""
 
+from collections.abc import Callable
 from typing import Any
 
 from geometry_msgs.msg import Twist as TwistMessage
@@ -19,12 +20,16 @@ class Reversal:
     Turns each command on ``cmd_vel_reversed`` round: what is ahead of the servo is behind.
 
     A base that drives backwards is one that looks back and drives forwards; turns stay. One
-    command for one: where the servo falls silent, so does this, and the base stops by itself.
+    command for one: where the servo falls silent, so does this, and the base stops by itself. At
+    one that is broken the base stands, and ``warn`` is told.
     """
 
-    def __init__(self, node: Node, *, stamped: bool, base_frame: str) -> None:
+    def __init__(
+        self, node: Node, warn: Callable[[str], None], *, stamped: bool, base_frame: str
+    ) -> None:
         kind = TwistStamped if stamped else TwistMessage
-        self._node, self._stamped, self._base_frame = node, stamped, base_frame
+        self._node, self._warn = node, warn
+        self._stamped, self._base_frame = stamped, base_frame
         self._pub = node.create_publisher(kind, 'cmd_vel', qos.COMMAND)
         node.create_subscription(kind, REVERSED, self._turn_round, qos.COMMAND)
 
@@ -39,7 +44,7 @@ class Reversal:
         try:
             ahead = read.twist(message)
         except ValueError as error:
-            self._node.get_logger().warning(str(error), throttle_duration_sec=5.0)
+            self._warn(str(error))
             ahead = STANDSTILL
         self._publish(Twist(-ahead.linear, ahead.angular), stamp_ns)
 

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
@@ -16,13 +17,15 @@ from visual_servo_epipolar.nodes import qos
 
 # Deep, for a phase may last one image; latched, for the servo may stand for hours.
 PHASES = QoSProfile(depth=50, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+PATIENCE_S = 0.5  # for the diagnostics of a failure: they come after its phase
 
 
 class ServoClient:
     """
     The servo called ``servo``: calls ``on_phase`` with each phase, ``on_answer`` with answers.
 
-    Answers are the order, and the refusal in words or ''.
+    A failure waits for its reason, if only for a while. Answers are the order, and the refusal in
+    words or ''.
     """
 
     def __init__(
@@ -36,8 +39,13 @@ class ServoClient:
         self._clients = {
             order: node.create_client(Trigger, f'{servo}/{order.value}') for order in Order
         }
-        self._name, self._reason = node.resolve_service_name(servo), ''
+        self._name = node.resolve_service_name(servo)
+        self._said: dict[str, str] = {}  # by its last diagnostics
         self.phase: Phase | None = None
+        self._unexplained = False
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._patience = node.create_timer(PATIENCE_S, self._tell, clock=steady)
+        self._patience.cancel()
         node.create_subscription(String, 'phase', self._hear, PHASES)
         node.create_subscription(DiagnosticArray, '/diagnostics', self._explain, qos.DIAGNOSTICS)
 
@@ -58,11 +66,33 @@ class ServoClient:
 
     def _hear(self, message: String) -> None:
         try:
-            self.phase = Phase(message.data)
+            phase = Phase(message.data)
         except ValueError:
             return  # of another program
-        self._on_phase(self.phase, self._reason)
+        if self._unexplained and phase is self.phase:
+            return
+        self._tell()  # what waited until now
+        self.phase, self._unexplained = phase, True
+        if phase is Phase.FAILED and not self._is_explained:
+            self._patience.reset()
+        else:
+            self._tell()
 
     def _explain(self, message: DiagnosticArray) -> None:
         if message.status and message.status[0].name == self._name:
-            self._reason = read.diagnosis(message).get('reason', '')
+            self._said = read.diagnosis(message)
+            if self._is_explained:
+                self._tell()
+
+    @property
+    def _is_explained(self) -> bool:
+        """Whether the last diagnostics are of this phase."""
+        return self.phase is not None and self._said.get('phase') == self.phase.value
+
+    def _tell(self) -> None:
+        """Hand on a phase that nobody has been told yet, with its reason or without."""
+        self._patience.cancel()
+        if self._unexplained and self.phase is not None:
+            self._unexplained = False
+            reason = self._said.get('reason', '') if self._is_explained else ''
+            self._on_phase(self.phase, reason)

@@ -14,6 +14,7 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.nodes.lifecycle.gates import in_every_state
 from visual_servo_epipolar.nodes.recording import discovery
 from visual_servo_epipolar.nodes.recording.discovery import TopicSelection
+from visual_servo_epipolar.nodes.recording.waiting import hand_out
 
 
 @dataclass(slots=True)
@@ -98,11 +99,8 @@ class RawSubscriptions:
             return
         for raw in self._subscriptions.values():
             for _ in range(raw.profile.depth):
-                with raw.handle.handle:
-                    waiting = raw.handle.handle.take_message(raw.handle.msg_type, True)
-                if waiting is None:
+                if not hand_out(raw.handle):
                     break
-                raw.handle.callback(*waiting)
 
     def close(self) -> None:
         """Drop all subscriptions; ``discover`` begins anew."""

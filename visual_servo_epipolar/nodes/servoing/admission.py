@@ -7,9 +7,9 @@ from sensor_msgs.msg import PointCloud2
 
 from visual_servo_epipolar.core.control.command import HALT
 from visual_servo_epipolar.core.servo.interruptions import GOAL_CHANGED, RunGoal
+from visual_servo_epipolar.core.servo.phases.table import RUNNING
 from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.nodes.servoing import rivals, stamps
-from visual_servo_epipolar.nodes.servoing.commands import RUNNING
 from visual_servo_epipolar.nodes.servoing.run import Run
 from visual_servo_epipolar.nodes.servoing.still_view import StillView
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings

@@ -33,8 +33,8 @@ class ServoCamera:
         self.model: CalibratedCamera | None = None
         self.static_mount: StaticMount | None = None
         if settings.mount_from_tf:
-            self.static_mount = StaticMount(node, settings.base_frame)
-        self._rectified, self._warn, self._log = settings.rectified, warn, node.get_logger().info
+            self.static_mount = StaticMount(node, settings.base_frame, warn)
+        self._rectified, self._warn = settings.rectified, warn
         self._begun_with: CalibratedCamera | None = None
         self._lens_check = LensCheck()
 
@@ -70,17 +70,13 @@ class ServoCamera:
 
     def mounted(self, frame_id: str, state: ServoState, settings: ServoSettings) -> ServoSettings:
         """Return ``settings`` with the mount of /tf_static, before a run that was told none."""
-        if not self.static_mount or state.memory or settings.mount_is_told:
+        if self.static_mount is None or state.memory:
             return settings
-        try:
-            mount = self.static_mount.of(frame_id)
-            told = settings if mount is None else settings.mounted(mount)
-        except ValueError as error:
-            self._warn(f'the mount of {frame_id} in /tf_static is not used: {error}')
-            return settings
-        if mount is not None:
-            self._log(f'/tf_static: {frame_id} sits at {mount}')
-        return told
+        return self.static_mount.taken(frame_id, settings)
+
+    def unmounted(self, settings: ServoSettings) -> ServoSettings:
+        """Return ``settings`` without the mount of /tf_static."""
+        return settings if self.static_mount is None else self.static_mount.dropped(settings)
 
     def check(self, observation: Observation, state: ServoState, settings: ServoSettings) -> None:
         """Say if the lens cannot place tracks, or they contradict the focal length as told."""

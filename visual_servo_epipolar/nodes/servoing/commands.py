@@ -7,7 +7,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 
 from visual_servo_epipolar.core.control.command import Command
-from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
+from visual_servo_epipolar.core.servo.phases.table import RUNNING
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.messages import write
@@ -16,7 +16,6 @@ from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 
 STOP_TIMEOUT_S = 0.2
 SETTLING_S = 1.0  # zero twists after the end of a run; then others may drive
-RUNNING = frozenset({*DRIVING, Phase.HOLDING})
 
 
 class Commands:

@@ -16,6 +16,7 @@ from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.messages import diagnostics, event_log, settings_text, write
 from visual_servo_epipolar.messages.event_log import Entry
 from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes.qos import report_publisher
 
 
 class Reports:
@@ -24,24 +25,14 @@ class Reports:
     def __init__(self, node: Node) -> None:
         self._name, self._clock = node.get_fully_qualified_name(), node.get_clock()
         self._steady, self._diagnosed_ns = Clock(clock_type=ClockType.STEADY_TIME), 0
-        self._telemetry_pub = node.create_publisher(
-            JointState, 'epipoles', qos.STREAM, event_callbacks=qos.NO_EVENTS
+        self._telemetry_pub = report_publisher(node, JointState, 'epipoles', qos.STREAM)
+        self._phase_pub = report_publisher(node, String, 'phase', qos.LATCHED)
+        self._diagnostics_pub = report_publisher(
+            node, DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS
         )
-        self._phase_pub = node.create_publisher(
-            String, 'phase', qos.LATCHED, event_callbacks=qos.NO_EVENTS
-        )
-        self._diagnostics_pub = node.create_publisher(
-            DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS, event_callbacks=qos.NO_EVENTS
-        )
-        self._markers_pub = node.create_publisher(
-            MarkerArray, '~/markers', qos.STREAM, event_callbacks=qos.NO_EVENTS
-        )
-        self._settings_pub = node.create_publisher(
-            String, '~/settings', qos.LATCHED, event_callbacks=qos.NO_EVENTS
-        )
-        self._events_pub = node.create_publisher(
-            String, '~/events', qos.DIAGNOSTICS, event_callbacks=qos.NO_EVENTS
-        )
+        self._markers_pub = report_publisher(node, MarkerArray, '~/markers', qos.STREAM)
+        self._settings_pub = report_publisher(node, String, '~/settings', qos.LATCHED)
+        self._events_pub = report_publisher(node, String, '~/events', qos.DIAGNOSTICS)
 
     def phase(self, state: ServoState) -> None:
         """Publish the phase."""

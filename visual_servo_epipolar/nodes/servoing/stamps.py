@@ -1,9 +1,7 @@
 """Stamps of tracks against the clock of the node: which images are no longer driven by."""
 
-from visual_servo_epipolar.core.stamps import seconds_between
-from visual_servo_epipolar.nodes.startup.inputs import NO_TIME
+from visual_servo_epipolar.core.stamps import NOT_ADVANCING, OTHER_CLOCK_S, seconds_between
 
-OTHER_CLOCK_S = 60.0  # a difference that no delay explains
 LEAP_S = 1.0  # backwards; what overtakes on a network does so by less
 
 
@@ -36,7 +34,7 @@ def disorder(newest_ns: int | None, stamp_ns: int) -> str:
         return ''
     back_s = seconds_between(stamp_ns, newest_ns)
     if back_s <= LEAP_S:
-        return NO_TIME
+        return NOT_ADVANCING
     return (
         f'the stamps went back by {back_s:.1f} s: a bag played in a loop, or a clock that was '
         'set; ~/stop, then ~/start begins anew'

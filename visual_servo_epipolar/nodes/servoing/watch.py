@@ -7,7 +7,6 @@ from rclpy.node import Node
 from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.nodes.servoing import rivals
-from visual_servo_epipolar.nodes.servoing.reports import Reports
 from visual_servo_epipolar.nodes.servoing.run import Run
 
 WATCH_PERIOD_S, IDLE_PERIOD_S = 0.05, 1.0
@@ -15,7 +14,7 @@ WATCH_PERIOD_S, IDLE_PERIOD_S = 0.05, 1.0
 
 class Watch:
     """
-    Watch over the ``run`` of the servo ``node``.
+    Watch over the ``run`` of the servo ``node``; what is odd is said by ``warn``.
 
     It ``sleeps`` where time itself waits for the servo. ``settings`` returns those in force.
     """
@@ -24,13 +23,13 @@ class Watch:
         self,
         node: Node,
         run: Run,
-        reports: Reports,
+        warn: Callable[[str], None],
         settings: Callable[[], ServoSettings],
         *,
         sleeps: bool,
     ) -> None:
-        self._node, self._run, self._reports, self._settings = node, run, reports, settings
-        self._warn, self._sleeps = node.get_logger().warning, sleeps
+        self._node, self._run, self._warn, self._settings = node, run, warn, settings
+        self._sleeps = sleeps
         if not sleeps:
             clock = run.freshness.clock
             node.create_timer(WATCH_PERIOD_S, self._on_watch, clock=clock)
@@ -56,6 +55,6 @@ class Watch:
         """Say that another servo is there, and why the robot stands, where no step does."""
         contested = rivals.complaint(self._node) if self._run.active else ''
         if contested:
-            self._warn(contested, throttle_duration_sec=5.0)
-        if self._reports.silence >= 0.5 * IDLE_PERIOD_S:
+            self._warn(contested)
+        if self._run.silence >= 0.5 * IDLE_PERIOD_S:
             self._run.report()

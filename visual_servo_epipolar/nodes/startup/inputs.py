@@ -9,13 +9,12 @@ from rclpy.node import Node
 from rclpy.qos import qos_check_compatible, QoSCompatibility
 from rclpy.subscription import Subscription
 
-from visual_servo_epipolar.core.stamps import seconds_between
+from visual_servo_epipolar.core.stamps import NOT_ADVANCING, seconds_between
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 
 LOOK_PERIOD_S = 1.0
 PATIENCE_S = 5.0  # time without a message, or without /clock, before it is said
 REPEAT_S = 30.0
-NO_TIME = 'the stamps do not advance; is /clock published?'
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +89,7 @@ class Inputs:
         """Say what is missing: after a while, and silent inputs now and then again."""
         if not self._timeless_said and self._age(self._begin_ns) >= PATIENCE_S and self._timeless:
             self._timeless_said = True
-            self._node.get_logger().warning(f'use_sim_time is true: {NO_TIME}')
+            self._node.get_logger().warning(f'use_sim_time is true: {NOT_ADVANCING}')
         self._follow()
         for source in self._inputs.values():
             if self._age(source.since_ns) >= source.patience_s:

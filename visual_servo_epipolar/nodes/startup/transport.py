@@ -1,5 +1,7 @@
-"""Transport of a process: shared memory and buffers for images."""
+"""Transport of a process: shared memory and buffers for images, and how far it sees."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 import ctypes
 import os
 from pathlib import Path
@@ -7,6 +9,7 @@ import sys
 
 MALLOPT_MMAP_THRESHOLD, MALLOPT_TRIM_THRESHOLD = -3, -1
 KEEP_BYTES = 2**29 - 1
+DISCOVERY = ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_LOCALHOST_ONLY', 'ROS_STATIC_PEERS')
 
 
 def tune_transport() -> None:
@@ -25,3 +28,22 @@ def tune_transport() -> None:
         if hasattr(libc, 'mallopt'):
             libc.mallopt(MALLOPT_MMAP_THRESHOLD, KEEP_BYTES)
             libc.mallopt(MALLOPT_TRIM_THRESHOLD, KEEP_BYTES)
+
+
+@contextmanager
+def discovery_range(reach: str) -> Iterator[None]:
+    """
+    Let nodes that are made meanwhile see others as far as ``reach`` says.
+
+    OFF is this process, LOCALHOST this machine, SUBNET all that can be seen.
+    """
+    # The older variables would overrule the range.
+    before = {name: os.environ.pop(name, None) for name in DISCOVERY}
+    os.environ[DISCOVERY[0]] = reach
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            os.environ.pop(name, None)
+            if value is not None:
+                os.environ[name] = value

@@ -2,11 +2,10 @@
 
 from rclpy.node import Node
 
-from visual_servo_epipolar.core.stamps import seconds_between
+from visual_servo_epipolar.core.stamps import OTHER_CLOCK_S, seconds_between
 
 BEHIND_S = 0.5  # age of an image at which its tracks come late
 BEHIND_IMAGES = 3  # so many one after the other are no single match of the whole image
-OTHER_CLOCK_S = 60.0  # age from which on its stamp was made by a clock that is not ours
 
 
 class Lateness:

@@ -18,6 +18,7 @@ import yaml
 from visual_servo_epipolar.core.arrays import as_gray, Image
 from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
 from visual_servo_epipolar.core.tracking.tracker import goal_of
+from visual_servo_epipolar.files import whole
 from visual_servo_epipolar.messages import camera_file
 
 HEAD = '# The photograph of a tracker_node, and the camera it was taken with.\n'
@@ -33,9 +34,16 @@ class Photograph:
     images: int = 1
 
 
+def read_picture(path: Path) -> Image | None:
+    """Return the grey levels of a picture, None if it is none; raises OSError as files do."""
+    encoded = np.fromfile(path, np.uint8)
+    image = cv2.imdecode(encoded, cv2.IMREAD_GRAYSCALE) if encoded.size else None
+    return None if image is None else as_gray(image)
+
+
 def read_photograph(path: str) -> Image:
     """Read the photograph that a parameter names, or raise ValueError."""
-    image = _read_picture(Path(path))
+    image = read_picture(Path(path)) if Path(path).is_file() else None
     if image is None:
         raise ValueError(f'desired_image must be a readable image file, got {path!r}')
     return image
@@ -49,7 +57,8 @@ def load(path: Path) -> Photograph | None:
     try:
         document = yaml.safe_load(path.read_text(encoding='utf-8'))
         camera = camera_file.from_document(document)
-        image = _read_picture(path.with_name(Path(str(document['photograph'])).name))
+        picture = path.with_name(Path(str(document['photograph'])).name)
+        image = read_picture(picture) if picture.is_file() else None
         photograph = Photograph(
             _checked(image, camera, document), camera, int(document['stamp_ns'])
         )
@@ -103,20 +112,9 @@ def _checked(image: Image | None, camera: CalibratedCamera, document: Any) -> Im
     return image
 
 
-def _read_picture(path: Path) -> Image | None:
-    encoded = np.fromfile(path, np.uint8) if path.is_file() else np.empty(0, np.uint8)
-    image = cv2.imdecode(encoded, cv2.IMREAD_GRAYSCALE) if encoded.size else None
-    return None if image is None else as_gray(image)
-
-
 def _write(path: Path, content: bytes) -> None:
-    """Write a file by rename: it is there whole, or as before."""
-    partial = path.with_name(f'.{path.name}.partial')
-    try:
-        with partial.open('wb') as file:
-            file.write(content)
-            file.flush()
-            os.fsync(file.fileno())
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+    """Write a file, whole also after a power cut."""
+    with whole(path) as partial, partial.open('wb') as file:
+        file.write(content)
+        file.flush()
+        os.fsync(file.fileno())

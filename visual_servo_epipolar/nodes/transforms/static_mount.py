@@ -1,6 +1,7 @@
 """The mount of the camera out of /tf_static, where robots say how their parts are fixed."""
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from rclpy.node import Node
@@ -11,18 +12,34 @@ from visual_servo_epipolar.messages import read, transforms
 from visual_servo_epipolar.nodes import qos
 
 Transform = tuple[FloatArray, FloatArray]
+MountedT = TypeVar('MountedT', bound='Mountable')
+UNTOLD = Mount(tilt=0.0, roll=0.0, yaw=0.0, forward=0.0, left=0.0)
 DEEPEST = 100  # frames between a camera and its base: more are a circle
+
+
+class Mountable(Protocol):
+    """Settings that may tell how a camera is mounted."""
+
+    @property
+    def mount_is_told(self) -> bool:
+        """Whether any of them does."""
+        ...
+
+    def mounted(self: MountedT, mount: Mount) -> MountedT:
+        """Return them with this mount; raises ValueError if it is beyond what they allow."""
+        ...
 
 
 class StaticMount:
     """
     Keeps the static transforms of a robot, and knows from them how its camera is mounted.
 
-    Without tf2_msgs it says so, and nothing is known.
+    Without tf2_msgs it says so, and nothing is known. What cannot be used is said by ``warn``.
     """
 
-    def __init__(self, node: Node, base_frame: str) -> None:
-        self._base, self._log = base_frame, node.get_logger()
+    def __init__(self, node: Node, base_frame: str, warn: Callable[[str], None]) -> None:
+        self._base, self._log, self._warn = base_frame, node.get_logger(), warn
+        self._taken = False
         self._parents: dict[str, tuple[str, Transform]] = {}
         kind = transforms.tf_message_class()
         if kind is None:
@@ -36,7 +53,29 @@ class StaticMount:
             try:
                 self._parents[item.child_frame_id] = item.header.frame_id, read.transform(item)
             except ValueError as error:
-                self._log.warning(f'/tf_static: {error}', throttle_duration_sec=5.0)
+                self._warn(f'/tf_static: {error}')
+
+    def taken(self, camera_frame: str, settings: MountedT) -> MountedT:
+        """Return ``settings`` with what is said of the mount of a camera, where they tell none."""
+        if settings.mount_is_told:
+            return settings
+        try:
+            mount = self.of(camera_frame)
+            told = settings if mount is None else settings.mounted(mount)
+        except ValueError as error:
+            self._warn(f'the mount of {camera_frame} in /tf_static is not used: {error}')
+            return settings
+        if mount is not None:
+            self._taken = True
+            self._log.info(f'/tf_static: {camera_frame} sits at {mount}')
+        return told
+
+    def dropped(self, settings: MountedT) -> MountedT:
+        """Return ``settings`` without the mount that they took: the next may be another."""
+        if not self._taken:
+            return settings
+        self._taken = False
+        return settings.mounted(UNTOLD)
 
     def of(self, camera_frame: str) -> Mount | None:
         """

@@ -48,6 +48,7 @@ DRIVING = (
     Phase.ZEROING_EPIPOLES,
     Phase.MATCHING_FEATURES,
 )
+RUNNING = (*DRIVING, Phase.HOLDING)  # a run goes on
 ENDED = (Phase.ARRIVED, Phase.FAILED)
 
 # From a survey of the situation: at the start, and after tracks came back.
@@ -83,7 +84,7 @@ TRANSITIONS: Mapping[tuple[Phase, Event], Phase] = MappingProxyType(
         **{(phase, Event.LOST): Phase.HOLDING for phase in DRIVING},
         **{
             (phase, event): Phase.FAILED
-            for phase in (*DRIVING, Phase.HOLDING)
+            for phase in RUNNING
             for event in (Event.TIMED_OUT, Event.DIVERGED, Event.EXHAUSTED, Event.ASTRAY)
         },
         **{(phase, Event.STOPPED): Phase.WAITING for phase in Phase},

@@ -7,15 +7,14 @@ one usual period, and go on by the new clock.
 """
 
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
+from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase, RUNNING
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.values import changed
-from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
+from visual_servo_epipolar.core.stamps import NANOSECONDS, NOT_ADVANCING, seconds_between
 
 MAX_STEP_S = 1.0  # a longer gap between two images is not integrated over
 USUAL_STEP_S = 0.1  # between two images, where no others came before
-NOT_ADVANCING = 'the stamps do not advance; is /clock published?'
 
 
 def interval(earlier_ns: int, later_ns: int) -> float:
@@ -60,9 +59,9 @@ def after_leap(state: ServoState, stamp_ns: int) -> ServoState:
 
 def has_timed_out(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
     """Return whether the run or the phase has lasted too long; waiting may last for ever."""
-    holding = state.phase is Phase.HOLDING
-    if not holding and state.phase not in DRIVING:
+    if state.phase not in RUNNING:
         return False
+    holding = state.phase is Phase.HOLDING
     run_time = seconds_between(state.run_start_ns, measurement.stamp_ns)
     phase_time = seconds_between(state.phase_start_ns, measurement.stamp_ns)
     timeout = settings.holding_timeout if holding else settings.phase_timeout
