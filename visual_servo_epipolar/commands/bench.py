@@ -24,6 +24,7 @@ BENCHMARKS: Mapping[str, str] = {
     'laws': 'visual_servo_epipolar.benchmarks.laws.benchmark',
     'loop': 'visual_servo_epipolar.benchmarks.loop',
     'latency': 'visual_servo_epipolar.benchmarks.latency.benchmark',
+    'soak': 'visual_servo_epipolar.benchmarks.soak.benchmark',
     'recording': 'visual_servo_epipolar.benchmarks.recording.benchmark',
     'calibration': 'visual_servo_epipolar.benchmarks.calibration',
     'render': 'visual_servo_epipolar.benchmarks.rendering.benchmark',
@@ -32,7 +33,7 @@ BENCHMARKS: Mapping[str, str] = {
     'mounts_images': 'visual_servo_epipolar.benchmarks.mounts.images',
 }
 LATENCY_NODES = ('unicycle,camera,tracker,servo', 'tracker,servo')
-ON_REQUEST = ('mounts_images',)  # too long to be run unless it is named
+ON_REQUEST = ('mounts_images', 'soak')  # too long to be run unless they are named
 
 
 def add_to(kinds: Any) -> None:
@@ -55,7 +56,10 @@ def add_to(kinds: Any) -> None:
         help='processes of the latency: all four, or those alone that a robot has (default all)',
     )
     parser.add_argument(
-        '--seconds', type=duration, metavar='S', help='seconds a row of the latency (default 60)'
+        '--seconds',
+        type=duration,
+        metavar='S',
+        help='seconds a row of the latency (default 60), or of the soak (default 1800)',
     )
     parser.add_argument(
         '--json', metavar='FILE', help='write the result as JSON to FILE, - for standard output'

@@ -22,11 +22,17 @@ Process = subprocess.Popen[bytes]
 
 @dataclass(frozen=True, slots=True)
 class Cost:
-    """Processor time [s] and resident memory [MB] of a process up to now, and its peak [MB]."""
+    """
+    What a process has cost up to now, and holds.
+
+    Processor time [s], resident memory [MB] and its peak [MB], threads, open files and sockets.
+    """
 
     processor_s: float
     memory_mb: float
     peak_mb: float
+    threads: int
+    handles: int
 
     @classmethod
     def of(cls, process: Process) -> 'Cost':
@@ -39,7 +45,9 @@ class Cost:
             for line in Path(f'/proc/{process.pid}/status').read_text().splitlines()
         )
         resident, peak = (int(status[key].split()[0]) * 1024 / 1e6 for key in ('VmRSS', 'VmHWM'))
-        return cls(ticks / os.sysconf('SC_CLK_TCK'), resident, peak)
+        handles = len(os.listdir(f'/proc/{process.pid}/fd'))
+        threads = int(status['Threads'])
+        return cls(ticks / os.sysconf('SC_CLK_TCK'), resident, peak, threads, handles)
 
 
 def started(
