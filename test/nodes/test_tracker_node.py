@@ -225,7 +225,7 @@ def test_a_blank_file_is_refused_at_the_start(bench, tmp_path) -> None:
 def test_the_overlay_is_drawn_for_those_who_look(rig, photograph, view) -> None:
     rig.calibrated().taught(photograph).track(view)
     overlays = rig.bench.listen(Image, 'overlay/image_raw')
-    publisher = rig.node._overlay_pub
+    publisher = rig.node._reports._overlay_pub
     rig.bench.until(lambda: publisher.get_subscription_count() == 1, 'the overlay to be heard')
     rig.track(view, STAMP_NS + 1)
     rig.bench.until(lambda: bool(overlays), 'the overlay')
@@ -237,7 +237,7 @@ def test_the_overlay_costs_nothing_when_nobody_looks(rig, photograph, view, monk
     def drawn(*_: object) -> None:
         raise AssertionError('the overlay was drawn for nobody')
 
-    monkeypatch.setattr('visual_servo_epipolar.nodes.tracker_node.draw_overlay', drawn)
+    monkeypatch.setattr('visual_servo_epipolar.nodes.tracking.reports.draw_overlay', drawn)
     assert len(rig.calibrated().taught(photograph).track(view)) > 0
 
 
@@ -300,7 +300,7 @@ def test_whatever_images_come_the_node_survives(rig, photograph, view) -> None:
     rig.calibrated().taught(photograph)
     rng = np.random.default_rng(0)
     overlays = rig.bench.listen(Image, 'overlay/image_raw')
-    publisher = rig.node._overlay_pub
+    publisher = rig.node._reports._overlay_pub
     rig.bench.until(lambda: publisher.get_subscription_count() == 1, 'the overlay to be heard')
     shapes = [(240, 320), (16, 16), (1, 320), (240, 1), (240, 320)]
     for number, shape in enumerate(shapes):

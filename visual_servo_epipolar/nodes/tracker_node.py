@@ -4,10 +4,8 @@ from dataclasses import replace
 import sys
 from typing import Any
 
-from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.duration import Duration
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
-from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
@@ -16,19 +14,11 @@ from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCam
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
-from visual_servo_epipolar.messages import (
-    diagnostics,
-    event_log,
-    read,
-    settings_text,
-    validation,
-    write,
-)
+from visual_servo_epipolar.messages import event_log, read, validation, write
 from visual_servo_epipolar.messages.encodings import GrayReader
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.complaints import Complaints
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
-from visual_servo_epipolar.nodes.qos import report_publisher
 from visual_servo_epipolar.nodes.run import spin
 from visual_servo_epipolar.nodes.startup.settings import TrackerNodeSettings
 from visual_servo_epipolar.nodes.tracking.camera_subscriptions import CameraSubscriptions
@@ -36,7 +26,7 @@ from visual_servo_epipolar.nodes.tracking.lateness import Lateness
 from visual_servo_epipolar.nodes.tracking.photograph import read_photograph
 from visual_servo_epipolar.nodes.tracking.photographer import Photographer
 from visual_servo_epipolar.nodes.tracking.repetition import Repetition
-from visual_servo_epipolar.report.images.overlay import draw_overlay
+from visual_servo_epipolar.nodes.tracking.reports import TrackerReports
 
 WARN_PERIOD_S, LAST_WORD_S = 5.0, 0.2
 RECTIFIED = 'image_rect'  # in the names that image_proc gives
@@ -68,11 +58,11 @@ class TrackerNode(ManagedNode):
         self._camera: CalibratedCamera | None = None
         self._unusable = ''  # why the last camera_info cannot be used
         self._lateness, self._repetition = Lateness(self), Repetition()
-        self._complaint = ''  # what was wrong with the last tracks
         self._latest: Pixels | None = None
         self._pending_image: Image | CompressedImage | None = None
         self._reader = GrayReader()
-        self._create_publishers()
+        self._tracks_pub = self.create_publisher(PointCloud2, 'tracks', qos.STREAM)
+        self._reports = TrackerReports(self)
         self._photographer = Photographer(
             self._node_settings.capture_frames, self._node_settings.photograph
         )
@@ -101,16 +91,6 @@ class TrackerNode(ManagedNode):
         """Whether the photograph is there."""
         return self._tracker.has_desired
 
-    def _create_publishers(self) -> None:
-        self._tracks_pub = self.create_publisher(PointCloud2, 'tracks', qos.STREAM)
-        self._overlay_pub = report_publisher(self, Image, 'overlay/image_raw', qos.STREAM)
-        self._desired_pub = report_publisher(self, Image, '~/desired/image_raw', qos.LATCHED)
-        self._settings_pub = report_publisher(self, String, '~/settings', qos.LATCHED)
-        self._events_pub = report_publisher(self, String, '~/events', qos.DIAGNOSTICS)
-        self._diagnostics_pub = report_publisher(
-            self, DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS
-        )
-
     def _create_subscriptions(self) -> None:
         settings = self._node_settings
         camera = CameraSubscriptions(self, settings.transport, settings.camera_reliability)
@@ -130,14 +110,12 @@ class TrackerNode(ManagedNode):
 
     def _announce(self) -> None:
         """Publish the settings in force, so that a bag can be replayed with them."""
-        groups = (self._node_settings, self._settings)
-        text = settings_text.to_text(self.get_fully_qualified_name(), groups, self._stamp_ns)
-        self._settings_pub.publish(write.text(text))
+        self._reports.settings((self._node_settings, self._settings), self._stamp_ns)
 
     def _set_desired(self, image: Pixels) -> None:
         """Set the photograph and publish it; raises if it is unusable."""
         self._tracker.set_desired(image)
-        self._desired_pub.publish(write.image(image, 'mono8', self._stamp_ns or 0, ''))
+        self._reports.desired(image, self._stamp_ns)
 
     def _load_photograph(self) -> None:
         """Take the photograph from a file, if one is there; raises ValueError if it is broken."""
@@ -192,21 +170,8 @@ class TrackerNode(ManagedNode):
         behind = self._lateness.complaint(age_s)
         for complaint in filter(None, (tracking.warning, behind)):
             self._warn(complaint)
-        self._diagnose(tracking.warning, behind, len(tracking.features), age_s)
-
-    def _diagnose(self, reason: str, behind: str, features: int, age_s: float | None) -> None:
-        """Publish what is wrong with the tracks, as long as that lasts, and that it is over."""
-        if reason or behind or self._complaint:
-            diagnosis = diagnostics.tracking_diagnosis(
-                reason,
-                features,
-                self._stamp_ns or 0,
-                name=self.get_fully_qualified_name(),
-                age_s=age_s,
-                behind=behind,
-            )
-            self._diagnostics_pub.publish(diagnosis)
-        self._complaint = reason or behind
+        features = len(tracking.features)
+        self._reports.diagnose(tracking.warning, behind, features, self._stamp_ns, age_s)
 
     def _publish(self, features: Features, image: Image | CompressedImage) -> None:
         stamp_ns, frame_id = read.stamp_ns(image.header), image.header.frame_id
@@ -215,10 +180,8 @@ class TrackerNode(ManagedNode):
             features, stamp_ns, frame_id, self._tracker.goal, self._repetition.count
         )
         self._tracks_pub.publish(tracks)
-        if self._settings.overlay and self._overlay_pub.get_subscription_count():
-            if self._latest is not None:
-                overlay = draw_overlay(self._latest, features.current, features.desired)
-                self._overlay_pub.publish(write.image(overlay, 'bgr8', stamp_ns, frame_id))
+        if self._settings.overlay:
+            self._reports.overlay(self._latest, features, stamp_ns, frame_id)
 
     def _on_desired(self, message: Image | CompressedImage) -> None:
         try:
@@ -247,8 +210,7 @@ class TrackerNode(ManagedNode):
     ) -> Trigger.Response:
         try:
             response.success, response.message = True, self._capture()
-            entry = event_log.Entry(event_log.CAPTURED, self._stamp_ns)
-            self._events_pub.publish(write.text(event_log.to_text(entry)))
+            self._reports.event(event_log.CAPTURED, self._stamp_ns)
             self.get_logger().info(f'captured: {response.message}')
         except (ValueError, TrackingError) as error:
             response.success, response.message = False, str(error)
@@ -264,8 +226,7 @@ class TrackerNode(ManagedNode):
             self.get_logger().warning(f'not redetected: {response.message}')
             return response
         self._tracker.redetect()
-        entry = event_log.Entry(event_log.REDETECTED, self._stamp_ns)
-        self._events_pub.publish(write.text(event_log.to_text(entry)))
+        self._reports.event(event_log.REDETECTED, self._stamp_ns)
         response.success, response.message = True, 'the next image is matched anew'
         self.get_logger().info(response.message)
         return response

@@ -1,0 +1,64 @@
+"""Reports of the tracker: photograph, overlay, diagnostics; settings and events for bags."""
+
+from collections.abc import Sequence
+
+from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.node import Node
+from sensor_msgs.msg import Image
+from std_msgs.msg import String
+
+from visual_servo_epipolar.core.arrays import Image as Pixels
+from visual_servo_epipolar.core.settings import Settings
+from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.messages import diagnostics, event_log, settings_text, write
+from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes.qos import report_publisher
+from visual_servo_epipolar.report.images.overlay import draw_overlay
+
+
+class TrackerReports:
+    """Reports of the tracker ``node``: all that it publishes but tracks."""
+
+    def __init__(self, node: Node) -> None:
+        self._name = node.get_fully_qualified_name()
+        self._complained = False  # of the last tracks
+        self._overlay_pub = report_publisher(node, Image, 'overlay/image_raw', qos.STREAM)
+        self._desired_pub = report_publisher(node, Image, '~/desired/image_raw', qos.LATCHED)
+        self._settings_pub = report_publisher(node, String, '~/settings', qos.LATCHED)
+        self._events_pub = report_publisher(node, String, '~/events', qos.DIAGNOSTICS)
+        self._diagnostics_pub = report_publisher(
+            node, DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS
+        )
+
+    def desired(self, photograph: Pixels, stamp_ns: int | None) -> None:
+        """Publish the photograph."""
+        self._desired_pub.publish(write.image(photograph, 'mono8', stamp_ns or 0, ''))
+
+    def overlay(self, image: Pixels | None, features: Features, stamp_ns: int, frame: str) -> None:
+        """Draw the tracks into their image, where somebody looks."""
+        if image is not None and self._overlay_pub.get_subscription_count():
+            overlay = draw_overlay(image, features.current, features.desired)
+            self._overlay_pub.publish(write.image(overlay, 'bgr8', stamp_ns, frame))
+
+    def diagnose(
+        self, reason: str, behind: str, features: int, stamp_ns: int, age_s: float | None
+    ) -> None:
+        """Publish what is wrong with the tracks, as long as that lasts, and that it is over."""
+        complains = bool(reason or behind)
+        if complains or self._complained:
+            self._diagnostics_pub.publish(
+                diagnostics.tracking_diagnosis(
+                    reason, features, stamp_ns, name=self._name, age_s=age_s, behind=behind
+                )
+            )
+        self._complained = complains
+
+    def settings(self, groups: Sequence[Settings], after_stamp_ns: int | None) -> None:
+        """Publish the settings in force, so that a bag can be replayed with them."""
+        text = settings_text.to_text(self._name, groups, after_stamp_ns)
+        self._settings_pub.publish(write.text(text))
+
+    def event(self, name: str, after_stamp_ns: int | None) -> None:
+        """Publish what happened between two images, likewise."""
+        entry = event_log.Entry(name, after_stamp_ns)
+        self._events_pub.publish(write.text(event_log.to_text(entry)))
