@@ -37,8 +37,7 @@ class ServoNode(ManagedNode):
     Hosts ``core.servo.step``: one command for each set of tracks in a run, silence outside.
 
     A watchdog on the steady clock stops the robot when tracks stay away, or repeat their stamp.
-    What is wrong with the tracks that come is ``_trouble``. A node that is activated begins a run
-    as ``autostart`` says, but not after a stop.
+    A node that is activated begins a run as ``autostart`` says, but not after a stop.
     """
 
     def __init__(self, **options: Any) -> None:
@@ -57,10 +56,10 @@ class ServoNode(ManagedNode):
     def configure(self) -> None:
         """Create all that a run needs."""
         self._pending_tracks: PointCloud2 | None = None
-        self.received, self._trouble = 0, ''  # sets of tracks
+        self.received = 0  # sets of tracks
         self._camera = ServoCamera(self, self._node_settings, self._warn)
         self._commands, self._reports = Commands(self, self._node_settings), Reports(self)
-        self._run = Run(self, self._commands, self._reports, self._standstill)
+        self._run = Run(self, self._warn, self._commands, self._reports, self._standstill)
         self._admission = Admission(self, lambda: self._node_settings, self._run)
         self._watch = Watch(
             self,
@@ -76,12 +75,8 @@ class ServoNode(ManagedNode):
         self._run.active = self._begins
         self._reports.phase(self._state)
         self._announce()
-        if self._run.active:
-            self.get_logger().info(
-                'autostart is true: the robot drives as soon as there are tracks'
-            )
-        else:
-            self.get_logger().info(f'the robot {self._not_started}')
+        drives = 'autostart is true: the robot drives as soon as there are tracks'
+        self.get_logger().info(drives if self._run.active else f'the robot {self._not_started}')
 
     def deactivate(self) -> None:
         """Stop the robot; the run is over, and none goes on by itself."""
@@ -89,7 +84,7 @@ class ServoNode(ManagedNode):
         self._run.stop()
         self._run.reset()
         self._run.report()
-        self._pending_tracks, self._trouble = None, ''
+        self._pending_tracks, self._run.trouble = None, ''
         self._commands.wait()
 
     def cleanup(self) -> None:
@@ -148,44 +143,45 @@ class ServoNode(ManagedNode):
             self._run.lose(trouble)
         pending, self._pending_tracks = self._pending_tracks, None
         if pending is not None and self._camera.model is not None and not self._watch.is_stale:
-            self._drive_by(pending)
+            self._drive_by(pending, self._admission.other_goal(pending))
 
     def _on_tracks(self, message: PointCloud2) -> None:
         stamp_ns, run = read.stamp_ns(message.header), self._run
         self.received += 1
         trouble = self._admission.refusal(message, self._settings.stale_timeout)
         if trouble:
-            self._refuse(trouble)
+            run.refuse(trouble)
             return
         if stamp_ns != run.stamp_ns:  # a camera that hangs may repeat its last image for ever
             run.freshness.renew()
         if run.stamp_ns is not None and stamp_ns <= run.stamp_ns:
             self._warn(NOT_ADVANCING)
+        other_goal = self._admission.other_goal(message) if run.active else ''
+        if other_goal and self._state.reason != other_goal:
+            run.lose(other_goal)
         if run.active:
-            other_goal = self._admission.other_goal(message)
-            if other_goal and self._state.reason != other_goal:
-                run.lose(other_goal)
-            self._take_mount(message.header.frame_id)  # and so announced from this stamp on
+            mounted = self._camera.mounted(message.header.frame_id, self._state, self._settings)
+            if mounted is not self._settings:
+                self._use(mounted)  # and so announced from this stamp on
         run.stamp_ns = stamp_ns
-        self._drive_by(message)
+        self._drive_by(message, other_goal)
 
-    def _drive_by(self, message: PointCloud2) -> None:
+    def _drive_by(self, message: PointCloud2, other_goal: str) -> None:
         """Take the step that tracks lead to, where a run goes on or may begin."""
         if not self._run.active:
             return
         camera = self._camera.model
         if camera is None:
             self._pending_tracks = message
-            self._refuse(NO_CAMERA)
+            self._run.refuse(NO_CAMERA)
             return
         waits = self._state.phase is Phase.WAITING
         contested = self._admission.contested() if waits else ''
         if contested:
-            self._refuse(contested)
+            self._run.refuse(contested)
             return
-        self._trouble = ''
+        self._run.trouble = ''
         features = self._camera.checked(message, camera, self._state)
-        other_goal = self._admission.other_goal(message)
         if other_goal:
             features = Features()
             self._warn(other_goal)
@@ -193,19 +189,6 @@ class ServoNode(ManagedNode):
         state = step(self._state, observation, self._settings)
         self._run.advance(state, observation.stamp_ns, message.header.frame_id)
         self._camera.check(observation, self._state, self._settings)
-
-    def _refuse(self, trouble: str) -> None:
-        """Take no step by tracks: hold a robot that drives, and say why."""
-        self._trouble = trouble
-        if self._state.phase in DRIVING:
-            self._run.lose(trouble)
-        else:
-            self._warn(trouble)
-
-    def _take_mount(self, frame_id: str) -> None:
-        settings = self._camera.mounted(frame_id, self._state, self._settings)
-        if settings is not self._settings:
-            self._use(settings)
 
     def _standstill(self) -> tuple[str, bool]:
         """Return why the robot stands, '' if its state says it, and whether that is alarming."""
@@ -217,9 +200,10 @@ class ServoNode(ManagedNode):
             return '', False
         if self._camera.model is None:
             return NO_CAMERA, True
-        if self._watch.is_stale and not self._trouble:
+        trouble = self._run.trouble
+        if self._watch.is_stale and not trouble:
             return f'no new tracks for {self._run.freshness.age:.0f} s', True
-        return self._trouble, bool(self._trouble)
+        return trouble, bool(trouble)
 
     def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         refusal = PRESSED if self._stop_button.pressed else self._admission.contested()
@@ -229,7 +213,7 @@ class ServoNode(ManagedNode):
             return response
         if self._state.ended:
             self._run.reset()
-        self._run.active, self._trouble = True, ''
+        self._run.active, self._run.trouble = True, ''
         response.success = True
         self._reports.event(event_log.STARTED, self._run.stamp_ns)
         response.message = 'started' if self._camera.model else 'started; waits for camera_info'

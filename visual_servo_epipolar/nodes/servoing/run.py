@@ -6,6 +6,7 @@ from rclpy.node import Node
 
 from visual_servo_epipolar.core.control.command import HALT
 from visual_servo_epipolar.core.servo.interruptions import interrupted, Interruption
+from visual_servo_epipolar.core.servo.phases.table import DRIVING
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.nodes.servoing.commands import Commands
 from visual_servo_epipolar.nodes.servoing.freshness import Freshness
@@ -19,17 +20,24 @@ class Run:
     Run of the servo ``node``: what happens to its state is commanded, published and logged.
 
     It is ``active`` between an order to start and one to stop; ``stamp_ns`` is that of the last
-    tracks that counted. ``standstill`` returns why the robot stands, '' if the state says it, and
-    whether that is alarming.
+    tracks that counted, ``trouble`` what is wrong with those that come, also said by ``warn``.
+    ``standstill`` returns why the robot stands, '' if the state says it, and whether that is
+    alarming.
     """
 
     def __init__(
-        self, node: Node, commands: Commands, reports: Reports, standstill: Standstill
+        self,
+        node: Node,
+        warn: Callable[[str], None],
+        commands: Commands,
+        reports: Reports,
+        standstill: Standstill,
     ) -> None:
-        self._clock, self._logger = node.get_clock(), node.get_logger()
+        self._clock, self._logger, self._warn = node.get_clock(), node.get_logger(), warn
         self._commands, self._reports, self._standstill = commands, reports, standstill
         self.state, self.active, self.freshness = ServoState(), False, Freshness()
         self.stamp_ns: int | None = None
+        self.trouble = ''
 
     @property
     def silence(self) -> float:
@@ -52,6 +60,14 @@ class Run:
             self._logger.info(f'{before.phase.value} -> {state.phase.value} ({state.reason})')
         if state.warning and state.warning != before.warning:
             self._logger.warning(state.warning)  # once: no other may keep it from the log
+
+    def refuse(self, trouble: str) -> None:
+        """Take no step by tracks: hold a robot that drives, and say why."""
+        self.trouble = trouble
+        if self.state.phase in DRIVING:
+            self.lose(trouble)
+        else:
+            self._warn(trouble)
 
     def lose(self, reason: str) -> None:
         """Stop a robot that drives, and hold."""
