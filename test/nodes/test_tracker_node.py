@@ -237,7 +237,7 @@ def test_the_overlay_costs_nothing_when_nobody_looks(rig, photograph, view, monk
     def drawn(*_: object) -> None:
         raise AssertionError('the overlay was drawn for nobody')
 
-    monkeypatch.setattr('visual_servo_epipolar.nodes.tracker_node.draw_overlay', drawn)
+    monkeypatch.setattr('visual_servo_epipolar.nodes.tracking.reports.draw_overlay', drawn)
     assert len(rig.calibrated().taught(photograph).track(view)) > 0
 
 
