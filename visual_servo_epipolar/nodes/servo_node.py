@@ -185,7 +185,8 @@ class ServoNode(ManagedNode):
             features = Features()
             self._warn(other_goal)
         observation = observe(features, camera, read.stamp_ns(message.header))
-        state = step(self._state, observation, self._settings)
+        age = self._commands.age
+        state = step(self._state, observation, self._settings, since_command=age)
         self._run.advance(state, observation.stamp_ns, message.header.frame_id)
         self._camera.check(observation, self._state, self._settings)
 
