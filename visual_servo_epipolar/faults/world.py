@@ -54,6 +54,7 @@ class WorldSettings:
     tracker: TrackerSettings = field(default_factory=TrackerSettings)
     more: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     simulated_time: bool = False
+    depth: float = 1.0  # over that of the scene that is seen
 
 
 class World(AbstractContextManager['World']):
@@ -135,6 +136,10 @@ class World(AbstractContextManager['World']):
         """Let a node go on (SIGCONT)."""
         if name in self.nodes:
             self.wire.resume(self.nodes[name])
+
+    def works(self, name: str) -> bool:
+        """Return whether a node lives and does not hang."""
+        return name in self.nodes and self.wire.works(self.nodes[name])
 
     def call(self, service: str) -> str:
         """Call a service (std_srvs/Trigger), as /servo_node/stop, and return its answer."""

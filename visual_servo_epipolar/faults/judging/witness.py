@@ -52,7 +52,8 @@ class Witness:
             ('/epipoles', self._on_epipoles),
         ):
             self._wire.taps[topic].append(tap)
-        self._wire.ears['/image_raw'].append(self._on_arrival)
+        for topic in ('/image_raw', '/image_raw/compressed'):
+            self._wire.ears[topic].append(self._on_arrival)
         self._wire.ears['/tracks'].append(self._on_sight)
 
     @property
@@ -126,8 +127,11 @@ class Witness:
         self.record.orders.append(Order(self.now_s, twist, _limits(servo)))
 
     def _on_phase(self, parcel: Parcel) -> None:
-        if parcel.sender in (SERVO, ''):
-            self.record.phase = str(parcel.message.data)
+        if parcel.sender not in (SERVO, ''):
+            return
+        before, self.record.phase = self.record.phase, str(parcel.message.data)
+        if self.record.phase == Phase.ARRIVED.value != before:
+            self.record.arrived_s = self.now_s
 
     def _on_diagnostics(self, parcel: Parcel) -> None:
         said = read.diagnosis(parcel.message)
