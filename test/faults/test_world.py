@@ -171,3 +171,22 @@ def test_a_servo_must_say_that_another_process_is_gone(name: str) -> None:
 def test_a_button_that_was_pressed_leaves_the_robot_at_rest() -> None:
     result = driven('order_button', FAULTS['order_button'])
     assert (result['verdict'], result['phase']) == ('at rest', 'waiting'), result['charges']
+
+
+def test_a_base_whose_process_is_gone_stands() -> None:
+    result = driven('unicycle_killed', FAULTS['unicycle_killed'])
+    assert result['verdict'] == 'at rest', result['charges']
+    assert result['duration_s'] < drive.LONGEST_S
+
+
+def test_transitions_are_asked_for_by_the_service_and_refused_where_there_is_none() -> None:
+    settings = WorldSettings(start=(0.0, -1.0, 0.0), seed=0, camera=small_camera(0))
+    with World(settings) as world:
+        world.start('servo_node')
+        answers = [
+            world.change_state('servo_node', label)
+            for label in ('cleanup', 'deactivate', 'cleanup', 'activate', 'configure', 'shutdown')
+        ]
+        assert answers == ['refused', 'done', 'done', 'refused', 'done', 'done']
+        assert world.wire.crashes == []
+        assert world.change_state('tracker_node', 'cleanup').startswith('no ')

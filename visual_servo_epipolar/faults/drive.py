@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from visual_servo_epipolar.core.servo.phases.table import DRIVING, ENDED, Phase
 from visual_servo_epipolar.faults.catalogue.fault import Fault, Scene
 from visual_servo_epipolar.faults.judging.motion import moving
-from visual_servo_epipolar.faults.judging.witness import SERVO
+from visual_servo_epipolar.faults.judging.witness import BASE, SERVO
 from visual_servo_epipolar.faults.world import NODES
 
 LOOK_S = 0.1  # how often the phase is looked at
@@ -52,7 +52,8 @@ class Drive:
 
     def _look(self) -> None:
         now_s, record = self.scene.witness.now_s, self.scene.witness.record
-        if record.truths and moving(record.truths[-1].twist):
+        works = self.scene.world.works(BASE)
+        if works and record.truths and moving(record.truths[-1].twist):
             self._moved_s = now_s
         if self._reached_s is None and record.phase == self._moment.phase.value:
             self._reached_s = now_s

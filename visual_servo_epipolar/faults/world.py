@@ -152,6 +152,19 @@ class World(AbstractContextManager['World']):
                     return '' if answer is None else str(answer.message)
         return ''
 
+    def change_state(self, name: str, label: str) -> str:
+        """Ask a managed node for a transition, as others do: by its service; return the answer."""
+        node = self.nodes.get(name)
+        service = f'/{name}/change_state'
+        for item in () if node is None else node.services:
+            if item.service_name == service:
+                kind: Any = item.srv_type
+                request = kind.Request()
+                request.transition.label = label
+                answer = self.wire.call(node, item.callback, request, kind.Response())
+                return 'done' if answer is not None and answer.success else 'refused'
+        return f'no {service}'
+
     def set(self, name: str, values: Mapping[str, Any]) -> str:
         """Set parameters of a node, all or none, and return why it refused, or ''."""
         node = self.nodes.get(name)

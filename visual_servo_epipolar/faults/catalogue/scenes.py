@@ -47,7 +47,7 @@ def _compressing(settings: WorldSettings, rng: np.random.Generator) -> WorldSett
 
 
 def _jpeg_damaged(scene: Scene) -> None:
-    """Send JPEGs, some of which are damaged in the middle for a while: they decode all the same."""
+    """Send JPEGs, some damaged in the middle for a while: they decode all the same."""
     begin_s, share = scene.witness.now_s + scene.draw(3.0, 10.0), scene.draw(0.3, 1.0)
     end_s = begin_s + scene.draw(0.5, 8.0)
     scene.notes.append(f'{share:.0%} of them, for {end_s - begin_s:.1f} s')

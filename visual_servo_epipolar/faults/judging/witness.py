@@ -18,7 +18,7 @@ from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.mounts.true_geometry import true_geometry
 from visual_servo_epipolar.simulation.run_monitor import LEAST_BASELINE_M, WRONG_BEARING
 
-SERVO = 'servo_node'
+SERVO, BASE = 'servo_node', 'unicycle_node'
 LONGEST_STEP_S = 0.5  # between two measurements that count as one drive
 LIMITS = (
     'max_linear',
@@ -80,6 +80,8 @@ class Witness:
         """Return the record, with what was said about why the robot stands."""
         record = self.record
         record.crashes = list(self._wire.crashes)
+        if record.truths and not self._world.works(BASE):  # without its process it stands
+            record.truths.append(Truth(self.now_s, self.pose, STANDSTILL))
         record.why += [
             text
             for time_ns, _, severity, text in self._wire.logs
