@@ -174,9 +174,10 @@ class ServoNode(ManagedNode):
             self._refuse(NO_CAMERA)
             return
         waits = self._state.phase is Phase.WAITING
-        contested = self._admission.contested() if waits else ''
-        if contested:
-            self._refuse(contested)
+        trouble = self._admission.contested() if waits else ''
+        trouble = trouble or self._camera.distrusted(read.stamp_ns(message.header), self._state)
+        if trouble:
+            self._refuse(trouble)
             return
         self._trouble = ''
         features = self._camera.checked(message, camera, self._state)
