@@ -149,3 +149,24 @@ def test_a_traceback_is_worse_than_all_else() -> None:
 
 def replace_limits(*, linear: float = 0.4, acceleration: float = 0.25) -> Limits:
     return LIMITS._replace(linear=linear, acceleration=acceleration)
+
+
+def test_who_is_carried_away_after_the_arrival_has_arrived() -> None:
+    made = record([*drive(0.3, 3.0), (0.0, 1.0)])
+    end = made.truths[-1]
+    away = end._replace(time_s=end.time_s + 0.1, pose=Pose(0.5, -1.0, math.pi / 2))
+    made.truths.append(away)
+    made.arrived_s, made.moved_s = end.time_s - 0.5, [end.time_s + 0.05]
+    assert verdict(made) is Verdict.ARRIVED
+    made.arrived_s = away.time_s  # it says so where it was carried to
+    assert verdict(made) is Verdict.WRONG_ARRIVAL
+
+
+def test_wheels_that_break_may_leap_at_that_moment_alone() -> None:
+    made = record([*ramp(0.3), (0.3, 1.0), (0.0, 1.0)], phase='failed')
+    leap_s = next(it.time_s for it in made.truths if it.time_s > 1.0 and it.twist == STANDSTILL)
+    assert verdict(made) is Verdict.LIMITS
+    made.broken_s.append(leap_s - 0.01)
+    assert verdict(made) is Verdict.AT_REST
+    made.broken_s[:] = [leap_s - 0.5]
+    assert verdict(made) is Verdict.LIMITS

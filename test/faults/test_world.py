@@ -9,10 +9,14 @@ from std_msgs.msg import String
 
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.servo.phases.table import Phase
-from visual_servo_epipolar.faults import drive
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.faults import campaign, drive
 from visual_servo_epipolar.faults import run as runs
+from visual_servo_epipolar.faults.base import BreakableUnicycleNode
 from visual_servo_epipolar.faults.catalogue.fault import Fault, Scene
 from visual_servo_epipolar.faults.catalogue.table import FAULTS
+from visual_servo_epipolar.faults.judging.record import Record
+from visual_servo_epipolar.faults.processes.listener import Listener
 from visual_servo_epipolar.faults.world import small_camera, World, WorldSettings
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes.servo_node import ServoNode
@@ -115,3 +119,74 @@ def test_messages_reach_nodes_through_cdr_and_hooks_do_not_stay() -> None:
         assert Publisher.publish is not before
         assert [parcel.message for parcel in heard] == [String(data='waiting')]
     assert Publisher.publish is before
+
+
+def test_a_servo_that_stands_in_a_phase_is_watched_until_that_is_over() -> None:
+    def prepared(settings: WorldSettings, rng: object) -> WorldSettings:
+        return replace(settings, servo=replace(settings.servo, phase_timeout=15.0))
+
+    def strike(scene: Scene) -> None:
+        FAULTS['wheel_stuck'].strike(scene)
+        base = scene.world.nodes['unicycle_node']
+        assert isinstance(base, BreakableUnicycleNode)
+        base.break_wheels(0.0, 0.0)
+
+    result = driven('stuck', Fault(what='', strike=strike, prepare=prepared))
+    assert (result['verdict'], result['phase']) == ('at rest', 'failed'), result['charges']
+    assert 'took longer than 15 s' in str(result['detail'])
+
+
+def test_runs_are_longer_than_the_longest_phase() -> None:
+    settings = ServoSettings()
+    assert drive.LONGEST_S > settings.phase_timeout + settings.holding_timeout + drive.REST_S
+
+
+def test_a_servo_that_hangs_is_not_waited_for() -> None:
+    settings = WorldSettings(start=(0.0, -1.0, 0.0), seed=0, camera=small_camera(0))
+    with World(settings) as world:
+        assert not world.works('servo_node')
+        world.start('servo_node')
+        assert world.works('servo_node')
+        world.hang('servo_node')
+        assert not world.works('servo_node')
+
+
+def test_what_fails_in_the_campaign_itself_is_not_judged(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(run: object) -> object:
+        raise KeyError('wire')
+
+    monkeypatch.setattr(campaign, '_driven', fail)
+    result = campaign.one(campaign.Run('none', 0))
+    assert (result['verdict'], result['safe']) == ('not judged', False)
+    assert result['detail'] == "KeyError: 'wire'"
+
+
+@pytest.mark.parametrize('name', ['camera_node', 'tracker_node'])
+def test_a_servo_must_say_that_another_process_is_gone(name: str) -> None:
+    listener = object.__new__(Listener)
+    listener.record, listener._deaf, listener._logs = Record(), name, {}
+    assert listener.finish().why == []
+
+
+def test_a_button_that_was_pressed_leaves_the_robot_at_rest() -> None:
+    result = driven('order_button', FAULTS['order_button'])
+    assert (result['verdict'], result['phase']) == ('at rest', 'waiting'), result['charges']
+
+
+def test_a_base_whose_process_is_gone_stands() -> None:
+    result = driven('unicycle_killed', FAULTS['unicycle_killed'])
+    assert result['verdict'] == 'at rest', result['charges']
+    assert result['duration_s'] < drive.LONGEST_S
+
+
+def test_transitions_are_asked_for_by_the_service_and_refused_where_there_is_none() -> None:
+    settings = WorldSettings(start=(0.0, -1.0, 0.0), seed=0, camera=small_camera(0))
+    with World(settings) as world:
+        world.start('servo_node')
+        answers = [
+            world.change_state('servo_node', label)
+            for label in ('cleanup', 'deactivate', 'cleanup', 'activate', 'configure', 'shutdown')
+        ]
+        assert answers == ['refused', 'done', 'done', 'refused', 'done', 'done']
+        assert world.wire.crashes == []
+        assert world.change_state('tracker_node', 'cleanup').startswith('no ')

@@ -108,7 +108,7 @@ def test_a_cloud_of_something_else_is_refused() -> None:
 def test_truncated_tracks_are_refused() -> None:
     message = tracks()
     message.data.pop()
-    with pytest.raises(ValueError, match='2 rows of 56 bytes, got 111 bytes'):
+    with pytest.raises(ValueError, match='2 rows of 60 bytes, got 119 bytes'):
         read.features(message)
 
 
@@ -124,7 +124,7 @@ def test_tracks_of_no_known_datatype_are_refused(datatype) -> None:
 def test_rows_too_short_for_their_fields_are_refused(change) -> None:
     message = tracks()
     if change == 'offset':
-        message.fields[1].offset = 49
+        message.fields[1].offset = 53
     else:
         message.point_step = 0
     with pytest.raises(ValueError):

@@ -82,6 +82,13 @@ def test_each_image_gives_one_cloud_with_its_stamp(rig, photograph, view) -> Non
     assert rig.clouds[0].header.frame_id == 'camera'
 
 
+def test_an_image_of_another_time_is_published_as_one(rig, photograph, view) -> None:
+    rig.calibrated().taught(photograph)
+    for number, image in enumerate((view, photograph, view)):
+        rig.track(image, STAMP_NS + number)
+    assert [read.back(cloud) for cloud in rig.clouds] == [0, 0, 2]
+
+
 def test_without_a_photograph_nothing_is_tracked(rig, view) -> None:
     assert len(rig.calibrated().track(view)) == 0
     rig.bench.until(lambda: rig.bench.logged('no desired image yet'), 'the reason in the log')

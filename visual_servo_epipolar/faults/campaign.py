@@ -58,7 +58,7 @@ def one(run: Run) -> Result:
         return _driven(run)
     except Exception as error:  # the other runs of a night shall not be lost
         text = f'{type(error).__name__}: {error}'
-        return {**_unjudged(run), 'verdict': Verdict.TRACEBACK.value, 'detail': text}
+        return {**_unjudged(run), 'verdict': Verdict.UNJUDGED.value, 'detail': text}
 
 
 def _unjudged(run: Run) -> Result:

@@ -2,16 +2,17 @@
 
 from dataclasses import dataclass
 
-from visual_servo_epipolar.core.servo.phases.table import ENDED, Phase
+from visual_servo_epipolar.core.servo.phases.table import DRIVING, ENDED, Phase
 from visual_servo_epipolar.faults.catalogue.fault import Fault, Scene
 from visual_servo_epipolar.faults.judging.motion import moving
+from visual_servo_epipolar.faults.judging.witness import BASE, SERVO
 from visual_servo_epipolar.faults.world import NODES
 
 LOOK_S = 0.1  # how often the phase is looked at
 REST_S = 8.0  # that a robot must stand until a run is over: longer than the servo holds
 TAIL_S = 2.0  # that it must stand where the servo has ended
 PATIENCE_S = 20.0  # for the phase that the fault waits for
-LONGEST_S = 180.0
+LONGEST_S = 180.0  # since the fault struck: past the longest phase
 STARTING = tuple(NODES)[::-1]
 
 
@@ -51,7 +52,8 @@ class Drive:
 
     def _look(self) -> None:
         now_s, record = self.scene.witness.now_s, self.scene.witness.record
-        if record.truths and moving(record.truths[-1].twist):
+        works = self.scene.world.works(BASE)
+        if works and record.truths and moving(record.truths[-1].twist):
             self._moved_s = now_s
         if self._reached_s is None and record.phase == self._moment.phase.value:
             self._reached_s = now_s
@@ -66,10 +68,15 @@ class Drive:
         self._fault.strike(self.scene)
         self._moved_s = self.scene.witness.now_s
 
+    @property
+    def _may_drive_on(self) -> bool:
+        """Whether a servo works that drives: it may stand for as long as a phase lasts."""
+        return self.scene.witness.record.phase in DRIVING and self.scene.world.works(SERVO)
+
     def _done(self) -> bool:
-        if self.time_s >= LONGEST_S:
+        if self.time_s >= (self.struck_s or 0.0) + LONGEST_S:
             return True
-        if self.struck_s is None:
+        if self.struck_s is None or self._may_drive_on:
             return False
         quiet_s = self.scene.witness.now_s - max(self._moved_s, self.scene.busy_s)
         ended = self.scene.witness.record.phase in ENDED

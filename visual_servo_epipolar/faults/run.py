@@ -84,4 +84,5 @@ def _bounds(world: World) -> Bounds:
         base_deceleration=base.deceleration,
         base_angular_acceleration=base.angular_acceleration,
         delay_s=world.delay_s,
+        position_m=Bounds.position_m * settings.depth,  # which looks like as much from there
     )

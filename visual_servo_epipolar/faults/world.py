@@ -53,6 +53,7 @@ class WorldSettings:
     tracker: TrackerSettings = field(default_factory=TrackerSettings)
     more: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     simulated_time: bool = False
+    depth: float = 1.0  # over that of the scene that is seen
 
 
 class World(AbstractContextManager['World']):
@@ -133,6 +134,10 @@ class World(AbstractContextManager['World']):
         if name in self.nodes:
             self.wire.resume(self.nodes[name])
 
+    def works(self, name: str) -> bool:
+        """Return whether a node lives and does not hang."""
+        return name in self.nodes and self.wire.works(self.nodes[name])
+
     def call(self, service: str) -> str:
         """Call a service (std_srvs/Trigger), as /servo_node/stop, and return its answer."""
         for node in self.nodes.values():
@@ -143,6 +148,19 @@ class World(AbstractContextManager['World']):
                     answer = self.wire.call(node, item.callback, *asked)
                     return '' if answer is None else str(answer.message)
         return ''
+
+    def change_state(self, name: str, label: str) -> str:
+        """Ask a managed node for a transition, as others do: by its service; return the answer."""
+        node = self.nodes.get(name)
+        service = f'/{name}/change_state'
+        for item in () if node is None else node.services:
+            if item.service_name == service:
+                kind: Any = item.srv_type
+                request = kind.Request()
+                request.transition.label = label
+                answer = self.wire.call(node, item.callback, request, kind.Response())
+                return 'done' if answer is not None and answer.success else 'refused'
+        return f'no {service}'
 
     def set(self, name: str, values: Mapping[str, Any]) -> str:
         """Set parameters of a node, all or none, and return why it refused, or ''."""

@@ -179,6 +179,11 @@ def repeats(message: Any) -> int:
     return _of_first_row(message, 'repeats') or 0
 
 
+def back(message: Any) -> int:
+    """Return how many images ago the very same one came last, 0 if it is new."""
+    return _of_first_row(message, 'back') or 0
+
+
 def _of_first_row(message: Any, name: str) -> int | None:
     field = next((field for field in message.fields if field.name == name), None)
     if field is None or NUMPY_TYPES.get(field.datatype) != 'u4':

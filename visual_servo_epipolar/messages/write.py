@@ -29,6 +29,7 @@ TRACK_LAYOUT = np.dtype(
         ('error', '<f8'),
         ('goal', '<u4'),
         ('repeats', '<u4'),
+        ('back', '<u4'),
     ]
 )
 FIRST_NS, LAST_NS = -(2**31) * NANOSECONDS, 2**31 * NANOSECONDS - 1
@@ -124,17 +125,25 @@ def _covariance(measured: FloatArray, axes: tuple[int, ...]) -> FloatArray:
 
 
 def features(
-    value: Features, stamp_ns: int, frame_id: str, goal: int = NO_GOAL, repeats: int = 0
+    value: Features,
+    stamp_ns: int,
+    frame_id: str,
+    goal: int = NO_GOAL,
+    *,
+    repeats: int = 0,
+    back: int = 0,
 ) -> PointCloud2:
     """
     Return tracks of the photograph ``goal`` as a sensor_msgs/PointCloud2, a row a feature.
 
-    ``repeats``: how many images in a row have been the very same.
+    ``repeats``: how many images in a row have been the very same; ``back``: how many images ago
+    it came last, 0 if it is new.
     """
     rows = np.empty(len(value), TRACK_LAYOUT)
     rows['id'], rows['age'], rows['error'] = value.ids, value.ages, value.errors
     rows['u'], rows['v'], rows['goal'], rows['repeats'] = *value.current.T, goal, repeats
     rows['desired_u'], rows['desired_v'] = value.desired.T
+    rows['back'] = back
     message = PointCloud2(header=header(stamp_ns, frame_id), height=1, width=len(value))
     message.fields = [
         PointField(name=name, offset=int(item[1]), datatype=POINT_TYPES[item[0].str], count=1)

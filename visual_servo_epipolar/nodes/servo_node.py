@@ -176,9 +176,10 @@ class ServoNode(ManagedNode):
             self._run.refuse(NO_CAMERA)
             return
         waits = self._state.phase is Phase.WAITING
-        contested = self._admission.contested() if waits else ''
-        if contested:
-            self._run.refuse(contested)
+        trouble = self._admission.contested() if waits else ''
+        trouble = trouble or self._camera.distrusted(read.stamp_ns(message.header), self._state)
+        if trouble:
+            self._run.refuse(trouble)
             return
         self._run.trouble = ''
         features = self._camera.checked(message, camera, self._state)
@@ -186,7 +187,8 @@ class ServoNode(ManagedNode):
             features = Features()
             self._warn(other_goal)
         observation = observe(features, camera, read.stamp_ns(message.header))
-        state = step(self._state, observation, self._settings)
+        age = self._commands.age
+        state = step(self._state, observation, self._settings, since_command=age)
         self._run.advance(state, observation.stamp_ns, message.header.frame_id)
         self._camera.check(observation, self._state, self._settings)
 

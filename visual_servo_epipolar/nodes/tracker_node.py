@@ -177,7 +177,12 @@ class TrackerNode(ManagedNode):
         stamp_ns, frame_id = read.stamp_ns(image.header), image.header.frame_id
         self._frame_id = frame_id
         tracks = write.features(
-            features, stamp_ns, frame_id, self._tracker.goal, self._repetition.count
+            features,
+            stamp_ns,
+            frame_id,
+            self._tracker.goal,
+            repeats=self._repetition.count,
+            back=self._repetition.back,
         )
         self._tracks_pub.publish(tracks)
         if self._settings.overlay:

@@ -4,6 +4,7 @@ from servo_rig import AWAY, PERIOD_NS, Rig, WORLD
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.messages import write
+from visual_servo_epipolar.nodes.servoing.still_view import DISTRUST_S
 
 STILL = 8  # images of one view: 0.73 s, stale_timeout is 0.5 s
 
@@ -46,3 +47,34 @@ def test_a_robot_that_stands_may_see_the_same_for_as_long_as_it_likes(bench) -> 
         hang(rig)
     rig.node._run.active = True
     rig.drive()
+
+
+def show(rig: Rig, back: int) -> None:
+    """Show an image that came last so many images ago, with a new stamp."""
+    features = WORLD.observe(AWAY, 0)
+    rig.tell(write.features(features, rig.stamp_ns, 'camera_optical_frame', back=back))
+    rig.stamp_ns += PERIOD_NS
+
+
+def test_an_image_of_another_time_stops_the_robot(bench) -> None:
+    rig = Rig(bench).drive()
+    show(rig, 7)
+    assert rig.phase == 'holding'
+    assert 'of another time of the run' in rig.node._state.reason
+    assert rig.twists()[-1] == STANDSTILL
+
+
+def test_new_images_are_driven_by_again_only_after_a_while(bench) -> None:
+    rig = Rig(bench).drive()
+    show(rig, 7)
+    count = len(rig.commands)
+    for _ in range(round(DISTRUST_S * 1e9 / PERIOD_NS) - 1):
+        rig.see()
+    assert all(twist == STANDSTILL for twist in rig.twists()[count:])
+    rig.drive()
+
+
+def test_the_last_image_once_more_is_none_of_another_time(bench) -> None:
+    rig = Rig(bench).drive()
+    show(rig, 1)
+    assert rig.phase != 'holding'

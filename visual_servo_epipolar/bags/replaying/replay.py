@@ -7,6 +7,7 @@ as recorded: the replay shows what the servo would have commanded.
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+import math
 from typing import TypeVar
 
 from visual_servo_epipolar.bags.reading.bag import Bag, RecordedMessage
@@ -34,7 +35,7 @@ from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import step
-from visual_servo_epipolar.core.servo.telemetry import telemetry
+from visual_servo_epipolar.core.servo.telemetry import SINCE_COMMAND, telemetry
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
@@ -117,7 +118,9 @@ def replay(bag: Bag, run: Recording, plan: Plan, *, watch: Watch | None = None) 
         if goal.is_other(tracked.goal, state):
             tracked = replace(tracked, features=Features(), warning=GOAL_CHANGED)
         observation = observe(tracked.features, camera, tracked.key[0])
-        state = step(state, observation, value_at(plan.servo, tracked.key[0]))
+        since_command = run.telemetry.get(tracked.key, {}).get(SINCE_COMMAND, math.nan)
+        settings = value_at(plan.servo, tracked.key[0])
+        state = step(state, observation, settings, since_command=since_command)
         outcome = Step(tracked.key, tracked.log_ns, state.phase, state.reason, telemetry(state))
         steps.append(outcome)
         refusal = refusal or (tracked.warning if not len(tracked.features) else '')

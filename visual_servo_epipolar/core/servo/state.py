@@ -31,8 +31,9 @@ class ServoState:
     smoothed, nan before the second; ``rotation_bias``, what the best rotation is off in heading
     [rad], nan while unknown.
 
-    Command: ``command``, the last one; ``dead_band_residual``, the part of it that the dead band
-    of the base withheld [m/s, rad/s].
+    Command: ``command``, the last one; ``since_command``, the time between the one before and it,
+    by the clock of who sends them [s], nan where nobody told; ``dead_band_residual``, the part of
+    it that the dead band of the base withheld [m/s, rad/s].
 
     Distance to the goal: ``distance``, d_hat of eq. (13) [m], nan before the first image; ``leg``,
     the path since step 1 began; ``range``, the distance measured over it [m], nan while unknown.
@@ -71,6 +72,7 @@ class ServoState:
     mount: FloatArray | None = None
     last_linear: float = 0.0
     slope: Slope = Slope()
+    since_command: float = math.nan
     dead_band_residual: Twist = STANDSTILL
     settled: int = 0
     settled_parallax: float = math.nan

@@ -9,6 +9,7 @@ what the base can follow.
 """
 
 from dataclasses import replace
+import math
 
 from visual_servo_epipolar.core.control.command import Command
 from visual_servo_epipolar.core.geometry.motion import (
@@ -39,16 +40,34 @@ from visual_servo_epipolar.core.servo.update import updated
 from visual_servo_epipolar.core.servo.values import changed
 
 MAX_START_STEPS = 1.5  # usual times between two images that a robot speeds up at first
+LATE_S = 0.02  # by which a command may go out late of its image, and the next in time
 ROUNDING = 1e-15  # of a command within its limits
 
 
-def step(state: ServoState, observation: Observation, settings: ServoSettings) -> ServoState:
-    """Return the state after an ``observation``; its ``command`` is for the base."""
+def step(
+    state: ServoState,
+    observation: Observation,
+    settings: ServoSettings,
+    *,
+    since_command: float = math.nan,
+) -> ServoState:
+    """
+    Return the state after an ``observation``; its ``command`` is for the base.
+
+    ``since_command`` is the time since the last command went out, by the clock of who sends it
+    [s]; nan where it goes by the stamps of the images.
+    """
     perception = perceive(observation, settings, state.frame, state.memory)
-    return advance(state, perception, settings)
+    return advance(state, perception, settings, since_command=since_command)
 
 
-def advance(state: ServoState, perception: Perception, settings: ServoSettings) -> ServoState:
+def advance(
+    state: ServoState,
+    perception: Perception,
+    settings: ServoSettings,
+    *,
+    since_command: float = math.nan,
+) -> ServoState:
     """Return the state after a ``perception``: the part of the step that needs no features."""
     last_twist, measurement, usual_s = state.twist, perception.measurement, usual_step(state)
     leapt = leap(state, measurement.stamp_ns, settings)
@@ -61,10 +80,15 @@ def advance(state: ServoState, perception: Perception, settings: ServoSettings) 
         state, event = _held(state, leapt)
     state = switched(state, state.measurement or measurement, event, settings)
     nominal = curvature_compensated(nominal_twist(state, settings), state, settings)
-    limited = _limited(nominal, last_twist, _ramp_step(last_twist, dt, usual_s), state, settings)
+    ramp_s = _ramp_step(last_twist, dt, usual_s, since_command)
+    limited = _limited(nominal, last_twist, ramp_s, state, settings)
     twist, residual = _beyond_dead_band(limited, state, settings)
     return changed(
-        state, command=Command(twist), dead_band_residual=residual, frame=state.frame + 1
+        state,
+        command=Command(twist),
+        since_command=since_command,
+        dead_band_residual=residual,
+        frame=state.frame + 1,
     )
 
 
@@ -75,9 +99,15 @@ def _time_step(state: ServoState, measurement: Measurement, leapt: str) -> float
     return interval(state.measurement.stamp_ns, measurement.stamp_ns)
 
 
-def _ramp_step(last: Twist, dt: float, usual_s: float) -> float:
-    """Return the time that ramps count since ``last`` [s]: pauses give no speed to start with."""
+def _ramp_step(last: Twist, dt: float, usual_s: float, since_command: float) -> float:
+    """
+    Return the time that ramps count since ``last`` [s]: pauses give no speed to start with.
+
+    Nor do stamps that are farther apart than the commands: the base feels these.
+    """
     dt = dt or USUAL_STEP_S
+    if not math.isnan(since_command):
+        dt = min(dt, since_command + LATE_S)
     return min(dt, MAX_START_STEPS * usual_s) if last == STANDSTILL else dt
 
 

@@ -10,6 +10,8 @@ from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.servo.state import ServoState
 
+SINCE_COMMAND = 'since_command_s'  # a replay ramps by it
+
 
 def telemetry(state: ServoState) -> dict[str, float]:
     """
@@ -43,6 +45,7 @@ def telemetry(state: ServoState) -> dict[str, float]:
         'principal_shift_px': measurement.focal * memory.lens.shift,
         'longitudinal_error_m': state.longitudinal_error,
         'curvature_rad_m': state.curvature.value,
+        SINCE_COMMAND: state.since_command,
     }
 
 

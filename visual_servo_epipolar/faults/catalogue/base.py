@@ -22,6 +22,7 @@ def _wheels(*grips: tuple[float, float]) -> Callable[[Scene], None]:
         base = scene.world.nodes['unicycle_node']
         grip = grips[int(scene.rng.integers(len(grips)))]
         scene.notes.append(f'left {grip[0]:g}, right {grip[1]:g} of the motion')
+        scene.witness.record.broken_s.append(scene.witness.now_s)
         if isinstance(base, BreakableUnicycleNode):
             base.break_wheels(*grip)
 

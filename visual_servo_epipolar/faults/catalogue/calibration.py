@@ -10,8 +10,13 @@ from sensor_msgs.msg import Image
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
-from visual_servo_epipolar.core.servo.phases.table import Phase
-from visual_servo_epipolar.faults.catalogue.fault import ALWAYS, EVERYWHERE, Fault, Scene
+from visual_servo_epipolar.faults.catalogue.fault import (
+    ALWAYS,
+    AT_FIRST,
+    EVERYWHERE,
+    Fault,
+    Scene,
+)
 from visual_servo_epipolar.faults.wire.parcel import Parcel
 from visual_servo_epipolar.faults.wire.wire import HOP_NS
 from visual_servo_epipolar.faults.world import WorldSettings
@@ -20,7 +25,6 @@ from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
 INFO, DESIRED = '/camera_info', '/desired/image_raw'
-AT_FIRST = (Phase.WAITING,)
 FOCAL_RATIOS = (0.8, 0.85, 1.2, 1.25)
 
 
@@ -93,13 +97,13 @@ def _photograph(pixels: Callable[[Scene], Pixels]) -> Callable[[Scene], None]:
 
 
 def _other_room(scene: Scene) -> Pixels:
-    return _taken(replace(scene.world.settings.camera, scene_seed=77), DESIRED_POSE)
+    return taken(replace(scene.world.settings.camera, scene_seed=77), DESIRED_POSE)
 
 
 def _other_pose(scene: Scene) -> Pixels:
     goal, turn = DESIRED_POSE, scene.draw(-0.05, 0.05)
     pose = Pose(goal.x + scene.draw(-0.2, 0.2), goal.y - scene.draw(0.1, 0.3), goal.theta + turn)
-    return _taken(scene.world.settings.camera, pose)
+    return taken(scene.world.settings.camera, pose)
 
 
 def _black(scene: Scene) -> Pixels:
@@ -107,7 +111,8 @@ def _black(scene: Scene) -> Pixels:
     return np.zeros((camera.height, camera.width), np.uint8)
 
 
-def _taken(camera: CameraSettings, pose: Pose) -> Pixels:
+def taken(camera: CameraSettings, pose: Pose) -> Pixels:
+    """Return an image as the camera takes it."""
     return CameraSimulator(camera).capture(pose, 0)
 
 

@@ -14,6 +14,7 @@ from visual_servo_epipolar.faults.world import World, WorldSettings
 
 # Phases that nearly every run goes through, where the robot moves.
 EVERYWHERE = (Phase.DISPLACING, Phase.ZEROING_EPIPOLES, Phase.MATCHING_FEATURES)
+AT_FIRST = (Phase.WAITING,)
 ALWAYS = (Phase.WAITING, *EVERYWHERE, Phase.ARRIVED)
 
 

@@ -56,10 +56,7 @@ def _transitions(name: str) -> Callable[[Scene], None]:
     """Take a managed node through transitions, in any order."""
 
     def turn(scene: Scene, label: str) -> None:
-        node = scene.world.nodes.get(name)
-        if node is not None:
-            result = scene.world.wire.call(node, getattr(node, f'trigger_{label}'))
-            scene.notes.append(f'{label}: {result}')
+        scene.notes.append(f'{label}: {scene.world.change_state(name, label)}')
 
     def strike(scene: Scene) -> None:
         for _ in range(TRANSITIONS_IN_A_RUN):

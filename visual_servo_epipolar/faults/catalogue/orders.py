@@ -7,10 +7,14 @@ import math
 from types import MappingProxyType
 from typing import Any
 
+from std_msgs.msg import Bool
+
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import range_of, Settings
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.faults.catalogue.fault import ALWAYS, EVERYWHERE, Fault, Scene
+from visual_servo_epipolar.faults.wire.parcel import Parcel
+from visual_servo_epipolar.faults.wire.wire import HOP_NS
 
 SERVICES = (
     '/servo_node/start',
@@ -22,6 +26,7 @@ SERVICES = (
 # A person who changes these says what counts as arrived, or as seen.
 MEANT = ('arrival_', 'near_parallax', 'max_attempts', 'stale_timeout', 'law', 'final_turn')
 ORDERS_IN_A_STORM = 30
+BUTTON = '/stop_button'
 
 
 def called(service: str) -> Callable[[Scene], None]:
@@ -57,6 +62,17 @@ def _storm(scene: Scene) -> None:
         service = SERVICES[int(scene.rng.integers(len(SERVICES)))]
         scene.later(0.1 * number, partial(call, scene, service))
     scene.later(0.1 * ORDERS_IN_A_STORM, lambda: call(scene, '/servo_node/stop'))
+
+
+def _pressed(scene: Scene) -> None:
+    """Press the stop button for a while; released, it leaves the robot standing."""
+    _button(scene, pressed=True)
+    scene.witness.record.stopped_s = scene.witness.now_s
+    scene.later(scene.draw(0.05, 5.0), partial(_button, scene, pressed=False))
+
+
+def _button(scene: Scene, *, pressed: bool) -> None:
+    scene.world.wire.post(Parcel(BUTTON, Bool(data=pressed), HOP_NS))
 
 
 def _carried(scene: Scene) -> None:
@@ -122,6 +138,9 @@ FAULTS: Mapping[str, Fault] = MappingProxyType(
             what='~/stop, and ~/start a little later', strike=_stop_then_start, phases=ALWAYS
         ),
         'order_storm': Fault(what='30 services in 3 s, then ~/stop', strike=_storm, phases=ALWAYS),
+        'order_button': Fault(
+            what='the stop button is pressed, and released', strike=_pressed, phases=ALWAYS
+        ),
         'carried': Fault(what='somebody carries the robot', strike=_carried, phases=ALWAYS),
         'limits_lowered': Fault(what='max_linear, max_angular lowered', strike=_limits),
         'parameters_servo': Fault(

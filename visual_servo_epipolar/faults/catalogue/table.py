@@ -10,12 +10,13 @@ from visual_servo_epipolar.faults.catalogue import (
     images,
     nodes,
     orders,
+    scenes,
     streams,
     tracks,
 )
 from visual_servo_epipolar.faults.catalogue.fault import Fault
 
-GROUPS = (streams, images, tracks, calibration, clocks, orders, base, nodes)
+GROUPS = (streams, images, scenes, tracks, calibration, clocks, orders, base, nodes)
 FAULTS: Mapping[str, Fault] = MappingProxyType(
     {'none': Fault(what='nothing is wrong')}
     | {name: fault for group in GROUPS for name, fault in group.FAULTS.items()}

@@ -140,7 +140,8 @@ def _taken_s(record: Record, time_s: float) -> float:
 def _base(record: Record, bounds: Bounds) -> str:
     """Return where the base exceeds its own limits."""
     for before, after in pairwise(record.truths):
-        if any(before.time_s <= moved <= after.time_s for moved in record.moved_s):
+        leaps = (*record.moved_s, *record.broken_s)  # by no motor
+        if any(before.time_s <= leap <= after.time_s for leap in leaps):
             continue
         dt = after.time_s - before.time_s
         linear = abs(after.twist.linear - before.twist.linear)
@@ -175,11 +176,19 @@ def _missed(record: Record, bounds: Bounds) -> str:
     return f'{1e3 * off:.0f} mm, {math.degrees(turn):.1f} deg from the goal'
 
 
+def _last(record: Record) -> Truth:
+    """Return the end of a run; who is carried away after the arrival had arrived all the same."""
+    if record.phase != Phase.ARRIVED.value:
+        return record.truths[-1]
+    away_s = min((it for it in record.moved_s if it > record.arrived_s), default=math.inf)
+    there = [truth for truth in record.truths if truth.time_s < away_s]
+    return there[-1] if there else record.truths[-1]
+
+
 def _off(record: Record, goal: Pose) -> tuple[float, float]:
     """Return how far [m] and how turned [rad] from ``goal`` the robot is at the end."""
-    last: Truth | None = record.truths[-1] if record.truths else None
-    if last is None:
+    if not record.truths:
         return math.nan, math.nan
-    pose = last.pose
+    pose = _last(record).pose
     off = math.hypot(pose.x - goal.x, pose.y - goal.y)
     return off, abs(wrap_angle(pose.theta - goal.theta))

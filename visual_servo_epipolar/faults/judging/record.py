@@ -46,6 +46,7 @@ class Record:
     Record of one run; times are of the steady clock [s].
 
     ``goals`` are the poses that somebody asked for, ``moved_s`` when the robot was carried,
+    ``broken_s`` when its wheels broke, ``arrived_s`` when it last said that it had arrived,
     ``stopped_s`` when it was told to stand for good, and ``why`` the words of those who said why
     it stands. ``wrong_geometry_s`` is as ``run_monitor.wrong_geometry_s`` [s].
     """
@@ -55,6 +56,8 @@ class Record:
     seen: list[Seen] = field(default_factory=list)
     goals: list[Pose] = field(default_factory=lambda: [DESIRED_POSE])
     moved_s: list[float] = field(default_factory=list)
+    broken_s: list[float] = field(default_factory=list)
+    arrived_s: float = math.inf
     stopped_s: float = math.inf
     phase: str = 'waiting'
     reason: str = ''
@@ -93,6 +96,7 @@ class Verdict(str, Enum):
 
     ARRIVED = 'arrived'
     AT_REST = 'at rest'
+    UNJUDGED = 'not judged'  # what failed is the campaign itself
     TRACEBACK = 'traceback'
     BLIND = 'moved without sight'
     DISOBEYED = 'moved after stop'

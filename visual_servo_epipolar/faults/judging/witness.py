@@ -18,7 +18,7 @@ from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.mounts.true_geometry import true_geometry
 from visual_servo_epipolar.simulation.run_monitor import LEAST_BASELINE_M, WRONG_BEARING
 
-SERVO = 'servo_node'
+SERVO, BASE = 'servo_node', 'unicycle_node'
 LONGEST_STEP_S = 0.5  # between two measurements that count as one drive
 LIMITS = (
     'max_linear',
@@ -52,7 +52,8 @@ class Witness:
             ('/epipoles', self._on_epipoles),
         ):
             self._wire.taps[topic].append(tap)
-        self._wire.ears['/image_raw'].append(self._on_arrival)
+        for topic in ('/image_raw', '/image_raw/compressed'):
+            self._wire.ears[topic].append(self._on_arrival)
         self._wire.ears['/tracks'].append(self._on_sight)
 
     @property
@@ -79,6 +80,8 @@ class Witness:
         """Return the record, with what was said about why the robot stands."""
         record = self.record
         record.crashes = list(self._wire.crashes)
+        if record.truths and not self._world.works(BASE):  # without its process it stands
+            record.truths.append(Truth(self.now_s, self.pose, STANDSTILL))
         record.why += [
             text
             for time_ns, _, severity, text in self._wire.logs
@@ -126,8 +129,11 @@ class Witness:
         self.record.orders.append(Order(self.now_s, twist, _limits(servo)))
 
     def _on_phase(self, parcel: Parcel) -> None:
-        if parcel.sender in (SERVO, ''):
-            self.record.phase = str(parcel.message.data)
+        if parcel.sender not in (SERVO, ''):
+            return
+        before, self.record.phase = self.record.phase, str(parcel.message.data)
+        if self.record.phase == Phase.ARRIVED.value != before:
+            self.record.arrived_s = self.now_s
 
     def _on_diagnostics(self, parcel: Parcel) -> None:
         said = read.diagnosis(parcel.message)

@@ -28,6 +28,8 @@ from visual_servo_epipolar.nodes import qos
 DEEP = QoSProfile(depth=500)
 SPEAKS = re.compile(r'\[(?:WARN|ERROR|FATAL)\].*?\]: (.*)')
 SETTINGS = ServoSettings()
+# Nobody is left to say why the robot stands; of any other node the servo does.
+ALONE = ('servo_node', 'unicycle_node')
 # Ramps are judged in simulated time alone: here messages come when the machine has time.
 LIMITS = Limits(SETTINGS.max_linear, SETTINGS.max_angular, math.inf, math.inf)
 
@@ -75,7 +77,7 @@ class RunListener(Listener):
         record = self.record
         if self._deaf == 'unicycle_node':  # a base whose process is gone or hangs stands
             record.truths.append(record.truths[-1]._replace(time_s=time.time(), twist=STANDSTILL))
-        if self._deaf:
+        if self._deaf in ALONE:
             record.why.append(f'{self._deaf} is gone, or hangs')
         for path, begin in self._logs.items():
             text = path.read_bytes()[begin:].decode(errors='replace')

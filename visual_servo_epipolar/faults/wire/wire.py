@@ -80,6 +80,10 @@ class Wire:
             for parcel in parcels:
                 self._deliver(node, subscription, parcel)
 
+    def works(self, node: Node) -> bool:
+        """Return whether a node is connected and does not hang."""
+        return node in self.nodes and node not in self._hung
+
     def at(self, moment_ns: int, act: Callable[[], object]) -> None:
         """Let ``act`` happen at ``moment_ns``, after what was set for then before."""
         heapq.heappush(self._events, (moment_ns, next(self._numbers), act))

@@ -13,10 +13,14 @@ from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.interruptions import camera_changed, camera_of_run
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import read, validation
+from visual_servo_epipolar.nodes.servoing.commands import RUNNING
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 from visual_servo_epipolar.nodes.transforms.static_mount import StaticMount
+
+DISTRUST_S = 2.0  # after a word of another camera: where two speak in turns, nobody drives
 
 
 class ServoCamera:
@@ -36,6 +40,7 @@ class ServoCamera:
             self.static_mount = StaticMount(node, settings.base_frame, warn)
         self._rectified, self._warn = settings.rectified, warn
         self._begun_with: CalibratedCamera | None = None
+        self._other: tuple[CalibratedCamera, int] | None = None  # heard in a run, and its stamp
         self._lens_check = LensCheck()
 
     def hear(self, message: CameraInfo, state: ServoState, settings: ServoSettings) -> str:
@@ -50,7 +55,18 @@ class ServoCamera:
             self._lens_check = LensCheck()
         self.model = camera
         self._doubt(camera, settings)
-        return camera_changed(camera) if self.is_other(camera, state) else ''
+        if not self.is_other(camera, state):
+            return ''
+        self._other = camera, read.stamp_ns(message.header)
+        return camera_changed(camera)
+
+    def distrusted(self, stamp_ns: int, state: ServoState) -> str:
+        """Return that another camera spoke up shortly before an image, in mid-run; or ''."""
+        if self._other is None or state.phase not in RUNNING:
+            return ''
+        camera, heard_ns = self._other
+        recent = abs(seconds_between(heard_ns, stamp_ns)) <= DISTRUST_S
+        return camera_changed(camera) if recent and self.model == self._begun_with else ''
 
     def is_other(self, camera: CalibratedCamera, state: ServoState) -> bool:
         """Return whether a run goes on that began with another; before, begin with this one."""

@@ -1,5 +1,7 @@
 """Commands of the servo: twists on cmd_vel while a run goes on, then silence."""
 
+import math
+
 from geometry_msgs.msg import Twist as TwistMessage
 from geometry_msgs.msg import TwistStamped
 from rclpy.clock import Clock, ClockType
@@ -30,6 +32,7 @@ class Commands:
         self._stamped, self._frame = settings.enable_stamped_cmd_vel, settings.base_frame
         self._always, self._steady = not settings.watchdog, Clock(clock_type=ClockType.STEADY_TIME)
         self._ended_ns: int | None = None  # when the run ended
+        self._sent_ns: int | None = None  # when the last command went out
         kind = TwistStamped if self._stamped else TwistMessage
         self._command_pub = node.create_publisher(kind, 'cmd_vel', qos.COMMAND)
 
@@ -46,8 +49,16 @@ class Commands:
         if self._always or settles or state.phase in RUNNING:
             self.send(state.command, stamp_ns)
 
+    @property
+    def age(self) -> float:
+        """Time since the last command went out [s]; nan where none did, or time waits for it."""
+        if self._always or self._sent_ns is None:
+            return math.nan
+        return seconds_between(self._sent_ns, self._steady.now().nanoseconds)
+
     def send(self, command: Command, stamp_ns: int) -> None:
         """Publish ``command``: its twist on cmd_vel."""
+        self._sent_ns = self._steady.now().nanoseconds
         if self._stamped:
             self._command_pub.publish(write.twist_stamped(command.twist, stamp_ns, self._frame))
         else:

@@ -1,9 +1,12 @@
-"""A view that repeats itself while the robot is told to drive: a camera that hangs."""
+"""Views that prove no time passing: of a camera that hangs, or of another time of the run."""
 
 from sensor_msgs.msg import PointCloud2
 
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.messages import read
+
+DISTRUST_S = 2.0  # after an image of another time: where one comes, others do that are not known
+LAST = 1  # how many images ago the last one came
 
 
 class StillView:
@@ -11,11 +14,14 @@ class StillView:
     For how long images have been the very same while the robot was told to drive.
 
     A driver that stamps its last image anew for ever looks alive by its stamps. A robot that
-    stands proves nothing: without noise, its view does not change.
+    stands proves nothing: without noise, its view does not change. An image that came before the
+    last one, and comes again with a new stamp, is of another time: no robot drives back to it to
+    the last bit.
     """
 
     def __init__(self) -> None:
         self._stamp_ns, self._still_s = 0, 0.0
+        self._old_ns: int | None = None  # stamp of the last image of another time
 
     def look(self, message: PointCloud2, *, told_to_drive: bool) -> None:
         """Take the next tracks, and whether the robot has been told to drive since the last."""
@@ -24,12 +30,25 @@ class StillView:
             self._still_s = 0.0
         elif told_to_drive:
             self._still_s += seconds_between(before_ns, self._stamp_ns)
+        if read.back(message) > LAST:
+            self._old_ns = self._stamp_ns
 
     def trouble(self, timeout: float) -> str:
-        """Return that the view has stood still for longer than ``timeout`` [s]; or ''."""
-        if self._still_s <= timeout:
+        """
+        Return why the view proves nothing, or ''.
+
+        It has stood still for longer than ``timeout`` [s], or was of another time a while ago.
+        """
+        if self._still_s > timeout:
+            return (
+                f'the images have shown the very same for {self._still_s:.1f} s of driving: the '
+                'camera hangs, or the wheels do not turn; restart its driver'
+            )
+        if self._old_ns is None:
             return ''
-        return (
-            f'the images have shown the very same for {self._still_s:.1f} s of driving: the '
-            'camera hangs, or the wheels do not turn; restart its driver'
-        )
+        if abs(seconds_between(self._old_ns, self._stamp_ns)) <= DISTRUST_S:
+            return (
+                'images of another time of the run come with new stamps: a buffer is played '
+                'again, or a driver mixes its images up; restart it'
+            )
+        return ''

@@ -1,0 +1,71 @@
+"""Ramps go by the time between commands as well, where their sender tells it."""
+
+from dataclasses import replace
+import math
+
+import pytest
+
+from visual_servo_epipolar.core.control.command import Command
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.perception.memory import fresh_memory
+from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.step import advance, LATE_S
+from visual_servo_epipolar.core.servo.telemetry import telemetry
+
+SETTINGS = ServoSettings()
+DRIVEN = Command(Twist(0.02, 0.0))
+SEEN = Measurement(
+    stamp_ns=0,
+    features=40,
+    focal=769.0,
+    noise_px=0.3,
+    bearings=Bearings(math.atan2(-1.0, 0.0), math.atan2(0.0, -1.0)),
+    confidence=0.9,
+    inliers=38,
+    parallax=0.05,
+    heading_error=0.0,
+    difference=-0.1,
+    feature_error=0.05,
+)
+
+
+def speed(seconds: float, since_command: float, command: Command = DRIVEN) -> float:
+    """Return the speed commanded by an image so many ``seconds`` after the last, in step 2."""
+    state = ServoState(
+        phase=Phase.MATCHING_FEATURES,
+        measurement=SEEN,
+        distance=8.0,
+        range=3.0,
+        period=0.1,
+        command=command,
+    )
+    sight = Perception(replace(SEEN, stamp_ns=round(seconds * 1e9)), fresh_memory(SETTINGS))
+    return advance(state, sight, SETTINGS, since_command=since_command).twist.linear
+
+
+@pytest.mark.parametrize('since_command', [0.0, 0.05, 0.3])
+def test_stamps_that_are_farther_apart_than_commands_give_no_speed(since_command: float) -> None:
+    rise = SETTINGS.max_acceleration * (since_command + LATE_S)
+    assert speed(0.4, since_command) == pytest.approx(0.02 + rise)
+
+
+def test_a_start_counts_the_time_since_the_last_command_too() -> None:
+    started = speed(0.4, 0.01, Command(STANDSTILL))
+    assert started == pytest.approx(SETTINGS.max_acceleration * (0.01 + LATE_S))
+
+
+@pytest.mark.parametrize('since_command', [math.nan, math.inf, 0.1, 0.1 - LATE_S, 7.0])
+def test_commands_in_time_go_by_stamps(since_command: float) -> None:
+    assert speed(0.1, since_command) == 0.02 + SETTINGS.max_acceleration * 0.1
+
+
+def test_the_time_is_told_for_replays() -> None:
+    state = ServoState(phase=Phase.MATCHING_FEATURES, measurement=SEEN, distance=8.0)
+    sight = Perception(replace(SEEN, stamp_ns=10**8), fresh_memory(SETTINGS))
+    told = telemetry(advance(state, sight, SETTINGS, since_command=0.07))
+    assert told['since_command_s'] == 0.07
