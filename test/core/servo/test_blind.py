@@ -121,6 +121,7 @@ def test_a_run_that_has_ended_has_no_events(phase: Phase) -> None:
 def test_step_2_does_not_begin_without_the_difference_that_it_goes_by(phase, bearings) -> None:
     settled = in_phase(phase, settled=SETTINGS.align_frames, latched=True)
     near = sight(bearings=bearings, heading_error=0.0, parallax=0.0)
-    assert then(settled, near).phase is Phase.MATCHING_FEATURES
+    begun = then(settled, near)
+    assert (begun.phase, begun.settled) == (Phase.MATCHING_FEATURES, 0)  # it settles anew
     blind = then(settled, replace(near, difference=math.nan))
     assert (blind.phase, blind.twist) == (Phase.HOLDING, STANDSTILL)

@@ -38,3 +38,9 @@ def test_what_does_not_run_cannot_time_out(phase: Phase) -> None:
     before = in_phase(phase)
     state = interrupted(before, Interruption.TIMED_OUT, 'for 5 s')
     assert (state.phase, state.reason) == (before.phase, before.reason)
+
+
+def test_who_holds_says_the_newest_reason_and_who_has_ended_his_own() -> None:
+    for phase, reason in ((Phase.HOLDING, 'a new one'), (Phase.FAILED, 'his own')):
+        state = interrupted(in_phase(phase, reason='his own'), Interruption.LOST, 'a new one')
+        assert (state.phase, state.reason) == (phase, reason)

@@ -6,6 +6,7 @@ import pytest
 from servo_states import BEARINGS, in_phase, ranged, SETTINGS, sight
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.servo.phases.commands import nominal_twist
 from visual_servo_epipolar.core.servo.phases.conditions import (
     align_bound,
     astray,
@@ -108,3 +109,10 @@ def test_who_backs_off_without_bearings_near_the_goal_goes_on_backing_off() -> N
 def test_a_turn_is_over_when_it_has_settled_for_as_long_as_told(short: int) -> None:
     state = in_phase(Phase.ORIENTING, settled=SETTINGS.align_frames - short)
     assert (classify(state, SETTINGS) is Event.NOTHING) == bool(short)
+
+
+@pytest.mark.parametrize('sign', [-1.0, 1.0])
+def test_step_2_follows_its_line_at_no_more_than_the_largest_speed(sign: float) -> None:
+    far = sight(difference=-50.0 * sign)
+    twist = nominal_twist(in_phase(Phase.MATCHING_FEATURES, measurement=far), SETTINGS)
+    assert twist.linear == sign * SETTINGS.max_linear

@@ -137,3 +137,9 @@ def test_who_drove_too_far_backward_has_failed_also_by_an_image_that_leaps(leap:
     state = then(far, at(1000.1 + leap))
     assert (state.phase, state.twist) == (Phase.FAILED, STANDSTILL)
     assert 'max_retreat' in state.reason
+
+
+@pytest.mark.parametrize('phase', [phase for phase in Phase if phase not in DRIVING])
+def test_who_stands_takes_no_step_by_a_stamp_that_does_not_advance(phase: Phase) -> None:
+    state = then(driving(phase), at(1000.0))
+    assert (state.phase, state.twist) == (phase, STANDSTILL)
