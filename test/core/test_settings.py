@@ -167,10 +167,12 @@ def test_an_empty_mapping_gives_the_defaults() -> None:
             {'min_displacement': 0.4, 'max_displacement': 0.3},
             'min_displacement must not exceed max_displacement, got 0.4 and 0.3 rad',
         ),
+        ({'dead_band_linear': 0.5, 'max_linear': 0.4}, 'dead bands must not exceed max_linear'),
+        ({'dead_band_angular': 0.5, 'max_angular': 0.4}, 'got 0 m/s and 0.5 rad/s'),
     ],
 )
 def test_servo_settings_that_contradict_each_other_are_refused(
-    changes: dict[str, float], message: str
+    changes: dict[str, Any], message: str
 ) -> None:
     with pytest.raises(ValueError, match=message):
         ServoSettings(**changes)

@@ -10,6 +10,7 @@ from visual_servo_epipolar.messages.encodings import ENCODINGS, GrayReader, LARG
 
 BLUE, GREEN, RED = 30, 90, 200
 GRAY = round(0.114 * BLUE + 0.587 * GREEN + 0.299 * RED)
+MOSAIC_GRAY = (BLUE + 2 * GREEN + RED + 2) // 4
 SHADE = {'b': BLUE, 'g': GREEN, 'r': RED, 'a': 255}
 
 
@@ -44,7 +45,21 @@ def test_a_mosaic_has_the_grey_of_its_colour(pattern, bits) -> None:
     if bits == 16:
         mosaic = (mosaic.astype('<u2') << 8).view(np.uint8)
     gray = read.gray(message(mosaic, f'bayer_{pattern}{bits}'))
-    np.testing.assert_array_equal(gray, np.full((6, 8), GRAY))
+    np.testing.assert_array_equal(gray, np.full((6, 8), MOSAIC_GRAY))
+
+
+@pytest.mark.parametrize('pattern', ['rggb', 'bggr', 'gbrg', 'grbg'])
+def test_a_mosaic_moves_no_edge_and_has_no_pattern_in_grey(pattern) -> None:
+    """Of a grey scene each site is filtered alike, so that a shifted scene is a shifted image."""
+    scene = np.random.default_rng(0).integers(0, 256, (32, 40, 1), dtype=np.uint8)
+    gray = read.gray(message(scene, f'bayer_{pattern}8')).astype(int)
+    shifted = read.gray(message(scene[1:, 1:], f'bayer_{pattern}8')).astype(int)
+    np.testing.assert_array_equal(gray[2:-1, 2:-1], shifted[1:-1, 1:-1])
+    dot = np.zeros((9, 9, 1), np.uint8)
+    dot[4, 4] = 160
+    spread = read.gray(message(dot, f'bayer_{pattern}8')).astype(int)
+    np.testing.assert_array_equal(spread, spread[::-1, ::-1])
+    assert spread[4, 4] == spread.max()
 
 
 @pytest.mark.parametrize('big', [False, True])
@@ -154,7 +169,7 @@ def test_a_mosaic_in_a_jpeg_is_interpolated() -> None:
         mosaic[number // 2 :: 2, number % 2 :: 2] = SHADE[name]
     raw = compressed('.jpg', mosaic)
     raw.format = 'bayer_grbg8; jpeg compressed '
-    assert np.abs(read.gray(raw)[4:-4, 4:-4].astype(int) - GRAY).max() <= 4
+    assert np.abs(read.gray(raw)[4:-4, 4:-4].astype(int) - MOSAIC_GRAY).max() <= 4
     raw.format = 'bayer_grbg8; jpeg compressed bgr8'  # it was made of colours
     assert np.ptp(read.gray(raw)[4:-4, 4:-4].astype(int)) > 100
 

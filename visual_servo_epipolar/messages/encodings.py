@@ -2,7 +2,9 @@
 Image encodings: grey levels from sensor_msgs/Image, and from JPEG and PNG.
 
 Of 16 bits those that the sensor uses count: their upper eight are the grey levels. The mosaic of a
-colour sensor is interpolated.
+colour sensor is smoothed by (1 2 1) / 4 along rows and columns, which gives (R + 2 G + B) / 4 by
+the same filter at every pixel. Interpolation smooths red, green and blue pixels in three ways: a
+corner that moves by one pixel looks another, and is tracked half as well.
 """
 
 from collections.abc import Mapping
@@ -34,14 +36,10 @@ class Encoding:
     to_gray: int | None = None
     depth: int = 1
     luminance: int | None = None  # the byte that holds it, of two a pixel
+    mosaic: bool = False
 
 
-_MOSAICS = {  # OpenCV calls a mosaic by its second row and column
-    'rggb': cv2.COLOR_BayerBG2GRAY,
-    'bggr': cv2.COLOR_BayerRG2GRAY,
-    'gbrg': cv2.COLOR_BayerGR2GRAY,
-    'grbg': cv2.COLOR_BayerGB2GRAY,
-}
+_MOSAICS = ('rggb', 'bggr', 'gbrg', 'grbg')
 ENCODINGS: Mapping[str, Encoding] = MappingProxyType(
     {
         'mono8': Encoding(1),
@@ -56,8 +54,8 @@ ENCODINGS: Mapping[str, Encoding] = MappingProxyType(
         '16UC1': Encoding(1, depth=2),
         'bgr16': Encoding(3, cv2.COLOR_BGR2GRAY, depth=2),
         'rgb16': Encoding(3, cv2.COLOR_RGB2GRAY, depth=2),
-        **{f'bayer_{name}8': Encoding(1, code) for name, code in _MOSAICS.items()},
-        **{f'bayer_{name}16': Encoding(1, code, depth=2) for name, code in _MOSAICS.items()},
+        **{f'bayer_{name}8': Encoding(1, mosaic=True) for name in _MOSAICS},
+        **{f'bayer_{name}16': Encoding(1, depth=2, mosaic=True) for name in _MOSAICS},
         **{name: Encoding(2, luminance=1) for name in ('yuv422', 'uyvy')},
         **{name: Encoding(2, luminance=0) for name in ('yuv422_yuy2', 'yuyv')},
     }
@@ -111,6 +109,8 @@ class GrayReader:
 def _gray(pixels: Image, encoding: Encoding) -> Image:
     """Return ``pixels``, shape (H, W) or (H, W, channels), as grey levels."""
     pixels = np.ascontiguousarray(pixels)
+    if encoding.mosaic:  # reflected at its edges, where colours go on as they alternate
+        return np.asarray(cv2.GaussianBlur(pixels, (3, 3), 0), dtype=np.uint8)
     if encoding.to_gray is None:
         return pixels
     try:

@@ -7,7 +7,8 @@ from rclpy.node import Node
 
 from visual_servo_epipolar.core.stamps import seconds_between
 
-NUMBER = re.compile(r'[-+]?\d[\d.]*')
+NUMBER = re.compile(r'[-+]?(?:\d[\d.]*(?:e[-+]?\d+)?|\b(?:nan|inf)\b)')
+MOST = 100  # kinds of complaints that are remembered: texts of others may be in them
 
 
 class Complaints:
@@ -28,5 +29,8 @@ class Complaints:
         kind, now_ns = NUMBER.sub('#', text), int(self._steady.now().nanoseconds)
         said_ns = self._said_ns.get(kind)
         if said_ns is None or seconds_between(said_ns, now_ns) >= self._period_s:
+            self._said_ns.pop(kind, None)
+            if len(self._said_ns) >= MOST:
+                del self._said_ns[next(iter(self._said_ns))]
             self._said_ns[kind] = now_ns
             self._node.get_logger().warning(text)

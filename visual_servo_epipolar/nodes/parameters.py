@@ -17,6 +17,7 @@ from rclpy.parameter import Parameter
 
 from visual_servo_epipolar.core.settings import alike, range_of, Settings
 from visual_servo_epipolar.nodes.startup import command_line, parameter_files, table
+from visual_servo_epipolar.nodes.startup.guards import guard
 from visual_servo_epipolar.nodes.startup.parameter_files import Section
 from visual_servo_epipolar.nodes.startup.parameter_types import explain_refusals, wrong_type
 
@@ -32,6 +33,7 @@ def declare(node: Node, kind: type[SettingsT]) -> SettingsT:
     """
     _refuse_renamed(node, kind)
     explain_refusals(node)
+    guard(node)
     values: dict[str, Any] = {}
     for item in fields(kind):
         default = list(item.default) if isinstance(item.default, tuple) else item.default

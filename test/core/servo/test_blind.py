@@ -9,11 +9,13 @@ import pytest
 from servo_states import BEARINGS, in_phase, SETTINGS, sight, then
 
 from visual_servo_epipolar.core.control.command import Command
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.interruptions import interrupted, Interruption
 from visual_servo_epipolar.core.servo.phases.commands import nominal_twist
-from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
+from visual_servo_epipolar.core.servo.phases.events import classify
+from visual_servo_epipolar.core.servo.phases.table import DRIVING, ENDED, Event, Phase
 from visual_servo_epipolar.core.servo.state import ServoState
 
 FAST = Command(Twist(SETTINGS.max_linear, SETTINGS.max_angular))
@@ -97,3 +99,29 @@ def test_only_trusted_sight_moves_a_robot_that_holds() -> None:
 @pytest.mark.parametrize('phase', Phase)
 def test_before_the_first_image_no_phase_moves_the_robot(phase: Phase) -> None:
     assert nominal_twist(ServoState(phase=phase), SETTINGS) == STANDSTILL
+
+
+@pytest.mark.parametrize('phase', [Phase.DISPLACING, Phase.ZEROING_EPIPOLES])
+def test_without_bearings_there_is_nothing_to_steer_the_epipoles_by(phase: Phase) -> None:
+    state = in_phase(phase, measurement=sight(bearings=None), latched=True)
+    assert nominal_twist(state, SETTINGS) == STANDSTILL
+
+
+@pytest.mark.parametrize('phase', ENDED)
+def test_a_run_that_has_ended_has_no_events(phase: Phase) -> None:
+    state = in_phase(phase, reversed=99.0, measurement=sight(features=0))
+    assert classify(state, SETTINGS) is Event.NOTHING
+    assert classify(in_phase(phase, reversed=99.0), SETTINGS) is Event.NOTHING
+
+
+@pytest.mark.parametrize(
+    ('phase', 'bearings'),
+    [(Phase.ORIENTING, None), (Phase.ZEROING_EPIPOLES, Bearings(-math.pi / 2.0, math.pi))],
+)
+def test_step_2_does_not_begin_without_the_difference_that_it_goes_by(phase, bearings) -> None:
+    settled = in_phase(phase, settled=SETTINGS.align_frames, latched=True)
+    near = sight(bearings=bearings, heading_error=0.0, parallax=0.0)
+    begun = then(settled, near)
+    assert (begun.phase, begun.settled) == (Phase.MATCHING_FEATURES, 0)  # it settles anew
+    blind = then(settled, replace(near, difference=math.nan))
+    assert (blind.phase, blind.twist) == (Phase.HOLDING, STANDSTILL)

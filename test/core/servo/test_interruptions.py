@@ -4,11 +4,18 @@ import pytest
 from servo_states import in_phase, sight
 
 from visual_servo_epipolar.core.control.command import Command
+from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
-from visual_servo_epipolar.core.servo.interruptions import interrupted, Interruption
+from visual_servo_epipolar.core.servo.interruptions import (
+    camera_of_run,
+    interrupted,
+    Interruption,
+    RunGoal,
+)
 from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
 
 MOVE = Command(Twist(0.2, 0.1))
+RUNNING = (*DRIVING, Phase.HOLDING)
 
 
 @pytest.mark.parametrize('kind', Interruption)
@@ -38,3 +45,28 @@ def test_what_does_not_run_cannot_time_out(phase: Phase) -> None:
     before = in_phase(phase)
     state = interrupted(before, Interruption.TIMED_OUT, 'for 5 s')
     assert (state.phase, state.reason) == (before.phase, before.reason)
+
+
+def test_who_holds_says_the_newest_reason_and_who_has_ended_his_own() -> None:
+    for phase, reason in ((Phase.HOLDING, 'a new one'), (Phase.FAILED, 'his own')):
+        state = interrupted(in_phase(phase, reason='his own'), Interruption.LOST, 'a new one')
+        assert (state.phase, state.reason) == (phase, reason)
+
+
+@pytest.mark.parametrize('phase', Phase)
+def test_a_run_keeps_to_the_goal_that_it_began_with(phase: Phase) -> None:
+    goal = RunGoal()
+    assert not goal.is_other(7, in_phase(Phase.WAITING))
+    assert not goal.is_other(None, in_phase(phase))  # nothing tells which: that is no other one
+    assert goal.is_other(8, in_phase(phase)) == (phase in RUNNING)
+    assert not goal.is_other(7 if phase in RUNNING else 8, in_phase(Phase.HOLDING))
+
+
+@pytest.mark.parametrize('phase', Phase)
+def test_a_run_keeps_to_the_camera_that_it_began_with(phase: Phase) -> None:
+    first, second = (
+        Camera(640, 480, 500.0, 500.0, 320.0, 240.0),
+        Camera(64, 48, 50.0, 50.0, 32, 24),
+    )
+    assert camera_of_run(in_phase(phase), first, second) == (first if phase in RUNNING else second)
+    assert camera_of_run(in_phase(phase), None, second) == second

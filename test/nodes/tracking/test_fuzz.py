@@ -1,10 +1,9 @@
 """Whatever comes on a subscription of the tracker: it lives, says one line, and stays small."""
 
 from array import array
-import gc
-from pathlib import Path
 
 import cv2
+import fuzzing
 import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
@@ -14,8 +13,6 @@ from visual_servo_epipolar.messages.encodings import ENCODINGS
 from visual_servo_epipolar.nodes import complaints
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 
-MESSAGES = 2000
-GROWTH_MB = 8.0  # of the process: a message that is kept would be more
 LONGEST = 500  # letters of a line
 SIZES = (0, 1, 2, 3, 16, 240, 320, 65_536, 2**31, 2**32 - 1)
 NUMBERS = (0.0, 1.0, -1.0, 192.0, 1e-300, 1e300, np.inf, -np.inf, np.nan, 160.0)
@@ -81,11 +78,6 @@ def camera_info(rng, view):
     return message
 
 
-def resident_mb() -> float:
-    gc.collect()
-    return int(Path('/proc/self/statm').read_text().split()[1]) * 4096 / 1e6
-
-
 @pytest.mark.parametrize(
     ('topic', 'made', 'transport'),
     [
@@ -96,7 +88,7 @@ def resident_mb() -> float:
         ('/camera_info', camera_info, 'raw'),
     ],
 )
-def test_thousands_of_random_messages_are_survived(
+def test_random_messages_are_survived(
     bench, simulator, photograph, view, monkeypatch, topic, made, transport
 ) -> None:
     said, clouds = [], []
@@ -120,10 +112,12 @@ def test_thousands_of_random_messages_are_survived(
             callbacks[f'/image_raw{suffix}'](kind(view))
         assert len(read.features(clouds[-1])) >= 40  # nothing is lost
         clouds.clear()
-        return resident_mb()
+        return fuzzing.resident_mb()
 
-    first = run(MESSAGES // 2)
-    assert run(MESSAGES // 2) - first < GROWTH_MB  # the same ones: what is kept is a leak
+    first = run(fuzzing.COUNT // 2)
+    assert (
+        run(fuzzing.COUNT // 2) - first < fuzzing.GROWTH_MB
+    )  # the same ones: what is kept is a leak
     assert not [text for text in said if '\n' in text or len(text) > LONGEST]
 
 

@@ -109,7 +109,7 @@ def requested(request: Request, now: float, settings: DockTaskSettings) -> Task:
         ('dock_type', request.dock_type, settings.dock_type, Error.DOCK_NOT_VALID),
     ):
         if wanted and has and wanted != has:
-            return _ended(task, error, f'the photograph is of {name} {has!r}, got {wanted!r}')
+            return _ended(task, error, f'the photograph is of {name} {has!r}, got {wanted!r:.40}')
     return replace(task, orders=(Order.STOP,))
 
 

@@ -50,7 +50,7 @@ class Camera:
         if allowed is None or len(self.distortion) not in allowed:
             raise ValueError(
                 'distortion must be plumb_bob (4 or 5 numbers), rational_polynomial (8, 12 or 14) '
-                f'or equidistant (4), got {self.distortion_model!r} with '
+                f'or equidistant (4), got {self.distortion_model!r:.40} with '
                 f'{len(self.distortion)}; rectify the images first'
             )
 

@@ -12,6 +12,7 @@ from visual_servo_epipolar.core.geometry.cameras.plausibility import doubts, ref
 USUAL = {'width': 640, 'height': 480, 'fx': 400.0, 'fy': 400.0, 'cx': 320.0, 'cy': 240.0}
 CAMERAS = (
     Camera(**USUAL),
+    Camera(**{**USUAL, 'fy': 800.0}),  # of pixels binned in pairs
     Camera(**USUAL, distortion=(-0.3, 0.1, 0.0, 0.0, 0.0)),
     Equidistant(640, 480, 640.0 / math.radians(190.0), 193.0, 320.0, 240.0),
 )
@@ -32,6 +33,9 @@ def test_usual_cameras_are_beyond_doubt(camera: Camera | Equidistant) -> None:
         (Equidistant, {'cx': 1280.0}, r'u = 1280\.0 px of 640'),
         (Camera, {'fx': 20.0, 'fy': 20.0}, r'between 1 and 170 deg, got 170\.\d+: fx 20 px'),
         (Camera, {'fx': 5e4, 'fy': 5e4}, r'of a pinhole lens must lie .* got 0\.55: fx 50000'),
+        (Camera, {'fx': 1e-300}, r'alike, to a factor of 4, got fx 1e-300 and fy 400 px'),
+        (Camera, {'fy': 1640.0}, r'alike, to a factor of 4, got fx 400 and fy 1640 px'),
+        (Equidistant, {'fy': 1.0}, r'alike, to a factor of 4'),
         (Equidistant, {'fx': 50.0, 'fy': 50.0}, r'between 1 and 360 deg, got 548'),
     ],
 )

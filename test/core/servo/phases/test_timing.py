@@ -129,3 +129,17 @@ def test_who_holds_counts_what_the_stamps_say_while_they_advance() -> None:
     state = then(driving(), blind(1000.1))
     assert then(state, at(1005.0)).phase in DRIVING
     assert then(state, at(1005.2)).phase is Phase.FAILED
+
+
+@pytest.mark.parametrize('leap', LEAPS)
+def test_who_drove_too_far_backward_has_failed_also_by_an_image_that_leaps(leap: float) -> None:
+    far = replace(driving(Phase.RETREATING), reversed=SETTINGS.max_retreat + 1.0)
+    state = then(far, at(1000.1 + leap))
+    assert (state.phase, state.twist) == (Phase.FAILED, STANDSTILL)
+    assert 'max_retreat' in state.reason
+
+
+@pytest.mark.parametrize('phase', [phase for phase in Phase if phase not in DRIVING])
+def test_who_stands_takes_no_step_by_a_stamp_that_does_not_advance(phase: Phase) -> None:
+    state = then(driving(phase), at(1000.0))
+    assert (state.phase, state.twist) == (phase, STANDSTILL)

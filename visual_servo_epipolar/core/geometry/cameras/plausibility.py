@@ -12,6 +12,7 @@ from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCam
 FARTHEST_OUTSIDE = 0.5  # of the image's size, that the principal point may lie beyond it
 NARROWEST, WIDEST_PINHOLE, WIDEST = 1.0, 170.0, 360.0  # field of view [deg]
 MOST_LOST = 0.2  # of the image, where the distortion cannot be undone
+MOST_OBLONG = 4.0  # pixel: binned in one direction, or every other line
 SAMPLES = 24  # a row and a column, over the image
 CALIBRATION_DEG = 1.0  # that a ray may differ from one calibration to another
 
@@ -69,6 +70,11 @@ def _fault(camera: CalibratedCamera) -> str:
                 f'the principal point must lie in the image or near it, got {name} = {centre:.1f} '
                 f'px of {size}; is the camera_info that of another image? calibrate again'
             )
+    if not 1.0 / MOST_OBLONG <= camera.fx / camera.fy <= MOST_OBLONG:
+        return (
+            f'focal lengths must be alike, to a factor of {MOST_OBLONG:g}, got fx {camera.fx:g} '
+            f'and fy {camera.fy:g} px; calibrate again'
+        )
     widest = WIDEST_PINHOLE if isinstance(camera, Camera) else WIDEST
     view = _field_of_view(camera)
     if not NARROWEST <= view <= widest:

@@ -1,0 +1,118 @@
+"""Conditions at their boundaries: noise is no measurement, and what cannot be told is not so."""
+
+import math
+
+import pytest
+from servo_states import BEARINGS, in_phase, ranged, SETTINGS, sight
+
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.servo.phases.commands import nominal_twist
+from visual_servo_epipolar.core.servo.phases.conditions import (
+    align_bound,
+    astray,
+    engage_bound,
+    has_parallax,
+    is_off_course,
+    is_sideways,
+    matched_bound,
+    release_bound,
+)
+from visual_servo_epipolar.core.servo.phases.events import classify
+from visual_servo_epipolar.core.servo.phases.table import DRIVING, Event, Phase
+from visual_servo_epipolar.core.servo.ranging import Leg
+
+HALF_TURN = math.pi
+
+
+def seen(chi: float, alpha: float) -> Bearings:
+    """Return bearings from behind the goal: of e_du, left positive, and of e_au."""
+    return Bearings(math.atan2(-1.0, math.tan(chi)), math.atan2(math.tan(alpha), -1.0))
+
+
+@pytest.mark.parametrize(
+    ('bound', 'deviations', 'least'),
+    [
+        (engage_bound, 1.0, SETTINGS.latch_engage),
+        (release_bound, 4.0, SETTINGS.latch_release),
+        (align_bound, 1.0, SETTINGS.align_tolerance),
+    ],
+)
+def test_a_bearing_within_its_noise_counts_as_zero(bound, deviations, least) -> None:
+    assert bound(sight(deviation=0.1), SETTINGS) == pytest.approx(deviations * 0.1)
+    for deviation in (0.0, math.nan):
+        assert bound(sight(deviation=deviation), SETTINGS) == least
+
+
+def test_a_difference_within_twice_its_noise_counts_as_zero() -> None:
+    noisy = matched_bound(sight(difference_deviation=0.1), SETTINGS)
+    assert noisy == pytest.approx(0.2)
+    assert matched_bound(sight(difference_deviation=0.0), SETTINGS) == SETTINGS.arrival_difference
+
+
+def test_a_parallax_that_is_not_known_is_not_that_of_the_goal() -> None:
+    state = in_phase(Phase.MATCHING_FEATURES)
+    assert has_parallax(state, sight(parallax=math.nan), SETTINGS)
+    assert not has_parallax(state, sight(parallax=0.0), SETTINGS)
+
+
+@pytest.mark.parametrize(
+    ('psi', 'phi', 'sideways'),
+    [
+        (-0.5 * math.pi, HALF_TURN, False),  # behind the goal, and facing it
+        (-0.5 * math.pi, 0.0, True),  # behind it, and facing away
+        (0.5 * math.pi, 0.0, True),  # past it
+        (0.5 * math.pi, HALF_TURN, True),  # past it, and facing back
+    ],
+)
+def test_only_from_behind_the_goal_with_it_ahead_step_1_begins(psi, phi, sideways) -> None:
+    assert is_sideways(sight(bearings=Bearings(psi, phi)), SETTINGS) == sideways
+
+
+@pytest.mark.parametrize('side', [-1.0, 1.0])
+def test_step_1_is_given_up_later_than_it_is_not_begun(side: float) -> None:
+    for alpha, begun, goes_on in ((0.05, False, False), (0.1, False, True), (0.2, True, True)):
+        narrow = sight(bearings=seen(side * 0.3, -side * alpha), view_margins=(0.0, 0.0))
+        other = sight(bearings=seen(side * 0.3, side * alpha), view_margins=(0.0, 0.0))
+        found = [
+            (not is_sideways(item, SETTINGS), not is_off_course(item, SETTINGS))
+            for item in (narrow, other)
+        ]
+        assert max(found) == (begun, goes_on)
+
+
+@pytest.mark.parametrize(('first', 'led'), [(0.40, False), (0.60, True)])
+def test_an_excursion_refers_to_half_a_metre_at_least(first: float, led: bool) -> None:
+    """Of 0.4 m, 0.72 m are 1.8 times as much, but 1.44 of half a metre; the bound is 1.5."""
+    ratio = 1.6 if led else 1.8
+    distance = first * ratio
+    psi = BEARINGS.psi
+    leg = Leg(psi, (distance - first) * math.cos(psi), (distance - first) * math.sin(psi))
+    state = in_phase(Phase.ZEROING_EPIPOLES, leg=leg, extrinsics=ranged(distance))
+    settings = type(SETTINGS)(max_excursion=1.5)
+    assert bool(astray(state, sight(), settings)) == led
+
+
+@pytest.mark.parametrize('phase', DRIVING)
+def test_as_many_features_as_are_needed_are_enough(phase: Phase) -> None:
+    for features, lost in ((SETTINGS.min_features, False), (SETTINGS.min_features - 1, True)):
+        state = in_phase(phase, measurement=sight(features=features))
+        assert (classify(state, SETTINGS) is Event.LOST) == lost
+
+
+def test_who_backs_off_without_bearings_near_the_goal_goes_on_backing_off() -> None:
+    near = sight(bearings=None, parallax=0.0, difference=-1.0)
+    state = in_phase(Phase.RETREATING, measurement=near)
+    assert classify(state, SETTINGS) is Event.NOTHING
+
+
+@pytest.mark.parametrize('short', [0, 1])
+def test_a_turn_is_over_when_it_has_settled_for_as_long_as_told(short: int) -> None:
+    state = in_phase(Phase.ORIENTING, settled=SETTINGS.align_frames - short)
+    assert (classify(state, SETTINGS) is Event.NOTHING) == bool(short)
+
+
+@pytest.mark.parametrize('sign', [-1.0, 1.0])
+def test_step_2_follows_its_line_at_no_more_than_the_largest_speed(sign: float) -> None:
+    far = sight(difference=-50.0 * sign)
+    twist = nominal_twist(in_phase(Phase.MATCHING_FEATURES, measurement=far), SETTINGS)
+    assert twist.linear == sign * SETTINGS.max_linear
