@@ -153,7 +153,9 @@ class World(AbstractContextManager['World']):
         """Ask a managed node for a transition, as others do: by its service; return the answer."""
         node = self.nodes.get(name)
         service = f'/{name}/change_state'
-        for item in () if node is None else node.services:
+        if node is None:
+            return f'no {service}'
+        for item in node.services:
             if item.service_name == service:
                 kind: Any = item.srv_type
                 request = kind.Request()

@@ -69,7 +69,9 @@ def _jpeg_damaged(scene: Scene) -> None:
 
 
 def _jpeg(pixels: Pixels) -> Pixels:
-    return cv2.imencode('.jpg', pixels, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1].ravel().copy()
+    _, jpeg = cv2.imencode('.jpg', pixels, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
+    data: Pixels = jpeg.ravel().copy()
+    return data
 
 
 def _compressed(header: Header, jpeg: Pixels) -> CompressedImage:

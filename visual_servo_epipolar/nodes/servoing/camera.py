@@ -11,12 +11,12 @@ from visual_servo_epipolar.core.geometry.cameras.plausibility import doubts
 from visual_servo_epipolar.core.perception.lens_check import LensCheck, looked_at
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.interruptions import camera_changed, camera_of_run
+from visual_servo_epipolar.core.servo.phases.table import RUNNING
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import read, validation
-from visual_servo_epipolar.nodes.servoing.commands import RUNNING
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 from visual_servo_epipolar.nodes.transforms.static_mount import StaticMount
 
