@@ -157,7 +157,7 @@ class World(AbstractContextManager['World']):
         node = self.nodes.get(name)
         service = f'/{name}/change_state'
         for item in () if node is None else node.services:
-            if item.service_name == service:
+            if node is not None and item.service_name == service:
                 kind: Any = item.srv_type
                 request = kind.Request()
                 request.transition.label = label

@@ -37,4 +37,4 @@ class Repetition:
 
 def _fingerprint(image: Image) -> tuple[tuple[int, ...], int]:
     """Return what two images that are not the very same hardly ever share."""
-    return image.shape, zlib.crc32(np.ascontiguousarray(image[::ROWS]))
+    return image.shape, zlib.crc32(np.ascontiguousarray(image[::ROWS]).data)
