@@ -58,6 +58,7 @@ def show(rig: Rig, back: int) -> None:
 
 def test_an_image_of_another_time_stops_the_robot(bench) -> None:
     rig = Rig(bench).drive()
+    rig.see()
     show(rig, 7)
     assert rig.phase == 'holding'
     assert 'of another time of the run' in rig.node._state.reason
@@ -66,11 +67,19 @@ def test_an_image_of_another_time_stops_the_robot(bench) -> None:
 
 def test_new_images_are_driven_by_again_only_after_a_while(bench) -> None:
     rig = Rig(bench).drive()
+    rig.see()
     show(rig, 7)
     count = len(rig.commands)
     for _ in range(round(DISTRUST_S * 1e9 / PERIOD_NS) - 1):
         rig.see()
     assert all(twist == STANDSTILL for twist in rig.twists()[count:])
+    rig.drive()
+
+
+def test_a_robot_that_stands_may_see_what_came_before(bench) -> None:
+    rig = Rig(bench, autostart=False)
+    show(rig, 7)
+    rig.node._run.active = True
     rig.drive()
 
 

@@ -69,9 +69,8 @@ def _jpeg_damaged(scene: Scene) -> None:
 
 
 def _jpeg(pixels: Pixels) -> Pixels:
-    _, jpeg = cv2.imencode('.jpg', pixels, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])
-    data: Pixels = jpeg.ravel().copy()
-    return data
+    jpeg = cv2.imencode('.jpg', pixels, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1]
+    return np.array(jpeg, np.uint8).ravel()
 
 
 def _compressed(header: Header, jpeg: Pixels) -> CompressedImage:

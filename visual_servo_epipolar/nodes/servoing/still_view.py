@@ -16,11 +16,13 @@ class StillView:
     A driver that stamps its last image anew for ever looks alive by its stamps. A robot that
     stands proves nothing: without noise, its view does not change. An image that came before the
     last one, and comes again with a new stamp, is of another time: no robot drives back to it to
-    the last bit.
+    the last bit. A simulator whose noise repeats may show it to one that stands, or has just
+    started.
     """
 
     def __init__(self) -> None:
         self._stamp_ns, self._still_s = 0, 0.0
+        self._drives = False  # whether it was told to drive before the last image, too
         self._old_ns: int | None = None  # stamp of the last image of another time
 
     def look(self, message: PointCloud2, *, told_to_drive: bool) -> None:
@@ -30,8 +32,15 @@ class StillView:
             self._still_s = 0.0
         elif told_to_drive:
             self._still_s += seconds_between(before_ns, self._stamp_ns)
-        if read.back(message) > LAST:
+        if read.back(message) > LAST and (self._drives and told_to_drive or self._distrusts):
             self._old_ns = self._stamp_ns
+        self._drives = told_to_drive
+
+    @property
+    def _distrusts(self) -> bool:
+        if self._old_ns is None:
+            return False
+        return abs(seconds_between(self._old_ns, self._stamp_ns)) <= DISTRUST_S
 
     def trouble(self, timeout: float) -> str:
         """
@@ -44,11 +53,9 @@ class StillView:
                 f'the images have shown the very same for {self._still_s:.1f} s of driving: the '
                 'camera hangs, or the wheels do not turn; restart its driver'
             )
-        if self._old_ns is None:
-            return ''
-        if abs(seconds_between(self._old_ns, self._stamp_ns)) <= DISTRUST_S:
+        if self._distrusts:
             return (
                 'images of another time of the run come with new stamps: a buffer is played '
-                'again, or a driver mixes its images up; restart it'
+                'again, a driver mixes its images up, or the wheels do not turn; restart it'
             )
         return ''
