@@ -191,3 +191,12 @@ def test_led_about_at_random_in_mid_run_it_moves_while_active_alone(rig) -> None
             before = before or entities(rig.node)
             assert entities(rig.node) == before
     assert runs >= 3
+
+
+def test_autostart_that_is_switched_off_meanwhile_begins_no_run(rig) -> None:
+    rig.drive()
+    assert rig.node.set_parameters([Parameter('autostart', value=False)])[0].successful
+    go(rig.bench, rig.node, 'deactivate', 'activate')
+    for _ in range(3):
+        rig.see()
+    assert not rig.moving
