@@ -193,10 +193,13 @@ def test_led_about_at_random_in_mid_run_it_moves_while_active_alone(rig) -> None
     assert runs >= 3
 
 
-def test_autostart_that_is_switched_off_meanwhile_begins_no_run(rig) -> None:
+def test_a_stop_lasts_beyond_an_inactive_time_and_a_start_as_well(rig) -> None:
     rig.drive()
-    assert rig.node.set_parameters([Parameter('autostart', value=False)])[0].successful
+    assert rig.bench.call('servo_node/stop').success
     go(rig.bench, rig.node, 'deactivate', 'activate')
     for _ in range(3):
         rig.see()
     assert not rig.moving
+    assert rig.bench.call('servo_node/start').success
+    go(rig.bench, rig.node, 'deactivate', 'activate')
+    rig.drive()
