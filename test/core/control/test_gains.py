@@ -354,3 +354,23 @@ def test_a_concordant_start_too_close_to_the_singularity_has_no_gains() -> None:
 def test_a_period_too_long_for_the_limits_is_refused() -> None:
     with pytest.raises(ValueError, match='one period must be short for the limits'):
         derive(Circumstances(concordant=True, rate=0.5))
+
+
+@pytest.mark.parametrize(
+    ('limits', 'refused'),
+    [
+        ({'max_linear': 1.2}, True),  # the approach of one period alone, half of the distance
+        ({'max_linear': 0.9}, False),
+        ({'max_linear': 3.0}, True),
+        ({'max_angular': 8.0, 'max_linear': 0.01}, True),  # the turn alone
+        ({'max_angular': 7.0, 'max_linear': 0.01}, False),
+    ],
+)
+def test_approach_and_turn_of_one_period_are_bounded_each(limits, refused: bool) -> None:
+    slow = {'max_linear': 0.1, 'max_angular': 0.01, 'rate': 10.0, 'nearest': 0.2}
+    circumstances = Circumstances(current=0.3, desired=0.2, concordant=True, **{**slow, **limits})
+    if not refused:
+        assert rules.least_bearing(circumstances) < 0.5 * math.pi
+        return
+    with pytest.raises(ValueError, match='one period must be short for the limits'):
+        rules.least_bearing(circumstances)

@@ -4,9 +4,11 @@ from dataclasses import replace
 import math
 
 import pytest
-from servo_states import BEARINGS, in_phase, SETTINGS, sight
+from servo_states import BEARINGS, in_phase, ranged, SETTINGS, sight
 
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.servo.extrinsics import CORRELATION, learnt, moved, PSI
 from visual_servo_epipolar.core.servo.identification import Curvature
 from visual_servo_epipolar.core.servo.phases.conditions import has_parallax
 from visual_servo_epipolar.core.servo.phases.table import Phase
@@ -107,3 +109,21 @@ def test_a_settled_robot_is_not_stirred_by_its_dead_band(mode: str) -> None:
     assert _beyond_dead_band(tiny, settled, settings) == (STANDSTILL, STANDSTILL)
     unsettled, _ = _beyond_dead_band(tiny, replace(settled, settled=0), settings)
     assert unsettled == (STANDSTILL if mode == 'zero' else Twist(0.05, -0.1))
+
+
+@pytest.mark.parametrize(('count', 'contradicts'), [(12, False), (13, True)])
+def test_more_than_twelve_contradictions_disprove_a_geometry(
+    count: int, contradicts: bool
+) -> None:
+    assert ranged(contradictions=count).contradicts == contradicts
+
+
+@pytest.mark.parametrize(('deviations', 'faults'), [(5.9, 0), (6.1, 5)])
+def test_a_bearing_six_deviations_off_begins_the_path_anew(deviations: float, faults: int) -> None:
+    before, deviation, heading = ranged(), 0.01, BEARINGS.heading_error
+    there = moved(replace(before, travel=0.05), heading)
+    variance = there.covariance[PSI, PSI] + CORRELATION * deviation**2
+    psi = float(there.mean[PSI]) + deviations * math.sqrt(variance)
+    odd = sight(bearings=Bearings(psi, psi - BEARINGS.psi + BEARINGS.phi), deviation=deviation)
+    after = learnt(before, odd, 0.05, missed=False)
+    assert after.contradictions == faults

@@ -191,3 +191,15 @@ def test_led_about_at_random_in_mid_run_it_moves_while_active_alone(rig) -> None
             before = before or entities(rig.node)
             assert entities(rig.node) == before
     assert runs >= 3
+
+
+def test_a_stop_lasts_beyond_an_inactive_time_and_a_start_as_well(rig) -> None:
+    rig.drive()
+    assert rig.bench.call('servo_node/stop').success
+    go(rig.bench, rig.node, 'deactivate', 'activate')
+    for _ in range(3):
+        rig.see()
+    assert not rig.moving
+    assert rig.bench.call('servo_node/start').success
+    go(rig.bench, rig.node, 'deactivate', 'activate')
+    rig.drive()
