@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.servo.identification import Curvature
 from visual_servo_epipolar.core.servo.phases.conditions import has_parallax
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.ranging import Leg
-from visual_servo_epipolar.core.servo.step import _beyond_dead_band
+from visual_servo_epipolar.core.servo.step import _beyond_dead_band, _limited
 from visual_servo_epipolar.core.servo.update import _measured_range
 
 
@@ -127,3 +127,14 @@ def test_a_bearing_six_deviations_off_begins_the_path_anew(deviations: float, fa
     odd = sight(bearings=Bearings(psi, psi - BEARINGS.psi + BEARINGS.phi), deviation=deviation)
     after = learnt(before, odd, 0.05, missed=False)
     assert after.contradictions == faults
+
+
+@pytest.mark.parametrize('law', ['paper', 'corrected', 'full'])
+@pytest.mark.parametrize('wanted', [Twist(4.0, 1.0), Twist(-0.1, -5.0)])
+def test_with_or_without_ramps_one_factor_keeps_both_speeds_within_limits(law, wanted) -> None:
+    """The same curve, slower: here after a second that the ramps allow for."""
+    settings = replace(SETTINGS, law=law, max_acceleration=20.0, max_angular_acceleration=99.0)
+    limited = _limited(wanted, STANDSTILL, 1.0, in_phase(Phase.ZEROING_EPIPOLES), settings)
+    assert abs(limited.linear) <= settings.max_linear
+    assert abs(limited.angular) <= settings.max_angular
+    assert limited.linear * wanted.angular == pytest.approx(limited.angular * wanted.linear)
