@@ -27,6 +27,7 @@ from visual_servo_epipolar.core.perception.validated import (
     no_baseline,
     prior_of,
     ValidatedEstimate,
+    without_baseline,
 )
 from visual_servo_epipolar.core.perception.validation import (
     angular_extent,
@@ -145,15 +146,17 @@ def _validated_estimates(stack: _Stack) -> list[ValidatedEstimate]:
         no_baseline(seen * view.observation.focal, view.settings)
         for view, seen in zip(stack.views, parallax, strict=True)
     ]
-    results = [
-        ValidatedEstimate(view.memory, reason)
-        for view, reason in zip(stack.views, reasons, strict=True)
-    ]
-    apart = [k for k, reason in enumerate(reasons) if not reason]
+    results = {
+        k: without_baseline(
+            view.observation, stack.rotations.rotation[k], view.memory, view.settings, reason
+        )
+        for k, (view, reason) in enumerate(zip(stack.views, reasons, strict=True))
+        if reason
+    }
+    apart = [k for k in range(len(stack.views)) if k not in results]
     if apart:
-        for k, result in zip(apart, _estimated(stack.take(apart)), strict=True):
-            results[k] = result
-    return results
+        results.update(zip(apart, _estimated(stack.take(apart)), strict=True))
+    return [results[k] for k in range(len(stack.views))]
 
 
 def _estimated(stack: _Stack) -> list[ValidatedEstimate]:
@@ -221,6 +224,10 @@ def _measures(stack: _Stack, estimates: Sequence[ValidatedEstimate]) -> list[Mea
             )
         ]
     )
+    everything = np.ones(stack.current.shape[1], bool)
+    counted = np.array(
+        [everything if e.estimate is None else e.estimate.inliers for e in estimates]
+    )
     noise = np.array([estimate.memory.noise for estimate in estimates])
     focal = np.array([view.observation.focal for view in stack.views])
     distances = np.sort(measures.distances(stack.current, stack.desired), axis=1)
@@ -228,24 +235,21 @@ def _measures(stack: _Stack, estimates: Sequence[ValidatedEstimate]) -> list[Mea
         _parallaxes(stack, estimates, headings).tolist(),
         headings.tolist(),
         stack.rotations.heading_error.tolist(),
-        _differences(stack, headings).tolist(),
+        _differences(stack, headings, counted).tolist(),
         measures.difference_deviation(
             stack.current, stack.desired, noise / focal, _wide(stack)
         ).tolist(),
         median_of_sorted(distances).tolist(),
-        _view_margins(stack, estimates),
+        _view_margins(stack, counted),
     )
     return [Measures(*row) for row in zip(*columns, strict=True)]
 
 
-def _view_margins(
-    stack: _Stack, estimates: Sequence[ValidatedEstimate]
-) -> list[tuple[float, float]]:
+def _view_margins(stack: _Stack, counted: BoolArray) -> list[tuple[float, float]]:
     """Return how far each robot may turn left and right [rad]."""
-    everything = np.ones(stack.current.shape[1], bool)
     left, right = measures.view_margins(
         stack.current,
-        np.array([everything if e.estimate is None else e.estimate.inliers for e in estimates]),
+        counted,
         np.array([view.observation.edges for view in stack.views]),
         np.array([view.settings.keep_features for view in stack.views]),
     )
@@ -264,7 +268,7 @@ def _parallaxes(
     return np.sqrt(np.maximum(parallax * parallax - spurious * spurious, 0.0))
 
 
-def _differences(stack: _Stack, headings: FloatArray) -> FloatArray:
+def _differences(stack: _Stack, headings: FloatArray, counted: BoolArray) -> FloatArray:
     """Return D of each view, of features turned as the goal is where settings say so."""
     plain = measures.feature_difference(stack.current, stack.desired, _wide(stack))
     compensated = np.array([view.settings.compensates for view in stack.views])
@@ -272,7 +276,7 @@ def _differences(stack: _Stack, headings: FloatArray) -> FloatArray:
         return plain
     better = rotations_desired_current(headings - stack.rotations.heading_error)
     level = measures.turned(stack.current, better @ stack.rotations.rotation)
-    usual = measures.usual_difference(level, stack.desired, _wide(stack))
+    usual = measures.usual_difference(level, stack.desired, _wide(stack), counted)
     return np.where(compensated, usual, plain)
 
 

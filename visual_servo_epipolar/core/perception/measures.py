@@ -37,12 +37,19 @@ def feature_difference(
 
 
 def usual_difference(
-    current: FloatArray, desired: FloatArray, wide: BoolArray | bool = False
+    current: FloatArray,
+    desired: FloatArray,
+    wide: BoolArray | bool = False,
+    among: BoolArray | bool = True,
 ) -> FloatArray:
-    """Return D of the rays, (..., N, 3), that are about as far off as most, shape (...)."""
+    """
+    Return D of the rays, (..., N, 3), that are about as far off as most, shape (...).
+
+    ``among``, shape (..., N), says which agree on one geometry: the others are not counted.
+    """
     distance = distances(current, desired)
     median = median_of_sorted(np.sort(distance, axis=-1))
-    usual = distance <= APART * median[..., None] + NEGLIGIBLE
+    usual = (distance <= APART * median[..., None] + NEGLIGIBLE) & among
     return _difference(current, desired, usual & _counted(current, desired, wide), wide)
 
 

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray, median_of_sorted
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, median_of_sorted
 from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
 from visual_servo_epipolar.core.geometry.epipolar import rotations_desired_current
 from visual_servo_epipolar.core.geometry.lens import change, for_wrong_rays, spurious_parallax
@@ -58,7 +58,7 @@ def perceive(
         return blank(observation, settings, memory)
     observation = observation.corrected(memory.lens)
     rotation = fit_rotation(observation.current, observation.desired)
-    estimate = validated_estimate(observation, rotation.parallax, memory, settings, frame)
+    estimate = validated_estimate(observation, rotation, memory, settings, frame)
     better = change(estimate.memory.lens, memory.lens)
     if not better.corrects_nothing:
         observation = observation.corrected(better)
@@ -110,7 +110,7 @@ def _measures(
         _parallax(observation, rotation, heading_error, estimate.memory, settings),
         heading_error,
         rotation.heading_error,
-        _difference(observation, rotation, heading_error, settings),
+        _difference(observation, rotation, heading_error, counted, settings),
         float(measures.difference_deviation(current, desired, noise, observation.wide)),
         float(median_of_sorted(np.sort(measures.distances(current, desired)))),
         (float(left), float(right)),
@@ -135,16 +135,17 @@ def _difference(
     observation: Observation,
     rotation: RotationFit,
     heading_error: float,
+    counted: BoolArray,
     settings: PerceptionSettings,
 ) -> float:
-    """Return D, of features turned as the goal is where settings say so."""
+    """Return D, of features turned as the goal is where settings say so: of those ``counted``."""
     current, desired = observation.current, observation.desired
     if not settings.compensates:
         return float(measures.feature_difference(current, desired, observation.wide))
     # Pitch and roll of an uneven floor are those of the best rotation, the heading is better.
     better = rotations_desired_current(np.asarray(heading_error - rotation.heading_error))
     level = measures.turned(current, better @ rotation.rotation)
-    return float(measures.usual_difference(level, desired, observation.wide))
+    return float(measures.usual_difference(level, desired, observation.wide, counted))
 
 
 def perception(

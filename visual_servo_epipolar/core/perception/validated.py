@@ -1,12 +1,15 @@
 """Validated estimates: the geometry of one pair of views, or why there is none to act on."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior
 from visual_servo_epipolar.core.estimators.registry import estimate
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.rotation import RotationFit
+from visual_servo_epipolar.core.geometry.small_baseline import fundamental_of_small_baseline
 from visual_servo_epipolar.core.perception.memory import (
     Lesson,
     PerceptionMemory,
@@ -17,10 +20,12 @@ from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.perception.validation import (
     fit_quality,
     FitQuality,
+    median_residual,
     rejection_reason,
 )
 
 NOISE_ADAPTION = 0.1
+FITTED = 1.25  # noise over what the best of several geometries leaves of noise alone
 NOISE_RANGE = (0.2, 5.0)  # of the noise that the settings give to begin with
 
 
@@ -41,15 +46,15 @@ class ValidatedEstimate:
 
 def validated_estimate(
     observation: Observation,
-    parallax: float,
+    rotation: RotationFit,
     memory: PerceptionMemory,
     settings: PerceptionSettings,
     frame: int,
 ) -> ValidatedEstimate:
-    """Estimate the geometry of one pair of views that shows ``parallax`` [rad], and validate."""
-    reason = no_baseline(parallax * observation.focal, settings)
+    """Estimate the geometry of one pair of views with their best rotation, and validate."""
+    reason = no_baseline(rotation.parallax * observation.focal, settings)
     if reason:
-        return ValidatedEstimate(memory, reason)
+        return without_baseline(observation, rotation.rotation, memory, settings, reason)
     try:
         geometry = estimate(
             settings.estimator,
@@ -64,7 +69,7 @@ def validated_estimate(
     quality = fit_quality(
         geometry, observation.current, observation.desired, observation.resolution
     )
-    lesson = lesson_of(observation, parallax, memory, settings, geometry, quality)
+    lesson = lesson_of(observation, rotation.parallax, memory, settings, geometry, quality)
     return concluded([lesson], [quality])[0]
 
 
@@ -73,6 +78,28 @@ def no_baseline(parallax_px: float, settings: PerceptionSettings) -> str:
     if parallax_px < settings.min_parallax:
         return f'a parallax of {parallax_px:.2f} px is too small for epipoles'
     return ''
+
+
+def without_baseline(
+    observation: Observation,
+    rotation: FloatArray,
+    memory: PerceptionMemory,
+    settings: PerceptionSettings,
+    reason: str,
+) -> ValidatedEstimate:
+    """
+    Return no estimate, for a ``reason``, and a memory that has learnt the noise all the same.
+
+    What counts as arrived is measured in noise: a guess of it, or one that a wrong lens made
+    larger far away, would let the robot stop too early.
+    """
+    if settings.calibrated:  # through an unknown lens a turn alone leaves more than noise
+        current, desired = observation.current, observation.desired
+        fundamental = fundamental_of_small_baseline(rotation, current, desired)
+        residual = median_residual(fundamental, current, desired, observation.resolution)
+        noise = _noise(FITTED * float(residual), observation, memory.noise, settings.pixel_noise)
+        memory = replace(memory, noise=noise)
+    return ValidatedEstimate(memory, reason)
 
 
 def prior_of(memory: PerceptionMemory, settings: PerceptionSettings) -> Prior:
