@@ -84,5 +84,7 @@ def _bounds(world: World) -> Bounds:
         base_deceleration=base.deceleration,
         base_angular_acceleration=base.angular_acceleration,
         delay_s=world.delay_s,
-        position_m=Bounds.position_m * settings.depth,  # which looks like as much from there
+        # What is so much deeper looks alike from so much farther: epipoles take a longer way.
+        position_m=Bounds.position_m * settings.depth,
+        excursion_m=min(Bounds.excursion_m * settings.depth, settings.servo.max_retreat),
     )

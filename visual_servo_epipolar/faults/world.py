@@ -32,6 +32,7 @@ BASE_RATE = 50.0  # [Hz]
 CLOCK = '/clock'
 FRAME_RATE = CameraSettings.frame_rate
 WIDTH, HEIGHT = 320, 256  # [px], a quarter of the default camera each way
+RUN_TIMEOUT_S = 150.0
 TIMES = ('stale_timeout', 'max_latency')  # what a servo was told of them at its start [s]
 NODES: Mapping[str, type[Any]] = {
     'servo_node': ServoNode,
@@ -49,7 +50,9 @@ class WorldSettings:
     seed: int
     camera: CameraSettings
     base: PioneerSettings = field(default_factory=PioneerSettings)
-    servo: ServoSettings = field(default_factory=lambda: ServoSettings(autostart=True))
+    servo: ServoSettings = field(
+        default_factory=lambda: ServoSettings(autostart=True, run_timeout=RUN_TIMEOUT_S)
+    )
     tracker: TrackerSettings = field(default_factory=TrackerSettings)
     more: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     simulated_time: bool = False
