@@ -1,0 +1,84 @@
+"""Bound: Fisher information of photograph and all views, by differences of a plain projection."""
+
+import numpy as np
+
+from visual_servo_epipolar.benchmarks.memory.study import CAMERA, seen_from, Trial
+from visual_servo_epipolar.core.arrays import FloatArray
+
+STEP = 1e-6
+VIEW = 5
+
+
+def bound(trial: Trial) -> FloatArray:
+    """
+    Return the least covariance of the last view's pose, (5, 5), that an estimate can have.
+
+    Unknown are all features, all views, the attitudes of photograph and mount. What is wrong does
+    not count: no estimate knows more than one that is told which matches are wrong.
+    """
+    views, count = len(trial.views), len(trial.features)
+    photograph = np.concatenate([np.zeros(3), trial.attitude])
+    first = VIEW * (views + 1) + 2
+    information = np.zeros((first + 3 * count, first + 3 * count))
+    for k, view in enumerate((*trial.views, photograph)):
+        seen = trial.seen[k] & trial.right[k] if k < views else trial.right.any(0)
+        _add_view(information, trial, k, view, seen)
+    _add_attitudes(information, trial)
+    _add_scale(information, trial)
+    # The photograph is where it is: x, y and heading of it are no unknowns.
+    fixed = VIEW * views + np.arange(3)
+    diagonal = np.arange(first, len(information))
+    information[diagonal, diagonal] += 1e-6
+    free = np.setdiff1d(np.arange(len(information)), fixed)
+    covariance = np.linalg.inv(information[np.ix_(free, free)])
+    last = VIEW * (views - 1) + np.arange(VIEW)
+    return np.asarray(covariance[np.ix_(last, last)])
+
+
+def _add_view(
+    information: FloatArray, trial: Trial, k: int, view: FloatArray, seen: FloatArray
+) -> None:
+    rows = np.flatnonzero(seen)
+    points = trial.features[rows]
+    first = VIEW * (len(trial.views) + 1) + 2
+
+    def pixels(step: FloatArray, move: FloatArray) -> FloatArray:
+        return CAMERA.pixels(seen_from(points + move, view + step))
+
+    still, nothing = np.zeros(VIEW), np.zeros(3)
+    here = pixels(still, nothing)
+    scale = STEP * trial.settings.noise
+    by_view = [(pixels(STEP * axis, nothing) - here) / scale for axis in np.eye(VIEW)]
+    by_point = [(pixels(still, STEP * axis) - here) / scale for axis in np.eye(3)]
+    jacobian = np.zeros((len(rows), 2, len(information)))
+    for j, slope in enumerate(by_view):
+        jacobian[:, :, VIEW * k + j] = slope
+    for j, slope in enumerate(by_point):
+        jacobian[np.arange(len(rows)), :, first + 3 * rows + j] = slope
+    flat = jacobian.reshape(-1, len(information))
+    information += flat.T @ flat
+
+
+def _add_attitudes(information: FloatArray, trial: Trial) -> None:
+    views = len(trial.views) + 1
+    jitter = max(trial.settings.jitter, 1e-4) ** -2
+    for axis in range(2):
+        each, mount = VIEW * np.arange(views) + 3 + axis, VIEW * views + axis
+        information[each, each] += jitter
+        information[each, mount] -= jitter
+        information[mount, each] -= jitter
+        information[mount, mount] += views * jitter + trial.settings.tilt_deviation**-2
+
+
+def _add_scale(information: FloatArray, trial: Trial) -> None:
+    """Add what is known of the whole way from view to view."""
+    places = trial.views[:-1, :2]
+    steps = np.diff(places, axis=0)
+    ways = np.hypot(*steps.T)
+    slope = np.zeros((len(places), 2))
+    slope[1:] += steps / ways[:, None]
+    slope[:-1] -= steps / ways[:, None]
+    slope /= ways.sum() * max(trial.settings.scale_error, 1e-3)
+    row = np.zeros(len(information))
+    row[: VIEW * len(places)].reshape(-1, VIEW)[:, :2] = slope
+    information += np.outer(row, row)

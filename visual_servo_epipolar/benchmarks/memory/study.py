@@ -1,0 +1,175 @@
+"""Study: synthetic features seen along a spiral and a straight line, and once near the goal."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+from visual_servo_epipolar.core.errors import DegenerateGeometryError
+from visual_servo_epipolar.core.estimators.base import Attitude, Prior
+from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
+from visual_servo_epipolar.core.geometry.attitude import rotation_level_camera
+from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.epipolar import Bearings, rotation_desired_current
+from visual_servo_epipolar.core.memory.sightings import MemorySettings, Sightings
+from visual_servo_epipolar.core.memory.view_memory import ViewMemory
+
+CAMERA = Camera(640, 480, 600.0, 600.0, 319.5, 239.5)
+SPIRAL, LINE = 9, 5  # views
+START, CHI, ALPHA = 3.5, math.radians(10.0), math.radians(8.0)
+LEAST_PARALLAX = 2.5  # in deviations of the noise, below which two views know no bearings
+
+
+@dataclass(frozen=True, kw_only=True)
+class StudySettings:
+    """
+    Conditions of the study.
+
+    ``wall`` is one wall at 5 m with 4 % relief instead of a room, 3-8 m deep; ``noise`` of a
+    coordinate [px]; ``wrong``, the share of features that the photograph shows elsewhere, and
+    ``slips`` of single sightings; ``jitter`` of tilt and roll [rad], ``scale_error`` of the way.
+    """
+
+    points: int = 60
+    wall: bool = False
+    noise: float = 0.2
+    wrong: float = 0.05
+    slips: float = 0.0
+    jitter: float = math.radians(0.1)
+    scale_error: float = 0.05
+    tilt_deviation: float = math.radians(2.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """
+    One drive: true ``views``, (V, 5), the last near the goal, and what they show.
+
+    ``features``, (N, 3), stand in upright axes of the photograph, whose ``attitude``, (2,), is
+    drawn like that of the views. ``pixels``, (V + 1, N, 2), of the views and the photograph, are
+    in the image where ``seen``, (V, N); ``right``, (V, N), are those that are no wrong matches.
+    """
+
+    settings: StudySettings
+    views: FloatArray
+    features: FloatArray
+    attitude: FloatArray
+    pixels: FloatArray
+    seen: BoolArray
+    right: BoolArray
+    scale: float
+
+    def sightings(self, k: int) -> Sightings:
+        """Return what view ``k`` shows, wrong matches with the rest."""
+        ids = np.flatnonzero(self.seen[k])
+        rays = [CAMERA.rays(self.pixels[j, ids]) for j in (k, -1)]
+        noise = [self.settings.noise * CAMERA.resolution(each) for each in rays]
+        return Sightings(ids, *rays, np.stack(noise, axis=1))
+
+    def motion(self, k: int) -> FloatArray:
+        """Return the way to view ``k`` from the one before, in axes there, as it was told [m]."""
+        if k == 0:
+            return np.zeros(2)
+        before, now = self.views[k - 1], self.views[k]
+        across = self.scale * (now[:2] - before[:2])
+        cosine, sine = math.cos(before[2]), math.sin(before[2])
+        return np.array([[cosine, sine], [-sine, cosine]]) @ across
+
+    @property
+    def mount(self) -> Attitude:
+        """What is known of the camera beforehand."""
+        deviation = self.settings.tilt_deviation
+        return Attitude(0.0, 0.0, deviation, deviation, self.settings.jitter)
+
+
+def path(rng: np.random.Generator) -> FloatArray:
+    """Return places and headings of the views, (V, 3): a spiral, a line, a view at the goal."""
+    chi = CHI * np.linspace(1.0, 0.0, SPIRAL)
+    distance = START * np.exp((chi - CHI) / math.tan(ALPHA))
+    spiral = np.column_stack([distance * np.sin(chi), -distance * np.cos(chi), chi + ALPHA])
+    ahead = distance[-1] * np.linspace(1.0, 0.1, LINE)
+    line = np.column_stack([np.zeros(LINE), -ahead, np.zeros(LINE)])
+    near = [rng.uniform(-0.005, 0.005), rng.uniform(-0.02, 0.0), rng.uniform(-0.004, 0.004)]
+    views = np.vstack([spiral, line, near])
+    views[SPIRAL:-1, [0, 2]] += rng.normal(size=(LINE, 2)) * [0.003, 0.003]
+    return views
+
+
+def features(settings: StudySettings, rng: np.random.Generator) -> FloatArray:
+    """Return features, (N, 3), that the photograph shows, in its axes."""
+    count = settings.points
+    pixels = rng.uniform([5.0, 5.0], [CAMERA.width - 6.0, CAMERA.height - 6.0], (count, 2))
+    relief = rng.uniform(-1.0, 1.0, count)
+    depth = 5.0 * (1.0 + 0.04 * relief) if settings.wall else 5.5 + 2.5 * relief
+    rays = CAMERA.rays(pixels)
+    return np.asarray(rays / rays[:, 2:] * depth[:, None])
+
+
+def seen_from(points: FloatArray, view: FloatArray) -> FloatArray:
+    """Return upright ``points``, (N, 3), in axes of the camera of a ``view``, (5,)."""
+    x, y, heading, tilt, roll = view.tolist()
+    upright = (points - [x, 0.0, y]) @ rotation_desired_current(heading)
+    return np.asarray(upright @ rotation_level_camera(tilt, roll))
+
+
+def trial(settings: StudySettings, seed: int) -> Trial:
+    """Return one drive, its noise and its wrong matches drawn by ``seed``."""
+    rng = np.random.default_rng(seed)
+    places = path(rng)
+    attitudes = settings.jitter * rng.normal(size=(len(places) + 1, 2))
+    views = np.column_stack([places, attitudes[:-1]])
+    photograph = np.concatenate([np.zeros(3), attitudes[-1]])
+    points = features(settings, rng) @ rotation_level_camera(*attitudes[-1]).T
+    shown = [seen_from(points, view) for view in (*views, photograph)]
+    pixels = np.stack([CAMERA.pixels(each) for each in shown])
+    pixels = pixels + settings.noise * rng.normal(size=pixels.shape)
+    count, size = len(views), [CAMERA.width, CAMERA.height]
+    seen = CAMERA.contains(pixels[:-1].reshape(-1, 2)).reshape(count, -1)
+    right = np.ones(seen.shape, bool)
+    wrong = rng.permutation(settings.points)[: round(settings.wrong * settings.points)]
+    pixels[-1, wrong] = rng.uniform([0.0, 0.0], size, (len(wrong), 2))
+    right[:, wrong] = False
+    slips = rng.random(seen.shape) < settings.slips
+    pixels[:-1][slips] = rng.uniform([0.0, 0.0], size, (int(slips.sum()), 2))
+    right &= ~slips
+    scale = 1.0 + settings.scale_error * rng.normal()
+    return Trial(settings, views, points, attitudes[-1], pixels, seen, right, scale)
+
+
+def two_views(trial: Trial, k: int) -> tuple[Bearings, ...]:
+    """Return what photograph and view ``k`` alone say, with the alternative if there is one."""
+    sightings = trial.sightings(k)
+    try:
+        estimate = soft_planar(
+            sightings.current,
+            sightings.desired,
+            noise=sightings.noise,
+            prior=Prior(trial.mount, mount=trial.mount),
+            rng=np.random.default_rng(0),
+        )
+    except DegenerateGeometryError:
+        return ()
+    other = () if estimate.alternative is None else (estimate.alternative,)
+    return (estimate.bearings, *other)
+
+
+def driven(trial: Trial, settings: MemorySettings | None = None) -> Iterator[ViewMemory]:
+    """Yield the memory after each view but the last."""
+    memory = ViewMemory(trial.mount, settings or MemorySettings())
+    for k in range(len(trial.views) - 1):
+        bearings = two_views(trial, k) if memory.geometry is None else ()
+        memory, _ = memory.after(trial.sightings(k), trial.motion(k), bearings=bearings)
+        yield memory
+
+
+def remembered(trial: Trial) -> ViewMemory:
+    """Return the memory after all views but the last."""
+    *_, memory = driven(trial)
+    return memory
+
+
+def without(settings: StudySettings, **changes: float | bool) -> StudySettings:
+    """Return settings with some of them changed."""
+    return replace(settings, **changes)  # type: ignore[arg-type]

@@ -1,0 +1,120 @@
+"""Initialization: the first geometry of the window, from what two views told."""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+from visual_servo_epipolar.core.estimators.base import Attitude
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.memory.equations import Evaluation
+from visual_servo_epipolar.core.memory.factors import factors_of, LEAST_JITTER
+from visual_servo_epipolar.core.memory.projection import (
+    points_of,
+    projected,
+    structure_of,
+    turns_of,
+)
+from visual_servo_epipolar.core.memory.refinement import Geometry, refined
+from visual_servo_epipolar.core.memory.resection import Anchors, fitted, Seen
+from visual_servo_epipolar.core.memory.window import SHARED, Unknowns, VIEW, Window
+
+STEPS, MORE_STEPS = 3, 6
+COLD_DAMPING = 1e-3
+MOST_NOISE = 2.0  # of residuals over the noise that was told: else it is the wrong geometry
+LEAST_TRUSTED = 0.5  # of the features
+FIRST_UNCERTAINTY = 0.3  # of depths from two views
+LEAST_DEPTH = 0.2  # of the way between the views
+
+
+class Start(NamedTuple):
+    """What two views tell of keyframe ``view``: its bearings, and the camera's attitude."""
+
+    view: int
+    bearings: Bearings
+    attitude: Attitude
+
+
+def initial(
+    window: Window, starts: Sequence[Start], mount: Attitude, scale_deviation: float
+) -> Geometry | None:
+    """Return the geometry of a ``window`` that fits best, by any of the ``starts``; None if bad."""
+    factors = factors_of(mount, window, scale_deviation)
+    everything = np.ones(len(window.ids), bool)
+    best: Geometry | None = None
+    for start in starts:
+        unknowns = _scaled(_resected_views(window, start), window)
+        at = Evaluation(window, unknowns, everything, factors)
+        squares = at.squares[window.seen]
+        wide = Evaluation(
+            window, unknowns, everything, factors, max(1.0, float(np.median(squares)))
+        )
+        rough = refined(wide, STEPS, COLD_DAMPING).evaluation
+        again = Evaluation(window, rough.unknowns, everything, factors)
+        geometry = refined(again, MORE_STEPS, COLD_DAMPING)
+        if best is None or geometry.evaluation.cost < best.evaluation.cost:
+            best = geometry
+    return best if best is not None and is_sound(best) else None
+
+
+def is_sound(geometry: Geometry) -> bool:
+    """Whether residuals are what noise makes them, and most features no wrong matches."""
+    share = geometry.trusted.mean() if len(geometry.trusted) else 0.0
+    return geometry.noise_ratio < MOST_NOISE and float(share) >= LEAST_TRUSTED
+
+
+def _resected_views(window: Window, start: Start) -> Unknowns:
+    """Return all views by features whose depths are those that one of them shows."""
+    attitude = np.array([start.attitude.tilt, start.attitude.roll])
+    psi, heading = start.bearings.psi, start.bearings.heading_error
+    views = np.zeros((len(window), VIEW))
+    views[:, 2], views[:, 3:] = heading, attitude
+    views[start.view, :2] = np.cos(psi), np.sin(psi)
+    count = len(window.ids)
+    unknowns = Unknowns(
+        views, np.tile(attitude, SHARED // 2), np.zeros((2, count)), np.ones(count)
+    )
+    near = triangulated(window, unknowns, np.arange(len(window)) == start.view)
+    unknowns = Unknowns(views, unknowns.shared, unknowns.offsets, near)
+    structure = structure_of(window.photograph, window.tangents, unknowns)
+    covariance = np.zeros((3, 3, count))
+    covariance[[0, 1], [0, 1]], covariance[2, 2] = 1.0, (FIRST_UNCERTAINTY * near) ** 2
+    deviation = np.full(2, max(2.0 * start.attitude.jitter, LEAST_JITTER))
+    anchors = Anchors(structure, covariance, attitude, deviation)
+    order = [*range(start.view + 1, len(window)), *range(start.view - 1, -1, -1)]
+    for k in order:
+        neighbour = k - 1 if k > start.view else k + 1
+        rows = np.flatnonzero(window.seen[k] & window.seen[start.view])
+        if len(rows):
+            seen = Seen(rows, window.rays[k][:, rows], window.sides[k][..., rows])
+            views[k] = fitted(anchors.of(rows), seen, views[neighbour]).pose
+        else:
+            views[k] = views[neighbour]
+    every = triangulated(window, unknowns, np.ones(len(window), bool))
+    return Unknowns(views, unknowns.shared, unknowns.offsets, every)
+
+
+def _scaled(unknowns: Unknowns, window: Window) -> Unknowns:
+    """Return the geometry as large as the way that was told; as it is where none was."""
+    told = float(window.ways.sum())
+    own = float(np.hypot(*np.diff(unknowns.views[:, :2], axis=0).T).sum())
+    ratio = told / own if own > 0.0 else 0.0
+    return unknowns.scaled(ratio) if 0.0 < ratio < np.inf else unknowns
+
+
+def triangulated(window: Window, unknowns: Unknowns, views: BoolArray) -> FloatArray:
+    """Return inverse depths, (N,), that fit best what ``views``, (K,), show at their poses."""
+    structure = structure_of(window.photograph, window.tangents, unknowns)
+    flat = structure._replace(nearness=np.zeros(len(window.ids)))
+    chosen, sides = unknowns.views[views], window.sides[views]
+    # r = (s . R ray - near s . R place), in deviations where all is far off.
+    far = projected(flat, chosen, sides).residuals
+    moved = structure._replace(rays=np.zeros_like(structure.rays), nearness=np.ones(len(far[0, 0])))
+    places = turns_of(chosen) @ points_of(moved, chosen)
+    by_near = (sides * places[:, None]).sum(2)
+    weight = window.seen[views][:, None]
+    told = (weight * by_near * by_near).sum((0, 1))
+    near = -(weight * by_near * far).sum((0, 1)) / np.maximum(told, 1.0)
+    reach = np.hypot(chosen[:, 0], chosen[:, 1]).max()
+    return np.asarray(np.clip(near, 1e-3 / reach, 1.0 / (LEAST_DEPTH * reach)))
