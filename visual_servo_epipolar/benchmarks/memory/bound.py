@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from visual_servo_epipolar.benchmarks.memory.study import CAMERA, seen_from, Trial
-from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.benchmarks.memory.study import seen_from, Trial
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 
 STEP = 1e-6
 VIEW = 5
@@ -21,8 +21,8 @@ def bound(trial: Trial) -> FloatArray:
     first = VIEW * (views + 1) + 2
     information = np.zeros((first + 3 * count, first + 3 * count))
     for k, view in enumerate((*trial.views, photograph)):
-        seen = trial.seen[k] & trial.right[k] if k < views else trial.right.any(0)
-        _add_view(information, trial, k, view, seen)
+        right = trial.seen[k] & trial.right[k] if k < views else trial.right.any(0)
+        _add_view(information, trial, k, view, np.asarray(right, bool))
     _add_attitudes(information, trial)
     _add_scale(information, trial)
     # The photograph is where it is: x, y and heading of it are no unknowns.
@@ -36,14 +36,14 @@ def bound(trial: Trial) -> FloatArray:
 
 
 def _add_view(
-    information: FloatArray, trial: Trial, k: int, view: FloatArray, seen: FloatArray
+    information: FloatArray, trial: Trial, k: int, view: FloatArray, seen: BoolArray
 ) -> None:
     rows = np.flatnonzero(seen)
     points = trial.features[rows]
     first = VIEW * (len(trial.views) + 1) + 2
 
     def pixels(step: FloatArray, move: FloatArray) -> FloatArray:
-        return CAMERA.pixels(seen_from(points + move, view + step))
+        return trial.settings.camera.pixels(seen_from(points + move, view + step))
 
     still, nothing = np.zeros(VIEW), np.zeros(3)
     here = pixels(still, nothing)

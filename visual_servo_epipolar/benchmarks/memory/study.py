@@ -1,7 +1,7 @@
 """Study: synthetic features seen along a spiral and a straight line, and once near the goal."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import math
 
 import numpy as np
@@ -16,10 +16,10 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings, rotation_desi
 from visual_servo_epipolar.core.memory.sightings import MemorySettings, Sightings
 from visual_servo_epipolar.core.memory.view_memory import ViewMemory
 
-CAMERA = Camera(640, 480, 600.0, 600.0, 319.5, 239.5)
+SMALL = Camera(640, 480, 600.0, 600.0, 319.5, 239.5)
+PIONEER = Camera(1280, 1024, 769.0, 769.0, 635.0, 512.0)  # of the simulated robot
 SPIRAL, LINE = 9, 5  # views
 START, CHI, ALPHA = 3.5, math.radians(10.0), math.radians(8.0)
-LEAST_PARALLAX = 2.5  # in deviations of the noise, below which two views know no bearings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +40,7 @@ class StudySettings:
     jitter: float = math.radians(0.1)
     scale_error: float = 0.05
     tilt_deviation: float = math.radians(2.0)
+    camera: Camera = SMALL
 
 
 @dataclass(frozen=True, eq=False)
@@ -64,9 +65,10 @@ class Trial:
     def sightings(self, k: int) -> Sightings:
         """Return what view ``k`` shows, wrong matches with the rest."""
         ids = np.flatnonzero(self.seen[k])
-        rays = [CAMERA.rays(self.pixels[j, ids]) for j in (k, -1)]
-        noise = [self.settings.noise * CAMERA.resolution(each) for each in rays]
-        return Sightings(ids, *rays, np.stack(noise, axis=1))
+        camera = self.settings.camera
+        current, desired = (camera.rays(self.pixels[j, ids]) for j in (k, -1))
+        noise = [self.settings.noise * camera.resolution(each) for each in (current, desired)]
+        return Sightings(ids, current, desired, np.stack(noise, axis=1))
 
     def motion(self, k: int) -> FloatArray:
         """Return the way to view ``k`` from the one before, in axes there, as it was told [m]."""
@@ -75,7 +77,7 @@ class Trial:
         before, now = self.views[k - 1], self.views[k]
         across = self.scale * (now[:2] - before[:2])
         cosine, sine = math.cos(before[2]), math.sin(before[2])
-        return np.array([[cosine, sine], [-sine, cosine]]) @ across
+        return np.asarray(np.array([[cosine, sine], [-sine, cosine]]) @ across
 
     @property
     def mount(self) -> Attitude:
@@ -99,11 +101,11 @@ def path(rng: np.random.Generator) -> FloatArray:
 
 def features(settings: StudySettings, rng: np.random.Generator) -> FloatArray:
     """Return features, (N, 3), that the photograph shows, in its axes."""
-    count = settings.points
-    pixels = rng.uniform([5.0, 5.0], [CAMERA.width - 6.0, CAMERA.height - 6.0], (count, 2))
+    count, camera = settings.points, settings.camera
+    pixels = rng.uniform([5.0, 5.0], [camera.width - 6.0, camera.height - 6.0], (count, 2))
     relief = rng.uniform(-1.0, 1.0, count)
     depth = 5.0 * (1.0 + 0.04 * relief) if settings.wall else 5.5 + 2.5 * relief
-    rays = CAMERA.rays(pixels)
+    rays = camera.rays(pixels)
     return np.asarray(rays / rays[:, 2:] * depth[:, None])
 
 
@@ -116,17 +118,17 @@ def seen_from(points: FloatArray, view: FloatArray) -> FloatArray:
 
 def trial(settings: StudySettings, seed: int) -> Trial:
     """Return one drive, its noise and its wrong matches drawn by ``seed``."""
-    rng = np.random.default_rng(seed)
+    rng, camera = np.random.default_rng(seed), settings.camera
     places = path(rng)
     attitudes = settings.jitter * rng.normal(size=(len(places) + 1, 2))
     views = np.column_stack([places, attitudes[:-1]])
     photograph = np.concatenate([np.zeros(3), attitudes[-1]])
     points = features(settings, rng) @ rotation_level_camera(*attitudes[-1]).T
     shown = [seen_from(points, view) for view in (*views, photograph)]
-    pixels = np.stack([CAMERA.pixels(each) for each in shown])
+    pixels = np.stack([camera.pixels(each) for each in shown])
     pixels = pixels + settings.noise * rng.normal(size=pixels.shape)
-    count, size = len(views), [CAMERA.width, CAMERA.height]
-    seen = CAMERA.contains(pixels[:-1].reshape(-1, 2)).reshape(count, -1)
+    count, size = len(views), [camera.width, camera.height]
+    seen = camera.contains(pixels[:-1].reshape(-1, 2)).reshape(count, -1)
     right = np.ones(seen.shape, bool)
     wrong = rng.permutation(settings.points)[: round(settings.wrong * settings.points)]
     pixels[-1, wrong] = rng.uniform([0.0, 0.0], size, (len(wrong), 2))
@@ -168,8 +170,3 @@ def remembered(trial: Trial) -> ViewMemory:
     """Return the memory after all views but the last."""
     *_, memory = driven(trial)
     return memory
-
-
-def without(settings: StudySettings, **changes: float | bool) -> StudySettings:
-    """Return settings with some of them changed."""
-    return replace(settings, **changes)  # type: ignore[arg-type]

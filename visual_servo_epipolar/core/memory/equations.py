@@ -19,6 +19,7 @@ from visual_servo_epipolar.core.memory.window import SHARED, Unknowns, VIEW, Win
 
 OUTLIER = 9.0  # square from which residuals count less, as one in a hundred true ones does
 LEAST_INFORMATION = 1e-4  # of an inverse depth that nothing shows [m^2]
+LEAST_OFFSET = 1e-4  # information of a ray of the photograph that is far off
 
 
 def robust_weight(squares: FloatArray) -> FloatArray:
@@ -106,7 +107,9 @@ def system_of(at: Evaluation) -> System:
     found[:, BY_PHOTOGRAPH] *= at.trusted
     residuals = root[:, None] * at.projection.residuals
     own = found[:, BY_FEATURE]
-    products = own[:, :, None, 0] * found[:, None, :, 0] + own[:, :, None, 1] * found[:, None, :, 1]
+    products = (
+        own[:, :, None, 0] * found[:, None, :, 0] + own[:, :, None, 1] * found[:, None, :, 1]
+    )
     roots, coupled = _eliminated(at, products, size)
     pull = (own * residuals[:, None]).sum((0, 2))
     pull[:2] += at.offset_weight * at.unknowns.offsets
@@ -123,15 +126,14 @@ def system_of(at: Evaluation) -> System:
     )
 
 
-def _eliminated(
-    at: Evaluation, products: FloatArray, size: int
-) -> tuple[FloatArray, FloatArray]:
+def _eliminated(at: Evaluation, products: FloatArray, size: int) -> tuple[FloatArray, FloatArray]:
     """Return roots of inverted blocks of features, and their coupling times those."""
     views, _, _, count = products.shape
     blocks = products[:, :, BY_FEATURE].sum(0)
-    blocks[[0, 1], [0, 1]] += at.offset_weight
+    blocks[[0, 1], [0, 1]] += at.offset_weight + LEAST_OFFSET
     blocks[2, 2] += LEAST_INFORMATION
-    roots = np.linalg.cholesky(np.linalg.inv(blocks.transpose(2, 0, 1)))
+    lower = np.linalg.cholesky(blocks.transpose(2, 0, 1))
+    roots = np.linalg.inv(lower).swapaxes(1, 2)
     coupling = np.zeros((count, 3, size))
     by_view = coupling[..., : VIEW * views].reshape(count, 3, views, VIEW)
     by_view[...] = products[:, :, BY_VIEW].transpose(3, 1, 0, 2)
@@ -140,9 +142,7 @@ def _eliminated(
     return roots, np.asarray(roots.swapaxes(1, 2) @ coupling)
 
 
-def _whole(
-    found: FloatArray, residuals: FloatArray, size: int
-) -> tuple[FloatArray, FloatArray]:
+def _whole(found: FloatArray, residuals: FloatArray, size: int) -> tuple[FloatArray, FloatArray]:
     """Return equations of views and the photograph before features are eliminated."""
     views = len(found)
     rows = found.reshape(views, projection.UNKNOWNS, -1)

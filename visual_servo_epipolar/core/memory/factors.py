@@ -72,6 +72,13 @@ class Factors:
         directions = steps / np.maximum(ways, LEAST_WAY)[:, None]
         return math.log(whole / told) / self.scale_deviation, directions, whole
 
+    def at_scale(self, unknowns: Unknowns) -> Unknowns:
+        """Return the same geometry as large as the way that was told: images cannot tell."""
+        residual, _, whole = self._scale(unknowns)
+        if not whole > LEAST_WAY:
+            return unknowns
+        return unknowns.scaled(math.exp(-residual * self.scale_deviation))
+
     def cost(self, unknowns: Unknowns) -> float:
         """Return the sum of squares, in deviations."""
         offset = self._offset(unknowns)

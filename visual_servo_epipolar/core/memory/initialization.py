@@ -1,6 +1,7 @@
 """Initialization: the first geometry of the window, from what two views told."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -17,13 +18,14 @@ from visual_servo_epipolar.core.memory.projection import (
     turns_of,
 )
 from visual_servo_epipolar.core.memory.refinement import Geometry, refined
-from visual_servo_epipolar.core.memory.resection import Anchors, fitted, Seen
+from visual_servo_epipolar.core.memory.resection import Anchors, fitted, Seen, USUAL_MEDIAN
 from visual_servo_epipolar.core.memory.window import SHARED, Unknowns, VIEW, Window
 
-STEPS, MORE_STEPS = 3, 6
+STEPS, MORE_STEPS, ROUNDS = 2, 6, 6
+ALMOST = 1.5  # times the usual squares: as good as there
 COLD_DAMPING = 1e-3
 MOST_NOISE = 2.0  # of residuals over the noise that was told: else it is the wrong geometry
-LEAST_TRUSTED = 0.5  # of the features
+LEAST_TRUSTED = 0.35  # of the features
 FIRST_UNCERTAINTY = 0.3  # of depths from two views
 LEAST_DEPTH = 0.2  # of the way between the views
 
@@ -39,23 +41,29 @@ class Start(NamedTuple):
 def initial(
     window: Window, starts: Sequence[Start], mount: Attitude, scale_deviation: float
 ) -> Geometry | None:
-    """Return the geometry of a ``window`` that fits best, by any of the ``starts``; None if bad."""
+    """Return the geometry of a ``window`` that fits best from any of ``starts``; None if none."""
     factors = factors_of(mount, window, scale_deviation)
     everything = np.ones(len(window.ids), bool)
     best: Geometry | None = None
     for start in starts:
-        unknowns = _scaled(_resected_views(window, start), window)
-        at = Evaluation(window, unknowns, everything, factors)
-        squares = at.squares[window.seen]
-        wide = Evaluation(
-            window, unknowns, everything, factors, max(1.0, float(np.median(squares)))
-        )
-        rough = refined(wide, STEPS, COLD_DAMPING).evaluation
-        again = Evaluation(window, rough.unknowns, everything, factors)
-        geometry = refined(again, MORE_STEPS, COLD_DAMPING)
+        unknowns = _resected_views(window, start)
+        geometry = _narrowed(Evaluation(window, unknowns, everything, factors))
         if best is None or geometry.evaluation.cost < best.evaluation.cost:
             best = geometry
     return best if best is not None and is_sound(best) else None
+
+
+def _narrowed(at: Evaluation) -> Geometry:
+    """Return the geometry refined while outliers are told ever more strictly."""
+    damping = COLD_DAMPING
+    for _ in range(ROUNDS):
+        seen = at.window.seen
+        widening = float(np.median(at.squares[seen])) / USUAL_MEDIAN if seen.any() else 1.0
+        if widening < ALMOST:
+            break
+        wide = refined(replace(at, widening=widening), STEPS, damping)
+        at, damping = replace(wide.evaluation, trusted=at.trusted), wide.damping
+    return refined(replace(at, widening=1.0), MORE_STEPS, damping)
 
 
 def is_sound(geometry: Geometry) -> bool:
@@ -95,14 +103,6 @@ def _resected_views(window: Window, start: Start) -> Unknowns:
     return Unknowns(views, unknowns.shared, unknowns.offsets, every)
 
 
-def _scaled(unknowns: Unknowns, window: Window) -> Unknowns:
-    """Return the geometry as large as the way that was told; as it is where none was."""
-    told = float(window.ways.sum())
-    own = float(np.hypot(*np.diff(unknowns.views[:, :2], axis=0).T).sum())
-    ratio = told / own if own > 0.0 else 0.0
-    return unknowns.scaled(ratio) if 0.0 < ratio < np.inf else unknowns
-
-
 def triangulated(window: Window, unknowns: Unknowns, views: BoolArray) -> FloatArray:
     """Return inverse depths, (N,), that fit best what ``views``, (K,), show at their poses."""
     structure = structure_of(window.photograph, window.tangents, unknowns)
@@ -110,7 +110,9 @@ def triangulated(window: Window, unknowns: Unknowns, views: BoolArray) -> FloatA
     chosen, sides = unknowns.views[views], window.sides[views]
     # r = (s . R ray - near s . R place), in deviations where all is far off.
     far = projected(flat, chosen, sides).residuals
-    moved = structure._replace(rays=np.zeros_like(structure.rays), nearness=np.ones(len(far[0, 0])))
+    moved = structure._replace(rays=0.0 * structure.rays, nearness=np.ones(len(window.ids)))
+        rays=np.zeros_like(structure.rays), nearness=np.ones(len(far[0, 0]))
+    )
     places = turns_of(chosen) @ points_of(moved, chosen)
     by_near = (sides * places[:, None]).sum(2)
     weight = window.seen[views][:, None]

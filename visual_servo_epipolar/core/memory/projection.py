@@ -4,12 +4,20 @@ from typing import NamedTuple
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.memory.window import HEADING, PHOTOGRAPH, ROLL, TILT, Unknowns, X, Y
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+from visual_servo_epipolar.core.memory.window import (
+    HEADING,
+    PHOTOGRAPH,
+    ROLL,
+    TILT,
+    Unknowns,
+    X,
+    Y,
+)
 
 BY_VIEW, BY_FEATURE, BY_PHOTOGRAPH = slice(0, 5), slice(5, 8), slice(8, 10)
 UNKNOWNS = 10  # x, y, heading, tilt, roll; two offsets, nearness; tilt, roll of the photograph
-OPPOSITE = 1e6  # deviations by which what would lie behind the camera is off
+OPPOSITE = 1e12  # square of a residual of what would lie behind its ray
 
 # d/dh R(h)^T = R^T @ TURN, d/dr Z(r)^T = LEAN @ Z^T, d/dt X(t)^T = NOD @ X^T.
 TURN = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
@@ -144,5 +152,9 @@ def _along(sides: FloatArray, points: FloatArray) -> FloatArray:
 def squares_of(projection: Projection, rays: FloatArray) -> FloatArray:
     """Return squared residuals, (K, N), of what lies ahead of its ray; others count as far off."""
     first, other = projection.residuals[:, 0], projection.residuals[:, 1]
-    ahead = (projection.points * rays).sum(1) > 0.0
-    return np.where(ahead, first * first + other * other, OPPOSITE)
+    return np.where(is_ahead(projection, rays), first * first + other * other, OPPOSITE)
+
+
+def is_ahead(projection: Projection, rays: FloatArray) -> BoolArray:
+    """Return what lies on the side of its ray, (K, N): across it, opposite points look alike."""
+    return np.asarray((projection.points * rays).sum(1) > 0.0)

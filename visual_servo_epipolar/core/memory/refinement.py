@@ -82,7 +82,8 @@ class Geometry:
 
 def refined(start: Evaluation, steps: int, damping: float = DAMPING) -> Geometry:
     """Return the geometry after at most ``steps`` (Levenberg, Marquardt), and verdicts."""
-    at, converged = start, False
+    # Damped steps hardly move along what so little is known of.
+    at, converged = replace(start, unknowns=start.factors.at_scale(start.unknowns)), False
     for _ in range(steps):
         candidate = _stepped(at, system_of(at), damping)
         gain = at.cost - candidate.cost

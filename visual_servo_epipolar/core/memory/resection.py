@@ -17,6 +17,8 @@ from visual_servo_epipolar.core.memory.projection import (
     BY_FEATURE,
     BY_PHOTOGRAPH,
     BY_VIEW,
+    is_ahead,
+    OPPOSITE,
     projected,
     slopes,
     squares_of,
@@ -112,8 +114,8 @@ def fitted(anchors: Anchors, seen: Seen, start: FloatArray) -> Fit:
         residuals = projection.residuals[0]
         told = _information(found[BY_FEATURE], anchors.covariance)
         weighted = _times(told, residuals)
-        ahead = squares_of(projection, seen.rays[None])[0] < OUTLIER * 1e4
-        squares = np.where(ahead, (weighted * residuals).sum(0), OUTLIER * 1e4)
+        ahead = is_ahead(projection, seen.rays[None])[0]
+        squares = np.where(ahead, (weighted * residuals).sum(0), OPPOSITE)
         widening = max(1.0, median(squares) / USUAL_MEDIAN)
         weight = robust_weight(squares / widening)
         own = found[BY_VIEW]

@@ -22,7 +22,7 @@ def depth_of(geometry: Geometry) -> float:
 def is_keyframe(
     geometry: Geometry, pose: FloatArray, *, sightings: int, new: int, settings: MemorySettings
 ) -> bool:
-    """Whether a view at ``pose`` tells what keyframes do not: from elsewhere, or other features."""
+    """Whether a view at ``pose`` tells what others do not: from elsewhere, or of new features."""
     if sightings < MIN_KEYFRAME_FEATURES:
         return False
     offset = geometry.unknowns.views[:, :2] - pose[:2]
@@ -47,10 +47,10 @@ def crowded(places: FloatArray, seen: BoolArray, depth: float) -> int:
 def kept_features(window: Window, trusted: BoolArray, most: int) -> BoolArray:
     """Return which features are kept, (N,): those in view of a keyframe, the most seen first."""
     count = window.seen.sum(0)
-    kept = count > 0
+    kept = np.asarray(count > 0)
     if int(kept.sum()) <= most:
         return kept
     rank = np.lexsort((-np.arange(len(count)), count * trusted, kept))
     best = np.zeros(len(count), bool)
     best[rank[-most:]] = True
-    return best & kept
+    return np.asarray(best & kept)

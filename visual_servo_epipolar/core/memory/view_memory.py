@@ -11,19 +11,18 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation, MIN_POINTS
 from visual_servo_epipolar.core.memory.equations import Evaluation
 from visual_servo_epipolar.core.memory.factors import factors_of
 from visual_servo_epipolar.core.memory.initialization import initial, is_sound, Start, triangulated
-from visual_servo_epipolar.core.memory.projection import structure_of
 from visual_servo_epipolar.core.memory.recollection import Recollection, seen_rays
-from visual_servo_epipolar.core.memory.refinement import DAMPING, Geometry, refined
+from visual_servo_epipolar.core.memory.refinement import Geometry, refined
 from visual_servo_epipolar.core.memory.resection import (
-    anchors_of,
     Anchors,
+    anchors_of,
     Fit,
     fitted,
     nearest_view,
@@ -38,7 +37,7 @@ from visual_servo_epipolar.core.memory.selection import (
     kept_features,
 )
 from visual_servo_epipolar.core.memory.sightings import MemorySettings, sides_of, Sightings
-from visual_servo_epipolar.core.memory.window import EMPTY, Unknowns, VIEW, Window
+from visual_servo_epipolar.core.memory.window import EMPTY, Unknowns, Window
 
 MIN_SIGHTINGS = 5  # of remembered features that agree
 MIN_SHARE = 0.5  # of the remembered features in view that agree
@@ -110,9 +109,7 @@ class ViewMemory:
         memory = memory._with_collected(sightings, bearings, attitude)
         if len(memory.window) < 2:
             return memory, Recollection('one view is collected, two are needed')
-        geometry = initial(
-            memory.window, memory.starts, self.mount, self.settings.scale_deviation
-        )
+        geometry = initial(memory.window, memory.starts, self.mount, self.settings.scale_deviation)
         if geometry is None:
             return memory, Recollection('no geometry fits the views that are collected')
         found = replace(memory, geometry=geometry, starts=(), last=None)
@@ -242,7 +239,7 @@ def _with_keyframe(
 
 
 def _recollection(
-    geometry: Geometry, anchors: Anchors, resection: Resection, known: FloatArray
+    geometry: Geometry, anchors: Anchors, resection: Resection, known: BoolArray
 ) -> Recollection:
     """Return what is remembered of a view that was resected by its ``known`` sightings."""
     inliers = known.copy()

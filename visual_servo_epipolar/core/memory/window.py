@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
-from visual_servo_epipolar.core.memory.sightings import Sightings, sides_of
+from visual_servo_epipolar.core.memory.sightings import sides_of, Sightings
 
 VIEW, SHARED = 5, 4  # unknowns of a view; of all: tilt, roll of the photograph and of the mount
 X, Y, HEADING, TILT, ROLL = range(VIEW)
