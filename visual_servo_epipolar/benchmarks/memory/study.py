@@ -77,7 +77,7 @@ class Trial:
         before, now = self.views[k - 1], self.views[k]
         across = self.scale * (now[:2] - before[:2])
         cosine, sine = math.cos(before[2]), math.sin(before[2])
-        return np.asarray(np.array([[cosine, sine], [-sine, cosine]]) @ across
+        return np.asarray(np.array([[cosine, sine], [-sine, cosine]]) @ across)
 
     @property
     def mount(self) -> Attitude:

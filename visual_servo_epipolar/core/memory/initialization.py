@@ -111,8 +111,6 @@ def triangulated(window: Window, unknowns: Unknowns, views: BoolArray) -> FloatA
     # r = (s . R ray - near s . R place), in deviations where all is far off.
     far = projected(flat, chosen, sides).residuals
     moved = structure._replace(rays=0.0 * structure.rays, nearness=np.ones(len(window.ids)))
-        rays=np.zeros_like(structure.rays), nearness=np.ones(len(far[0, 0]))
-    )
     places = turns_of(chosen) @ points_of(moved, chosen)
     by_near = (sides * places[:, None]).sum(2)
     weight = window.seen[views][:, None]

@@ -1,11 +1,16 @@
 """Selection: which views become keyframes, and which keyframes and features are let go."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+from visual_servo_epipolar.core.memory.equations import Evaluation
+from visual_servo_epipolar.core.memory.factors import factors_of
+from visual_servo_epipolar.core.memory.initialization import triangulated
 from visual_servo_epipolar.core.memory.refinement import Geometry
-from visual_servo_epipolar.core.memory.sightings import MemorySettings
-from visual_servo_epipolar.core.memory.window import Window
+from visual_servo_epipolar.core.memory.sightings import MemorySettings, Sightings
+from visual_servo_epipolar.core.memory.window import Unknowns, Window
 
 NEW_SHARE = 0.1  # of the sightings of a view that are of features not remembered
 FEWEST_NEW = 3
@@ -54,3 +59,39 @@ def kept_features(window: Window, trusted: BoolArray, most: int) -> BoolArray:
     best = np.zeros(len(count), bool)
     best[rank[-most:]] = True
     return np.asarray(best & kept)
+
+
+def with_keyframe(
+    geometry: Geometry,
+    sightings: Sightings,
+    place: FloatArray,
+    pose: FloatArray,
+    settings: MemorySettings,
+) -> Evaluation:
+    """Return the window with one more keyframe at ``pose``, and with what is too much let go."""
+    before, trusted = geometry.unknowns, geometry.trusted
+    window = geometry.window.with_view(sightings, place)
+    more = len(window.ids) - len(trusted)
+    unknowns = Unknowns(
+        np.vstack([before.views, pose]),
+        before.shared,
+        np.concatenate([before.offsets, np.zeros((2, more))], axis=1),
+        np.concatenate([before.nearness, np.zeros(more)]),
+    )
+    if more:
+        near = triangulated(window, unknowns, np.arange(len(window)) == len(window) - 1)
+        near[: len(trusted)] = before.nearness
+        unknowns = replace(unknowns, nearness=near)
+    trusted = np.concatenate([trusted, np.ones(more, bool)])
+    if len(window) > settings.keyframes:
+        k = crowded(unknowns.views[:, :2], window.seen & trusted, depth_of(geometry))
+        window = window.without_view(k)
+        unknowns = replace(unknowns, views=np.delete(unknowns.views, k, axis=0))
+    kept = kept_features(window, trusted, settings.features)
+    if not kept.all():
+        window, trusted = window.of_features(kept), trusted[kept]
+        unknowns = replace(
+            unknowns, offsets=unknowns.offsets[:, kept], nearness=unknowns.nearness[kept]
+        )
+    mount, deviation = geometry.evaluation.factors.mount, settings.scale_deviation
+    return Evaluation(window, unknowns, trusted, factors_of(mount, window, deviation))

@@ -15,9 +15,7 @@ from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation, MIN_POINTS
-from visual_servo_epipolar.core.memory.equations import Evaluation
-from visual_servo_epipolar.core.memory.factors import factors_of
-from visual_servo_epipolar.core.memory.initialization import initial, is_sound, Start, triangulated
+from visual_servo_epipolar.core.memory.initialization import initial, is_sound, Start
 from visual_servo_epipolar.core.memory.recollection import Recollection, seen_rays
 from visual_servo_epipolar.core.memory.refinement import Geometry, refined
 from visual_servo_epipolar.core.memory.resection import (
@@ -31,13 +29,12 @@ from visual_servo_epipolar.core.memory.resection import (
     Seen,
 )
 from visual_servo_epipolar.core.memory.selection import (
-    crowded,
     depth_of,
     is_keyframe,
-    kept_features,
+    with_keyframe,
 )
 from visual_servo_epipolar.core.memory.sightings import MemorySettings, sides_of, Sightings
-from visual_servo_epipolar.core.memory.window import EMPTY, Unknowns, Window
+from visual_servo_epipolar.core.memory.window import EMPTY, Window
 
 MIN_SIGHTINGS = 5  # of remembered features that agree
 MIN_SHARE = 0.5  # of the remembered features in view that agree
@@ -170,7 +167,7 @@ class ViewMemory:
             geometry, resection.pose, sightings=len(sightings), new=new, settings=settings
         )
         if keyframe:
-            start = _with_keyframe(geometry, sightings, self.place, resection.pose, settings)
+            start = with_keyframe(geometry, sightings, self.place, resection.pose, settings)
             refined_one = refined(start, settings.steps, geometry.damping)
         elif not geometry.converged:
             refined_one = refined(geometry.evaluation, 1, geometry.damping)
@@ -200,42 +197,6 @@ def _differ(last: Sightings, now: Sightings) -> bool:
         return True
     parallax = fit_rotation(now.current[other], last.current[first]).parallax
     return parallax > COLLECTED_PARALLAX * float(np.median(now.noise[:, 0]))
-
-
-def _with_keyframe(
-    geometry: Geometry,
-    sightings: Sightings,
-    place: FloatArray,
-    pose: FloatArray,
-    settings: MemorySettings,
-) -> Evaluation:
-    """Return the window with one more keyframe at ``pose``, and with what is too much let go."""
-    before, trusted = geometry.unknowns, geometry.trusted
-    window = geometry.window.with_view(sightings, place)
-    more = len(window.ids) - len(trusted)
-    unknowns = Unknowns(
-        np.vstack([before.views, pose]),
-        before.shared,
-        np.concatenate([before.offsets, np.zeros((2, more))], axis=1),
-        np.concatenate([before.nearness, np.zeros(more)]),
-    )
-    if more:
-        near = triangulated(window, unknowns, np.arange(len(window)) == len(window) - 1)
-        near[: len(trusted)] = before.nearness
-        unknowns = replace(unknowns, nearness=near)
-    trusted = np.concatenate([trusted, np.ones(more, bool)])
-    if len(window) > settings.keyframes:
-        k = crowded(unknowns.views[:, :2], window.seen & trusted, depth_of(geometry))
-        window = window.without_view(k)
-        unknowns = replace(unknowns, views=np.delete(unknowns.views, k, axis=0))
-    kept = kept_features(window, trusted, settings.features)
-    if not kept.all():
-        window, trusted = window.of_features(kept), trusted[kept]
-        unknowns = replace(
-            unknowns, offsets=unknowns.offsets[:, kept], nearness=unknowns.nearness[kept]
-        )
-    mount, deviation = geometry.evaluation.factors.mount, settings.scale_deviation
-    return Evaluation(window, unknowns, trusted, factors_of(mount, window, deviation))
 
 
 def _recollection(
