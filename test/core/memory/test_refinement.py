@@ -13,6 +13,7 @@ from visual_servo_epipolar.core.memory.refinement import (
     WRONG_OFFSET,
     WRONG_SHARE,
 )
+from visual_servo_epipolar.core.memory.sightings import sides_of
 from visual_servo_epipolar.core.memory.window import Unknowns
 
 
@@ -101,3 +102,17 @@ def test_root_and_feature_covariance_are_those_of_the_equations(memory) -> None:
     own = geometry.system.roots[n] @ geometry.system.roots[n].T
     expected = own + errors @ covariance @ errors.T
     assert geometry.feature_covariance[..., n] == pytest.approx(expected, rel=1e-4, abs=1e-9)
+
+
+def test_a_feature_behind_the_cameras_is_wrong_however_well_it_fits(exact) -> None:
+    near, sides = exact.unknowns.nearness.copy(), exact.window.sides.copy()
+    near[[0, 1]] = [-near[0], -1e-9]
+    flipped = replace(exact, unknowns=replace(exact.unknowns, nearness=near))
+    shown = flipped.projection.points / flipped.projection.length[:, None]
+    count = len(near)
+    for k in range(len(exact.window)):
+        sides[k] = sides_of(shown[k].T, np.full(count, 3e-4))
+    window = replace(exact.window, sides=sides, rays=shown)
+    at = replace(flipped, window=window)
+    assert at.squares[window.seen].max() < 1e-6
+    assert judged(at).trusted[:3].tolist() == [False, True, True]

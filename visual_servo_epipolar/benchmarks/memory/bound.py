@@ -39,24 +39,24 @@ def _add_view(
     information: FloatArray, trial: Trial, k: int, view: FloatArray, seen: BoolArray
 ) -> None:
     rows = np.flatnonzero(seen)
-    points = trial.features[rows]
+    features = trial.features[rows]
     first = VIEW * (len(trial.views) + 1) + 2
 
     def pixels(step: FloatArray, move: FloatArray) -> FloatArray:
-        return trial.settings.camera.pixels(seen_from(points + move, view + step))
+        return trial.settings.camera.pixels(seen_from(features + move, view + step))
 
     still, nothing = np.zeros(VIEW), np.zeros(3)
     here = pixels(still, nothing)
     scale = STEP * trial.settings.noise
-    by_view = [(pixels(STEP * axis, nothing) - here) / scale for axis in np.eye(VIEW)]
-    by_point = [(pixels(still, STEP * axis) - here) / scale for axis in np.eye(3)]
-    jacobian = np.zeros((len(rows), 2, len(information)))
-    for j, slope in enumerate(by_view):
-        jacobian[:, :, VIEW * k + j] = slope
-    for j, slope in enumerate(by_point):
-        jacobian[np.arange(len(rows)), :, first + 3 * rows + j] = slope
-    flat = jacobian.reshape(-1, len(information))
-    information += flat.T @ flat
+    views = [(pixels(STEP * axis, nothing) - here) / scale for axis in np.eye(VIEW)]
+    moves = [(pixels(still, STEP * axis) - here) / scale for axis in np.eye(3)]
+    by_view, by_point = (np.stack(each, axis=-1) for each in (views, moves))
+    own, points = VIEW * k + np.arange(VIEW), first + 3 * rows[:, None] + np.arange(3)
+    information[np.ix_(own, own)] += np.einsum('nri,nrj->ij', by_view, by_view)
+    information[points[:, :, None], points[:, None]] += by_point.swapaxes(1, 2) @ by_point
+    cross = by_view.swapaxes(1, 2) @ by_point
+    information[own[None, :, None], points[:, None]] += cross
+    information[points[:, :, None], own[None, None]] += cross.swapaxes(1, 2)
 
 
 def _add_attitudes(information: FloatArray, trial: Trial) -> None:

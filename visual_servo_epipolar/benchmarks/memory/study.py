@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,7 +30,8 @@ class StudySettings:
 
     ``wall`` is one wall at 5 m with 4 % relief instead of a room, 3-8 m deep; ``noise`` of a
     coordinate [px]; ``wrong``, the share of features that the photograph shows elsewhere, and
-    ``slips`` of single sightings; ``jitter`` of tilt and roll [rad], ``scale_error`` of the way.
+    ``slips`` of single sightings; ``jitter`` of tilt and roll [rad], ``scale_error`` of the way;
+    ``tilt`` of the camera and what is not known of tilt and roll [rad].
     """
 
     points: int = 60
@@ -39,6 +41,7 @@ class StudySettings:
     slips: float = 0.0
     jitter: float = math.radians(0.1)
     scale_error: float = 0.05
+    tilt: float = 0.0
     tilt_deviation: float = math.radians(2.0)
     camera: Camera = SMALL
 
@@ -49,7 +52,7 @@ class Trial:
     One drive: true ``views``, (V, 5), the last near the goal, and what they show.
 
     ``features``, (N, 3), stand in upright axes of the photograph, whose ``attitude``, (2,), is
-    drawn like that of the views. ``pixels``, (V + 1, N, 2), of the views and the photograph, are
+    drawn like that of the views. ``pixels``, (V + 1, N, 2), of the photograph and the views, are
     in the image where ``seen``, (V, N); ``right``, (V, N), are those that are no wrong matches.
     """
 
@@ -66,7 +69,7 @@ class Trial:
         """Return what view ``k`` shows, wrong matches with the rest."""
         ids = np.flatnonzero(self.seen[k])
         camera = self.settings.camera
-        current, desired = (camera.rays(self.pixels[j, ids]) for j in (k, -1))
+        current, desired = (camera.rays(self.pixels[j, ids]) for j in (k + 1, 0))
         noise = [self.settings.noise * camera.resolution(each) for each in (current, desired)]
         return Sightings(ids, current, desired, np.stack(noise, axis=1))
 
@@ -116,32 +119,41 @@ def seen_from(points: FloatArray, view: FloatArray) -> FloatArray:
     return np.asarray(upright @ rotation_level_camera(tilt, roll))
 
 
-def trial(settings: StudySettings, seed: int) -> Trial:
-    """Return one drive, its noise and its wrong matches drawn by ``seed``."""
-    rng, camera = np.random.default_rng(seed), settings.camera
-    places = path(rng)
-    attitudes = settings.jitter * rng.normal(size=(len(places) + 1, 2))
-    views = np.column_stack([places, attitudes[:-1]])
-    photograph = np.concatenate([np.zeros(3), attitudes[-1]])
-    points = features(settings, rng) @ rotation_level_camera(*attitudes[-1]).T
-    shown = [seen_from(points, view) for view in (*views, photograph)]
+def trial(settings: StudySettings, seed: int, places: FloatArray | None = None) -> Trial:
+    """Return one drive, also along other ``places``, (V, 3); ``seed`` draws all that is chance."""
+    # What more views draw must not change what was drawn for others.
+    scene, floor, noise, slip = (np.random.default_rng((seed, part)) for part in range(4))
+    camera, usual = settings.camera, path(scene)
+    places = usual if places is None else places
+    points = features(settings, scene)
+    wrong = scene.permutation(settings.points)[: round(settings.wrong * settings.points)]
+    elsewhere = scene.uniform([0.0, 0.0], [camera.width, camera.height], (len(wrong), 2))
+    scale = 1.0 + settings.scale_error * scene.normal()
+    attitudes = settings.jitter * floor.normal(size=(len(places) + 1, 2)) + [settings.tilt, 0.0]
+    views = np.column_stack([places, attitudes[1:]])
+    points = points @ rotation_level_camera(*attitudes[0]).T
+    photograph = np.concatenate([np.zeros(3), attitudes[0]])
+    shown = [seen_from(points, view) for view in (photograph, *views)]
     pixels = np.stack([camera.pixels(each) for each in shown])
-    pixels = pixels + settings.noise * rng.normal(size=pixels.shape)
-    count, size = len(views), [camera.width, camera.height]
-    seen = camera.contains(pixels[:-1].reshape(-1, 2)).reshape(count, -1)
-    right = np.ones(seen.shape, bool)
-    wrong = rng.permutation(settings.points)[: round(settings.wrong * settings.points)]
-    pixels[-1, wrong] = rng.uniform([0.0, 0.0], size, (len(wrong), 2))
+    pixels = pixels + settings.noise * noise.normal(size=pixels.shape)
+    pixels[0, wrong] = elsewhere
+    seen = camera.contains(pixels[1:].reshape(-1, 2)).reshape(len(views), -1)
+    slipped = slip.random(seen.shape) < settings.slips
+    pixels[1:][slipped] = slip.uniform(0.0, camera.height, (int(slipped.sum()), 2))
+    right = ~slipped
     right[:, wrong] = False
-    slips = rng.random(seen.shape) < settings.slips
-    pixels[:-1][slips] = rng.uniform([0.0, 0.0], size, (int(slips.sum()), 2))
-    right &= ~slips
-    scale = 1.0 + settings.scale_error * rng.normal()
-    return Trial(settings, views, points, attitudes[-1], pixels, seen, right, scale)
+    return Trial(settings, views, points, attitudes[0], pixels, seen, right, scale)
 
 
-def two_views(trial: Trial, k: int) -> tuple[Bearings, ...]:
-    """Return what photograph and view ``k`` alone say, with the alternative if there is one."""
+class Told(NamedTuple):
+    """What photograph and one view alone say, with the alternative if there is one."""
+
+    bearings: tuple[Bearings, ...] = ()
+    attitude: Attitude | None = None
+
+
+def two_views(trial: Trial, k: int) -> Told:
+    """Return what photograph and view ``k`` alone say: nothing where they cannot."""
     sightings = trial.sightings(k)
     try:
         estimate = soft_planar(
@@ -152,17 +164,17 @@ def two_views(trial: Trial, k: int) -> tuple[Bearings, ...]:
             rng=np.random.default_rng(0),
         )
     except DegenerateGeometryError:
-        return ()
+        return Told()
     other = () if estimate.alternative is None else (estimate.alternative,)
-    return (estimate.bearings, *other)
+    return Told((estimate.bearings, *other), estimate.attitude)
 
 
 def driven(trial: Trial, settings: MemorySettings | None = None) -> Iterator[ViewMemory]:
     """Yield the memory after each view but the last."""
     memory = ViewMemory(trial.mount, settings or MemorySettings())
     for k in range(len(trial.views) - 1):
-        bearings = two_views(trial, k) if memory.geometry is None else ()
-        memory, _ = memory.after(trial.sightings(k), trial.motion(k), bearings=bearings)
+        told = two_views(trial, k) if memory.geometry is None else Told()
+        memory, _ = memory.after(trial.sightings(k), trial.motion(k), **told._asdict())
         yield memory
 
 

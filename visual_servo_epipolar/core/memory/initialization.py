@@ -9,7 +9,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.memory.equations import Evaluation
+from visual_servo_epipolar.core.memory.equations import Evaluation, system_of
 from visual_servo_epipolar.core.memory.factors import factors_of, LEAST_JITTER
 from visual_servo_epipolar.core.memory.projection import (
     points_of,
@@ -24,6 +24,7 @@ from visual_servo_epipolar.core.memory.window import SHARED, Unknowns, VIEW, Win
 STEPS, MORE_STEPS, ROUNDS = 2, 6, 6
 ALMOST = 1.5  # times the usual squares: as good as there
 COLD_DAMPING = 1e-3
+VOTE = 3.0  # most deviations of an inverse depth that count for its sign
 MOST_NOISE = 2.0  # of residuals over the noise that was told: else it is the wrong geometry
 LEAST_TRUSTED = 0.35  # of the features
 FIRST_UNCERTAINTY = 0.3  # of depths from two views
@@ -47,7 +48,7 @@ def initial(
     best: Geometry | None = None
     for start in starts:
         unknowns = _resected_views(window, start)
-        geometry = _narrowed(Evaluation(window, unknowns, everything, factors))
+        geometry = _narrowed(oriented(Evaluation(window, unknowns, everything, factors)))
         if best is None or geometry.evaluation.cost < best.evaluation.cost:
             best = geometry
     return best if best is not None and is_sound(best) else None
@@ -63,7 +64,20 @@ def _narrowed(at: Evaluation) -> Geometry:
             break
         wide = refined(replace(at, widening=widening), STEPS, damping)
         at, damping = replace(wide.evaluation, trusted=at.trusted), wide.damping
-    return refined(replace(at, widening=1.0), MORE_STEPS, damping)
+    return refined(oriented(replace(at, widening=1.0)), MORE_STEPS, damping)
+
+
+def oriented(at: Evaluation) -> Evaluation:
+    """
+    Return the geometry of which features lie ahead, of two that look the same.
+
+    With all places and depths reversed every ray is where it was; a feature whose depth is hardly
+    known has no vote, none has more than VOTE.
+    """
+    roots = system_of(at).roots[:, 2]
+    deviations = at.unknowns.nearness / np.sqrt((roots * roots).sum(1))
+    vote = float(np.clip(deviations, -VOTE, VOTE) @ at.trusted)
+    return at if vote >= 0.0 else replace(at, unknowns=at.unknowns.scaled(-1.0))
 
 
 def is_sound(geometry: Geometry) -> bool:

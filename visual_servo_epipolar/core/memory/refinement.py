@@ -13,10 +13,11 @@ from visual_servo_epipolar.core.memory.equations import (
     System,
     system_of,
 )
+from visual_servo_epipolar.core.memory.projection import projected, squares_of
 from visual_servo_epipolar.core.memory.window import Unknowns, Window
 
 DAMPING = 1e-4
-LEAST_GAIN = 0.02  # of the cost, below which nothing changes that matters
+LEAST_GAIN = 0.05  # of the cost, below which nothing changes that matters
 WRONG_SHARE = 0.4  # of the sightings that are outliers, from which the whole feature is one
 WRONG_OFFSET = 16.0  # square of what the photograph's ray is off by, in deviations
 RETURN = 0.6  # of both bounds: what was wrong must be well below to count again
@@ -62,7 +63,9 @@ class Geometry:
     def feature_roots(self) -> FloatArray:
         """What the errors of views make of features, (N, 3, D): covariance by the transpose."""
         system = self.system
-        return np.asarray(-(system.roots @ (system.coupled @ self.root)))
+        size = len(self.root)
+        coupled = system.coupled.reshape(-1, size) @ self.root
+        return np.asarray(-(system.roots @ coupled.reshape(-1, 3, size)))
 
     @cached_property
     def feature_covariance(self) -> FloatArray:
@@ -80,18 +83,28 @@ class Geometry:
         return math.sqrt(squares / freedom) if freedom > 0.0 else math.inf
 
 
-def refined(start: Evaluation, steps: int, damping: float = DAMPING) -> Geometry:
-    """Return the geometry after at most ``steps`` (Levenberg, Marquardt), and verdicts."""
+def refined(
+    start: Evaluation, steps: int, damping: float = DAMPING, system: System | None = None
+) -> Geometry:
+    """
+    Return the geometry after at most ``steps`` (Levenberg, Marquardt), and verdicts.
+
+    ``system`` is that of the start, if it is known and the scale of the start is that of the way.
+    """
     # Damped steps hardly move along what so little is known of.
-    at, converged = replace(start, unknowns=start.factors.at_scale(start.unknowns)), False
+    at, converged = start, False
+    if system is None:
+        at = replace(start, unknowns=start.factors.at_scale(start.unknowns))
     for _ in range(steps):
-        candidate = _stepped(at, system_of(at), damping)
+        system = system_of(at) if system is None else system
+        candidate = _stepped(at, system, damping)
         gain = at.cost - candidate.cost
         if not gain > 0.0:
             damping = min(100.0 * damping, 1e3)
             converged = gain > -LEAST_GAIN
         else:
             at, damping, converged = candidate, max(0.1 * damping, 1e-9), gain < LEAST_GAIN
+            system = None
         if converged:
             break
     return Geometry(judged(at), converged, damping)
@@ -108,10 +121,19 @@ def _stepped(at: Evaluation, system: System, damping: float) -> Evaluation:
 def judged(at: Evaluation) -> Evaluation:
     """Return the evaluation with wrong matches found anew: those that most views contradict."""
     seen = at.window.seen
-    outlying = (seen & (at.squares > OUTLIER)).sum(0) / np.maximum(seen.sum(0), 1)
+    outlying = (seen & (_squares_ahead(at) > OUTLIER)).sum(0) / np.maximum(seen.sum(0), 1)
     offset = (at.unknowns.offsets**2).sum(0)
     slack = np.where(at.trusted, 1.0, RETURN)
     trusted = (outlying <= slack * WRONG_SHARE) & (offset <= slack * WRONG_OFFSET)
     if (trusted == at.trusted).all():
         return at
     return replace(at, trusted=trusted)
+
+
+def _squares_ahead(at: Evaluation) -> FloatArray:
+    """Return squares, (K, N), with no feature behind the cameras: at infinity at the farthest."""
+    if not (at.unknowns.nearness < 0.0).any():
+        return at.squares
+    ahead = at.structure._replace(nearness=np.maximum(at.structure.nearness, 0.0))
+    projection = projected(ahead, at.unknowns.views, at.window.sides)
+    return squares_of(projection, at.window.rays)

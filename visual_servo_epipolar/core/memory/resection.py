@@ -28,7 +28,7 @@ from visual_servo_epipolar.core.memory.refinement import Geometry
 from visual_servo_epipolar.core.memory.window import HEADING, MOUNT, SHARED, TILT, VIEW
 
 STEPS = 6
-LEAST_STEP = 0.01  # squared, in deviations, below which a step changes nothing that matters
+LEAST_STEP = 0.1  # squared, in deviations, below which the last step does the rest
 USUAL_MEDIAN = 1.3863  # of squares of two coordinates
 LEAST_NEARNESS = 1e-6  # information of what no feature shows [1/m^2]
 
@@ -183,10 +183,15 @@ def _whitening(
     """
     own = found[BY_FEATURE].transpose(2, 1, 0)
     alone = own @ geometry.system.roots[seen.rows]
-    spread = alone @ alone.swapaxes(1, 2)
-    spread[:, [0, 1], [0, 1]] += 1.0
+    first, other = alone[:, 0], alone[:, 1]
+    a, b, c = (first * first).sum(1), (first * other).sum(1), (other * other).sum(1)
     weight = np.sqrt(robust_weight(fit.squares / fit.widening))
-    whiten = weight[:, None, None] * np.linalg.inv(np.linalg.cholesky(spread))
+    whiten = np.zeros((len(a), 2, 2))
+    # The inverted root of [[1 + a, b], [b, 1 + c]].
+    root = np.sqrt(1.0 + a)
+    rest = np.sqrt(1.0 + c - b * b / (1.0 + a))
+    whiten[:, 0, 0], whiten[:, 1, 1] = weight / root, weight / rest
+    whiten[:, 1, 0] = -b / (1.0 + a) * whiten[:, 1, 1]
     shared = own @ geometry.feature_roots[seen.rows]
     shared += found[BY_PHOTOGRAPH].transpose(2, 1, 0) @ geometry.root[-SHARED:-2]
     return np.asarray(whiten), shared

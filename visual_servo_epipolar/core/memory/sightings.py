@@ -72,7 +72,7 @@ class MemorySettings:
     keyframes: int = 14
     features: int = 120
     steps: int = 2
-    spread: float = 0.02
+    spread: float = 0.03
     scale_deviation: float = 0.05
 
     def __post_init__(self) -> None:

@@ -37,6 +37,7 @@ from visual_servo_epipolar.core.memory.sightings import MemorySettings, sides_of
 from visual_servo_epipolar.core.memory.window import EMPTY, Window
 
 MIN_SIGHTINGS = 5  # of remembered features that agree
+MIN_COLLECTED = 8  # features of a view to begin with
 MIN_SHARE = 0.5  # of the remembered features in view that agree
 COLLECTED_PARALLAX = 12.0  # in deviations of the noise, that collected views differ by at least
 MOST_STARTS = 2  # that are tried at one view
@@ -97,6 +98,10 @@ class ViewMemory:
         self, sightings: Sightings, bearings: Sequence[Bearings], attitude: Attitude
     ) -> 'tuple[ViewMemory, Recollection]':
         """Return the memory with the view collected, with a geometry if that is found."""
+        if len(sightings) < MIN_COLLECTED:
+            return self, Recollection(
+                f'{len(sightings)} features, {MIN_COLLECTED} needed to begin'
+            )
         if not bearings:
             return self, Recollection('two views show no baseline to begin with')
         pose = np.array([0.0, 0.0, bearings[0].heading_error, attitude.tilt, attitude.roll])
@@ -170,7 +175,7 @@ class ViewMemory:
             start = with_keyframe(geometry, sightings, self.place, resection.pose, settings)
             refined_one = refined(start, settings.steps, geometry.damping)
         elif not geometry.converged:
-            refined_one = refined(geometry.evaluation, 1, geometry.damping)
+            refined_one = refined(geometry.evaluation, 1, geometry.damping, geometry.system)
         else:
             return self
         if keyframe and not is_sound(refined_one):

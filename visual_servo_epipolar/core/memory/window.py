@@ -149,7 +149,7 @@ class Unknowns:
         )
 
     def scaled(self, ratio: float) -> 'Unknowns':
-        """Return the same geometry, ``ratio`` times as large."""
+        """Return the same geometry, ``ratio`` times as large: all behind if negative."""
         views = self.views.copy()
         views[:, :HEADING] *= ratio
         return replace(self, views=views, nearness=self.nearness / ratio)

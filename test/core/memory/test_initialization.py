@@ -1,0 +1,78 @@
+"""Initialization: from rough bearings to the geometry, and to that of which features lie ahead."""
+
+from dataclasses import replace
+import math
+
+import numpy as np
+import pytest
+
+from visual_servo_epipolar.core.estimators.base import Attitude
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.memory.initialization import (
+    initial,
+    is_sound,
+    oriented,
+    Start,
+    triangulated,
+)
+from visual_servo_epipolar.core.memory.refinement import Geometry
+
+
+def start_at(view: np.ndarray, k: int, off: float = 0.0) -> Start:
+    """Return what two views would tell of a view, ``off`` by as much in psi and phi [rad]."""
+    psi = math.atan2(view[1], view[0]) + off
+    phi = psi - view[2] - 0.5 * math.pi
+    return Start(k, Bearings(psi, phi), Attitude())
+
+
+def test_depths_are_those_of_the_places(exact) -> None:
+    near = triangulated(exact.window, exact.unknowns, np.ones(14, bool))
+    assert near == pytest.approx(exact.unknowns.nearness, rel=1e-4)
+
+
+@pytest.mark.parametrize('off', [0.0, 0.05, -0.2])
+def test_rough_bearings_are_enough_to_begin_with(exact, off: float) -> None:
+    start = start_at(exact.unknowns.views[1], 1, off)
+    geometry = initial(exact.window, [start], Attitude(), 0.05)
+    assert geometry is not None
+    assert geometry.unknowns.views[:, :3] == pytest.approx(exact.unknowns.views[:, :3], abs=0.02)
+
+
+def test_of_several_starts_the_one_that_fits_best_is_taken(exact) -> None:
+    wrong, right = (start_at(exact.unknowns.views[1], 1, off) for off in (1.2, 0.0))
+    for starts in ([wrong, right], [right, wrong]):
+        geometry = initial(exact.window, starts, Attitude(), 0.05)
+        assert geometry is not None
+        assert geometry.evaluation.cost < 1.0
+
+
+def test_of_a_geometry_and_its_reverse_the_one_with_features_ahead_is_taken(exact) -> None:
+    reverse = replace(exact, unknowns=exact.unknowns.scaled(-1.0))
+    assert reverse.cost == pytest.approx(exact.cost, abs=1e-6)  # they look the same
+    assert oriented(exact) is exact
+    for geometry in (oriented(reverse), exact):
+        assert geometry.unknowns.views == pytest.approx(exact.unknowns.views)
+        assert (geometry.unknowns.nearness > 0.0).all()
+
+
+def test_without_a_way_that_was_told_it_begins_all_the_same(exact) -> None:
+    window = replace(exact.window, travelled=np.full((14, 2), np.nan))
+    start = start_at(exact.unknowns.views[0], 0)
+    geometry = initial(window, [start], Attitude(), 0.05)
+    assert geometry is not None
+    ratio = geometry.unknowns.views[:, 1] / exact.unknowns.views[:, 1]
+    assert ratio == pytest.approx(ratio[0], rel=0.01)
+
+
+def test_a_geometry_is_unsound_where_residuals_are_larger_than_noise(exact) -> None:
+    assert is_sound(Geometry(exact))
+    louder = replace(exact.window, sides=exact.window.sides * 10.0)
+    rng = np.random.default_rng(1)
+    offsets = 3.0 * rng.normal(size=exact.unknowns.offsets.shape)
+    shaken = replace(exact.unknowns, offsets=offsets)
+    assert not is_sound(Geometry(replace(exact, window=louder, unknowns=shaken)))
+
+
+def test_a_geometry_is_unsound_where_few_features_are_trusted(exact) -> None:
+    few = np.arange(len(exact.trusted)) < 0.3 * len(exact.trusted)
+    assert not is_sound(Geometry(replace(exact, trusted=few)))
