@@ -8,7 +8,6 @@ import pytest
 from visual_servo_epipolar.core.memory.refinement import Geometry
 from visual_servo_epipolar.core.memory.selection import (
     crowded,
-    depth_of,
     is_keyframe,
     kept_features,
     NEW_SHARE,
@@ -20,14 +19,14 @@ SETTINGS = MemorySettings()
 
 def test_depth_is_the_median_one(exact) -> None:
     expected = float(np.median(1.0 / exact.unknowns.nearness))
-    assert depth_of(Geometry(exact)) == pytest.approx(expected, rel=0.02)
+    assert Geometry(exact).depth == pytest.approx(expected, rel=0.02)
 
 
 @pytest.mark.parametrize(('apart', 'expected'), [(0.9, False), (1.1, True)])
 def test_a_view_from_elsewhere_is_a_keyframe(exact, apart: float, expected: bool) -> None:
     geometry = Geometry(exact)
     pose = exact.unknowns.views[0].copy()
-    pose[1] -= apart * SETTINGS.spread * depth_of(geometry)
+    pose[1] -= apart * SETTINGS.spread * geometry.depth
     assert is_keyframe(geometry, pose, sightings=40, new=0, settings=SETTINGS) is expected
 
 

@@ -1,11 +1,14 @@
 """Bound: Fisher information of photograph and all views, by differences of a plain projection."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from visual_servo_epipolar.benchmarks.memory.study import seen_from, Trial
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 
 STEP = 1e-6
+TINY, KNOWN = 1e-9, 1e-4
 VIEW = 5
 
 
@@ -71,14 +74,28 @@ def _add_attitudes(information: FloatArray, trial: Trial) -> None:
 
 
 def _add_scale(information: FloatArray, trial: Trial) -> None:
-    """Add what is known of the whole way from view to view."""
-    places = trial.views[:-1, :2]
+    """Add what is known of the whole way from view to view; of one view, how far off it is."""
+    places = trial.views[:-1, :2] if len(trial.views) > 1 else trial.views[:, :2]
+    slope = np.zeros((len(places), 2))
     steps = np.diff(places, axis=0)
     ways = np.hypot(*steps.T)
-    slope = np.zeros((len(places), 2))
     slope[1:] += steps / ways[:, None]
     slope[:-1] -= steps / ways[:, None]
-    slope /= ways.sum() * max(trial.settings.scale_error, 1e-3)
+    slope /= max(float(ways.sum()), TINY) * max(trial.settings.scale_error, 1e-3)
+    if len(trial.views) == 1:
+        slope = places / (places**2).sum() / KNOWN
     row = np.zeros(len(information))
     row[: VIEW * len(places)].reshape(-1, VIEW)[:, :2] = slope
     information += np.outer(row, row)
+
+
+def bound_of_two_views(trial: Trial) -> FloatArray:
+    """Return the bound of photograph and last view alone, told how far apart they are, (5, 5)."""
+    alone = replace(
+        trial,
+        views=trial.views[-1:],
+        pixels=trial.pixels[[0, -1]],
+        seen=trial.seen[-1:],
+        right=trial.right[-1:],
+    )
+    return bound(alone)

@@ -69,7 +69,7 @@ class Trial:
         """Return what view ``k`` shows, wrong matches with the rest."""
         ids = np.flatnonzero(self.seen[k])
         camera = self.settings.camera
-        current, desired = (camera.rays(self.pixels[j, ids]) for j in (k + 1, 0))
+        current, desired = (camera.rays(self.pixels[j, ids]) for j in (k % len(self.views) + 1, 0))
         noise = [self.settings.noise * camera.resolution(each) for each in (current, desired)]
         return Sightings(ids, current, desired, np.stack(noise, axis=1))
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, median
 from visual_servo_epipolar.core.memory.equations import (
     Evaluation,
     OUTLIER,
@@ -18,6 +18,7 @@ from visual_servo_epipolar.core.memory.window import Unknowns, Window
 
 DAMPING = 1e-4
 LEAST_GAIN = 0.05  # of the cost, below which nothing changes that matters
+LEAST_NEARNESS = 1e-6  # [1/m]
 WRONG_SHARE = 0.4  # of the sightings that are outliers, from which the whole feature is one
 WRONG_OFFSET = 16.0  # square of what the photograph's ray is off by, in deviations
 RETURN = 0.6  # of both bounds: what was wrong must be well below to count again
@@ -73,7 +74,13 @@ class Geometry:
         roots = np.concatenate([self.system.roots, self.feature_roots], axis=-1)
         return np.asarray((roots @ roots.swapaxes(1, 2)).transpose(1, 2, 0))
 
-    @property
+    @cached_property
+    def depth(self) -> float:
+        """Median depth of trusted features [m]."""
+        near = self.unknowns.nearness[self.trusted]
+        return 1.0 / max(median(near), LEAST_NEARNESS) if len(near) else 1.0
+
+    @cached_property
     def noise_ratio(self) -> float:
         """Deviation of residuals over what was expected of the noise."""
         weight = self.evaluation.weight * self.trusted

@@ -20,6 +20,7 @@ from visual_servo_epipolar.core.memory.projection import (
     is_ahead,
     OPPOSITE,
     projected,
+    Projection,
     slopes,
     squares_of,
     Structure,
@@ -29,6 +30,7 @@ from visual_servo_epipolar.core.memory.window import HEADING, MOUNT, SHARED, TIL
 
 STEPS = 6
 LEAST_STEP = 0.1  # squared, in deviations, below which the last step does the rest
+FAR = 1e3  # squared, likewise, from which slopes are taken anew
 USUAL_MEDIAN = 1.3863  # of squares of two coordinates
 LEAST_NEARNESS = 1e-6  # information of what no feature shows [1/m^2]
 
@@ -102,32 +104,44 @@ def anchors_of(geometry: Geometry) -> Anchors:
     )
 
 
+class _Slopes(NamedTuple):
+    """Slopes of residuals by the view, (5, 2, n), and what those tell, at some pose."""
+
+    own: FloatArray
+    told: FloatArray  # inverted covariances of residuals, (2, 2, n)
+    weighted: FloatArray  # slopes times those
+
+
+def _slopes(anchors: Anchors, seen: Seen, pose: FloatArray, projection: Projection) -> _Slopes:
+    found = slopes(anchors.structure, pose[None], seen.sides[None], projection)[0]
+    told = _information(found[BY_FEATURE], anchors.covariance)
+    return _Slopes(found[BY_VIEW], told, _times(told, found[BY_VIEW]))
+
+
 def fitted(anchors: Anchors, seen: Seen, start: FloatArray) -> Fit:
     """Return the pose that fits best, from ``start``, (5,), by features as if independent."""
     pose, widening, squares = start, 1.0, np.zeros(len(seen.rows))
+    at: _Slopes | None = None
     known = np.zeros(VIEW)
     known[TILT:] = anchors.deviation**-2
     for _ in range(STEPS):
-        views = pose[None]
-        projection = projected(anchors.structure, views, seen.sides[None])
-        found = slopes(anchors.structure, views, seen.sides[None], projection)[0]
+        projection = projected(anchors.structure, pose[None], seen.sides[None])
         residuals = projection.residuals[0]
-        told = _information(found[BY_FEATURE], anchors.covariance)
-        weighted = _times(told, residuals)
+        at = _slopes(anchors, seen, pose, projection) if at is None else at
         ahead = is_ahead(projection, seen.rays[None])[0]
-        squares = np.where(ahead, (weighted * residuals).sum(0), OPPOSITE)
+        squares = np.where(ahead, (_times(at.told, residuals) * residuals).sum(0), OPPOSITE)
         widening = max(1.0, median(squares) / USUAL_MEDIAN)
-        weight = robust_weight(squares / widening)
-        own = found[BY_VIEW]
-        rows = (_times(told, own) * weight).reshape(VIEW, -1)
-        matrix = rows @ own.reshape(VIEW, -1).T
+        rows = (at.weighted * robust_weight(squares / widening)).reshape(VIEW, -1)
+        matrix = rows @ at.own.reshape(VIEW, -1).T
         matrix[np.diag_indices(VIEW)] += known + LEAST_NEARNESS
         vector = rows @ residuals.ravel()
         vector[TILT:] += known[TILT:] * (pose[TILT:] - anchors.attitude)
         step = np.linalg.solve(matrix, vector)
         pose = pose - step
-        if step @ vector < LEAST_STEP * widening:
+        moved = step @ vector / widening
+        if moved < LEAST_STEP:
             break
+        at = at if moved < FAR else None
     return Fit(pose, squares, widening)
 
 

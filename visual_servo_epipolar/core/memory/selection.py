@@ -18,12 +18,6 @@ MIN_KEYFRAME_FEATURES = 8
 CLOSEST = 1e-3  # distance that keyframes count as apart at least, in depths of the scene
 
 
-def depth_of(geometry: Geometry) -> float:
-    """Return the median depth of trusted features [m]."""
-    near = geometry.unknowns.nearness[geometry.trusted]
-    return float(1.0 / max(np.median(near), 1e-6)) if len(near) else 1.0
-
-
 def is_keyframe(
     geometry: Geometry, pose: FloatArray, *, sightings: int, new: int, settings: MemorySettings
 ) -> bool:
@@ -31,7 +25,7 @@ def is_keyframe(
     if sightings < MIN_KEYFRAME_FEATURES:
         return False
     offset = geometry.unknowns.views[:, :2] - pose[:2]
-    apart = float(np.hypot(offset[:, 0], offset[:, 1]).min()) / depth_of(geometry)
+    apart = float(np.hypot(offset[:, 0], offset[:, 1]).min()) / geometry.depth
     return apart > settings.spread or new >= max(FEWEST_NEW, NEW_SHARE * sightings)
 
 
@@ -84,7 +78,7 @@ def with_keyframe(
         unknowns = replace(unknowns, nearness=near)
     trusted = np.concatenate([trusted, np.ones(more, bool)])
     if len(window) > settings.keyframes:
-        k = crowded(unknowns.views[:, :2], window.seen & trusted, depth_of(geometry))
+        k = crowded(unknowns.views[:, :2], window.seen & trusted, geometry.depth)
         window = window.without_view(k)
         unknowns = replace(unknowns, views=np.delete(unknowns.views, k, axis=0))
     kept = kept_features(window, trusted, settings.features)

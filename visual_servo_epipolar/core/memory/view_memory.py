@@ -29,7 +29,6 @@ from visual_servo_epipolar.core.memory.resection import (
     Seen,
 )
 from visual_servo_epipolar.core.memory.selection import (
-    depth_of,
     is_keyframe,
     with_keyframe,
 )
@@ -220,6 +219,6 @@ def _recollection(
         nearness=geometry.unknowns.nearness,
         nearness_variance=geometry.feature_covariance[2, 2],
         rays=seen_rays(anchors.structure, resection.pose),
-        depth=depth_of(geometry),
+        depth=geometry.depth,
         noise_ratio=geometry.noise_ratio,
     )
