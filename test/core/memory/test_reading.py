@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.memory.recollection import Recollection
 from visual_servo_epipolar.core.perception.measures import feature_difference
 
 PLACES = st.tuples(st.floats(-1.0, 1.0), st.floats(-3.0, -0.2), st.floats(-1.0, 1.0))
-COVARIANCE = np.diag([1e-6, 4e-6, 1e-8, 1e-8, 1e-8])
+COVARIANCE = np.diag([1e-6, 4e-6, 4e-6, 1e-8, 1e-8])
 
 
 def recollection(place, covariance=COVARIANCE) -> Recollection:

@@ -36,6 +36,13 @@ def test_it_reaches_the_truth_from_afar(exact) -> None:
 
 def test_a_step_that_gains_nothing_is_not_taken(exact) -> None:
     assert refined(exact, 5).evaluation.cost <= exact.cost
+    rng = np.random.default_rng(1)
+    off = rng.normal(size=exact.unknowns.views.shape) * [0.8, 0.8, 0.2, 0.05, 0.05]
+    far = replace(exact, unknowns=replace(exact.unknowns, views=exact.unknowns.views + off))
+    start = refined(far, 0).evaluation  # the same, at the scale of the way
+    for steps in range(1, 5):
+        end = refined(start, steps, 1e-9).evaluation
+        assert replace(end, trusted=start.trusted).cost <= start.cost
 
 
 def test_steps_are_counted_not_timed(exact) -> None:

@@ -103,6 +103,22 @@ def test_after_a_push_the_keyframe_most_alike_is_where_to_start(
     assert fit.pose == pytest.approx(exact_drive.views[14], abs=1e-3)
 
 
+def test_it_finds_the_way_from_afar(exact_drive, last) -> None:
+    _, anchors, seen = last
+    start = exact_drive.views[14] + [0.5, -0.9, 0.45, 0.05, 0.1]
+    assert fitted(anchors, seen, start).pose == pytest.approx(exact_drive.views[14], abs=1e-4)
+
+
+def test_what_the_floor_can_do_bounds_what_is_not_known_of_the_attitude(last) -> None:
+    geometry, anchors, seen = last
+    rows = np.arange(3)  # hardly anything
+    few = Seen(seen.rows[rows], seen.rays[:, rows], seen.sides[..., rows] * 1e-3)
+    chosen = anchors.of(rows)
+    fit = fitted(chosen, few, geometry.unknowns.views[-1])
+    deviations = np.sqrt(np.diag(resected(geometry, chosen, few, fit).covariance)[3:])
+    assert deviations == pytest.approx(anchors.deviation, rel=0.05)
+
+
 def test_wrong_sightings_do_not_pull(exact_drive, last) -> None:
     geometry, anchors, seen = last
     rays, sides = seen.rays.copy(), seen.sides.copy()

@@ -47,6 +47,8 @@ def test_the_keyframe_in_the_crowd_goes_and_the_newest_stays() -> None:
     everything = np.ones((5, 10), bool)
     assert crowded(places, everything, 5.0) == 3
     assert crowded(places[:4], everything[:4], 5.0) in (1, 2)
+    between = np.array([[0.0, -4.0], [0.0, -3.0], [0.0, -2.0], [0.0, -1.98], [0.0, -1.99]])
+    assert crowded(between, everything, 5.0) in (2, 3)
 
 
 def test_of_two_alike_the_one_with_fewer_features_goes() -> None:

@@ -18,6 +18,7 @@ from visual_servo_epipolar.benchmarks.memory.study import (
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.memory.recollection import Recollection
+from visual_servo_epipolar.core.memory.refinement import Geometry
 from visual_servo_epipolar.core.memory.sightings import MemorySettings, Sightings
 from visual_servo_epipolar.core.memory.view_memory import ViewMemory
 
@@ -75,6 +76,56 @@ def test_where_it_does_not_converge_at_once_it_goes_on_at_the_next_view(drive, m
     assert after.geometry.evaluation.cost <= memory.geometry.evaluation.cost
     done = replace(memory, geometry=replace(memory.geometry, converged=True), settings=settings)
     assert done.after(drive.sightings(14))[0].geometry is done.geometry
+
+
+def test_steps_go_on_until_there_is_no_more_to_gain(drive, memory) -> None:
+    geometry = memory.geometry
+    rng = np.random.default_rng(1)
+    off = rng.normal(size=geometry.unknowns.views.shape) * [2e-3, 2e-3, 5e-4, 0.0, 0.0]
+    unknowns = replace(geometry.unknowns, views=geometry.unknowns.views + off)
+    worse = replace(geometry.evaluation, unknowns=unknowns)
+    unfinished = replace(memory, geometry=Geometry(worse), settings=MemorySettings(spread=9.0))
+    after, _ = unfinished.after(drive.sightings(14))
+    assert after.geometry.evaluation.cost < 0.8 * worse.cost
+
+
+def test_the_next_view_is_looked_for_where_this_one_was(drive, memory) -> None:
+    after, said = memory.after(drive.sightings(14))
+    assert after.pose.tolist() == said.pose.tolist()
+
+
+def test_the_way_is_turned_as_the_camera_was(memory) -> None:
+    turned = replace(memory, pose=np.array([0.0, 0.0, 0.5 * math.pi, 0.0, 0.0]))
+    nothing = Sightings(np.empty(0), np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 2)))
+    after, _ = turned.after(nothing, np.array([0.0, 1.0]))
+    assert after.place - memory.place == pytest.approx([-1.0, 0.0])  # facing left
+
+
+def test_a_wrong_match_does_not_count_where_it_happens_to_agree(drive, memory) -> None:
+    sightings = drive.sightings(14)
+    _, before = memory.after(sightings)
+    number = sightings.ids[before.inliers][0]
+    trusted = memory.geometry.trusted & (memory.window.ids != number)
+    evaluation = replace(memory.geometry.evaluation, trusted=trusted)
+    _, said = replace(memory, geometry=Geometry(evaluation)).after(sightings)
+    assert not said.inliers[sightings.ids == number].any()
+    assert number in said.dropped
+
+
+def test_a_geometry_that_new_keyframes_contradict_is_forgotten(drive, memory) -> None:
+    window = memory.window
+    louder = replace(window, sides=5.0 * window.sides)  # noise was told too small
+    evaluation = replace(memory.geometry.evaluation, window=louder)
+    deceived = replace(
+        memory,
+        geometry=Geometry(evaluation),
+        window=louder,
+        settings=MemorySettings(spread=1e-6),
+    )
+    after, said = deceived.after(drive.sightings(14))
+    assert not said.reason
+    assert after.geometry is None
+    assert len(after.window) == 0
 
 
 def test_another_way_that_was_told_makes_all_larger_and_turns_nothing(drive) -> None:

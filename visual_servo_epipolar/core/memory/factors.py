@@ -20,6 +20,7 @@ from visual_servo_epipolar.core.memory.window import (
 LEAST_JITTER = 1e-4  # [rad]
 UNKNOWN_SCALE = 1.0  # deviation of the logarithm of a scale that nobody told
 LEAST_WAY = 1e-9  # [m]
+LEAST_PLACE = 1e-6  # information of a view that features tell nothing of [1/m^2]
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,9 +41,9 @@ class Factors:
 
     @cached_property
     def information(self) -> FloatArray:
-        """Information of all attitudes, (5 K + 4, 5 K + 4)."""
+        """Information of all attitudes, (5 K + 4, 5 K + 4), and hardly any of places."""
         size = VIEW * self.views + SHARED
-        matrix = np.zeros((size, size))
+        matrix = LEAST_PLACE * np.eye(size)
         jitter = max(self.mount.jitter, LEAST_JITTER) ** -2
         attitudes = [*range(TILT, size - SHARED, VIEW), size - SHARED]
         for axis in range(2):

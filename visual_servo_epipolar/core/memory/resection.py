@@ -28,7 +28,7 @@ from visual_servo_epipolar.core.memory.projection import (
 from visual_servo_epipolar.core.memory.refinement import Geometry
 from visual_servo_epipolar.core.memory.window import HEADING, MOUNT, SHARED, TILT, VIEW
 
-STEPS = 6
+STEPS = 8
 LEAST_STEP = 0.1  # squared, in deviations, below which the last step does the rest
 FAR = 1e3  # squared, likewise, from which slopes are taken anew
 USUAL_MEDIAN = 1.3863  # of squares of two coordinates
@@ -138,8 +138,8 @@ def fitted(anchors: Anchors, seen: Seen, start: FloatArray) -> Fit:
         vector[TILT:] += known[TILT:] * (pose[TILT:] - anchors.attitude)
         step = np.linalg.solve(matrix, vector)
         pose = pose - step
-        moved = step @ vector / widening
-        if moved < LEAST_STEP:
+        moved = step @ vector
+        if moved < LEAST_STEP * widening:
             break
         at = at if moved < FAR else None
     return Fit(pose, squares, widening)
