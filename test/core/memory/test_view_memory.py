@@ -253,6 +253,12 @@ def test_a_robot_pushed_aside_is_found_again(drive, memory) -> None:
     assert near_truth(said, pushed.views[15])
 
 
+def test_where_the_last_place_is_no_use_the_keyframes_are(drive, memory) -> None:
+    lost = replace(memory, pose=np.array([4.0, 9.0, 2.5, 0.4, -0.4]))
+    _, said = lost.after(drive.sightings(14))
+    assert near_truth(said, drive.views[14])
+
+
 def test_on_the_axis_alone_it_is_as_exact() -> None:
     places = np.zeros((15, 3))
     places[:, 1] = [*-np.linspace(3.0, 0.2, 14), -0.01]
