@@ -19,6 +19,7 @@ from visual_servo_epipolar.core.memory.window import (
 
 LEAST_JITTER = 1e-4  # [rad]
 UNKNOWN_SCALE = 1.0  # deviation of the logarithm of a scale that nobody told
+LAG = 0.02  # way by which a base may be behind its commands [m]
 LEAST_WAY = 1e-9  # [m]
 LEAST_PLACE = 1e-6  # information of a view that features tell nothing of [1/m^2]
 
@@ -103,5 +104,6 @@ def factors_of(mount: Attitude, window: Window, scale_deviation: float) -> Facto
     """Return the factors of a ``window``; without a way that was told the scale is a guess."""
     way = float(window.ways.sum())
     known = math.isfinite(way) and way > LEAST_WAY
-    deviation = scale_deviation if known else UNKNOWN_SCALE
+    deviation = math.hypot(scale_deviation, LAG / way) if known else UNKNOWN_SCALE
+    deviation = min(deviation, UNKNOWN_SCALE)
     return Factors(mount, len(window), way if known else 0.0, deviation)

@@ -9,7 +9,8 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.memory.equations import Evaluation, system_of
+from visual_servo_epipolar.core.geometry.rotation import MIN_POINTS
+from visual_servo_epipolar.core.memory.equations import Evaluation, OUTLIER, system_of
 from visual_servo_epipolar.core.memory.factors import factors_of, LEAST_JITTER
 from visual_servo_epipolar.core.memory.projection import (
     points_of,
@@ -26,6 +27,10 @@ ALMOST = 1.5  # times the usual squares: as good as there
 COLD_DAMPING = 1e-3
 VOTE = 3.0  # most deviations of an inverse depth that count for its sign
 MOST_NOISE = 2.0  # of residuals over the noise that was told: else it is the wrong geometry
+DECISIVE = 16.0  # of cost, by which one geometry must fit better than another
+ALIKE = 0.05  # direction of the last view, up to which they are the same [rad]
+FIRST_TRUSTED = 0.6  # of the features to begin with: a wrong plane fits half of them
+LEAST_AGREEING = 0.5  # of the trusted features in a view
 LEAST_TRUSTED = 0.35  # of the features
 FIRST_UNCERTAINTY = 0.3  # of depths from two views
 LEAST_DEPTH = 0.2  # of the way between the views
@@ -42,16 +47,34 @@ class Start(NamedTuple):
 def initial(
     window: Window, starts: Sequence[Start], mount: Attitude, scale_deviation: float
 ) -> Geometry | None:
-    """Return the geometry of a ``window`` that fits best from any of ``starts``; None if none."""
+    """
+    Return the geometry of a ``window`` that fits best; None if none does, or if two do.
+
+    Of ``starts``, those of the last view that has one are tried; others say where to look for
+    their views. A view that does not fit the rest is left out.
+    """
     factors = factors_of(mount, window, scale_deviation)
     everything = np.ones(len(window.ids), bool)
-    best: Geometry | None = None
-    for start in starts:
-        unknowns = _resected_views(window, start)
+    found: list[Geometry] = []
+    for start in (it for it in starts if it.view == starts[-1].view):
+        unknowns = _resected_views(window, start, starts)
         geometry = _narrowed(oriented(Evaluation(window, unknowns, everything, factors)))
-        if best is None or geometry.evaluation.cost < best.evaluation.cost:
-            best = geometry
-    return best if best is not None and is_sound(best) else None
+        geometry = _of_held_views(geometry, scale_deviation)
+        if len(geometry.window) > 1 and is_sound(geometry, FIRST_TRUSTED):
+            found.append(geometry)
+    found.sort(key=lambda geometry: geometry.evaluation.cost)
+    if not found or any(is_rival(found[0], other) for other in found[1:]):
+        return None
+    return found[0]
+
+
+def is_rival(best: Geometry, other: Geometry) -> bool:
+    """Whether ``other`` fits nearly as well from other places: more views must tell."""
+    if other.evaluation.cost > best.evaluation.cost + DECISIVE:
+        return False
+    first, second = (it.unknowns.views[-1, :2] for it in (best, other))
+    angle = np.arctan2(first[0] * second[1] - first[1] * second[0], first @ second)
+    return bool(abs(angle) > ALIKE)
 
 
 def _narrowed(at: Evaluation) -> Geometry:
@@ -80,14 +103,43 @@ def oriented(at: Evaluation) -> Evaluation:
     return at if vote >= 0.0 else replace(at, unknowns=at.unknowns.scaled(-1.0))
 
 
-def is_sound(geometry: Geometry) -> bool:
-    """Whether residuals are what noise makes them, and most features no wrong matches."""
+def is_sound(geometry: Geometry, trusted: float = LEAST_TRUSTED) -> bool:
+    """
+    Whether residuals are what noise makes them, and a share of features ``trusted``.
+
+    In every view most of those agree: one that none holds drifts away, and takes the scale along.
+    """
     share = geometry.trusted.mean() if len(geometry.trusted) else 0.0
-    return geometry.noise_ratio < MOST_NOISE and float(share) >= LEAST_TRUSTED
+    held = bool(held_views(geometry).all())
+    return held and geometry.noise_ratio < MOST_NOISE and float(share) >= trusted
 
 
-def _resected_views(window: Window, start: Start) -> Unknowns:
+def held_views(geometry: Geometry) -> BoolArray:
+    """Return the views in which most of the trusted features agree, (K,)."""
+    seen = geometry.window.seen & geometry.trusted
+    agree = (seen & (geometry.evaluation.squares <= OUTLIER)).sum(1)
+    return np.asarray(agree >= LEAST_AGREEING * np.maximum(seen.sum(1), 1))
+
+
+def _of_held_views(geometry: Geometry, scale_deviation: float) -> Geometry:
+    """Return the geometry without the views that do not fit the rest."""
+    held = held_views(geometry)
+    if held.all() or held.sum() < 2:
+        return geometry
+    window, at = geometry.window, geometry.unknowns
+    for k in np.flatnonzero(~held)[::-1].tolist():
+        window = window.without_view(k)
+    kept = np.asarray(window.seen.any(0))
+    window = window.of_features(kept)
+    unknowns = Unknowns(at.views[held], at.shared, at.offsets[:, kept], at.nearness[kept])
+    factors = factors_of(geometry.evaluation.factors.mount, window, scale_deviation)
+    everything = np.ones(len(window.ids), bool)
+    return refined(Evaluation(window, unknowns, everything, factors), MORE_STEPS, COLD_DAMPING)
+
+
+def _resected_views(window: Window, start: Start, starts: Sequence[Start]) -> Unknowns:
     """Return all views by features whose depths are those that one of them shows."""
+    told = {it.view: it.bearings for it in starts}
     attitude = np.array([start.attitude.tilt, start.attitude.roll])
     psi, heading = start.bearings.psi, start.bearings.heading_error
     views = np.zeros((len(window), VIEW))
@@ -107,14 +159,23 @@ def _resected_views(window: Window, start: Start) -> Unknowns:
     order = [*range(start.view + 1, len(window)), *range(start.view - 1, -1, -1)]
     for k in order:
         neighbour = k - 1 if k > start.view else k + 1
+        views[k] = _placed(views[neighbour], told.get(k))
         rows = np.flatnonzero(window.seen[k] & window.seen[start.view])
-        if len(rows):
+        if len(rows) >= MIN_POINTS:
             seen = Seen(rows, window.rays[k][:, rows], window.sides[k][..., rows])
-            views[k] = fitted(anchors.of(rows), seen, views[neighbour]).pose
-        else:
-            views[k] = views[neighbour]
+            views[k] = fitted(anchors.of(rows), seen, views[k]).pose
     every = triangulated(window, unknowns, np.ones(len(window), bool))
     return Unknowns(views, unknowns.shared, unknowns.offsets, every)
+
+
+def _placed(near: FloatArray, told: Bearings | None) -> FloatArray:
+    """Return where a view may be that is as far off as one ``near``, by what it was ``told``."""
+    view = near.copy()
+    if told is not None:
+        distance = np.hypot(near[0], near[1])
+        view[:2] = distance * np.cos(told.psi), distance * np.sin(told.psi)
+        view[2] = told.heading_error
+    return np.asarray(view)
 
 
 def triangulated(window: Window, unknowns: Unknowns, views: BoolArray) -> FloatArray:

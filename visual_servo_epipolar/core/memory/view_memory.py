@@ -30,6 +30,7 @@ from visual_servo_epipolar.core.memory.resection import (
 )
 from visual_servo_epipolar.core.memory.selection import (
     is_keyframe,
+    kept_features,
     with_keyframe,
 )
 from visual_servo_epipolar.core.memory.sightings import MemorySettings, sides_of, Sightings
@@ -38,7 +39,8 @@ from visual_servo_epipolar.core.memory.window import EMPTY, Window
 MIN_SIGHTINGS = 5  # of remembered features that agree
 MIN_COLLECTED = 8  # features of a view to begin with
 MIN_SHARE = 0.5  # of the remembered features in view that agree
-COLLECTED_PARALLAX = 12.0  # in deviations of the noise, that collected views differ by at least
+COLLECTED_PARALLAX = 50.0  # in deviations of the noise, that collected views differ by at least
+MOST_COLLECTED = 4  # views to begin with: more cost more time, and are passed soon
 MOST_STARTS = 2  # that are tried at one view
 
 
@@ -113,7 +115,7 @@ class ViewMemory:
         geometry = initial(memory.window, memory.starts, self.mount, self.settings.scale_deviation)
         if geometry is None:
             return memory, Recollection('no geometry fits the views that are collected')
-        found = replace(memory, geometry=geometry, starts=(), last=None)
+        found = replace(memory, geometry=geometry, window=geometry.window, starts=(), last=None)
         found = replace(found, pose=geometry.unknowns.views[-1])
         return found, Recollection('the geometry begins with this view')
 
@@ -121,12 +123,13 @@ class ViewMemory:
         self, sightings: Sightings, bearings: Sequence[Bearings], attitude: Attitude
     ) -> 'ViewMemory':
         window, starts = self.window, self.starts
-        if len(window) >= self.settings.keyframes:
+        if len(window) >= MOST_COLLECTED:
             window, starts = window.without_view(0), _earlier(starts)
         new = [Start(len(window), each, attitude) for each in bearings[:MOST_STARTS]]
         window = window.with_view(sightings, self.place)
-        starts = tuple([*starts, *new][-MOST_STARTS:])
-        return replace(self, window=window, starts=starts, last=sightings)
+        everything = np.ones(len(window.ids), bool)
+        window = window.of_features(kept_features(window, everything, self.settings.features))
+        return replace(self, window=window, starts=(*starts, *new), last=sightings)
 
     def _remembered(
         self, geometry: Geometry, sightings: Sightings
