@@ -8,7 +8,7 @@ import pytest
 
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.memory.equations import Evaluation
-from visual_servo_epipolar.core.memory.factors import Factors, factors_of
+from visual_servo_epipolar.core.memory.factors import Factors, factors_of, LAG
 from visual_servo_epipolar.core.memory.refinement import Geometry, refined
 from visual_servo_epipolar.core.memory.view_memory import ViewMemory
 
@@ -85,3 +85,14 @@ def test_what_views_share_of_their_attitude_is_the_mount_the_rest_the_floor() ->
     assert covariance[0, 0] == pytest.approx(0.03**2 + 0.002**2)
     assert covariance[0, 3] == pytest.approx(0.03**2)
     assert covariance[4, 4] == pytest.approx(0.03**2)
+
+
+def test_a_short_way_tells_little_of_the_scale(exact) -> None:
+    def deviation(way: float) -> float:
+        travelled = np.array([[0.0, 0.0], [0.0, way]])
+        window = replace(exact.window.without_view(0), travelled=travelled)
+        return factors_of(Attitude(), window, 0.05).scale_deviation
+
+    assert deviation(10.0) == pytest.approx(0.05, rel=1e-2)
+    assert deviation(0.1) == pytest.approx(math.hypot(0.05, LAG / 0.1))
+    assert deviation(1e-6) == 1.0

@@ -6,16 +6,20 @@ import math
 import numpy as np
 import pytest
 
+from visual_servo_epipolar.benchmarks.memory.study import StudySettings, trial
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.memory.initialization import (
+    held_views,
     initial,
+    is_rival,
     is_sound,
     oriented,
     Start,
     triangulated,
 )
 from visual_servo_epipolar.core.memory.refinement import Geometry
+from visual_servo_epipolar.core.memory.window import EMPTY
 
 
 def start_at(view: np.ndarray, k: int, off: float = 0.0) -> Start:
@@ -76,3 +80,48 @@ def test_a_geometry_is_unsound_where_residuals_are_larger_than_noise(exact) -> N
 def test_a_geometry_is_unsound_where_few_features_are_trusted(exact) -> None:
     few = np.arange(len(exact.trusted)) < 0.3 * len(exact.trusted)
     assert not is_sound(Geometry(replace(exact, trusted=few)))
+
+
+def test_a_geometry_is_unsound_where_a_view_is_held_by_nothing(exact) -> None:
+    views = exact.unknowns.views.copy()
+    views[2, :3] += [3.0, 5.0, 1.0]
+    flung = Geometry(replace(exact, unknowns=replace(exact.unknowns, views=views)))
+    assert held_views(flung).tolist() == [k != 2 for k in range(14)]
+    assert not is_sound(flung)
+
+
+def test_a_view_that_does_not_fit_is_left_out_and_the_rest_begins(exact) -> None:
+    # One view shows other features than it says; its place would take the whole scale along.
+    sides = exact.window.sides.copy()
+    sides[2] = np.roll(sides[2], 9, axis=-1)
+    window = replace(exact.window, sides=sides)
+    start = start_at(exact.unknowns.views[1], 1)
+    geometry = initial(window, [start], Attitude(), 0.05)
+    assert geometry is not None
+    assert len(geometry.window) == 13
+    kept = np.delete(exact.unknowns.views, 2, axis=0)
+    assert geometry.unknowns.views[:, :3] == pytest.approx(kept[:, :3], abs=0.02)
+
+
+def test_where_two_geometries_fit_alike_more_views_must_tell(exact) -> None:
+    best = Geometry(exact)
+    turned = exact.unknowns.views.copy()
+    turned[:, 0] -= 0.3 * turned[:, 1]
+    other = Geometry(replace(exact, unknowns=replace(exact.unknowns, views=turned)))
+    assert not is_rival(best, other)  # it fits far worse
+    assert is_rival(other, best)
+    assert not is_rival(best, best)  # the same places
+
+
+def test_views_turned_far_from_each_other_begin_as_well() -> None:
+    # Half a field of view between two views: what one saw the other hardly does.
+    places = np.array([[0.9, -3.0, -0.15], [0.7, -2.6, 0.33], [0.5, -2.2, 0.36], [0.3, -1.8, 0.3]])
+    drive = trial(StudySettings(points=90, wall=True, wrong=0.0), 2, places)
+    window, starts = EMPTY, []
+    for k in range(4):
+        window = window.with_view(drive.sightings(k), drive.views[k, :2])
+        starts.append(start_at(drive.views[k], k))
+    geometry = initial(window, starts, drive.mount, 0.05)
+    assert geometry is not None
+    assert len(geometry.window) == 4
+    assert geometry.unknowns.views[:, :3] == pytest.approx(drive.views[:, :3], abs=0.25)

@@ -33,6 +33,7 @@ FIRST_TRUSTED = 0.6  # of the features to begin with: a wrong plane fits half of
 LEAST_AGREEING = 0.5  # of the trusted features in a view
 LEAST_TRUSTED = 0.35  # of the features
 FIRST_UNCERTAINTY = 0.3  # of depths from two views
+FARTHEST = 10.0  # ways to the first view that another may be off
 LEAST_DEPTH = 0.2  # of the way between the views
 
 
@@ -163,7 +164,9 @@ def _resected_views(window: Window, start: Start, starts: Sequence[Start]) -> Un
         rows = np.flatnonzero(window.seen[k] & window.seen[start.view])
         if len(rows) >= MIN_POINTS:
             seen = Seen(rows, window.rays[k][:, rows], window.sides[k][..., rows])
-            views[k] = fitted(anchors.of(rows), seen, views[k]).pose
+            pose = fitted(anchors.of(rows), seen, views[k]).pose
+            if np.hypot(*pose[:2]) < FARTHEST:  # else others would start from nowhere
+                views[k] = pose
     every = triangulated(window, unknowns, np.ones(len(window), bool))
     return Unknowns(views, unknowns.shared, unknowns.offsets, every)
 
