@@ -14,6 +14,7 @@ from visual_servo_epipolar.core.memory.equations import (
     robust_weight,
     system_of,
 )
+from visual_servo_epipolar.core.memory.refinement import Geometry
 from visual_servo_epipolar.core.memory.window import Unknowns
 
 
@@ -122,3 +123,11 @@ def test_far_from_the_best_unknowns_outliers_are_told_less_strictly(exact) -> No
     wide = replace(at, widening=100.0)
     assert (wide.weight >= at.weight).all()
     assert wide.weight.sum() > at.weight.sum()
+
+
+def test_a_view_of_nothing_leaves_the_equations_regular(exact) -> None:
+    seen = exact.window.seen.copy()
+    seen[2] = False
+    geometry = Geometry(replace(exact, window=replace(exact.window, seen=seen)))
+    assert (np.diag(geometry.system.matrix) > 0.0).all()
+    assert np.isfinite(geometry.root).all()

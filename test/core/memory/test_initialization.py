@@ -9,12 +9,14 @@ import pytest
 from visual_servo_epipolar.benchmarks.memory.study import StudySettings, trial
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.memory import initialization
 from visual_servo_epipolar.core.memory.initialization import (
     held_views,
     initial,
     is_rival,
     is_sound,
     oriented,
+    placed,
     Start,
     triangulated,
 )
@@ -125,3 +127,17 @@ def test_views_turned_far_from_each_other_begin_as_well() -> None:
     assert geometry is not None
     assert len(geometry.window) == 4
     assert geometry.unknowns.views[:, :3] == pytest.approx(drive.views[:, :3], abs=0.25)
+
+
+def test_nothing_begins_while_another_geometry_fits_as_well(exact, monkeypatch) -> None:
+    starts = [start_at(exact.unknowns.views[1], 1, off) for off in (0.0, 0.05)]
+    assert initial(exact.window, starts, Attitude(), 0.05) is not None
+    monkeypatch.setattr(initialization, 'is_rival', lambda best, other: True)
+    assert initial(exact.window, starts, Attitude(), 0.05) is None
+
+
+def test_a_view_is_looked_for_where_it_was_told_as_far_off_as_its_neighbour() -> None:
+    near, told = np.array([0.6, -0.8, 0.1, 0.01, 0.02]), Bearings(-1.4, 2.9)
+    expected = [math.cos(-1.4), math.sin(-1.4), told.heading_error, 0.01, 0.02]
+    assert placed(near, told) == pytest.approx(np.array(expected))
+    assert placed(near, None).tolist() == near.tolist()

@@ -160,7 +160,7 @@ def _resected_views(window: Window, start: Start, starts: Sequence[Start]) -> Un
     order = [*range(start.view + 1, len(window)), *range(start.view - 1, -1, -1)]
     for k in order:
         neighbour = k - 1 if k > start.view else k + 1
-        views[k] = _placed(views[neighbour], told.get(k))
+        views[k] = placed(views[neighbour], told.get(k))
         rows = np.flatnonzero(window.seen[k] & window.seen[start.view])
         if len(rows) >= MIN_POINTS:
             seen = Seen(rows, window.rays[k][:, rows], window.sides[k][..., rows])
@@ -171,7 +171,7 @@ def _resected_views(window: Window, start: Start, starts: Sequence[Start]) -> Un
     return Unknowns(views, unknowns.shared, unknowns.offsets, every)
 
 
-def _placed(near: FloatArray, told: Bearings | None) -> FloatArray:
+def placed(near: FloatArray, told: Bearings | None) -> FloatArray:
     """Return where a view may be that is as far off as one ``near``, by what it was ``told``."""
     view = near.copy()
     if told is not None:
