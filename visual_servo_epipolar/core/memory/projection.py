@@ -1,0 +1,160 @@
+"""Projection of features into views: residuals in deviations, and their derivatives."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+from visual_servo_epipolar.core.memory.window import (
+    HEADING,
+    PHOTOGRAPH,
+    ROLL,
+    TILT,
+    Unknowns,
+    X,
+    Y,
+)
+
+BY_VIEW, BY_FEATURE, BY_PHOTOGRAPH = slice(0, 5), slice(5, 8), slice(8, 10)
+UNKNOWNS = 10  # x, y, heading, tilt, roll; two offsets, nearness; tilt, roll of the photograph
+OPPOSITE = 1e12  # square of a residual of what would lie behind its ray
+
+# d/dh R(h)^T = R^T @ TURN, d/dr Z(r)^T = LEAN @ Z^T, d/dt X(t)^T = NOD @ X^T.
+TURN = np.array([[0.0, 0.0, 1.0], [0.0, 0.0, 0.0], [-1.0, 0.0, 0.0]])
+LEAN = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 0.0]])
+NOD = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
+
+
+class Structure(NamedTuple):
+    """Features in upright axes of the photograph: ``rays``, (3, N), and by unknowns, (3, 4, N)."""
+
+    rays: FloatArray
+    slopes: FloatArray  # by two offsets, tilt and roll of the photograph
+    nearness: FloatArray
+
+
+class Projection(NamedTuple):
+    """
+    Features in views: directions, (K, 3, N), at a length, (K, N), of points over their depths.
+
+    ``residuals``, (K, 2, N), are in deviations; ``turns``, (K, 3, 3), lead from upright axes of
+    the photograph to those of cameras.
+    """
+
+    points: FloatArray
+    length: FloatArray
+    residuals: FloatArray
+    turns: FloatArray
+
+
+def structure_of(photograph: FloatArray, tangents: FloatArray, unknowns: Unknowns) -> Structure:
+    """Return the features in upright axes of the photograph."""
+    tilt, roll = unknowns.shared[PHOTOGRAPH].tolist()
+    upright = _to_camera(np.array([tilt]), np.array([roll]))[0].T
+    offsets = unknowns.offsets
+    # Camera, then its offsets: what the photograph shows, moved across.
+    own = photograph.T + tangents[0] * offsets[0] + tangents[1] * offsets[1]
+    rolled = LEAN.T @ own
+    tilted = NOD.T @ (upright @ own)
+    # upright = X Z, d/dr = X Z' = X Z LEAN^T, d/dt = X' Z = NOD^T X Z.
+    slopes = np.stack(
+        [upright @ tangents[0], upright @ tangents[1], tilted, upright @ rolled], axis=1
+    )
+    return Structure(upright @ own, slopes, unknowns.nearness)
+
+
+def _to_camera(tilt: FloatArray, roll: FloatArray) -> FloatArray:
+    """Return the rotations from upright axes to those of cameras, Z(roll)^T X(tilt)^T."""
+    c, s, cos_tilt, sin_tilt = np.cos(roll), np.sin(roll), np.cos(tilt), np.sin(tilt)
+    turns = np.zeros((len(tilt), 3, 3))
+    turns[:, 0, 0], turns[:, 0, 1], turns[:, 0, 2] = c, s * cos_tilt, -s * sin_tilt
+    turns[:, 1, 0], turns[:, 1, 1], turns[:, 1, 2] = -s, c * cos_tilt, -c * sin_tilt
+    turns[:, 2, 1], turns[:, 2, 2] = sin_tilt, cos_tilt
+    return turns
+
+
+def turns_of(views: FloatArray) -> FloatArray:
+    """Return the rotations from upright axes of the photograph to axes of cameras, (K, 3, 3)."""
+    cosine, sine = np.cos(views[:, HEADING]), np.sin(views[:, HEADING])
+    back = np.zeros((len(views), 3, 3))
+    back[:, 0, 0] = back[:, 2, 2] = cosine
+    back[:, 0, 2], back[:, 2, 0], back[:, 1, 1] = sine, -sine, 1.0
+    return np.asarray(_to_camera(views[:, TILT], views[:, ROLL]) @ back)
+
+
+def points_of(structure: Structure, views: FloatArray) -> FloatArray:
+    """Return features over their depths as seen from views, but not turned, (K, 3, N)."""
+    points = np.repeat(structure.rays[None], len(views), axis=0)
+    points[:, 0] -= views[:, X, None] * structure.nearness
+    points[:, 2] -= views[:, Y, None] * structure.nearness
+    return points
+
+
+def projected(structure: Structure, views: FloatArray, sides: FloatArray) -> Projection:
+    """Project features into ``views``, (K, 5), whose rays have ``sides``, (K, 2, 3, N)."""
+    turns = turns_of(views)
+    points = turns @ points_of(structure, views)
+    length = np.sqrt((points * points).sum(1))
+    residuals = _along(sides, points) / length[:, None]
+    return Projection(points, length, residuals, turns)
+
+
+def slopes(
+    structure: Structure, views: FloatArray, sides: FloatArray, projection: Projection
+) -> FloatArray:
+    """Return the derivatives of residuals by the ten unknowns of each, (K, 10, 2, N)."""
+    points, length, residuals, turns = projection
+    moves = _moves(structure, views, points, turns)
+    # Of a point to the direction in which it lies: only what is across counts.
+    directions = points / length[:, None]
+    across = (sides - residuals[:, :, None] * directions[:, None]) / length[:, None, None]
+    found = moves[:, :, 0, None] * across[:, None, :, 0]
+    found += moves[:, :, 1, None] * across[:, None, :, 1]
+    found += moves[:, :, 2, None] * across[:, None, :, 2]
+    return found
+
+
+def _moves(
+    structure: Structure, views: FloatArray, points: FloatArray, turns: FloatArray
+) -> FloatArray:
+    """Return how points move by the ten unknowns, in axes of cameras, (K, 10, 3, N)."""
+    near = structure.nearness
+    count, size = points.shape[0], points.shape[-1]
+    moves = np.empty((count, UNKNOWNS, 3, size))
+    right, ahead = turns[:, :, 0, None], turns[:, :, 2, None]
+    moves[:, X], moves[:, Y] = -near * right, -near * ahead
+    lean = turns_of_roll(views)
+    turning = np.empty((count, 3, 3, 3))
+    turning[:, 0] = turns @ TURN @ turns.swapaxes(1, 2)
+    turning[:, 1] = lean @ NOD @ lean.swapaxes(1, 2)
+    turning[:, 2] = LEAN
+    moves[:, HEADING : ROLL + 1] = (turning.reshape(count, 9, 3) @ points).reshape(
+        count, 3, 3, size
+    )
+    others = (turns @ structure.slopes.reshape(3, -1)).reshape(count, 3, 4, size)
+    others = others.swapaxes(1, 2)
+    moves[:, 5:7], moves[:, BY_PHOTOGRAPH] = others[:, :2], others[:, 2:]
+    moves[:, 7] = -(views[:, X, None, None] * right + views[:, Y, None, None] * ahead)
+    return moves
+
+
+def turns_of_roll(views: FloatArray) -> FloatArray:
+    """Return Z(roll)^T of views, (K, 3, 3)."""
+    return _to_camera(np.zeros(len(views)), views[:, ROLL])
+
+
+def _along(sides: FloatArray, points: FloatArray) -> FloatArray:
+    """Return the components of points, (K, 3, N), along ``sides``, (K, 2, 3, N): (K, 2, N)."""
+    x, y, z = (sides[:, :, j] * points[:, None, j] for j in range(3))
+    return np.asarray(x + y + z)
+
+
+def squares_of(projection: Projection, rays: FloatArray) -> FloatArray:
+    """Return squared residuals, (K, N), of what lies ahead of its ray; others count as far off."""
+    first, other = projection.residuals[:, 0], projection.residuals[:, 1]
+    return np.where(is_ahead(projection, rays), first * first + other * other, OPPOSITE)
+
+
+def is_ahead(projection: Projection, rays: FloatArray) -> BoolArray:
+    """Return what lies on the side of its ray, (K, N): across it, opposite points look alike."""
+    return np.asarray((projection.points * rays).sum(1) > 0.0)

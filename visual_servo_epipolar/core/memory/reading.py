@@ -1,0 +1,108 @@
+"""Reading: a recollection in the terms of a measurement, and the change-over by trust."""
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.memory.recollection import Recollection
+from visual_servo_epipolar.core.memory.window import HEADING, X, Y
+
+LEAST_AHEAD = 0.1  # cosine off the axis, below which a feature has no image point
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reading:
+    """
+    What a view's recollection says in the terms of a measurement.
+
+    ``bearings`` of the cameras, None at the goal itself, with their ``covariance``, (2, 2)
+    [rad^2], which grows without bound towards it; ``lateral`` and ``longitudinal`` offset (right,
+    ahead) [m] and ``heading_error`` [rad], which are defined there as well, with deviations;
+    ``own`` are those parts of the three deviations that average out over views. ``depth_ratio`` is
+    the offset along the axis over the median depth, which needs no scale. ``difference`` is D at
+    unit focal length as the offset makes it; ``parallax`` [rad] that of the median feature.
+    """
+
+    bearings: Bearings | None
+    covariance: FloatArray
+    deviation: float
+    lateral: float
+    lateral_deviation: float
+    longitudinal: float
+    longitudinal_deviation: float
+    heading_error: float
+    heading_deviation: float
+    own: tuple[float, float, float]
+    depth_ratio: float
+    depth_ratio_deviation: float
+    parallax: float
+    difference: float
+    difference_deviation: float
+
+
+def reading_of(
+    said: Recollection, desired: FloatArray, nearness: FloatArray, *, wide: bool = False
+) -> Reading | None:
+    """
+    Return a recollection as a reading, None where it says nothing.
+
+    ``desired``, (M, 3), are rays of the photograph whose features have inverse depths
+    ``nearness``, (M,); ``wide`` is a lens whose D counts angles, not image points.
+    """
+    if said.reason:
+        return None
+    covariance = said.bearings_covariance
+    slope = difference_slope(desired, nearness, wide=wide)
+    longitudinal = float(said.pose[Y])
+    return Reading(
+        said.bearings,
+        covariance,
+        math.sqrt(max(covariance[0, 0], covariance[1, 1])),
+        float(said.pose[X]),
+        said.lateral_deviation,
+        longitudinal,
+        said.longitudinal_deviation,
+        float(said.pose[HEADING]),
+        said.heading_deviation,
+        tuple(np.sqrt(np.diag(said.own)[: HEADING + 1]).tolist()),
+        longitudinal / said.depth,
+        said.longitudinal_deviation / said.depth,
+        said.parallax,
+        slope * longitudinal,
+        slope * said.longitudinal_deviation,
+    )
+
+
+def difference_slope(desired: FloatArray, nearness: FloatArray, *, wide: bool = False) -> float:
+    """Return dD/dy at the goal [1/m], averaged over features ahead: positive past the goal."""
+    z = desired[:, 2]
+    square = 1.0 - z * z
+    if wide:  # D counts 2 (1 - z)
+        return float(np.mean(2.0 * square * nearness)) if len(z) else math.nan
+    ahead = z > LEAST_AHEAD
+    if not ahead.any():
+        return math.nan
+    # |p|^2 = (X^2 + Y^2) / (Z - y)^2 grows by 2 |p|^2 / Z, and Z = z / nearness.
+    return float(np.mean(2.0 * square[ahead] * nearness[ahead] / z[ahead] ** 3))
+
+
+def fused(
+    first: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray]
+) -> tuple[FloatArray, FloatArray]:
+    """
+    Return the covariance intersection of two estimates of the same P angles [rad].
+
+    Each is a mean, (P,), and a covariance, (P, P). They share the noise of one view: how far they
+    depend on each other nobody knows, and whatever it is, the result is no surer than it may be.
+    The weight is by trust: where one is far surer it is that one, and between there is no jump.
+    """
+    information = [np.linalg.inv(covariance) for _, covariance in (first, other)]
+    trust = [1.0 / float(np.trace(covariance)) for _, covariance in (first, other)]
+    share = trust[1] / (trust[0] + trust[1])
+    covariance = np.linalg.inv((1.0 - share) * information[0] + share * information[1])
+    change = np.remainder(other[0] - first[0] + np.pi, 2.0 * np.pi) - np.pi
+    mean = first[0] + share * covariance @ information[1] @ change
+    return np.asarray(mean), np.asarray(0.5 * (covariance + covariance.T))

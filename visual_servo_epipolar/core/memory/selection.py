@@ -1,0 +1,91 @@
+"""Selection: which views become keyframes, and which keyframes and features are let go."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+from visual_servo_epipolar.core.memory.equations import Evaluation
+from visual_servo_epipolar.core.memory.factors import factors_of
+from visual_servo_epipolar.core.memory.initialization import triangulated
+from visual_servo_epipolar.core.memory.refinement import Geometry
+from visual_servo_epipolar.core.memory.sightings import MemorySettings, Sightings
+from visual_servo_epipolar.core.memory.window import Unknowns, Window
+
+NEW_SHARE = 0.1  # of the sightings of a view that are of features not remembered
+FEWEST_NEW = 3
+MIN_KEYFRAME_FEATURES = 8
+CLOSEST = 1e-3  # distance that keyframes count as apart at least, in depths of the scene
+
+
+def is_keyframe(
+    geometry: Geometry, pose: FloatArray, *, sightings: int, new: int, settings: MemorySettings
+) -> bool:
+    """Whether a view at ``pose`` tells what others do not: from elsewhere, or of new features."""
+    if sightings < MIN_KEYFRAME_FEATURES:
+        return False
+    offset = geometry.unknowns.views[:, :2] - pose[:2]
+    apart = float(np.hypot(offset[:, 0], offset[:, 1]).min()) / geometry.depth
+    return apart > settings.spread or new >= max(FEWEST_NEW, NEW_SHARE * sightings)
+
+
+def crowded(places: FloatArray, seen: BoolArray, depth: float) -> int:
+    """
+    Return the keyframe that tells least beside the others: near to them, or with few features.
+
+    ``places`` have shape (K, 2), ``seen`` (K, N). The newest stays.
+    """
+    offset = (places[:, None] - places) / depth
+    square = (offset * offset).sum(-1) + CLOSEST**2
+    np.fill_diagonal(square, np.inf)
+    share = seen.sum(1) / max(seen.sum(1).max(), 1)
+    crowding = (1.0 / square).sum(1) / np.maximum(share, 1e-3) ** 2
+    return int(crowding[:-1].argmax())
+
+
+def kept_features(window: Window, trusted: BoolArray, most: int) -> BoolArray:
+    """Return which features are kept, (N,): those in view of a keyframe, the most seen first."""
+    count = window.seen.sum(0)
+    kept = np.asarray(count > 0)
+    if int(kept.sum()) <= most:
+        return kept
+    rank = np.lexsort((-np.arange(len(count)), count * trusted, kept))
+    best = np.zeros(len(count), bool)
+    best[rank[-most:]] = True
+    return np.asarray(best & kept)
+
+
+def with_keyframe(
+    geometry: Geometry,
+    sightings: Sightings,
+    place: FloatArray,
+    pose: FloatArray,
+    settings: MemorySettings,
+) -> Evaluation:
+    """Return the window with one more keyframe at ``pose``, and with what is too much let go."""
+    before, trusted = geometry.unknowns, geometry.trusted
+    window = geometry.window.with_view(sightings, place)
+    more = len(window.ids) - len(trusted)
+    unknowns = Unknowns(
+        np.vstack([before.views, pose]),
+        before.shared,
+        np.concatenate([before.offsets, np.zeros((2, more))], axis=1),
+        np.concatenate([before.nearness, np.zeros(more)]),
+    )
+    if more:
+        near = triangulated(window, unknowns, np.arange(len(window)) == len(window) - 1)
+        near[: len(trusted)] = before.nearness
+        unknowns = replace(unknowns, nearness=near)
+    trusted = np.concatenate([trusted, np.ones(more, bool)])
+    if len(window) > settings.keyframes:
+        k = crowded(unknowns.views[:, :2], window.seen & trusted, geometry.depth)
+        window = window.without_view(k)
+        unknowns = replace(unknowns, views=np.delete(unknowns.views, k, axis=0))
+    kept = kept_features(window, trusted, settings.features)
+    if not kept.all():
+        window, trusted = window.of_features(kept), trusted[kept]
+        unknowns = replace(
+            unknowns, offsets=unknowns.offsets[:, kept], nearness=unknowns.nearness[kept]
+        )
+    mount, deviation = geometry.evaluation.factors.mount, settings.scale_deviation
+    return Evaluation(window, unknowns, trusted, factors_of(mount, window, deviation))

@@ -1,0 +1,93 @@
+"""What one view shows of the photograph's features, and what is settled of the memory."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray, frozen, IntArray
+from visual_servo_epipolar.core.geometry.rays import tangents
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sightings:
+    """
+    The features of the photograph that one view shows, rows are features.
+
+    ``ids``, shape (N,), never change their meaning while there is one photograph; ``current`` and
+    ``desired`` are unit rays in axes of the cameras (right, down, forward), shape (N, 3), with the
+    distortion of the lens removed; ``noise``, shape (N, 2), is the deviation of the angle of each
+    current and desired ray [rad].
+    """
+
+    ids: IntArray
+    current: FloatArray
+    desired: FloatArray
+    noise: FloatArray
+
+    def __post_init__(self) -> None:
+        count = len(np.asarray(self.ids).reshape(-1))
+        shapes = {'current': (count, 3), 'desired': (count, 3), 'noise': (count, 2)}
+        object.__setattr__(self, 'ids', frozen(np.asarray(self.ids, np.int64).reshape(-1)))
+        for name, shape in shapes.items():
+            object.__setattr__(self, name, _checked(getattr(self, name), name, shape))
+        if len(np.unique(self.ids)) != count:
+            raise ValueError(
+                f'ids must differ, got {count} of which {len(np.unique(self.ids))} do; '
+                'pass one row for each feature'
+            )
+        if not (self.noise > 0.0).all():
+            raise ValueError(
+                f'noise must be positive, got {self.noise.min():g}; '
+                'pass the deviation of the angle of each ray [rad]'
+            )
+
+    def __len__(self) -> int:
+        return len(self.ids)
+
+
+def _checked(array: Any, name: str, shape: tuple[int, int]) -> FloatArray:
+    values = np.asarray(array, np.float64)
+    if values.shape != shape:
+        raise ValueError(
+            f'{name} must have shape {shape} to match ids, got {values.shape}; '
+            'pass one row for each feature'
+        )
+    if not np.isfinite(values).all():
+        bad = int((~np.isfinite(values).all(axis=1)).sum())
+        raise ValueError(f'{name} must be finite, got {bad} rows with NaN or inf; drop them')
+    return np.asarray(frozen(values))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MemorySettings:
+    """
+    Bounds of the memory.
+
+    ``keyframes`` and ``features`` that it holds at most; ``steps``, iterations a frame when a
+    keyframe is new; ``spread``, the least way between keyframes, in depths of the scene;
+    ``scale_deviation`` of the logarithm of the true way over the one that was told.
+    """
+
+    keyframes: int = 14
+    features: int = 120
+    steps: int = 2
+    spread: float = 0.03
+    scale_deviation: float = 0.05
+
+    def __post_init__(self) -> None:
+        least = {'keyframes': 3, 'features': 12, 'steps': 1}
+        for name, low in least.items():
+            if not getattr(self, name) >= low:
+                raise ValueError(
+                    f'{name} must be at least {low}, got {getattr(self, name)}; give it more'
+                )
+        for name in ('spread', 'scale_deviation'):
+            if not 0.0 < getattr(self, name) < 10.0:
+                raise ValueError(f'{name} must be above 0, got {getattr(self, name)}; raise it')
+
+
+def sides_of(rays: FloatArray, noise: FloatArray) -> FloatArray:
+    """Return two vectors across rays, (N, 3), one over the noise (N,) long: shape (2, 3, N)."""
+    axes = tangents(*rays.T)
+    return np.asarray(np.stack([np.stack(axis) for axis in axes]) / noise)

@@ -1,0 +1,227 @@
+"""
+View memory: from one view to the next.
+
+Until a geometry is found, views are collected; from then on each view is resected on it, and
+becomes a keyframe where it shows what the others do not. What is told of a view never counts
+twice: it is held against what was known before it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+from visual_servo_epipolar.core.estimators.base import Attitude
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.rotation import fit_rotation, MIN_POINTS
+from visual_servo_epipolar.core.memory.initialization import initial, is_sound, Start
+from visual_servo_epipolar.core.memory.recollection import Recollection, seen_rays
+from visual_servo_epipolar.core.memory.refinement import Geometry, refined
+from visual_servo_epipolar.core.memory.resection import (
+    Anchors,
+    anchors_of,
+    Fit,
+    fitted,
+    nearest_view,
+    resected,
+    Resection,
+    Seen,
+)
+from visual_servo_epipolar.core.memory.selection import (
+    is_keyframe,
+    kept_features,
+    with_keyframe,
+)
+from visual_servo_epipolar.core.memory.sightings import MemorySettings, sides_of, Sightings
+from visual_servo_epipolar.core.memory.window import EMPTY, Window
+
+MIN_SIGHTINGS = 5  # of remembered features that agree
+MIN_COLLECTED = 8  # features of a view to begin with
+MIN_SHARE = 0.5  # of the remembered features in view that agree
+COLLECTED_PARALLAX = 50.0  # in deviations of the noise, that collected views differ by at least
+MOST_COLLECTED = 4  # views to begin with: more cost more time, and are passed soon
+MOST_STARTS = 2  # that are tried at one view
+
+
+@dataclass(frozen=True, eq=False)
+class ViewMemory:
+    """
+    What is remembered of the views so far; a new photograph needs a new memory.
+
+    ``mount`` is the belief of the camera's attitude; ``window`` the keyframes, ``geometry`` their
+    geometry once there is one; ``starts`` what two views told of collected ones; ``place``, (2,),
+    where the camera is by the way that was told [m]; ``pose``, (5,), that of the last view.
+    """
+
+    mount: Attitude
+    settings: MemorySettings = MemorySettings()
+    window: Window = EMPTY
+    geometry: Geometry | None = None
+    starts: tuple[Start, ...] = ()
+    place: FloatArray = field(default_factory=lambda: np.zeros(2))
+    pose: FloatArray | None = None
+    last: Sightings | None = None
+
+    def after(
+        self,
+        sightings: Sightings,
+        motion: FloatArray | None = None,
+        *,
+        bearings: Sequence[Bearings] = (),
+        attitude: Attitude | None = None,
+    ) -> 'tuple[ViewMemory, Recollection]':
+        """
+        Return the memory after one more view, and what it says of that.
+
+        Parameters
+        ----------
+        sightings : Sightings
+            What the view shows.
+        motion : array, shape (2,)
+            Way of the camera since the last view, right and ahead in its axes then [m], as
+            commanded or measured; nan where nobody knows. It counts for the scale alone.
+        bearings : sequence of Bearings
+            What two views (photograph and this one) say, with the alternative if there is one.
+            Needed to begin with.
+        attitude : Attitude, optional
+            What is known by now of the camera's; ``mount`` if nothing.
+
+        """
+        heading = 0.0 if self.pose is None else float(self.pose[2])
+        way = np.zeros(2) if motion is None else np.asarray(motion, np.float64)
+        memory = replace(self, place=self.place + _turned(way, heading))
+        if memory.geometry is None:
+            return memory._collected(sightings, bearings, attitude or self.mount)
+        return memory._remembered(memory.geometry, sightings)
+
+    def _collected(
+        self, sightings: Sightings, bearings: Sequence[Bearings], attitude: Attitude
+    ) -> 'tuple[ViewMemory, Recollection]':
+        """Return the memory with the view collected, with a geometry if that is found."""
+        if len(sightings) < MIN_COLLECTED:
+            return self, Recollection(
+                f'{len(sightings)} features, {MIN_COLLECTED} needed to begin'
+            )
+        if not bearings:
+            return self, Recollection('two views show no baseline to begin with')
+        pose = np.array([0.0, 0.0, bearings[0].heading_error, attitude.tilt, attitude.roll])
+        memory = replace(self, pose=pose)
+        if self.last is not None and not _differ(self.last, sightings):
+            return memory, Recollection('views are too alike to begin with')
+        memory = memory._with_collected(sightings, bearings, attitude)
+        if len(memory.window) < 2:
+            return memory, Recollection('one view is collected, two are needed')
+        geometry = initial(memory.window, memory.starts, self.mount, self.settings.scale_deviation)
+        if geometry is None:
+            return memory, Recollection('no geometry fits the views that are collected')
+        found = replace(memory, geometry=geometry, window=geometry.window, starts=(), last=None)
+        found = replace(found, pose=geometry.unknowns.views[-1])
+        return found, Recollection('the geometry begins with this view')
+
+    def _with_collected(
+        self, sightings: Sightings, bearings: Sequence[Bearings], attitude: Attitude
+    ) -> 'ViewMemory':
+        window, starts = self.window, self.starts
+        if len(window) >= MOST_COLLECTED:
+            window, starts = window.without_view(0), _earlier(starts)
+        new = [Start(len(window), each, attitude) for each in bearings[:MOST_STARTS]]
+        window = window.with_view(sightings, self.place)
+        everything = np.ones(len(window.ids), bool)
+        window = window.of_features(kept_features(window, everything, self.settings.features))
+        return replace(self, window=window, starts=(*starts, *new), last=sightings)
+
+    def _remembered(
+        self, geometry: Geometry, sightings: Sightings
+    ) -> 'tuple[ViewMemory, Recollection]':
+        """Return the memory after a view that is held against its geometry."""
+        rows = self.window.rows_of(sightings.ids)
+        known = rows >= 0
+        known[known] = geometry.trusted[rows[known]]
+        count = int(known.sum())
+        if count < MIN_SIGHTINGS:
+            reason = f'{count} remembered features in view, {MIN_SIGHTINGS} needed'
+            return self, Recollection(reason, ids=self.window.ids)
+        sides = sides_of(sightings.current[known], sightings.noise[known, 0])
+        seen = Seen(rows[known], sightings.current[known].T, sides)
+        anchors = anchors_of(geometry)
+        chosen = anchors.of(seen.rows)
+        fit = self._fit(geometry, chosen, seen)
+        agree = int(fit.inliers.sum())
+        if agree < max(MIN_SIGHTINGS, MIN_SHARE * count):
+            reason = f'{agree} of {count} remembered features agree with one place'
+            return self, Recollection(reason, ids=self.window.ids)
+        resection = resected(geometry, chosen, seen, fit)
+        said = _recollection(geometry, anchors, resection, known)
+        memory = replace(self, pose=resection.pose)
+        return memory._grown(geometry, sightings, resection, int((rows < 0).sum())), said
+
+    def _fit(self, geometry: Geometry, anchors: Anchors, seen: Seen) -> Fit:
+        """Return the pose by the last one, or by the keyframe most alike if that does not fit."""
+        views = geometry.unknowns.views
+        fit = fitted(anchors, seen, views[-1] if self.pose is None else self.pose)
+        if 2 * int(fit.inliers.sum()) > len(seen.rows):
+            return fit
+        again = fitted(anchors, seen, nearest_view(anchors, seen, views))
+        return again if again.inliers.sum() > fit.inliers.sum() else fit
+
+    def _grown(
+        self, geometry: Geometry, sightings: Sightings, resection: Resection, new: int
+    ) -> 'ViewMemory':
+        """Return the memory with the view as a keyframe where it is one, and refined."""
+        settings = self.settings
+        keyframe = is_keyframe(
+            geometry, resection.pose, sightings=len(sightings), new=new, settings=settings
+        )
+        if keyframe:
+            start = with_keyframe(geometry, sightings, self.place, resection.pose, settings)
+            refined_one = refined(start, settings.steps, geometry.damping)
+        elif not geometry.converged:
+            refined_one = refined(geometry.evaluation, 1, geometry.damping, geometry.system)
+        else:
+            return self
+        if keyframe and not is_sound(refined_one):
+            return ViewMemory(self.mount, settings, place=self.place)
+        return replace(self, window=refined_one.window, geometry=refined_one)
+
+
+def _turned(motion: FloatArray, heading: float) -> FloatArray:
+    """Return a motion, right and ahead, in axes of the photograph."""
+    cosine, sine = np.cos(heading), np.sin(heading)
+    right, ahead = motion
+    return np.array([cosine * right - sine * ahead, sine * right + cosine * ahead])
+
+
+def _earlier(starts: tuple[Start, ...]) -> tuple[Start, ...]:
+    """Return the starts after the first view is gone."""
+    return tuple(start._replace(view=start.view - 1) for start in starts if start.view > 0)
+
+
+def _differ(last: Sightings, now: Sightings) -> bool:
+    """Whether two views differ by more than a turn."""
+    _, first, other = np.intersect1d(last.ids, now.ids, assume_unique=True, return_indices=True)
+    if len(first) < MIN_POINTS:
+        return True
+    parallax = fit_rotation(now.current[other], last.current[first]).parallax
+    return parallax > COLLECTED_PARALLAX * float(np.median(now.noise[:, 0]))
+
+
+def _recollection(
+    geometry: Geometry, anchors: Anchors, resection: Resection, known: BoolArray
+) -> Recollection:
+    """Return what is remembered of a view that was resected by its ``known`` sightings."""
+    inliers = known.copy()
+    inliers[known] = resection.inliers
+    return Recollection(
+        pose=resection.pose,
+        covariance=resection.covariance,
+        own=resection.own,
+        inliers=inliers,
+        dropped=geometry.window.ids[~geometry.trusted],
+        ids=geometry.window.ids,
+        nearness=geometry.unknowns.nearness,
+        nearness_variance=geometry.feature_covariance[2, 2],
+        rays=seen_rays(anchors.structure, resection.pose),
+        depth=geometry.depth,
+        noise_ratio=geometry.noise_ratio,
+    )
