@@ -25,7 +25,6 @@ from visual_servo_epipolar.core.perception.validation import (
 )
 
 NOISE_ADAPTION = 0.1
-FITTED = 1.25  # noise over what the best of several geometries leaves of noise alone
 NOISE_RANGE = (0.2, 5.0)  # of the noise that the settings give to begin with
 
 
@@ -97,7 +96,7 @@ def without_baseline(
         current, desired = observation.current, observation.desired
         fundamental = fundamental_of_small_baseline(rotation, current, desired)
         residual = median_residual(fundamental, current, desired, observation.resolution)
-        noise = _noise(FITTED * float(residual), observation, memory.noise, settings.pixel_noise)
+        noise = _noise(float(residual), observation, memory.noise, settings.pixel_noise)
         memory = replace(memory, noise=noise)
     return ValidatedEstimate(memory, reason)
 
