@@ -170,3 +170,12 @@ def test_wheels_that_break_may_leap_at_that_moment_alone() -> None:
     assert verdict(made) is Verdict.AT_REST
     made.broken_s[:] = [leap_s - 0.5]
     assert verdict(made) is Verdict.LIMITS
+
+
+def test_a_base_that_was_never_there_has_done_no_harm() -> None:
+    nothing = record(ramp(0.1), phase='waiting')
+    nothing.truths.clear()
+    judgement = judged(nothing, BOUNDS)
+    assert (judgement.verdict, judgement.excursion_m) == (Verdict.AT_REST, 0.0)
+    nothing.why.clear()
+    assert judged(nothing, BOUNDS).verdict is Verdict.UNEXPLAINED

@@ -22,6 +22,8 @@ def blindness(record: Record, bounds: Bounds) -> Blindness:
     The newest true sight grows old from when its image was taken: a late image is an old one.
     Beyond ``sight_s`` the robot must brake, and what it needs for that is no offence.
     """
+    if not record.truths:  # the base was gone before it had said where it is
+        return Blindness(0.0, '')
     seen, newest_s, number = sorted(record.seen), record.truths[0].time_s, 0
     total_s, charge, at_onset, before_s = 0.0, '', STANDSTILL, newest_s
     for truth in record.truths:
