@@ -16,6 +16,7 @@ from visual_servo_epipolar.faults.judging.record import Bounds
 from visual_servo_epipolar.faults.processes.listener import RunListener, SETTINGS
 from visual_servo_epipolar.faults.processes.table import NODES, ProcessFault
 from visual_servo_epipolar.faults.world import FRAME_RATE, small_camera
+from visual_servo_epipolar.nodes.startup import signals
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 
@@ -82,6 +83,9 @@ def _team(
     arguments = {
         node: [word for text in more.get(node, ()) for word in ('-p', text)] for node in NODES
     }
+    if fault.signal in signals.ENDING:
+        # What this process ignores, as nohup has it, its children would ignore as well.
+        stack.callback(signal.signal, fault.signal, signal.signal(fault.signal, signal.SIG_DFL))
     return started(stack, arguments, folder, logs=True)
 
 
