@@ -15,7 +15,7 @@ from visual_servo_epipolar.faults.base import BreakableUnicycleNode
 from visual_servo_epipolar.faults.catalogue.fault import Fault, Scene
 from visual_servo_epipolar.faults.catalogue.table import FAULTS
 from visual_servo_epipolar.faults.judging.record import Record
-from visual_servo_epipolar.faults.processes.listener import Listener
+from visual_servo_epipolar.faults.processes.listener import RunListener
 from visual_servo_epipolar.faults.world import small_camera, World, WorldSettings
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes.servo_node import ServoNode
@@ -163,7 +163,7 @@ def test_what_fails_in_the_campaign_itself_is_not_judged(monkeypatch: pytest.Mon
 
 @pytest.mark.parametrize('name', ['camera_node', 'tracker_node'])
 def test_a_servo_must_say_that_another_process_is_gone(name: str) -> None:
-    listener = object.__new__(Listener)
+    listener = object.__new__(RunListener)
     listener.record, listener._deaf, listener._logs = Record(), name, {}
     assert listener.finish().why == []
 
