@@ -25,7 +25,9 @@ class Measurement:
     ``deviation`` is the larger one of psi and phi [rad], ``covariance`` that of both, shape (2, 2)
     [rad^2], ``jump`` the change of tilt and roll between the views [rad]; ``view_margins`` is how
     far the robot may turn to the left and to the right before the features run out of the image
-    [rad]; ``noise_px`` the deviation of a tracked coordinate [px] as the residuals show it.
+    [rad]; ``offset`` is where a memory of views has the camera, right and ahead of the goal's [m],
+    None without one, with its deviation; ``noise_px`` the deviation of a tracked coordinate [px]
+    as the residuals show it.
     """
 
     stamp_ns: int
@@ -46,6 +48,8 @@ class Measurement:
     difference_deviation: float = math.nan
     feature_error: float = math.nan
     view_margins: tuple[float, float] = (math.inf, math.inf)
+    offset: tuple[float, float] | None = None
+    offset_deviation: float = math.nan
     reason: str = ''
 
     @property

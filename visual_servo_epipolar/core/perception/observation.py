@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.core.geometry.camera import LEAST_FORWARD
 from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.lens import corrected, Lens
@@ -35,6 +35,7 @@ class Observation:
     pixel_angles: FloatArray | None = None
     dropped: int = 0
     wide: bool = False
+    ids: IntArray | None = None
 
     @property
     def resolution(self) -> FloatArray:
@@ -93,18 +94,21 @@ def observe_each(
     rays = camera.rays(pixels)
     usable = camera.round_trips(pixels, rays)
     counts = [len(view) for view in features]
-    kept = counts
+    kept, ids = counts, np.concatenate([view.ids for view in features])
     if not usable.all():
         whole = _in_both_views(usable, counts)
         kept = [int(part.sum()) for part in np.split(whole, np.cumsum(counts)[:-1])]
-        rays = rays[_for_both_views(whole, counts)]
+        rays, ids = rays[_for_both_views(whole, counts)], ids[whole]
     rays = _frozen(rays)
     resolution = _frozen(camera.resolution(rays))
     observations, first = [], 0
     for count, left, stamp_ns in zip(counts, kept, stamps_ns, strict=True):
         both = slice(first, first + 2 * left)
         observations.append(
-            _observation(rays[both], resolution[both], camera, stamp_ns, count - left)
+            replace(
+                _observation(rays[both], resolution[both], camera, stamp_ns, count - left),
+                ids=ids[first // 2 : first // 2 + left],
+            )
         )
         first = both.stop
     return observations

@@ -25,11 +25,16 @@ from visual_servo_epipolar.core.perception.validated import validated_estimate, 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Perception:
-    """A measurement, the memory for the next view, and F for rays, (3, 3), if estimated."""
+    """
+    A measurement, the memory for the next view, and F for rays, (3, 3), if estimated.
+
+    ``observation`` is what was measured, None where there were too few features.
+    """
 
     measurement: Measurement
     memory: PerceptionMemory
     fundamental: FloatArray | None = None
+    observation: Observation | None = None
 
 
 def perceive(
@@ -177,4 +182,4 @@ def perception(
         reason=estimate.reason,
     )
     fundamental = None if geometry is None else for_wrong_rays(geometry.fundamental, before.lens)
-    return Perception(measurement, estimate.memory, fundamental)
+    return Perception(measurement, estimate.memory, fundamental, observation)

@@ -7,6 +7,7 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.control.command import Command, HALT
 from visual_servo_epipolar.core.control.gains import Gains
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.memory.view_memory import ViewMemory
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.servo.extrinsics import Extrinsics
@@ -27,9 +28,9 @@ class ServoState:
     of step 1 in this one; ``frame``, the number of steps.
 
     Measurement and memory: ``measurement``, the last one, and ``memory``, what perception carries
-    to the next image, both None before the first; ``period``, the time between two images [s],
-    smoothed, nan before the second; ``rotation_bias``, what the best rotation is off in heading
-    [rad], nan while unknown.
+    to the next image, both None before the first; ``views``, the memory of views, None without
+    one; ``period``, the time between two images [s], smoothed, nan before the second;
+    ``rotation_bias``, what the best rotation is off in heading [rad], nan while unknown.
 
     Command: ``command``, the last one; ``since_command``, the time between the one before and it,
     by the clock of who sends them [s], nan where nobody told; ``dead_band_residual``, the part of
@@ -57,6 +58,7 @@ class ServoState:
     command: Command = HALT
     measurement: Measurement | None = None
     memory: PerceptionMemory | None = None
+    views: ViewMemory | None = None
     distance: float = math.nan
     target: float = 0.0
     side: float = 1.0

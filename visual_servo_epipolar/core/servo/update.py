@@ -17,6 +17,7 @@ from visual_servo_epipolar.core.servo.phases.conditions import (
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.phases.timing import usual_step
 from visual_servo_epipolar.core.servo.ranging import Leg, MIN_TURN, UNKNOWN_RANGE
+from visual_servo_epipolar.core.servo.remembering import remembered, sharpened
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.values import changed
@@ -45,6 +46,9 @@ def updated(
     if extrinsics.contradicts:
         perception = _disproved(perception, settings)
         measurement, extrinsics = perception.measurement, settings.extrinsics
+        state = changed(state, views=None)
+    views, reading = remembered(state.views, perception, driven, settings)
+    measurement = sharpened(measurement, reading, settings)
     measurement = _of_the_axle(measurement, extrinsics)
     bias = _rotation_bias(state, measurement)
     measurement = _without_bias(measurement, bias)
@@ -71,6 +75,7 @@ def updated(
         rotation_bias=bias,
         measurement=measurement,
         memory=perception.memory,
+        views=views,
     )
     return _with_settled(state, measurement, settings)
 
@@ -110,7 +115,11 @@ def _reversed(state: ServoState, dt: float) -> float:
 def _of_the_axle(measurement: Measurement, extrinsics: Extrinsics) -> Measurement:
     """Return ``measurement`` with the bearings of the axle, where the camera is not on it."""
     mount = extrinsics.mount
-    if measurement.bearings is None or not mount.any():
+    if not mount.any():
+        return measurement
+    if measurement.offset is not None:  # it is that of the camera
+        measurement = replace(measurement, offset=None)
+    if measurement.bearings is None:
         return measurement
     bearings = at_axle(measurement.bearings, mount, extrinsics.distance)
     return replace(measurement, bearings=bearings, camera_bearings=measurement.bearings)
@@ -155,6 +164,8 @@ def _with_settled(
 
 def lateral_offset(state: ServoState, measurement: Measurement) -> float:
     """Return the lateral offset x = d cos(psi) [m], right positive; 0 without bearings."""
+    if measurement.offset is not None:
+        return measurement.offset[0]
     if measurement.bearings is None:
         return 0.0
     distance = min(state.distance, UNKNOWN_RANGE) if math.isnan(state.range) else state.range

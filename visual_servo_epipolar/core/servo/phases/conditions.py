@@ -21,6 +21,7 @@ LARGEST_ESCAPE = 0.1  # [rad]
 FRAME_S = 0.1  # duration of the shortest turn: one command, at the usual frame rate
 LONGEST_WAY = 1.5  # in upper bounds of the distance
 LEAST_FIRST = 0.5  # distance that a ratio of distances refers to at least [m]
+ARRIVAL_OFFSET = 2e-3  # of who has arrived, by a memory of views [m]
 LEAST_RATIO = 1e-9  # part of the distance that a law without retreat keeps
 
 
@@ -162,6 +163,9 @@ def matched_bound(measurement: Measurement, settings: ServoSettings) -> float:
 
 def has_parallax(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
     """Return whether the parallax exceeds what noise explains: the robot is not at the goal."""
+    if measurement.offset is not None:  # known beyond noise, or not
+        bound = max(ARRIVAL_OFFSET, NOISE_DEVIATIONS * measurement.offset_deviation)
+        return not math.hypot(*measurement.offset) <= bound
     parallax = measurement.parallax if state.settled < 2 else state.settled_parallax
     # The root of a mean square over N features varies by 0.5 / sqrt(N) and more.
     variation = 1.0 + 1.5 / math.sqrt(max(measurement.features, 1))

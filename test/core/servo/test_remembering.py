@@ -1,0 +1,77 @@
+"""The memory of views in the servo: of what two views and all of them say, the surer is taken."""
+
+from dataclasses import replace
+import math
+
+import numpy as np
+import pytest
+
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.memory.reading import Reading
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.phases.conditions import ARRIVAL_OFFSET, has_parallax
+from visual_servo_epipolar.core.servo.remembering import sharpened
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.update import lateral_offset
+
+SETTINGS = ServoSettings(view_memory=True)
+TWO_VIEWS, MEMORY = Bearings(-1.5, 0.1), Bearings(-1.55, 0.02)
+
+
+def reading(deviation: float = 0.001) -> Reading:
+    return Reading(
+        MEMORY,
+        np.eye(2) * deviation**2,
+        deviation,
+        lateral=0.004,
+        lateral_deviation=0.0003,
+        longitudinal=-0.5,
+        longitudinal_deviation=0.0004,
+        heading_error=0.01,
+        heading_deviation=1e-4,
+        own=(1e-4, 1e-4, 1e-5),
+        depth_ratio=-0.1,
+        depth_ratio_deviation=1e-4,
+        parallax=0.1,
+        difference=-0.02,
+        difference_deviation=1e-4,
+    )
+
+
+def measurement(deviation: float = 0.01) -> Measurement:
+    return Measurement(0, 60, 769.0, 0.2, bearings=TWO_VIEWS, deviation=deviation)
+
+
+@pytest.mark.parametrize(
+    ('two_views', 'memory', 'expected'), [(0.01, 0.001, MEMORY), (0.001, 0.01, TWO_VIEWS)]
+)
+def test_the_surer_bearings_are_taken(two_views: float, memory: float, expected: Bearings) -> None:
+    better = sharpened(measurement(two_views), reading(memory), SETTINGS)
+    assert better.bearings == expected
+    assert better.deviation == min(two_views, memory)
+    assert (better.offset, better.heading_error, better.difference) == ((0.004, -0.5), 0.01, -0.02)
+    assert lateral_offset(ServoState(), better) == 0.004
+
+
+def test_uncertain_bearings_of_the_memory_are_none() -> None:
+    blind = replace(measurement(), bearings=None, deviation=math.nan)
+    assert sharpened(blind, reading(2.0 * SETTINGS.max_deviation), SETTINGS).bearings is None
+    assert sharpened(blind, reading(), SETTINGS).bearings == MEMORY
+
+
+def test_without_a_memory_nothing_changes() -> None:
+    seen = measurement()
+    assert sharpened(seen, None, SETTINGS) is seen
+
+
+@pytest.mark.parametrize(('away', 'deviation'), [(0.0, 1e-4), (0.01, 0.01), (ARRIVAL_OFFSET, 0.0)])
+def test_who_is_at_the_goal_by_the_memory_has_no_parallax(away: float, deviation: float) -> None:
+    there = replace(measurement(), offset=(away, 0.0), offset_deviation=deviation, parallax=1.0)
+    assert not has_parallax(ServoState(), there, SETTINGS)
+
+
+@pytest.mark.parametrize(('away', 'deviation'), [(0.003, 1e-3), (-0.01, 1e-3), (math.nan, 1e-3)])
+def test_who_is_not_has(away: float, deviation: float) -> None:
+    off = replace(measurement(), offset=(away, 0.0), offset_deviation=deviation, parallax=0.0)
+    assert has_parallax(ServoState(), off, SETTINGS)

@@ -1,0 +1,86 @@
+"""Remembering: what the views of the way say of this one, where they know better than two."""
+
+from dataclasses import replace
+import math
+from typing import Any
+
+import numpy as np
+
+from visual_servo_epipolar.core.memory.reading import Reading, reading_of
+from visual_servo_epipolar.core.memory.recollection import Recollection
+from visual_servo_epipolar.core.memory.sightings import Sightings
+from visual_servo_epipolar.core.memory.view_memory import ViewMemory
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+
+LEAST_NOISE = 1e-9  # of the angle of a ray [rad]: a memory weighs by it
+
+
+def remembered(
+    views: ViewMemory | None, perception: Perception, driven: float, settings: ServoSettings
+) -> tuple[ViewMemory | None, Reading | None]:
+    """
+    Return the memory after a view, and what it reads of that; None where it says nothing.
+
+    ``driven`` is the travel since the last view [m]: it gives the scale, and no more. A lens that
+    is being learnt would move the rays that keyframes hold: with one nothing is remembered.
+    """
+    observation = perception.observation
+    if not (settings.view_memory and settings.calibrated):
+        return None, None
+    views = views or ViewMemory(settings.mount)
+    if observation is None or observation.ids is None or not _is_enough(observation, settings):
+        return views, None
+    bearings = perception.measurement.bearings
+    noise = np.maximum(perception.memory.noise * observation.resolution, LEAST_NOISE)
+    views, said = views.after(
+        Sightings(observation.ids, observation.current, observation.desired, noise),
+        np.array([0.0, driven]),
+        bearings=() if bearings is None else (bearings,),
+        attitude=perception.memory.attitude,
+    )
+    return views, _reading(said, observation)
+
+
+def sharpened(
+    measurement: Measurement, reading: Reading | None, settings: ServoSettings
+) -> Measurement:
+    """Return ``measurement`` with what the memory knows better, by deviations."""
+    if reading is None:
+        return measurement
+    bearings: dict[str, Any] = {}
+    before = measurement.deviation if measurement.bearings is not None else math.inf
+    if reading.bearings is not None and reading.deviation < min(before, settings.max_deviation):
+        bearings = {
+            'bearings': reading.bearings,
+            'deviation': reading.deviation,
+            'covariance': reading.covariance,
+            'confidence': 1.0,  # features lie ahead in all views together
+            'reason': '',
+        }
+    return replace(
+        measurement,
+        **bearings,
+        heading_error=reading.heading_error,
+        rotation_heading=reading.heading_error,
+        difference=reading.difference,
+        difference_deviation=reading.difference_deviation,
+        offset=(reading.lateral, reading.longitudinal),
+        offset_deviation=math.hypot(reading.lateral_deviation, reading.longitudinal_deviation),
+    )
+
+
+def _is_enough(observation: Observation, settings: ServoSettings) -> bool:
+    return len(observation) >= settings.min_features
+
+
+def _reading(said: Recollection, observation: Observation) -> Reading | None:
+    """Return what is said, with D over the remembered features that are in view."""
+    if said.reason or observation.ids is None:
+        return None
+    _, rows, seen = np.intersect1d(
+        said.ids, observation.ids, assume_unique=True, return_indices=True
+    )
+    return reading_of(said, observation.desired[seen], said.nearness[rows], wide=observation.wide)
