@@ -29,6 +29,7 @@ TRACKER_AND_SERVO = {
 ECHO = {echo.__name__: ()}
 FRAME_ID = 'camera_optical_frame'
 WARM_UP_S, SETTLE_S = 1.0, 0.5
+COUNTER_BYTES = 4
 
 
 @dataclass(slots=True)
@@ -141,8 +142,10 @@ class Loop(TwistListener):
 
     def _publish(self, publisher: Any) -> None:
         stamp_ns = self.node.get_clock().now().nanoseconds
-        image = self._images[self._count % len(self._images)]
+        image = self._images[self._count % len(self._images)].copy()
         self._count += 1
+        # No camera takes the very same image twice, and the servo does not drive by one.
+        image[0, :COUNTER_BYTES] = list(self._count.to_bytes(COUNTER_BYTES, 'big'))
         message = write.image(image, 'mono8', stamp_ns, FRAME_ID)
         if publisher is self._image_pub:
             self._info_pub.publish(write.camera_info(self._camera, stamp_ns, FRAME_ID))
