@@ -86,5 +86,5 @@ def _bounds(world: World) -> Bounds:
         delay_s=world.delay_s,
         # What is so much deeper looks alike from so much farther: epipoles take a longer way.
         position_m=Bounds.position_m * settings.depth,
-        excursion_m=min(Bounds.excursion_m * settings.depth, settings.servo.max_retreat),
+        excursion_m=settings.servo.max_retreat,
     )

@@ -33,6 +33,7 @@ CLOCK = '/clock'
 FRAME_RATE = CameraSettings.frame_rate
 WIDTH, HEIGHT = 320, 256  # [px], a quarter of the default camera each way
 RUN_TIMEOUT_S = 150.0
+MAX_RETREAT_M = 1.0  # as docs/robot.md has it for first drives
 TIMES = ('stale_timeout', 'max_latency')  # what a servo was told of them at its start [s]
 NODES: Mapping[str, type[Any]] = {
     'servo_node': ServoNode,
@@ -51,7 +52,9 @@ class WorldSettings:
     camera: CameraSettings
     base: PioneerSettings = field(default_factory=PioneerSettings)
     servo: ServoSettings = field(
-        default_factory=lambda: ServoSettings(autostart=True, run_timeout=RUN_TIMEOUT_S)
+        default_factory=lambda: ServoSettings(
+            autostart=True, run_timeout=RUN_TIMEOUT_S, max_retreat=MAX_RETREAT_M
+        )
     )
     tracker: TrackerSettings = field(default_factory=TrackerSettings)
     more: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
