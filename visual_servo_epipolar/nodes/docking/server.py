@@ -74,7 +74,7 @@ class DockServer:
     def _accept(self, goal: Any) -> GoalResponse:
         if self._node.is_active:
             return GoalResponse.ACCEPT
-        self._node.get_logger().warning(f'{ACTION} refused: {changes.remedy(self._node)}')
+        self._node.get_logger().warning(f'dock_robot refused: {changes.remedy(self._node)}')
         return GoalResponse.REJECT
 
     async def _execute(self, goal: Any) -> Any:
