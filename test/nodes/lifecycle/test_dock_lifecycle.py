@@ -108,6 +108,7 @@ def test_a_dock_node_that_is_not_active_is_silent_and_refuses_goals(bench, led, 
     it.servo.say(Phase.DISPLACING)
     it.pass_by()
     assert not it.client.send().accepted
+    it.node.stop()  # as a signal does
     bench.settle()
     assert it.said() == before
     reason = f'dock_robot refused: /dock_node is {it.node.state}; '
