@@ -2,15 +2,20 @@
 
 import itertools
 
+from dock_rig import Rig
+from docking_drives import CAMERA
 from fibonacci_wire import FibonacciWire
+from geometry_msgs.msg import Twist as TwistMessage
+from lifecycles import change
 from rclpy.action import ActionClient
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from test_msgs.action import Fibonacci
 
 from visual_servo_epipolar.core.docking.task import State
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.servo.phases.table import Phase
-from visual_servo_epipolar.messages import write
+from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.dock_node import DockNode
 
@@ -93,3 +98,52 @@ def drives(bench, servo, client, phase=Phase.DISPLACING):
     servo.say(phase)
     state = State.NAV_TO_STAGING_POSE if phase is Phase.RETREATING else State.CONTROLLING
     bench.until(lambda: client.feedback and client.feedback[-1][0] == state, f'state {state}')
+
+
+class Led(Rig):
+    """A dock node that is led about: it sees, is asked to dock, and turns commands round."""
+
+    def __init__(self, bench, **values) -> None:
+        self.servo = Servo(bench)
+        self.twists = bench.listen(TwistMessage, 'cmd_vel')
+        self._command = bench.talk(TwistMessage, 'cmd_vel_reversed')
+        super().__init__(bench, served, **{**SERVED, 'dock_backwards': True, **values})
+        self.client = Client(bench)
+
+    def command(self) -> None:
+        """Command what the servo does that docks backward."""
+        self._command(write.twist(Twist(0.3, 0.2)))
+        self.bench.settle()
+
+    def pass_by(self) -> None:
+        """Drive past the photograph, whoever looks."""
+        for _ in range(5):
+            self.info(write.camera_info(CAMERA, 0, 'camera'))
+            self.see()
+            self.tell_odometry()
+            self.command()
+            self.advance()
+
+    def docking(self):
+        """Ask for docking, and return its result to come once the robot drives for it."""
+        count = self.servo.calls.count('start')
+        self.client.feedback.clear()
+        _, result = self.client.ask()
+        started(self.bench, self.servo, count + 1)
+        drives(self.bench, self.servo, self.client)
+        self.command()
+        assert self.moving
+        return result
+
+    def lead(self, *labels) -> None:
+        for label in labels:
+            assert change(self.bench, self.node, label=label)
+
+    def said(self) -> list[int]:
+        """Return how much was said on each topic, and ordered."""
+        heard = (self.poses, self.uncertain, self.reports, self.twists, self.servo.calls)
+        return [len(item) for item in (*heard, self.client.feedback)]
+
+    @property
+    def moving(self) -> bool:
+        return bool(self.twists) and read.twist(self.twists[-1]) != STANDSTILL

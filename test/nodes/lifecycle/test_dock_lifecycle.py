@@ -1,80 +1,28 @@
 """The life cycle of the dock node: silent unless active, and what it moves stands at its end."""
 
+import os
 import random
 
 from action_msgs.msg import GoalStatus
-from dock_rig import Rig
-from docking_drives import CAMERA
-from geometry_msgs.msg import Twist as TwistMessage
-from lifecycles import change, entities, go
+from lifecycles import asked, change, drawn, entities, go, wanted
 import psutil
 import pytest
 from rclpy.action import GoalResponse
 
 pytest.importorskip('test_msgs', reason='pip install ros-jazzy-test-msgs==2.0.3')
 
-from dock_requests import Client, drives, SERVED, served, Servo, started  # noqa: E402
+from dock_requests import Led, SERVED, served  # noqa: E402
 
 from visual_servo_epipolar.core.docking.task import Error  # noqa: E402
-from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist  # noqa: E402
 from visual_servo_epipolar.core.servo.phases.table import Phase  # noqa: E402
-from visual_servo_epipolar.messages import read, write  # noqa: E402
 from visual_servo_epipolar.nodes.docking.server import DEACTIVATED  # noqa: E402
 
 GIVEN_UP = (GoalStatus.STATUS_ABORTED, [0, int(Error.UNKNOWN), 0])
 DOCKED = (GoalStatus.STATUS_SUCCEEDED, [1, 0, 0])
 LABELS = ('configure', 'cleanup', 'activate', 'deactivate')
 STEPS, CYCLES = 40, 100
+REQUESTS = int(os.environ.get('LIFECYCLE_REQUESTS', '300'))  # `make faults` asks for 10000
 MB = 2**20
-
-
-class Led(Rig):
-    """A dock node that is led about: it sees, is asked to dock, and turns commands round."""
-
-    def __init__(self, bench, **values) -> None:
-        self.servo = Servo(bench)
-        self.twists = bench.listen(TwistMessage, 'cmd_vel')
-        self._command = bench.talk(TwistMessage, 'cmd_vel_reversed')
-        super().__init__(bench, served, **{**SERVED, 'dock_backwards': True, **values})
-        self.client = Client(bench)
-
-    def command(self) -> None:
-        """Command what the servo does that docks backward."""
-        self._command(write.twist(Twist(0.3, 0.2)))
-        self.bench.settle()
-
-    def pass_by(self) -> None:
-        """Drive past the photograph, whoever looks."""
-        for _ in range(5):
-            self.info(write.camera_info(CAMERA, 0, 'camera'))
-            self.see()
-            self.tell_odometry()
-            self.command()
-            self.advance()
-
-    def docking(self):
-        """Ask for docking, and return its result to come once the robot drives for it."""
-        count = self.servo.calls.count('start')
-        self.client.feedback.clear()
-        _, result = self.client.ask()
-        started(self.bench, self.servo, count + 1)
-        drives(self.bench, self.servo, self.client)
-        self.command()
-        assert self.moving
-        return result
-
-    def lead(self, *labels) -> None:
-        for label in labels:
-            assert change(self.bench, self.node, label=label)
-
-    def said(self) -> list[int]:
-        """Return how much was said on each topic, and ordered."""
-        heard = (self.poses, self.uncertain, self.reports, self.twists, self.servo.calls)
-        return [len(item) for item in (*heard, self.client.feedback)]
-
-    @property
-    def moving(self) -> bool:
-        return bool(self.twists) and read.twist(self.twists[-1]) != STANDSTILL
 
 
 @pytest.fixture
@@ -220,6 +168,31 @@ def test_configured_and_cleaned_up_again_and_again_it_leaves_nothing(bench, led)
     bench.until(
         lambda: not bench.probe.count_publishers('/detected_dock_pose'), 'its topics to go'
     )
+
+
+def test_random_requests_by_id_and_label_lead_where_they_should(bench) -> None:
+    def start():
+        return bench.start(served, **SERVED, dock_backwards=True, autostart_node=False)
+
+    node, chance = start(), random.Random(7)
+    before = entities(node)
+    for _ in range(REQUESTS):
+        number, label = drawn(chance)
+        expected = wanted(node.state, number, label)
+        changed = expected != node.state
+        response = node._service_change_state.srv_type.Response()
+        answer = node._service_change_state.callback(asked(number, label), response)
+        assert (answer.success, node.state) == (changed, expected), (number, label)
+        accepted = node._server._accept(None) is GoalResponse.ACCEPT
+        assert accepted == (node.state == 'active')
+        bench.executor.spin_once(timeout_sec=0.0)
+        if node.state in ('unconfigured', 'finalized'):
+            assert entities(node) == before
+        if node.state == 'finalized':
+            bench.nodes.remove(node)
+            bench.executor.remove_node(node)
+            node.destroy_node()
+            node = start()
 
 
 def test_led_about_at_random_in_mid_docking_it_moves_while_active_alone(bench, led) -> None:
