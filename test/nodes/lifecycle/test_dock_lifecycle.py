@@ -130,9 +130,16 @@ def test_a_goal_that_was_accepted_just_before_ends_and_orders_nothing(bench, led
     assert it.servo.calls == []
 
 
-def test_a_servo_that_starts_after_the_end_is_stopped_again(bench, led) -> None:
+@pytest.mark.parametrize('cleanup', [False, True])
+def test_a_servo_that_starts_after_the_end_is_stopped_again(bench, led, cleanup) -> None:
     it = led()
-    it.servo.on_start = it.node.trigger_deactivate  # which orders a stop; then comes the answer
+
+    def end() -> None:
+        it.node.trigger_deactivate()  # which orders a stop; then comes the answer to the start
+        if cleanup:
+            it.node.trigger_cleanup()
+
+    it.servo.on_start = end
     _, result = it.client.ask()
     assert it.client.outcome(result) == GIVEN_UP
     bench.until(lambda: it.servo.calls == ['stop', 'start', 'stop', 'stop'], 'both stops')

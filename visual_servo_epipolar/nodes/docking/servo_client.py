@@ -37,7 +37,8 @@ class ServoClient:
         on_answer: Callable[[Order, str], None],
     ) -> None:
         self._node, self._on_phase, self._on_answer = node, on_phase, on_answer
-        # Not made by configure: what is destroyed at a cleanup may take the last stop with it.
+        # Not made by configure: the answer to a start that comes after a cleanup counts as well,
+        # and a servo that answers somebody who is gone waits in vain.
         self._clients = {
             order: node.create_client(Trigger, f'{servo}/{order.value}') for order in Order
         }
