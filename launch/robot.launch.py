@@ -1,4 +1,4 @@
-"""Tracker and servo on a real robot's own camera and base; a recorder if asked for."""
+"""Tracker and servo on a real robot's own camera and base; dock node and recorder if asked for."""
 
 from pathlib import Path
 
@@ -40,6 +40,11 @@ def generate_launch_description():
                 description='Topic on which the base takes velocity commands',
             ),
             DeclareLaunchArgument(
+                'odom',
+                default_value='odom',
+                description="Topic of the base's odometry, which the dock node takes metres from",
+            ),
+            DeclareLaunchArgument(
                 'desired_image',
                 default_value='',
                 description='File of the photograph; empty: call tracker_node/capture_desired',
@@ -60,6 +65,13 @@ def generate_launch_description():
                 'record', default_value='', description='Folder of a new bag; empty: no recorder'
             ),
             DeclareLaunchArgument(
+                'dock',
+                default_value='none',
+                choices=['none', 'pose', 'serve'],
+                description='pose: a dock node publishes detected_dock_pose; serve: it serves the '
+                'action dock_robot as well, which starts the servo',
+            ),
+            DeclareLaunchArgument(
                 'lifecycle',
                 default_value='self',
                 choices=['self', 'manual', 'nav2'],
@@ -72,6 +84,7 @@ def generate_launch_description():
                 description='Time to end after Ctrl-C [s]: a recorder completes its bag in it',
             ),
             OpaqueFunction(function=controller),
+            OpaqueFunction(function=dock),
             OpaqueFunction(function=recorder),
             OpaqueFunction(function=manager),
         ]
@@ -111,6 +124,31 @@ def controller(context):
     ]
 
 
+def dock(context):
+    """Return the dock node, if it is asked for; robot.yaml tells what it shares with the servo."""
+    value = context.launch_configurations
+    node = Node(
+        package=PACKAGE,
+        executable='dock_node',
+        namespace=value['namespace'],
+        parameters=[
+            config('dock_node.yaml'),
+            config('robot.yaml'),
+            *own(value['params_file']),
+            {'serve_action': value['dock'] == 'serve'},
+            *given(value, use_sim_time=bool),
+            *managed(value),
+        ],
+        remappings=[
+            ('camera_info', value['camera_info']),
+            ('odom', value['odom']),
+            ('cmd_vel', value['cmd_vel']),
+        ],
+        output='screen',
+    )
+    return [] if value['dock'] == 'none' else [node]
+
+
 def recorder(context):
     """Return the recorder, if a bag is asked for."""
     value = context.launch_configurations
@@ -130,9 +168,14 @@ def recorder(context):
 
 
 def manager(context):
-    """Return the lifecycle manager of nav2, if it is asked for; the servo starts last."""
+    """
+    Return the lifecycle manager of nav2, if it is asked for.
+
+    The servo starts after what it needs, and the dock node, which orders it about, after it.
+    """
     value = context.launch_configurations
     recorded = ['recorder_node'] if value['record'] else []
+    docked = [] if value['dock'] == 'none' else ['dock_node']
     node = Node(
         package='nav2_lifecycle_manager',
         executable='lifecycle_manager',
@@ -142,7 +185,7 @@ def manager(context):
             {
                 'autostart': True,
                 'bond_timeout': 0.0,  # there is no bond for Python: it would wait for one in vain
-                'node_names': [*recorded, 'tracker_node', 'servo_node'],
+                'node_names': [*recorded, 'tracker_node', 'servo_node', *docked],
             },
             *given(value, use_sim_time=bool),
         ],

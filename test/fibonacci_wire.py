@@ -12,6 +12,9 @@ class FibonacciWire:
 
     kind = Fibonacci
 
+    def __init__(self) -> None:
+        self.messages: list[str] = []  # of outcomes: there is no field for them
+
     def request(self, goal) -> Request:
         return Request(by_id=goal.order != BY_POSE)
 
@@ -20,5 +23,6 @@ class FibonacciWire:
         return Fibonacci.Feedback(sequence=[int(task.state), task.retries])
 
     def result(self, task: Task, outcome: Outcome):
+        self.messages.append(outcome.message)
         numbers = [int(outcome.success), int(outcome.error), task.retries]
         return Fibonacci.Result(sequence=numbers)

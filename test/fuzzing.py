@@ -7,12 +7,18 @@ import os
 from pathlib import Path
 from typing import Any
 
+from geometry_msgs.msg import Twist as TwistMessage
+from geometry_msgs.msg import TwistStamped
+from nav_msgs.msg import Odometry
 import numpy as np
 from rclpy.serialization import deserialize_message, serialize_message
 from rosidl_parser.definition import AbstractNestedType, AbstractString, Array, BasicType
 from sensor_msgs.msg import CameraInfo, PointCloud2
 from servo_rig import AWAY, CAMERA, WORLD
+from std_msgs.msg import String
 
+from visual_servo_epipolar.core.geometry.motion import Pose, Twist
+from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.messages import write
 
 # On each subscription and service; before a release by hand: FUZZ_MESSAGES=2000.
@@ -55,6 +61,35 @@ def _value(slot: Any, rng: np.random.Generator) -> Any:
 def wired(message: Any) -> Any:
     """Return what arrives of a message."""
     return deserialize_message(serialize_message(message), type(message))
+
+
+def sent_to(node: Any, rng: np.random.Generator) -> None:
+    """Hand one message, or one that is nearly right, to each subscription of a ``node``."""
+    for item in list(node.subscriptions):
+        message = nearly(item.msg_type, rng) if rng.random() < 0.5 else None
+        item.callback(wired(message or anything(item.msg_type, rng)))
+
+
+def nearly(kind: Any, rng: np.random.Generator) -> Any:
+    """Return a message that makes sense but for one of its numbers, None of other types."""
+    stamp_ns, number = int(rng.integers(0, 2**33)), float(rng.choice(NUMBERS))
+    if kind is Odometry:
+        pose, twist = Pose(*rng.uniform(-5.0, 5.0, 3)), Twist(0.1, 0.1)
+        message = write.odometry(pose, twist, stamp_ns, 'odom', 'base_link')
+        fields = [message.pose.pose.position, message.pose.pose.orientation]
+        setattr(fields[rng.integers(0, 2)], str(rng.choice(['x', 'y', 'z'])), number)
+        return message
+    if kind is PointCloud2:
+        return nearly_tracks(rng, stamp_ns)
+    if kind is CameraInfo:
+        return nearly_camera(rng)
+    if kind is TwistMessage:
+        return write.twist(Twist(number if np.isfinite(number) else 9.0, 0.1))
+    if kind is TwistStamped:
+        return write.twist_stamped(Twist(0.1, 0.1), stamp_ns, str(rng.choice(WORDS)))
+    if kind is String:
+        return write.text(str(rng.choice([phase.value for phase in Phase])))
+    return None
 
 
 def nearly_tracks(rng: np.random.Generator, stamp_ns: int) -> PointCloud2:

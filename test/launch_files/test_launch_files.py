@@ -18,7 +18,7 @@ PACKAGE = 'visual_servo_epipolar'
 FILES = sorted(path.name for path in (ROOT / 'launch').glob('*.py'))
 EVERYTHING = {
     'simulation.launch.py': {'record': '/bags/one', 'rviz': 'true'},
-    'robot.launch.py': {'record': '/bags/one', 'lifecycle': 'nav2'},
+    'robot.launch.py': {'record': '/bags/one', 'lifecycle': 'nav2', 'dock': 'serve'},
     'two_robots.launch.py': {'record': '/bags', 'rviz': 'true'},
 }
 OTHERS = {'rviz2': 'rviz2', 'lifecycle_manager': 'nav2_lifecycle_manager'}  # by executable
@@ -196,15 +196,18 @@ def test_topics_go_where_they_are_sent(name) -> None:
     assert {node.namespace for node in nodes.values()} == {'r'}
 
 
+@pytest.mark.parametrize(('dock', 'last'), [('none', []), ('pose', ['dock_node'])])
 @pytest.mark.parametrize(('record', 'first'), [('', []), ('/bags/one', ['recorder_node'])])
-def test_the_lifecycle_manager_of_nav2_leads_all_nodes_without_a_bond(record, first) -> None:
-    launch = Launch('robot.launch.py', namespace='r', lifecycle='nav2', record=record)
+def test_the_lifecycle_manager_of_nav2_leads_all_nodes_without_a_bond(
+    record, first, dock, last
+) -> None:
+    launch = Launch('robot.launch.py', namespace='r', lifecycle='nav2', record=record, dock=dock)
     *led, manager = launch.nodes
     assert (manager.executable, manager.namespace) == ('lifecycle_manager', 'r')
     assert values(manager) == {
         'autostart': True,
         'bond_timeout': 0.0,
-        'node_names': [*first, 'tracker_node', 'servo_node'],
+        'node_names': [*first, 'tracker_node', 'servo_node', *last],
     }
     assert {node.executable for node in led} == set(values(manager)['node_names'])
     assert [values(node)['autostart_node'] for node in led] == [False] * len(led)
@@ -213,6 +216,20 @@ def test_the_lifecycle_manager_of_nav2_leads_all_nodes_without_a_bond(record, fi
 def test_nodes_that_are_led_by_hand_have_no_manager() -> None:
     launch = Launch('robot.launch.py', lifecycle='manual')
     assert [values(node) for node in launch.nodes] == [{'autostart_node': False}] * 2
+
+
+@pytest.mark.parametrize(('dock', 'serves'), [('pose', False), ('serve', True)])
+def test_a_dock_node_is_told_what_tracker_and_servo_are(dock, serves) -> None:
+    topics = {'camera_info': '/cam/info', 'odom': '/base/odom', 'cmd_vel': '/base/cmd'}
+    launch = Launch('robot.launch.py', namespace='r', dock=dock, params_file='mine.yaml', **topics)
+    node = by_name(launch)['dock_node']
+    assert values(node) == {'serve_action': serves}
+    assert [Path(item).name for item in node.parameters[:3]] == [
+        'dock_node.yaml',
+        'robot.yaml',
+        'mine.yaml',
+    ]
+    assert (dict(node.remappings), node.namespace) == (topics, 'r')
 
 
 def test_start_and_seed_reach_base_and_camera() -> None:

@@ -4,14 +4,10 @@ from collections import deque
 import sys
 from typing import Any
 
-from geometry_msgs.msg import Twist as TwistMessage
-from geometry_msgs.msg import TwistStamped
-from nav_msgs.msg import Odometry
-from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, PointCloud2
 from std_srvs.srv import Trigger
 
-from visual_servo_epipolar.core.docking.path import Path, Place
+from visual_servo_epipolar.core.docking.path import Place
 from visual_servo_epipolar.core.docking.search import DockSearch, looked
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings
 from visual_servo_epipolar.core.docking.sighting import observed
@@ -22,10 +18,12 @@ from visual_servo_epipolar.messages import docking, read, validation
 from visual_servo_epipolar.messages.docking import DockWire
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.complaints import Complaints
+from visual_servo_epipolar.nodes.docking.driven_path import DrivenPath
 from visual_servo_epipolar.nodes.docking.reports import DockReports
 from visual_servo_epipolar.nodes.docking.reversal import Reversal
-from visual_servo_epipolar.nodes.docking.server import DockServer
+from visual_servo_epipolar.nodes.docking.server import DEACTIVATED, DockServer
 from visual_servo_epipolar.nodes.docking.settings import DockNodeSettings
+from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 from visual_servo_epipolar.nodes.run import spin
 from visual_servo_epipolar.nodes.transforms.static_mount import StaticMount
 
@@ -36,11 +34,12 @@ NO_NAV2 = (
 )
 
 
-class DockNode(Node):
+class DockNode(ManagedNode):
     """
     Publishes the dock's pose wherever the photograph is seen, and serves requests to dock.
 
-    ``wire`` is the action type that is served, by default that of nav2_msgs.
+    ``wire`` is the action type that is served, by default that of nav2_msgs. No request outlives
+    a deactivation: one under way is aborted, and what moves the robot for it is stopped.
     """
 
     def __init__(self, wire: DockWire | None = None, **options: Any) -> None:
@@ -52,43 +51,61 @@ class DockNode(Node):
         parameters.refuse_unknown(self, options)
         parameters.watch(self, lambda: self._task_settings, self._use_task)
         parameters.watch(self, lambda: self._settings, self._use)
-        self._camera: CalibratedCamera | None = None
-        self._search, self._path, self._path_frame = DockSearch(), Path(), ''
-        self._pending: deque[PointCloud2] = deque(maxlen=MOST_PENDING)
-        self._stamp_ns: int | None = None
+        self._server = self._served(wire)
+        self.create_service(Trigger, '~/reset', self._on_reset)
+        self.autostart(self._node_settings)
+
+    def configure(self) -> None:
+        """Create all that the search for the dock, and docking, need."""
         settings = self._node_settings
+        self._camera: CalibratedCamera | None = None
+        self._search = DockSearch()
+        self._stamp_ns: int | None = None
+        self._pending: deque[PointCloud2] = deque(maxlen=MOST_PENDING)
         self._mount: StaticMount | None = None
         if settings.mount_from_tf:
             self._mount = StaticMount(self, settings.base_frame, self._warn)
         self._reports = DockReports(self, settings.base_frame)
-        self._create_subscriptions()
-        self._reversal = self._reversed_commands()
-        self._server = self._served(wire)
-
-    def stop(self) -> None:
-        """End what moves the robot."""
-        if self._server is not None:
-            self._server.stop()
-        if self._reversal is not None:
-            self._reversal.stop()
-
-    def destroy_node(self) -> None:
-        """Take the action server away before the node goes."""
-        if self._server is not None:
-            self._server.destroy()
-        super().destroy_node()
-
-    def _create_subscriptions(self) -> None:
-        settings = self._node_settings
+        self._driven = DrivenPath(self, settings, self._warn, self._look_at_pending)
         info = qos.IMAGES[settings.camera_reliability]
         self.create_subscription(CameraInfo, 'camera_info', self._on_info, info)
         self.create_subscription(PointCloud2, 'tracks', self._on_tracks, qos.STREAM)
-        if settings.path_source == 'odometry':
-            self.create_subscription(Odometry, 'odom', self._on_odometry, qos.ODOMETRY)
-        else:
-            kind = TwistStamped if settings.enable_stamped_cmd_vel else TwistMessage
-            self.create_subscription(kind, 'cmd_vel', self._on_command, qos.COMMAND)
-        self.create_service(Trigger, '~/reset', self._on_reset)
+        self._reversal = self._reversed_commands()
+        if self._server is not None:
+            self._server.configure()
+
+    def activate(self) -> None:
+        """Look for the dock anew: the robot may have been driven elsewhere meanwhile."""
+        self._look_anew()
+        self._driven.begin_anew()
+        self._stamp_ns = None
+
+    def deactivate(self) -> None:
+        """End what moves the robot; a request under way fails."""
+        self._come_to_rest(DEACTIVATED)
+        self._pending.clear()
+
+    def cleanup(self) -> None:
+        """Forget the mount that /tf_static told: the next may be another."""
+        if self.is_configured:
+            self._look_anew()
+
+    def stop(self) -> None:
+        """End what moves the robot."""
+        self._come_to_rest('the node ends')
+
+    def destroy_node(self) -> None:
+        """Take the action server away before the node goes."""
+        server, self._server = self._server, None
+        if server is not None:
+            server.destroy()
+        super().destroy_node()
+
+    def _come_to_rest(self, why: str) -> None:
+        if self._server is not None:
+            self._server.give_up(why)
+        if self.is_configured and self._reversal is not None:
+            self._reversal.stop()
 
     def _reversed_commands(self) -> Reversal | None:
         settings = self._node_settings
@@ -131,25 +148,6 @@ class DockNode(Node):
             self._look_anew()
         self._camera = camera
 
-    def _on_odometry(self, message: Odometry) -> None:
-        try:
-            self._path.add_pose(read.stamp_ns(message.header), read.pose(message))
-        except ValueError as error:
-            self._warn(f'odometry refused: {error}')
-            return
-        self._path_frame = message.header.frame_id
-        self._look_at_pending()
-
-    def _on_command(self, message: Any) -> None:
-        stamped = self._node_settings.enable_stamped_cmd_vel
-        now_ns = int(self.get_clock().now().nanoseconds)
-        try:
-            twist = read.twist(message)
-        except ValueError as error:
-            self._warn(f'a command is refused: {error}')
-            return
-        self._path.add_twist(read.stamp_ns(message.header) if stamped else now_ns, twist)
-
     def _on_tracks(self, message: PointCloud2) -> None:
         stamp_ns = read.stamp_ns(message.header)
         if self._stamp_ns is not None and stamp_ns <= self._stamp_ns:
@@ -165,21 +163,16 @@ class DockNode(Node):
     @property
     def _missing(self) -> str:
         """What tracks wait for."""
-        source = 'odom' if self._node_settings.path_source == 'odometry' else 'cmd_vel'
         if self._camera is None:
             return 'no usable camera_info yet; tracks wait for it'
-        if self._path.last_ns is None:
-            topic = self.resolve_topic_name(source)
-            return f'nothing came on {topic} yet; start what publishes it, or remap {source}'
-        return f'no {source} for these tracks: are its stamps those of another clock?'
+        return self._driven.missing
 
     def _look_at_pending(self) -> None:
         """Look at the tracks that the path reaches by now."""
-        predict = self._node_settings.path_source == 'commands'
         while self._pending and self._camera is not None:
             stamp_ns = read.stamp_ns(self._pending[0].header)
-            place = self._path.at(stamp_ns, predict=predict)
-            if place is None and (self._path.last_ns is None or stamp_ns > self._path.last_ns):
+            place = self._driven.at(stamp_ns)
+            if place is None and self._driven.may_reach(stamp_ns):
                 return
             message = self._pending.popleft()
             if place is not None:
@@ -195,7 +188,7 @@ class DockNode(Node):
         self._search = looked(self._search, ids, observation, place, self._settings)
         if self._search.dock is not None:
             by_path = self._node_settings.pose_frame == 'odometry'
-            self._reports.pose(self._search.dock, place, self._path_frame if by_path else None)
+            self._reports.pose(self._search.dock, place, self._driven.frame if by_path else None)
         self._reports.search(self._search, place.stamp_ns)
 
     def _look_anew(self) -> None:

@@ -9,6 +9,7 @@ from visual_servo_epipolar.core.docking.task import (
     canceled,
     charging,
     Error,
+    given_up,
     Order,
     passed,
     Request,
@@ -204,6 +205,24 @@ def test_a_cancel_stops_the_servo_in_every_step(step) -> None:
     assert task.orders == (Order.STOP,)
     assert task.outcome.canceled
     assert not task.outcome.success
+
+
+@pytest.mark.parametrize('step', Step)
+def test_what_is_given_up_is_an_error_and_stops_the_servo_in_every_step(step) -> None:
+    task = given_up(Task(0.0, 0.0, 0.0, step=step), 'no longer active')
+    assert task.orders == (Order.STOP,)
+    assert (task.outcome.error, task.outcome.message) == (Error.UNKNOWN, 'no longer active')
+    assert not task.outcome.canceled
+
+
+def test_a_servo_that_starts_after_the_end_is_stopped_again() -> None:
+    end = canceled(running(), 'canceled')
+    late = answered(end, Order.START, '', 2.0)
+    assert late.orders == (Order.STOP,)
+    assert late.outcome is end.outcome
+    assert answered(end, Order.START, 'refused', 2.0).orders == ()
+    docked = heard(running(), Phase.ARRIVED)
+    assert answered(docked, Order.START, '', 2.0).orders == ()
 
 
 def test_an_end_is_final() -> None:

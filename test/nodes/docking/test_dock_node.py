@@ -3,75 +3,17 @@
 import math
 from types import SimpleNamespace
 
-from diagnostic_msgs.msg import DiagnosticArray
-from docking_drives import CAMERA, PERIOD_NS, PERIOD_S, true_dock
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
+from dock_rig import Rig, TWIST
+from docking_drives import CAMERA, PERIOD_NS, true_dock
 from geometry_msgs.msg import Twist as TwistMessage
-from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
-from sensor_msgs.msg import CameraInfo, PointCloud2
 
 from visual_servo_epipolar.core.docking.planar import composed
-from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist, yaw_from_quaternion
+from visual_servo_epipolar.core.geometry.motion import Pose, Twist, yaw_from_quaternion
 from visual_servo_epipolar.messages import docking, read, transforms, write
 from visual_servo_epipolar.nodes.dock_node import DockNode, NO_NAV2
-from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
-from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
-
-FRAMES = 10
-TWIST = Twist(0.4, 0.05)
-START = Pose.from_start(0.3, -2.0, 4.0)
-
-
-class Rig:
-    """A dock node, and a robot that drives towards the photograph with perfect odometry."""
-
-    def __init__(self, bench, **values) -> None:
-        self.bench = bench
-        self.poses = bench.listen(PoseStamped, 'detected_dock_pose')
-        self.uncertain = bench.listen(
-            PoseWithCovarianceStamped, 'detected_dock_pose_with_covariance'
-        )
-        self.reports = bench.listen(DiagnosticArray, '/diagnostics')
-        self.tracks = bench.talk(PointCloud2, 'tracks')
-        self.odometry = bench.talk(Odometry, 'odom')
-        self.info = bench.talk(CameraInfo, 'camera_info')
-        self.node = bench.start(DockNode, **values)
-        self.world = PointWorld(PointSettings(), FixedRig(CAMERA), seed=0)
-        self.pose, self.told, self.frame = START, Pose(5.0, 3.0, 1.0), 0
-        self.info(write.camera_info(CAMERA, 0, 'camera'))
-        bench.until(lambda: self.node._camera is not None, 'camera_info to arrive')
-
-    @property
-    def stamp_ns(self) -> int:
-        return (self.frame + 1) * PERIOD_NS
-
-    def tell_odometry(self) -> None:
-        message = write.odometry(self.told, TWIST, self.stamp_ns, 'odom', 'base_link')
-        self.odometry(message)
-
-    def see(self) -> None:
-        features = self.world.observe(self.pose, self.frame)
-        self.tracks(write.features(features, self.stamp_ns, 'camera'))
-
-    def step(self) -> None:
-        """See, hear of it, and drive on."""
-        count = len(self.reports)
-        self.see()
-        self.tell_odometry()
-        self.bench.until(lambda: len(self.reports) > count, 'the tracks to be looked at')
-        self.frame += 1
-        self.before = self.pose, self.told
-        self.pose = integrate(self.pose, TWIST, PERIOD_S)
-        self.told = integrate(self.told, TWIST, PERIOD_S)
-
-    def drive(self, frames=FRAMES):
-        for _ in range(frames):
-            self.step()
-        self.bench.settle()
-        return self
 
 
 def planar(message):
@@ -158,8 +100,8 @@ def test_a_reset_looks_for_it_anew(bench) -> None:
 
 def test_commands_stand_in_for_odometry(bench) -> None:
     rig = Rig(bench, path_source='commands')
-    rig.node._path.add_twist(0, TWIST)  # by simulated time, as stamped commands do
-    rig.node._path._timeout = math.inf
+    rig.node._driven.path.add_twist(0, TWIST)  # by simulated time, as stamped commands do
+    rig.node._driven.path._timeout = math.inf
     rig.drive()
     assert planar(rig.poses[-1]) == pytest.approx(true_dock(rig.before[0]), abs=0.03)
 

@@ -5,6 +5,7 @@ import math
 from action_msgs.msg import GoalStatus
 from geometry_msgs.msg import PoseStamped
 from geometry_msgs.msg import Twist as TwistMessage
+from lifecycles import go
 from nav_msgs.msg import Odometry
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from fibonacci_wire import FibonacciWire  # noqa: E402
 from rclpy.action import ActionClient  # noqa: E402
 from test_msgs.action import Fibonacci  # noqa: E402
 
-from visual_servo_epipolar.core.docking.task import State  # noqa: E402
+from visual_servo_epipolar.core.docking.task import Error, State  # noqa: E402
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL  # noqa: E402
 from visual_servo_epipolar.core.tracking.features import Features  # noqa: E402
 from visual_servo_epipolar.messages import read, write  # noqa: E402
@@ -33,7 +34,9 @@ from visual_servo_epipolar.simulation.point_world import (  # noqa: E402
 PERIOD_NS, PERIOD_S = 90_909_091, 0.090909091
 PLACE_M, HEADING_RAD = 0.005, math.radians(0.2)
 FORWARD = (0.2, -1.2, 4.0)
+BACKWARD = (0.2, 1.2, -3.0)
 HALF_WAY = -1.1
+GIVEN_UP = (GoalStatus.STATUS_ABORTED, [0, int(Error.UNKNOWN), 0])
 
 
 class Robot:
@@ -154,7 +157,7 @@ def test_it_docks_forward_after_a_failure_and_a_retry(robot) -> None:
 
 
 def test_it_docks_backward_with_a_camera_that_looks_back(robot) -> None:
-    it = robot((0.2, 1.2, -3.0), backward=True)
+    it = robot(BACKWARD, backward=True)
     _, result = it.ask()
     assert it.outcome(result) == (GoalStatus.STATUS_SUCCEEDED, [1, 0, 0])
     assert_docked(it)
@@ -174,6 +177,30 @@ def test_a_cancel_leaves_it_standing_and_another_request_docks(robot) -> None:
     for _ in range(5):
         it.step()
     assert it.pose == stood
+    _, result = it.ask()
+    assert it.outcome(result) == (GoalStatus.STATUS_SUCCEEDED, [1, 0, 0])
+    assert_docked(it)
+
+
+@pytest.mark.parametrize(
+    ('start', 'backward'), [(FORWARD, False), (BACKWARD, True)], ids=['forward', 'backward']
+)
+def test_a_deactivation_in_mid_docking_leaves_it_standing(robot, start, backward) -> None:
+    it = robot(start, backward=backward)
+    _, result = it.ask()
+    it.drive_until(lambda: it.controls and abs(it.pose.y) < abs(HALF_WAY))
+    assert read.twist(it.commands[-1]) != STANDSTILL
+    go(it.bench, it.dock, 'deactivate')
+    it.bench.until(lambda: not it.servo._run.active, 'the servo to be stopped')
+    it.bench.until(result.done, 'the result')
+    assert (result.result().status, list(result.result().result.sequence)) == GIVEN_UP
+    it.bench.settle()
+    assert read.twist(it.commands[-1]) == STANDSTILL
+    stood = it.pose
+    for _ in range(5):
+        it.step()
+    assert it.pose == stood
+    go(it.bench, it.dock, 'activate')
     _, result = it.ask()
     assert it.outcome(result) == (GoalStatus.STATUS_SUCCEEDED, [1, 0, 0])
     assert_docked(it)

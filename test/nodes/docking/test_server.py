@@ -1,74 +1,18 @@
 """The action server: goals become tasks of the servo; cancels and failures end as they should."""
 
-import itertools
-
 from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticArray
 import pytest
-from rclpy.action import ActionClient
-from std_msgs.msg import String
-from std_srvs.srv import Trigger
 
 pytest.importorskip('test_msgs', reason='pip install ros-jazzy-test-msgs==2.0.3')
 
-from fibonacci_wire import BY_POSE, FibonacciWire  # noqa: E402
-from test_msgs.action import Fibonacci  # noqa: E402
+from dock_requests import Client, drives, SERVED, served, Servo, started  # noqa: E402
+from fibonacci_wire import BY_POSE  # noqa: E402
 
 from visual_servo_epipolar.core.docking.task import Error, State  # noqa: E402
 from visual_servo_epipolar.core.servo.phases.table import Phase  # noqa: E402
 from visual_servo_epipolar.core.servo.state import ServoState  # noqa: E402
-from visual_servo_epipolar.messages import diagnostics, write  # noqa: E402
-from visual_servo_epipolar.nodes import qos  # noqa: E402
-from visual_servo_epipolar.nodes.dock_node import DockNode  # noqa: E402
-
-
-class Servo:
-    """What others see of a servo: services that are counted, and the phase that a test says."""
-
-    def __init__(self, bench) -> None:
-        self.bench, self.calls, self.refuses = bench, [], False
-        self._say = bench.talk(String, 'phase', qos.LATCHED)
-        bench.probe.create_service(Trigger, 'servo_node/start', self._serve('start'))
-        bench.probe.create_service(Trigger, 'servo_node/stop', self._serve('stop'))
-
-    def _serve(self, name):
-        def serve(request, response):
-            self.calls.append(name)
-            response.success, response.message = not self.refuses, 'as you say'
-            if name == 'stop':
-                self.say(Phase.WAITING)
-            return response
-
-        return serve
-
-    def say(self, phase) -> None:
-        self._say(write.text(phase.value))
-
-
-class Client:
-    """Who asks for docking."""
-
-    def __init__(self, bench) -> None:
-        self.bench = bench
-        self._client = ActionClient(bench.probe, Fibonacci, 'dock_robot')
-        self.feedback = []
-
-    def ask(self, order=0):
-        self.bench.until(self._client.server_is_ready, 'the action server')
-        future = self._client.send_goal_async(
-            Fibonacci.Goal(order=order),
-            feedback_callback=lambda item: self.feedback.append(list(item.feedback.sequence)),
-        )
-        self.bench.until(future.done, 'the goal to be accepted')
-        assert future.result().accepted
-        return future.result(), future.result().get_result_async()
-
-    def outcome(self, result):
-        self.bench.until(result.done, 'the result')
-        return result.result().status, list(result.result().result.sequence)
-
-    def states(self):
-        return [state for state, _ in itertools.groupby(item[0] for item in self.feedback)]
+from visual_servo_epipolar.messages import diagnostics  # noqa: E402
 
 
 @pytest.fixture
@@ -78,25 +22,10 @@ def servo(bench):
 
 @pytest.fixture
 def client(bench, servo):
-    bench.start(lambda **options: DockNode(FibonacciWire(), **options), **SERVED)
+    bench.start(served, **SERVED)
     made = Client(bench)
     yield made
-    made._client.destroy()
-
-
-SERVED = {'serve_action': True, 'max_retries': 1}
-
-
-def started(bench, servo, count=1):
-    bench.until(lambda: servo.calls.count('start') == count, f'start {count} of the servo')
-    bench.settle()
-
-
-def drives(bench, servo, client, phase=Phase.DISPLACING):
-    """Let the servo say a phase until the server has taken it in."""
-    servo.say(phase)
-    state = State.NAV_TO_STAGING_POSE if phase is Phase.RETREATING else State.CONTROLLING
-    bench.until(lambda: client.feedback and client.feedback[-1][0] == state, f'state {state}')
+    made.close()
 
 
 def test_it_docks(bench, servo, client) -> None:
@@ -195,12 +124,12 @@ def test_a_servo_that_refuses_is_an_unknown_error(bench, servo, client) -> None:
 
 
 def test_a_servo_that_is_not_there_is_an_unknown_error(bench) -> None:
-    bench.start(lambda **options: DockNode(FibonacciWire(), **options), **SERVED)
+    bench.start(served, **SERVED)
     client = Client(bench)
     _, result = client.ask()
     assert client.outcome(result)[1] == [0, int(Error.UNKNOWN), 0]
     assert bench.logged('nobody serves /servo_node/stop')
-    client._client.destroy()
+    client.close()
 
 
 def test_an_end_of_the_node_stops_the_servo(bench, servo, client) -> None:

@@ -3,40 +3,16 @@
 import os
 import random
 
-from lifecycles import asked, change, entities, go
+from lifecycles import asked, change, drawn, entities, go, LABELS, TRANSITIONS, wanted
 import pytest
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.messages import write
 
-TRANSITIONS = {  # by state: where an id leads to
-    'unconfigured': {1: 'inactive', 5: 'finalized'},
-    'inactive': {2: 'unconfigured', 3: 'active', 6: 'finalized'},
-    'active': {4: 'inactive', 7: 'finalized'},
-    'finalized': {},
-}
-LABELS = ('configure', 'cleanup', 'activate', 'deactivate', 'shutdown')
-NUMBERS = (0, 8, 9, *range(10, 70, 10), 99, 255)  # of no transition that can be asked for
 MISTAKES = (OSError('a refusal'), KeyError('a mistake'))
 # `make faults` asks for 10000.
 REQUESTS, OVER_THE_WIRE = int(os.environ.get('LIFECYCLE_REQUESTS', '2000')), 300
-
-
-def wanted(state: str, number: int, label: str) -> str:
-    """Return the state that a request leads to, which is the same where it is impossible."""
-    if label:
-        ways = {1: 'configure', 2: 'cleanup', 3: 'activate', 4: 'deactivate'}
-        known = {ways.get(item, 'shutdown'): item for item in TRANSITIONS[state]}
-        number = known.get(label, 0)
-    return TRANSITIONS[state].get(number, state)
-
-
-def drawn(chance: random.Random) -> tuple[int, str]:
-    """Draw a request: by label, by id, by both; of a real transition mostly, seldom the end."""
-    label = chance.choice([*LABELS[:4] * 5, LABELS[4], 'dance', 'transition_success'])
-    number = chance.choice([*(1, 2, 3, 4) * 8, 5, 6, 7, *NUMBERS])
-    return chance.choice([(number, ''), (0, label), (number, label)])
 
 
 class Campaign:

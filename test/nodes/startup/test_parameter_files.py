@@ -9,14 +9,13 @@ import yaml
 
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.nodes.camera_node import CameraNode
 from visual_servo_epipolar.nodes.dock_node import DockNode
 from visual_servo_epipolar.nodes.recorder_node import RecorderNode
-from visual_servo_epipolar.nodes.servo_node import ServoNode, ServoNodeSettings
+from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.startup import table
 from visual_servo_epipolar.nodes.startup.parameter_files import sections
-from visual_servo_epipolar.nodes.tracker_node import TrackerNode, TrackerNodeSettings
+from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
 
 CONFIG = Path(__file__).parents[3] / 'config'
@@ -186,13 +185,15 @@ def test_a_name_of_another_node_is_refused_on_the_command_line(bench, tmp_path) 
 
 
 ROBOT = yaml.safe_load((CONFIG / 'robot.yaml').read_text())['/**']['ros__parameters']
-SERVO, TRACKER = (
-    {item.name: item for kind in kinds for item in fields(kind)}
-    for kinds in ((ServoNodeSettings, ServoSettings), (TrackerNodeSettings, TrackerSettings))
+SERVO, TRACKER, DOCK = (
+    {item.name: item for kind in table.settings_of(node) for item in fields(kind)}
+    for node in ('servo_node', 'tracker_node', 'dock_node')
 )
 
 
-@pytest.mark.parametrize(('kind', 'known'), [(ServoNode, SERVO), (TrackerNode, TRACKER)])
+@pytest.mark.parametrize(
+    ('kind', 'known'), [(ServoNode, SERVO), (TrackerNode, TRACKER), (DockNode, DOCK)]
+)
 def test_a_real_robot_takes_its_file_in_a_namespace_under_another_name(
     bench, tmp_path, kind, known
 ) -> None:

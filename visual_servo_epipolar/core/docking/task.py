@@ -117,7 +117,9 @@ def answered(task: Task, order: Order, refusal: str, now: float) -> Task:
     """Return the task after the answer to an ``order``, with the servo's ``refusal`` or ''."""
     task = replace(task, orders=())
     if task.outcome is not None:
-        return task
+        # Orders may overtake each other: a servo that starts after the end is stopped again.
+        late = order is Order.START and not refusal and not task.outcome.success
+        return replace(task, orders=(Order.STOP,)) if late else task
     if refusal:
         return _ended(task, Error.UNKNOWN, refusal)
     if order is Order.STOP and task.step is Step.CLEARING:
@@ -186,6 +188,11 @@ def canceled(task: Task, why: str) -> Task:
     """Return the task after an order to give it up: the servo is stopped."""
     outcome = Outcome(message=why, canceled=True)
     return replace(task, orders=(Order.STOP,), outcome=outcome)
+
+
+def given_up(task: Task, why: str) -> Task:
+    """Return the task after who serves it has given it up: an error, and the servo is stopped."""
+    return _ended(task, Error.UNKNOWN, why)
 
 
 def _started(task: Task, now: float) -> Task:

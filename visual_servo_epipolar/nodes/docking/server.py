@@ -1,10 +1,10 @@
 """Action server of docking: hands goals to the servo as tasks of the core, one at a time."""
 
+from dataclasses import replace
 from typing import Any
 
-from rclpy.action import ActionServer, CancelResponse
+from rclpy.action import ActionServer, CancelResponse, GoalResponse
 from rclpy.clock import Clock, ClockType
-from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.msg import BatteryState
 
@@ -17,9 +17,12 @@ from visual_servo_epipolar.messages import docking
 from visual_servo_epipolar.messages.docking import DockWire
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.docking.servo_client import ServoClient
+from visual_servo_epipolar.nodes.lifecycle import changes
+from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 
 ACTION = 'dock_robot'
 PERIOD_S = 0.1  # of feedback, and of looking at the clock
+DEACTIVATED = 'the node was deactivated before it had docked'
 
 
 class DockServer:
@@ -27,10 +30,13 @@ class DockServer:
     Serves ``dock_robot`` for ``node`` over a ``wire``; time is that of the steady clock.
 
     A goal that comes while another is under way supersedes it: the first one is aborted. The
-    servo is stopped at every end but that at the dock.
+    servo is stopped at every end but that at the dock. Goals are refused while the node is not
+    active, in every state: so the server is made once, not each time the node is configured.
     """
 
-    def __init__(self, node: Node, wire: DockWire, servo: str, settings: DockTaskSettings) -> None:
+    def __init__(
+        self, node: ManagedNode, wire: DockWire, servo: str, settings: DockTaskSettings
+    ) -> None:
         self.settings = settings
         self._node, self._wire = node, wire
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
@@ -38,25 +44,38 @@ class DockServer:
         self._task: Task | None = None
         self._over = Future()
         self._servo = ServoClient(node, servo, self._on_phase, self._on_answer)
-        if settings.wait_for_charge:
-            node.create_subscription(BatteryState, 'battery_state', self._on_battery, qos.STREAM)
         self._server = ActionServer(
             node,
             wire.kind,
             ACTION,
             execute_callback=self._execute,
+            goal_callback=self._accept,
             cancel_callback=lambda goal: CancelResponse.ACCEPT,
         )
-        node.create_timer(PERIOD_S, self._on_tick, clock=self._steady)
 
-    def stop(self) -> None:
-        """Stop a servo that drives for a goal, before the node ends."""
+    def configure(self) -> None:
+        """Listen to servo and battery, and look at the clock."""
+        self._servo.configure()
+        if self.settings.wait_for_charge:
+            self._node.create_subscription(
+                BatteryState, 'battery_state', self._on_battery, qos.STREAM
+            )
+        self._node.create_timer(PERIOD_S, self._on_tick, clock=self._steady)
+
+    def give_up(self, why: str) -> None:
+        """Abort a goal under way, and stop the servo that drives for it."""
         if self._task is not None and self._task.outcome is None:
-            self._follow(tasks.canceled(self._task, 'the node ends'))
+            self._follow(tasks.given_up(self._task, why))
 
     def destroy(self) -> None:
         """Take the server from the node."""
         self._server.destroy()
+
+    def _accept(self, goal: Any) -> GoalResponse:
+        if self._node.is_active:
+            return GoalResponse.ACCEPT
+        self._node.get_logger().warning(f'dock_robot refused: {changes.remedy(self._node)}')
+        return GoalResponse.REJECT
 
     async def _execute(self, goal: Any) -> Any:
         if self._task is not None and self._task.outcome is None:
@@ -65,7 +84,10 @@ class DockServer:
         self._goal, self._task = goal, None
         request = self._wire.request(goal.request)
         self._node.get_logger().info(f'dock_robot: {request}')
-        self._follow(tasks.requested(request, self._now(), self.settings))
+        task = tasks.requested(request, self._now(), self.settings)
+        if not self._node.is_active:  # any more: the goal was accepted just before
+            task = replace(tasks.given_up(task, DEACTIVATED), orders=())
+        self._follow(task)
         if self._servo.phase is not None and self._task is not None:
             self._on_phase(self._servo.phase, '')
         task, outcome = await over  # one thread is enough: nothing blocks while it waits

@@ -25,7 +25,8 @@ class ServoClient:
     The servo called ``servo``: calls ``on_phase`` with each phase, ``on_answer`` with answers.
 
     A failure waits for its reason, if only for a while. Answers are the order, and the refusal in
-    words or ''.
+    words or ''. Orders and their answers pass in every state of the node; the rest is for as long
+    as it is configured.
     """
 
     def __init__(
@@ -36,6 +37,8 @@ class ServoClient:
         on_answer: Callable[[Order, str], None],
     ) -> None:
         self._node, self._on_phase, self._on_answer = node, on_phase, on_answer
+        # Not made by configure: the answer to a start that comes after a cleanup counts as well,
+        # and a servo that answers somebody who is gone waits in vain.
         self._clients = {
             order: node.create_client(Trigger, f'{servo}/{order.value}') for order in Order
         }
@@ -43,11 +46,17 @@ class ServoClient:
         self._said: dict[str, str] = {}  # by its last diagnostics
         self.phase: Phase | None = None
         self._unexplained = False
+
+    def configure(self) -> None:
+        """Listen to the servo; what was heard before is forgotten."""
+        self._said, self.phase, self._unexplained = {}, None, False
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._patience = node.create_timer(PATIENCE_S, self._tell, clock=steady)
+        self._patience = self._node.create_timer(PATIENCE_S, self._tell, clock=steady)
         self._patience.cancel()
-        node.create_subscription(String, 'phase', self._hear, PHASES)
-        node.create_subscription(DiagnosticArray, '/diagnostics', self._explain, qos.DIAGNOSTICS)
+        self._node.create_subscription(String, 'phase', self._hear, PHASES)
+        self._node.create_subscription(
+            DiagnosticArray, '/diagnostics', self._explain, qos.DIAGNOSTICS
+        )
 
     def order(self, order: Order) -> None:
         """Call the service of an ``order``; the answer comes later, a refusal at once."""

@@ -2,12 +2,13 @@
 
 from dataclasses import dataclass
 
-from visual_servo_epipolar.core.settings import setting, Settings
+from visual_servo_epipolar.core.settings import setting
+from visual_servo_epipolar.nodes.lifecycle.settings import LifecycleSettings
 from visual_servo_epipolar.nodes.startup.settings import RELIABILITIES
 
 
 @dataclass(frozen=True, kw_only=True)
-class DockNodeSettings(Settings):
+class DockNodeSettings(LifecycleSettings):
     """Settings of the connections of the node."""
 
     rectified: bool = setting(

@@ -1,0 +1,79 @@
+"""The driven path over ROS: odometry or commands in, where the base was at a stamp out."""
+
+from collections.abc import Callable
+from typing import Any
+
+from geometry_msgs.msg import Twist as TwistMessage
+from geometry_msgs.msg import TwistStamped
+from nav_msgs.msg import Odometry
+from rclpy.node import Node
+
+from visual_servo_epipolar.core.docking.path import Path, Place
+from visual_servo_epipolar.messages import read
+from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes.docking.settings import DockNodeSettings
+
+
+class DrivenPath:
+    """
+    Keeps the ``path`` of the base of ``node``, by odometry or by commands, as the settings say.
+
+    ``on_odometry`` is called when the path reaches farther; ``warn`` is told what is refused.
+    ``frame`` is that of the odometry.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        settings: DockNodeSettings,
+        warn: Callable[[str], None],
+        on_odometry: Callable[[], None],
+    ) -> None:
+        self.path, self.frame = Path(), ''
+        self._node, self._warn, self._on_odometry = node, warn, on_odometry
+        self._stamped = settings.enable_stamped_cmd_vel
+        self._predicts = settings.path_source == 'commands'  # until the next command
+        if self._predicts:
+            kind = TwistStamped if self._stamped else TwistMessage
+            node.create_subscription(kind, 'cmd_vel', self._take_command, qos.COMMAND)
+        else:
+            node.create_subscription(Odometry, 'odom', self._take_odometry, qos.ODOMETRY)
+
+    def begin_anew(self) -> None:
+        """Forget the path: what was driven since its end is not known."""
+        self.path, self.frame = Path(), ''
+
+    def at(self, stamp_ns: int) -> Place | None:
+        """Return where the base was at a stamp, None where the path does not reach."""
+        return self.path.at(stamp_ns, predict=self._predicts)
+
+    def may_reach(self, stamp_ns: int) -> bool:
+        """Return whether the path, as it goes on, may come to a stamp."""
+        return self.path.last_ns is None or stamp_ns > self.path.last_ns
+
+    @property
+    def missing(self) -> str:
+        """What tracks wait for that the path does not reach."""
+        source = 'cmd_vel' if self._predicts else 'odom'
+        if self.path.last_ns is None:
+            topic = self._node.resolve_topic_name(source)
+            return f'nothing came on {topic} yet; start what publishes it, or remap {source}'
+        return f'no {source} for these tracks: are its stamps those of another clock?'
+
+    def _take_odometry(self, message: Odometry) -> None:
+        try:
+            self.path.add_pose(read.stamp_ns(message.header), read.pose(message))
+        except ValueError as error:
+            self._warn(f'odometry refused: {error}')
+            return
+        self.frame = message.header.frame_id
+        self._on_odometry()
+
+    def _take_command(self, message: Any) -> None:
+        now_ns = int(self._node.get_clock().now().nanoseconds)
+        try:
+            twist = read.twist(message)
+        except ValueError as error:
+            self._warn(f'a command is refused: {error}')
+            return
+        self.path.add_twist(read.stamp_ns(message.header) if self._stamped else now_ns, twist)
