@@ -1,7 +1,7 @@
 """Silence: outside of a run others may drive; in it the servo has the last word."""
 
 import pytest
-from servo_rig import AWAY, GOAL, Rig
+from servo_rig import AWAY, GOAL, HandSetClock, Rig
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.tracking.features import Features
@@ -37,6 +37,15 @@ def test_after_that_it_is_silent(bench, monkeypatch) -> None:
     for _ in range(IMAGES):
         rig.see(GOAL)
     assert (rig.phase, rig.twists()) == ('arrived', [STANDSTILL])
+
+
+def test_that_while_is_a_second(bench) -> None:
+    rig = Rig(bench, stale_timeout=60.0)
+    clock = rig.node._commands._steady = HandSetClock()
+    for seconds in (0.0, 0.95, 0.1):
+        clock.now_ns += round(seconds * 1e9)
+        rig.see(GOAL)
+    assert (rig.phase, rig.twists()) == ('arrived', [STANDSTILL] * 2)
 
 
 def test_the_next_run_has_its_own_end(bench, monkeypatch) -> None:

@@ -23,6 +23,13 @@ def test_an_image_too_far_from_now_is_refused(age: float, text: str) -> None:
     assert text in refusal(NOW_NS - int(age * SECOND), NOW_NS, 0.5)
 
 
+@pytest.mark.parametrize(
+    ('age', 'text'), [(130.0, '130.00 s behind the clock'), (-1.0, '1.00 s ahead of the clock')]
+)
+def test_another_clock_is_behind_or_ahead(age: float, text: str) -> None:
+    assert text in refusal(NOW_NS - int(age * SECOND), NOW_NS, 0.5)
+
+
 @pytest.mark.parametrize('age', [0.5, 0.1, 0.0, -0.1, -0.5])
 def test_an_image_of_now_is_driven_by(age: float) -> None:
     assert refusal(NOW_NS - int(age * SECOND), NOW_NS, 0.5) == ''
