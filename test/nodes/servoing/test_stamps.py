@@ -146,3 +146,11 @@ def test_an_image_that_comes_too_late_or_again_is_not_driven_by(bench, back_ns) 
     rig = Rig(bench, stale_timeout=60.0).drive()
     rig.tell(tracks(stamp_ns=rig.node._run.stamp_ns - back_ns))
     assert (rig.phase, rig.twists()[-1]) == ('holding', STANDSTILL)
+
+
+def test_after_a_stop_a_start_begins_anew_by_earlier_stamps(bench) -> None:
+    rig = Rig(bench, stale_timeout=60.0).drive()
+    assert bench.call('servo_node/stop').success
+    rig.stamp_ns = STAMP_NS - SECOND
+    assert bench.call('servo_node/start').success
+    rig.drive()
