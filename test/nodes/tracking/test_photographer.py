@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 
-from lifecycles import go
 import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo, Image
@@ -71,13 +70,6 @@ def test_no_photograph_is_captured_while_the_camera_is_uncalibrated(rig) -> None
     rig.calibrate(uncalibrated)
     rig.bench.until(lambda: rig.node._camera is None, 'camera_info to arrive')
     assert rig.capture() == NO_IMAGE
-
-
-def test_an_image_from_before_an_inactive_time_is_no_photograph(rig) -> None:
-    go(rig.bench, rig.node, 'deactivate', 'activate')
-    assert rig.capture() == NO_IMAGE
-    rig.see()
-    assert rig.capture() == ''
 
 
 def test_a_photograph_from_elsewhere_is_of_no_other_camera(
