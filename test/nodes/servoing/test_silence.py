@@ -60,6 +60,16 @@ def test_the_next_run_has_its_own_end(bench, monkeypatch) -> None:
     assert rig.twists()[count:] == [STANDSTILL]
 
 
+def test_after_a_reset_it_is_silent_at_once(bench) -> None:
+    rig = Rig(bench, stale_timeout=60.0)
+    rig.node._commands._steady = HandSetClock()
+    rig.see(GOAL)
+    rig.bench.call('servo_node/reset')
+    count = len(rig.commands)
+    blind(rig)
+    assert (rig.phase, len(rig.commands)) == ('waiting', count)
+
+
 def test_a_robot_that_holds_is_told_to_stand_by_each_image(bench) -> None:
     rig = Rig(bench, stale_timeout=60.0).drive()
     count = len(rig.commands)

@@ -3,7 +3,7 @@
 from diagnostic_msgs.msg import DiagnosticArray
 import pytest
 from sensor_msgs.msg import CameraInfo
-from servo_rig import Rig, STAMP_NS, tracks
+from servo_rig import HandSetClock, Rig, STAMP_NS, tracks
 from std_msgs.msg import String
 
 from visual_servo_epipolar.core.control.command import HALT
@@ -73,6 +73,16 @@ def test_a_robot_that_holds_in_silence_is_told_again_and_again_to_stand(bench) -
     told = len(rig.commands)
     bench.until(lambda: len(rig.commands) > told + 3, 'more zero twists')
     assert all(twist == STANDSTILL for twist in rig.twists()[told:])
+
+
+def test_a_step_is_what_ends_the_silence(bench) -> None:
+    rig = Rig(bench, stale_timeout=60.0).drive()
+    run, clock = rig.node._run, HandSetClock()
+    clock.now_ns, run.freshness.clock = run.freshness.clock.now().nanoseconds, clock
+    clock.now_ns += 10**9
+    assert run.freshness.idle > 0.9
+    run.advance(run.state, rig.stamp_ns, 'camera')
+    assert run.freshness.idle == 0.0
 
 
 ENDS = {
