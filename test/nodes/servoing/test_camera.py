@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from servo_rig import CAMERA, Rig, tracks
 
+from visual_servo_epipolar.core.geometry.cameras.equidistant import Equidistant
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.perception.lens_check import LensCheck
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -47,3 +48,18 @@ def test_what_contradicts_a_camera_does_not_outlive_it(bench, camera, doubted) -
     servo._lens_check = LensCheck(doubt='the tracks contradict camera_info')
     servo.hear(write.camera_info(camera, 0, 'camera'), ServoState(), settings)
     assert bool(servo._lens_check.doubt) == doubted
+
+
+FISHEYE = Equidistant(1280, 1024, 400.0, 400.0, 635.0, 512.0, (0.0, 0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ('camera', 'deviation', 'wrong'),
+    [(FISHEYE, 0.1, True), (FISHEYE, 0.0, False), (CAMERA, 0.1, False)],
+)
+def test_a_focal_deviation_is_of_a_pinhole_alone(bench, camera, deviation, wrong) -> None:
+    said: list[str] = []
+    servo = ServoCamera(bench.probe, ServoNodeSettings(), said.append)
+    settings = ServoSettings(focal_deviation=deviation)
+    servo.hear(write.camera_info(camera, 0, 'camera'), ServoState(), settings)
+    assert any('focal_deviation is of a pinhole' in text for text in said) == wrong
