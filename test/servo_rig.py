@@ -1,5 +1,7 @@
 """A servo node on a bench, fed with tracks one by one; what the robot is told by it."""
 
+from types import SimpleNamespace
+
 from geometry_msgs.msg import Twist as TwistMessage
 from geometry_msgs.msg import TwistStamped
 import pytest
@@ -18,6 +20,15 @@ AWAY, GOAL = Pose.from_start(1.0, -3.5, 8.0), Pose.from_start(0.0, 0.0, 0.0)
 STAMP_NS, PERIOD_NS = 7_000_000_003, 90_909_091
 REPLAYED = {'autostart': True, 'max_latency': 0.0}  # stamps of 1970 are driven by
 MANY = 20  # images that a robot must be told to move by
+
+
+class HandSetClock:
+    """A steady clock that is set by hand [ns]."""
+
+    now_ns = 10**9
+
+    def now(self) -> SimpleNamespace:
+        return SimpleNamespace(nanoseconds=self.now_ns)
 
 
 class Rig:

@@ -343,3 +343,12 @@ def test_orders_are_logged(rig) -> None:
     for order, text in (('stop', 'stopped'), ('start', 'started'), ('reset', 'reset, ready')):
         rig.bench.call(f'servo_node/{order}')
         rig.bench.until(lambda text=text: rig.bench.logged(text), text)
+
+
+def test_a_change_of_phase_is_logged_once_with_its_reason(rig) -> None:
+    text = 'waiting -> displacing (apart)'
+    rig.drive()
+    rig.see()
+    rig.bench.until(lambda: rig.bench.logged(text), text)
+    rig.bench.settle()
+    assert rig.bench.logged(' -> displacing') == [text]

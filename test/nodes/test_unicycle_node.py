@@ -124,6 +124,13 @@ def test_it_refuses_a_stamped_command_of_long_ago(bench) -> None:
     assert velocity(truth[-1]) == STANDSTILL
 
 
+@pytest.mark.parametrize('values', [{'command_timeout': 0.0}, {'lockstep': True}])
+def test_where_no_command_is_too_old_no_stamp_is(bench, values) -> None:
+    _, command, truth = start(bench, enable_stamped_cmd_vel=True, **values)
+    old = write.twist_stamped(Twist(0.3, 0.0), 1, 'base_link')
+    until_it_moves(bench, lambda: command(old), truth, 0.05)
+
+
 def test_in_lockstep_one_command_is_one_frame(bench) -> None:
     node, command, truth = start(bench, lockstep=True, begin=False)
     node.begin()

@@ -1,9 +1,7 @@
 """Commands rise by what the time between their going out allows, whatever the stamps say."""
 
-from types import SimpleNamespace
-
 import pytest
-from servo_rig import Rig
+from servo_rig import HandSetClock, Rig
 
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.step import LATE_S
@@ -11,20 +9,11 @@ from visual_servo_epipolar.core.servo.step import LATE_S
 ACCELERATION = ServoSettings().max_angular_acceleration
 
 
-class Clock:
-    """A steady clock that is set by hand [ns]."""
-
-    now_ns = 10**9
-
-    def now(self) -> SimpleNamespace:
-        return SimpleNamespace(nanoseconds=self.now_ns)
-
-
 @pytest.fixture
 def rig(bench) -> Rig:
     """Return a servo that drives, with a clock that stands."""
     rig = Rig(bench, stale_timeout=60.0)
-    rig.node._commands._steady = Clock()
+    rig.node._commands._steady = HandSetClock()
     return rig.drive()
 
 
@@ -47,6 +36,6 @@ def test_an_image_in_its_time_gives_what_the_ramp_allows(rig) -> None:
 
 def test_where_time_waits_for_the_servo_stamps_alone_count(bench) -> None:
     rig = Rig(bench, watchdog=False)
-    rig.node._commands._steady = Clock()
+    rig.node._commands._steady = HandSetClock()
     rig.drive()
     assert rise(rig, 0.0, 0) == pytest.approx(ACCELERATION * 0.0909, rel=0.01)

@@ -104,3 +104,44 @@ def test_a_node_that_is_ended_before_it_began_says_so_in_one_line(number: str) -
     ended = subprocess.run(code, capture_output=True, text=True, timeout=END_SEC)
     line = f'servo_node: ended by {number} before it had begun\n'
     assert (ended.returncode, ended.stderr) == (0, line)
+
+
+# A node that SIGTERM ends as soon as it is made, or a mistake of its own.
+SPIN = """
+import os, signal
+from rclpy.node import Node
+from visual_servo_epipolar.nodes.run import spin
+
+class Short(Node):
+    def __init__(self):
+        super().__init__('short')
+        self.create_timer(0.01, self.end)
+    def end(self):
+        {end}
+    def stop(self):
+        print('stands', flush=True)
+
+print(spin(Short, []), flush=True)
+os.kill(os.getpid(), signal.SIGTERM)
+# A handler in Python would be gone where the interpreter ends, and the default would kill.
+print(signal.getsignal(signal.SIGTERM) is signal.SIG_IGN)
+"""
+
+
+def run_short(end: str) -> subprocess.CompletedProcess[str]:
+    code = [sys.executable, '-c', SPIN.format(end=end)]
+    return subprocess.run(
+        code, env=environment(next_domain()), capture_output=True, text=True, timeout=START_SEC
+    )
+
+
+def test_a_second_signal_does_not_end_a_node_that_has_ended() -> None:
+    ended = run_short('os.kill(os.getpid(), signal.SIGTERM)')
+    assert (ended.returncode, ended.stdout.split('\n')[:3]) == (0, ['stands', '0', 'True'])
+
+
+def test_a_mistake_in_mid_run_stops_the_robot_and_is_not_hidden() -> None:
+    ended = run_short("raise ValueError('a mistake')")
+    assert (ended.returncode, ended.stdout) == (1, 'stands\n')
+    assert 'Traceback' in ended.stderr
+    assert 'ValueError: a mistake' in ended.stderr

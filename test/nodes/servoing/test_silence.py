@@ -1,7 +1,7 @@
 """Silence: outside of a run others may drive; in it the servo has the last word."""
 
 import pytest
-from servo_rig import AWAY, GOAL, Rig
+from servo_rig import AWAY, GOAL, HandSetClock, Rig
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.tracking.features import Features
@@ -39,6 +39,15 @@ def test_after_that_it_is_silent(bench, monkeypatch) -> None:
     assert (rig.phase, rig.twists()) == ('arrived', [STANDSTILL])
 
 
+def test_that_while_is_a_second(bench) -> None:
+    rig = Rig(bench, stale_timeout=60.0)
+    clock = rig.node._commands._steady = HandSetClock()
+    for seconds in (0.0, 0.95, 0.1):
+        clock.now_ns += round(seconds * 1e9)
+        rig.see(GOAL)
+    assert (rig.phase, rig.twists()) == ('arrived', [STANDSTILL] * 2)
+
+
 def test_the_next_run_has_its_own_end(bench, monkeypatch) -> None:
     monkeypatch.setattr(commands, 'SETTLING_S', 0.0)
     rig = Rig(bench, stale_timeout=60.0)
@@ -49,6 +58,16 @@ def test_the_next_run_has_its_own_end(bench, monkeypatch) -> None:
     count = len(rig.commands)
     rig.see(GOAL)
     assert rig.twists()[count:] == [STANDSTILL]
+
+
+def test_after_a_reset_it_is_silent_at_once(bench) -> None:
+    rig = Rig(bench, stale_timeout=60.0)
+    rig.node._commands._steady = HandSetClock()
+    rig.see(GOAL)
+    rig.bench.call('servo_node/reset')
+    count = len(rig.commands)
+    blind(rig)
+    assert (rig.phase, len(rig.commands)) == ('waiting', count)
 
 
 def test_a_robot_that_holds_is_told_to_stand_by_each_image(bench) -> None:

@@ -23,6 +23,13 @@ def test_an_image_too_far_from_now_is_refused(age: float, text: str) -> None:
     assert text in refusal(NOW_NS - int(age * SECOND), NOW_NS, 0.5)
 
 
+@pytest.mark.parametrize(
+    ('age', 'text'), [(130.0, '130.00 s behind the clock'), (-1.0, '1.00 s ahead of the clock')]
+)
+def test_another_clock_is_behind_or_ahead(age: float, text: str) -> None:
+    assert text in refusal(NOW_NS - int(age * SECOND), NOW_NS, 0.5)
+
+
 @pytest.mark.parametrize('age', [0.5, 0.1, 0.0, -0.1, -0.5])
 def test_an_image_of_now_is_driven_by(age: float) -> None:
     assert refusal(NOW_NS - int(age * SECOND), NOW_NS, 0.5) == ''
@@ -139,3 +146,11 @@ def test_an_image_that_comes_too_late_or_again_is_not_driven_by(bench, back_ns) 
     rig = Rig(bench, stale_timeout=60.0).drive()
     rig.tell(tracks(stamp_ns=rig.node._run.stamp_ns - back_ns))
     assert (rig.phase, rig.twists()[-1]) == ('holding', STANDSTILL)
+
+
+def test_after_a_stop_a_start_begins_anew_by_earlier_stamps(bench) -> None:
+    rig = Rig(bench, stale_timeout=60.0).drive()
+    assert bench.call('servo_node/stop').success
+    rig.stamp_ns = STAMP_NS - SECOND
+    assert bench.call('servo_node/start').success
+    rig.drive()

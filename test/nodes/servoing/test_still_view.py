@@ -4,8 +4,8 @@ from servo_rig import AWAY, PERIOD_NS, Rig, WORLD
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.messages import write
-from visual_servo_epipolar.nodes.servoing.still_view import DISTRUST_S
 
+DISTRUST_S = 2.0  # as the servo has it
 STILL = 8  # images of one view: 0.73 s, stale_timeout is 0.5 s
 
 

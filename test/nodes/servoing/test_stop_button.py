@@ -113,6 +113,13 @@ def test_no_run_begins_by_itself_beside_another_servo(bench) -> None:
     rig.drive()
 
 
+def test_where_time_waits_for_the_servo_nobody_looks_for_another(bench) -> None:
+    rig = Rig(bench, watchdog=False)
+    other(bench, 'dock_servo')
+    assert bench.call('servo_node/start').success
+    rig.drive()
+
+
 def test_what_is_left_of_a_servo_that_was_killed_keeps_none_from_starting(bench) -> None:
     rig = Rig(bench, stale_timeout=60.0)
     other(bench, 'servo_node')

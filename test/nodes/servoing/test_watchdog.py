@@ -3,7 +3,7 @@
 from diagnostic_msgs.msg import DiagnosticArray
 import pytest
 from sensor_msgs.msg import CameraInfo
-from servo_rig import Rig, STAMP_NS, tracks
+from servo_rig import HandSetClock, Rig, STAMP_NS, tracks
 from std_msgs.msg import String
 
 from visual_servo_epipolar.core.control.command import HALT
@@ -63,6 +63,44 @@ def test_a_run_whose_tracks_never_come_back_fails(bench, hanging) -> None:
     assert reason.startswith('tracks lost or untrusted for 0.3 s: ')
     bench.until(lambda: (ERROR, f'failed: {reason}') in statuses(diagnostics), 'the verdict')
     assert rig.twists()[-1] == STANDSTILL
+
+
+def test_a_robot_that_holds_in_silence_is_told_again_and_again_to_stand(bench) -> None:
+    rig = Rig(bench, stale_timeout=0.1, holding_timeout=60.0)
+    rig.send(tracks())
+    bench.until(lambda: rig.phase == 'holding', 'the robot to hold')
+    bench.settle()
+    told = len(rig.commands)
+    bench.until(lambda: len(rig.commands) > told + 3, 'more zero twists')
+    assert all(twist == STANDSTILL for twist in rig.twists()[told:])
+
+
+def test_a_step_is_what_ends_the_silence(bench) -> None:
+    rig = Rig(bench, stale_timeout=60.0).drive()
+    run, clock = rig.node._run, HandSetClock()
+    clock.now_ns, run.freshness.clock = run.freshness.clock.now().nanoseconds, clock
+    clock.now_ns += 10**9
+    assert run.freshness.idle > 0.9
+    run.advance(run.state, rig.stamp_ns, 'camera')
+    assert run.freshness.idle == 0.0
+
+
+ENDS = {
+    'lost': lambda run: run.lose('no new tracks'),
+    'timed out': lambda run: run.time_out(5.0),
+    'stopped': lambda run: run.stop(),
+    'reset': lambda run: run.reset(),
+}
+
+
+@pytest.mark.parametrize('end', ENDS.values(), ids=ENDS)
+def test_whatever_interrupts_a_run_the_base_is_told_to_stand(bench, end) -> None:
+    rig = Rig(bench, stale_timeout=60.0).drive()
+    told = len(rig.commands)
+    end(rig.node._run)
+    bench.until(lambda: len(rig.commands) > told, 'the zero twist')
+    assert rig.twists()[told:] == [STANDSTILL]
+    assert rig.node._state.command == HALT
 
 
 def test_a_robot_that_waits_does_not_fail_in_silence(bench) -> None:

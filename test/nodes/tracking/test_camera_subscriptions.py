@@ -60,6 +60,18 @@ def test_a_driver_that_is_started_anew_otherwise_is_followed(bench) -> None:
     bench.until(lambda: bench.logged('is published as best_effort, and so subscribed'), 'the log')
 
 
+def test_while_no_driver_is_there_it_stays_reliable(bench, monkeypatch) -> None:
+    looks, look = [], camera_subscriptions.CameraSubscriptions._look
+    monkeypatch.setattr(
+        camera_subscriptions.CameraSubscriptions,
+        '_look',
+        lambda self: looks.append(look(self)),
+    )
+    node = bench.start(TrackerNode)
+    bench.until(lambda: len(looks) > 2, 'three looks')
+    assert reliability(node) == 'reliable'
+
+
 def test_of_two_drivers_the_one_that_fits_both_is_taken(bench) -> None:
     bench.talk(Image, 'image_raw', qos.STREAM)
     bench.talk(Image, 'image_raw', BEST_EFFORT)

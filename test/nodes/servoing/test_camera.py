@@ -1,0 +1,65 @@
+"""The camera of a run: another one stops the robot at once, and what is odd is said."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from servo_rig import CAMERA, Rig, tracks
+
+from visual_servo_epipolar.core.geometry.cameras.equidistant import Equidistant
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL
+from visual_servo_epipolar.core.perception.lens_check import LensCheck
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.messages import write
+from visual_servo_epipolar.nodes.servoing.camera import ServoCamera
+from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
+
+OTHER = replace(CAMERA, fx=1000.0, fy=1000.0)
+CHANGED = 'camera_info has changed in mid-run, to a pinhole lens of 1000.0 px'
+
+
+def test_another_camera_in_mid_run_stops_the_robot_at_once_and_for_good(bench) -> None:
+    rig = Rig(bench, stale_timeout=60.0).drive()
+    told = len(rig.commands)
+    rig.calibrate(write.camera_info(OTHER, rig.stamp_ns, 'camera'))
+    bench.until(lambda: len(rig.commands) > told, 'the zero twist')
+    assert (rig.phase, rig.twists()[told:]) == ('holding', [STANDSTILL])
+    assert rig.node._state.reason.startswith(CHANGED)
+    for _ in range(3):
+        rig.see()
+    assert (rig.phase, set(rig.twists()[told:])) == ('holding', {STANDSTILL})
+    bench.until(lambda: bool(bench.logged(CHANGED)), 'the complaint')
+
+
+def test_tracks_that_are_refused_are_complained_about(bench) -> None:
+    rig = Rig(bench, stale_timeout=60.0)
+    cloud = tracks(stamp_ns=rig.stamp_ns)
+    np.frombuffer(cloud.data, write.TRACK_LAYOUT)['u'][3] = 1e300
+    rig.tell(cloud)
+    bench.until(lambda: bool(bench.logged('tracks refused: 1 of 60 features lie')), 'the reason')
+
+
+@pytest.mark.parametrize(('camera', 'doubted'), [(CAMERA, True), (OTHER, False)])
+def test_what_contradicts_a_camera_does_not_outlive_it(bench, camera, doubted) -> None:
+    servo = ServoCamera(bench.probe, ServoNodeSettings(), print)
+    settings = ServoSettings()
+    servo.hear(write.camera_info(CAMERA, 0, 'camera'), ServoState(), settings)
+    servo._lens_check = LensCheck(doubt='the tracks contradict camera_info')
+    servo.hear(write.camera_info(camera, 0, 'camera'), ServoState(), settings)
+    assert bool(servo._lens_check.doubt) == doubted
+
+
+FISHEYE = Equidistant(1280, 1024, 400.0, 400.0, 635.0, 512.0, (0.0, 0.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(
+    ('camera', 'deviation', 'wrong'),
+    [(FISHEYE, 0.1, True), (FISHEYE, 0.0, False), (CAMERA, 0.1, False)],
+)
+def test_a_focal_deviation_is_of_a_pinhole_alone(bench, camera, deviation, wrong) -> None:
+    said: list[str] = []
+    servo = ServoCamera(bench.probe, ServoNodeSettings(), said.append)
+    settings = ServoSettings(focal_deviation=deviation)
+    servo.hear(write.camera_info(camera, 0, 'camera'), ServoState(), settings)
+    assert any('focal_deviation is of a pinhole' in text for text in said) == wrong
