@@ -23,6 +23,7 @@ from visual_servo_epipolar.nodes.servoing.admission import Admission
 from visual_servo_epipolar.nodes.servoing.camera import ServoCamera
 from visual_servo_epipolar.nodes.servoing.commands import Commands
 from visual_servo_epipolar.nodes.servoing.reports import Reports
+from visual_servo_epipolar.nodes.servoing.rivals import Rivals
 from visual_servo_epipolar.nodes.servoing.run import Run
 from visual_servo_epipolar.nodes.servoing.stop_button import PRESSED, StopButton
 from visual_servo_epipolar.nodes.servoing.watch import Watch
@@ -60,13 +61,11 @@ class ServoNode(ManagedNode):
         self._camera = ServoCamera(self, self._node_settings, self._warn)
         self._commands, self._reports = Commands(self, self._node_settings), Reports(self)
         self._run = Run(self, self._warn, self._commands, self._reports, self._standstill)
-        self._admission = Admission(self, lambda: self._node_settings, self._run)
+        rivals = Rivals(self)
+        self._admission = Admission(self, lambda: self._node_settings, self._run, rivals)
+        sleeps = not self._node_settings.watchdog
         self._watch = Watch(
-            self,
-            self._run,
-            self._warn,
-            lambda: self._settings,
-            sleeps=not self._node_settings.watchdog,
+            self, self._run, self._warn, lambda: self._settings, rivals, sleeps=sleeps
         )
         self._create_subscriptions()
 

@@ -87,8 +87,19 @@ def test_the_camera_may_tilt_by_twelve_deviations_of_the_floor(
     assert said.startswith('the camera tilted') == doubted
 
 
-def test_nine_of_thirty_that_agree_are_enough() -> None:
-    assert reason(inliers=some(9)) == ''
+@pytest.mark.parametrize(('count', 'doubted'), [(12, False), (11, True)])
+def test_twelve_of_thirty_that_agree_are_enough(count: int, doubted: bool) -> None:
+    said = reason(inliers=some(count))
+    assert said.startswith(f'only {count} of 30 matches agree') == doubted
+
+
+@pytest.mark.parametrize(('count', 'doubted'), [(10, False), (9, True)])
+def test_of_few_matches_most_must_agree(count: int, doubted: bool) -> None:
+    """Eight of fourteen agreed on a geometry of mirrored images."""
+    quality = fit_quality(GOOD, RAYS, RAYS, PIXEL)
+    few = replace(GOOD, inliers=some(count)[:15])
+    said = rejection_reason(few, replace(quality, inliers=count), FRESH, SETTINGS)
+    assert said.startswith(f'only {count} of 15 matches agree') == doubted
 
 
 def test_an_estimator_without_covariance_is_not_doubted_for_it() -> None:

@@ -4,12 +4,13 @@ from functools import partial
 
 from diagnostic_msgs.msg import DiagnosticArray
 import pytest
-from servo_rig import Rig
+from servo_rig import HandSetClock, Rig
 from std_msgs.msg import Bool
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.servo_node import ServoNode
+from visual_servo_epipolar.nodes.servoing import rivals
 
 TEXT = 'the stop button is pressed; release it, then call ~/start'
 
@@ -127,3 +128,33 @@ def test_what_is_left_of_a_servo_that_was_killed_keeps_none_from_starting(bench)
     rig.drive()
     text = '/servo_node commands /cmd_vel as well, two servos would fight'
     bench.until(lambda: bool(bench.logged(text)), 'the warning')
+
+
+def aged_twin(bench, **parameters) -> Rig:
+    """Return a rig beside a servo of the same name, which is there for longer than a lease."""
+    rig = Rig(bench, stale_timeout=60.0, **parameters)
+    clock = rig.node._watch._rivals._steady = HandSetClock()
+    other(bench, 'servo_node')
+    rig.node._watch._on_idle()
+    clock.now_ns += round(rivals.LEFTOVER_S * 1e9) - 1
+    return rig
+
+
+def test_a_second_servo_of_the_same_name_that_stays_ends_the_run(bench) -> None:
+    rig = aged_twin(bench)
+    rig.node._watch._on_idle()
+    rig.drive()
+    rig.node._watch._rivals._steady.now_ns += 1
+    rig.node._watch._on_idle()
+    bench.until(lambda: rig.twists()[-1] == STANDSTILL, 'the zero twist')
+    count = len(rig.commands)
+    rig.see()
+    assert (rig.phase, len(rig.commands)) == ('waiting', count)
+
+
+def test_beside_it_no_run_begins(bench) -> None:
+    rig = aged_twin(bench, autostart=False)
+    rig.node._watch._rivals._steady.now_ns += 1
+    assert rig.node._admission.contested().startswith('/servo_node commands /cmd_vel as well')
+    rig.node._watch._rivals._steady.now_ns -= 1
+    assert rig.node._admission.contested() == ''

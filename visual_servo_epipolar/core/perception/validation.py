@@ -13,6 +13,7 @@ from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 
 MIN_INLIERS = 8
 MIN_INLIER_SHARE = 0.3
+FEW_INLIERS, FEW_SHARE = 12, 0.65  # fewer may agree by chance, if they are not most of all
 MAX_JUMP = 12.0  # of tilt and roll between the views, in deviations of the floor's jitter
 TINY = 1e-30
 NEXT, AFTER = np.array([1, 2, 0]), np.array([2, 0, 1])  # of three axes: np.cross is slow
@@ -93,7 +94,8 @@ def rejection_reason(
 ) -> str:
     """Return why ``estimate`` does not pass the gates, in words; empty if it does."""
     inliers, count = quality.inliers, len(estimate.inliers)
-    if inliers < max(MIN_INLIERS, MIN_INLIER_SHARE * count):
+    by_chance = min(FEW_INLIERS, FEW_SHARE * count)
+    if inliers < max(MIN_INLIERS, MIN_INLIER_SHARE * count, by_chance):
         return f'only {inliers} of {count} matches agree on one geometry'
     if quality.extent < settings.min_spread:
         return f'the features are clustered within {math.degrees(quality.extent):.1f} deg'

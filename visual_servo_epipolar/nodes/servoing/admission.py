@@ -9,7 +9,8 @@ from visual_servo_epipolar.core.control.command import HALT
 from visual_servo_epipolar.core.servo.interruptions import GOAL_CHANGED, RunGoal
 from visual_servo_epipolar.core.servo.phases.table import RUNNING
 from visual_servo_epipolar.messages import read
-from visual_servo_epipolar.nodes.servoing import rivals, stamps
+from visual_servo_epipolar.nodes.servoing import stamps
+from visual_servo_epipolar.nodes.servoing.rivals import Rivals
 from visual_servo_epipolar.nodes.servoing.run import Run
 from visual_servo_epipolar.nodes.servoing.still_view import StillView
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
@@ -23,8 +24,14 @@ class Admission:
     tracks are timely.
     """
 
-    def __init__(self, node: Node, settings: Callable[[], ServoNodeSettings], run: Run) -> None:
-        self._node, self._settings, self._run = node, settings, run
+    def __init__(
+        self,
+        node: Node,
+        settings: Callable[[], ServoNodeSettings],
+        run: Run,
+        rivals: Rivals,
+    ) -> None:
+        self._node, self._settings, self._run, self._rivals = node, settings, run, rivals
         self._goal, self._still = RunGoal(), StillView()
 
     def refusal(self, message: PointCloud2, still_timeout: float) -> str:
@@ -50,7 +57,7 @@ class Admission:
         """Return that another servo commands the same base, so that no run may begin; or ''."""
         if not self._settings().watchdog:
             return ''
-        return rivals.complaint(self._node, fatal=True)
+        return self._rivals.refusal()
 
     def other_goal(self, message: PointCloud2) -> str:
         """Return that the photograph is not the one that the run began with; or ''."""

@@ -2,17 +2,62 @@
 
 from collections import Counter
 
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
+from visual_servo_epipolar.core.stamps import seconds_between
+
 TOPIC, MARKERS = 'cmd_vel', 'visualization_msgs/msg/MarkerArray'
+# A process that was killed is in the graph for twenty seconds more, the lease of Fast DDS.
+LEFTOVER_S = 25.0
 
 
-def rivals(node: Node) -> list[str]:
-    """
-    Return the full names of other servos that publish on the cmd_vel of ``node``.
+class Rivals:
+    """Other servos that publish on the cmd_vel of ``node``: none may drive beside them."""
 
-    Its own name says that a second node has it; for some seconds that may be one that was killed.
-    """
+    def __init__(self, node: Node) -> None:
+        self._node, self._steady = node, Clock(clock_type=ClockType.STEADY_TIME)
+        self._twin_ns: int | None = None  # since when a second node has the same name
+
+    def complaint(self) -> str:
+        """Return that others command the base as well, and what to do; '' if there are none."""
+        return self._complaint(self._look())
+
+    def refusal(self) -> str:
+        """
+        Return the complaint where no run may begin; or ''.
+
+        A second node of the own name may be what is left of one that was killed: for a while it
+        keeps none from driving.
+        """
+        names, own = self._look(), self._node.get_fully_qualified_name()
+        return self._complaint(names if self.has_twin else [it for it in names if it != own])
+
+    @property
+    def has_twin(self) -> bool:
+        """Whether a second node of the same name is there for so long that it must be alive."""
+        now_ns = self._steady.now().nanoseconds
+        return self._twin_ns is not None and seconds_between(self._twin_ns, now_ns) >= LEFTOVER_S
+
+    def _look(self) -> list[str]:
+        """Return the full names of rivals, and note since when one has the own name."""
+        names = _rivals(self._node)
+        if self._node.get_fully_qualified_name() not in names:
+            self._twin_ns = None
+        elif self._twin_ns is None:
+            self._twin_ns = self._steady.now().nanoseconds
+        return names
+
+    def _complaint(self, names: list[str]) -> str:
+        if not names:
+            return ''
+        return (
+            f'{", ".join(names)} commands {self._node.resolve_topic_name(TOPIC)} as well, two '
+            'servos would fight; end one, or give each a topic of its own and a multiplexer'
+        )
+
+
+def _rivals(node: Node) -> list[str]:
     names = Counter(
         f'{item.node_namespace.rstrip("/")}/{item.node_name}'
         for item in node.get_publishers_info_by_topic(TOPIC)
@@ -23,19 +68,4 @@ def rivals(node: Node) -> list[str]:
         name
         for name, count in names.items()
         if count > 0 and MARKERS in topics.get(f'{name}/markers', [])
-    )
-
-
-def complaint(node: Node, *, fatal: bool = False) -> str:
-    """
-    Return that others command the base as well, and what to do; '' if there are none.
-
-    ``fatal``: only where no run may begin beside them, not by what is left of a killed one.
-    """
-    others = rivals(node)
-    if not others or fatal and others == [node.get_fully_qualified_name()]:
-        return ''
-    return (
-        f'{", ".join(others)} commands {node.resolve_topic_name(TOPIC)} as well, two servos would '
-        'fight; end one, or give each a topic of its own and a multiplexer'
     )

@@ -6,7 +6,7 @@ from rclpy.node import Node
 
 from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.nodes.servoing import rivals
+from visual_servo_epipolar.nodes.servoing.rivals import Rivals
 from visual_servo_epipolar.nodes.servoing.run import Run
 
 WATCH_PERIOD_S, IDLE_PERIOD_S = 0.05, 1.0
@@ -25,11 +25,12 @@ class Watch:
         run: Run,
         warn: Callable[[str], None],
         settings: Callable[[], ServoSettings],
+        rivals: Rivals,
         *,
         sleeps: bool,
     ) -> None:
         self._node, self._run, self._warn, self._settings = node, run, warn, settings
-        self._sleeps = sleeps
+        self._rivals, self._sleeps = rivals, sleeps
         if not sleeps:
             clock = run.freshness.clock
             node.create_timer(WATCH_PERIOD_S, self._on_watch, clock=clock)
@@ -53,8 +54,10 @@ class Watch:
 
     def _on_idle(self) -> None:
         """Say that another servo is there, and why the robot stands, where no step does."""
-        contested = rivals.complaint(self._node) if self._run.active else ''
-        if contested:
+        contested = self._rivals.complaint()
+        if contested and self._run.active:
             self._warn(contested)
+            if self._rivals.has_twin:  # others begin no run beside this one
+                self._run.stop(contested)
         if self._run.silence >= 0.5 * IDLE_PERIOD_S:
             self._run.report()
