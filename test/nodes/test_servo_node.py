@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
-from servo_rig import AWAY, CAMERA, GOAL, PERIOD_NS, Rig, STAMP_NS, tracks, WORLD
+from servo_rig import AWAY, CAMERA, GOAL, HandSetClock, PERIOD_NS, Rig, STAMP_NS, tracks, WORLD
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import MarkerArray
@@ -69,6 +69,9 @@ def test_stop_is_a_zero_twist_and_then_silence(rig) -> None:
     rig.drive()
     assert rig.bench.call('servo_node/stop').success
     rig.bench.until(lambda: rig.twists()[-1] == STANDSTILL, 'the zero twist')
+    clock = rig.node._commands._steady = HandSetClock()
+    clock.now_ns = 10**18  # long after the stop
+    rig.bench.settle()
     count = len(rig.commands)
     rig.see()
     assert len(rig.commands) == count

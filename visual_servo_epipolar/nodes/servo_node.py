@@ -85,6 +85,7 @@ class ServoNode(ManagedNode):
         self._run.report()
         self._pending_tracks, self._run.trouble = None, ''
         self._commands.wait()
+        self._commands.forget()
 
     def cleanup(self) -> None:
         """Forget the mount that /tf_static told: the next may be another."""

@@ -70,6 +70,35 @@ def test_after_a_reset_it_is_silent_at_once(bench) -> None:
     assert (rig.phase, len(rig.commands)) == ('waiting', count)
 
 
+def test_an_order_to_stop_is_repeated_for_a_second(bench) -> None:
+    """A base that stops by nothing else may not have heard the first zero twist."""
+    rig = Rig(bench, stale_timeout=60.0).drive()
+    clock = rig.node._commands._steady = HandSetClock()
+    count = len(rig.commands)
+    rig.bench.call('servo_node/stop')
+    bench.until(lambda: len(rig.commands) >= count + 4, 'zero twists without any image')
+    assert rig.twists()[count:] == [STANDSTILL] * (len(rig.commands) - count)
+    clock.now_ns += 1_000_000_001
+    rig.bench.settle()
+    count = len(rig.commands)
+    rig.node._watch._on_watch()
+    rig.bench.settle()
+    assert len(rig.commands) == count
+
+
+def test_who_is_started_again_after_a_stop_is_not_stopped_by_it(bench) -> None:
+    rig = Rig(bench, stale_timeout=60.0).drive()
+    rig.node._commands._steady = HandSetClock()
+    rig.bench.call('servo_node/stop')
+    rig.bench.call('servo_node/start')
+    rig.drive()
+    rig.bench.settle()
+    count = len(rig.commands)
+    rig.node._watch._on_watch()
+    rig.bench.settle()
+    assert len(rig.commands) == count
+
+
 def test_a_robot_that_holds_is_told_to_stand_by_each_image(bench) -> None:
     rig = Rig(bench, stale_timeout=60.0).drive()
     count = len(rig.commands)

@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 
 MIN_INLIERS = 8
 MIN_INLIER_SHARE = 0.3
-FEW_INLIERS, FEW_SHARE = 12, 0.65  # fewer may agree by chance, if they are not most of all
+FEW_INLIERS, FEW_SHARE = 12, 0.8  # fewer may agree by chance, if they are not most of all
 MAX_JUMP = 12.0  # of tilt and roll between the views, in deviations of the floor's jitter
 TINY = 1e-30
 NEXT, AFTER = np.array([1, 2, 0]), np.array([2, 0, 1])  # of three axes: np.cross is slow

@@ -32,6 +32,7 @@ class Commands:
         self._stamped, self._frame = settings.enable_stamped_cmd_vel, settings.base_frame
         self._always, self._steady = not settings.watchdog, Clock(clock_type=ClockType.STEADY_TIME)
         self._ended_ns: int | None = None  # when the run ended
+        self._stopped_ns: int | None = None  # when somebody ended it
         self._sent_ns: int | None = None  # when the last command went out
         kind = TwistStamped if self._stamped else TwistMessage
         self._command_pub = node.create_publisher(kind, 'cmd_vel', qos.COMMAND)
@@ -47,7 +48,24 @@ class Commands:
             seconds_between(self._ended_ns, now_ns) <= SETTLING_S
         )
         if self._always or settles or state.phase in RUNNING:
+            self._stopped_ns = None
             self.send(state.command, stamp_ns)
+
+    def stopped(self) -> None:
+        """Take note that somebody ended the run: no image will be answered by a zero twist."""
+        self._stopped_ns = self._steady.now().nanoseconds
+
+    def forget(self) -> None:
+        """Repeat no order: who is active no more is silent."""
+        self._stopped_ns = None
+
+    @property
+    def repeats(self) -> bool:
+        """Whether the order to stand is to be repeated: a message may get lost."""
+        if self._stopped_ns is None:
+            return False
+        now_ns = self._steady.now().nanoseconds
+        return seconds_between(self._stopped_ns, now_ns) <= SETTLING_S
 
     @property
     def age(self) -> float:

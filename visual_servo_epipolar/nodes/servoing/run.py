@@ -87,6 +87,7 @@ class Run:
         """End the run, and stand until the next order to start."""
         self.active = False
         self.insist()
+        self._commands.stopped()
         self._interrupt(Interruption.STOPPED, reason)
         self.report()
 
@@ -94,6 +95,11 @@ class Run:
         """Stand, and be ready for a new run."""
         self._halt()
         self._interrupt(Interruption.RESET)
+
+    @property
+    def was_stopped(self) -> bool:
+        """Whether somebody has ended the run just now: the base may not have heard of it."""
+        return self._commands.repeats
 
     def insist(self) -> None:
         """Tell the base to stand; it may not have heard it before."""

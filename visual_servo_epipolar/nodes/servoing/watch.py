@@ -51,6 +51,8 @@ class Watch:
             self._run.insist()
             if freshness.held > settings.holding_timeout:
                 self._run.time_out(settings.holding_timeout)
+        elif self._run.was_stopped:
+            self._run.insist()
 
     def _on_idle(self) -> None:
         """Say that another servo is there, and why the robot stands, where no step does."""
