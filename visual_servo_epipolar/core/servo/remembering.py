@@ -16,8 +16,6 @@ from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.steadying import Motion, Place, steadied
 
-import os
-LENS_DEVIATION = float(os.environ.get('LENSDEV', '0.0'))  # of a focal length that somebody calibrated, as a share
 LEAST_NOISE = 1e-9  # of the angle of a ray [rad]: a memory weighs by it
 
 
@@ -45,10 +43,7 @@ def remembered(
     if observation is None or observation.ids is None or not _is_enough(observation, settings):
         return Remembered(views), None
     bearings = perception.measurement.bearings
-    # A lens that is a little wrong shows features elsewhere, by as much as they were displaced.
-    displaced = np.linalg.norm(observation.current - observation.desired, axis=1)
     noise = np.maximum(perception.memory.noise * observation.resolution, LEAST_NOISE)
-    noise = np.hypot(noise, np.column_stack([LENS_DEVIATION * displaced, 0.0 * displaced]))
     views, said = views.after(
         Sightings(observation.ids, observation.current, observation.desired, noise),
         np.array([0.0, motion.way]),
