@@ -9,6 +9,7 @@ import pytest
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.memory.reading import Reading
 from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.extrinsics import at_axle, offset_at_axle
 from visual_servo_epipolar.core.servo.phases.conditions import ARRIVAL_OFFSET, has_parallax
 from visual_servo_epipolar.core.servo.remembering import sharpened
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -36,6 +37,7 @@ def reading(deviation: float = 0.001) -> Reading:
         parallax=0.1,
         difference=-0.02,
         difference_deviation=1e-4,
+        difference_slope=0.04,
     )
 
 
@@ -75,3 +77,20 @@ def test_who_is_at_the_goal_by_the_memory_has_no_parallax(away: float, deviation
 def test_who_is_not_has(away: float, deviation: float) -> None:
     off = replace(measurement(), offset=(away, 0.0), offset_deviation=deviation, parallax=0.0)
     assert has_parallax(ServoState(), off, SETTINGS)
+
+
+@pytest.mark.parametrize('mount', [(0.0, 0.3, 0.0), (0.1, 0.2, -0.1), (-0.4, 0.0, 0.05)])
+def test_the_offset_of_the_axle_lies_where_its_bearing_points(
+    mount: tuple[float, float, float],
+) -> None:
+    bearings, distance = Bearings(-1.3, 0.5), 1.7
+    seen = distance * math.cos(bearings.psi), distance * math.sin(bearings.psi)
+    x, y = offset_at_axle(seen, bearings.heading_error, np.array(mount))
+    assert math.atan2(y, x) == pytest.approx(at_axle(bearings, np.array(mount), distance).psi)
+
+
+def test_who_turns_a_camera_ahead_of_the_axle_at_the_goal_stays_there() -> None:
+    """The camera swings aside, the robot does not."""
+    heading, ahead = 0.2, 0.3
+    swung = -ahead * math.sin(heading), ahead * (math.cos(heading) - 1.0)
+    assert offset_at_axle(swung, heading, np.array([0.0, ahead, 0.0])) == pytest.approx((0.0, 0.0))

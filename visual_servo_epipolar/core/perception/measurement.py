@@ -18,7 +18,7 @@ class Measurement:
     of the cameras; where the camera does not sit on the axle they become those of the axle, and
     ``camera_bearings`` keeps the others. ``difference`` is
     D of eq. (23) at unit focal length, averaged over the features, ``difference_deviation`` its
-    noise; ``feature_error`` the median angle between current and desired features [rad];
+    noise, ``difference_slope`` what a metre ahead adds to it, where a memory of views knows that; ``feature_error`` the median angle between current and desired features [rad];
     ``parallax`` the angle that the best rotation leaves unexplained [rad]; ``heading_error``
     [rad], left positive, comes from the bearings where there are any, else from that rotation,
     whose own is ``rotation_heading``.
@@ -26,7 +26,7 @@ class Measurement:
     [rad^2], ``jump`` the change of tilt and roll between the views [rad]; ``view_margins`` is how
     far the robot may turn to the left and to the right before the features run out of the image
     [rad]; ``offset`` is where a memory of views has the camera, right and ahead of the goal's [m],
-    None without one, with its deviation; ``noise_px`` the deviation of a tracked coordinate [px]
+    None without one, with its deviation and that of the heading; ``noise_px`` the deviation of a tracked coordinate [px]
     as the residuals show it.
     """
 
@@ -46,10 +46,12 @@ class Measurement:
     rotation_heading: float = math.nan
     difference: float = math.nan
     difference_deviation: float = math.nan
+    difference_slope: float = math.nan
     feature_error: float = math.nan
     view_margins: tuple[float, float] = (math.inf, math.inf)
     offset: tuple[float, float] | None = None
     offset_deviation: float = math.nan
+    heading_deviation: float = math.nan
     reason: str = ''
 
     @property

@@ -212,11 +212,24 @@ def camera_swing(before: float, heading: float) -> FloatArray:
     return np.array([[-sine, -cosine], [cosine, -sine]])
 
 
+def offset_at_axle(
+    offset: tuple[float, float], heading: float, mount: FloatArray
+) -> tuple[float, float]:
+    """
+    Return where the axle is, right and ahead of the goal's in axes of the base [m].
+
+    ``offset`` is that of the camera, right and ahead of the goal's in axes of that.
+    """
+    yaw, lever = float(mount[0]), mount[1:]
+    x, y = (np.array(offset) - camera_swing(0.0, heading) @ lever).tolist()
+    cosine, sine = math.cos(yaw), math.sin(yaw)
+    return cosine * x - sine * y, sine * x + cosine * y
+
+
 def at_axle(bearings: Bearings, mount: FloatArray, distance: float) -> Bearings:
     """Return the bearings of the axle in axes of the base, from those of its camera."""
     yaw, lever = float(mount[0]), mount[1:]
-    heading = bearings.heading_error
-    swing_x, swing_y = (camera_swing(0.0, heading) @ lever).tolist()
+    swing_x, swing_y = (camera_swing(0.0, bearings.heading_error) @ lever).tolist()
     x = distance * math.cos(bearings.psi) - swing_x
     y = distance * math.sin(bearings.psi) - swing_y
     psi, theta = math.atan2(y, x) + yaw, bearings.psi - bearings.phi

@@ -1,6 +1,6 @@
 """Remembering: what the views of the way say of this one, where they know better than two."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 import math
 from typing import Any
 
@@ -14,34 +14,44 @@ from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.steadying import Motion, Place, steadied
 
 LEAST_NOISE = 1e-9  # of the angle of a ray [rad]: a memory weighs by it
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Remembered:
+    """The memory of ``views``, and the ``place`` that they were averaged to; None without one."""
+
+    views: ViewMemory | None = None
+    place: Place | None = None
+
+
 def remembered(
-    views: ViewMemory | None, perception: Perception, driven: float, settings: ServoSettings
-) -> tuple[ViewMemory | None, Reading | None]:
+    before: Remembered, perception: Perception, motion: Motion, settings: ServoSettings
+) -> tuple[Remembered, Reading | None]:
     """
     Return the memory after a view, and what it reads of that; None where it says nothing.
 
-    ``driven`` is the travel since the last view [m]: it gives the scale, and no more. A lens that
-    is being learnt would move the rays that keyframes hold: with one nothing is remembered.
+    The way of the ``motion`` since the last view gives the scale. A lens that is being learnt
+    would move the rays that keyframes hold: with one nothing is remembered.
     """
     observation = perception.observation
     if not (settings.view_memory and settings.calibrated):
-        return None, None
-    views = views or ViewMemory(settings.mount)
+        return Remembered(), None
+    views = before.views or ViewMemory(settings.mount)
     if observation is None or observation.ids is None or not _is_enough(observation, settings):
-        return views, None
+        return Remembered(views), None
     bearings = perception.measurement.bearings
     noise = np.maximum(perception.memory.noise * observation.resolution, LEAST_NOISE)
     views, said = views.after(
         Sightings(observation.ids, observation.current, observation.desired, noise),
-        np.array([0.0, driven]),
+        np.array([0.0, motion.way]),
         bearings=() if bearings is None else (bearings,),
         attitude=perception.memory.attitude,
     )
-    return views, _reading(said, observation)
+    said, place = steadied(said, before.place, motion)
+    return Remembered(views, place), _reading(said, observation)
 
 
 def sharpened(
@@ -67,8 +77,10 @@ def sharpened(
         rotation_heading=reading.heading_error,
         difference=reading.difference,
         difference_deviation=reading.difference_deviation,
+        difference_slope=reading.difference_slope,
         offset=(reading.lateral, reading.longitudinal),
         offset_deviation=math.hypot(reading.lateral_deviation, reading.longitudinal_deviation),
+        heading_deviation=reading.heading_deviation,
     )
 
 

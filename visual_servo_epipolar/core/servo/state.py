@@ -7,13 +7,13 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.control.command import Command, HALT
 from visual_servo_epipolar.core.control.gains import Gains
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
-from visual_servo_epipolar.core.memory.view_memory import ViewMemory
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.servo.extrinsics import Extrinsics
 from visual_servo_epipolar.core.servo.identification import Curvature, Slope
 from visual_servo_epipolar.core.servo.phases.table import ENDED, Phase
 from visual_servo_epipolar.core.servo.ranging import Leg
+from visual_servo_epipolar.core.servo.remembering import Remembered
 
 
 @dataclass(frozen=True)  # without slots: ``values.changed``
@@ -28,8 +28,7 @@ class ServoState:
     of step 1 in this one; ``frame``, the number of steps.
 
     Measurement and memory: ``measurement``, the last one, and ``memory``, what perception carries
-    to the next image, both None before the first; ``views``, the memory of views, None without
-    one; ``period``, the time between two images [s], smoothed, nan before the second;
+    to the next image, both None before the first; ``views``, the memory of views; ``period``, the time between two images [s], smoothed, nan before the second;
     ``rotation_bias``, what the best rotation is off in heading [rad], nan while unknown.
 
     Command: ``command``, the last one; ``since_command``, the time between the one before and it,
@@ -58,7 +57,7 @@ class ServoState:
     command: Command = HALT
     measurement: Measurement | None = None
     memory: PerceptionMemory | None = None
-    views: ViewMemory | None = None
+    views: Remembered = Remembered()
     distance: float = math.nan
     target: float = 0.0
     side: float = 1.0

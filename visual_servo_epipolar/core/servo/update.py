@@ -8,7 +8,7 @@ from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
-from visual_servo_epipolar.core.servo.extrinsics import at_axle, Extrinsics, learnt
+from visual_servo_epipolar.core.servo.extrinsics import at_axle, Extrinsics, learnt, offset_at_axle
 from visual_servo_epipolar.core.servo.identification import Slope
 from visual_servo_epipolar.core.servo.phases.conditions import (
     engage_bound,
@@ -17,9 +17,10 @@ from visual_servo_epipolar.core.servo.phases.conditions import (
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.phases.timing import usual_step
 from visual_servo_epipolar.core.servo.ranging import Leg, MIN_TURN, UNKNOWN_RANGE
-from visual_servo_epipolar.core.servo.remembering import remembered, sharpened
+from visual_servo_epipolar.core.servo.remembering import remembered, Remembered, sharpened
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.steadying import Motion
 from visual_servo_epipolar.core.servo.values import changed
 
 RATE_SMOOTHING = 0.4  # weight of the newest value in an exponential mean, as the next three
@@ -46,8 +47,9 @@ def updated(
     if extrinsics.contradicts:
         perception = _disproved(perception, settings)
         measurement, extrinsics = perception.measurement, settings.extrinsics
-        state = changed(state, views=None)
-    views, reading = remembered(state.views, perception, driven, settings)
+        state = changed(state, views=Remembered())
+    motion = Motion(driven, state.twist.angular * dt)
+    views, reading = remembered(state.views, perception, motion, settings)
     measurement = sharpened(measurement, reading, settings)
     measurement = _of_the_axle(measurement, extrinsics)
     bias = _rotation_bias(state, measurement)
@@ -117,8 +119,9 @@ def _of_the_axle(measurement: Measurement, extrinsics: Extrinsics) -> Measuremen
     mount = extrinsics.mount
     if not mount.any():
         return measurement
-    if measurement.offset is not None:  # it is that of the camera
-        measurement = replace(measurement, offset=None)
+    if measurement.offset is not None:
+        offset = offset_at_axle(measurement.offset, measurement.heading_error, mount)
+        measurement = replace(measurement, offset=offset)
     if measurement.bearings is None:
         return measurement
     bearings = at_axle(measurement.bearings, mount, extrinsics.distance)

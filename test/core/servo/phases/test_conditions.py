@@ -1,5 +1,6 @@
 """Conditions at their boundaries: noise is no measurement, and what cannot be told is not so."""
 
+from dataclasses import replace
 import math
 
 import pytest
@@ -11,6 +12,7 @@ from visual_servo_epipolar.core.servo.phases.conditions import (
     align_bound,
     astray,
     engage_bound,
+    facing_bound,
     has_parallax,
     is_off_course,
     is_sideways,
@@ -47,6 +49,27 @@ def test_a_difference_within_twice_its_noise_counts_as_zero() -> None:
     noisy = matched_bound(sight(difference_deviation=0.1), SETTINGS)
     assert noisy == pytest.approx(0.2)
     assert matched_bound(sight(difference_deviation=0.0), SETTINGS) == SETTINGS.arrival_difference
+
+
+def test_a_memory_of_views_matches_as_closely_as_it_knows() -> None:
+    """A tenth of a millimetre is let pass, or what is within the noise."""
+    exact = sight(difference_slope=0.06, difference_deviation=0.0, offset=(0.0, 0.002))
+    assert matched_bound(exact, SETTINGS) == pytest.approx(0.6e-5)
+    vague = replace(exact, difference_deviation=1e-4)
+    assert matched_bound(vague, SETTINGS) == pytest.approx(0.3e-4)
+    steep = replace(exact, difference_slope=6.0)
+    assert matched_bound(steep, SETTINGS) == SETTINGS.arrival_difference
+
+
+def test_a_memory_of_views_faces_the_goal_as_closely_as_it_knows() -> None:
+    by_two_views = facing_bound(sight(), SETTINGS)
+    assert by_two_views == SETTINGS.arrival_heading
+    exact = sight(offset=(0.0, 0.0), heading_deviation=0.0)
+    assert facing_bound(exact, SETTINGS) == pytest.approx(5e-5)
+    assert facing_bound(replace(exact, heading_deviation=5e-4), SETTINGS) == pytest.approx(1.5e-4)
+    assert facing_bound(replace(exact, heading_deviation=1.0), SETTINGS) == by_two_views
+    banded = replace(SETTINGS, dead_band_angular=0.1)
+    assert facing_bound(exact, banded) > by_two_views  # what cannot be turned
 
 
 def test_a_parallax_that_is_not_known_is_not_that_of_the_goal() -> None:

@@ -22,6 +22,8 @@ FRAME_S = 0.1  # duration of the shortest turn: one command, at the usual frame 
 LONGEST_WAY = 1.5  # in upper bounds of the distance
 LEAST_FIRST = 0.5  # distance that a ratio of distances refers to at least [m]
 ARRIVAL_OFFSET = 2e-3  # of who has arrived, by a memory of views [m]
+LEAST_OFFSET, LEAST_HEADING = 1e-4, 5e-5  # that a memory of views bothers about [m], [rad]
+NEGLIGIBLE = 0.3  # deviations of what a memory says: more would be a bias of who comes from behind
 LEAST_RATIO = 1e-9  # part of the distance that a law without retreat keeps
 
 
@@ -138,7 +140,7 @@ def is_settled(state: ServoState, settings: ServoSettings) -> bool:
     if measurement is None or measurement.features < settings.min_features:
         return False
     if state.phase is Phase.ORIENTING:
-        return abs(measurement.heading_error) <= facing_bound(settings)
+        return abs(measurement.heading_error) <= facing_bound(measurement, settings)
     if state.phase is Phase.MATCHING_FEATURES:
         return abs(measurement.difference) <= matched_bound(measurement, settings)
     if (
@@ -150,15 +152,22 @@ def is_settled(state: ServoState, settings: ServoSettings) -> bool:
     return False
 
 
-def facing_bound(settings: ServoSettings) -> float:
+def facing_bound(measurement: Measurement, settings: ServoSettings) -> float:
     """Return the largest heading error [rad] that counts as zero, the least turn at least."""
     frames = 2.0 if settings.dead_band_mode == 'raise' else 0.5
-    return max(settings.arrival_heading, frames * FRAME_S * settings.dead_band_angular)
+    bound = settings.arrival_heading
+    if measurement.offset is not None:
+        bound = min(max(NEGLIGIBLE * measurement.heading_deviation, LEAST_HEADING), bound)
+    return max(bound, frames * FRAME_S * settings.dead_band_angular)
 
 
 def matched_bound(measurement: Measurement, settings: ServoSettings) -> float:
     """Return the largest |D|, at unit focal length, that counts as zero, its noise at least."""
-    return max(settings.arrival_difference, NOISE_DEVIATIONS * measurement.difference_deviation)
+    least, deviation = settings.arrival_difference, measurement.difference_deviation
+    if measurement.offset is None:
+        return max(least, NOISE_DEVIATIONS * deviation)
+    least = min(least, LEAST_OFFSET * measurement.difference_slope)
+    return max(least, NEGLIGIBLE * deviation)
 
 
 def has_parallax(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
@@ -175,7 +184,7 @@ def has_parallax(state: ServoState, measurement: Measurement, settings: ServoSet
 
 def is_at_goal(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
     """Return whether heading, parallax and D are those of the photograph, within their noise."""
-    faces_goal = abs(measurement.heading_error) <= facing_bound(settings)
+    faces_goal = abs(measurement.heading_error) <= facing_bound(measurement, settings)
     matched = abs(measurement.difference) <= matched_bound(measurement, settings)
     return faces_goal and matched and not has_parallax(state, measurement, settings)
 

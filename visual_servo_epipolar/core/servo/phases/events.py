@@ -134,7 +134,7 @@ def _matching(state: ServoState, measurement: Measurement, settings: ServoSettin
         return Event.MISSED if repeats else Event.EXHAUSTED
     if repeats and state.yaw_learnt > YAW_FOR_NEW_ATTEMPT:
         return Event.MISSED
-    faces_goal = abs(measurement.heading_error) <= facing_bound(settings)
+    faces_goal = abs(measurement.heading_error) <= facing_bound(measurement, settings)
     if settings.options.final_turn and not faces_goal:
         return Event.TURNED
     return Event.MATCHED

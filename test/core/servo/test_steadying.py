@@ -1,0 +1,90 @@
+"""The place near the goal: averaged over views, as far as the robot obeys and nobody pushes it."""
+
+import math
+
+import numpy as np
+import pytest
+
+from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.memory.recollection import Recollection
+from visual_servo_epipolar.core.servo.steadying import Motion, Place, steadied
+
+OWN = np.diag([0.8e-3, 0.5e-3, 1.5e-4, 1e-3, 1e-3]) ** 2
+COMMON = np.diag([0.4e-3, 0.3e-3, 0.5e-4, 1e-3, 1e-3]) ** 2
+STILL = Motion()
+
+
+def said(pose: FloatArray) -> Recollection:
+    return Recollection(
+        pose=np.array([*pose, 0.0, 0.0]), covariance=OWN + COMMON, own=OWN, depth=5.0
+    )
+
+
+def noisy(place: FloatArray, rng: np.random.Generator) -> Recollection:
+    return said(place + rng.normal(size=3) * np.sqrt(np.diag(OWN)[:3]))
+
+
+def test_views_of_a_robot_that_stands_average_out() -> None:
+    rng, true, count = np.random.default_rng(1), np.array([0.001, -0.002, 0.0005]), 16
+    errors, place, now = [], None, said(true)
+    for _ in range(200):
+        place = None
+        for _ in range(count):
+            now, place = steadied(noisy(true, rng), place, STILL)
+        errors.append(now.pose[:3] - true)
+    expected = np.sqrt(np.diag(OWN)[:3] / count)
+    assert np.std(errors, axis=0) == pytest.approx(expected, rel=0.25)
+    assert np.sqrt(np.diag(now.own)[:3]) == pytest.approx(expected, rel=0.05)
+    # What all views have in common stays.
+    assert now.covariance - now.own == pytest.approx(COMMON, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ('motion', 'heading', 'step'),
+    [
+        (Motion(way=0.01), 0.0, (0.0, 0.01, 0.0)),
+        (Motion(way=0.01), 0.5 * math.pi, (-0.01, 0.0, 0.0)),
+        (Motion(turn=0.02), 0.0, (0.0, 0.0, 0.02)),
+    ],
+)
+def test_a_place_moves_as_the_robot(
+    motion: Motion, heading: float, step: tuple[float, float, float]
+) -> None:
+    before = Place(np.array([0.1, 0.2, heading]), OWN[:3, :3])
+    after = before.after(motion)
+    assert after.mean - before.mean == pytest.approx(step, abs=1e-12)
+    assert (np.diag(after.covariance) >= np.diag(before.covariance)).all()
+    assert after.covariance.trace() > before.covariance.trace()
+
+
+def test_a_robot_that_drives_fast_is_where_it_is_seen() -> None:
+    first = np.array([0.0, -0.5, 0.0])
+    _, place = steadied(said(first), None, STILL)
+    seen = first + [0.0003, 0.019, 0.0001]
+    now, _ = steadied(said(seen), place, Motion(way=0.02, turn=0.01))
+    assert now.pose[:3] == pytest.approx(seen, abs=1.5e-4)
+
+
+def test_a_base_that_obeys_late_leaves_no_error() -> None:
+    """It rolls on for half a second where the command is zero already."""
+    true = np.array([0.0, -0.01, 0.0])
+    _, place = steadied(said(true), None, Motion(way=0.01))
+    for rolls in (0.006, 0.004, 0.002, 0.001, 0.0, 0.0):
+        true = true + [0.0, rolls, 0.0]
+        now, place = steadied(said(true), place, STILL)
+    assert abs(now.pose[1] - true[1]) < 0.3e-3
+
+
+def test_who_is_pushed_begins_anew() -> None:
+    _, place = steadied(said(np.zeros(3)), None, STILL)
+    away = np.array([0.05, -0.1, 0.02])
+    now, place = steadied(said(away), place, STILL)
+    assert now.pose[:3] == pytest.approx(away)
+    assert now.own == pytest.approx(OWN)
+    assert place is not None and place.mean == pytest.approx(away)
+
+
+def test_nothing_said_is_nothing_known() -> None:
+    _, place = steadied(said(np.zeros(3)), None, STILL)
+    lost = Recollection('too few features')
+    assert steadied(lost, place, STILL) == (lost, None)

@@ -1,0 +1,89 @@
+"""Steadying: where the robot is near the goal, averaged over views by what it drove meanwhile."""
+
+from dataclasses import dataclass, replace
+import math
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.memory.recollection import Recollection
+from visual_servo_epipolar.core.memory.window import HEADING
+
+PLACE = HEADING + 1  # unknowns of a place: right and ahead [m], heading error [rad]
+WAY_SHARE, TURN_SHARE = 0.3, 0.5  # by which a base may drive or turn otherwise than it is told
+TURN_OF_WAY, SLIP = 0.1, 0.05  # turn that a way may add [rad/m], and its share to the side
+FADING = 0.6  # of what was driven, from view to view: a base obeys late
+SURPRISE = 16.0  # square of a leap, in deviations, after which what was known counts no more
+LEAST_DEVIATION = 1e-9  # [m], [rad]
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """What was driven between two views: ahead [m], and the turn, left positive [rad]."""
+
+    way: float = 0.0
+    turn: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Place:
+    """
+    Where the camera is, (3,): right and ahead of the goal's [m], heading error [rad].
+
+    ``covariance``, (3, 3), is that of the noise which each view has for itself; ``lately`` how
+    much was driven before the last view, fading.
+    """
+
+    mean: FloatArray
+    covariance: FloatArray
+    lately: Motion = Motion()
+
+    def after(self, motion: Motion) -> 'Place':
+        """Return the place after a ``motion``, as far as a base obeys."""
+        heading = float(self.mean[HEADING]) + 0.5 * motion.turn
+        step = [-motion.way * math.sin(heading), motion.way * math.cos(heading), motion.turn]
+        way = max(abs(motion.way), FADING * self.lately.way)
+        turn = max(abs(motion.turn), FADING * self.lately.turn)
+        doubt = np.array(
+            [
+                way * (WAY_SHARE * abs(math.sin(heading)) + turn + SLIP),
+                WAY_SHARE * way,
+                TURN_SHARE * turn + TURN_OF_WAY * way,
+            ]
+        )
+        covariance = self.covariance + np.diag(doubt * doubt)
+        return Place(self.mean + step, covariance, Motion(way, turn))
+
+
+def steadied(
+    said: Recollection, place: Place | None, motion: Motion
+) -> tuple[Recollection, Place | None]:
+    """
+    Return a recollection averaged with those before it, and the place for the next.
+
+    What the noise of each view makes averages out while the robot stands or creeps; the noise of
+    the photograph and of the geometry stays. Without a recollection the place is forgotten, and
+    begun anew where the view contradicts it: somebody pushed the robot.
+    """
+    if said.reason:
+        return said, None
+    mean, own = said.pose[:PLACE], said.own[:PLACE, :PLACE]
+    own = own + LEAST_DEVIATION**2 * np.eye(PLACE)
+    if place is None:
+        return said, Place(mean, own, Motion(abs(motion.way), abs(motion.turn)))
+    before = place.after(motion)
+    change = mean - before.mean
+    change[HEADING] = math.remainder(change[HEADING], 2.0 * math.pi)
+    gain = np.linalg.solve(before.covariance + own, before.covariance).T
+    if change @ np.linalg.solve(before.covariance + own, change) > SURPRISE:
+        return said, Place(mean, own, before.lately)
+    now = Place(before.mean + gain @ change, _symmetric(own @ gain.T), before.lately)
+    pose, covariance, own = said.pose.copy(), said.covariance.copy(), said.own.copy()
+    covariance[:PLACE, :PLACE] += now.covariance - own[:PLACE, :PLACE]
+    own[:PLACE, :PLACE] = now.covariance
+    pose[:PLACE] = now.mean
+    return replace(said, pose=pose, covariance=covariance, own=own), now
+
+
+def _symmetric(matrix: FloatArray) -> FloatArray:
+    return np.asarray(0.5 * (matrix + matrix.T))
