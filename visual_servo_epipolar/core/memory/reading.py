@@ -23,7 +23,8 @@ class Reading:
     ahead) [m] and ``heading_error`` [rad], which are defined there as well, with deviations;
     ``own`` are those parts of the three deviations that average out over views. ``depth_ratio`` is
     the offset along the axis over the median depth, which needs no scale. ``difference`` is D at
-    unit focal length as the offset makes it, ``difference_slope`` its slope along the axis [1/m]; ``parallax`` [rad] that of the median feature.
+    unit focal length as the offset makes it, ``difference_slope`` its slope along the axis [1/m];
+    ``parallax`` [rad] that of the median feature.
     """
 
     bearings: Bearings | None

@@ -14,20 +14,20 @@ class Measurement:
     What one observation tells about the goal.
 
     Angles are in rad; times ``focal`` [px] they are pixels at the image centre. ``bearings`` is
-    None where no estimate passed the validation gates, and ``reason`` says why. They are those
-    of the cameras; where the camera does not sit on the axle they become those of the axle, and
-    ``camera_bearings`` keeps the others. ``difference`` is
-    D of eq. (23) at unit focal length, averaged over the features, ``difference_deviation`` its
-    noise, ``difference_slope`` what a metre ahead adds to it, where a memory of views knows that; ``feature_error`` the median angle between current and desired features [rad];
-    ``parallax`` the angle that the best rotation leaves unexplained [rad]; ``heading_error``
-    [rad], left positive, comes from the bearings where there are any, else from that rotation,
-    whose own is ``rotation_heading``.
-    ``deviation`` is the larger one of psi and phi [rad], ``covariance`` that of both, shape (2, 2)
-    [rad^2], ``jump`` the change of tilt and roll between the views [rad]; ``view_margins`` is how
-    far the robot may turn to the left and to the right before the features run out of the image
-    [rad]; ``offset`` is where a memory of views has the camera, right and ahead of the goal's [m],
-    None without one, with its deviation and that of the heading; ``noise_px`` the deviation of a tracked coordinate [px]
-    as the residuals show it.
+    None where no estimate passed the validation gates, and ``reason`` says why. They are those of
+    the cameras; where the camera does not sit on the axle they become those of the axle, and
+    ``camera_bearings`` keeps the others. ``difference`` is D of eq. (23) at unit focal length,
+    averaged over the features, ``difference_deviation`` its noise, ``difference_slope`` what a
+    metre ahead adds to it, where a memory of views knows that; ``feature_error`` the median angle
+    between current and desired features [rad]; ``parallax`` the angle that the best rotation
+    leaves unexplained [rad]; ``heading_error`` [rad], left positive, comes from the bearings where
+    there are any, else from that rotation, whose own is ``rotation_heading``. ``deviation`` is the
+    larger one of psi and phi [rad], ``covariance`` that of both, shape (2, 2) [rad^2], ``jump``
+    the change of tilt and roll between the views [rad]; ``view_margins`` is how far the robot may
+    turn to the left and to the right before the features run out of the image [rad]; ``offset`` is
+    where a memory of views has the camera, right and ahead of the goal's [m], None without one,
+    with its deviation and that of the heading; ``noise_px`` the deviation of a tracked coordinate
+    [px] as the residuals show it.
     """
 
     stamp_ns: int

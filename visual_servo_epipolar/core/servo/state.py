@@ -28,8 +28,9 @@ class ServoState:
     of step 1 in this one; ``frame``, the number of steps.
 
     Measurement and memory: ``measurement``, the last one, and ``memory``, what perception carries
-    to the next image, both None before the first; ``views``, the memory of views; ``period``, the time between two images [s], smoothed, nan before the second;
-    ``rotation_bias``, what the best rotation is off in heading [rad], nan while unknown.
+    to the next image, both None before the first; ``views``, the memory of views; ``period``, the
+    time between two images [s], smoothed, nan before the second; ``rotation_bias``, what the best
+    rotation is off in heading [rad], nan while unknown.
 
     Command: ``command``, the last one; ``since_command``, the time between the one before and it,
     by the clock of who sends them [s], nan where nobody told; ``dead_band_residual``, the part of

@@ -17,7 +17,7 @@ from visual_servo_epipolar.core.servo.phases.conditions import (
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.phases.timing import usual_step
 from visual_servo_epipolar.core.servo.ranging import Leg, MIN_TURN, UNKNOWN_RANGE
-from visual_servo_epipolar.core.servo.remembering import remembered, Remembered, sharpened
+from visual_servo_epipolar.core.servo.remembering import Remembered, remembered, sharpened
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.steadying import Motion
