@@ -166,6 +166,9 @@ def test_a_file_may_hold_the_parameters_of_all_nodes(bench, tmp_path, kind) -> N
         (ServoNode, 'max_featuers', 'did you mean max_features'),
         (TrackerNode, 'max_linaer', 'did you mean max_linear'),
         (ServoNode, 'zzz', 'it has .*max_linear'),
+        (UnicycleNode, 'zzz', 'it has .*wheel_ratio'),
+        (CameraNode, 'zzz', 'it has .*tilt'),
+        (RecorderNode, 'zzz', 'it has .*split_size'),
     ],
 )
 def test_a_name_that_no_node_has_is_refused_in_a_shared_file(
