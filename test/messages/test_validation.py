@@ -3,9 +3,10 @@
 import pytest
 
 from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import write
-from visual_servo_epipolar.messages.validation import checked_features, checked_tracks
+from visual_servo_epipolar.messages.validation import checked_features, checked_tracks, left_out
 
 CAMERA = Camera(640, 480, 400.0, 400.0, 319.5, 239.5)
 INSIDE = [[10.0, 10.0], [20.0, 20.0]]
@@ -33,3 +34,8 @@ def test_a_cloud_that_is_none_of_tracks_is_refused_with_the_reason() -> None:
     taken, warning = checked_tracks(message, CAMERA)
     assert len(taken) == 0
     assert warning.startswith('tracks refused: tracks must have the fields id, u, v')
+
+
+def test_where_the_lens_places_all_nothing_is_said() -> None:
+    observation = observe(features(10.0, of_desired=False), CAMERA, 0)
+    assert left_out(observation, CAMERA) == ''
