@@ -11,6 +11,7 @@ from std_msgs.msg import Bool, String
 
 from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
+from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import event_log, read, write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.servo_node import ServoNode
@@ -87,6 +88,15 @@ def test_deactivated_in_mid_run_it_stops_the_robot_and_is_silent(rig) -> None:
     assert (len(rig.twists), len(rig.phases)) == (told, phases)
     assert rig.phases[-1].data == 'waiting'
     assert event_log.from_text(rig.events[-1].data).event == 'reset'  # for replays
+
+
+def test_deactivated_while_it_holds_it_tells_the_base_once_more_to_stand(rig) -> None:
+    rig.drive().send(write.features(Features(), rig.stamp_ns, 'camera'))
+    rig.bench.until(lambda: not rig.moving, 'the zero twist')
+    told = len(rig.twists)
+    go(rig.bench, rig.node, 'deactivate')
+    rig.bench.until(lambda: len(rig.twists) > told, 'another zero twist')
+    assert not rig.moving
 
 
 @pytest.mark.parametrize('way', [('shutdown',), ('deactivate', 'cleanup')])

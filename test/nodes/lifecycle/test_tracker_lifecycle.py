@@ -76,6 +76,15 @@ def test_it_keeps_photograph_and_camera_while_inactive(rig, photograph) -> None:
     assert rig.see(calibrated=False) > 40
 
 
+def test_active_again_it_matches_anew(rig, photograph) -> None:
+    rig.taught(photograph).see()
+    assert rig.see() > 40
+    assert read.features(rig.clouds[-1]).ages.max() == 1
+    go(rig.bench, rig.node, 'deactivate', 'activate')
+    assert rig.see() > 40
+    assert read.features(rig.clouds[-1]).ages.max() == 0
+
+
 def test_an_image_of_before_is_no_goal(rig, photograph) -> None:
     rig.taught(photograph).see()
     go(rig.bench, rig.node, 'deactivate', 'activate')

@@ -107,11 +107,13 @@ def test_no_run_begins_by_itself_beside_another_servo(bench) -> None:
     rival = other(bench, 'dock_servo')
     rig.see()
     assert (rig.phase, rig.commands) == ('waiting', [])
+    assert rig.node._run.trouble.startswith('/dock_servo commands /cmd_vel as well')
     bench.nodes.remove(rival)
     bench.executor.remove_node(rival)
     rival.destroy_node()
     bench.until(lambda: not rig.node._admission.contested(), 'the other to go')
     rig.drive()
+    assert rig.node._run.trouble == ''
 
 
 def test_where_time_waits_for_the_servo_nobody_looks_for_another(bench) -> None:

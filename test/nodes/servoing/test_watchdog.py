@@ -75,11 +75,27 @@ def test_a_robot_that_holds_in_silence_is_told_again_and_again_to_stand(bench) -
     assert all(twist == STANDSTILL for twist in rig.twists()[told:])
 
 
+def a_second_later(freshness) -> None:
+    """Let its clock be set by hand, to a second from now."""
+    clock = HandSetClock()
+    clock.now_ns = freshness.clock.now().nanoseconds + 10**9
+    freshness.clock = clock
+
+
+def test_new_tracks_are_what_keeps_the_watchdog_quiet(bench) -> None:
+    rig = Rig(bench, stale_timeout=60.0).drive()
+    freshness = rig.node._run.freshness
+    a_second_later(freshness)
+    rig.tell(tracks(stamp_ns=rig.node._run.stamp_ns))
+    assert freshness.age > 0.9  # the last ones again are no new ones
+    rig.see()
+    assert freshness.age == 0.0
+
+
 def test_a_step_is_what_ends_the_silence(bench) -> None:
     rig = Rig(bench, stale_timeout=60.0).drive()
-    run, clock = rig.node._run, HandSetClock()
-    clock.now_ns, run.freshness.clock = run.freshness.clock.now().nanoseconds, clock
-    clock.now_ns += 10**9
+    run = rig.node._run
+    a_second_later(run.freshness)
     assert run.freshness.idle > 0.9
     run.advance(run.state, rig.stamp_ns, 'camera')
     assert run.freshness.idle == 0.0

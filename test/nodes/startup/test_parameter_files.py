@@ -165,11 +165,15 @@ def test_a_file_may_hold_the_parameters_of_all_nodes(bench, tmp_path, kind) -> N
         (ServoNode, 'max_featuers', 'did you mean max_features'),
         (TrackerNode, 'max_linaer', 'did you mean max_linear'),
         (ServoNode, 'zzz', 'it has .*max_linear'),
+        (UnicycleNode, 'zzz', 'it has .*wheel_ratio'),
+        (CameraNode, 'zzz', 'it has .*tilt'),
+        (RecorderNode, 'zzz', 'it has .*split_size'),
     ],
 )
 def test_a_name_that_no_node_has_is_refused_in_a_shared_file(
-    bench, tmp_path, kind, name, hint
+    bench, tmp_path, monkeypatch, kind, name, hint
 ) -> None:
+    monkeypatch.chdir(tmp_path)  # a recorder that started would begin a bag here
     path = file(tmp_path, **under('/**', **{name: 1.0}))
     with pytest.raises(ValueError, match=f'has no parameter {name}; {hint}'):
         start(bench, kind, *given(path))

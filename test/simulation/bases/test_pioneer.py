@@ -87,6 +87,7 @@ def test_a_base_that_was_never_commanded_stands() -> None:
     robot = base(command_timeout=0.5)
     robot.advance(ns(5.0))
     assert (robot.pose, robot.twist, robot.now_ns) == (START, STANDSTILL, ns(5.0))
+    assert not robot.timed_out
 
 
 @pytest.mark.parametrize('earlier', [0, -1, -(10**9)])
