@@ -85,6 +85,14 @@ def test_active_again_it_matches_anew(rig, photograph) -> None:
     assert read.features(rig.clouds[-1]).ages.max() == 0
 
 
+def test_an_image_of_before_is_not_tracked(rig, photograph) -> None:
+    assert rig.taught(photograph).see(calibrated=False) == -1  # it waits for camera_info
+    go(rig.bench, rig.node, 'deactivate', 'activate')
+    rig.calibrate(write.camera_info(rig.camera, rig.stamp_ns, 'camera'))
+    rig.bench.settle()
+    assert rig.clouds == []
+
+
 def test_an_image_of_before_is_no_goal(rig, photograph) -> None:
     rig.taught(photograph).see()
     go(rig.bench, rig.node, 'deactivate', 'activate')

@@ -68,6 +68,7 @@ def test_no_order_moves_the_robot_while_it_is_pressed(rig, order) -> None:
 def test_released_it_stands_until_it_is_started(rig, order) -> None:
     rig.drive().press()
     rig.press(pressed=False)
+    rig.bench.until(lambda: rig.bench.logged('the stop button is released'), 'the log')
     if order:
         rig.bench.call(f'servo_node/{order}')
     count = len(rig.commands)
