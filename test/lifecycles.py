@@ -6,6 +6,9 @@ from typing import Any
 from bench import Bench
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
+import psutil
+
+CYCLES, MB = 100, 2**20
 
 IDS = {
     'configure': Transition.TRANSITION_CONFIGURE,
@@ -49,6 +52,22 @@ def entities(node: Any) -> dict[str, int]:
     kinds = ('publishers', 'subscriptions', 'timers', 'services', 'clients', 'waitables')
     counts = {kind: len(list(getattr(node, kind))) for kind in kinds}
     return {**counts, 'managed': len(node._managed_entities)}
+
+
+def assert_cycles_leave_nothing(bench: Bench, node: Any) -> None:
+    """Lead a node through its whole life again and again: it keeps nothing of it."""
+    process, before, watched = psutil.Process(), entities(node), []
+    for _ in range(2 * CYCLES):
+        node.trigger_configure()
+        node.trigger_activate()
+        node.trigger_deactivate()
+        node.trigger_cleanup()
+        bench.executor.spin_once(timeout_sec=0.0)
+        assert entities(node) == before
+        watched.append((process.memory_info().rss, process.num_fds(), process.num_threads()))
+    settled, last = watched[CYCLES - 1], watched[-1]
+    assert last[0] - settled[0] < 1 * MB  # the first hundred fill the pools of the allocator
+    assert last[1:] == settled[1:]
 
 
 def wanted(state: str, number: int, label: str) -> str:

@@ -137,6 +137,15 @@ def robot(bench):
         each.client.destroy()
 
 
+def assert_stands(it) -> None:
+    it.bench.settle()
+    assert read.twist(it.commands[-1]) == STANDSTILL
+    stood = it.pose
+    for _ in range(5):
+        it.step()
+    assert it.pose == stood
+
+
 def assert_docked(robot) -> None:
     """Lateral, longitudinal and heading error of a base that stands at the dock."""
     assert abs(robot.pose.x) < PLACE_M
@@ -171,12 +180,7 @@ def test_a_cancel_leaves_it_standing_and_another_request_docks(robot) -> None:
     it.bench.until(result.done, 'the result')
     assert result.result().status == GoalStatus.STATUS_CANCELED
     it.bench.until(lambda: not it.servo._run.active, 'the servo to be stopped')
-    it.bench.settle()
-    assert read.twist(it.commands[-1]) == STANDSTILL
-    stood = it.pose
-    for _ in range(5):
-        it.step()
-    assert it.pose == stood
+    assert_stands(it)
     _, result = it.ask()
     assert it.outcome(result) == (GoalStatus.STATUS_SUCCEEDED, [1, 0, 0])
     assert_docked(it)
@@ -194,12 +198,7 @@ def test_a_deactivation_in_mid_docking_leaves_it_standing(robot, start, backward
     it.bench.until(lambda: not it.servo._run.active, 'the servo to be stopped')
     it.bench.until(result.done, 'the result')
     assert (result.result().status, list(result.result().result.sequence)) == GIVEN_UP
-    it.bench.settle()
-    assert read.twist(it.commands[-1]) == STANDSTILL
-    stood = it.pose
-    for _ in range(5):
-        it.step()
-    assert it.pose == stood
+    assert_stands(it)
     go(it.bench, it.dock, 'activate')
     _, result = it.ask()
     assert it.outcome(result) == (GoalStatus.STATUS_SUCCEEDED, [1, 0, 0])

@@ -2,14 +2,10 @@
 
 import gc
 
-from lifecycles import change, entities, go, IDS
-import psutil
+from lifecycles import assert_cycles_leave_nothing, change, entities, go, IDS
 import pytest
 
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
-
-CYCLES = 100
-MB = 2**20
 
 
 @pytest.mark.parametrize('number', [IDS['activate'], IDS['configure'], 5, 10, 99, 255])
@@ -121,20 +117,7 @@ def test_whatever_a_part_returns_the_node_is_not_stuck(bench, parrot, monkeypatc
 
 
 def test_configured_and_cleaned_up_again_and_again_it_leaves_nothing(bench, parrot) -> None:
-    node = parrot()
-    process = psutil.Process()
-    before, watched = entities(node), []
-    for _ in range(2 * CYCLES):
-        node.trigger_configure()
-        node.trigger_activate()
-        node.trigger_deactivate()
-        node.trigger_cleanup()
-        bench.executor.spin_once(timeout_sec=0.0)
-        assert entities(node) == before
-        watched.append((process.memory_info().rss, process.num_fds(), process.num_threads()))
-    settled, last = watched[CYCLES - 1], watched[-1]
-    assert last[0] - settled[0] < 1 * MB  # the first hundred fill the pools of the allocator
-    assert last[1:] == settled[1:]
+    assert_cycles_leave_nothing(bench, parrot())
     bench.until(lambda: not bench.probe.count_publishers('/words'), 'its topics to be gone')
 
 

@@ -16,6 +16,14 @@ def blind(rig: Rig) -> None:
     rig.stamp_ns += 90_000_000
 
 
+def assert_watch_is_silent(rig: Rig) -> None:
+    rig.bench.settle()
+    count = len(rig.commands)
+    rig.node._watch._on_watch()
+    rig.bench.settle()
+    assert len(rig.commands) == count
+
+
 def test_a_servo_that_waits_for_the_photograph_to_come_in_view_is_silent(bench) -> None:
     rig = Rig(bench, stale_timeout=60.0)
     for _ in range(IMAGES):
@@ -79,11 +87,7 @@ def test_an_order_to_stop_is_repeated_for_a_second(bench) -> None:
     bench.until(lambda: len(rig.commands) >= count + 4, 'zero twists without any image')
     assert rig.twists()[count:] == [STANDSTILL] * (len(rig.commands) - count)
     clock.now_ns += 1_000_000_001
-    rig.bench.settle()
-    count = len(rig.commands)
-    rig.node._watch._on_watch()
-    rig.bench.settle()
-    assert len(rig.commands) == count
+    assert_watch_is_silent(rig)
 
 
 def test_who_is_started_again_after_a_stop_is_not_stopped_by_it(bench) -> None:
@@ -92,11 +96,7 @@ def test_who_is_started_again_after_a_stop_is_not_stopped_by_it(bench) -> None:
     rig.bench.call('servo_node/stop')
     rig.bench.call('servo_node/start')
     rig.drive()
-    rig.bench.settle()
-    count = len(rig.commands)
-    rig.node._watch._on_watch()
-    rig.bench.settle()
-    assert len(rig.commands) == count
+    assert_watch_is_silent(rig)
 
 
 def test_a_robot_that_holds_is_told_to_stand_by_each_image(bench) -> None:

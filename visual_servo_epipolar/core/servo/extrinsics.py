@@ -220,17 +220,22 @@ def offset_at_axle(
 
     ``offset`` is that of the camera, right and ahead of the goal's in axes of that.
     """
-    yaw, lever = float(mount[0]), mount[1:]
-    x, y = (np.array(offset) - camera_swing(0.0, heading) @ lever).tolist()
-    cosine, sine = math.cos(yaw), math.sin(yaw)
+    x, y = _without_swing(offset, heading, mount)
+    cosine, sine = math.cos(mount[0]), math.sin(mount[0])
     return cosine * x - sine * y, sine * x + cosine * y
 
 
 def at_axle(bearings: Bearings, mount: FloatArray, distance: float) -> Bearings:
     """Return the bearings of the axle in axes of the base, from those of its camera."""
-    yaw, lever = float(mount[0]), mount[1:]
-    swing_x, swing_y = (camera_swing(0.0, bearings.heading_error) @ lever).tolist()
-    x = distance * math.cos(bearings.psi) - swing_x
-    y = distance * math.sin(bearings.psi) - swing_y
-    psi, theta = math.atan2(y, x) + yaw, bearings.psi - bearings.phi
+    offset = distance * math.cos(bearings.psi), distance * math.sin(bearings.psi)
+    x, y = _without_swing(offset, bearings.heading_error, mount)
+    psi, theta = math.atan2(y, x) + float(mount[0]), bearings.psi - bearings.phi
     return Bearings(math.remainder(psi, 2.0 * math.pi), math.remainder(psi - theta, 2.0 * math.pi))
+
+
+def _without_swing(
+    offset: tuple[float, float], heading: float, mount: FloatArray
+) -> tuple[float, float]:
+    """Return the offset of the axle, in axes of the camera [m]."""
+    swing_x, swing_y = (camera_swing(0.0, heading) @ mount[1:]).tolist()
+    return offset[0] - swing_x, offset[1] - swing_y

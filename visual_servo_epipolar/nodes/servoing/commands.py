@@ -44,10 +44,7 @@ class Commands:
             self._ended_ns = None
         elif not before.ended:
             self._ended_ns = now_ns
-        settles = self._ended_ns is not None and (
-            seconds_between(self._ended_ns, now_ns) <= SETTLING_S
-        )
-        if self._always or settles or state.phase in RUNNING:
+        if self._always or _just_now(self._ended_ns, now_ns) or state.phase in RUNNING:
             self._stopped_ns = None
             self.send(state.command, stamp_ns)
 
@@ -62,10 +59,7 @@ class Commands:
     @property
     def repeats(self) -> bool:
         """Whether the order to stand is to be repeated: a message may get lost."""
-        if self._stopped_ns is None:
-            return False
-        now_ns = self._steady.now().nanoseconds
-        return seconds_between(self._stopped_ns, now_ns) <= SETTLING_S
+        return _just_now(self._stopped_ns, self._steady.now().nanoseconds)
 
     @property
     def age(self) -> float:
@@ -85,3 +79,8 @@ class Commands:
     def wait(self) -> None:
         """Wait until the last command is acknowledged."""
         self._command_pub.wait_for_all_acked(Duration(seconds=STOP_TIMEOUT_S))
+
+
+def _just_now(then_ns: int | None, now_ns: int) -> bool:
+    """Return whether what ended at ``then_ns``, if it did, ended just now."""
+    return then_ns is not None and seconds_between(then_ns, now_ns) <= SETTLING_S
