@@ -6,7 +6,7 @@ import pytest
 from sensor_msgs.msg import CompressedImage, Image
 
 from visual_servo_epipolar.messages import read
-from visual_servo_epipolar.messages.encodings import ENCODINGS, GrayReader, LARGEST
+from visual_servo_epipolar.messages.encodings import BRIGHT, DARK, ENCODINGS, GrayReader, LARGEST
 
 BLUE, GREEN, RED = 30, 90, 200
 GRAY = round(0.114 * BLUE + 0.587 * GREEN + 0.299 * RED)
@@ -150,6 +150,40 @@ def test_a_dark_image_of_a_sensor_is_not_taken_for_one_of_fewer_bits() -> None:
     for brightest, shade in ((4000, 250), (100, 6), (3000, 187)):
         pixels = np.full((6, 8, 1), brightest, '<u2').view(np.uint8)
         assert read.gray(message(pixels, 'mono16'), reader)[0, 0] == shade
+
+
+def grays_of(reader: GrayReader, brightest: int) -> int:
+    """Return the grey level of an image of 16 bits that is as bright everywhere."""
+    pixels = np.full((6, 8, 1), brightest, '<u2').view(np.uint8)
+    return int(read.gray(message(pixels, 'mono16'), reader)[0, 0])
+
+
+def test_a_damaged_image_does_not_make_those_after_it_dark() -> None:
+    reader = GrayReader()
+    assert grays_of(reader, 1000) == 250
+    for _ in range(BRIGHT - 1):
+        with pytest.raises(ValueError, match='grey levels of 16 bits, those before it 10; it is'):
+            grays_of(reader, 65_000)
+    assert grays_of(reader, 1000) == 250
+    with pytest.raises(ValueError, match='grey levels of 16 bits'):
+        grays_of(reader, 65_000)
+
+
+def test_a_sensor_that_is_set_to_more_bits_is_believed_after_a_few_images() -> None:
+    reader = GrayReader()
+    assert grays_of(reader, 1000) == 250
+    for _ in range(BRIGHT - 1):
+        with pytest.raises(ValueError, match='grey levels of 12 bits'):
+            grays_of(reader, 4000)
+    assert [grays_of(reader, value) for value in (4000, 1000)] == [250, 62]
+
+
+def test_a_sensor_whose_images_stay_dark_has_fewer_bits() -> None:
+    """The first image may have been the damaged one."""
+    reader = GrayReader()
+    assert grays_of(reader, 65_000) == 253
+    assert {grays_of(reader, 1000) for _ in range(DARK - 1)} == {3}
+    assert grays_of(reader, 1000) == 250
 
 
 @pytest.mark.parametrize('encoding', list(ENCODINGS))

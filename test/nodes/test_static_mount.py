@@ -4,6 +4,7 @@ from dataclasses import replace
 import math
 from types import SimpleNamespace
 
+from geometry_msgs.msg import Twist
 from lifecycles import go
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from std_msgs.msg import String
 
 from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.messages import settings_text, transforms, write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.servo_node import ServoNode
@@ -139,13 +141,28 @@ def test_a_cleanup_forgets_the_mount(bench) -> None:
     assert node._settings.camera_tilt == pytest.approx(0.2)
 
 
-def test_a_frame_that_is_not_optical_is_said_and_not_used(bench) -> None:
+@pytest.mark.parametrize(
+    ('mount', 'why'),
+    [
+        (UPRIGHT, 'an optical frame looks ahead'),
+        (replace(MOUNT, yaw=math.pi).R_world_camera(BASE), 'camera_yaw must lie in'),
+    ],
+)
+def test_by_a_mount_that_cannot_be_used_nobody_drives(bench, mount, why) -> None:
+    commands = bench.listen(Twist, 'cmd_vel', qos.COMMAND)
     node = started(bench)
     before = node._settings
-    told(node, transforms.mounted('base_link', 'camera_link', UPRIGHT, np.zeros(3)))
-    see(bench, node, frame='camera_link')
+    told(node, transforms.mounted('base_link', 'camera', mount, np.zeros(3)))
+    see(bench, node, frame='camera')
     assert node._settings == before
-    bench.until(lambda: bool(bench.logged('an optical frame looks ahead')), 'the warning')
+    bench.until(lambda: bool(bench.logged(why)), 'the warning')
+    assert node._state.phase is Phase.WAITING and not commands
+    reason, alarming = node._standstill()
+    assert reason.startswith('the mount of camera in /tf_static cannot be used') and alarming
+    # Another description of the robot is one that it can drive by.
+    told(node, mounted(child='camera'))
+    see(bench, node, STAMP_NS + 1, frame='camera')
+    assert node._state.phase is not Phase.WAITING
 
 
 def test_a_broken_transform_is_said_and_left_out(bench) -> None:

@@ -25,6 +25,7 @@ JPEG, JPEG_END = b'\xff\xd8', b'\xff\xd9'
 MOSAIC = re.compile(r'(bayer_[rgb]{4}8); ?jpeg compressed *')  # in a JPEG, not yet colours
 UNTOUCHED = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
 DEPTHS = (8, 10, 12, 14, 16)  # bits of sensors, sent as 16
+BRIGHT, DARK = 3, 300  # images in a row that tell of more bits than known, and of fewer
 FRAME_HEADERS = frozenset({*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC})  # of JPEG, with the size
 
 
@@ -66,11 +67,13 @@ class GrayReader:
     """
     Reader of the images of one camera as grey levels, uint8 of shape (H, W).
 
-    It remembers how many of 16 bits the sensor uses, which a dark image does not tell.
+    It remembers how many of 16 bits the sensor uses, which a dark image does not tell. One image
+    with more of them is refused as damaged, and not remembered: those of a sensor come again.
     """
 
     def __init__(self) -> None:
-        self._bits = DEPTHS[0]
+        self._bits = 0  # not known yet
+        self._brighter = self._darker = 0  # images in a row
 
     def raw(self, message: Any) -> Image:
         """Return the grey image of a sensor_msgs/Image, or raise ValueError."""
@@ -102,7 +105,16 @@ class GrayReader:
     def _scaled(self, values: NDArray[Any]) -> Image:
         """Return those eight bits of ``values`` that are the upper ones of what is used."""
         used = int(values.max()).bit_length()
-        self._bits = next(bits for bits in DEPTHS if bits >= max(used, self._bits))
+        bits = next(bits for bits in DEPTHS if bits >= used)
+        self._brighter = self._brighter + 1 if bits > self._bits else 0
+        self._darker = self._darker + 1 if bits < self._bits else 0
+        if not self._bits or self._brighter >= BRIGHT or self._darker >= DARK:
+            self._bits, self._brighter, self._darker = bits, 0, 0
+        if bits > self._bits:
+            raise ValueError(
+                f'an image has grey levels of {bits} bits, those before it {self._bits}; '
+                'it is damaged, or the sensor has been set otherwise'
+            )
         return (values >> (self._bits - 8)).astype(np.uint8)
 
 

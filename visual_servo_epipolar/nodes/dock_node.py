@@ -126,7 +126,11 @@ class DockNode(ManagedNode):
         if wire is None:
             self.get_logger().error(NO_NAV2)
             return None
-        return DockServer(self, wire, settings.servo, self._task_settings)
+        return DockServer(self, wire, settings.servo, self._task_settings, self._refusal)
+
+    def _refusal(self) -> str:
+        """Return why the robot cannot dock, or ''."""
+        return '' if self._reversal is None else self._reversal.bypassed(self._node_settings.servo)
 
     def _use(self, settings: DockPoseSettings) -> None:
         self._settings = settings
@@ -184,6 +188,8 @@ class DockNode(ManagedNode):
             self._warn(warning)
         if self._mount is not None and not self._search.keys:  # before anything is seen
             self._settings = self._mount.taken(message.header.frame_id, self._settings)
+            if self._mount.trouble:
+                return
         ids, observation = observed(features, camera, place.stamp_ns)
         self._search = looked(self._search, ids, observation, place, self._settings)
         if self._search.dock is not None:

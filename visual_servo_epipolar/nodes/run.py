@@ -23,15 +23,17 @@ def spin(kind: type[Any], args: list[str] | None = None) -> int:
 
     rclpy's own signal handlers end the context before Python runs again, so that no last twist
     could be published: ours set an event only. Without one SIGHUP, of a terminal that is closed,
-    would leave the robot moving.
+    would leave the robot moving, and SIGTSTP, of Ctrl-Z: after that the node goes on, but its run
+    has ended.
     """
     name = _executable(kind)
     code = command_line.answer(name, sys.argv[1:] if args is None else args)
     if code is not None:
         return code
     tune_transport()
-    ending = threading.Event()
+    ending, suspending = threading.Event(), threading.Event()
     signals.on_ending(lambda _: ending.set())
+    signals.on_suspending(suspending.set)
     node: Node | None = None
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
@@ -42,6 +44,10 @@ def spin(kind: type[Any], args: list[str] | None = None) -> int:
         executor.add_node(node)
         while not ending.is_set():
             executor.spin_once(timeout_sec=0.1)
+            if suspending.is_set():
+                suspending.clear()
+                _stop(node)
+                signals.suspend()
     except (ParameterException, VisualServoError, ValueError, RuntimeError, OSError) as error:
         if node is not None:
             raise
@@ -49,14 +55,19 @@ def spin(kind: type[Any], args: list[str] | None = None) -> int:
         return command_line.USAGE_ERROR
     finally:
         if node is not None:
-            stop = getattr(node, 'stop', None)
-            if stop is not None:
-                stop()
+            _stop(node)
             node.destroy_node()
         rclpy.try_shutdown()
         gc.unfreeze()
         signals.ignore_ending()
     return 0
+
+
+def _stop(node: Node) -> None:
+    """Let a node end what it moves."""
+    stop = getattr(node, 'stop', None)
+    if stop is not None:
+        stop()
 
 
 def _spare_from_collection() -> None:

@@ -176,7 +176,7 @@ class ServoNode(ManagedNode):
             self._run.refuse(NO_CAMERA)
             return
         waits = self._state.phase is Phase.WAITING
-        trouble = self._admission.contested() if waits else ''
+        trouble = self._admission.contested() or self._camera.mount_trouble if waits else ''
         trouble = trouble or self._camera.distrusted(read.stamp_ns(message.header), self._state)
         if trouble:
             self._run.refuse(trouble)

@@ -2,17 +2,20 @@
 
 from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Twist as TwistMessage
 import pytest
+from rclpy.node import Node
 
 pytest.importorskip('test_msgs', reason='pip install ros-jazzy-test-msgs==2.0.3')
 
-from dock_requests import Client, drives, SERVED, served, Servo, started  # noqa: E402
+from dock_requests import Client, drives, Led, SERVED, served, Servo, started  # noqa: E402
 from fibonacci_wire import BY_POSE  # noqa: E402
 
 from visual_servo_epipolar.core.docking.task import Error, State  # noqa: E402
 from visual_servo_epipolar.core.servo.phases.table import Phase  # noqa: E402
 from visual_servo_epipolar.core.servo.state import ServoState  # noqa: E402
 from visual_servo_epipolar.messages import diagnostics  # noqa: E402
+from visual_servo_epipolar.nodes import qos  # noqa: E402
 
 
 @pytest.fixture
@@ -138,3 +141,19 @@ def test_an_end_of_the_node_stops_the_servo(bench, servo, client) -> None:
     drives(bench, servo, client)
     next(node for node in bench.nodes if node.get_name() == 'dock_node').stop()
     bench.until(lambda: servo.calls[-1] == 'stop', 'the servo to be stopped')
+
+
+def test_a_servo_that_commands_the_base_itself_cannot_dock_backward(bench) -> None:
+    it = Led(bench)
+    servo = bench.add(Node('servo_node', context=bench.context))
+    publisher = servo.create_publisher(TwistMessage, 'cmd_vel', qos.COMMAND)
+    bench.until(lambda: bench.probe.count_publishers('cmd_vel') == 2, 'the servo on cmd_vel')
+    _, result = it.client.ask()
+    assert it.client.outcome(result)[0] == GoalStatus.STATUS_ABORTED
+    assert not it.servo.calls
+    text = '/servo_node commands /cmd_vel itself, and dock_backwards is true'
+    bench.until(lambda: bool(bench.logged(text)), 'the reason')
+    servo.destroy_publisher(publisher)
+    bench.until(lambda: bench.probe.count_publishers('cmd_vel') == 1, 'the servo to be remapped')
+    it.docking()
+    it.client.close()

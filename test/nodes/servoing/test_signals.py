@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import ExitStack
+import os
 import signal
 import subprocess
 import sys
@@ -78,6 +79,23 @@ def test_a_servo_that_is_ended_stops_the_robot(stack: ExitStack, number: str) ->
     servo.bench.until(
         lambda: read.twist(servo.commands[-1]) == STANDSTILL, 'the last zero twist', END_SEC
     )
+
+
+def test_a_servo_that_is_suspended_stops_the_robot_first(stack: ExitStack) -> None:
+    servo = Process(stack)
+    servo.drive()
+    servo.process.send_signal(signal.SIGTSTP)
+    servo.bench.until(
+        lambda: read.twist(servo.commands[-1]) == STANDSTILL, 'the zero twist', END_SEC
+    )
+    assert os.waitid(os.P_PID, servo.process.pid, os.WSTOPPED).si_status == signal.SIGSTOP
+    servo.process.send_signal(signal.SIGCONT)
+    del servo.commands[:]
+    assert servo.bench.call('servo_node/reset').success  # it goes on, and drives by nobody's order
+    assert not servo._moves()
+    servo.process.send_signal(signal.SIGTERM)
+    _, said = servo.process.communicate(timeout=END_SEC)
+    assert (servo.process.returncode, 'Traceback' in said) == (0, False)
 
 
 def test_a_servo_started_by_nohup_outlives_its_terminal(stack: ExitStack) -> None:

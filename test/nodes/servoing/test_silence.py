@@ -1,5 +1,7 @@
 """Silence: outside of a run others may drive; in it the servo has the last word."""
 
+from dataclasses import replace
+
 import pytest
 from servo_rig import AWAY, GOAL, HandSetClock, Rig
 
@@ -84,6 +86,18 @@ def test_an_order_to_stop_is_repeated_for_a_second(bench) -> None:
     clock = rig.node._commands._steady = HandSetClock()
     count = len(rig.commands)
     rig.bench.call('servo_node/stop')
+    bench.until(lambda: len(rig.commands) >= count + 4, 'zero twists without any image')
+    assert rig.twists()[count:] == [STANDSTILL] * (len(rig.commands) - count)
+    clock.now_ns += 1_000_000_001
+    assert_watch_is_silent(rig)
+
+
+def test_an_order_to_begin_anew_that_stops_the_robot_is_repeated_as_well(bench) -> None:
+    rig = Rig(bench, stale_timeout=60.0).drive()
+    clock = rig.node._commands._steady = HandSetClock()
+    rig.node._use(replace(rig.node._settings, autostart=False))
+    count = len(rig.commands)
+    rig.bench.call('servo_node/reset')
     bench.until(lambda: len(rig.commands) >= count + 4, 'zero twists without any image')
     assert rig.twists()[count:] == [STANDSTILL] * (len(rig.commands) - count)
     clock.now_ns += 1_000_000_001

@@ -39,17 +39,21 @@ class Drive:
     sent: dict[int, float] = field(default_factory=dict)  # by stamp [ns], on the steady clock [s]
     latencies: list[float] = field(default_factory=list)  # image sent to twist received [s]
     moving: int = 0  # twists that are not zero
+    answered: list[int] = field(default_factory=list)  # stamps of the images, as answers came [ns]
 
     def __iadd__(self, other: 'Drive') -> 'Drive':
         self.sent |= other.sent
         self.latencies += other.latencies
         self.moving += other.moving
+        self.answered += other.answered
         return self
 
     def took(self, message: TwistStamped) -> None:
         """Take the answer to an image."""
-        sent = self.sent.get(read.stamp_ns(message.header))
+        stamp_ns = read.stamp_ns(message.header)
+        sent = self.sent.get(stamp_ns)
         if sent is not None:
+            self.answered.append(stamp_ns)
             self.latencies.append(time.monotonic() - sent)
             self.moving += bool(message.twist.linear.x or message.twist.angular.z)
 

@@ -12,7 +12,7 @@ from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
 
-REVERSED, STOP_TIMEOUT_S = 'cmd_vel_reversed', 0.2
+COMMANDS, REVERSED, STOP_TIMEOUT_S = 'cmd_vel', 'cmd_vel_reversed', 0.2
 
 
 class Reversal:
@@ -30,8 +30,25 @@ class Reversal:
         kind = TwistStamped if stamped else TwistMessage
         self._node, self._warn = node, warn
         self._stamped, self._base_frame = stamped, base_frame
-        self._pub = node.create_publisher(kind, 'cmd_vel', qos.COMMAND)
+        self._pub = node.create_publisher(kind, COMMANDS, qos.COMMAND)
         node.create_subscription(kind, REVERSED, self._turn_round, qos.COMMAND)
+
+    def bypassed(self, servo: str) -> str:
+        """
+        Return that the node ``servo`` commands the base itself, and what to do; or ''.
+
+        Nobody would turn its commands round: the robot would drive away from the dock.
+        """
+        servo = self._node.resolve_service_name(servo)
+        publishers = self._node.get_publishers_info_by_topic(COMMANDS)
+        names = {f'{item.node_namespace.rstrip("/")}/{item.node_name}' for item in publishers}
+        if servo not in names:
+            return ''
+        topic = self._node.resolve_topic_name(COMMANDS)
+        return (
+            f'{servo} commands {topic} itself, and dock_backwards is true: the robot would drive '
+            f'away from the dock; start it with -r cmd_vel:={REVERSED}'
+        )
 
     def stop(self) -> None:
         """Stop the base, and wait until the command is acknowledged."""

@@ -1,5 +1,6 @@
 """Action server of docking: hands goals to the servo as tasks of the core, one at a time."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -32,12 +33,18 @@ class DockServer:
     A goal that comes while another is under way supersedes it: the first one is aborted. The
     servo is stopped at every end but that at the dock. Goals are refused while the node is not
     active, in every state: so the server is made once, not each time the node is configured.
+    ``refusal`` returns why the robot cannot dock, or ''.
     """
 
     def __init__(
-        self, node: ManagedNode, wire: DockWire, servo: str, settings: DockTaskSettings
+        self,
+        node: ManagedNode,
+        wire: DockWire,
+        servo: str,
+        settings: DockTaskSettings,
+        refusal: Callable[[], str],
     ) -> None:
-        self.settings = settings
+        self.settings, self._refusal = settings, refusal
         self._node, self._wire = node, wire
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._goal: Any = None
@@ -85,8 +92,10 @@ class DockServer:
         request = self._wire.request(goal.request)
         self._node.get_logger().info(f'dock_robot: {request}')
         task = tasks.requested(request, self._now(), self.settings)
-        if not self._node.is_active:  # any more: the goal was accepted just before
-            task = replace(tasks.given_up(task, DEACTIVATED), orders=())
+        # Not active any more: the goal was accepted just before.
+        refusal = self._refusal() if self._node.is_active else DEACTIVATED
+        if refusal:
+            task = replace(tasks.given_up(task, refusal), orders=())
         self._follow(task)
         if self._servo.phase is not None and self._task is not None:
             self._on_phase(self._servo.phase, '')

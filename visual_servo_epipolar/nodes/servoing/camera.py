@@ -90,6 +90,11 @@ class ServoCamera:
             return settings
         return self.static_mount.taken(frame_id, settings)
 
+    @property
+    def mount_trouble(self) -> str:
+        """That /tf_static has a mount that cannot be used, so that no run may begin; or ''."""
+        return '' if self.static_mount is None else self.static_mount.trouble
+
     def unmounted(self, settings: ServoSettings) -> ServoSettings:
         """Return ``settings`` without the mount of /tf_static."""
         return settings if self.static_mount is None else self.static_mount.dropped(settings)

@@ -93,6 +93,8 @@ class Run:
 
     def reset(self) -> None:
         """Stand, and be ready for a new run."""
+        if self.state.command != HALT:
+            self._commands.stopped()
         self._halt()
         self._interrupt(Interruption.RESET)
 

@@ -1,6 +1,7 @@
-"""Signals that end a node: Ctrl-C, kill, a terminal that is closed, Ctrl-backslash."""
+"""Signals that end a node: Ctrl-C, kill, a terminal that is closed, Ctrl-backslash; and Ctrl-Z."""
 
 from collections.abc import Callable
+import os
 import signal
 
 ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
@@ -19,3 +20,14 @@ def ignore_ending() -> None:
     """Ignore these signals from now on: a second Ctrl-C finds nothing left to end."""
     for number in ENDING:
         signal.signal(number, signal.SIG_IGN)
+
+
+def on_suspending(action: Callable[[], None]) -> None:
+    """Let ``action`` be called in place of what Ctrl-Z does: it stops a node, not the robot."""
+    if signal.getsignal(signal.SIGTSTP) is not signal.SIG_IGN:
+        signal.signal(signal.SIGTSTP, lambda *_: action())
+
+
+def suspend() -> None:
+    """Suspend this process, until SIGCONT."""
+    os.kill(os.getpid(), signal.SIGSTOP)

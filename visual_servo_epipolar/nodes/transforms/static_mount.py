@@ -34,12 +34,14 @@ class StaticMount:
     """
     Keeps the static transforms of a robot, and knows from them how its camera is mounted.
 
-    Without tf2_msgs it says so, and nothing is known. What cannot be used is said by ``warn``.
+    Without tf2_msgs it says so, and nothing is known. What cannot be used is said by ``warn``;
+    ``trouble`` tells of a mount that is known and cannot be used, '' where there is none: who
+    drives all the same takes the camera for one that looks ahead.
     """
 
     def __init__(self, node: Node, base_frame: str, warn: Callable[[str], None]) -> None:
         self._base, self._log, self._warn = base_frame, node.get_logger(), warn
-        self._taken = False
+        self._taken, self.trouble = False, ''
         self._parents: dict[str, tuple[str, Transform]] = {}
         kind = transforms.tf_message_class()
         if kind is None:
@@ -57,13 +59,18 @@ class StaticMount:
 
     def taken(self, camera_frame: str, settings: MountedT) -> MountedT:
         """Return ``settings`` with what is said of the mount of a camera, where they tell none."""
+        self.trouble = ''
         if settings.mount_is_told:
             return settings
         try:
             mount = self.of(camera_frame)
             told = settings if mount is None else settings.mounted(mount)
         except ValueError as error:
-            self._warn(f'the mount of {camera_frame} in /tf_static is not used: {error}')
+            self.trouble = (
+                f'the mount of {camera_frame} in /tf_static cannot be used: {error}; or say '
+                'mount_from_tf: false, and the mount by the camera_ settings'
+            )
+            self._warn(self.trouble)
             return settings
         if mount is not None:
             self._taken = True

@@ -20,6 +20,7 @@ RESIDUAL_OFFSET = 1e-3  # at the end of line following [m]
 LARGEST_ESCAPE = 0.1  # [rad]
 FRAME_S = 0.1  # duration of the shortest turn: one command, at the usual frame rate
 LONGEST_WAY = 1.5  # in upper bounds of the distance
+LEADING_AWAY = 3.0  # what a law without retreat may drive backward, in that of others
 LEAST_FIRST = 0.5  # distance that a ratio of distances refers to at least [m]
 ARRIVAL_OFFSET = 2e-3  # of who has arrived, by a memory of views [m]
 LEAST_OFFSET, LEAST_HEADING = 1e-4, 5e-5  # that a memory of views bothers about [m], [rad]
@@ -193,13 +194,14 @@ def astray(state: ServoState, measurement: Measurement, settings: ServoSettings)
     """
     Return in words that the robot is farther from the goal than its run may lead it.
 
-    What is driven backward has a bound of its own, over all phases and attempts. In steps 1 and 2
-    of a law that spirals inwards the distance never grows, and no way is longer than its upper
-    bound allows.
+    What is driven backward has a bound of its own, over all phases and attempts; laws without
+    retreat, whose first step may lead away by itself, have a wider one. In steps 1 and 2 of a law
+    that spirals inwards the distance never grows, and no way is longer than its upper bound
+    allows.
     """
     name, law = state.phase.value, settings.options
-    backward = _backward(state, settings)
-    if backward > settings.max_retreat:
+    backward, wider = state.reversed, 1.0 if law.retreat else LEADING_AWAY
+    if backward > wider * settings.max_retreat:
         return f'drove {backward:.1f} m backward in this run (max_retreat), still {name}'
     spirals = law.discordant_turn and law.retreat  # laws without lead away first
     if not spirals or state.phase not in (Phase.ZEROING_EPIPOLES, Phase.MATCHING_FEATURES):
@@ -211,17 +213,6 @@ def astray(state: ServoState, measurement: Measurement, settings: ServoSettings)
     if settings.max_excursion == 0.0 or ratio <= settings.max_excursion:
         return ''
     return f'{name} leads away from the goal: {ratio:.1f} times the distance (max_excursion)'
-
-
-def _backward(state: ServoState, settings: ServoSettings) -> float:
-    """
-    Return what was driven backward [m] and counts.
-
-    It is all of the run, but for laws that lead away by themselves: of theirs a retreat alone.
-    """
-    if settings.options.retreat:
-        return state.reversed
-    return -state.travel if state.phase is Phase.RETREATING else 0.0
 
 
 def _excursion(state: ServoState, measurement: Measurement) -> float:
