@@ -18,3 +18,10 @@ def test_a_servo_whose_terminal_is_closed_leaves_the_robot_at_rest_under_nohup_t
         signal.signal(signal.SIGHUP, before)
     assert result['verdict'] == 'at rest', result['charges']
     assert result['phase'] == 'waiting'
+
+
+@pytest.mark.alone
+def test_a_servo_that_is_suspended_leaves_the_robot_at_rest() -> None:
+    """The base does not stop by itself here: the servo must, before it sleeps."""
+    result = runs.run('process_suspend_servo', PROCESSES['process_suspend_servo'], 0)
+    assert result['verdict'] == 'at rest', result['charges']

@@ -83,7 +83,7 @@ def _team(
     arguments = {
         node: [word for text in more.get(node, ()) for word in ('-p', text)] for node in NODES
     }
-    if fault.signal in signals.ENDING:
+    if fault.signal in (*signals.ENDING, signal.SIGTSTP):
         # What this process ignores, as nohup has it, its children would ignore as well.
         stack.callback(signal.signal, fault.signal, signal.signal(fault.signal, signal.SIG_DFL))
     return started(stack, arguments, folder, logs=True)

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import signal
 from types import MappingProxyType
 
+SUSPENDING = (signal.SIGSTOP, signal.SIGTSTP)
 NODES = ('servo_node', 'tracker_node', 'camera_node', 'unicycle_node')
 
 
@@ -33,13 +34,15 @@ KINDS: Mapping[str, tuple[signal.Signals, str]] = MappingProxyType(
         'hangup': (signal.SIGHUP, 'SIGHUP, as of a terminal that is closed'),
         'quit': (signal.SIGQUIT, 'SIGQUIT'),
         'interrupt': (signal.SIGINT, 'SIGINT'),
+        'terminate': (signal.SIGTERM, 'SIGTERM'),
         'stop': (signal.SIGSTOP, 'SIGSTOP, and SIGCONT later or never'),
+        'suspend': (signal.SIGTSTP, 'SIGTSTP, as of Ctrl-Z, and SIGCONT later or never'),
     }
 )
 PROCESSES: Mapping[str, ProcessFault] = MappingProxyType(
     {
         f'process_{kind}_{node.removesuffix("_node")}': ProcessFault(
-            f'{words}, process of {node}', node, number, number is signal.SIGSTOP
+            f'{words}, process of {node}', node, number, number in SUSPENDING
         )
         for kind, (number, words) in KINDS.items()
         for node in NODES
