@@ -22,7 +22,7 @@ def at_truth(drive: Trial, views: int = 14) -> Evaluation:
         window = window.with_view(drive.sightings(k), drive.scale * drive.views[k, :2])
     # Depths along the ray that the photograph shows: without noise, the truth.
     near = 1.0 / np.linalg.norm(drive.features[window.ids], axis=1)
-    shared = np.concatenate([drive.attitude, np.zeros(2)])
+    shared = np.concatenate([drive.attitude, np.zeros(3)])
     unknowns = Unknowns(drive.views[:views], shared, np.zeros((2, len(near))), near)
     return Evaluation(
         window, unknowns, np.ones(len(near), bool), factors_of(drive.mount, window, 0.05)

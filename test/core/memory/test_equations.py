@@ -25,7 +25,7 @@ def moved(exact, seed=0):
     count = len(at.nearness)
     unknowns = Unknowns(
         at.views + 1e-3 * rng.normal(size=at.views.shape),
-        at.shared + 1e-3 * rng.normal(size=4),
+        at.shared + 1e-3 * rng.normal(size=5),
         at.offsets + 0.5 * rng.normal(size=(2, count)),
         at.nearness * (1.0 + 1e-3 * rng.normal(size=count)),
     )
@@ -35,13 +35,13 @@ def moved(exact, seed=0):
 def whole(at):
     """Return matrix and vector of all unknowns at once, features behind the others."""
     views, count = at.window.seen.shape
-    size = 5 * views + 4
+    size = 5 * views + 5
     jacobian = np.zeros((views, 2, count, size + 3 * count))
     found = projection.slopes(at.structure, at.unknowns.views, at.window.sides, at.projection)
     for k in range(views):
         for n in range(count):
             jacobian[k, :, n, 5 * k : 5 * k + 5] = found[k, :5, :, n].T
-            jacobian[k, :, n, size - 4 : size - 2] = found[k, 8:, :, n].T
+            jacobian[k, :, n, size - 5 : size - 2] = found[k, 8:, :, n].T
             jacobian[k, :, n, size + 3 * n : size + 3 * n + 3] = found[k, 5:8, :, n].T
     root = np.sqrt(at.weight)[:, None, :, None]
     rows = (root * jacobian).reshape(-1, jacobian.shape[-1])

@@ -10,12 +10,12 @@ from visual_servo_epipolar.core.memory import projection
 from visual_servo_epipolar.core.memory.factors import Factors
 from visual_servo_epipolar.core.memory.projection import (
     BY_FEATURE,
-    BY_PHOTOGRAPH,
+    BY_SHARED,
     BY_VIEW,
     Projection,
     Structure,
 )
-from visual_servo_epipolar.core.memory.window import SHARED, Unknowns, VIEW, Window
+from visual_servo_epipolar.core.memory.window import MOUNT, SHARED, Unknowns, VIEW, Window
 
 OUTLIER = 9.0  # square from which residuals count less, as one in a hundred true ones does
 LEAST_INFORMATION = 1e-4  # of an inverse depth that nothing shows [m^2]
@@ -79,7 +79,7 @@ class Evaluation:
 
 class System(NamedTuple):
     """
-    Normal equations of views and shared unknowns, D = 5 K + 4, and what features follow by.
+    Normal equations of views and shared unknowns, D = 5 K + 5, and what features follow by.
 
     ``roots``, (N, 3, 3), times their transposes are the inverted blocks of features, ``coupled``,
     (N, 3, D), the transposed roots times their coupling, ``gradient``, (N, 3), likewise.
@@ -104,7 +104,7 @@ def system_of(at: Evaluation) -> System:
     found = projection.slopes(at.structure, at.unknowns.views, window.sides, at.projection)
     found *= root[:, None, None]
     found[:, BY_VIEW] *= at.trusted
-    found[:, BY_PHOTOGRAPH] *= at.trusted
+    found[:, BY_SHARED] *= at.trusted
     residuals = root[:, None] * at.projection.residuals
     own = found[:, BY_FEATURE]
     products = (
@@ -137,26 +137,26 @@ def _eliminated(at: Evaluation, products: FloatArray, size: int) -> tuple[FloatA
     by_view = coupling[..., : VIEW * views].reshape(count, 3, views, VIEW)
     by_view[...] = products[:, :, BY_VIEW].transpose(3, 1, 0, 2)
     coupling[..., : VIEW * views] = by_view.reshape(count, 3, -1)
-    coupling[..., VIEW * views : -2] = products[:, :, BY_PHOTOGRAPH].sum(0).transpose(2, 0, 1)
+    coupling[..., VIEW * views : -2] = products[:, :, BY_SHARED].sum(0).transpose(2, 0, 1)
     return roots, np.asarray(roots.swapaxes(1, 2) @ coupling)
 
 
 def _whole(found: FloatArray, residuals: FloatArray, size: int) -> tuple[FloatArray, FloatArray]:
-    """Return equations of views and the photograph before features are eliminated."""
+    """Return equations of views and of what all share before features are eliminated."""
     views = len(found)
     rows = found.reshape(views, projection.UNKNOWNS, -1)
     products = rows @ rows.swapaxes(1, 2)
     pulls = (rows @ residuals.reshape(views, -1, 1))[..., 0]
     matrix, vector = np.zeros((size, size)), np.zeros(size)
-    both = slice(VIEW * views, VIEW * views + 2)
+    both = slice(VIEW * views, VIEW * views + MOUNT.start)
     for k in range(views):
         own = slice(VIEW * k, VIEW * (k + 1))
         matrix[own, own] = products[k, BY_VIEW, BY_VIEW]
-        matrix[own, both] = products[k, BY_VIEW, BY_PHOTOGRAPH]
-        matrix[both, own] = products[k, BY_PHOTOGRAPH, BY_VIEW]
-    matrix[both, both] = products[:, BY_PHOTOGRAPH, BY_PHOTOGRAPH].sum(0)
+        matrix[own, both] = products[k, BY_VIEW, BY_SHARED]
+        matrix[both, own] = products[k, BY_SHARED, BY_VIEW]
+    matrix[both, both] = products[:, BY_SHARED, BY_SHARED].sum(0)
     vector[: VIEW * views] = pulls[:, BY_VIEW].ravel()
-    vector[both] = pulls[:, BY_PHOTOGRAPH].sum(0)
+    vector[both] = pulls[:, BY_SHARED].sum(0)
     return matrix, vector
 
 

@@ -1,4 +1,4 @@
-"""Factors beside the images: what the mount and the floor do to attitudes, and the scale."""
+"""Factors beside the images: what mount and floor do to attitudes, the lens, and the scale."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -9,7 +9,9 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.memory.window import (
+    LENS,
     MOUNT,
+    PHOTOGRAPH,
     SHARED,
     TILT,
     Unknowns,
@@ -21,6 +23,7 @@ LEAST_JITTER = 1e-4  # [rad]
 UNKNOWN_SCALE = 1.0  # deviation of the logarithm of a scale that nobody told
 LAG = 0.02  # way by which a base may be behind its commands [m]
 LEAST_WAY = 1e-9  # [m]
+LENS_DEVIATION = 0.03  # of the logarithm of a focal length that somebody measured
 LEAST_PLACE = 1e-6  # information of a view that features tell nothing of [1/m^2]
 
 
@@ -32,17 +35,19 @@ class Factors:
     ``mount`` is the belief of the camera's attitude: that of each view, and of the photograph,
     differs from it by what the floor does (``mount.jitter``). The scale is one number: the ``way``
     from keyframe to keyframe as it was told [m] against that of the geometry, to
-    ``scale_deviation``. Images tell nothing of it, so it tells nothing but itself.
+    ``scale_deviation``. Images tell nothing of it, so it tells nothing but itself. The logarithm
+    of the focal length is known to ``lens_deviation``.
     """
 
     mount: Attitude
     views: int
     way: float
     scale_deviation: float
+    lens_deviation: float = LENS_DEVIATION
 
     @cached_property
     def information(self) -> FloatArray:
-        """Information of all attitudes, (5 K + 4, 5 K + 4), and hardly any of places."""
+        """Information of all attitudes, (5 K + 5, 5 K + 5), and hardly any of places."""
         size = VIEW * self.views + SHARED
         matrix = LEAST_PLACE * np.eye(size)
         jitter = max(self.mount.jitter, LEAST_JITTER) ** -2
@@ -54,6 +59,8 @@ class Factors:
             matrix[each, mount] = matrix[mount, each] = -jitter
             matrix[mount, mount] = jitter * len(each)
         matrix[-2:, -2:] += np.linalg.inv(self.mount.covariance)
+        lens = size - SHARED + LENS
+        matrix[lens, lens] = self.lens_deviation**-2
         return matrix
 
     def _offset(self, unknowns: Unknowns) -> FloatArray:
@@ -62,7 +69,7 @@ class Factors:
         views, shared = np.zeros((self.views, VIEW)), unknowns.shared.copy()
         views[:, TILT:] = unknowns.views[:, TILT:] - mean
         shared[MOUNT] -= mean
-        shared[: MOUNT.start] -= mean
+        shared[PHOTOGRAPH] -= mean
         return np.concatenate([views.ravel(), shared])
 
     def _scale(self, unknowns: Unknowns) -> tuple[float, FloatArray, float]:
@@ -88,7 +95,7 @@ class Factors:
         return float(offset @ self.information @ offset) + residual * residual
 
     def equations(self, unknowns: Unknowns) -> tuple[FloatArray, FloatArray]:
-        """Return matrix, (5 K + 4, 5 K + 4), and vector of the normal equations."""
+        """Return matrix, (5 K + 5, 5 K + 5), and vector of the normal equations."""
         vector = self.information @ self._offset(unknowns)
         residual, directions, whole = self._scale(unknowns)
         by_view = np.zeros((self.views, VIEW))

@@ -20,7 +20,14 @@ from visual_servo_epipolar.core.memory.projection import (
 )
 from visual_servo_epipolar.core.memory.refinement import Geometry, refined
 from visual_servo_epipolar.core.memory.resection import Anchors, fitted, Seen, USUAL_MEDIAN
-from visual_servo_epipolar.core.memory.window import SHARED, Unknowns, VIEW, Window
+from visual_servo_epipolar.core.memory.window import (
+    MOUNT,
+    PHOTOGRAPH,
+    SHARED,
+    Unknowns,
+    VIEW,
+    Window,
+)
 
 STEPS, MORE_STEPS, ROUNDS = 2, 6, 6
 ALMOST = 1.5  # times the usual squares: as good as there
@@ -147,9 +154,7 @@ def _resected_views(window: Window, start: Start, starts: Sequence[Start]) -> Un
     views[:, 2], views[:, 3:] = heading, attitude
     views[start.view, :2] = np.cos(psi), np.sin(psi)
     count = len(window.ids)
-    unknowns = Unknowns(
-        views, np.tile(attitude, SHARED // 2), np.zeros((2, count)), np.ones(count)
-    )
+    unknowns = Unknowns(views, _shared(attitude), np.zeros((2, count)), np.ones(count))
     near = triangulated(window, unknowns, np.arange(len(window)) == start.view)
     unknowns = Unknowns(views, unknowns.shared, unknowns.offsets, near)
     structure = structure_of(window.photograph, window.tangents, unknowns)
@@ -171,6 +176,13 @@ def _resected_views(window: Window, start: Start, starts: Sequence[Start]) -> Un
     return Unknowns(views, unknowns.shared, unknowns.offsets, every)
 
 
+def _shared(attitude: FloatArray) -> FloatArray:
+    """Return the shared unknowns of a camera at an attitude, (2,), on an even floor."""
+    shared = np.zeros(SHARED)
+    shared[PHOTOGRAPH] = shared[MOUNT] = attitude
+    return shared
+
+
 def placed(near: FloatArray, told: Bearings | None) -> FloatArray:
     """Return where a view may be that is as far off as one ``near``, by what it was ``told``."""
     view = near.copy()
@@ -189,7 +201,7 @@ def triangulated(window: Window, unknowns: Unknowns, views: BoolArray) -> FloatA
     # r = (s . R ray - near s . R place), in deviations where all is far off.
     far = projected(flat, chosen, sides).residuals
     moved = structure._replace(rays=0.0 * structure.rays, nearness=np.ones(len(window.ids)))
-    places = turns_of(chosen) @ points_of(moved, chosen)
+    places = turns_of(chosen, structure.stretch) @ points_of(moved, chosen)
     by_near = (sides * places[:, None]).sum(2)
     weight = window.seen[views][:, None]
     told = (weight * by_near * by_near).sum((0, 1))

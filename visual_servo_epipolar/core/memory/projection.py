@@ -1,5 +1,6 @@
 """Projection of features into views: residuals in deviations, and their derivatives."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -7,6 +8,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.memory.window import (
     HEADING,
+    LENS,
     PHOTOGRAPH,
     ROLL,
     TILT,
@@ -15,8 +17,9 @@ from visual_servo_epipolar.core.memory.window import (
     Y,
 )
 
-BY_VIEW, BY_FEATURE, BY_PHOTOGRAPH = slice(0, 5), slice(5, 8), slice(8, 10)
-UNKNOWNS = 10  # x, y, heading, tilt, roll; two offsets, nearness; tilt, roll of the photograph
+# x, y, heading, tilt, roll; two offsets, nearness; tilt and roll of the photograph, lens.
+BY_VIEW, BY_FEATURE, BY_SHARED = slice(0, 5), slice(5, 8), slice(8, 11)
+UNKNOWNS = 11
 OPPOSITE = 1e12  # square of a residual of what would lie behind its ray
 
 # d/dh R(h)^T = R^T @ TURN, d/dr Z(r)^T = LEAN @ Z^T, d/dt X(t)^T = NOD @ X^T.
@@ -26,11 +29,17 @@ NOD = np.array([[0.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 
 
 class Structure(NamedTuple):
-    """Features in upright axes of the photograph: ``rays``, (3, N), and by unknowns, (3, 4, N)."""
+    """
+    Features in upright axes of the photograph: ``rays``, (3, N), and by unknowns, (3, 5, N).
+
+    ``stretch`` is the focal length over the one that was told: by so much farther from the centre
+    of the image a camera sees them.
+    """
 
     rays: FloatArray
-    slopes: FloatArray  # by two offsets, tilt and roll of the photograph
+    slopes: FloatArray  # by two offsets, tilt and roll of the photograph, lens
     nearness: FloatArray
+    stretch: float = 1.0
 
 
 class Projection(NamedTuple):
@@ -38,7 +47,7 @@ class Projection(NamedTuple):
     Features in views: directions, (K, 3, N), at a length, (K, N), of points over their depths.
 
     ``residuals``, (K, 2, N), are in deviations; ``turns``, (K, 3, 3), lead from upright axes of
-    the photograph to those of cameras.
+    the photograph to those of cameras, with the stretch of the image.
     """
 
     points: FloatArray
@@ -52,15 +61,18 @@ def structure_of(photograph: FloatArray, tangents: FloatArray, unknowns: Unknown
     tilt, roll = unknowns.shared[PHOTOGRAPH].tolist()
     upright = _to_camera(np.array([tilt]), np.array([roll]))[0].T
     offsets = unknowns.offsets
+    stretch = math.exp(unknowns.shared[LENS])
     # Camera, then its offsets: what the photograph shows, moved across.
-    own = photograph.T + tangents[0] * offsets[0] + tangents[1] * offsets[1]
+    seen = photograph.T / np.array([[stretch], [stretch], [1.0]])
+    own = seen + tangents[0] * offsets[0] + tangents[1] * offsets[1]
+    inward = -upright[:, :2] @ seen[:2]
     rolled = LEAN.T @ own
     tilted = NOD.T @ (upright @ own)
     # upright = X Z, d/dr = X Z' = X Z LEAN^T, d/dt = X' Z = NOD^T X Z.
     slopes = np.stack(
-        [upright @ tangents[0], upright @ tangents[1], tilted, upright @ rolled], axis=1
+        [upright @ tangents[0], upright @ tangents[1], tilted, upright @ rolled, inward], axis=1
     )
-    return Structure(upright @ own, slopes, unknowns.nearness)
+    return Structure(upright @ own, slopes, unknowns.nearness, stretch)
 
 
 def _to_camera(tilt: FloatArray, roll: FloatArray) -> FloatArray:
@@ -73,13 +85,19 @@ def _to_camera(tilt: FloatArray, roll: FloatArray) -> FloatArray:
     return turns
 
 
-def turns_of(views: FloatArray) -> FloatArray:
-    """Return the rotations from upright axes of the photograph to axes of cameras, (K, 3, 3)."""
+def turns_of(views: FloatArray, stretch: float = 1.0) -> FloatArray:
+    """
+    Return what leads from upright axes of the photograph to those of cameras, (K, 3, 3).
+
+    Rotations, and the ``stretch`` of the image.
+    """
     cosine, sine = np.cos(views[:, HEADING]), np.sin(views[:, HEADING])
     back = np.zeros((len(views), 3, 3))
     back[:, 0, 0] = back[:, 2, 2] = cosine
     back[:, 0, 2], back[:, 2, 0], back[:, 1, 1] = sine, -sine, 1.0
-    return np.asarray(_to_camera(views[:, TILT], views[:, ROLL]) @ back)
+    turns = _to_camera(views[:, TILT], views[:, ROLL]) @ back
+    turns[:, :2] *= stretch
+    return np.asarray(turns)
 
 
 def points_of(structure: Structure, views: FloatArray) -> FloatArray:
@@ -92,7 +110,7 @@ def points_of(structure: Structure, views: FloatArray) -> FloatArray:
 
 def projected(structure: Structure, views: FloatArray, sides: FloatArray) -> Projection:
     """Project features into ``views``, (K, 5), whose rays have ``sides``, (K, 2, 3, N)."""
-    turns = turns_of(views)
+    turns = turns_of(views, structure.stretch)
     points = turns @ points_of(structure, views)
     length = np.sqrt((points * points).sum(1))
     residuals = _along(sides, points) / length[:, None]
@@ -102,7 +120,7 @@ def projected(structure: Structure, views: FloatArray, sides: FloatArray) -> Pro
 def slopes(
     structure: Structure, views: FloatArray, sides: FloatArray, projection: Projection
 ) -> FloatArray:
-    """Return the derivatives of residuals by the ten unknowns of each, (K, 10, 2, N)."""
+    """Return the derivatives of residuals by the unknowns of each, (K, 11, 2, N)."""
     points, length, residuals, turns = projection
     moves = _moves(structure, views, points, turns)
     # Of a point to the direction in which it lies: only what is across counts.
@@ -117,23 +135,25 @@ def slopes(
 def _moves(
     structure: Structure, views: FloatArray, points: FloatArray, turns: FloatArray
 ) -> FloatArray:
-    """Return how points move by the ten unknowns, in axes of cameras, (K, 10, 3, N)."""
+    """Return how points move by the unknowns of each, in axes of cameras, (K, 11, 3, N)."""
     near = structure.nearness
     count, size = points.shape[0], points.shape[-1]
     moves = np.empty((count, UNKNOWNS, 3, size))
     right, ahead = turns[:, :, 0, None], turns[:, :, 2, None]
     moves[:, X], moves[:, Y] = -near * right, -near * ahead
     lean = turns_of_roll(views)
+    stretch = np.array([structure.stretch, structure.stretch, 1.0])
     turning = np.empty((count, 3, 3, 3))
-    turning[:, 0] = turns @ TURN @ turns.swapaxes(1, 2)
-    turning[:, 1] = lean @ NOD @ lean.swapaxes(1, 2)
+    turning[:, 0] = turns @ TURN @ (turns / stretch[:, None] ** 2).swapaxes(1, 2)
+    turning[:, 1] = lean @ NOD @ lean.swapaxes(1, 2) * (stretch[:, None] / stretch)
     turning[:, 2] = LEAN
     moves[:, HEADING : ROLL + 1] = (turning.reshape(count, 9, 3) @ points).reshape(
         count, 3, 3, size
     )
-    others = (turns @ structure.slopes.reshape(3, -1)).reshape(count, 3, 4, size)
+    others = (turns @ structure.slopes.reshape(3, -1)).reshape(count, 3, 5, size)
     others = others.swapaxes(1, 2)
-    moves[:, 5:7], moves[:, BY_PHOTOGRAPH] = others[:, :2], others[:, 2:]
+    moves[:, 5:7], moves[:, BY_SHARED] = others[:, :2], others[:, 2:]
+    moves[:, 10, :2] += points[:, :2]
     moves[:, 7] = -(views[:, X, None, None] * right + views[:, Y, None, None] * ahead)
     return moves
 

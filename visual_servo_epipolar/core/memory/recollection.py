@@ -98,5 +98,5 @@ class Recollection:
 
 def seen_rays(structure: Structure, pose: FloatArray) -> FloatArray:
     """Return the unit rays, (M, 3), at which a view at ``pose``, (5,), sees features."""
-    points = (turns_of(pose[None]) @ points_of(structure, pose[None]))[0]
+    points = (turns_of(pose[None], structure.stretch) @ points_of(structure, pose[None]))[0]
     return np.asarray((points / np.sqrt((points * points).sum(0))).T)

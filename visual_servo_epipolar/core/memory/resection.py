@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.memory.equations import OUTLIER, robust_weight
 from visual_servo_epipolar.core.memory.factors import LEAST_JITTER
 from visual_servo_epipolar.core.memory.projection import (
     BY_FEATURE,
-    BY_PHOTOGRAPH,
+    BY_SHARED,
     BY_VIEW,
     is_ahead,
     OPPOSITE,
@@ -59,8 +59,10 @@ class Anchors:
 
     def of(self, rows: IntArray) -> 'Anchors':
         """Return the anchors of these features alone."""
-        rays, by_unknowns, nearness = self.structure
-        structure = Structure(rays[:, rows], by_unknowns[..., rows], nearness[rows])
+        rays, by_unknowns, nearness, _ = self.structure
+        structure = Structure(
+            rays[:, rows], by_unknowns[..., rows], nearness[rows], self.structure.stretch
+        )
         covariance = self.covariance[..., rows]
         return Anchors(structure, covariance, self.attitude, self.deviation)
 
@@ -207,7 +209,7 @@ def _whitening(
     whiten[:, 0, 0], whiten[:, 1, 1] = weight / root, weight / rest
     whiten[:, 1, 0] = -b / (1.0 + a) * whiten[:, 1, 1]
     shared = own @ geometry.feature_roots[seen.rows]
-    shared += found[BY_PHOTOGRAPH].transpose(2, 1, 0) @ geometry.root[-SHARED:-2]
+    shared += found[BY_SHARED].transpose(2, 1, 0) @ geometry.root[-SHARED:-2]
     return np.asarray(whiten), shared
 
 

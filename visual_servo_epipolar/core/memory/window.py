@@ -12,9 +12,9 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.core.memory.sightings import sides_of, Sightings
 
-VIEW, SHARED = 5, 4  # unknowns of a view; of all: tilt, roll of the photograph and of the mount
+VIEW, SHARED = 5, 5  # unknowns of a view; of all: tilt, roll of the photograph, lens, the mount's
 X, Y, HEADING, TILT, ROLL = range(VIEW)
-PHOTOGRAPH, MOUNT = slice(0, 2), slice(2, 4)  # of the shared unknowns
+PHOTOGRAPH, LENS, MOUNT = slice(0, 2), 2, slice(3, 5)  # of the shared unknowns
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,8 +129,9 @@ class Unknowns:
     Values of all unknowns.
 
     ``views``, (K, 5): x (right) and y (ahead) of the camera in the plane of the photograph's [m],
-    heading error (left positive), tilt and roll [rad]; ``shared``, (4,): tilt and roll of the
-    photograph, and of the camera where the floor is even; ``offsets``, (2, N), of the photograph's
+    heading error (left positive), tilt and roll [rad]; ``shared``, (5,): tilt and roll of the
+    photograph, the logarithm of the focal length over the one that was told, tilt and roll of the
+    camera where the floor is even; ``offsets``, (2, N), of the photograph's
     rays in deviations; ``nearness``, (N,), inverse depths along them [1/m].
     """
 
@@ -140,7 +141,7 @@ class Unknowns:
     nearness: FloatArray
 
     def moved(self, step: FloatArray, features: FloatArray) -> 'Unknowns':
-        """Return the unknowns after a ``step``, (5 K + 4,), and that of ``features``, (3, N)."""
+        """Return the unknowns after a ``step``, (5 K + 5,), and that of ``features``, (3, N)."""
         return Unknowns(
             self.views + step[:-SHARED].reshape(-1, VIEW),
             self.shared + step[-SHARED:],

@@ -89,10 +89,12 @@ def _is_enough(observation: Observation, settings: ServoSettings) -> bool:
 
 
 def _reading(said: Recollection, observation: Observation) -> Reading | None:
-    """Return what is said, with D over the remembered features that are in view."""
+    """Return what is said, with D over the remembered features in view but wrong matches."""
     if said.reason or observation.ids is None:
         return None
     _, rows, seen = np.intersect1d(
         said.ids, observation.ids, assume_unique=True, return_indices=True
     )
+    trusted = ~np.isin(said.ids[rows], said.dropped)
+    rows, seen = rows[trusted], seen[trusted]
     return reading_of(said, observation.desired[seen], said.nearness[rows], wide=observation.wide)

@@ -38,6 +38,9 @@ def updated(
     """Return the state updated by a ``perception`` ``dt`` [s] after the last, unclassified."""
     previous, measurement = state.measurement, perception.measurement
     driven = _driven(state, dt, settings)
+    motion = Motion(driven, state.twist.angular * dt)
+    views, reading = remembered(state.views, perception, motion, settings)
+    measurement = sharpened(measurement, reading, settings)
     extrinsics = learnt(
         state.extrinsics or settings.extrinsics,
         measurement,
@@ -45,12 +48,8 @@ def updated(
         missed=state.attempts > 1 or state.restarts >= MANY_RESTARTS,
     )
     if extrinsics.contradicts:
-        perception = _disproved(perception, settings)
+        perception, views = _disproved(perception, settings), Remembered()
         measurement, extrinsics = perception.measurement, settings.extrinsics
-        state = changed(state, views=Remembered())
-    motion = Motion(driven, state.twist.angular * dt)
-    views, reading = remembered(state.views, perception, motion, settings)
-    measurement = sharpened(measurement, reading, settings)
     measurement = _of_the_axle(measurement, extrinsics)
     bias = _rotation_bias(state, measurement)
     measurement = _without_bias(measurement, bias)
@@ -239,7 +238,13 @@ def _desired_rate(state: ServoState, measurement: Measurement, dt: float) -> flo
 
 
 def _slope(state: ServoState, measurement: Measurement, dt: float) -> Slope:
-    """Return the slope of D, updated by the last command for ``dt`` [s] in step 2."""
+    """
+    Return the slope of D, updated by the last command for ``dt`` [s] in step 2.
+
+    A memory of views knows it: of the features that are in view, which come and go.
+    """
+    if measurement.difference_slope > 0.0:
+        return replace(state.slope, value=measurement.difference_slope)
     if state.phase is not Phase.MATCHING_FEATURES or state.measurement is None:
         return state.slope
     return state.slope.updated(
