@@ -10,7 +10,7 @@ import pytest
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.core.memory.reading import difference_slope, fused, reading_of
+from visual_servo_epipolar.core.memory.reading import difference_slope, reading_of
 from visual_servo_epipolar.core.memory.recollection import Recollection
 from visual_servo_epipolar.core.perception.measures import feature_difference
 
@@ -90,51 +90,3 @@ def test_a_reading_tells_offsets_in_depths_whatever_the_scale() -> None:
     assert one.difference < 0.0  # behind the goal
     assert one.parallax == pytest.approx(other.parallax)
     assert one.own == pytest.approx(tuple(np.sqrt(0.5 * np.diag(COVARIANCE)[:3])))
-
-
-def covariances():
-    """Return covariances of two angles."""
-    size = st.floats(1e-3, 1.0)
-    return st.builds(
-        lambda a, b, r: np.array([[a * a, r * a * b], [r * a * b, b * b]]),
-        size,
-        size,
-        st.floats(-0.9, 0.9),
-    )
-
-
-@given(one=covariances(), other=covariances(), change=st.floats(-0.5, 0.5))
-@settings(max_examples=60, deadline=None)
-def test_the_fused_estimate_is_never_surer_than_both_could_be(one, other, change) -> None:
-    mean, covariance = fused((np.zeros(2), one), (np.full(2, change), other))
-    for correlation in (0.0, 0.9):
-        # Covariance of the weighted mean, were the two so correlated.
-        root, root_2 = np.linalg.cholesky(one), np.linalg.cholesky(other)
-        information = np.linalg.inv(one), np.linalg.inv(other)
-        trust = 1.0 / np.trace(one), 1.0 / np.trace(other)
-        share = trust[1] / sum(trust)
-        weights = (1 - share) * covariance @ information[0], share * covariance @ information[1]
-        cross = correlation * weights[0] @ root @ root_2.T @ weights[1].T
-        true = weights[0] @ one @ weights[0].T + weights[1] @ other @ weights[1].T
-        true += cross + cross.T
-        assert np.linalg.eigvalsh(covariance - true).min() > -1e-9 * np.trace(covariance)
-    assert np.isfinite(mean).all()
-
-
-def test_the_change_from_one_estimate_to_the_other_is_without_a_jump() -> None:
-    one = np.zeros(2), np.diag([1e-4, 1e-4])
-    ratios = np.geomspace(1e-3, 1e3, 61)
-    means = [
-        fused(one, (np.array([0.02, 0.02]), np.diag([1e-4, 1e-4]) * ratio))[0][0]
-        for ratio in ratios
-    ]
-    assert means[0] == pytest.approx(0.02, rel=1e-2)
-    assert means[-1] == pytest.approx(0.0, abs=2e-4)
-    assert np.abs(np.diff(means)).max() < 0.1 * 0.02 * 2.5
-    assert (np.diff(means) < 0.0).all()
-
-
-def test_angles_are_fused_across_half_a_turn() -> None:
-    small = 1e-4 * np.eye(2)
-    mean, _ = fused((np.array([3.1, 0.0]), small), (np.array([-3.1, 0.0]), small))
-    assert abs(math.remainder(mean[0] - math.pi, math.tau)) < 1e-6

@@ -21,6 +21,7 @@ from visual_servo_epipolar.core.memory.recollection import Recollection
 from visual_servo_epipolar.core.memory.refinement import Geometry
 from visual_servo_epipolar.core.memory.sightings import MemorySettings, Sightings
 from visual_servo_epipolar.core.memory.view_memory import ViewMemory
+from visual_servo_epipolar.core.memory.window import LENS, SHARED
 
 DEVIATIONS = 4.0
 
@@ -50,6 +51,22 @@ def fewer(sightings: Sightings, rows: np.ndarray) -> Sightings:
 def standing(drive: Trial, place: tuple[float, float, float]) -> Trial:
     """Return the same scene, seen from one more place."""
     return trial(drive.settings, 3, np.vstack([drive.views[:, :3], place]))
+
+
+@pytest.mark.parametrize('ratio', [0.95, 1.03])
+def test_a_focal_length_that_is_wrong_is_found_out_on_the_way(drive, ratio) -> None:
+    camera = drive.settings.camera
+    told = replace(camera, fx=ratio * camera.fx, fy=ratio * camera.fy)
+    wrong = replace(drive, settings=replace(drive.settings, camera=told))
+    memory = remembered(wrong)
+    geometry, last = memory.geometry, last_of(wrong)
+    deviation = float(np.linalg.norm(geometry.root[-SHARED + LENS]))
+    assert deviation < 0.01
+    assert geometry.unknowns.shared[LENS] == pytest.approx(
+        -math.log(ratio), abs=DEVIATIONS * deviation
+    )
+    _, said = memory.after(wrong.sightings(last), wrong.motion(last))
+    assert near_truth(said, drive.views[last], drive.scale)
 
 
 def test_the_same_drive_gives_the_same_bits(drive, memory) -> None:

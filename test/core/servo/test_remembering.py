@@ -5,16 +5,24 @@ import math
 
 import numpy as np
 import pytest
+from servo_states import in_phase
 
+from visual_servo_epipolar.core.control.command import Command
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.memory.reading import Reading
+from visual_servo_epipolar.core.memory.recollection import Recollection
 from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.perception.memory import fresh_memory
+from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.extrinsics import at_axle, offset_at_axle
 from visual_servo_epipolar.core.servo.phases.conditions import ARRIVAL_OFFSET, has_parallax
-from visual_servo_epipolar.core.servo.remembering import sharpened
+from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.servo.remembering import reading_in_view, sharpened
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.update import lateral_offset
+from visual_servo_epipolar.core.servo.update import lateral_offset, updated
 
 SETTINGS = ServoSettings(view_memory=True)
 TWO_VIEWS, MEMORY = Bearings(-1.5, 0.1), Bearings(-1.55, 0.02)
@@ -46,12 +54,13 @@ def measurement(deviation: float = 0.01) -> Measurement:
 
 
 @pytest.mark.parametrize(
-    ('two_views', 'memory', 'expected'), [(0.01, 0.001, MEMORY), (0.001, 0.01, TWO_VIEWS)]
+    ('two_views', 'memory', 'expected'),
+    [(0.01, 0.001, MEMORY), (0.004, 0.011, MEMORY), (0.001, 0.01, TWO_VIEWS)],
 )
 def test_the_surer_bearings_are_taken(two_views: float, memory: float, expected: Bearings) -> None:
     better = sharpened(measurement(two_views), reading(memory), SETTINGS)
     assert better.bearings == expected
-    assert better.deviation == min(two_views, memory)
+    assert better.deviation == (memory if expected is MEMORY else two_views)
     assert (better.offset, better.heading_error, better.difference) == ((0.004, -0.5), 0.01, -0.02)
     assert lateral_offset(ServoState(), better) == 0.004
 
@@ -94,3 +103,33 @@ def test_who_turns_a_camera_ahead_of_the_axle_at_the_goal_stays_there() -> None:
     heading, ahead = 0.2, 0.3
     swung = -ahead * math.sin(heading), ahead * (math.cos(heading) - 1.0)
     assert offset_at_axle(swung, heading, np.array([0.0, ahead, 0.0])) == pytest.approx((0.0, 0.0))
+
+
+def test_the_slope_of_d_is_what_the_memory_says_though_other_features_are_in_view() -> None:
+    """D leaps where features come and go; who is driven by its slope is as fast as before."""
+    before = sharpened(measurement(), reading(), SETTINGS)
+    moving = in_phase(
+        Phase.MATCHING_FEATURES, measurement=before, command=Command(Twist(0.2, 0.0))
+    )
+    few = replace(reading(), difference=-0.004, difference_slope=0.008)
+    now = sharpened(measurement(), few, SETTINGS)
+    # Without ``view_memory`` nothing is remembered here, and the measurement is what it is.
+    after = updated(moving, Perception(now, fresh_memory(SETTINGS)), 0.1, ServoSettings())
+    assert after.slope.value == 0.008
+
+
+def test_a_wrong_match_has_no_part_in_d() -> None:
+    ids, rays = np.arange(4), np.tile([0.1, 0.0, 1.0], (4, 1)) / math.sqrt(1.01)
+    said = Recollection(
+        pose=np.array([0.0, -0.5, 0.0, 0.0, 0.0]),
+        covariance=1e-6 * np.eye(5),
+        own=1e-6 * np.eye(5),
+        ids=ids,
+        dropped=ids[3:],
+        nearness=np.array([0.2, 0.2, 0.2, 500.0]),
+        depth=5.0,
+    )
+    seen = Observation(0, rays, rays, 769.0, ids=ids)
+    found = reading_in_view(said, seen)
+    assert found is not None
+    assert found.difference_slope == pytest.approx(2.0 * 0.01 * 0.2 * math.sqrt(1.01), rel=1e-6)

@@ -1,4 +1,4 @@
-"""Reading: a recollection in the terms of a measurement, and the change-over by trust."""
+"""Reading: a recollection in the terms of a measurement."""
 
 from dataclasses import dataclass
 import math
@@ -90,22 +90,3 @@ def difference_slope(desired: FloatArray, nearness: FloatArray, *, wide: bool = 
         return math.nan
     # |p|^2 = (X^2 + Y^2) / (Z - y)^2 grows by 2 |p|^2 / Z, and Z = z / nearness.
     return float(np.mean(2.0 * square[ahead] * nearness[ahead] / z[ahead] ** 3))
-
-
-def fused(
-    first: tuple[FloatArray, FloatArray], other: tuple[FloatArray, FloatArray]
-) -> tuple[FloatArray, FloatArray]:
-    """
-    Return the covariance intersection of two estimates of the same P angles [rad].
-
-    Each is a mean, (P,), and a covariance, (P, P). They share the noise of one view: how far they
-    depend on each other nobody knows, and whatever it is, the result is no surer than it may be.
-    The weight is by trust: where one is far surer it is that one, and between there is no jump.
-    """
-    information = [np.linalg.inv(covariance) for _, covariance in (first, other)]
-    trust = [1.0 / float(np.trace(covariance)) for _, covariance in (first, other)]
-    share = trust[1] / (trust[0] + trust[1])
-    covariance = np.linalg.inv((1.0 - share) * information[0] + share * information[1])
-    change = np.remainder(other[0] - first[0] + np.pi, 2.0 * np.pi) - np.pi
-    mean = first[0] + share * covariance @ information[1] @ change
-    return np.asarray(mean), np.asarray(0.5 * (covariance + covariance.T))

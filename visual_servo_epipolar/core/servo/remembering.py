@@ -16,6 +16,7 @@ from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.steadying import Motion, Place, steadied
 
+PREFERENCE = 3.0  # deviations of two views that one of the memory may have
 LEAST_NOISE = 1e-9  # of the angle of a ray [rad]: a memory weighs by it
 
 
@@ -51,18 +52,24 @@ def remembered(
         attitude=perception.memory.attitude,
     )
     said, place = steadied(said, before.place, motion)
-    return Remembered(views, place), _reading(said, observation)
+    return Remembered(views, place), reading_in_view(said, observation)
 
 
 def sharpened(
     measurement: Measurement, reading: Reading | None, settings: ServoSettings
 ) -> Measurement:
-    """Return ``measurement`` with what the memory knows better, by deviations."""
+    """
+    Return ``measurement`` with what the memory knows better, by deviations.
+
+    Of two that know a bearing about as well it is the memory's: two views do not know how wrong
+    the lens is, and where now the one and then the other counts, bearings leap.
+    """
     if reading is None:
         return measurement
     bearings: dict[str, Any] = {}
     before = measurement.deviation if measurement.bearings is not None else math.inf
-    if reading.bearings is not None and reading.deviation < min(before, settings.max_deviation):
+    most = min(PREFERENCE * before, settings.max_deviation)
+    if reading.bearings is not None and reading.deviation < most:
         bearings = {
             'bearings': reading.bearings,
             'deviation': reading.deviation,
@@ -88,7 +95,7 @@ def _is_enough(observation: Observation, settings: ServoSettings) -> bool:
     return len(observation) >= settings.min_features
 
 
-def _reading(said: Recollection, observation: Observation) -> Reading | None:
+def reading_in_view(said: Recollection, observation: Observation) -> Reading | None:
     """Return what is said, with D over the remembered features in view but wrong matches."""
     if said.reason or observation.ids is None:
         return None
