@@ -88,6 +88,12 @@ def test_who_is_not_has(away: float, deviation: float) -> None:
     assert has_parallax(ServoState(), off, SETTINGS)
 
 
+@pytest.mark.parametrize(('attempts', 'there'), [(2, False), (3, True), (5, True)])
+def test_a_base_that_misses_by_the_same_again_and_again_is_asked_for_less(attempts, there) -> None:
+    beside = replace(measurement(), offset=(0.005, 0.0), offset_deviation=1e-4)
+    assert has_parallax(ServoState(attempts=attempts), beside, SETTINGS) is not there
+
+
 @pytest.mark.parametrize('mount', [(0.0, 0.3, 0.0), (0.1, 0.2, -0.1), (-0.4, 0.0, 0.05)])
 def test_the_offset_of_the_axle_lies_where_its_bearing_points(
     mount: tuple[float, float, float],

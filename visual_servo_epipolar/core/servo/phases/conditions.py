@@ -174,7 +174,9 @@ def matched_bound(measurement: Measurement, settings: ServoSettings) -> float:
 def has_parallax(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
     """Return whether the parallax exceeds what noise explains: the robot is not at the goal."""
     if measurement.offset is not None:  # known beyond noise, or not
-        bound = max(ARRIVAL_OFFSET, NOISE_DEVIATIONS * measurement.offset_deviation)
+        # A worn base may never come as near as the memory can tell: each attempt asks for less.
+        least = ARRIVAL_OFFSET * state.attempts
+        bound = max(least, NOISE_DEVIATIONS * measurement.offset_deviation)
         return not math.hypot(*measurement.offset) <= bound
     parallax = measurement.parallax if state.settled < 2 else state.settled_parallax
     # The root of a mean square over N features varies by 0.5 / sqrt(N) and more.
