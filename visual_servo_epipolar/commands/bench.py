@@ -19,6 +19,7 @@ from visual_servo_epipolar.nodes.startup.missing import remedy
 # those of the command line that its run takes beside, figures(document) what histories compare.
 BENCHMARKS: Mapping[str, str] = {
     'estimation': 'visual_servo_epipolar.benchmarks.estimation.benchmark',
+    'memory': 'visual_servo_epipolar.benchmarks.memory.benchmark',
     'tracking': 'visual_servo_epipolar.benchmarks.tracking.benchmark',
     'sweep': 'visual_servo_epipolar.benchmarks.sweep',
     'laws': 'visual_servo_epipolar.benchmarks.laws.benchmark',
