@@ -3,6 +3,7 @@
 from action_msgs.msg import GoalStatus
 from diagnostic_msgs.msg import DiagnosticArray
 import pytest
+from sensor_msgs.msg import BatteryState
 
 pytest.importorskip('test_msgs', reason='pip install ros-jazzy-test-msgs==2.0.3')
 
@@ -58,6 +59,7 @@ def test_the_last_failure_is_the_error(bench, servo, client) -> None:
         started(bench, servo, count)
         servo.say(Phase.RETREATING)
         servo.say(Phase.FAILED)
+    bench.until(lambda: bench.logged('dock_robot: attempt 2'), 'the attempt in the log')
     expected = [0, int(Error.FAILED_TO_STAGE), 1]
     assert client.outcome(result) == (GoalStatus.STATUS_ABORTED, expected)
     bench.until(lambda: servo.calls[-1] == 'stop', 'the servo to be stopped')
@@ -138,3 +140,30 @@ def test_an_end_of_the_node_stops_the_servo(bench, servo, client) -> None:
     drives(bench, servo, client)
     next(node for node in bench.nodes if node.get_name() == 'dock_node').stop()
     bench.until(lambda: servo.calls[-1] == 'stop', 'the servo to be stopped')
+
+
+def test_a_servo_that_stands_already_need_not_say_so_again(bench, servo, client) -> None:
+    servo.say(Phase.WAITING)
+    bench.settle()
+    servo.say = lambda phase: None
+    client.ask()
+    started(bench, servo)
+
+
+def test_where_it_charges_it_has_docked_once_there_is_a_current(bench, servo) -> None:
+    battery = bench.talk(BatteryState, 'battery_state')
+    bench.start(served, **SERVED, wait_for_charge=True)
+    battery(BatteryState(current=1.0))  # before there is a request
+    bench.settle()
+    client = Client(bench)
+    _, result = client.ask()
+    started(bench, servo)
+    drives(bench, servo, client)
+    servo.say(Phase.ARRIVED)
+    battery(BatteryState(current=-1.0))
+    bench.until(lambda: client.states()[-1] == State.WAIT_FOR_CHARGE, 'the wait for a current')
+    assert not result.done()
+    battery(BatteryState(current=1.0))
+    assert client.outcome(result) == (GoalStatus.STATUS_SUCCEEDED, [1, 0, 0])
+    bench.until(lambda: bench.logged('docked, and charging'), 'why it has ended')
+    client.close()
