@@ -5,6 +5,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist as TwistMessage
 import pytest
 from rclpy.node import Node
+from sensor_msgs.msg import BatteryState
 
 pytest.importorskip('test_msgs', reason='pip install ros-jazzy-test-msgs==2.0.3')
 
@@ -61,6 +62,7 @@ def test_the_last_failure_is_the_error(bench, servo, client) -> None:
         started(bench, servo, count)
         servo.say(Phase.RETREATING)
         servo.say(Phase.FAILED)
+    bench.until(lambda: bench.logged('dock_robot: attempt 2'), 'the attempt in the log')
     expected = [0, int(Error.FAILED_TO_STAGE), 1]
     assert client.outcome(result) == (GoalStatus.STATUS_ABORTED, expected)
     bench.until(lambda: servo.calls[-1] == 'stop', 'the servo to be stopped')
@@ -157,3 +159,30 @@ def test_a_servo_that_commands_the_base_itself_cannot_dock_backward(bench) -> No
     bench.until(lambda: bench.probe.count_publishers('cmd_vel') == 1, 'the servo to be remapped')
     it.docking()
     it.client.close()
+
+
+def test_a_servo_that_stands_already_need_not_say_so_again(bench, servo, client) -> None:
+    servo.say(Phase.WAITING)
+    bench.settle()
+    servo.say = lambda phase: None
+    client.ask()
+    started(bench, servo)
+
+
+def test_where_it_charges_it_has_docked_once_there_is_a_current(bench, servo) -> None:
+    battery = bench.talk(BatteryState, 'battery_state')
+    bench.start(served, **SERVED, wait_for_charge=True)
+    battery(BatteryState(current=1.0))  # before there is a request
+    bench.settle()
+    client = Client(bench)
+    _, result = client.ask()
+    started(bench, servo)
+    drives(bench, servo, client)
+    servo.say(Phase.ARRIVED)
+    battery(BatteryState(current=-1.0))
+    bench.until(lambda: client.states()[-1] == State.WAIT_FOR_CHARGE, 'the wait for a current')
+    assert not result.done()
+    battery(BatteryState(current=1.0))
+    assert client.outcome(result) == (GoalStatus.STATUS_SUCCEEDED, [1, 0, 0])
+    bench.until(lambda: bench.logged('docked, and charging'), 'why it has ended')
+    client.close()

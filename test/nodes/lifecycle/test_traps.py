@@ -1,5 +1,6 @@
 """The traps of rclpy's lifecycle nodes: each is closed."""
 
+from functools import partial
 import gc
 
 from lifecycles import assert_cycles_leave_nothing, change, entities, go, IDS
@@ -98,6 +99,20 @@ def test_what_keeps_a_node_from_starting_is_raised(bench, parrot, monkeypatch, e
     assert raised.value is error
     bench.settle()
     assert not bench.logged('failed')  # once is enough: run.py says it
+    assert bench.probe.get_node_names().count('parrot') == 1  # the first one
+
+
+def test_what_fails_after_a_start_by_itself_is_logged(bench, parrot) -> None:
+    node = parrot(autostart_node=True)
+    go(bench, node, 'deactivate')
+    node.fails = {'activate': OSError('the disk is full')}
+    assert not change(bench, node, IDS['activate'])
+    bench.until(lambda: bench.logged('activate failed: the disk is full'), 'the reason in the log')
+
+
+def test_a_node_that_nobody_can_ask_starts(bench, parrot) -> None:
+    kind = type(parrot())
+    assert bench.start(partial(kind, enable_communication_interface=False)).state == 'active'
 
 
 def test_the_answers_of_rclpy_are_never_left_to_a_kind_of_node(parrot) -> None:

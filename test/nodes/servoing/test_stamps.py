@@ -154,3 +154,10 @@ def test_after_a_stop_a_start_begins_anew_by_earlier_stamps(bench) -> None:
     rig.stamp_ns = STAMP_NS - SECOND
     assert bench.call('servo_node/start').success
     rig.drive()
+
+
+def test_a_new_run_may_begin_with_stamps_of_before(bench) -> None:
+    rig = Rig(bench, stale_timeout=60.0).drive()
+    assert bench.call('servo_node/reset').success
+    rig.stamp_ns = STAMP_NS - 5_000_000_000  # another bag
+    rig.drive()

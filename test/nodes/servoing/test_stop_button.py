@@ -13,6 +13,7 @@ from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.servoing import rivals
 
 TEXT = 'the stop button is pressed; release it, then call ~/start'
+LEFTOVER_NS = 25_000_000_000  # as the servo has it: the lease of Fast DDS, and some
 
 
 class Buttoned(Rig):
@@ -139,7 +140,7 @@ def aged_twin(bench, **parameters) -> Rig:
     clock = rig.node._watch._rivals._steady = HandSetClock()
     other(bench, 'servo_node')
     rig.node._watch._on_idle()
-    clock.now_ns += round(rivals.LEFTOVER_S * 1e9) - 1
+    clock.now_ns += LEFTOVER_NS - 1
     return rig
 
 
@@ -162,3 +163,13 @@ def test_beside_it_no_run_begins(bench) -> None:
     assert rig.node._admission.contested().startswith('/servo_node commands /cmd_vel as well')
     rig.node._watch._rivals._steady.now_ns -= 1
     assert rig.node._admission.contested() == ''
+
+
+def test_a_twin_that_has_gone_does_not_count_for_the_next(bench, monkeypatch) -> None:
+    looks = rivals.Rivals(bench.probe)
+    clock = looks._steady = HandSetClock()
+    for names in (['/probe'], [], ['/probe']):
+        monkeypatch.setattr(rivals, '_rivals', lambda node, names=names: names)
+        assert looks.refusal() == ''
+        clock.now_ns += LEFTOVER_NS
+    assert looks.refusal().startswith('/probe commands /cmd_vel as well')

@@ -168,6 +168,7 @@ def test_a_file_may_hold_the_parameters_of_all_nodes(bench, tmp_path, kind) -> N
         (UnicycleNode, 'zzz', 'it has .*wheel_ratio'),
         (CameraNode, 'zzz', 'it has .*tilt'),
         (RecorderNode, 'zzz', 'it has .*split_size'),
+        (DockNode, 'zzz', 'it has .*servo_timeout'),
     ],
 )
 def test_a_name_that_no_node_has_is_refused_in_a_shared_file(

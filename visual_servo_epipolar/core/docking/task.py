@@ -174,6 +174,9 @@ def passed(task: Task, now: float, settings: DockTaskSettings) -> Task:
     if silence > settings.servo_timeout:
         error = Error.FAILED_TO_CONTROL if task.driven else Error.FAILED_TO_DETECT_DOCK
         return _ended(task, error, f'the servo has said nothing for {silence:.1f} s')
+    if task.step in (Step.CLEARING, Step.STARTING) and waited > settings.servo_timeout:
+        reason = f'the servo has not begun anew for {waited:.1f} s; is phase that of this servo?'
+        return _ended(task, Error.UNKNOWN, reason)
     if task.step is Step.RUNNING and not task.driven:
         if waited > settings.initial_perception_timeout:
             reason = f'the photograph was not seen for {waited:.0f} s'

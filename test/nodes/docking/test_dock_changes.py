@@ -1,0 +1,107 @@
+"""What changes about a dock node in mid-life: its camera, its settings, its state, its end."""
+
+import gc
+from types import SimpleNamespace
+
+from dock_rig import Rig
+from docking_drives import CAMERA
+from lifecycles import go
+import numpy as np
+import pytest
+from sensor_msgs.msg import CameraInfo
+
+pytest.importorskip('test_msgs', reason='pip install ros-jazzy-test-msgs==2.0.3')
+
+from dock_requests import SERVED, served  # noqa: E402
+
+from visual_servo_epipolar.core.geometry.motion import Pose  # noqa: E402
+from visual_servo_epipolar.core.stamps import NOT_ADVANCING  # noqa: E402
+from visual_servo_epipolar.messages import read, transforms, write  # noqa: E402
+from visual_servo_epipolar.nodes import parameters  # noqa: E402
+from visual_servo_epipolar.simulation.mounts.mounting import CameraMount  # noqa: E402
+
+LEVEL = CameraMount().R_world_camera(Pose(0.0, 0.0, 0.0))
+
+
+def test_a_camera_that_cannot_be_used_any_more_is_waited_for(bench) -> None:
+    rig = Rig(bench).drive()
+    reports = len(rig.reports)
+    rig.info(CameraInfo())
+    bench.until(lambda: bench.logged('camera_info cannot be used'), 'what is wrong')
+    rig.see()
+    bench.settle()
+    assert len(rig.reports) == reports
+    rig.calibrate()
+    rig.tell_odometry()
+    bench.until(lambda: len(rig.reports) > reports, 'the tracks to be looked at')
+
+
+def test_settings_of_docking_hold_from_the_next_event_on(bench) -> None:
+    node = bench.start(served, **SERVED)
+    changed = node.set_parameters([parameters.override('servo_timeout', 7.0)])
+    assert all(result.successful for result in changed)
+    assert node._server.settings.servo_timeout == 7.0
+
+
+def test_tracks_that_wait_do_not_outlive_a_deactivation(bench) -> None:
+    rig = Rig(bench)
+    rig.see()  # and hear of no odometry
+    bench.settle()
+    assert len(rig.node._pending) == 1
+    go(bench, rig.node, 'deactivate')
+    assert not rig.node._pending
+
+
+def test_a_reset_and_stamps_of_before_drop_tracks_that_wait(bench) -> None:
+    rig = Rig(bench)
+    rig.frame = 5
+    rig.see()
+    bench.settle()
+    assert bench.call('dock_node/reset').success
+    assert not rig.node._pending
+    for rig.frame in (6, 1):
+        rig.see()
+        bench.settle()
+    assert [read.stamp_ns(cloud.header) for cloud in rig.node._pending] == [rig.stamp_ns]
+
+
+def test_tracks_that_are_not_of_the_camera_are_complained_of(bench) -> None:
+    rig = Rig(bench)
+    small = write.camera_info(CAMERA.__class__(64, 48, 40.0, 40.0, 32.0, 24.0), 0, 'camera')
+    rig.info(small)
+    bench.until(lambda: rig.node._camera.width == 64, 'camera_info to arrive')
+    rig.step()
+    bench.until(lambda: bench.logged('64x48'), 'what is wrong with them')
+
+
+def test_active_again_it_takes_stamps_as_they_come(bench) -> None:
+    rig = Rig(bench).drive(2)
+    go(bench, rig.node, 'deactivate', 'activate')
+    rig.frame = 0  # a bag that is played again
+    rig.drive(1)
+    assert not bench.logged(NOT_ADVANCING)
+    rig.frame = 0
+    rig.see()
+    bench.until(lambda: bench.logged(NOT_ADVANCING), 'what is wrong with a stamp of before')
+
+
+def test_a_cleanup_forgets_the_mount_of_tf_static(bench) -> None:
+    rig = Rig(bench, mount_from_tf=True)
+    edge = transforms.mounted('base_link', 'camera', LEVEL, np.array([0.1, 0.0, 0.6]))
+    rig.node._mount.receive(SimpleNamespace(transforms=[edge]))
+    rig.drive(1)
+    assert rig.node._settings.camera_forward == pytest.approx(0.1)
+    go(bench, rig.node, 'deactivate', 'cleanup')
+    assert rig.node._settings.camera_forward == 0.0
+
+
+def test_a_dock_node_that_is_destroyed_is_gone_at_once(bench) -> None:
+    node = bench.start(served, **SERVED)
+    bench.nodes.remove(node)
+    bench.executor.remove_node(node)
+    gc.disable()
+    try:
+        node.destroy_node()
+        assert 'dock_node' not in bench.probe.get_node_names()
+    finally:
+        gc.enable()

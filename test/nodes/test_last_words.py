@@ -1,0 +1,76 @@
+"""The last word of a node: it waits until that is acknowledged, but not for who hangs."""
+
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack
+from typing import Any
+
+from bench import Bench, next_domain
+from dock_rig import TWIST
+from frozen_listener import assert_waits, FrozenListener
+from geometry_msgs.msg import Twist as TwistMessage
+import pytest
+from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from servo_rig import Rig
+
+from visual_servo_epipolar.messages import write
+from visual_servo_epipolar.nodes.dock_node import DockNode
+from visual_servo_epipolar.nodes.tracker_node import TrackerNode
+
+
+class Hall:
+    """A bench that other processes can listen to, and one that does."""
+
+    def __init__(self, stack: ExitStack) -> None:
+        self._stack, self._domain = stack, next_domain()
+        self.bench = stack.enter_context(Bench(self._domain))
+
+    def freeze(self, kind: type[Any], topic: str, publisher: Any) -> None:
+        """Let somebody listen to ``publisher``, and hang from then on."""
+        before = publisher.get_subscription_count()
+        listener = FrozenListener(self._stack, self._domain, kind, topic)
+        found = lambda: publisher.get_subscription_count() > before  # noqa: E731
+        self.bench.until(found, 'the listener to be found')
+        listener.freeze()
+
+
+@pytest.fixture
+def hall(monkeypatch: pytest.MonkeyPatch) -> Iterator[Hall]:
+    monkeypatch.setenv('ROS_AUTOMATIC_DISCOVERY_RANGE', 'LOCALHOST')
+    with ExitStack() as stack:
+        yield Hall(stack)
+
+
+@pytest.mark.parametrize(
+    'end',
+    [lambda node: node.stop, lambda node: node.trigger_deactivate],
+    ids=['stop', 'deactivate'],
+)
+def test_a_servo_waits_for_the_base_to_hear_of_its_end(
+    hall: Hall, end: Callable[[Any], Callable[[], object]]
+) -> None:
+    rig = Rig(hall.bench, stale_timeout=60.0)
+    hall.freeze(TwistMessage, 'cmd_vel', rig.node._commands._command_pub)
+    rig.drive()
+    assert_waits(end(rig.node))
+
+
+def test_a_dock_node_waits_for_a_base_that_it_drives_backward(hall: Hall) -> None:
+    node = hall.bench.start(DockNode, dock_backwards=True)
+    hall.freeze(TwistMessage, 'cmd_vel', node._reversal._pub)
+    heard = hall.bench.listen(TwistMessage, 'cmd_vel')
+    hall.bench.talk(TwistMessage, 'cmd_vel_reversed')(write.twist(TWIST))
+    hall.bench.until(lambda: bool(heard), 'the command, turned round')
+    assert_waits(node.stop)
+
+
+def test_a_tracker_waits_for_the_servo_to_hear_of_its_end(
+    hall: Hall, simulator: Any, view: Any
+) -> None:
+    bench = hall.bench
+    node = bench.start(TrackerNode)
+    hall.freeze(PointCloud2, 'tracks', node._tracks_pub)
+    clouds = bench.listen(PointCloud2, 'tracks')
+    bench.talk(CameraInfo, 'camera_info')(write.camera_info(simulator.camera, 1, 'camera'))
+    bench.talk(Image, 'image_raw')(write.image(view, 'mono8', 1, 'camera'))
+    bench.until(lambda: bool(clouds), 'tracks')
+    assert_waits(node.trigger_deactivate)
