@@ -87,8 +87,8 @@ class Witness:
             for time_ns, _, severity, text in self._wire.logs
             if severity >= WARNING and time_ns >= self.struck_ns
         ]
-        if SERVO not in self._world.nodes:
-            record.why.append(f'{SERVO} is gone')
+        if not self._world.works(SERVO):  # as one that hangs for good, from before it drove
+            record.why.append(f'{SERVO} is gone, or hangs')
         if record.stopped_s < math.inf:
             record.why.append('it was told to')
         if record.phase in MUTE and record.reason:
