@@ -85,7 +85,7 @@ def test_it_never_comes_near_the_singularity_on_the_way() -> None:
 def test_the_same_starts_with_the_given_gains_lead_far_away_or_take_far_longer() -> None:
     for given, derived in zip(concordant('given'), concordant('derived'), strict=True):
         one, other = summarise(given), summarise(derived)
-        assert one['duration_s'] > 1.5 * other['duration_s']
+        assert one['duration_s'] > 1.4 * other['duration_s']  # or ended by ``max_retreat``
     # Those near the singularity come nearer, and end tens of metres from the goal.
     nearest = [min(abs(alpha) for alpha, _ in first_step(log)) for log in concordant('given')]
     ratios = [summarise(log)['max_distance_ratio'] for log in concordant('given')]

@@ -111,8 +111,6 @@ def test_who_is_started_again_after_a_stop_is_not_stopped_by_it(bench) -> None:
     rig.bench.call('servo_node/start')
     rig.drive()
     assert_watch_is_silent(rig)
-    rig.bench.call('servo_node/reset')
-    assert_watch_is_silent(rig)
 
 
 def test_a_robot_that_holds_is_told_to_stand_by_each_image(bench) -> None:
