@@ -20,7 +20,8 @@ def blindness(record: Record, bounds: Bounds) -> Blindness:
     Return the time that the robot moved without sight.
 
     The newest true sight grows old from when its image was taken: a late image is an old one.
-    Beyond ``sight_s`` the robot must brake, and what it needs for that is no offence.
+    Beyond ``sight_s`` the robot must brake, and what it needs for that is no offence. A base whose
+    process hung begins with that when it goes on.
     """
     if not record.truths:  # the base was gone before it had said where it is
         return Blindness(0.0, '')
@@ -31,6 +32,8 @@ def blindness(record: Record, bounds: Bounds) -> Blindness:
             newest_s = max(newest_s, seen[number].taken_s)
             number += 1
         onset_s = newest_s + bounds.sight_s
+        if truth.time_s >= record.woken_s:
+            onset_s = max(onset_s, record.woken_s + bounds.period_s)
         if truth.time_s <= onset_s:
             at_onset = truth.twist
         elif moving(truth.twist):

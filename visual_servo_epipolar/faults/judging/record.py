@@ -46,7 +46,8 @@ class Record:
     Record of one run; times are of the steady clock [s].
 
     ``goals`` are the poses that somebody asked for, ``moved_s`` when the robot was carried,
-    ``broken_s`` when its wheels broke, ``arrived_s`` when it last said that it had arrived,
+    ``broken_s`` when its wheels broke, ``woken_s`` when its process went on after it had hung, in
+    which time nobody could stop it, ``arrived_s`` when it last said that it had arrived,
     ``stopped_s`` when it was told to stand for good, and ``why`` the words of those who said why
     it stands. ``wrong_geometry_s`` is as ``run_monitor.wrong_geometry_s`` [s].
     """
@@ -57,6 +58,7 @@ class Record:
     goals: list[Pose] = field(default_factory=lambda: [DESIRED_POSE])
     moved_s: list[float] = field(default_factory=list)
     broken_s: list[float] = field(default_factory=list)
+    woken_s: float = -math.inf
     arrived_s: float = math.inf
     stopped_s: float = math.inf
     phase: str = 'waiting'

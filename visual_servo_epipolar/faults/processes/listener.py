@@ -61,6 +61,8 @@ class RunListener(Listener):
 
     def resumed(self) -> None:
         """Note that it goes on."""
+        if self._deaf == 'unicycle_node':
+            self.record.woken_s = time.time()
         self._deaf = ''
 
     def watch_until_rest(self, rest_s: float, longest_s: float) -> None:

@@ -42,8 +42,8 @@ def run(name: str, fault: ProcessFault, seed: int) -> dict[str, Any]:
         harmed.send_signal(fault.signal)
         if resumes:
             listener.spin_for(hung_s)
-            harmed.send_signal(signal.SIGCONT)
             listener.resumed()
+            harmed.send_signal(signal.SIGCONT)
         listener.watch_until_rest(REST_S, LONGEST_S)
         record = listener.finish()
     judgement = judged(record, _bounds())
