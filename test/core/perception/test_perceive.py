@@ -15,6 +15,8 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings, rotation_desi
 from visual_servo_epipolar.core.geometry.lens import Lens
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, wrap_angle
 from visual_servo_epipolar.core.geometry.rays import normalised, unit_rays
+from visual_servo_epipolar.core.geometry.rotation import fit_rotation
+from visual_servo_epipolar.core.perception import perceive as perceiving
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.measures import (
     difference_deviation,
@@ -313,3 +315,17 @@ def test_every_ray_has_a_resolution(distortion: tuple[float, ...]) -> None:
     resolution = camera.resolution(rays)
     assert np.isfinite(resolution).all()
     assert (resolution > 0.0).all()
+
+
+@pytest.mark.parametrize(('turned', 'trusted'), [(0.0, True), (math.pi, False)])
+def test_a_geometry_that_turns_otherwise_than_the_features_is_not_trusted(
+    turned: float, trusted: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """In mirrored images one is found by chance now and then."""
+    seen = noisy(Pose(0.3, -2.0, HALF_PI + 0.1))
+    fit = fit_rotation(seen.current, seen.desired)
+    wrong = replace(fit, heading_error=fit.heading_error + turned)
+    monkeypatch.setattr(perceiving, 'fit_rotation', lambda *_: wrong)
+    measurement = perceive(seen, ServoSettings(), 0).measurement
+    assert (measurement.bearings is not None) is trusted
+    assert ('the features as a whole' in measurement.reason) is not trusted

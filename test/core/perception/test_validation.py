@@ -24,6 +24,7 @@ from visual_servo_epipolar.core.perception.validation import (
     innovation,
     MAX_REJECTIONS,
     rejection_reason,
+    turned_otherwise,
 )
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 
@@ -69,6 +70,7 @@ def test_a_good_estimate_is_trusted() -> None:
         ({'rays': unit_rays(0.01 * POINTS)}, 'clustered within 0.2 deg'),
         ({'rays': unit_rays(POINTS * [1.0, 0.0])}, 'clustered within 0.0 deg'),
         ({'confidence': 0.01}, r'cheirality vote is undecided \(0.010\)'),
+        ({'confidence': 0.39}, r'cheirality vote is undecided \(0.390\)'),
         ({'jump': 0.1}, 'the camera tilted by 5.7 deg between the views'),
         ({'covariance': 0.04 * np.eye(2)}, 'the bearings are uncertain by 11.5 deg'),
         ({'alternative': Bearings(-1.0, 2.5)}, 'two geometries fit the features'),
@@ -100,6 +102,15 @@ def test_of_few_matches_most_must_agree(count: int, doubted: bool) -> None:
     few = replace(GOOD, inliers=some(count)[:13])
     said = rejection_reason(few, replace(quality, inliers=count), FRESH, SETTINGS)
     assert said.startswith(f'only {count} of 13 matches agree') == doubted
+
+
+@pytest.mark.parametrize(
+    ('apart', 'doubted'),
+    [(0.0, False), (1.19, False), (-1.21, True), (math.pi, True), (5.1, False)],
+)
+def test_bearings_that_turn_otherwise_than_the_features_are_doubted(apart, doubted) -> None:
+    said = turned_otherwise(BEARINGS, BEARINGS.heading_error + apart)
+    assert said.startswith('the features as a whole have turned by') is doubted
 
 
 def test_an_estimator_without_covariance_is_not_doubted_for_it() -> None:

@@ -187,9 +187,9 @@ def _judged(
     """Return estimates with the verdict of the gates, and the memories after them."""
     qualities = _fit_qualities(stack, geometries, resolution)
     lessons = [
-        lesson_of(view.observation, parallax, view.memory, view.settings, geometry, quality)
-        for view, parallax, geometry, quality in zip(
-            stack.views, stack.rotations.parallax.tolist(), geometries, qualities, strict=True
+        lesson_of(view.observation, rotation, view.memory, view.settings, geometry, quality)
+        for view, rotation, geometry, quality in zip(
+            stack.views, stack.rotations.each(), geometries, qualities, strict=True
         )
     ]
     return concluded(lessons, qualities)

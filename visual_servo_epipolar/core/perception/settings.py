@@ -44,7 +44,7 @@ class PerceptionSettings(Settings):
         30, 'Turns: features that no turn may take out of view', low=8, high=1000
     )
     min_confidence: float = setting(
-        0.02, 'Confidence of the cheirality vote to be trusted, 0 to 1', low=0.0, high=1.0
+        0.4, 'Confidence of the cheirality vote to be trusted, 0 to 1', low=0.0, high=1.0
     )
     max_deviation: float = setting(
         0.1, 'Standard deviation of a bearing above which it is not trusted [rad]', low=0, high=3

@@ -22,6 +22,7 @@ from visual_servo_epipolar.core.perception.validation import (
     FitQuality,
     median_residual,
     rejection_reason,
+    turned_otherwise,
 )
 
 NOISE_ADAPTION = 0.1
@@ -68,7 +69,7 @@ def validated_estimate(
     quality = fit_quality(
         geometry, observation.current, observation.desired, observation.resolution
     )
-    lesson = lesson_of(observation, rotation.parallax, memory, settings, geometry, quality)
+    lesson = lesson_of(observation, rotation, memory, settings, geometry, quality)
     return concluded([lesson], [quality])[0]
 
 
@@ -120,19 +121,22 @@ def concluded(
 
 def lesson_of(
     observation: Observation,
-    parallax: float,
+    rotation: RotationFit,
     memory: PerceptionMemory,
     settings: PerceptionSettings,
     geometry: Estimate,
     quality: FitQuality,
 ) -> Lesson:
     """Return what an estimate may add to the ``memory``, with the verdict of the gates."""
+    reason = rejection_reason(geometry, quality, memory, settings)
+    if settings.calibrated:  # through an unknown lens a turn looks another
+        reason = reason or turned_otherwise(geometry.bearings, rotation.heading_error)
     return Lesson(
         memory,
         geometry,
-        rejection_reason(geometry, quality, memory, settings),
+        reason,
         noise=_noise(quality.residual, observation, memory.noise, settings.pixel_noise),
-        parallax=parallax * observation.focal,
+        parallax=rotation.parallax * observation.focal,
     )
 
 
