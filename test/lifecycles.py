@@ -1,5 +1,6 @@
 """Life cycles of managed nodes: transitions by id and label, as `ros2 lifecycle set` asks for."""
 
+import gc
 import random
 from typing import Any
 
@@ -68,6 +69,19 @@ def assert_cycles_leave_nothing(bench: Bench, node: Any) -> None:
     settled, last = watched[CYCLES - 1], watched[-1]
     assert last[0] - settled[0] < 1 * MB  # the first hundred fill the pools of the allocator
     assert last[1:] == settled[1:]
+
+
+def assert_gone_at_once(bench: Bench, node: Any) -> None:
+    """Destroy a node: its name is gone, before garbage is collected."""
+    bench.nodes.remove(node)
+    bench.executor.remove_node(node)
+    name = node.get_name()
+    gc.disable()
+    try:
+        node.destroy_node()
+        assert name not in bench.probe.get_node_names()
+    finally:
+        gc.enable()
 
 
 def wanted(state: str, number: int, label: str) -> str:

@@ -145,36 +145,38 @@ def test_a_sensor_of_fewer_bits_is_as_bright_as_one_of_8(encoding, bits) -> None
     np.testing.assert_array_equal(read.gray(raw), np.full((6, 8), 250))
 
 
-def test_a_dark_image_of_a_sensor_is_not_taken_for_one_of_fewer_bits() -> None:
-    reader = GrayReader()
-    for brightest, shade in ((4000, 250), (100, 6), (3000, 187)):
-        pixels = np.full((6, 8, 1), brightest, '<u2').view(np.uint8)
-        assert read.gray(message(pixels, 'mono16'), reader)[0, 0] == shade
-
-
 def grays_of(reader: GrayReader, brightest: int) -> int:
     """Return the grey level of an image of 16 bits that is as bright everywhere."""
     pixels = np.full((6, 8, 1), brightest, '<u2').view(np.uint8)
     return int(read.gray(message(pixels, 'mono16'), reader)[0, 0])
 
 
-def test_a_damaged_image_does_not_make_those_after_it_dark() -> None:
+def reader_that_has_refused(times: int, brightest: int, reason: str) -> GrayReader:
+    """Return a reader of 10 bits that has refused brighter images so many times in a row."""
     reader = GrayReader()
     assert grays_of(reader, 1000) == 250
-    for _ in range(BRIGHT - 1):
-        with pytest.raises(ValueError, match='grey levels of 16 bits, those before it 10; it is'):
-            grays_of(reader, 65_000)
+    for _ in range(times):
+        with pytest.raises(ValueError, match=reason):
+            grays_of(reader, brightest)
+    return reader
+
+
+def test_a_dark_image_of_a_sensor_is_not_taken_for_one_of_fewer_bits() -> None:
+    reader = GrayReader()
+    for brightest, shade in ((4000, 250), (100, 6), (3000, 187)):
+        assert grays_of(reader, brightest) == shade
+
+
+def test_a_damaged_image_does_not_make_those_after_it_dark() -> None:
+    reason = 'grey levels of 16 bits, those before it 10; it is'
+    reader = reader_that_has_refused(BRIGHT - 1, 65_000, reason)
     assert grays_of(reader, 1000) == 250
     with pytest.raises(ValueError, match='grey levels of 16 bits'):
         grays_of(reader, 65_000)
 
 
 def test_a_sensor_that_is_set_to_more_bits_is_believed_after_a_few_images() -> None:
-    reader = GrayReader()
-    assert grays_of(reader, 1000) == 250
-    for _ in range(BRIGHT - 1):
-        with pytest.raises(ValueError, match='grey levels of 12 bits'):
-            grays_of(reader, 4000)
+    reader = reader_that_has_refused(BRIGHT - 1, 4000, 'grey levels of 12 bits')
     assert [grays_of(reader, value) for value in (4000, 1000)] == [250, 62]
 
 

@@ -94,6 +94,10 @@ class DockNode(ManagedNode):
         """End what moves the robot."""
         self._come_to_rest('the node ends')
 
+    def suspend(self) -> None:
+        """End what moves the robot, before the process sleeps."""
+        self._come_to_rest('the node was suspended')
+
     def destroy_node(self) -> None:
         """Take the action server away before the node goes."""
         server, self._server = self._server, None

@@ -46,7 +46,7 @@ def spin(kind: type[Any], args: list[str] | None = None) -> int:
             executor.spin_once(timeout_sec=0.1)
             if suspending.is_set():
                 suspending.clear()
-                _stop(node)
+                _call(node, 'suspend')
                 signals.suspend()
     except (ParameterException, VisualServoError, ValueError, RuntimeError, OSError) as error:
         if node is not None:
@@ -55,7 +55,7 @@ def spin(kind: type[Any], args: list[str] | None = None) -> int:
         return command_line.USAGE_ERROR
     finally:
         if node is not None:
-            _stop(node)
+            _call(node, 'stop')
             node.destroy_node()
         rclpy.try_shutdown()
         gc.unfreeze()
@@ -63,11 +63,11 @@ def spin(kind: type[Any], args: list[str] | None = None) -> int:
     return 0
 
 
-def _stop(node: Node) -> None:
-    """Let a node end what it moves."""
-    stop = getattr(node, 'stop', None)
-    if stop is not None:
-        stop()
+def _call(node: Node, name: str) -> None:
+    """Call what a node does at its end or before it is suspended, if it has any such method."""
+    method = getattr(node, name, None)
+    if method is not None:
+        method()
 
 
 def _spare_from_collection() -> None:

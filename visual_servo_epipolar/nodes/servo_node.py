@@ -106,6 +106,10 @@ class ServoNode(ManagedNode):
         if self.is_configured:
             self._commands.wait()
 
+    def suspend(self) -> None:
+        """Stop the robot, before the process sleeps."""
+        self.stop()
+
     def _stop(self, reason: str = '') -> None:
         """Stop the robot, also for when the node is active again."""
         self._begins = False

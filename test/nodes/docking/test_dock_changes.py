@@ -1,11 +1,10 @@
 """What changes about a dock node in mid-life: its camera, its settings, its state, its end."""
 
-import gc
 from types import SimpleNamespace
 
 from dock_rig import Rig
 from docking_drives import CAMERA
-from lifecycles import go
+from lifecycles import assert_gone_at_once, go
 import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo
@@ -96,12 +95,4 @@ def test_a_cleanup_forgets_the_mount_of_tf_static(bench) -> None:
 
 
 def test_a_dock_node_that_is_destroyed_is_gone_at_once(bench) -> None:
-    node = bench.start(served, **SERVED)
-    bench.nodes.remove(node)
-    bench.executor.remove_node(node)
-    gc.disable()
-    try:
-        node.destroy_node()
-        assert 'dock_node' not in bench.probe.get_node_names()
-    finally:
-        gc.enable()
+    assert_gone_at_once(bench, bench.start(served, **SERVED))

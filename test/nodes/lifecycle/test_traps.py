@@ -1,9 +1,8 @@
 """The traps of rclpy's lifecycle nodes: each is closed."""
 
 from functools import partial
-import gc
 
-from lifecycles import assert_cycles_leave_nothing, change, entities, go, IDS
+from lifecycles import assert_cycles_leave_nothing, assert_gone_at_once, change, entities, go, IDS
 import pytest
 
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
@@ -138,13 +137,6 @@ def test_configured_and_cleaned_up_again_and_again_it_leaves_nothing(bench, parr
 
 def test_a_node_that_is_destroyed_is_gone_at_once(bench, parrot) -> None:
     node = parrot(autostart_node=True)
-    bench.nodes.remove(node)
-    bench.executor.remove_node(node)
-    gc.disable()
-    try:
-        node.destroy_node()
-        assert 'parrot' not in bench.probe.get_node_names()
-    finally:
-        gc.enable()
+    assert_gone_at_once(bench, node)
     node.destroy_node()  # a second time is nothing
     assert node.state == 'finalized'

@@ -128,6 +128,21 @@ def test_an_interrupted_recorder_completes_its_bag(stand, tmp_path) -> None:
     assert f'{len(sequence)} messages in {bag}' in stand.output(bag)
 
 
+def test_a_recorder_that_was_suspended_goes_on(stand, tmp_path) -> None:
+    bag = tmp_path / 'bag'
+    process = stand.record(bag)
+    stand.until_heard_by(1)
+    stand.say_until(time.monotonic() + 0.2)
+    process.send_signal(signal.SIGTSTP)
+    assert os.waitid(os.P_PID, process.pid, os.WSTOPPED).si_status == signal.SIGSTOP
+    before = len(stand.sent)
+    process.send_signal(signal.SIGCONT)
+    stand.say_until(time.monotonic() + 0.5)
+    process.send_signal(signal.SIGINT)
+    assert process.wait(END_SEC) == 0, stand.output(bag)
+    assert sequence_numbers(bag)[-1] > before
+
+
 def test_a_bag_that_exists_ends_the_recorder_with_one_line(stand, tmp_path) -> None:
     bag = tmp_path / 'bag'
     bag.mkdir()

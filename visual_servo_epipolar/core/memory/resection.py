@@ -59,10 +59,8 @@ class Anchors:
 
     def of(self, rows: IntArray) -> 'Anchors':
         """Return the anchors of these features alone."""
-        rays, by_unknowns, nearness, _ = self.structure
-        structure = Structure(
-            rays[:, rows], by_unknowns[..., rows], nearness[rows], self.structure.stretch
-        )
+        rays, by_unknowns, nearness, stretch = self.structure
+        structure = Structure(rays[:, rows], by_unknowns[..., rows], nearness[rows], stretch)
         covariance = self.covariance[..., rows]
         return Anchors(structure, covariance, self.attitude, self.deviation)
 

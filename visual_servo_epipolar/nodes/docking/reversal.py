@@ -11,8 +11,9 @@ from rclpy.node import Node
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes.servoing.rivals import commanders, TOPIC
 
-COMMANDS, REVERSED, STOP_TIMEOUT_S = 'cmd_vel', 'cmd_vel_reversed', 0.2
+REVERSED, STOP_TIMEOUT_S = 'cmd_vel_reversed', 0.2
 
 
 class Reversal:
@@ -30,7 +31,7 @@ class Reversal:
         kind = TwistStamped if stamped else TwistMessage
         self._node, self._warn = node, warn
         self._stamped, self._base_frame = stamped, base_frame
-        self._pub = node.create_publisher(kind, COMMANDS, qos.COMMAND)
+        self._pub = node.create_publisher(kind, TOPIC, qos.COMMAND)
         node.create_subscription(kind, REVERSED, self._turn_round, qos.COMMAND)
 
     def bypassed(self, servo: str) -> str:
@@ -40,11 +41,9 @@ class Reversal:
         Nobody would turn its commands round: the robot would drive away from the dock.
         """
         servo = self._node.resolve_service_name(servo)
-        publishers = self._node.get_publishers_info_by_topic(COMMANDS)
-        names = {f'{item.node_namespace.rstrip("/")}/{item.node_name}' for item in publishers}
-        if servo not in names:
+        if servo not in commanders(self._node):
             return ''
-        topic = self._node.resolve_topic_name(COMMANDS)
+        topic = self._node.resolve_topic_name(TOPIC)
         return (
             f'{servo} commands {topic} itself, and dock_backwards is true: the robot would drive '
             f'away from the dock; start it with -r cmd_vel:={REVERSED}'

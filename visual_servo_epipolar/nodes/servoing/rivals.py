@@ -57,11 +57,16 @@ class Rivals:
         )
 
 
-def _rivals(node: Node) -> list[str]:
-    names = Counter(
+def commanders(node: Node) -> Counter[str]:
+    """Return the full names of those who publish on the cmd_vel of ``node``, and how often."""
+    return Counter(
         f'{item.node_namespace.rstrip("/")}/{item.node_name}'
         for item in node.get_publishers_info_by_topic(TOPIC)
     )
+
+
+def _rivals(node: Node) -> list[str]:
+    names = commanders(node)
     names[node.get_fully_qualified_name()] -= 1
     topics = dict(node.get_topic_names_and_types())
     return sorted(
