@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.interruptions import interrupted, Interruption
 from visual_servo_epipolar.core.servo.phases.commands import nominal_twist
-from visual_servo_epipolar.core.servo.phases.events import classify
+from visual_servo_epipolar.core.servo.phases.events import classify, RESUMING_FRAMES
 from visual_servo_epipolar.core.servo.phases.table import DRIVING, ENDED, Event, Phase
 from visual_servo_epipolar.core.servo.state import ServoState
 
@@ -90,10 +90,20 @@ def test_the_clock_of_the_images_stops_who_has_no_watchdog() -> None:
 
 
 def test_only_trusted_sight_moves_a_robot_that_holds() -> None:
-    holding = in_phase(Phase.HOLDING)
+    holding = in_phase(Phase.HOLDING, settled=RESUMING_FRAMES - 1)
     assert then(holding, replace(at(0.1), bearings=BEARINGS)).twist != STANDSTILL
     for what in BLIND:
-        assert then(holding, at(0.1, what)).twist == STANDSTILL
+        state = then(holding, at(0.1, what))
+        assert (state.twist, state.settled) == (STANDSTILL, 0)
+
+
+@pytest.mark.parametrize('kind', [Interruption.LOST, Interruption.HALTED])
+def test_silence_while_it_holds_begins_the_count_of_images_anew(
+    kind: Interruption,
+) -> None:
+    holding = in_phase(Phase.HOLDING, settled=RESUMING_FRAMES - 1)
+    state = interrupted(holding, kind, 'no new tracks')
+    assert state.settled == (0 if kind is Interruption.LOST else RESUMING_FRAMES - 1)
 
 
 @pytest.mark.parametrize('phase', Phase)

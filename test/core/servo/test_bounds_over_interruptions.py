@@ -8,7 +8,7 @@ import pytest
 from servo_states import BEARINGS, in_phase, learnt_yaw, SETTINGS, sight, then
 
 from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
-from visual_servo_epipolar.core.servo.phases.events import classify
+from visual_servo_epipolar.core.servo.phases.events import classify, RESUMING_FRAMES
 from visual_servo_epipolar.core.servo.phases.table import Event, Phase
 from visual_servo_epipolar.core.servo.ranging import Leg
 from visual_servo_epipolar.core.servo.state import ServoState
@@ -20,7 +20,9 @@ def test_backing_off_goes_on_counting_after_tracks_were_lost() -> None:
     state = then(in_phase(Phase.RETREATING, travel=-9.5, reversed=9.5), NO_ESTIMATE)
     assert state.phase is Phase.HOLDING
     aside = sight(2, bearings=replace(BEARINGS, psi=-0.1, phi=-0.1 - math.pi / 2.0))
-    state = then(state, aside)
+    for number in range(RESUMING_FRAMES):
+        assert state.phase is Phase.HOLDING
+        state = then(state, replace(aside, stamp_ns=sight(2 + number).stamp_ns))
     assert state.phase is Phase.RETREATING
     assert (state.travel, state.reversed) == (pytest.approx(-9.5), 9.5)
 

@@ -15,6 +15,7 @@ from visual_servo_epipolar.core.servo.extrinsics import (
     Extrinsics,
     is_significant,
     learnt,
+    LEAST_STEP,
     MAX_CONTRADICTIONS,
     NEAR,
     placed,
@@ -205,3 +206,20 @@ def test_an_offset_aside_alone_is_not_believed() -> None:
 def test_so_many_contradictions_are_borne_and_no_more() -> None:
     assert not replace(unknown(), contradictions=MAX_CONTRADICTIONS).contradicts
     assert replace(unknown(), contradictions=MAX_CONTRADICTIONS + 1).contradicts
+
+
+@pytest.mark.parametrize('at_fault', [YAW, YAW + 1, YAW + 2])
+@pytest.mark.parametrize(('deviations', 'kept'), [(4.9, True), (5.1, False)])
+def test_a_mount_that_cannot_be_is_forgotten_and_learnt_anew(
+    at_fault: int, deviations: float, kept: bool
+) -> None:
+    measurement, travel, _ = next(frames(ON_AXLE))
+    before = placed(unknown(), measurement.bearings, 0.01)
+    mean = before.mean.copy()
+    mean[at_fault] = deviations * before.deviations[at_fault - YAW]
+    before = replace(before, mean=mean, believed=True, travel=LEAST_STEP, contradictions=3)
+    after = learnt(before, measurement, travel, missed=False)
+    assert after.believed == kept
+    if not kept:
+        np.testing.assert_array_equal(after.mount, ON_AXLE)
+        assert (after.placed, after.contradictions) == (True, 3)

@@ -3,6 +3,7 @@
 from servo_rig import AWAY, PERIOD_NS, Rig, WORLD
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
+from visual_servo_epipolar.core.servo.phases.events import RESUMING_FRAMES
 from visual_servo_epipolar.messages import write
 
 DISTRUST_S = 2.0  # as the servo has it
@@ -37,7 +38,9 @@ def test_no_drive_begins_anew_by_the_view_that_stands_still(bench) -> None:
 def test_a_view_that_changes_again_is_driven_by(bench) -> None:
     rig = Rig(bench).drive()
     hang(rig)
-    rig.see()
+    for _ in range(RESUMING_FRAMES):
+        assert rig.phase == 'holding'
+        rig.see()
     assert rig.phase != 'holding'
 
 

@@ -1,4 +1,4 @@
-"""How a camera sits on a base, out of the transform between their frames."""
+"""How a camera sits on a base: out of the transform between their frames, and what follows."""
 
 from dataclasses import dataclass
 import math
@@ -6,6 +6,7 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
 
 STEEPEST = math.radians(46.0)  # of an optical axis off the floor's plane
 MISSHAPEN = 1e-6  # largest element of R^T R - 1 of what is a rotation
@@ -70,3 +71,44 @@ def mount_of(R_base_camera: FloatArray, origin: FloatArray) -> Mount:
         forward=float(origin[0]),
         left=float(origin[1]),
     )
+
+
+def camera_swing(before: float, heading: float) -> FloatArray:
+    """
+    Return by how much a turn from ``before`` to ``heading`` [rad] moves the camera, a metre each.
+
+    Columns are a camera ahead of the axle and one to the left of it, rows are right and ahead, in
+    axes of the goal's camera.
+    """
+    sine = math.sin(heading) - math.sin(before)
+    cosine = math.cos(heading) - math.cos(before)
+    return np.array([[-sine, -cosine], [cosine, -sine]])
+
+
+def offset_at_axle(
+    offset: tuple[float, float], heading: float, mount: FloatArray
+) -> tuple[float, float]:
+    """
+    Return where the axle is, right and ahead of the goal's in axes of the base [m].
+
+    ``offset`` is that of the camera, right and ahead of the goal's in axes of that.
+    """
+    x, y = _without_swing(offset, heading, mount)
+    cosine, sine = math.cos(mount[0]), math.sin(mount[0])
+    return cosine * x - sine * y, sine * x + cosine * y
+
+
+def at_axle(bearings: Bearings, mount: FloatArray, distance: float) -> Bearings:
+    """Return the bearings of the axle in axes of the base, from those of its camera."""
+    offset = distance * math.cos(bearings.psi), distance * math.sin(bearings.psi)
+    x, y = _without_swing(offset, bearings.heading_error, mount)
+    psi, theta = math.atan2(y, x) + float(mount[0]), bearings.psi - bearings.phi
+    return Bearings(math.remainder(psi, 2.0 * math.pi), math.remainder(psi - theta, 2.0 * math.pi))
+
+
+def _without_swing(
+    offset: tuple[float, float], heading: float, mount: FloatArray
+) -> tuple[float, float]:
+    """Return the offset of the axle, in axes of the camera [m]."""
+    swing_x, swing_y = (camera_swing(0.0, heading) @ mount[1:]).tolist()
+    return offset[0] - swing_x, offset[1] - swing_y

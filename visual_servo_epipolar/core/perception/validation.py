@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 
 MIN_INLIERS = 8
 MIN_INLIER_SHARE = 0.3
-MAX_TURN_APART = 1.2  # turns that bearings, and features as a whole, may be apart [rad]
+MAX_TURN_APART = 2.0  # turns that bearings, and features as a whole, may be apart [rad]
 FEW_INLIERS, FEW_SHARE = 12, 0.8  # fewer may agree by chance, if they are not most of all
 MAX_JUMP = 12.0  # of tilt and roll between the views, in deviations of the floor's jitter
 TINY = 1e-30
@@ -113,7 +113,7 @@ def turned_otherwise(bearings: Bearings, heading_error: float) -> str:
     """
     Return how the turn in ``bearings`` contradicts that of a rotation alone, in words, or ''.
 
-    Parallax makes them differ, by 0.7 rad at most in simulated runs; in a mirrored image, where a
+    Parallax makes them differ, by 1.3 rad at most in simulated runs; in a mirrored image, where a
     geometry is found by chance, they are half a turn apart.
     """
     apart = abs(math.remainder(bearings.heading_error - heading_error, 2.0 * math.pi))

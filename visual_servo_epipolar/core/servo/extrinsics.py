@@ -16,6 +16,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.mount import camera_swing
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.values import changed
 
@@ -35,6 +36,9 @@ LEAST = (math.radians(2.0), 0.1, math.inf)
 LEAST_STEP = 0.02  # between two updates, travel [m] or turn [rad]
 NEAR, UNCERTAIN = 0.15, math.radians(1.5)  # distance [m], deviation of a bearing [rad]
 GATE = 6.0  # deviations beyond which a bearing begins the path anew
+# Deviations from what was told beyond which it is not the mount that was learnt, and the least
+# deviation of a yaw that walks [rad].
+PLAUSIBLE, WALKED = 5.0, 0.05
 FAULT, MAX_CONTRADICTIONS = 5, 12  # what one bearing beyond it counts, and what is too much
 
 
@@ -44,13 +48,14 @@ class Extrinsics:
     Mean, shape (5,), and covariance, (5, 5), of the place of the camera and of its mount.
 
     ``told``, shape (3,), is the mount as parameters have it: yaw [rad], and the lever arm forward
-    and left [m], turned into axes of the camera.
+    and left [m], turned into axes of the camera; ``deviations``, shape (3,), are theirs.
     ``heading`` error [rad] and ``travel`` [m] are those of the last update and since. ``placed``
     says whether there was any, ``believed`` whether what was learnt differs from what was told;
     ``contradictions`` counts bearings that commands do not explain, less those that they do.
     """
 
     told: FloatArray
+    deviations: FloatArray
     mean: FloatArray
     covariance: FloatArray
     heading: float = 0.0
@@ -89,8 +94,13 @@ def told_extrinsics(told: FloatArray, deviations: FloatArray) -> Extrinsics:
     yaw, forward, left = told.tolist()
     cosine, sine = math.cos(yaw), math.sin(yaw)
     told = np.array([yaw, cosine * forward + sine * left, cosine * left - sine * forward])
+    return _unplaced(told, deviations)
+
+
+def _unplaced(told: FloatArray, deviations: FloatArray) -> Extrinsics:
     return Extrinsics(
         told,
+        deviations,
         np.concatenate([[0.0, math.log(FIRST_DISTANCE)], told]),
         np.diag(np.concatenate([[1.0, FIRST_DEVIATION**2], deviations**2])),
     )
@@ -181,11 +191,21 @@ def learnt(
     if abs(innovation) > GATE:
         anew = placed(before, bearings, deviation)
         return changed(anew, contradictions=before.contradictions + FAULT)
+    if not is_plausible(after):
+        anew = placed(_unplaced(before.told, before.deviations), bearings, deviation)
+        return changed(anew, contradictions=before.contradictions)
     return changed(
         after,
         contradictions=max(before.contradictions - 1, 0),
         believed=after.believed or is_significant(after, missed),
     )
+
+
+def is_plausible(belief: Extrinsics) -> bool:
+    """Return whether the mount may be what was learnt, and not a path that led nowhere."""
+    changes = np.abs(belief.mean[YAW:] - belief.told)
+    deviations = np.maximum(belief.deviations, [WALKED, 0.0, 0.0])
+    return bool((changes <= PLAUSIBLE * deviations).all())
 
 
 def is_significant(belief: Extrinsics, missed: bool) -> bool:
@@ -198,44 +218,3 @@ def is_significant(belief: Extrinsics, missed: bool) -> bool:
         abs(change) > SIGNIFICANT[missed] * deviation and abs(change) > least
         for change, deviation, least in zip(changes, deviations, LEAST, strict=True)
     )
-
-
-def camera_swing(before: float, heading: float) -> FloatArray:
-    """
-    Return by how much a turn from ``before`` to ``heading`` [rad] moves the camera, a metre each.
-
-    Columns are a camera ahead of the axle and one to the left of it, rows are right and ahead, in
-    axes of the goal's camera.
-    """
-    sine = math.sin(heading) - math.sin(before)
-    cosine = math.cos(heading) - math.cos(before)
-    return np.array([[-sine, -cosine], [cosine, -sine]])
-
-
-def offset_at_axle(
-    offset: tuple[float, float], heading: float, mount: FloatArray
-) -> tuple[float, float]:
-    """
-    Return where the axle is, right and ahead of the goal's in axes of the base [m].
-
-    ``offset`` is that of the camera, right and ahead of the goal's in axes of that.
-    """
-    x, y = _without_swing(offset, heading, mount)
-    cosine, sine = math.cos(mount[0]), math.sin(mount[0])
-    return cosine * x - sine * y, sine * x + cosine * y
-
-
-def at_axle(bearings: Bearings, mount: FloatArray, distance: float) -> Bearings:
-    """Return the bearings of the axle in axes of the base, from those of its camera."""
-    offset = distance * math.cos(bearings.psi), distance * math.sin(bearings.psi)
-    x, y = _without_swing(offset, bearings.heading_error, mount)
-    psi, theta = math.atan2(y, x) + float(mount[0]), bearings.psi - bearings.phi
-    return Bearings(math.remainder(psi, 2.0 * math.pi), math.remainder(psi - theta, 2.0 * math.pi))
-
-
-def _without_swing(
-    offset: tuple[float, float], heading: float, mount: FloatArray
-) -> tuple[float, float]:
-    """Return the offset of the axle, in axes of the camera [m]."""
-    swing_x, swing_y = (camera_swing(0.0, heading) @ mount[1:]).tolist()
-    return offset[0] - swing_x, offset[1] - swing_y

@@ -56,7 +56,7 @@ def lost(state: ServoState, reason: str) -> ServoState:
     phase = next_phase(state.phase, Event.LOST)
     if phase is state.phase:
         reason = reason if phase is Phase.HOLDING else state.reason
-        return changed(_halted(state), reason=reason)
+        return changed(_halted(state), settled=0, reason=reason)
     # It holds since the last tracks: a phase that had lasted long would count as waiting.
     start_ns = state.phase_start_ns if state.measurement is None else state.measurement.stamp_ns
     return changed(_halted(state), phase=phase, phase_start_ns=start_ns, settled=0, reason=reason)

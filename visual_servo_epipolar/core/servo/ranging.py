@@ -35,16 +35,26 @@ def look_ahead(distance: float, largest: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """Leg of the path: bearing ``psi`` [rad] at its start, displacement ``x``, ``y`` since [m]."""
+    """
+    Leg of the path: bearing ``psi`` [rad] at its start, displacement ``x``, ``y`` since [m].
+
+    ``backward`` is what was driven backward on it [m].
+    """
 
     psi: float
     x: float = 0.0
     y: float = 0.0
+    backward: float = 0.0
 
     def extended(self, bearings: Bearings, travel: float) -> 'Leg':
         """Return the leg after ``travel`` [m] along the heading theta = psi - phi."""
         theta = bearings.psi - bearings.phi
-        return Leg(self.psi, self.x + travel * math.cos(theta), self.y + travel * math.sin(theta))
+        return Leg(
+            self.psi,
+            self.x + travel * math.cos(theta),
+            self.y + travel * math.sin(theta),
+            self.backward + max(-travel, 0.0),
+        )
 
     def distance(self, psi: float, *, min_turn: float = MIN_TURN) -> float | None:
         """

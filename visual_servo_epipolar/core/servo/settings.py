@@ -114,7 +114,7 @@ class ServoSettings(PerceptionSettings, ControlSettings):
     )
     retreat_speed: float = setting(0.2, 'Speed of backing off [m/s]', low=0.01, high=2.0)
     max_retreat: float = setting(
-        10.0,
+        20.0,
         'Distance driven backward at which the run fails, attempts and all [m]',
         low=0.1,
         high=100.0,

@@ -5,10 +5,11 @@ import math
 
 from visual_servo_epipolar.core.control import laws
 from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
+from visual_servo_epipolar.core.geometry.mount import at_axle, offset_at_axle
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
-from visual_servo_epipolar.core.servo.extrinsics import at_axle, Extrinsics, learnt, offset_at_axle
+from visual_servo_epipolar.core.servo.extrinsics import Extrinsics, learnt
 from visual_servo_epipolar.core.servo.identification import Slope
 from visual_servo_epipolar.core.servo.phases.conditions import (
     engage_bound,

@@ -115,6 +115,15 @@ def test_an_excursion_refers_to_half_a_metre_at_least(first: float, led: bool) -
     assert bool(astray(state, sight(), settings)) == led
 
 
+@pytest.mark.parametrize(('backward', 'led'), [(0.0, True), (0.4, False), (0.15, True)])
+def test_what_is_driven_backward_is_no_excursion(backward: float, led: bool) -> None:
+    """From 1 m to 1.7 m, of which some is backward, by which max_retreat goes."""
+    psi = BEARINGS.psi
+    leg = Leg(psi, 0.7 * math.cos(psi), 0.7 * math.sin(psi), backward)
+    state = in_phase(Phase.MATCHING_FEATURES, leg=leg, extrinsics=ranged(1.7))
+    assert bool(astray(state, sight(), type(SETTINGS)(max_excursion=1.5))) == led
+
+
 @pytest.mark.parametrize('phase', DRIVING)
 def test_as_many_features_as_are_needed_are_enough(phase: Phase) -> None:
     for features, lost in ((SETTINGS.min_features, False), (SETTINGS.min_features - 1, True)):

@@ -20,7 +20,7 @@ RESIDUAL_OFFSET = 1e-3  # at the end of line following [m]
 LARGEST_ESCAPE = 0.1  # [rad]
 FRAME_S = 0.1  # duration of the shortest turn: one command, at the usual frame rate
 LONGEST_WAY = 1.5  # in upper bounds of the distance
-LEADING_AWAY = 3.0  # what a law without retreat may drive backward, in that of others
+LEADING_AWAY = 1.5  # what a law without retreat may drive backward, in that of others
 LEAST_FIRST = 0.5  # distance that a ratio of distances refers to at least [m]
 ARRIVAL_OFFSET = 2e-3  # of who has arrived, by a memory of views [m]
 LEAST_OFFSET, LEAST_HEADING = 1e-4, 5e-5  # that a memory of views bothers about [m], [rad]
@@ -135,11 +135,19 @@ def discordant_bearing(measurement: Measurement, settings: ServoSettings) -> flo
     return displacement(measurement, settings, least_ratio=least_ratio) or 0.0
 
 
+def is_untrusted(measurement: Measurement, settings: ServoSettings) -> bool:
+    """Return whether D is unknown, or the goal is not near and its bearing not trusted."""
+    untrusted = measurement.bearings is None and measurement.parallax > settings.near_parallax
+    return untrusted or not math.isfinite(measurement.difference)
+
+
 def is_settled(state: ServoState, settings: ServoSettings) -> bool:
     """Return whether this frame fulfils the aim of the phase."""
     measurement = state.measurement
     if measurement is None or measurement.features < settings.min_features:
         return False
+    if state.phase is Phase.HOLDING:
+        return not is_untrusted(measurement, settings)
     if state.phase is Phase.ORIENTING:
         return abs(measurement.heading_error) <= facing_bound(measurement, settings)
     if state.phase is Phase.MATCHING_FEATURES:
@@ -218,11 +226,15 @@ def astray(state: ServoState, measurement: Measurement, settings: ServoSettings)
 
 
 def _excursion(state: ServoState, measurement: Measurement) -> float:
-    """Return the distance over that at which the leg began; 1 where it is not known."""
+    """
+    Return the distance over that at which the leg began; 1 where it is not known.
+
+    What was driven backward is left out, max_retreat counts it: near the goal step 1 needs some.
+    """
     extrinsics, leg, bearings = state.extrinsics, state.leg, measurement.bearings
     if extrinsics is None or leg is None or bearings is None or not extrinsics.is_ranged:
         return 1.0
     distance = extrinsics.distance
     x = distance * math.cos(bearings.psi) - leg.x
     y = distance * math.sin(bearings.psi) - leg.y
-    return distance / max(math.hypot(x, y), LEAST_FIRST)
+    return (distance - leg.backward) / max(math.hypot(x, y), LEAST_FIRST)

@@ -14,6 +14,7 @@ from visual_servo_epipolar.core.servo.phases.conditions import (
     is_at_goal,
     is_off_course,
     is_sideways,
+    is_untrusted,
 )
 from visual_servo_epipolar.core.servo.phases.table import (
     DRIVING,
@@ -28,6 +29,7 @@ from visual_servo_epipolar.core.servo.state import ServoState
 
 # What the yaw of the camera may be learnt to differ by while a step lasts [rad].
 YAW_FOR_NEW_START, YAW_FOR_NEW_ATTEMPT = math.radians(1.5), math.radians(0.5)
+RESUMING_FRAMES = 3  # in a row that must be trusted before the robot moves again
 
 
 def classify(state: ServoState, settings: ServoSettings) -> Event:
@@ -62,6 +64,13 @@ def _survey(state: ServoState, measurement: Measurement, settings: ServoSettings
     return Event.APART
 
 
+def _holding(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
+    # Where images are false, a single one may look right.
+    if state.settled < RESUMING_FRAMES:
+        return Event.NOTHING
+    return _survey(state, measurement, settings)
+
+
 def _orienting(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
     if state.settled < settings.align_frames:
         return Event.NOTHING
@@ -75,14 +84,8 @@ def _orienting(state: ServoState, measurement: Measurement, settings: ServoSetti
     return Event.ALIGNED
 
 
-def _is_astray(measurement: Measurement, settings: ServoSettings) -> bool:
-    """Return whether D is unknown, or the goal is not near and its bearing not trusted."""
-    untrusted = measurement.bearings is None and measurement.parallax > settings.near_parallax
-    return untrusted or not math.isfinite(measurement.difference)
-
-
 def _retreating(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
-    if _is_astray(measurement, settings):
+    if is_untrusted(measurement, settings):
         return Event.LOST
     if measurement.bearings is None or measurement.difference > -settings.retreat_difference:
         return Event.NOTHING
@@ -124,7 +127,7 @@ def _begun(measurement: Measurement, settings: ServoSettings, event: Event) -> E
 
 
 def _matching(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
-    if _is_astray(measurement, settings):
+    if is_untrusted(measurement, settings):
         return Event.LOST
     if state.settled < settings.arrival_frames:
         return Event.NOTHING
@@ -146,7 +149,7 @@ def _nothing(state: ServoState, measurement: Measurement, settings: ServoSetting
 
 _CLASSIFIERS: dict[Phase, Callable[[ServoState, Measurement, ServoSettings], Event]] = {
     Phase.WAITING: _survey,
-    Phase.HOLDING: _survey,
+    Phase.HOLDING: _holding,
     Phase.ORIENTING: _orienting,
     Phase.RETREATING: _retreating,
     Phase.DISPLACING: _displacing,
