@@ -24,6 +24,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.nodes import parameters
+from visual_servo_epipolar.nodes.startup.executor import MessageExecutor
 
 DOMAINS_A_PROCESS, MAX_DOMAIN = 10, 100  # ports of domains above lie among those of the kernel
 USUAL_SEC = 30.0  # many times what anything here takes, also beside other work
@@ -74,7 +75,7 @@ class Bench(AbstractContextManager['Bench']):
     def __init__(self, domain_id: int | None = None) -> None:
         self.context = Context()
         rclpy.init(args=[], context=self.context, domain_id=domain_id or next_domain())
-        self.executor = SingleThreadedExecutor(context=self.context)
+        self.executor = MessageExecutor(context=self.context)
         self.nodes: list[Node] = []
         self._refused = False  # whether a node did not start
         self._clients: dict[tuple[str, Any], Client] = {}

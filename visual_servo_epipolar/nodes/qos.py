@@ -46,8 +46,7 @@ def report_publisher(node: Node, kind: Any, topic: str, profile: QoSProfile) -> 
     """
     Create a publisher of what people look at, which tells of no subscriber of another QoS.
 
-    To tell takes two entities that the executor asks about twice a callback, and the subscriber
-    tells it as well.
+    To tell takes two entities that an executor asks about, and the subscriber tells it as well.
     """
     silent = PublisherEventCallbacks(use_default_callbacks=False)
     return node.create_publisher(kind, topic, profile, event_callbacks=silent)

@@ -8,12 +8,12 @@ from typing import Any
 
 import rclpy
 from rclpy.exceptions import ParameterException
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.nodes.startup import command_line, inputs, signals
+from visual_servo_epipolar.nodes.startup.executor import MessageExecutor
 from visual_servo_epipolar.nodes.startup.transport import tune_transport
 
 
@@ -40,7 +40,7 @@ def spin(kind: type[Any], args: list[str] | None = None) -> int:
         node = kind()
         inputs.watch(node)
         _spare_from_collection()
-        executor = SingleThreadedExecutor()
+        executor = MessageExecutor()
         executor.add_node(node)
         while not ending.is_set():
             executor.spin_once(timeout_sec=0.1)

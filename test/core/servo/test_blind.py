@@ -97,13 +97,27 @@ def test_only_trusted_sight_moves_a_robot_that_holds() -> None:
         assert (state.twist, state.settled) == (STANDSTILL, 0)
 
 
-@pytest.mark.parametrize('kind', [Interruption.LOST, Interruption.HALTED])
-def test_silence_while_it_holds_begins_the_count_of_images_anew(
-    kind: Interruption,
+@pytest.mark.parametrize(
+    ('gap', 'counts'),
+    [
+        (0.1, RESUMING_FRAMES - 1),
+        (SETTINGS.stale_timeout - 0.001, RESUMING_FRAMES - 1),
+        (SETTINGS.stale_timeout + 0.001, 1),
+        (0.0, 1),
+        (-0.1, 1),
+    ],
+)
+def test_silence_and_repeated_images_begin_the_count_of_who_holds_anew(
+    gap: float, counts: int
 ) -> None:
+    holding = in_phase(Phase.HOLDING, settled=RESUMING_FRAMES - 2, measurement=at(3.0))
+    state = then(holding, at(3.0 + gap))
+    assert (state.phase, state.settled) == (Phase.HOLDING, counts)
+
+
+def test_images_that_are_refused_begin_it_anew() -> None:
     holding = in_phase(Phase.HOLDING, settled=RESUMING_FRAMES - 1)
-    state = interrupted(holding, kind, 'no new tracks')
-    assert state.settled == (0 if kind is Interruption.LOST else RESUMING_FRAMES - 1)
+    assert interrupted(holding, Interruption.LOST, 'out of order').settled == 0
 
 
 @pytest.mark.parametrize('phase', Phase)

@@ -13,6 +13,7 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.servo.extrinsics import (
     Extrinsics,
+    FAULT,
     is_significant,
     learnt,
     LEAST_STEP,
@@ -222,4 +223,4 @@ def test_a_mount_that_cannot_be_is_forgotten_and_learnt_anew(
     assert after.believed == kept
     if not kept:
         np.testing.assert_array_equal(after.mount, ON_AXLE)
-        assert (after.placed, after.contradictions) == (True, 3)
+        assert (after.placed, after.contradictions) == (True, 3 + FAULT)

@@ -193,7 +193,7 @@ def learnt(
         return changed(anew, contradictions=before.contradictions + FAULT)
     if not is_plausible(after):
         anew = placed(_unplaced(before.told, before.deviations), bearings, deviation)
-        return changed(anew, contradictions=before.contradictions)
+        return changed(anew, contradictions=before.contradictions + FAULT)
     return changed(
         after,
         contradictions=max(before.contradictions - 1, 0),

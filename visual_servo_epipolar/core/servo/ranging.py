@@ -38,13 +38,13 @@ class Leg:
     """
     Leg of the path: bearing ``psi`` [rad] at its start, displacement ``x``, ``y`` since [m].
 
-    ``backward`` is what was driven backward on it [m].
+    ``travel`` is the way along it [m], backward negative.
     """
 
     psi: float
     x: float = 0.0
     y: float = 0.0
-    backward: float = 0.0
+    travel: float = 0.0
 
     def extended(self, bearings: Bearings, travel: float) -> 'Leg':
         """Return the leg after ``travel`` [m] along the heading theta = psi - phi."""
@@ -53,7 +53,7 @@ class Leg:
             self.psi,
             self.x + travel * math.cos(theta),
             self.y + travel * math.sin(theta),
-            self.backward + max(-travel, 0.0),
+            self.travel + travel,
         )
 
     def distance(self, psi: float, *, min_turn: float = MIN_TURN) -> float | None:

@@ -23,6 +23,7 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.steadying import Motion
 from visual_servo_epipolar.core.servo.values import changed
+from visual_servo_epipolar.core.stamps import seconds_between
 
 RATE_SMOOTHING = 0.4  # weight of the newest value in an exponential mean, as the next three
 RANGE_SMOOTHING = 0.2
@@ -54,7 +55,7 @@ def updated(
     measurement = _of_the_axle(measurement, extrinsics)
     bias = _rotation_bias(state, measurement)
     measurement = _without_bias(measurement, bias)
-    if extrinsics.believed and not (state.extrinsics and state.extrinsics.believed):
+    if extrinsics.believed != (state.extrinsics is not None and state.extrinsics.believed):
         # What was ranged so far was driven by another mount.
         state = changed(state, leg=None, range=extrinsics.distance)
     leg = _leg(state, dt)
@@ -79,7 +80,7 @@ def updated(
         memory=perception.memory,
         views=views,
     )
-    return _with_settled(state, measurement, settings)
+    return _with_settled(state, measurement, previous, settings)
 
 
 def _disproved(perception: Perception, settings: ServoSettings) -> Perception:
@@ -153,12 +154,27 @@ def _without_bias(measurement: Measurement, bias: float) -> Measurement:
     return replace(measurement, heading_error=heading)
 
 
+def _follows(
+    measurement: Measurement, previous: Measurement | None, settings: ServoSettings
+) -> bool:
+    """Return whether a measurement comes in time after the ``previous`` one: in a row with it."""
+    if previous is None:
+        return False
+    gap = seconds_between(previous.stamp_ns, measurement.stamp_ns)
+    return 0.0 < gap <= settings.stale_timeout
+
+
 def _with_settled(
-    state: ServoState, measurement: Measurement, settings: ServoSettings
+    state: ServoState,
+    measurement: Measurement,
+    previous: Measurement | None,
+    settings: ServoSettings,
 ) -> ServoState:
     """Return the state with its count of settled frames and the mean of their parallax."""
     if not is_settled(state, settings):
         return changed(state, settled=0) if state.settled else state
+    if state.phase is Phase.HOLDING and not _follows(measurement, previous, settings):
+        state = changed(state, settled=0)
     settled = state.settled + 1
     mean = state.settled_parallax if state.settled else 0.0
     square = mean**2 + (measurement.parallax**2 - mean**2) / settled

@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.nodes.lifecycle.gates import in_every_state
 from visual_servo_epipolar.nodes.recording import discovery
 from visual_servo_epipolar.nodes.recording.discovery import TopicSelection
-from visual_servo_epipolar.nodes.recording.waiting import hand_out
+from visual_servo_epipolar.nodes.startup.waiting import hand_out
 
 
 @dataclass(slots=True)
@@ -135,7 +135,7 @@ class RawSubscriptions:
             listen,  # type: ignore[arg-type] # raw, and with the info of the message
             profile,
             raw=True,
-            # rclpy looks at each event of each topic for each message: a third of its time.
+            # An executor looks at each event of each topic, time and again.
             event_callbacks=SubscriptionEventCallbacks(use_default_callbacks=False),
         )
         return raw

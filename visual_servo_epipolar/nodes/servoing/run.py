@@ -6,7 +6,7 @@ from rclpy.node import Node
 
 from visual_servo_epipolar.core.control.command import HALT
 from visual_servo_epipolar.core.servo.interruptions import interrupted, Interruption
-from visual_servo_epipolar.core.servo.phases.table import DRIVING
+from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.nodes.servoing.commands import Commands
 from visual_servo_epipolar.nodes.servoing.freshness import Freshness
@@ -66,8 +66,10 @@ class Run:
         self.trouble = trouble
         if self.state.phase in DRIVING:
             self.lose(trouble)
-        else:
-            self._warn(trouble)
+            return
+        if self.state.phase is Phase.HOLDING and self.state.settled:  # not in a row any more
+            self._interrupt(Interruption.LOST, trouble)
+        self._warn(trouble)
 
     def lose(self, reason: str) -> None:
         """Stop a robot that drives, and hold."""

@@ -115,12 +115,22 @@ def test_an_excursion_refers_to_half_a_metre_at_least(first: float, led: bool) -
     assert bool(astray(state, sight(), settings)) == led
 
 
-@pytest.mark.parametrize(('backward', 'led'), [(0.0, True), (0.4, False), (0.15, True)])
-def test_what_is_driven_backward_is_no_excursion(backward: float, led: bool) -> None:
-    """From 1 m to 1.7 m, of which some is backward, by which max_retreat goes."""
+@pytest.mark.parametrize(
+    ('away', 'travel', 'led'),
+    [
+        (0.7, 0.7, True),
+        (0.7, -0.15, True),
+        (0.7, -0.4, False),
+        (1.4, -1.4, False),
+        (1.6, -1.6, True),  # a metre is left out at most
+    ],
+)
+def test_what_the_leg_leads_backward_is_no_excursion(
+    away: float, travel: float, led: bool
+) -> None:
     psi = BEARINGS.psi
-    leg = Leg(psi, 0.7 * math.cos(psi), 0.7 * math.sin(psi), backward)
-    state = in_phase(Phase.MATCHING_FEATURES, leg=leg, extrinsics=ranged(1.7))
+    leg = Leg(psi, away * math.cos(psi), away * math.sin(psi), travel)
+    state = in_phase(Phase.MATCHING_FEATURES, leg=leg, extrinsics=ranged(1.0 + away))
     assert bool(astray(state, sight(), type(SETTINGS)(max_excursion=1.5))) == led
 
 

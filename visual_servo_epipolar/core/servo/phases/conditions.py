@@ -20,6 +20,7 @@ RESIDUAL_OFFSET = 1e-3  # at the end of line following [m]
 LARGEST_ESCAPE = 0.1  # [rad]
 FRAME_S = 0.1  # duration of the shortest turn: one command, at the usual frame rate
 LONGEST_WAY = 1.5  # in upper bounds of the distance
+MOST_BACKWARD = 1.0  # of a leg, that is no excursion [m]
 LEADING_AWAY = 1.5  # what a law without retreat may drive backward, in that of others
 LEAST_FIRST = 0.5  # distance that a ratio of distances refers to at least [m]
 ARRIVAL_OFFSET = 2e-3  # of who has arrived, by a memory of views [m]
@@ -206,7 +207,7 @@ def astray(state: ServoState, measurement: Measurement, settings: ServoSettings)
 
     What is driven backward has a bound of its own, over all phases and attempts; laws without
     retreat, whose first step may lead away by itself, have a wider one. In steps 1 and 2 of a law
-    that spirals inwards the distance never grows, and no way is longer than its upper bound
+    that spirals inwards the distance hardly grows, and no way is longer than its upper bound
     allows.
     """
     name, law = state.phase.value, settings.options
@@ -229,7 +230,7 @@ def _excursion(state: ServoState, measurement: Measurement) -> float:
     """
     Return the distance over that at which the leg began; 1 where it is not known.
 
-    What was driven backward is left out, max_retreat counts it: near the goal step 1 needs some.
+    What the leg has led backward is left out, up to a metre: near the goal step 1 may need it.
     """
     extrinsics, leg, bearings = state.extrinsics, state.leg, measurement.bearings
     if extrinsics is None or leg is None or bearings is None or not extrinsics.is_ranged:
@@ -237,4 +238,5 @@ def _excursion(state: ServoState, measurement: Measurement) -> float:
     distance = extrinsics.distance
     x = distance * math.cos(bearings.psi) - leg.x
     y = distance * math.sin(bearings.psi) - leg.y
-    return (distance - leg.backward) / max(math.hypot(x, y), LEAST_FIRST)
+    backward = min(max(-leg.travel, 0.0), MOST_BACKWARD)
+    return (distance - backward) / max(math.hypot(x, y), LEAST_FIRST)

@@ -1,0 +1,178 @@
+"""The executor of a process: messages, timers and services are served, whatever else goes on."""
+
+from collections.abc import Iterator
+from functools import partial
+import time
+from typing import Any
+
+from bench import Bench, RELIABLE
+import pytest
+from rclpy.task import Future
+from std_msgs.msg import UInt32
+from std_srvs.srv import Trigger
+
+from visual_servo_epipolar.nodes.startup import executor as module
+from visual_servo_epipolar.nodes.startup.executor import MessageExecutor
+
+TOPIC, MANY = 'numbers', 200
+
+
+@pytest.fixture
+def spun() -> Iterator[Bench]:
+    """Return a bench whose probe is spun by the executor under test."""
+    with Bench() as bench:
+        assert isinstance(bench.executor, MessageExecutor)
+        yield bench
+
+
+def talk(bench: Bench) -> Any:
+    say = bench.talk(UInt32, TOPIC)
+    publisher = list(bench.probe.publishers)[-1]
+    bench.until(lambda: publisher.get_subscription_count() > 0, 'the ear to be known')
+    return lambda number: say(UInt32(data=number))
+
+
+def test_messages_come_in_order_and_none_is_lost(spun) -> None:
+    heard = spun.listen(UInt32, TOPIC)
+    say = talk(spun)
+    for number in range(MANY):
+        say(number)
+    spun.until(lambda: len(heard) == MANY, 'all messages')
+    assert [item.data for item in heard] == list(range(MANY))
+
+
+@pytest.mark.parametrize('raw', [False, True])
+def test_a_callback_may_want_bytes_or_to_know_where_they_come_from(spun, raw) -> None:
+    heard: list[Any] = []
+    spun.probe.create_subscription(
+        UInt32, TOPIC, lambda message, info: heard.append((message, info)), RELIABLE, raw=raw
+    )
+    talk(spun)(7)
+    spun.until(lambda: len(heard) == 1, 'the message')
+    message, info = heard[0]
+    assert isinstance(message, bytes if raw else UInt32)
+    assert info['source_timestamp'] > 0
+
+
+def test_a_flood_of_messages_keeps_no_timer_and_no_service_from_its_turn(
+    spun, monkeypatch
+) -> None:
+    monkeypatch.setattr(module, 'LOOK_S', 3600.0)  # they wake it by themselves
+    say: list[Any] = []
+    heard: list[int] = []
+
+    def again(message: UInt32) -> None:  # there is always a message
+        heard.append(message.data)
+        say[0](message.data + 1)
+
+    spun.probe.create_subscription(UInt32, TOPIC, again, RELIABLE)
+    say.append(talk(spun))
+    ticks: list[float] = []
+    spun.probe.create_timer(0.01, lambda: ticks.append(time.monotonic()))
+    spun.probe.create_service(Trigger, 'ask', lambda _, answer: answer)
+    say[0](0)
+    spun.call('ask')
+    spun.until(lambda: len(ticks) > 10, 'the timer to tick')
+    assert len(heard) > 10
+
+
+def stand_still() -> None:
+    """Do nothing for a while, as a machine that is busy otherwise."""
+    until = time.monotonic() + 0.05
+    while time.monotonic() < until:
+        pass
+
+
+def test_what_was_due_before_a_message_comes_before_it(spun) -> None:
+    order: list[str] = []
+    spun.probe.create_subscription(UInt32, TOPIC, lambda _: order.append('message'), RELIABLE)
+    say = talk(spun)
+    spun.probe.create_timer(0.001, lambda: order.append('tick'))
+    spun.until(lambda: bool(order), 'the first tick')
+    order.clear()
+    say(0)
+    stand_still()
+    spun.until(lambda: 'message' in order, 'the message')
+    assert order[0] == 'tick'
+
+
+def test_a_subscription_that_is_destroyed_on_the_way_hears_nothing(spun) -> None:
+    heard: list[int] = []
+    ears: list[Any] = []
+
+    def hear(other: int, _: UInt32) -> None:
+        heard.append(other)
+        spun.probe.destroy_subscription(ears[other])
+
+    for other in (1, 0):
+        ears.append(spun.probe.create_subscription(UInt32, TOPIC, partial(hear, other), RELIABLE))
+    publisher = spun.probe.create_publisher(UInt32, TOPIC, RELIABLE)
+    spun.until(lambda: publisher.get_subscription_count() == 2, 'both ears to be known')
+    publisher.publish(UInt32())
+    stand_still()  # until both have it
+    spun.until(lambda: bool(heard), 'the message')
+    spun.settle()
+    assert len(heard) == 1
+
+
+def test_a_guard_condition_is_called_back_for_once(spun) -> None:
+    calls: list[int] = []
+    guard = spun.probe.create_guard_condition(lambda: calls.append(1))
+    guard.trigger()
+    spun.until(lambda: bool(calls), 'the guard')
+    spun.settle()
+    assert calls == [1]
+
+
+def test_a_task_that_waits_goes_on_once_it_may(spun) -> None:
+    over, ended = Future(executor=spun.executor), []
+
+    async def waiting() -> None:
+        ended.append(await over)
+
+    spun.executor.create_task(waiting)
+    spun.settle()
+    assert not ended
+    spun.probe.create_timer(0.001, lambda: over.set_result('done'))
+    spun.until(lambda: bool(ended), 'the task')
+    assert ended[0] == 'done'
+
+
+def test_without_a_node_it_waits(spun) -> None:
+    node = spun.nodes.pop()
+    spun.executor.remove_node(node)
+    node.destroy_node()
+    for _ in range(5):
+        spun.executor.spin_once(timeout_sec=0.01)
+
+
+def test_what_a_callback_raises_ends_the_spin(spun) -> None:
+    def complain(message: UInt32) -> None:
+        raise RuntimeError(f'number {message.data}')
+
+    spun.probe.create_subscription(UInt32, TOPIC, complain, RELIABLE)
+    talk(spun)(5)
+    with pytest.raises(RuntimeError, match='number 5'):
+        spun.until(lambda: False, 'the error')
+
+
+def test_what_a_timer_raises_ends_the_spin(spun) -> None:
+    def complain() -> None:
+        raise RuntimeError('the tick')
+
+    spun.probe.create_timer(0.001, complain)
+    with pytest.raises(RuntimeError, match='the tick'):
+        spun.until(lambda: False, 'the error')
+
+
+def test_a_wait_in_silence_ends_in_time(spun, monkeypatch) -> None:
+    monkeypatch.setattr(module, 'LOOK_S', 60.0)
+    spun.settle()
+    spun.until(lambda: waits(spun, 0.05), 'a wait for nothing to last as long as it may')
+
+
+def waits(spun: Bench, seconds: float) -> bool:
+    """Return whether a spin has waited so long [s], less a little."""
+    began = time.monotonic()
+    spun.executor.spin_once(timeout_sec=seconds)
+    return time.monotonic() - began > 0.9 * seconds
