@@ -12,6 +12,7 @@ from visual_servo_epipolar.bags.replaying.plan import plan, ReplayOverrides
 from visual_servo_epipolar.bags.replaying.replay import replay
 from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
+from visual_servo_epipolar.core.servo.phases.events import RESUMING_FRAMES
 from visual_servo_epipolar.core.tracking.features import Features, NO_GOAL
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes.servo_node import ServoNode
@@ -106,4 +107,4 @@ def test_a_replay_of_it_does_as_the_robot_did(bench, tmp_path) -> None:
         run = read_run(bag, assigned(bag, {}))
         steps = replay(bag, run, plan(bag, run, ReplayOverrides())[0])
     assert compare(run, steps, 0.0).equal
-    assert [step.phase.value for step in steps].count('holding') == 3
+    assert [step.phase.value for step in steps].count('holding') == 2 + RESUMING_FRAMES
