@@ -20,7 +20,7 @@ from visual_servo_epipolar.nodes.startup import signals
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 
-START_S, REST_S, LONGEST_S = 90.0, 3.0, 45.0
+START_S, REST_S, LONGEST_S = 90.0, 3.0, 120.0
 LATE_S = 0.5  # by which a busy machine may deliver what is sent, or run who is due
 BASE = PioneerSettings()
 
