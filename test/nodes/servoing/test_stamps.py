@@ -98,6 +98,20 @@ def test_a_robot_that_drives_is_stopped_by_an_untimely_image(bench, age, text) -
     assert rig.twists()[-1] != STANDSTILL
 
 
+@pytest.mark.parametrize('age', [age for age, _ in UNTIMELY])
+def test_an_untimely_image_begins_the_row_of_trusted_ones_anew(bench, age) -> None:
+    rig = Present(bench).drive()
+    rig.see(age=age)
+    for _ in range(RESUMING_FRAMES - 1):
+        rig.see()
+    rig.see(age=age)
+    for _ in range(RESUMING_FRAMES - 1):
+        rig.see()
+        assert (rig.phase, rig.twists()[-1]) == ('holding', STANDSTILL)
+    rig.see()
+    assert rig.twists()[-1] != STANDSTILL
+
+
 def test_the_largest_latency_may_be_changed_on_the_way(bench) -> None:
     rig = Present(bench)
     rig.node.set_parameters([Parameter('max_latency', value=0.0)])
