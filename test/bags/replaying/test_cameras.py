@@ -14,6 +14,7 @@ from visual_servo_epipolar.bags.replaying.plan import plan, ReplayOverrides
 from visual_servo_epipolar.bags.replaying.replay import replay
 from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.servo.phases.events import RESUMING_FRAMES
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.servoing import camera
@@ -64,11 +65,12 @@ def test_a_camera_that_changed_in_mid_run_holds_in_the_replay_as_well(
     bench, tmp_path, monkeypatch
 ) -> None:
     monkeypatch.setattr(camera, 'DISTRUST_S', 1.5e-9 * PERIOD_NS)  # the first image is refused
-    messages = recorded(bench, [info(TRUE, 0)] * 4 + [info(OTHER, 0)] * 4 + [info(TRUE, 0)] * 3)
+    messages = recorded(bench, [info(TRUE, 0)] * 4 + [info(OTHER, 0)] * 4 + [info(TRUE, 0)] * 4)
     steps, comparison = compared(write_bag(tmp_path / 'bag', messages))
     assert comparison.equal
     phases = [step.phase.value for step in steps]
-    assert phases[3:9] == ['displacing', *['holding'] * 4, 'displacing']
+    held = 4 + RESUMING_FRAMES - 1
+    assert phases[3 : 5 + held] == ['displacing', *['holding'] * held, 'displacing']
 
 
 @pytest.mark.parametrize('known', [True, False])
