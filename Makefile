@@ -6,8 +6,8 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 PIP := $(BIN)/python -m pip -qq --disable-pip-version-check
 OLDEST_PIP = $(OLDEST)/bin/python -m pip -qq --disable-pip-version-check
-# Ask nothing of the caller's shell: no packages and ROS libraries but those of .venv.
-unexport PYTHONPATH PYTHONHOME LD_LIBRARY_PATH _ROS_WHEELS_BOOTSTRAP_COMPLETE AMENT_PREFIX_PATH
+# Ask nothing of the caller's shell: no packages and ROS libraries but those of .venv, compiled once.
+unexport PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE LD_LIBRARY_PATH _ROS_WHEELS_BOOTSTRAP_COMPLETE AMENT_PREFIX_PATH
 
 # Ubuntu 24.04 has Python 3.12. matplotlib 3.6.3 has wheels up to 3.11 and is built above that,
 # which needs freetype and qhull (libfreetype-dev, libqhull-dev).
@@ -21,7 +21,7 @@ WORKERS ?= auto
 PYTEST_ARGS ?=
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 define run_tests
-@$(ONE_THREAD) $(1)/python -m pytest -ra -n $(WORKERS) --dist loadfile -m 'not alone' $(PYTEST_ARGS) || [ $$? = 5 ]
+@$(ONE_THREAD) $(1)/python -m pytest -ra -n $(WORKERS) --dist worksteal -m 'not alone' $(PYTEST_ARGS) || [ $$? = 5 ]
 @$(1)/python -m pytest -ra -m alone $(PYTEST_ARGS) || [ $$? = 5 ]
 endef
 BENCH_ARGS ?=
