@@ -82,7 +82,6 @@ def moment(place: Place, state: ServoState) -> Moment:
     ('mast', 'start'),
     [
         pytest.param(LEVEL, RIGHT, id='level, from the right'),
-        pytest.param(LEVEL, LEFT, id='level, from the left'),
         pytest.param(DOWN, LEFT, id='7 deg down'),
         pytest.param(UP, RIGHT, id='12 deg up, 4 deg to the left'),
     ],
