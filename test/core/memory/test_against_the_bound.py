@@ -20,7 +20,7 @@ def test_every_drive_ends_with_a_pose(errors: Errors) -> None:
 
 def test_no_estimate_could_be_much_more_exact(errors: Errors) -> None:
     assert (errors.rms <= 1.2 * errors.bound).all()
-    assert (errors.rms >= 0.75 * errors.bound).all()  # 40 trials: two and a half deviations of luck
+    assert (errors.rms >= 0.75 * errors.bound).all()  # 40 trials: 2.5 deviations of luck
 
 
 def test_it_is_as_sure_as_it_is_exact(errors: Errors) -> None:
