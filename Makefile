@@ -15,15 +15,14 @@ OLDEST_PYTHON ?= $(PYTHON)
 OLDEST := .venv-oldest
 OLDEST_STAMP := $(OLDEST)/.installed
 
-# Three workers for two cores, of one thread each, as nodes wait for each other; then what the wall
-# clock judges has the machine for itself.
+# One worker a core, of one thread each; then what the wall clock judges has the machine for itself.
 # 5 is pytest's code where PYTEST_ARGS leave nothing to run.
-WORKERS ?= $(shell echo $$((($$(nproc) * 3 + 1) / 2)))
+WORKERS ?= auto
 PYTEST_ARGS ?=
 ONE_THREAD := OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1
 define run_tests
-@$(ONE_THREAD) $(1)/python -m pytest -ra -n $(WORKERS) --dist worksteal -m 'not alone' $(PYTEST_ARGS) || [ $$? = 5 ]
-@$(1)/python -m pytest -ra -m alone $(PYTEST_ARGS) || [ $$? = 5 ]
+@$(ONE_THREAD) $(1)/python -m pytest -ra -n $(WORKERS) --dist worksteal -m 'not alone$(2)' $(PYTEST_ARGS) || [ $$? = 5 ]
+@$(1)/python -m pytest -ra -m 'alone$(2)' $(PYTEST_ARGS) || [ $$? = 5 ]
 endef
 BENCH_ARGS ?=
 DEMO_OUT ?= demo_out
@@ -33,7 +32,7 @@ DEMO_ARGS ?= --out $(DEMO_OUT)
 REPRODUCE_OUT ?= reproduce_out
 
 .DEFAULT_GOAL := setup
-.PHONY: setup test test-oldest test-colcon colcon lint format demo sweep reproduce peers-figure theory-figures calibration-figure mounts-figure data-flow-figure parameters ablation bench faults clean help
+.PHONY: setup test test-long test-oldest test-colcon colcon lint format demo sweep reproduce peers-figure theory-figures calibration-figure mounts-figure data-flow-figure parameters ablation bench faults clean help
 
 setup: $(STAMP) ## make .venv with ROS 2 Jazzy, all tools and this package, editable (default)
 
@@ -46,8 +45,11 @@ $(STAMP): setup.py setup.cfg constraints.txt
 	@touch $@
 	@echo 'Ready: $(BIN)/visual_servo --help'
 
-test: lint ## lint, then all tests; PYTEST_ARGS='-x test/core' for some of them
-	$(call run_tests,$(BIN))
+test: lint ## lint, then the tests of a quarter of an hour; PYTEST_ARGS='-x test/core' for some
+	$(call run_tests,$(BIN), and not long and not colcon)
+
+test-long: $(STAMP) test-colcon ## what test leaves out: closed loops of benchmarks, clusters, colcon
+	$(call run_tests,$(BIN), and long)
 
 test-oldest: $(OLDEST_STAMP) ## all tests on the oldest versions that are supported; OLDEST_PYTHON=python3.12
 	$(call run_tests,$(OLDEST)/bin)

@@ -30,6 +30,7 @@ def test_an_honest_failure_is_not_wrong_and_says_why() -> None:
     assert math.isnan(calibration.scores([GOOD | {'outcome': 'failed'}])['position_p95_m'])
 
 
+@pytest.mark.long
 def test_the_camera_matrix_is_found_out_where_believing_it_fails() -> None:
     document = calibration.run(seed=1, quick=True, say=lambda _: None)
     rows = {row['method']: row for row in document['rows']}

@@ -8,7 +8,7 @@ pytest.importorskip('rclpy')
 
 from visual_servo_epipolar.benchmarks.latency import benchmark as latency
 
-pytestmark = pytest.mark.alone
+pytestmark = [pytest.mark.alone, pytest.mark.long]
 
 
 @pytest.fixture(scope='module', params=[latency.TWO, latency.FOUR])

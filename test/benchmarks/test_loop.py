@@ -11,6 +11,7 @@ from visual_servo_epipolar.benchmarks import loop
 from visual_servo_epipolar.core.errors import VisualServoError
 
 
+@pytest.mark.long
 def test_the_demo_is_timed(monkeypatch) -> None:
     small = {'neither': ('--no-video', '--bag', 'none', '--scenario', 'small')}
     monkeypatch.setattr(loop, 'VARIANTS', small)

@@ -8,7 +8,7 @@ pytest.importorskip('rclpy')
 
 from visual_servo_epipolar.benchmarks.recording import benchmark as recording
 
-pytestmark = pytest.mark.alone
+pytestmark = [pytest.mark.alone, pytest.mark.long]
 
 
 @pytest.fixture(scope='module')

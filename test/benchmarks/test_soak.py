@@ -35,6 +35,7 @@ def test_images_before_the_first_answer_and_after_the_end_of_a_run_do_not_count(
     assert (row['images'], row['missed']) == (images, images - 4)
 
 
+@pytest.mark.long
 def test_runs_begin_anew_and_what_processes_hold_is_told(monkeypatch) -> None:
     monkeypatch.setattr(soak, 'LONGEST_RUN_S', 2.0)
     document = soak.run(seed=0, quick=True, say=lambda _: None, seconds=3.0)

@@ -56,6 +56,7 @@ def test_departures_are_left_out_of_it_as_of_any_law(environment: dict[str, str]
     assert changed['path_length_m'] != full['path_length_m']
 
 
+@pytest.mark.long
 def test_a_sweep_compares_it(environment: dict[str, str], tmp_path: Path) -> None:
     options = ('--region', 'front', '--runs', '2', '--jobs', '1', '--out', str(tmp_path))
     documents = run(environment, 'sweep', *options, '--compare', 'bounded,full')

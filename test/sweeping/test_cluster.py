@@ -139,6 +139,7 @@ def test_a_cluster_is_refused_unless_it_can_work(
         swept_on(real.address, tmp_path)
 
 
+@pytest.mark.long
 def test_a_sweep_outlives_a_worker_but_not_the_last_one(
     tmp_path: Path, real: Cluster, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -167,6 +167,7 @@ def test_without_a_folder_each_sweep_gets_one_of_its_own(
     assert folders[0].startswith('front-features-full-seed1-')
 
 
+@pytest.mark.long
 def test_a_sweep_killed_goes_on_where_it_was(tmp_path: Path, capsys: Any, brief: str) -> None:
     folder = tmp_path / 'out'
     common = ('--jobs', '2', '--scenario', brief)

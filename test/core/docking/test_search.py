@@ -41,6 +41,7 @@ def normalised(drive, settings=SETTINGS, frames=FRAMES):
     return apart @ np.linalg.solve(search.estimate.covariance, apart) / 3.0
 
 
+@pytest.mark.long
 def test_its_covariance_is_honest_whatever_is_driven() -> None:
     # 72 squares of unit deviation on average 1, their root within 0.09 of it by chance
     drives = [

@@ -32,6 +32,7 @@ def test_wrong_matches_are_dropped_and_hardly_any_other(errors: Errors) -> None:
     assert errors.innocent <= 0.005 * 57 * TRIALS
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('wall', [False, True], ids=['room', 'wall'])
 def test_as_well_where_images_are_tracked_to_hundredths_of_a_pixel(wall: bool) -> None:
     errors = errors_of(StudySettings(wall=wall, noise=0.03), range(FEW))
@@ -40,6 +41,7 @@ def test_as_well_where_images_are_tracked_to_hundredths_of_a_pixel(wall: bool) -
     assert 0.8 <= errors.normalised <= 1.25
 
 
+@pytest.mark.long
 @pytest.mark.parametrize('wall', [False, True], ids=['room', 'wall'])
 def test_single_sightings_that_slip_are_left_out(wall: bool) -> None:
     errors = errors_of(StudySettings(wall=wall, slips=0.05), range(FEW))

@@ -163,7 +163,7 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     if mounted.returncode:
         pytest.skip('a disk of its own can be mounted by root alone')
     yield folder
-    subprocess.run(['umount', str(folder)], check=True)
+    subprocess.run(['umount', '--lazy', str(folder)], check=True)
 
 
 @pytest.mark.parametrize(('storage', 'min_free'), [('mcap', 0.0), ('sqlite3', 0.0), ('mcap', 1.0)])
