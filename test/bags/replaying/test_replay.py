@@ -101,6 +101,16 @@ def test_a_tolerance_forgives_what_is_small(bag) -> None:
     assert replayed(bag, from_tracks=True, changes=changes, tolerance=1e-6)[2].equal
 
 
+def test_a_recorded_value_that_no_robot_has_is_a_difference_like_any(bag) -> None:
+    run, steps, _ = replayed(bag)
+    broken = {key: {**values, 'roll_rad': -3e200} for key, values in run.telemetry.items()}
+    comparison = compare(replace(run, telemetry=broken), steps, 0.0)
+    assert not comparison.equal
+    difference = comparison.differences['roll_rad']
+    assert difference.largest == 3e200
+    assert difference.rms == pytest.approx(3e200)
+
+
 def test_another_phase_is_never_forgiven(bag) -> None:
     changes = {'servo': {'displacement_tolerance': 0.3}}
     _, _, comparison = replayed(bag, from_tracks=True, changes=changes, tolerance=1e9)

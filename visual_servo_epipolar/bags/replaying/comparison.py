@@ -22,13 +22,13 @@ class Difference:
     compared: int = 0
     differing: int = 0
     largest: float = 0.0
-    squares: float = 0.0
+    root: float = 0.0  # of the sum of squares
     scaled: float = 0.0  # largest, relative where the value is larger than one; inf for a phase
 
     @property
     def rms(self) -> float:
         """Root mean square of the difference."""
-        return math.sqrt(self.squares / self.compared) if self.compared else 0.0
+        return self.root / math.sqrt(self.compared) if self.compared else 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,7 +138,7 @@ def _add_pair(result: Comparison, name: str, pair: tuple[Value, Value], toleranc
     total.compared += 1
     if math.isfinite(difference):
         total.largest = max(total.largest, difference)
-        total.squares += difference**2
+        total.root = math.hypot(total.root, difference)  # a broken bag may hold 1e200
     scale = _scale(pair[0])
     total.scaled = max(total.scaled, difference / scale)
     differing = difference > tolerance * scale
