@@ -3,6 +3,7 @@
 from functools import cache
 import math
 
+import pytest
 from strategies import CAMERA, pose_with
 
 from visual_servo_epipolar.core.servo.phases.table import Phase
@@ -82,6 +83,7 @@ def test_it_never_comes_near_the_singularity_on_the_way() -> None:
         assert min(alphas) * max(alphas) > 0.0
 
 
+@pytest.mark.long
 def test_the_same_starts_with_the_given_gains_lead_far_away_or_take_far_longer() -> None:
     for given, derived in zip(concordant('given'), concordant('derived'), strict=True):
         one, other = summarise(given), summarise(derived)
@@ -94,6 +96,7 @@ def test_the_same_starts_with_the_given_gains_lead_far_away_or_take_far_longer()
     assert concordant('given')[0].outcome == 'failed'
 
 
+@pytest.mark.long
 def test_law_full_arrives_as_exactly_and_somewhat_later() -> None:
     runs = {
         gains: [summarise(log) for log in driven(FRONT, 'full', gains)]
