@@ -6,7 +6,8 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 PIP := $(BIN)/python -m pip -qq --disable-pip-version-check
 OLDEST_PIP = $(OLDEST)/bin/python -m pip -qq --disable-pip-version-check
-# Ask nothing of the caller's shell: no packages and ROS libraries but those of .venv, compiled once.
+# Ask nothing of the caller's shell: no packages and ROS libraries but those of .venv, which Python
+# compiles once and not in each process.
 unexport PYTHONPATH PYTHONHOME PYTHONDONTWRITEBYTECODE LD_LIBRARY_PATH _ROS_WHEELS_BOOTSTRAP_COMPLETE AMENT_PREFIX_PATH
 
 # Ubuntu 24.04 has Python 3.12. matplotlib 3.6.3 has wheels up to 3.11 and is built above that,
@@ -46,9 +47,9 @@ $(STAMP): setup.py setup.cfg constraints.txt
 	@echo 'Ready: $(BIN)/visual_servo --help'
 
 test: lint ## lint, then the tests of a quarter of an hour; PYTEST_ARGS='-x test/core' for some
-	$(call run_tests,$(BIN), and not long and not colcon)
+	$(call run_tests,$(BIN), and not long)
 
-test-long: $(STAMP) test-colcon ## what test leaves out: closed loops of benchmarks, clusters, colcon
+test-long: $(STAMP) ## what test leaves out: closed loops of benchmarks, clusters, colcon
 	$(call run_tests,$(BIN), and long)
 
 test-oldest: $(OLDEST_STAMP) ## all tests on the oldest versions that are supported; OLDEST_PYTHON=python3.12

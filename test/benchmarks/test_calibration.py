@@ -32,7 +32,7 @@ def test_an_honest_failure_is_not_wrong_and_says_why() -> None:
 
 @pytest.mark.long
 def test_the_camera_matrix_is_found_out_where_believing_it_fails() -> None:
-    document = calibration.run(seed=1, quick=True, say=lambda _: None)
+    document = calibration.run(seed=0, quick=True, say=lambda _: None)
     rows = {row['method']: row for row in document['rows']}
     assert rows['found out']['arrived'] == 2
     assert rows['found out']['position_max_m'] < 0.01

@@ -34,7 +34,7 @@ START_SEC, STOP_SEC = 60.0, 30.0  # more than ten times what they take
 
 Running: TypeAlias = subprocess.Popen[bytes]
 
-pytestmark = pytest.mark.colcon
+pytestmark = [pytest.mark.colcon, pytest.mark.long]
 
 
 @dataclass(frozen=True)

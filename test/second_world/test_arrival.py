@@ -82,6 +82,7 @@ def moment(place: Place, state: ServoState) -> Moment:
     ('mast', 'start'),
     [
         pytest.param(LEVEL, RIGHT, id='level, from the right'),
+        pytest.param(LEVEL, LEFT, id='level, from the left', marks=pytest.mark.long),
         pytest.param(DOWN, LEFT, id='7 deg down'),
         pytest.param(UP, RIGHT, id='12 deg up, 4 deg to the left'),
     ],

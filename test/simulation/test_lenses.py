@@ -15,7 +15,7 @@ from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import from_document
 from visual_servo_epipolar.sweeping.chunk import run_chunk
 
-RUNS = 4
+RUNS = 6
 WIDE = {'principal_u': 639.5, 'principal_v': 511.5, 'distortion_model': 'equidistant'}
 LENSES: dict[str, dict[str, Any]] = {
     'pinhole': {},
