@@ -4,7 +4,7 @@ import numpy as np
 
 from visual_servo_epipolar.commands.files.resources import scenario_path
 from visual_servo_epipolar.core.servo.run_log import summarise
-from visual_servo_epipolar.simulation.closed_loop import run_many
+from visual_servo_epipolar.simulation.closed_loop import run, run_many
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import load
 from visual_servo_epipolar.simulation.views import points_of
@@ -22,6 +22,16 @@ def driven(remembers: bool) -> list[dict[str, object]]:
         view = points_of(seeded, SEED + index)
         runs.append((seeded.loop(start, SEED + index), view, seeded.camera.nominal_camera))
     return [summarise(log) for log in run_many(runs)]
+
+
+def test_wheels_that_hop_end_where_they_can() -> None:
+    """A millimetre is the least that they move: more is not asked of them, for two minutes."""
+    scenario = load(scenario_path('realistic')).seeded(302)
+    start = start_in('front', 300, 302, scenario)
+    log = run(scenario.loop(start, 302), points_of(scenario, 302), scenario.camera.nominal_camera)
+    summary = summarise(log)
+    assert summary['outcome'] == 'arrived'
+    assert summary['duration_s'] < 40.0
 
 
 def test_before_one_wall_the_memory_ends_nearer() -> None:

@@ -24,7 +24,7 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.update import lateral_offset, updated
 
-SETTINGS = ServoSettings(view_memory=True)
+SETTINGS = ServoSettings()
 TWO_VIEWS, MEMORY = Bearings(-1.5, 0.1), Bearings(-1.55, 0.02)
 
 
@@ -120,7 +120,8 @@ def test_the_slope_of_d_is_what_the_memory_says_though_other_features_are_in_vie
     few = replace(reading(), difference=-0.004, difference_slope=0.008)
     now = sharpened(measurement(), few, SETTINGS)
     # Without ``view_memory`` nothing is remembered here, and the measurement is what it is.
-    after = updated(moving, Perception(now, fresh_memory(SETTINGS)), 0.1, ServoSettings())
+    alone = ServoSettings(view_memory=False)
+    after = updated(moving, Perception(now, fresh_memory(SETTINGS)), 0.1, alone)
     assert after.slope.value == 0.008
 
 

@@ -39,6 +39,7 @@ class ControlSettings(Settings):
     curvature_feedforward: bool = departure_setting('curvature_feedforward')
     new_attempts: bool = departure_setting('new_attempts')
     final_turn: bool = departure_setting('final_turn')
+    view_memory: bool = departure_setting('view_memory')
 
     gains: str = setting(
         'given',

@@ -93,7 +93,7 @@ def offset_at_axle(
 
     ``offset`` is that of the camera, right and ahead of the goal's in axes of that.
     """
-    x, y = _without_swing(offset, heading, mount)
+    x, y = axle_offset(offset, heading, mount)
     cosine, sine = math.cos(mount[0]), math.sin(mount[0])
     return cosine * x - sine * y, sine * x + cosine * y
 
@@ -101,14 +101,14 @@ def offset_at_axle(
 def at_axle(bearings: Bearings, mount: FloatArray, distance: float) -> Bearings:
     """Return the bearings of the axle in axes of the base, from those of its camera."""
     offset = distance * math.cos(bearings.psi), distance * math.sin(bearings.psi)
-    x, y = _without_swing(offset, bearings.heading_error, mount)
+    x, y = axle_offset(offset, bearings.heading_error, mount)
     psi, theta = math.atan2(y, x) + float(mount[0]), bearings.psi - bearings.phi
     return Bearings(math.remainder(psi, 2.0 * math.pi), math.remainder(psi - theta, 2.0 * math.pi))
 
 
-def _without_swing(
+def axle_offset(
     offset: tuple[float, float], heading: float, mount: FloatArray
 ) -> tuple[float, float]:
-    """Return the offset of the axle, in axes of the camera [m]."""
+    """Return the offset of the axle from the goal's, in axes of the goal's camera [m]."""
     swing_x, swing_y = (camera_swing(0.0, heading) @ mount[1:]).tolist()
     return offset[0] - swing_x, offset[1] - swing_y

@@ -11,11 +11,8 @@ import math
 from visual_servo_epipolar.core.control.gains import Circumstances, derive
 from visual_servo_epipolar.core.control.settling import longest_landing, longest_matching
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.phases.conditions import (
-    discordant_bearing,
-    displacement,
-    engage_bound,
-)
+from visual_servo_epipolar.core.servo.phases.bounds import engage_bound
+from visual_servo_epipolar.core.servo.phases.conditions import discordant_bearing, displacement
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState

@@ -33,6 +33,7 @@ LEAST_DEVIATION = 2e-3  # of a bearing: what tilt and roll are not known to [rad
 SIGNIFICANT, RANGED = (4.0, 3.5), (0.25, 0.5)
 # Below which little is gained [rad, m, m]; an offset aside alone is never told apart for certain.
 LEAST = (math.radians(2.0), 0.1, math.inf)
+LEAST_OF_LEG = math.radians(0.25)  # of a yaw that a memory of views tells
 LEAST_STEP = 0.02  # between two updates, travel [m] or turn [rad]
 NEAR, UNCERTAIN = 0.15, math.radians(1.5)  # distance [m], deviation of a bearing [rad]
 GATE = 6.0  # deviations beyond which a bearing begins the path anew
@@ -199,6 +200,21 @@ def learnt(
         contradictions=max(before.contradictions - 1, 0),
         believed=after.believed or is_significant(after, missed),
     )
+
+
+def with_yaw(before: Extrinsics, yaw: float, deviation: float) -> Extrinsics:
+    """Return the belief after a ``yaw`` was measured over a leg [rad]; inf tells nothing."""
+    innovation = math.remainder(yaw - before.mount[0], 2.0 * math.pi)
+    column = before.covariance[:, YAW]
+    gain = column / (float(column[YAW]) + deviation * deviation)
+    after = changed(
+        before,
+        mean=before.mean + gain * math.remainder(yaw - before.mean[YAW], 2.0 * math.pi),
+        covariance=before.covariance - gain[:, None] * column,
+    )
+    matters = abs(innovation) > max(SIGNIFICANT[0] * deviation, LEAST_OF_LEG)
+    believed = before.believed or (matters and is_plausible(after))
+    return changed(after, believed=believed)
 
 
 def is_plausible(belief: Extrinsics) -> bool:

@@ -66,11 +66,6 @@ class ServoSettings(PerceptionSettings, ControlSettings):
     autostart: bool = setting(
         False, 'Start by itself once there are tracks; false: on ~/start', read_only=True
     )
-    view_memory: bool = setting(
-        False,
-        'Remember the views of the way, and take offset and heading from all of them',
-        read_only=True,
-    )
     latch_engage: float = setting(
         0.002, 'Bearing of e_du at which step 1 calls it zero [rad]', low=0.0, high=0.2
     )

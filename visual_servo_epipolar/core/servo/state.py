@@ -14,6 +14,7 @@ from visual_servo_epipolar.core.servo.identification import Curvature, Slope
 from visual_servo_epipolar.core.servo.phases.table import ENDED, Phase
 from visual_servo_epipolar.core.servo.ranging import Leg
 from visual_servo_epipolar.core.servo.remembering import Remembered
+from visual_servo_epipolar.core.servo.straight_leg import StraightLeg
 
 
 @dataclass(frozen=True)  # without slots: ``values.changed``
@@ -41,7 +42,7 @@ class ServoState:
 
     Step 1: ``target``, the abscissa at unit focal length at which e_au is held while e_du is
     zeroed; ``side``, the sign of e_du when that began; ``latched``, whether e_du counts as zero
-    since; ``desired_rate``, the rate of its bearing [rad/s], smoothed; ``gains``, those derived
+    since; ``straight``, the leg of step 2 by the memory of views; ``desired_rate``, the rate of its bearing [rad/s], smoothed; ``gains``, those derived
     when the phase began (that of step 2 as well), None where they are given.
 
     Identification: ``extrinsics`` of the camera on the base, and the ``mount``, shape (3,), by
@@ -49,7 +50,8 @@ class ServoState:
     ``curvature`` that the base adds to commands, ``slope`` of D in step 2.
 
     Settling: ``settled``, frames in a row that fulfil the aim of the phase; ``settled_parallax``,
-    the root mean square of the parallax over them [rad].
+    the root mean square of the parallax over them [rad]; ``lingered``, for how long the phase has
+    been so near its aim that a base may be unable to come nearer [s].
     """
 
     phase: Phase = Phase.WAITING
@@ -63,6 +65,7 @@ class ServoState:
     target: float = 0.0
     side: float = 1.0
     latched: bool = False
+    straight: StraightLeg | None = None
     desired_rate: float = 0.0
     leg: Leg | None = None
     range: float = math.nan
@@ -78,6 +81,7 @@ class ServoState:
     dead_band_residual: Twist = STANDSTILL
     settled: int = 0
     settled_parallax: float = math.nan
+    lingered: float = 0.0
     attempts: int = 1
     restarts: int = 0
     frame: int = 0

@@ -11,10 +11,8 @@ from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.extrinsics import Extrinsics, learnt
 from visual_servo_epipolar.core.servo.identification import Slope
-from visual_servo_epipolar.core.servo.phases.conditions import (
-    engage_bound,
-    is_settled,
-)
+from visual_servo_epipolar.core.servo.phases.bounds import engage_bound
+from visual_servo_epipolar.core.servo.phases.conditions import is_close, is_settled
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.phases.timing import usual_step
 from visual_servo_epipolar.core.servo.ranging import Leg, MIN_TURN, UNKNOWN_RANGE
@@ -22,6 +20,7 @@ from visual_servo_epipolar.core.servo.remembering import Remembered, remembered,
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.steadying import Motion
+from visual_servo_epipolar.core.servo.straight_leg import straight_on
 from visual_servo_epipolar.core.servo.values import changed
 from visual_servo_epipolar.core.stamps import seconds_between
 
@@ -52,6 +51,9 @@ def updated(
     if extrinsics.contradicts:
         perception, views = _disproved(perception, settings), Remembered()
         measurement, extrinsics = perception.measurement, settings.extrinsics
+    straight = None
+    if state.phase is Phase.MATCHING_FEATURES:
+        straight, extrinsics = straight_on(state.straight, reading, driven, extrinsics)
     measurement = _of_the_axle(measurement, extrinsics)
     bias = _rotation_bias(state, measurement)
     measurement = _without_bias(measurement, bias)
@@ -79,7 +81,10 @@ def updated(
         measurement=measurement,
         memory=perception.memory,
         views=views,
+        straight=straight,
     )
+    if is_close(state, settings):
+        state = changed(state, lingered=state.lingered + dt)
     return _with_settled(state, measurement, previous, settings)
 
 

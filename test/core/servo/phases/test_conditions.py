@@ -7,21 +7,32 @@ import pytest
 from servo_states import BEARINGS, in_phase, ranged, SETTINGS, sight
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.servo.phases.commands import nominal_twist
-from visual_servo_epipolar.core.servo.phases.conditions import (
+from visual_servo_epipolar.core.perception.memory import fresh_memory
+from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.servo.phases.bounds import (
     align_bound,
-    astray,
     engage_bound,
     facing_bound,
-    has_parallax,
-    is_off_course,
-    is_sideways,
     matched_bound,
+    PATIENCE_S,
     release_bound,
+    trial_of,
+)
+from visual_servo_epipolar.core.servo.phases.commands import nominal_twist
+from visual_servo_epipolar.core.servo.phases.conditions import (
+    astray,
+    has_parallax,
+    is_at_goal,
+    is_close,
+    is_off_course,
+    is_settled,
+    is_sideways,
 )
 from visual_servo_epipolar.core.servo.phases.events import classify
+from visual_servo_epipolar.core.servo.phases.switch import switched
 from visual_servo_epipolar.core.servo.phases.table import DRIVING, Event, Phase
 from visual_servo_epipolar.core.servo.ranging import Leg
+from visual_servo_epipolar.core.servo.update import updated
 
 HALF_TURN = math.pi
 
@@ -70,6 +81,59 @@ def test_a_memory_of_views_faces_the_goal_as_closely_as_it_knows() -> None:
     assert facing_bound(replace(exact, heading_deviation=1.0), SETTINGS) == by_two_views
     banded = replace(SETTINGS, dead_band_angular=0.1)
     assert facing_bound(exact, banded) > by_two_views  # what cannot be turned
+
+
+@pytest.mark.parametrize(('mode', 'frames'), [('pulse', 0.5), ('raise', 2.0)])
+def test_nobody_is_asked_for_less_than_the_base_can_move(mode, frames) -> None:
+    exact = sight(difference_slope=0.06, difference_deviation=0.0, offset=(0.0, 0.002))
+    banded = replace(SETTINGS, dead_band_linear=0.05, dead_band_mode=mode)
+    assert matched_bound(exact, banded) == pytest.approx(frames * 0.1 * 0.05 * 0.06)
+    slowly = trial_of(in_phase(Phase.MATCHING_FEATURES, period=0.2))
+    assert matched_bound(exact, banded, slowly) == pytest.approx(frames * 0.2 * 0.05 * 0.06)
+    turning = replace(banded, dead_band_angular=0.05)
+    assert facing_bound(exact, turning, slowly) == pytest.approx(frames * 0.2 * 0.05)
+
+
+def test_who_lingers_at_the_goal_is_asked_for_no_more_than_usual() -> None:
+    """A base may be unable to come as near as a memory of views can tell."""
+    exact = sight(
+        offset=(0.0, 0.0),
+        heading_deviation=0.0,
+        difference_slope=0.06,
+        difference_deviation=0.0,
+        difference=0.9 * SETTINGS.arrival_difference,
+        heading_error=0.9 * SETTINGS.arrival_heading,
+        parallax=0.0,
+    )
+    for phase in (Phase.MATCHING_FEATURES, Phase.ORIENTING):
+        state = in_phase(phase, measurement=exact)
+        assert not is_settled(state, SETTINGS)
+        assert is_close(state, SETTINGS)
+        assert is_settled(replace(state, lingered=PATIENCE_S + 0.1), SETTINGS)
+    turned = in_phase(Phase.ORIENTING, lingered=PATIENCE_S + 0.1)
+    assert is_at_goal(turned, exact, SETTINGS)
+    assert not is_at_goal(in_phase(Phase.ORIENTING), exact, SETTINGS)
+    assert not is_close(in_phase(Phase.RETREATING, measurement=exact), SETTINGS)
+
+
+def test_who_is_near_lingers_and_a_new_phase_begins_anew() -> None:
+    near = sight(
+        stamp_ns=10**9,
+        offset=(0.0, 0.0),
+        heading_deviation=0.0,
+        difference_slope=0.06,
+        difference_deviation=0.0,
+        difference=0.9 * SETTINGS.arrival_difference,
+        parallax=0.0,
+    )
+    state = in_phase(Phase.MATCHING_FEATURES, measurement=replace(near, stamp_ns=0))
+    without = replace(SETTINGS, view_memory=False)
+    state = updated(state, Perception(near, fresh_memory(without)), 0.25, without)
+    assert state.lingered == 0.25
+    away = replace(near, stamp_ns=2 * 10**9, difference=0.1)
+    state = updated(state, Perception(away, fresh_memory(without)), 0.25, without)
+    assert state.lingered == 0.25
+    assert switched(state, away, Event.MISSED, without).lingered == 0.0
 
 
 def test_a_parallax_that_is_not_known_is_not_that_of_the_goal() -> None:

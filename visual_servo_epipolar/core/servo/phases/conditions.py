@@ -1,5 +1,5 @@
 """
-Conditions on a measurement: bounds no smaller than the noise, and the predicates they decide.
+Conditions on a measurement: the predicates that its bounds decide.
 
 ``events`` classifies by them, ``switch`` and ``derived_gains`` take the displacement from them.
 """
@@ -9,34 +9,30 @@ import math
 from visual_servo_epipolar.core.control import laws
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.phases.bounds import (
+    align_bound,
+    engage_bound,
+    facing_bound,
+    matched_bound,
+    NOISE_DEVIATIONS,
+    release_bound,
+    Trial,
+    trial_of,
+)
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.ranging import look_ahead, UNKNOWN_RANGE
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 
-ENGAGE_DEVIATIONS, RELEASE_DEVIATIONS, NOISE_DEVIATIONS = 1.0, 4.0, 2.0
 STANDSTILL_PARALLAX = 1.25  # without a baseline, in deviations of the noise: see ``fit_rotation``
 RESIDUAL_OFFSET = 1e-3  # at the end of line following [m]
 LARGEST_ESCAPE = 0.1  # [rad]
-FRAME_S = 0.1  # duration of the shortest turn: one command, at the usual frame rate
 LONGEST_WAY = 1.5  # in upper bounds of the distance
 MOST_BACKWARD = 1.0  # of a leg, that is no excursion [m]
 LEADING_AWAY = 1.5  # what a law without retreat may drive backward, in that of others
 LEAST_FIRST = 0.5  # distance that a ratio of distances refers to at least [m]
 ARRIVAL_OFFSET = 2e-3  # of who has arrived, by a memory of views [m]
-LEAST_OFFSET, LEAST_HEADING = 1e-4, 5e-5  # that a memory of views bothers about [m], [rad]
-NEGLIGIBLE = 0.3  # deviations of what a memory says: more would be a bias of who comes from behind
 LEAST_RATIO = 1e-9  # part of the distance that a law without retreat keeps
-
-
-def engage_bound(measurement: Measurement, settings: ServoSettings) -> float:
-    """Return the largest bearing of e_du [rad] that counts as zero, its noise at least."""
-    return max(settings.latch_engage, ENGAGE_DEVIATIONS * _deviation(measurement))
-
-
-def release_bound(measurement: Measurement, settings: ServoSettings) -> float:
-    """Return the bearing of e_du [rad] beyond which it has left zero, and not by noise alone."""
-    return max(settings.latch_release, RELEASE_DEVIATIONS * _deviation(measurement))
 
 
 def escape_bound(state: ServoState, measurement: Measurement, settings: ServoSettings) -> float:
@@ -53,15 +49,6 @@ def escape_bound(state: ServoState, measurement: Measurement, settings: ServoSet
     distance = state.range if state.range > 0.0 else min(state.distance, UNKNOWN_RANGE)
     decay = min(0.9 * distance / look_ahead(distance, settings.look_ahead), 9.0)
     return max(bound, min(RESIDUAL_OFFSET * math.exp(decay) / distance, LARGEST_ESCAPE))
-
-
-def align_bound(measurement: Measurement, settings: ServoSettings) -> float:
-    """Return the largest bearing of e_au [rad] that counts as zero, its noise at least."""
-    return max(settings.align_tolerance, ENGAGE_DEVIATIONS * _deviation(measurement))
-
-
-def _deviation(measurement: Measurement) -> float:
-    return 0.0 if math.isnan(measurement.deviation) else measurement.deviation
 
 
 def is_sideways(measurement: Measurement, settings: ServoSettings) -> bool:
@@ -149,10 +136,8 @@ def is_settled(state: ServoState, settings: ServoSettings) -> bool:
         return False
     if state.phase is Phase.HOLDING:
         return not is_untrusted(measurement, settings)
-    if state.phase is Phase.ORIENTING:
-        return abs(measurement.heading_error) <= facing_bound(measurement, settings)
-    if state.phase is Phase.MATCHING_FEATURES:
-        return abs(measurement.difference) <= matched_bound(measurement, settings)
+    if state.phase in (Phase.ORIENTING, Phase.MATCHING_FEATURES):
+        return _is_within(state, measurement, settings, trial_of(state))
     if (
         state.phase is Phase.ZEROING_EPIPOLES
         and state.latched
@@ -162,22 +147,21 @@ def is_settled(state: ServoState, settings: ServoSettings) -> bool:
     return False
 
 
-def facing_bound(measurement: Measurement, settings: ServoSettings) -> float:
-    """Return the largest heading error [rad] that counts as zero, the least turn at least."""
-    frames = 2.0 if settings.dead_band_mode == 'raise' else 0.5
-    bound = settings.arrival_heading
-    if measurement.offset is not None:
-        bound = min(max(NEGLIGIBLE * measurement.heading_deviation, LEAST_HEADING), bound)
-    return max(bound, frames * FRAME_S * settings.dead_band_angular)
+def is_close(state: ServoState, settings: ServoSettings) -> bool:
+    """Return whether this frame is within the usual bounds, where a memory asks for finer ones."""
+    measurement = state.measurement
+    if measurement is None or state.phase not in (Phase.ORIENTING, Phase.MATCHING_FEATURES):
+        return False
+    return _is_within(state, measurement, settings, trial_of(state, spent=True))
 
 
-def matched_bound(measurement: Measurement, settings: ServoSettings) -> float:
-    """Return the largest |D|, at unit focal length, that counts as zero, its noise at least."""
-    least, deviation = settings.arrival_difference, measurement.difference_deviation
-    if measurement.offset is None:
-        return max(least, NOISE_DEVIATIONS * deviation)
-    least = min(least, LEAST_OFFSET * measurement.difference_slope)
-    return max(least, NEGLIGIBLE * deviation)
+def _is_within(
+    state: ServoState, measurement: Measurement, settings: ServoSettings, trial: Trial
+) -> bool:
+    """Return whether the aim of a turn in place, or of step 2, is fulfilled."""
+    if state.phase is Phase.ORIENTING:
+        return abs(measurement.heading_error) <= facing_bound(measurement, settings, trial)
+    return abs(measurement.difference) <= matched_bound(measurement, settings, trial)
 
 
 def has_parallax(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
@@ -196,8 +180,10 @@ def has_parallax(state: ServoState, measurement: Measurement, settings: ServoSet
 
 def is_at_goal(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
     """Return whether heading, parallax and D are those of the photograph, within their noise."""
-    faces_goal = abs(measurement.heading_error) <= facing_bound(measurement, settings)
-    matched = abs(measurement.difference) <= matched_bound(measurement, settings)
+    bound = facing_bound(measurement, settings, trial_of(state))
+    faces_goal = abs(measurement.heading_error) <= bound
+    bound = matched_bound(measurement, settings, trial_of(state, spent=True))
+    matched = abs(measurement.difference) <= bound
     return faces_goal and matched and not has_parallax(state, measurement, settings)
 
 

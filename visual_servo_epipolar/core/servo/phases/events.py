@@ -4,12 +4,15 @@ from collections.abc import Callable
 import math
 
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.phases.conditions import (
+from visual_servo_epipolar.core.servo.phases.bounds import (
     align_bound,
-    astray,
     engage_bound,
-    escape_bound,
     facing_bound,
+    trial_of,
+)
+from visual_servo_epipolar.core.servo.phases.conditions import (
+    astray,
+    escape_bound,
     has_parallax,
     is_at_goal,
     is_off_course,
@@ -135,9 +138,10 @@ def _matching(state: ServoState, measurement: Measurement, settings: ServoSettin
     repeats = settings.options.new_attempts and attempts_remain
     if has_parallax(state, measurement, settings):
         return Event.MISSED if repeats else Event.EXHAUSTED
-    if repeats and state.yaw_learnt > YAW_FOR_NEW_ATTEMPT:
-        return Event.MISSED
-    faces_goal = abs(measurement.heading_error) <= facing_bound(measurement, settings)
+    if repeats and measurement.offset is None and state.yaw_learnt > YAW_FOR_NEW_ATTEMPT:
+        return Event.MISSED  # aside by as much as two views cannot tell
+    bound = facing_bound(measurement, settings, trial_of(state))
+    faces_goal = abs(measurement.heading_error) <= bound
     if settings.options.final_turn and not faces_goal:
         return Event.TURNED
     return Event.MATCHED

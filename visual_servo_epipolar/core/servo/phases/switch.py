@@ -29,6 +29,7 @@ def switched(
         # Bounds of a phase hold when it goes on after tracks were lost.
         travel=state.travel if Phase.HOLDING in (phase, state.phase) else 0.0,
         settled=0,
+        lingered=0.0,
         gains=state.gains if settings.derives else None,
         reason=_reason(state, measurement, event, settings),
         restarts=0 if event is Event.MISSED else state.restarts + (event is Event.ESCAPED),

@@ -1,0 +1,82 @@
+"""
+Bounds below which a measurement counts as zero: no finer than its noise, nor than the base moves.
+
+Where a memory of views knows the offset they are finer than what settings call arrived. A base may
+be unable to come as near, and nobody has told its dead band: who lingers is asked for no more than
+usual.
+"""
+
+import math
+from typing import NamedTuple
+
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.phases.timing import usual_step, USUAL_STEP_S
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+
+ENGAGE_DEVIATIONS, RELEASE_DEVIATIONS, NOISE_DEVIATIONS = 1.0, 4.0, 2.0
+LEAST_OFFSET, LEAST_HEADING = 1e-4, 5e-5  # that a memory of views bothers about [m], [rad]
+NEGLIGIBLE = 0.3  # deviations of what a memory says: more would be a bias of who comes from behind
+PATIENCE_S = 4.0  # within the usual bounds, after which they are enough
+
+
+class Trial(NamedTuple):
+    """Time within the usual bounds by now, and that from one command to the next [s]."""
+
+    lingered: float = 0.0
+    frame_s: float = USUAL_STEP_S
+
+
+FIRST = Trial()
+
+
+def trial_of(state: ServoState, *, spent: bool = False) -> Trial:
+    """Return how long the robot has tried by now; for ever if its patience is ``spent``."""
+    return Trial(math.inf if spent else state.lingered, usual_step(state))
+
+
+def engage_bound(measurement: Measurement, settings: ServoSettings) -> float:
+    """Return the largest bearing of e_du [rad] that counts as zero, its noise at least."""
+    return max(settings.latch_engage, ENGAGE_DEVIATIONS * _deviation(measurement))
+
+
+def release_bound(measurement: Measurement, settings: ServoSettings) -> float:
+    """Return the bearing of e_du [rad] beyond which it has left zero, and not by noise alone."""
+    return max(settings.latch_release, RELEASE_DEVIATIONS * _deviation(measurement))
+
+
+def align_bound(measurement: Measurement, settings: ServoSettings) -> float:
+    """Return the largest bearing of e_au [rad] that counts as zero, its noise at least."""
+    return max(settings.align_tolerance, ENGAGE_DEVIATIONS * _deviation(measurement))
+
+
+def facing_bound(measurement: Measurement, settings: ServoSettings, trial: Trial = FIRST) -> float:
+    """Return the largest heading error [rad] that counts as zero, half of the least turn."""
+    bound = settings.arrival_heading
+    if measurement.offset is not None and trial.lingered <= PATIENCE_S:
+        bound = min(max(NEGLIGIBLE * measurement.heading_deviation, LEAST_HEADING), bound)
+    return max(bound, _hop(settings.dead_band_angular, settings, trial))
+
+
+def matched_bound(
+    measurement: Measurement, settings: ServoSettings, trial: Trial = FIRST
+) -> float:
+    """Return the largest |D|, at unit focal length, that counts as zero, its noise at least."""
+    least, deviation = settings.arrival_difference, measurement.difference_deviation
+    usual = max(least, NOISE_DEVIATIONS * deviation)
+    if measurement.offset is None:
+        return usual
+    slope = measurement.difference_slope
+    fine = max(min(least, LEAST_OFFSET * slope), NEGLIGIBLE * deviation)
+    hop = _hop(settings.dead_band_linear, settings, trial) * slope
+    return max(fine if trial.lingered <= PATIENCE_S else usual, hop)
+
+
+def _hop(threshold: float, settings: ServoSettings, trial: Trial) -> float:
+    """Return half of the least motion of a base with this dead band, all of it if raised to it."""
+    frames = 2.0 if settings.dead_band_mode == 'raise' else 0.5
+    return frames * trial.frame_s * threshold
+
+
+def _deviation(measurement: Measurement) -> float:
+    return 0.0 if math.isnan(measurement.deviation) else measurement.deviation

@@ -1,0 +1,80 @@
+"""
+Straight legs of step 2: what a memory of views tells of the yaw of the camera on the base.
+
+A camera that looks aside of where it is driven ends aside of the line that it follows. Bearings
+tell a yaw of some degrees (``extrinsics``); places that are known to millimetres tell a tenth of a
+degree, the principal point that is off by a few pixels as well: it does the same.
+"""
+
+from dataclasses import dataclass, replace
+import math
+
+from visual_servo_epipolar.core.geometry.mount import axle_offset
+from visual_servo_epipolar.core.memory.reading import Reading
+from visual_servo_epipolar.core.servo.extrinsics import Extrinsics, with_yaw
+
+LEG_M = 0.25  # over which a direction is told
+LEVER = 0.1  # by which a turn may swing the camera about what is known of its place [m]
+LEAST_DEVIATION = 1e-3  # of the mean heading of a leg [rad]
+MOST_CURVED = 0.3  # headings of a leg may differ by [rad]
+
+
+@dataclass(frozen=True, slots=True)
+class StraightLeg:
+    """
+    Leg of step 2 from where a memory of views has the axle, ``x`` (right) and ``y`` (ahead) [m].
+
+    Both are in axes of the goal's camera; ``deviation`` is that of x [m], ``heading`` the error
+    there [rad]; ``travel`` since is negative backward [m], ``turned`` the integral of the heading
+    error over it [rad m].
+    """
+
+    x: float
+    y: float
+    deviation: float
+    heading: float
+    travel: float = 0.0
+    turned: float = 0.0
+
+    def extended(self, heading: float, travel: float) -> 'StraightLeg':
+        """Return the leg after ``travel`` [m], which ends at a ``heading`` error [rad]."""
+        turned = self.turned + heading * travel
+        return replace(self, travel=self.travel + travel, turned=turned)
+
+    def yaw(self, end: 'StraightLeg') -> tuple[float, float]:
+        """
+        Return by how much the camera looks to the left of where it is driven, and the deviation.
+
+        Both are in rad; the leg ends where ``end`` begins.
+        """
+        right, ahead = end.x - self.x, end.y - self.y
+        way = math.hypot(right, ahead)
+        if not way > 0.5 * LEG_M or abs(end.heading - self.heading) > MOST_CURVED:
+            return 0.0, math.inf
+        forward = math.copysign(1.0, self.travel)
+        driven = math.atan2(-forward * right, forward * ahead)
+        swing = LEVER * abs(end.heading - self.heading)
+        aside = math.hypot(self.deviation, end.deviation, swing) / way
+        return self.turned / self.travel - driven, math.hypot(aside, LEAST_DEVIATION)
+
+
+def straight_on(
+    leg: StraightLeg | None, reading: Reading | None, travel: float, belief: Extrinsics
+) -> tuple[StraightLeg | None, Extrinsics]:
+    """
+    Return the ``leg`` after ``travel`` [m] to where a ``reading`` has the robot, and the belief.
+
+    At its end the yaw that it tells is learnt, and a new one begins. Without a reading there is
+    none.
+    """
+    if reading is None:
+        return None, belief
+    heading = reading.heading_error
+    x, y = axle_offset((reading.lateral, reading.longitudinal), heading, belief.mount)
+    here = StraightLeg(x, y, reading.lateral_deviation, heading)
+    if leg is None:
+        return here, belief
+    leg = leg.extended(heading, travel)
+    if abs(leg.travel) < LEG_M:
+        return leg, belief
+    return here, with_yaw(belief, *leg.yaw(here))
