@@ -33,7 +33,7 @@ LEAST_DEVIATION = 2e-3  # of a bearing: what tilt and roll are not known to [rad
 SIGNIFICANT, RANGED = (4.0, 3.5), (0.25, 0.5)
 # Below which little is gained [rad, m, m]; an offset aside alone is never told apart for certain.
 LEAST = (math.radians(2.0), 0.1, math.inf)
-LEAST_OF_LEG = math.radians(0.25)  # of a yaw that a memory of views tells
+LEAST_OF_LEGS = math.radians(0.25)  # of a yaw that a memory of views tells
 LEAST_STEP = 0.02  # between two updates, travel [m] or turn [rad]
 NEAR, UNCERTAIN = 0.15, math.radians(1.5)  # distance [m], deviation of a bearing [rad]
 GATE = 6.0  # deviations beyond which a bearing begins the path anew
@@ -203,18 +203,20 @@ def learnt(
 
 
 def with_yaw(before: Extrinsics, yaw: float, deviation: float) -> Extrinsics:
-    """Return the belief after a ``yaw`` was measured over a leg [rad]; inf tells nothing."""
-    innovation = math.remainder(yaw - before.mount[0], 2.0 * math.pi)
+    """Return the belief after legs showed a ``yaw`` [rad], if it is not the one gone by."""
+    off = abs(math.remainder(yaw - before.mount[0], 2.0 * math.pi))
+    if not off > max(SIGNIFICANT[0] * deviation, LEAST_OF_LEGS):
+        return before
+    innovation = math.remainder(yaw - before.mean[YAW], 2.0 * math.pi)
     column = before.covariance[:, YAW]
     gain = column / (float(column[YAW]) + deviation * deviation)
     after = changed(
         before,
-        mean=before.mean + gain * math.remainder(yaw - before.mean[YAW], 2.0 * math.pi),
+        mean=before.mean + gain * innovation,
         covariance=before.covariance - gain[:, None] * column,
+        believed=True,
     )
-    matters = abs(innovation) > max(SIGNIFICANT[0] * deviation, LEAST_OF_LEG)
-    believed = before.believed or (matters and is_plausible(after))
-    return changed(after, believed=believed)
+    return after if is_plausible(after) else before
 
 
 def is_plausible(belief: Extrinsics) -> bool:

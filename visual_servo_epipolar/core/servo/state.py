@@ -42,8 +42,9 @@ class ServoState:
 
     Step 1: ``target``, the abscissa at unit focal length at which e_au is held while e_du is
     zeroed; ``side``, the sign of e_du when that began; ``latched``, whether e_du counts as zero
-    since; ``straight``, the leg of step 2 by the memory of views; ``desired_rate``, the rate of its bearing [rad/s], smoothed; ``gains``, those derived
-    when the phase began (that of step 2 as well), None where they are given.
+    since; ``straight``, the leg of step 2 by the memory of views; ``desired_rate``, the rate of
+    its bearing [rad/s], smoothed; ``gains``, those derived when the phase began (that of step 2 as
+    well), None where they are given.
 
     Identification: ``extrinsics`` of the camera on the base, and the ``mount``, shape (3,), by
     which the phase began; ``last_linear``, the speed of the command before the last [m/s];

@@ -14,6 +14,7 @@ from visual_servo_epipolar.core.memory.reading import Reading
 from visual_servo_epipolar.core.servo.extrinsics import Extrinsics, with_yaw
 
 LEG_M = 0.25  # over which a direction is told
+OF_BOTH = 0.4  # of deviations of places: most of what they are off by is the same at both ends
 LEVER = 0.1  # by which a turn may swing the camera about what is known of its place [m]
 LEAST_DEVIATION = 1e-3  # of the mean heading of a leg [rad]
 MOST_CURVED = 0.3  # headings of a leg may differ by [rad]
@@ -26,7 +27,7 @@ class StraightLeg:
 
     Both are in axes of the goal's camera; ``deviation`` is that of x [m], ``heading`` the error
     there [rad]; ``travel`` since is negative backward [m], ``turned`` the integral of the heading
-    error over it [rad m].
+    error over it [rad m]. ``weight`` [1/rad^2] and ``weighted`` [1/rad] are what legs before told.
     """
 
     x: float
@@ -35,6 +36,8 @@ class StraightLeg:
     heading: float
     travel: float = 0.0
     turned: float = 0.0
+    weight: float = 0.0
+    weighted: float = 0.0
 
     def extended(self, heading: float, travel: float) -> 'StraightLeg':
         """Return the leg after ``travel`` [m], which ends at a ``heading`` error [rad]."""
@@ -54,8 +57,21 @@ class StraightLeg:
         forward = math.copysign(1.0, self.travel)
         driven = math.atan2(-forward * right, forward * ahead)
         swing = LEVER * abs(end.heading - self.heading)
-        aside = math.hypot(self.deviation, end.deviation, swing) / way
+        aside = math.hypot(OF_BOTH * self.deviation, OF_BOTH * end.deviation, swing) / way
         return self.turned / self.travel - driven, math.hypot(aside, LEAST_DEVIATION)
+
+    def followed_by(self, end: 'StraightLeg') -> 'StraightLeg':
+        """Return the leg that begins at the ``end`` of this one, with what legs told by then."""
+        yaw, deviation = self.yaw(end)
+        told = 1.0 / (deviation * deviation)
+        return replace(end, weight=self.weight + told, weighted=self.weighted + told * yaw)
+
+    @property
+    def told(self) -> tuple[float, float]:
+        """The mean yaw of all legs by now and its deviation [rad], which is inf of none."""
+        if not self.weight > 0.0:
+            return 0.0, math.inf
+        return self.weighted / self.weight, 1.0 / math.sqrt(self.weight)
 
 
 def straight_on(
@@ -64,8 +80,8 @@ def straight_on(
     """
     Return the ``leg`` after ``travel`` [m] to where a ``reading`` has the robot, and the belief.
 
-    At its end the yaw that it tells is learnt, and a new one begins. Without a reading there is
-    none.
+    At its end the yaw that all legs tell is learnt, if it matters, and a new one begins. Without a
+    reading there is none.
     """
     if reading is None:
         return None, belief
@@ -77,4 +93,5 @@ def straight_on(
     leg = leg.extended(heading, travel)
     if abs(leg.travel) < LEG_M:
         return leg, belief
-    return here, with_yaw(belief, *leg.yaw(here))
+    following = leg.followed_by(here)
+    return following, with_yaw(belief, *following.told)
