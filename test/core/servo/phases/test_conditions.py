@@ -91,7 +91,8 @@ def test_nobody_is_asked_for_less_than_the_base_can_move(mode, frames) -> None:
     slowly = trial_of(in_phase(Phase.MATCHING_FEATURES, period=0.2))
     assert matched_bound(exact, banded, slowly) == pytest.approx(frames * 0.2 * 0.05 * 0.06)
     turning = replace(banded, dead_band_angular=0.05)
-    assert facing_bound(exact, turning, slowly) == pytest.approx(frames * 0.2 * 0.05)
+    sure = replace(exact, heading_deviation=0.0)
+    assert facing_bound(sure, turning, slowly) == pytest.approx(frames * 0.2 * 0.05)
 
 
 def test_who_lingers_at_the_goal_is_asked_for_no_more_than_usual() -> None:

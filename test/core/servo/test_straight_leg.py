@@ -1,0 +1,138 @@
+"""Straight legs: what a memory of views tells of a camera that looks aside."""
+
+from dataclasses import replace
+import math
+
+import numpy as np
+import pytest
+from servo_states import in_phase, MEMORY, SETTINGS, sight
+
+from visual_servo_epipolar.core.geometry.mount import camera_swing
+from visual_servo_epipolar.core.memory.reading import Reading
+from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.servo.extrinsics import Extrinsics, PLAUSIBLE
+from visual_servo_epipolar.core.servo.phases.events import classify
+from visual_servo_epipolar.core.servo.phases.table import Event, Phase
+from visual_servo_epipolar.core.servo.straight_leg import LEG_M, straight_on, StraightLeg
+from visual_servo_epipolar.core.servo.update import updated
+
+STEP = 0.02
+
+
+def reading(x: float, y: float, heading: float, deviation: float = 3e-4) -> Reading:
+    return Reading(
+        None,
+        np.eye(2),
+        1.0,
+        lateral=x,
+        lateral_deviation=deviation,
+        longitudinal=y,
+        longitudinal_deviation=0.05,
+        heading_error=heading,
+        heading_deviation=1e-4,
+        own=(1e-4, 1e-4, 1e-5),
+        depth_ratio=-0.1,
+        depth_ratio_deviation=1e-4,
+        parallax=0.1,
+        difference=-0.02,
+        difference_deviation=1e-4,
+        difference_slope=0.04,
+    )
+
+
+def driven(
+    yaw: float,
+    *,
+    curvature: float = 0.0,
+    travel: float = STEP,
+    lever: tuple[float, float] = (0.0, 0.0),
+    belief: Extrinsics = SETTINGS.extrinsics,
+    way: float = 1.0,
+    deviation: float = 3e-4,
+) -> Extrinsics:
+    """Return the belief after a way [m] of a base whose camera looks aside by ``yaw`` [rad]."""
+    x, y, heading = 0.05, -1.5, 0.02
+    leg: StraightLeg | None = None
+    for k in range(round(way / abs(travel)) + 1):
+        if k:
+            middle = heading + 0.5 * curvature * travel
+            x -= travel * math.sin(middle - yaw)
+            y += travel * math.cos(middle - yaw)
+            heading += curvature * travel
+        swing = camera_swing(0.0, heading) @ np.array(lever)
+        seen = reading(x + float(swing[0]), y + float(swing[1]), heading, deviation)
+        leg, belief = straight_on(leg, seen, travel if k else 0.0, belief)
+    return belief
+
+
+@pytest.mark.parametrize('travel', [STEP, -STEP])
+@pytest.mark.parametrize('curvature', [0.0, 0.02])
+@pytest.mark.parametrize('degrees', [-3.0, -0.5, 0.5, 1.5])
+def test_the_yaw_of_a_camera_that_looks_aside_is_learnt(degrees, curvature, travel) -> None:
+    told = driven(math.radians(degrees), curvature=curvature, travel=travel)
+    assert told.believed
+    assert math.degrees(told.mount[0]) == pytest.approx(degrees, abs=0.1)
+
+
+@pytest.mark.parametrize('degrees', [0.0, 0.2])
+def test_what_hardly_matters_is_left_alone(degrees) -> None:
+    assert driven(math.radians(degrees)) is SETTINGS.extrinsics
+
+
+def test_what_noise_may_be_is_not_learnt() -> None:
+    assert not driven(math.radians(0.5), deviation=0.01).believed
+
+
+def test_no_leg_is_no_yaw() -> None:
+    assert not driven(math.radians(3.0), way=0.9 * LEG_M).believed
+    assert straight_on(StraightLeg(0.0, -1.0, 1e-3, 0.0), None, 0.3, SETTINGS.extrinsics) == (
+        None,
+        SETTINGS.extrinsics,
+    )
+
+
+def test_a_lever_arm_that_is_told_does_not_turn_the_leg() -> None:
+    told = replace(SETTINGS.extrinsics, told=np.array([0.0, 0.3, 0.1]))
+    told = replace(told, mean=np.concatenate([told.mean[:2], told.told]))
+    assert driven(0.0, curvature=0.5, lever=(0.3, 0.1), belief=told) is told
+    learnt = driven(math.radians(1.0), curvature=0.02, lever=(0.3, 0.1), belief=told)
+    assert math.degrees(learnt.mount[0]) == pytest.approx(1.0, abs=0.1)
+
+
+def test_a_leg_that_curves_or_stays_on_the_spot_tells_nothing() -> None:
+    leg = StraightLeg(0.0, -1.0, 1e-3, 0.0, travel=0.25)
+    assert leg.yaw(StraightLeg(0.0, -0.75, 1e-3, 0.4))[1] == math.inf
+    assert leg.yaw(StraightLeg(0.0, -0.99, 1e-3, 0.0))[1] == math.inf
+    assert leg.followed_by(StraightLeg(0.0, -0.99, 1e-3, 0.0)).told == (0.0, math.inf)
+
+
+def test_no_mount_is_learnt_that_cannot_be() -> None:
+    most = PLAUSIBLE * SETTINGS.camera_yaw_deviation
+    assert driven(0.9 * most).believed
+    assert not driven(1.1 * most).believed
+
+
+def test_legs_are_those_of_step_2_alone() -> None:
+    """A turn in place, or a spiral, is none; a new phase begins anew."""
+    leg = StraightLeg(0.0, -1.0, 1e-3, 0.0)
+    for phase in (Phase.ZEROING_EPIPOLES, Phase.RETREATING, Phase.ORIENTING):
+        state = in_phase(phase, straight=leg)
+        assert updated(state, Perception(sight(), MEMORY), 0.1, SETTINGS).straight is None
+
+
+def test_who_knows_the_offset_needs_no_new_attempt_for_a_yaw() -> None:
+    """Two views cannot tell that they are aside: what they drove by was wrong, and they repeat."""
+    turned = replace(SETTINGS.extrinsics, mean=np.array([0.0, 1.0, 0.05, 0.0, 0.0]), believed=True)
+    near = sight(parallax=0.0, difference=0.0, heading_error=0.0)
+    state = in_phase(Phase.MATCHING_FEATURES, extrinsics=turned, settled=SETTINGS.arrival_frames)
+    assert classify(replace(state, measurement=near), SETTINGS) is Event.MISSED
+    known = replace(
+        near, offset=(0.0, 0.0), offset_deviation=1e-3, heading_deviation=1e-3,
+        difference_slope=0.05, difference_deviation=0.0,
+    )  # fmt: skip
+    assert classify(replace(state, measurement=known), SETTINGS) is Event.MATCHED
+
+
+def test_what_a_turn_may_have_swung_counts_as_noise() -> None:
+    """Half a degree over 2 deg of turn may be a camera that sits aside of where it is told."""
+    assert not driven(math.radians(0.5), curvature=0.15).believed
