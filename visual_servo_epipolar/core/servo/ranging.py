@@ -19,18 +19,18 @@ MIN_TURN = 0.04  # of the line of sight, below which the distance is not observa
 
 UNKNOWN_RANGE = 2.0  # largest use of d_hat where the distance was never measured [m]
 LOOK_AHEADS = 4.0  # look-ahead distances in the remaining distance, at least
-LEAST_LOOK_AHEAD = 0.25  # [m]
+LEAST_LOOK_AHEAD, LEAST_REMEMBERED = 0.25, 0.06  # by two views, by a memory of views [m]
 
 
-def look_ahead(distance: float, largest: float) -> float:
+def look_ahead(distance: float, largest: float, *, least: float = LEAST_LOOK_AHEAD) -> float:
     """
     Return the look-ahead L of line following [m]: a part of the ``distance`` [m], if it is known.
 
-    It lies between LEAST_LOOK_AHEAD and ``largest`` [m].
+    It lies between ``least`` and ``largest`` [m].
     """
     if not distance > 0.0:
         return largest
-    return min(max(distance / LOOK_AHEADS, LEAST_LOOK_AHEAD), largest)
+    return min(max(distance / LOOK_AHEADS, least), largest)
 
 
 @dataclass(frozen=True, slots=True)

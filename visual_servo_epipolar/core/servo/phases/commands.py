@@ -14,8 +14,8 @@ from visual_servo_epipolar.core.control.law_table import epipole_controls, match
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import saturate, STANDSTILL, Twist
 from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.phases.lines import line_look_ahead
 from visual_servo_epipolar.core.servo.phases.table import Phase
-from visual_servo_epipolar.core.servo.ranging import look_ahead
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.update import lateral_offset
@@ -115,7 +115,7 @@ def _second_step(state: ServoState, measurement: Measurement, settings: ServoSet
         linear,
         lateral_offset(state, measurement),
         measurement.heading_error,
-        look_ahead=look_ahead(state.range, settings.look_ahead),
+        look_ahead=line_look_ahead(state, measurement, settings),
     )
 
 

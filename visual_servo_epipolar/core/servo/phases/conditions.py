@@ -32,6 +32,7 @@ MOST_BACKWARD = 1.0  # of a leg, that is no excursion [m]
 LEADING_AWAY = 1.5  # what a law without retreat may drive backward, in that of others
 LEAST_FIRST = 0.5  # distance that a ratio of distances refers to at least [m]
 ARRIVAL_OFFSET = 2e-3  # of who has arrived, by a memory of views [m]
+ROOM = 0.25  # behind a goal whose place is known, to begin step 1 [m]
 LEAST_RATIO = 1e-9  # part of the distance that a law without retreat keeps
 
 
@@ -76,6 +77,13 @@ def _backs_off(measurement: Measurement, settings: ServoSettings, least_ratio: f
     if not law.discordant_turn:
         return False
     return displacement(measurement, settings, least_ratio=least_ratio) is None
+
+
+def is_far_enough(measurement: Measurement, settings: ServoSettings) -> bool:
+    """Return whether there is room for step 1; a memory of views needs less of it."""
+    if measurement.offset is not None and measurement.offset[1] <= -ROOM:
+        return True
+    return measurement.difference <= -settings.retreat_difference
 
 
 def is_behind(bearings: Bearings) -> bool:

@@ -15,10 +15,12 @@ from visual_servo_epipolar.core.servo.phases.conditions import (
     escape_bound,
     has_parallax,
     is_at_goal,
+    is_far_enough,
     is_off_course,
     is_sideways,
     is_untrusted,
 )
+from visual_servo_epipolar.core.servo.phases.lines import leads_home
 from visual_servo_epipolar.core.servo.phases.table import (
     DRIVING,
     ENDED,
@@ -90,7 +92,9 @@ def _orienting(state: ServoState, measurement: Measurement, settings: ServoSetti
 def _retreating(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
     if is_untrusted(measurement, settings):
         return Event.LOST
-    if measurement.bearings is None or measurement.difference > -settings.retreat_difference:
+    if leads_home(state, measurement, settings):
+        return Event.ALIGNED
+    if measurement.bearings is None or not is_far_enough(measurement, settings):
         return Event.NOTHING
     within = abs(measurement.bearings.chi) <= settings.retreat_bearing
     return Event.APART if within and not is_sideways(measurement, settings) else Event.NOTHING
@@ -117,7 +121,7 @@ def _zeroing(state: ServoState, measurement: Measurement, settings: ServoSetting
     if state.yaw_learnt > YAW_FOR_NEW_START:
         return _begun(measurement, settings, Event.ESCAPED)
     if not state.latched and is_off_course(measurement, settings):
-        return Event.SIDEWAYS
+        return Event.ALIGNED if leads_home(state, measurement, settings) else Event.SIDEWAYS
     if state.latched and abs(chi) > escape_bound(state, measurement, settings):
         return _begun(measurement, settings, Event.ESCAPED)
     return Event.ALIGNED if state.settled >= settings.align_frames else Event.NOTHING
@@ -125,7 +129,7 @@ def _zeroing(state: ServoState, measurement: Measurement, settings: ServoSetting
 
 def _begun(measurement: Measurement, settings: ServoSettings, event: Event) -> Event:
     """Return the ``event`` that begins step 1; but from too near a goal the robot backs off."""
-    near = measurement.difference > -settings.retreat_difference
+    near = not is_far_enough(measurement, settings)
     return Event.SIDEWAYS if near and settings.options.retreat else event
 
 

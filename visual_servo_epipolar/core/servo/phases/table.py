@@ -70,6 +70,7 @@ TRANSITIONS: Mapping[tuple[Phase, Event], Phase] = MappingProxyType(
         (Phase.ORIENTING, Event.ALIGNED): Phase.MATCHING_FEATURES,
         (Phase.ORIENTING, Event.MATCHED): Phase.ARRIVED,
         (Phase.RETREATING, Event.APART): Phase.DISPLACING,
+        (Phase.RETREATING, Event.ALIGNED): Phase.MATCHING_FEATURES,
         (Phase.DISPLACING, Event.DISPLACED): Phase.ZEROING_EPIPOLES,
         (Phase.ZEROING_EPIPOLES, Event.ALIGNED): Phase.MATCHING_FEATURES,
         (Phase.ZEROING_EPIPOLES, Event.SIDEWAYS): Phase.RETREATING,
