@@ -1,9 +1,12 @@
 """The memory of views in closed loops: before one wall two views know little near the goal."""
 
+import math
+
 import numpy as np
+import pytest
 
 from visual_servo_epipolar.commands.files.resources import scenario_path
-from visual_servo_epipolar.core.servo.run_log import summarise
+from visual_servo_epipolar.core.servo.run_log import Sample, summarise
 from visual_servo_epipolar.simulation.closed_loop import run, run_many
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import load
@@ -32,6 +35,22 @@ def test_wheels_that_hop_end_where_they_can() -> None:
     summary = summarise(log)
     assert summary['outcome'] == 'arrived'
     assert summary['duration_s'] < 40.0
+
+
+@pytest.mark.parametrize('start', [(0.05, 0.0, 0.0), (-0.05, 0.0, 0.0), (0.035, -0.035, 3.0)])
+def test_from_5_cm_aside_a_third_of_a_metre_is_enough(start) -> None:
+    scenario = load(scenario_path('nominal')).seeded(3)
+    samples: list[Sample] = []
+    log = run(
+        scenario.loop(start, 3),
+        points_of(scenario, 3),
+        scenario.camera.nominal_camera,
+        watch=samples.append,
+    )
+    summary = summarise(log)
+    assert summary['outcome'] == 'arrived'
+    assert float(str(summary['position_error_m'])) < 0.001
+    assert max(math.hypot(sample.pose.x, sample.pose.y) for sample in samples) < 0.35
 
 
 def test_before_one_wall_the_memory_ends_nearer() -> None:

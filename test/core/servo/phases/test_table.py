@@ -60,7 +60,8 @@ MEANING = {
     ),
     Event.APART: dict.fromkeys({*STANDING, Phase.ORIENTING, Phase.RETREATING}, Phase.DISPLACING),
     Event.ALIGNED: dict.fromkeys(
-        {*STANDING, Phase.ORIENTING, Phase.ZEROING_EPIPOLES}, Phase.MATCHING_FEATURES
+        {*STANDING, Phase.ORIENTING, Phase.RETREATING, Phase.ZEROING_EPIPOLES},
+        Phase.MATCHING_FEATURES,
     ),
     Event.DISPLACED: {Phase.DISPLACING: Phase.ZEROING_EPIPOLES},
     Event.ESCAPED: {Phase.ZEROING_EPIPOLES: Phase.DISPLACING},

@@ -1,0 +1,99 @@
+"""Lines that lead home: where step 2 alone ends on the goal."""
+
+from dataclasses import replace
+import math
+
+import pytest
+from servo_states import in_phase, SETTINGS, sight
+
+from visual_servo_epipolar.core.control.laws import follow_line
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.phases.conditions import is_far_enough, ROOM
+from visual_servo_epipolar.core.servo.phases.events import classify
+from visual_servo_epipolar.core.servo.phases.lines import leads_home, line_look_ahead
+from visual_servo_epipolar.core.servo.phases.table import Event, Phase
+from visual_servo_epipolar.core.servo.ranging import LEAST_LOOK_AHEAD, LEAST_REMEMBERED
+
+STATE = in_phase(Phase.RETREATING)
+
+
+def at(x: float, y: float, degrees: float = 0.0) -> Measurement:
+    """Return what is seen from x, y [m] by who remembers views."""
+    return sight(
+        offset=(x, y),
+        offset_deviation=1e-3,
+        heading_deviation=1e-4,
+        difference_slope=0.1,
+        difference=0.1 * y,
+        heading_error=math.radians(degrees),
+    )
+
+
+def end_of_line(measurement: Measurement) -> float:
+    """Return how far aside a robot passes the goal that follows the line [m]."""
+    assert measurement.offset is not None
+    x, y = measurement.offset
+    heading = measurement.heading_error
+    while y < 0.0:
+        seen = replace(measurement, offset=(x, y))
+        length = line_look_ahead(STATE, seen, SETTINGS)
+        heading += follow_line(1.0, x, heading, look_ahead=length).angular * 1e-4
+        x, y = x - 1e-4 * math.sin(heading), y + 1e-4 * math.cos(heading)
+    return x
+
+
+@pytest.mark.parametrize(
+    'start', [(0.003, -0.25, 5.0), (-0.01, -0.4, 0.0), (0.02, -0.6, -5.0), (0.0, -0.3, 15.0)]
+)
+def test_a_line_that_leads_home_does(start) -> None:
+    measurement = at(*start)
+    assert leads_home(STATE, measurement, SETTINGS)
+    assert abs(end_of_line(measurement)) < 1e-3
+
+
+@pytest.mark.parametrize(
+    'start',
+    [
+        (0.05, -0.25, 0.0),  # aside
+        (0.0, -0.25, 21.0),  # turned
+        (0.0, -0.05, 0.0),  # too near
+        (0.0, 0.2, 0.0),  # past the goal
+        (0.2, -1.0, 0.0),
+    ],
+)
+def test_others_do_not(start) -> None:
+    assert not leads_home(STATE, at(*start), SETTINGS)
+
+
+def test_who_does_not_know_the_offset_does_not_know_the_line() -> None:
+    known = at(0.0, -0.5)
+    assert leads_home(STATE, known, SETTINGS)
+    assert not leads_home(STATE, replace(known, offset=None), SETTINGS)
+    assert not leads_home(STATE, known, replace(SETTINGS, line_following=False))
+
+
+def test_the_look_ahead_is_shorter_where_the_offset_is_known() -> None:
+    near = in_phase(Phase.MATCHING_FEATURES, range=0.1)
+    assert line_look_ahead(near, sight(), SETTINGS) == LEAST_LOOK_AHEAD
+    assert line_look_ahead(near, at(0.0, -0.1), SETTINGS) == LEAST_REMEMBERED
+    assert line_look_ahead(near, at(0.0, 0.05), SETTINGS) == LEAST_REMEMBERED
+    assert line_look_ahead(near, at(0.0, -9.0), SETTINGS) == SETTINGS.look_ahead
+
+
+def test_a_retreat_ends_where_a_line_leads_home_or_where_there_is_room() -> None:
+    def event(measurement: Measurement) -> Event:
+        return classify(in_phase(Phase.RETREATING, measurement=measurement), SETTINGS)
+
+    assert event(at(0.005, -0.24)) is Event.ALIGNED
+    assert event(at(0.05, -0.24)) is Event.NOTHING
+    assert event(at(0.05, -ROOM)) is Event.APART
+    # Two views alone have to see more of it.
+    assert event(replace(at(0.05, -ROOM), offset=None)) is Event.NOTHING
+
+
+def test_a_memory_of_views_needs_less_room() -> None:
+    assert is_far_enough(at(0.0, -ROOM), SETTINGS)
+    assert not is_far_enough(at(0.0, -ROOM + 0.01), SETTINGS)
+    unknown = replace(at(0.0, -0.5), offset=None)
+    assert not is_far_enough(unknown, SETTINGS)
+    assert is_far_enough(replace(unknown, difference=-SETTINGS.retreat_difference), SETTINGS)
