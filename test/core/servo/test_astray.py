@@ -74,7 +74,7 @@ def test_what_former_attempts_drove_backward_counts_as_well() -> None:
     assert backing_off(settings, reversed=0.4).frame < 20
     missed = in_phase(Phase.MATCHING_FEATURES, reversed=0.4, travel=-0.4)
     there = sight(difference=0.0, heading_error=0.0)
-    state = then(replace(missed, settled=SETTINGS.arrival_frames, settled_parallax=1.0), there)
+    state = then(replace(missed, settled=3 * SETTINGS.arrival_frames, settled_parallax=1.0), there)
     assert (state.phase, state.attempts) == (Phase.RETREATING, 2)
     assert (state.travel, state.reversed) == (0.0, 0.4)
 

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from servo_states import BEARINGS, in_phase, learnt_yaw, SETTINGS, sight, then
+from servo_states import BEARINGS, in_phase, learnt_yaw, SETTINGS, sight, then, TWO_VIEWS
 
 from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
 from visual_servo_epipolar.core.servo.phases.events import classify, RESUMING_FRAMES
@@ -48,7 +48,7 @@ def test_a_yaw_just_learnt_asks_for_an_attempt_but_never_fails(
         attempts=attempts,
         extrinsics=learnt_yaw(2.0),
     )
-    assert classify(state, SETTINGS) is event
+    assert classify(state, TWO_VIEWS) is event
 
 
 def test_an_estimator_without_covariance_tells_nothing_of_the_mount() -> None:

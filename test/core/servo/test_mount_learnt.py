@@ -16,6 +16,7 @@ from servo_states import (
     sight,
     STEPS,
     then,
+    TWO_VIEWS,
 )
 from strategies import CAMERA, matches
 
@@ -115,7 +116,7 @@ def test_step_2_by_a_wrong_yaw_is_another_attempt(degrees: float, phase: Phase) 
         settled=SETTINGS.arrival_frames,
         settled_parallax=1e-5,
     )
-    state = then(matching, sight(bearings=None, **at_goal))
+    state = then(matching, sight(bearings=None, **at_goal), TWO_VIEWS)
     assert state.phase is phase
     assert state.attempts == 1 + (phase is Phase.RETREATING)
 

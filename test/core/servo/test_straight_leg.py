@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from servo_states import in_phase, MEMORY, SETTINGS, sight
+from servo_states import in_phase, MEMORY, SETTINGS, sight, TWO_VIEWS
 
 from visual_servo_epipolar.core.geometry.mount import camera_swing
 from visual_servo_epipolar.core.memory.reading import Reading
@@ -125,7 +125,7 @@ def test_who_knows_the_offset_needs_no_new_attempt_for_a_yaw() -> None:
     turned = replace(SETTINGS.extrinsics, mean=np.array([0.0, 1.0, 0.05, 0.0, 0.0]), believed=True)
     near = sight(parallax=0.0, difference=0.0, heading_error=0.0)
     state = in_phase(Phase.MATCHING_FEATURES, extrinsics=turned, settled=SETTINGS.arrival_frames)
-    assert classify(replace(state, measurement=near), SETTINGS) is Event.MISSED
+    assert classify(replace(state, measurement=near), TWO_VIEWS) is Event.MISSED
     known = replace(
         near, offset=(0.0, 0.0), offset_deviation=1e-3, heading_deviation=1e-3,
         difference_slope=0.05, difference_deviation=0.0,

@@ -19,7 +19,7 @@ MIN_TURN = 0.04  # of the line of sight, below which the distance is not observa
 
 UNKNOWN_RANGE = 2.0  # largest use of d_hat where the distance was never measured [m]
 LOOK_AHEADS = 4.0  # look-ahead distances in the remaining distance, at least
-LEAST_LOOK_AHEAD, LEAST_REMEMBERED = 0.25, 0.06  # by two views, by a memory of views [m]
+LEAST_LOOK_AHEAD, LEAST_REMEMBERED = 0.25, 0.12  # by two views, by a memory of views [m]
 
 
 def look_ahead(distance: float, largest: float, *, least: float = LEAST_LOOK_AHEAD) -> float:

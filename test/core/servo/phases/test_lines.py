@@ -43,7 +43,7 @@ def end_of_line(measurement: Measurement) -> float:
 
 
 @pytest.mark.parametrize(
-    'start', [(0.003, -0.25, 5.0), (-0.01, -0.4, 0.0), (0.02, -0.6, -5.0), (0.0, -0.3, 15.0)]
+    'start', [(0.003, -0.4, 2.0), (-0.01, -0.45, 0.0), (0.01, -0.6, -3.0), (0.0, -0.5, 8.0)]
 )
 def test_a_line_that_leads_home_does(start) -> None:
     measurement = at(*start)
@@ -84,7 +84,7 @@ def test_a_retreat_ends_where_a_line_leads_home_or_where_there_is_room() -> None
     def event(measurement: Measurement) -> Event:
         return classify(in_phase(Phase.RETREATING, measurement=measurement), SETTINGS)
 
-    assert event(at(0.005, -0.24)) is Event.ALIGNED
+    assert event(at(0.001, -0.24)) is Event.ALIGNED
     assert event(at(0.05, -0.24)) is Event.NOTHING
     assert event(at(0.05, -ROOM)) is Event.APART
     # Two views alone have to see more of it.

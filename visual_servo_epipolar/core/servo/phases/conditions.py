@@ -182,12 +182,26 @@ def has_parallax(state: ServoState, measurement: Measurement, settings: ServoSet
     parallax = measurement.parallax if state.settled < 2 else state.settled_parallax
     # The root of a mean square over N features varies by 0.5 / sqrt(N) and more.
     variation = 1.0 + 1.5 / math.sqrt(max(measurement.features, 1))
+    if is_in_doubt(measurement, settings) and state.attempts == 1:
+        variation = 1.0  # it has looked for long, and a small way back and forth will tell
     noise = STANDSTILL_PARALLAX * measurement.noise * variation
     return not parallax <= math.hypot(settings.arrival_parallax, noise)
 
 
+def is_in_doubt(measurement: Measurement, settings: ServoSettings) -> bool:
+    """Return whether a memory of views would know whether this is the goal, but there is none."""
+    remembers = settings.options.view_memory and settings.calibrated
+    return remembers and measurement.offset is None
+
+
 def is_at_goal(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
-    """Return whether heading, parallax and D are those of the photograph, within their noise."""
+    """
+    Return whether heading, parallax and D are those of the photograph, within their noise.
+
+    Who is in doubt has to look for longer, in step 2.
+    """
+    if is_in_doubt(measurement, settings):
+        return False
     bound = facing_bound(measurement, settings, trial_of(state))
     faces_goal = abs(measurement.heading_error) <= bound
     bound = matched_bound(measurement, settings, trial_of(state, spent=True))

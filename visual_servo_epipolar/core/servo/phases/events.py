@@ -16,6 +16,7 @@ from visual_servo_epipolar.core.servo.phases.conditions import (
     has_parallax,
     is_at_goal,
     is_far_enough,
+    is_in_doubt,
     is_off_course,
     is_sideways,
     is_untrusted,
@@ -34,6 +35,7 @@ from visual_servo_epipolar.core.servo.state import ServoState
 
 # What the yaw of the camera may be learnt to differ by while a step lasts [rad].
 YAW_FOR_NEW_START, YAW_FOR_NEW_ATTEMPT = math.radians(1.5), math.radians(0.5)
+DOUBTFUL_LOOKS = 3  # times the frames of who is sure: the noise has to be known
 RESUMING_FRAMES = 3  # in a row that must be trusted before the robot moves again
 
 
@@ -136,7 +138,8 @@ def _begun(measurement: Measurement, settings: ServoSettings, event: Event) -> E
 def _matching(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
     if is_untrusted(measurement, settings):
         return Event.LOST
-    if state.settled < settings.arrival_frames:
+    patient = DOUBTFUL_LOOKS if is_in_doubt(measurement, settings) else 1
+    if state.settled < patient * settings.arrival_frames:
         return Event.NOTHING
     attempts_remain = state.attempts < settings.max_attempts
     repeats = settings.options.new_attempts and attempts_remain
