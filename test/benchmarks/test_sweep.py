@@ -14,6 +14,7 @@ def document() -> dict[str, Any]:
     return sweep.run(seed=0, quick=True, say=lambda text: None)
 
 
+@pytest.mark.long
 def test_a_run_is_the_same_in_every_batch(document: dict[str, Any]) -> None:
     assert [it['identical'] for it in document['scenarios']] == [True, True]
 
@@ -22,6 +23,7 @@ def test_records_that_differ_are_told_apart() -> None:
     assert not sweep._agree([['one'], ['other', 'third']])
 
 
+@pytest.mark.long
 def test_the_parts_make_up_the_step(document: dict[str, Any]) -> None:
     for it in document['scenarios']:
         for row in it['batches']:
@@ -33,11 +35,13 @@ def test_the_parts_make_up_the_step(document: dict[str, Any]) -> None:
             )
 
 
+@pytest.mark.long
 def test_runs_of_the_nominal_world_arrive(document: dict[str, Any]) -> None:
     for row in document['scenarios'][0]['batches']:
         assert row['arrived'] == row['runs']
 
 
+@pytest.mark.long
 def test_the_table_has_a_row_for_each_batch(document: dict[str, Any]) -> None:
     text = sweep.table(document)
     assert len(re.findall(r'\d us', text)) == 2 * 2 * len(PARTS)

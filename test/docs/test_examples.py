@@ -46,6 +46,7 @@ def test_the_example_drives_the_robot_to_the_goal(environment: dict[str, str]) -
     assert plain['path_length_m'] != result['path_length_m']
 
 
+@pytest.mark.long
 def test_departures_are_left_out_of_it_as_of_any_law(environment: dict[str, str]) -> None:
     start = ('--start', '0.5', '-3', '5')
     laws = ('bounded', 'bounded-line_following', 'full-line_following')

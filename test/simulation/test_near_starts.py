@@ -1,5 +1,7 @@
 """Starts so near the goal that a baseline shows in one image and not in the next."""
 
+import pytest
+
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.simulation.closed_loop import run_many
 from visual_servo_epipolar.simulation.scenario import Scenario
@@ -16,6 +18,7 @@ STARTS = [
 ]
 
 
+@pytest.mark.long
 def test_every_start_near_the_goal_arrives_and_faces_it_soon() -> None:
     scenarios = [(Scenario().seeded(seed), start, seed) for *start, seed in STARTS]
     logs = run_many(

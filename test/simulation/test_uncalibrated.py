@@ -97,6 +97,7 @@ def test_focal_length_and_principal_point_are_learnt_on_the_way() -> None:
     assert set(near) == {last}
 
 
+@pytest.mark.long
 def test_a_run_is_the_same_alone_and_beside_others_of_any_camera() -> None:
     cases = [(0.5, 0, 1.0), (1.0, 1, 0.0), (0.17, 1, 1.0)]
     for case, log in zip(cases, driven(cases), strict=True):

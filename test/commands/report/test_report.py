@@ -171,6 +171,7 @@ def test_a_page_goes_beside_the_run_unless_told_otherwise(run_page, capsys) -> N
         page.unlink()
 
 
+@pytest.mark.long
 def test_a_page_on_a_bag_goes_beside_it_and_not_into_it(
     bag, tmp_path, monkeypatch, capsys
 ) -> None:

@@ -11,6 +11,7 @@ from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes.servoing import commands
 
 IMAGES = 4
+SURE = {'view_memory': False}  # at the goal: who has no memory of views never doubts
 
 
 def blind(rig: Rig) -> None:
@@ -35,7 +36,7 @@ def test_a_servo_that_waits_for_the_photograph_to_come_in_view_is_silent(bench) 
 
 def test_a_run_ends_with_zero_twists_for_a_while(bench, monkeypatch) -> None:
     monkeypatch.setattr(commands, 'SETTLING_S', 60.0)
-    rig = Rig(bench, stale_timeout=60.0)
+    rig = Rig(bench, stale_timeout=60.0, **SURE)
     for _ in range(IMAGES):
         rig.see(GOAL)
     assert (rig.phase, rig.twists()) == ('arrived', [STANDSTILL] * IMAGES)
@@ -43,14 +44,14 @@ def test_a_run_ends_with_zero_twists_for_a_while(bench, monkeypatch) -> None:
 
 def test_after_that_it_is_silent(bench, monkeypatch) -> None:
     monkeypatch.setattr(commands, 'SETTLING_S', 0.0)
-    rig = Rig(bench, stale_timeout=60.0)
+    rig = Rig(bench, stale_timeout=60.0, **SURE)
     for _ in range(IMAGES):
         rig.see(GOAL)
     assert (rig.phase, rig.twists()) == ('arrived', [STANDSTILL])
 
 
 def test_that_while_is_a_second(bench) -> None:
-    rig = Rig(bench, stale_timeout=60.0)
+    rig = Rig(bench, stale_timeout=60.0, **SURE)
     clock = rig.node._commands._steady = HandSetClock()
     for seconds in (0.0, 0.95, 0.1):
         clock.now_ns += round(seconds * 1e9)
@@ -60,7 +61,7 @@ def test_that_while_is_a_second(bench) -> None:
 
 def test_the_next_run_has_its_own_end(bench, monkeypatch) -> None:
     monkeypatch.setattr(commands, 'SETTLING_S', 0.0)
-    rig = Rig(bench, stale_timeout=60.0)
+    rig = Rig(bench, stale_timeout=60.0, **SURE)
     rig.see(GOAL)
     rig.bench.call('servo_node/start')
     rig.see(AWAY)
@@ -124,7 +125,7 @@ def test_a_robot_that_holds_is_told_to_stand_by_each_image(bench) -> None:
 @pytest.mark.parametrize('show', [blind, lambda rig: rig.see(GOAL)], ids=['waiting', 'arrived'])
 def test_where_time_waits_for_the_servo_each_image_is_answered(bench, monkeypatch, show) -> None:
     monkeypatch.setattr(commands, 'SETTLING_S', 0.0)
-    rig = Rig(bench, watchdog=False)
+    rig = Rig(bench, watchdog=False, **SURE)
     for _ in range(IMAGES):
         show(rig)
     assert rig.twists() == [STANDSTILL] * IMAGES
