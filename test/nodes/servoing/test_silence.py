@@ -72,7 +72,7 @@ def test_the_next_run_has_its_own_end(bench, monkeypatch) -> None:
 
 
 def test_after_a_reset_it_is_silent_at_once(bench) -> None:
-    rig = Rig(bench, stale_timeout=60.0)
+    rig = Rig(bench, stale_timeout=60.0, **SURE)
     rig.node._commands._steady = HandSetClock()
     rig.see(GOAL)
     rig.bench.call('servo_node/reset')
