@@ -50,7 +50,7 @@ def reading(deviation: float = 0.001) -> Reading:
 
 
 def measurement(deviation: float = 0.01) -> Measurement:
-    return Measurement(0, 60, 769.0, 0.2, bearings=TWO_VIEWS, deviation=deviation)
+    return Measurement(0, 60, 769.0, 0.2, bearings=TWO_VIEWS, deviation=deviation, parallax=0.0)
 
 
 @pytest.mark.parametrize(
@@ -74,6 +74,13 @@ def test_uncertain_bearings_of_the_memory_are_none() -> None:
 def test_without_a_memory_nothing_changes() -> None:
     seen = measurement()
     assert sharpened(seen, None, SETTINGS) is seen
+
+
+@pytest.mark.parametrize(('pixels', 'seen'), [(1.0, False), (3.0, True), (math.nan, True)])
+def test_no_memory_overrules_an_image_that_looks_another(pixels: float, seen: bool) -> None:
+    """Through a lens that is told wrong it may have a geometry that is not there."""
+    there = replace(measurement(), offset=(0.0, 0.0), offset_deviation=1e-3)
+    assert has_parallax(ServoState(), replace(there, parallax=pixels / 769.0), SETTINGS) is seen
 
 
 @pytest.mark.parametrize(('away', 'deviation'), [(0.0, 1e-4), (0.01, 0.01), (ARRIVAL_OFFSET, 0.0)])

@@ -124,7 +124,12 @@ def test_who_knows_the_offset_needs_no_new_attempt_for_a_yaw() -> None:
     """Two views cannot tell that they are aside: what they drove by was wrong, and they repeat."""
     turned = replace(SETTINGS.extrinsics, mean=np.array([0.0, 1.0, 0.05, 0.0, 0.0]), believed=True)
     near = sight(parallax=0.0, difference=0.0, heading_error=0.0)
-    state = in_phase(Phase.MATCHING_FEATURES, extrinsics=turned, settled=SETTINGS.arrival_frames)
+    state = in_phase(
+        Phase.MATCHING_FEATURES,
+        extrinsics=turned,
+        settled=SETTINGS.arrival_frames,
+        settled_parallax=0.0,
+    )
     assert classify(replace(state, measurement=near), TWO_VIEWS) is Event.MISSED
     known = replace(
         near, offset=(0.0, 0.0), offset_deviation=1e-3, heading_deviation=1e-3,

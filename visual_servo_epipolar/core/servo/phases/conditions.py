@@ -32,6 +32,7 @@ MOST_BACKWARD = 1.0  # of a leg, that is no excursion [m]
 LEADING_AWAY = 1.5  # what a law without retreat may drive backward, in that of others
 LEAST_FIRST = 0.5  # distance that a ratio of distances refers to at least [m]
 ARRIVAL_OFFSET = 2e-3  # of who has arrived, by a memory of views [m]
+CONTRADICTED = 4.0  # bounds of a parallax, beyond which no memory says that it is the goal
 ROOM = 0.25  # behind a goal whose place is known, to begin step 1 [m]
 LEAST_RATIO = 1e-9  # part of the distance that a law without retreat keeps
 
@@ -173,19 +174,25 @@ def _is_within(
 
 
 def has_parallax(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
-    """Return whether the parallax exceeds what noise explains: the robot is not at the goal."""
-    if measurement.offset is not None:  # known beyond noise, or not
-        # A worn base may never come as near as the memory can tell: each attempt asks for less.
-        least = ARRIVAL_OFFSET * state.attempts
-        bound = max(least, NOISE_DEVIATIONS * measurement.offset_deviation)
-        return not math.hypot(*measurement.offset) <= bound
+    """
+    Return whether the parallax exceeds what noise explains: the robot is not at the goal.
+
+    A memory of views knows it far better, but through a lens that is told wrong its geometry may
+    be one that is not there: it never overrules an image that looks another.
+    """
     parallax = measurement.parallax if state.settled < 2 else state.settled_parallax
     # The root of a mean square over N features varies by 0.5 / sqrt(N) and more.
     variation = 1.0 + 1.5 / math.sqrt(max(measurement.features, 1))
     if is_in_doubt(measurement, settings) and state.attempts == 1:
         variation = 1.0  # it has looked for long, and a small way back and forth will tell
     noise = STANDSTILL_PARALLAX * measurement.noise * variation
-    return not parallax <= math.hypot(settings.arrival_parallax, noise)
+    usual = math.hypot(settings.arrival_parallax, noise)
+    if measurement.offset is None:
+        return not parallax <= usual
+    # A worn base may never come as near as the memory can tell: each attempt asks for less.
+    least = ARRIVAL_OFFSET * state.attempts
+    bound = max(least, NOISE_DEVIATIONS * measurement.offset_deviation)
+    return not (parallax <= CONTRADICTED * usual and math.hypot(*measurement.offset) <= bound)
 
 
 def is_in_doubt(measurement: Measurement, settings: ServoSettings) -> bool:
