@@ -85,7 +85,7 @@ def test_no_memory_overrules_an_image_that_looks_another(pixels: float, seen: bo
 
 @pytest.mark.parametrize(('away', 'deviation'), [(0.0, 1e-4), (0.01, 0.01), (ARRIVAL_OFFSET, 0.0)])
 def test_who_is_at_the_goal_by_the_memory_has_no_parallax(away: float, deviation: float) -> None:
-    there = replace(measurement(), offset=(away, 0.0), offset_deviation=deviation, parallax=1.0)
+    there = replace(measurement(), offset=(away, 0.0), offset_deviation=deviation, parallax=1e-3)
     assert not has_parallax(ServoState(), there, SETTINGS)
 
 
