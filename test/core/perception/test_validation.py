@@ -4,6 +4,7 @@ from dataclasses import replace
 import math
 import re
 
+import cv2
 from hypothesis import given
 import numpy as np
 import pytest
@@ -24,6 +25,7 @@ from visual_servo_epipolar.core.perception.validation import (
     innovation,
     MAX_REJECTIONS,
     rejection_reason,
+    rolled_over,
     turned_otherwise,
 )
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -176,3 +178,21 @@ def test_a_doubted_estimate_teaches_nothing_but_a_rejection() -> None:
 
 def test_the_noise_is_that_of_the_residuals() -> None:
     assert updated_memory(FRESH, GOOD, '', noise=0.7, parallax=50.0).noise == 0.7
+
+
+@pytest.mark.parametrize('degrees', [0.0, 60.0, -110.0, 180.0])
+@pytest.mark.parametrize('tilt', [0.0, 0.5, -0.78])
+def test_a_turn_on_the_floor_is_no_roll(degrees: float, tilt: float) -> None:
+    nod = cv2.Rodrigues(np.array([tilt, 0.0, 0.0]))[0]
+    turn = cv2.Rodrigues(np.array([0.0, math.radians(degrees), 0.0]))[0]
+    assert rolled_over(nod @ turn @ nod.T) == ''
+
+
+@pytest.mark.parametrize('degrees', [100.0, 180.0, -170.0])
+def test_no_robot_rolls_over(degrees: float) -> None:
+    """Mirrored images look like it, and a geometry is found in them by chance."""
+    said = rolled_over(cv2.Rodrigues(np.array([0.0, 0.0, math.radians(degrees)]))[0])
+    assert (
+        said
+        == f'the image has rolled by {abs(degrees):.0f} deg, as if it were mirrored or upside down'
+    )

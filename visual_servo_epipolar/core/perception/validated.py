@@ -22,6 +22,7 @@ from visual_servo_epipolar.core.perception.validation import (
     FitQuality,
     median_residual,
     rejection_reason,
+    rolled_over,
     turned_otherwise,
 )
 
@@ -131,6 +132,7 @@ def lesson_of(
     reason = rejection_reason(geometry, quality, memory, settings)
     if settings.calibrated:  # through an unknown lens a turn looks another
         reason = reason or turned_otherwise(geometry.bearings, rotation.heading_error)
+    reason = reason or rolled_over(rotation.rotation)
     return Lesson(
         memory,
         geometry,

@@ -122,6 +122,19 @@ def turned_otherwise(bearings: Bearings, heading_error: float) -> str:
     return ''
 
 
+def rolled_over(rotation: FloatArray) -> str:
+    """
+    Return how a best ``rotation``, (3, 3), is none of a robot on a floor, in words, or ''.
+
+    A mirrored image looks as if the camera had rolled by half a turn, one upside down does. A turn
+    about the vertical keeps y of cameras that lean by 45 deg at most within a right angle.
+    """
+    if rotation[1, 1] >= 0.0:
+        return ''
+    roll = math.degrees(math.acos(max(float(rotation[1, 1]), -1.0)))
+    return f'the image has rolled by {roll:.0f} deg, as if it were mirrored or upside down'
+
+
 def _contradiction(
     estimate: Estimate, memory: PerceptionMemory, settings: PerceptionSettings
 ) -> str:

@@ -29,7 +29,8 @@ class ServoState:
     of step 1 in this one; ``frame``, the number of steps.
 
     Measurement and memory: ``measurement``, the last one, and ``memory``, what perception carries
-    to the next image, both None before the first; ``views``, the memory of views; ``period``, the
+    to the next image, both None before the first; ``trusted_heading``, the heading error of the
+    last one by which it drove [rad], nan before; ``views``, the memory of views; ``period``, the
     time between two images [s], smoothed, nan before the second; ``rotation_bias``, what the best
     rotation is off in heading [rad], nan while unknown.
 
@@ -80,6 +81,7 @@ class ServoState:
     slope: Slope = Slope()
     since_command: float = math.nan
     dead_band_residual: Twist = STANDSTILL
+    trusted_heading: float = math.nan
     settled: int = 0
     settled_parallax: float = math.nan
     lingered: float = 0.0

@@ -63,8 +63,9 @@ class Witness:
 
     @property
     def pose(self) -> Pose:
-        """Where the robot is."""
-        return self.record.truths[-1].pose
+        """Where the robot is: at its start, before the first word of ground truth."""
+        truths = self.record.truths
+        return truths[-1].pose if truths else Pose.from_start(*self._world.settings.start)
 
     def pose_at(self, taken_ns: int) -> Pose:
         """Return where the robot was."""

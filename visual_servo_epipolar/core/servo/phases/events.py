@@ -36,7 +36,9 @@ from visual_servo_epipolar.core.servo.state import ServoState
 # What the yaw of the camera may be learnt to differ by while a step lasts [rad].
 YAW_FOR_NEW_START, YAW_FOR_NEW_ATTEMPT = math.radians(1.5), math.radians(0.5)
 DOUBTFUL_LOOKS = 3  # times the frames of who is sure: the noise has to be known
-RESUMING_FRAMES = 3  # in a row that must be trusted before the robot moves again
+# In a row that must be trusted before the robot moves again; where it is said to have turned
+# meanwhile by more than a robot does that stands [rad], somebody must have turned it.
+RESUMING_FRAMES, TURNED_FRAMES, TURNED = 3, 15, 1.0
 
 
 def classify(state: ServoState, settings: ServoSettings) -> Event:
@@ -73,7 +75,8 @@ def _survey(state: ServoState, measurement: Measurement, settings: ServoSettings
 
 def _holding(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
     # Where images are false, a single one may look right.
-    if state.settled < RESUMING_FRAMES:
+    turn = math.remainder(measurement.heading_error - state.trusted_heading, 2.0 * math.pi)
+    if state.settled < (TURNED_FRAMES if abs(turn) > TURNED else RESUMING_FRAMES):
         return Event.NOTHING
     return _survey(state, measurement, settings)
 

@@ -1,0 +1,68 @@
+"""Resuming after images that were not trusted: what a robot that stands cannot have done."""
+
+from dataclasses import replace
+import math
+
+import pytest
+from servo_states import in_phase, SETTINGS, sight
+
+from visual_servo_epipolar.core.perception.memory import fresh_memory
+from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.servo.phases.events import (
+    classify,
+    RESUMING_FRAMES,
+    TURNED,
+    TURNED_FRAMES,
+)
+from visual_servo_epipolar.core.servo.phases.table import Event, Phase
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.update import LARGEST_TURN, updated
+
+THERE = sight()
+
+
+def held(turned: float, frames: int, before: float | None = None) -> Event:
+    heading = THERE.heading_error - turned if before is None else before
+    state = in_phase(Phase.HOLDING, measurement=THERE, settled=frames, trusted_heading=heading)
+    return classify(state, SETTINGS)
+
+
+@pytest.mark.parametrize('turned', [0.0, 0.9 * TURNED, -0.9 * TURNED, 2.0 * math.pi])
+def test_a_robot_that_stands_as_it_stood_goes_on_soon(turned: float) -> None:
+    assert held(turned, RESUMING_FRAMES - 1) is Event.NOTHING
+    assert held(turned, RESUMING_FRAMES) is not Event.NOTHING
+
+
+@pytest.mark.parametrize('turned', [1.1 * TURNED, -2.4, math.pi])
+def test_one_that_was_turned_has_to_show_it_for_longer(turned: float) -> None:
+    """In mirrored images three in a row may agree on a geometry; somebody may turn the robot."""
+    assert held(turned, TURNED_FRAMES - 1) is Event.NOTHING
+    assert held(turned, TURNED_FRAMES) is not Event.NOTHING
+
+
+def test_who_never_drove_goes_on_soon() -> None:
+    assert held(0.0, RESUMING_FRAMES, before=math.nan) is not Event.NOTHING
+
+
+def seen(state: ServoState, **changes: object) -> float:
+    measurement = sight(2, **changes)
+    return updated(
+        state, Perception(measurement, fresh_memory(SETTINGS)), 0.1, SETTINGS
+    ).trusted_heading
+
+
+def test_the_heading_is_that_of_trusted_sights_of_who_drives() -> None:
+    driving = in_phase(Phase.MATCHING_FEATURES)
+    assert seen(driving) == THERE.heading_error
+    known = replace(driving, trusted_heading=THERE.heading_error)
+    assert (
+        seen(known, heading_error=THERE.heading_error + 0.5 * LARGEST_TURN)
+        != known.trusted_heading
+    )
+    assert (
+        seen(known, heading_error=THERE.heading_error + 1.5 * LARGEST_TURN)
+        == known.trusted_heading
+    )
+    assert seen(known, bearings=None, parallax=1.0) == known.trusted_heading
+    held = in_phase(Phase.HOLDING, trusted_heading=0.7)
+    assert seen(held) == 0.7
