@@ -10,7 +10,11 @@ from servo_states import in_phase, MEMORY, SETTINGS, sight, TWO_VIEWS
 from visual_servo_epipolar.core.geometry.mount import camera_swing
 from visual_servo_epipolar.core.memory.reading import Reading
 from visual_servo_epipolar.core.perception.perceive import Perception
-from visual_servo_epipolar.core.servo.extrinsics import Extrinsics, PLAUSIBLE
+from visual_servo_epipolar.core.servo.extrinsics import (
+    Extrinsics,
+    PLAUSIBLE,
+    ranged,
+)
 from visual_servo_epipolar.core.servo.phases.events import classify
 from visual_servo_epipolar.core.servo.phases.table import Event, Phase
 from visual_servo_epipolar.core.servo.straight_leg import LEG_M, straight_on, StraightLeg
@@ -141,3 +145,22 @@ def test_who_knows_the_offset_needs_no_new_attempt_for_a_yaw() -> None:
 def test_what_a_turn_may_have_swung_counts_as_noise() -> None:
     """Half a degree over 2 deg of turn may be a camera that sits aside of where it is told."""
     assert not driven(math.radians(0.5), curvature=0.15).believed
+
+
+def test_what_is_believed_learns_from_each_leg() -> None:
+    """A wrong yaw that bearings led to is corrected, by legs that would not have begun it."""
+    wrong = replace(
+        SETTINGS.extrinsics,
+        mean=np.array([0.0, 0.0, math.radians(4.0), 0.0, 0.0]),
+        covariance=np.diag([1e-4, 1e-2, math.radians(1.0) ** 2, 1e-2, 1e-2]),
+        believed=True,
+    )
+    after = driven(0.0, belief=wrong, deviation=5e-3, way=1.5)
+    assert abs(math.degrees(after.mount[0])) < 1.0
+
+
+def test_a_distance_that_the_memory_knows_is_believed() -> None:
+    near = ranged(SETTINGS.extrinsics, 0.4)
+    assert near.distance == pytest.approx(0.4, rel=0.05)
+    assert near.is_ranged
+    assert ranged(SETTINGS.extrinsics, 0.0).distance > 0.0

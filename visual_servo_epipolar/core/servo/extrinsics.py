@@ -34,6 +34,7 @@ SIGNIFICANT, RANGED = (4.0, 3.5), (0.25, 0.5)
 # Below which little is gained [rad, m, m]; an offset aside alone is never told apart for certain.
 LEAST = (math.radians(2.0), 0.1, math.inf)
 LEAST_OF_LEGS = math.radians(0.25)  # of a yaw that a memory of views tells
+REMEMBERED = 0.1  # deviation of the logarithm of a distance by a memory of views
 LEAST_STEP = 0.02  # between two updates, travel [m] or turn [rad]
 NEAR, UNCERTAIN = 0.15, math.radians(1.5)  # distance [m], deviation of a bearing [rad]
 GATE = 6.0  # deviations beyond which a bearing begins the path anew
@@ -186,6 +187,8 @@ def learnt(
     if not math.isfinite(heading) or max(abs(before.travel), abs(turn)) < LEAST_STEP:
         return before
     after = moved(before, heading)
+    if measurement.offset is not None:
+        after = ranged(after, math.hypot(*measurement.offset))
     if bearings is None or deviation > UNCERTAIN or after.distance < NEAR:
         return after
     after, innovation = seen(after, bearings.psi, deviation)
@@ -202,10 +205,22 @@ def learnt(
     )
 
 
+def ranged(before: Extrinsics, distance: float) -> Extrinsics:
+    """Return the belief after a memory of views told the ``distance`` [m], by what was driven."""
+    column = before.covariance[:, RHO]
+    gain = column / (float(column[RHO]) + REMEMBERED * REMEMBERED)
+    innovation = math.log(max(distance, NEAREST)) - before.mean[RHO]
+    return changed(
+        before,
+        mean=before.mean + gain * innovation,
+        covariance=before.covariance - gain[:, None] * column,
+    )
+
+
 def with_yaw(before: Extrinsics, yaw: float, deviation: float) -> Extrinsics:
     """Return the belief after legs showed a ``yaw`` [rad], if it is not the one gone by."""
     off = abs(math.remainder(yaw - before.mount[0], 2.0 * math.pi))
-    if not off > max(SIGNIFICANT[0] * deviation, LEAST_OF_LEGS):
+    if not (before.believed or off > max(SIGNIFICANT[0] * deviation, LEAST_OF_LEGS)):
         return before
     innovation = math.remainder(yaw - before.mean[YAW], 2.0 * math.pi)
     column = before.covariance[:, YAW]

@@ -94,4 +94,6 @@ def straight_on(
     if abs(leg.travel) < LEG_M:
         return leg, belief
     following = leg.followed_by(here)
-    return following, with_yaw(belief, *following.told)
+    # What is believed by now learns from each leg; it takes all of them to begin to.
+    told = leg.yaw(here) if belief.believed else following.told
+    return following, with_yaw(belief, *told)

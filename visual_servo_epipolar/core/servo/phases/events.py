@@ -20,6 +20,7 @@ from visual_servo_epipolar.core.servo.phases.conditions import (
     is_off_course,
     is_sideways,
     is_untrusted,
+    leads_away,
 )
 from visual_servo_epipolar.core.servo.phases.lines import leads_home
 from visual_servo_epipolar.core.servo.phases.table import (
@@ -128,6 +129,8 @@ def _zeroing(state: ServoState, measurement: Measurement, settings: ServoSetting
     if not state.latched and is_off_course(measurement, settings):
         return Event.ALIGNED if leads_home(state, measurement, settings) else Event.SIDEWAYS
     if state.latched and abs(chi) > escape_bound(state, measurement, settings):
+        return _begun(measurement, settings, Event.ESCAPED)
+    if not state.latched and leads_away(state, measurement, settings):
         return _begun(measurement, settings, Event.ESCAPED)
     return Event.ALIGNED if state.settled >= settings.align_frames else Event.NOTHING
 
