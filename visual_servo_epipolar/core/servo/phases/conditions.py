@@ -132,17 +132,18 @@ def discordant_bearing(measurement: Measurement, settings: ServoSettings) -> flo
     return displacement(measurement, settings, least_ratio=least_ratio) or 0.0
 
 
-def leads_away(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
+def leads_away(measurement: Measurement, settings: ServoSettings) -> bool:
     """
-    Return whether e_au is on the side of e_du, from where step 1 drives away from the goal.
+    Return whether both epipoles are on one side, from where step 1 drives away from the goal.
 
-    It was never turned to the other side where e_du was lost in its noise when that was due.
+    e_au is turned to the other side first, but on the sign that e_du had then: it may have been
+    lost in noise, or that of a mount that was taken for another.
     """
     law, bearings = settings.options, measurement.bearings
     if bearings is None or not (law.discordant_turn and law.retreat):
         return False
     known = abs(bearings.chi) > release_bound(measurement, settings)
-    return known and bearings.alpha * state.target < 0.0
+    return known and bearings.alpha * bearings.chi > 0.0
 
 
 def is_untrusted(measurement: Measurement, settings: ServoSettings) -> bool:

@@ -130,7 +130,7 @@ def _zeroing(state: ServoState, measurement: Measurement, settings: ServoSetting
         return Event.ALIGNED if leads_home(state, measurement, settings) else Event.SIDEWAYS
     if state.latched and abs(chi) > escape_bound(state, measurement, settings):
         return _begun(measurement, settings, Event.ESCAPED)
-    if not state.latched and leads_away(state, measurement, settings):
+    if not state.latched and leads_away(measurement, settings):
         return _begun(measurement, settings, Event.ESCAPED)
     return Event.ALIGNED if state.settled >= settings.align_frames else Event.NOTHING
 
