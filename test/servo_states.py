@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.memory.reading import Reading
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
@@ -45,6 +46,34 @@ def sight(frame: int = 1, *, bearings: Bearings | None = BEARINGS, **changes: An
         feature_error=60.0 / 769.0,
     )
     return replace(good, **changes)
+
+
+def behind(chi: float, alpha: float) -> Bearings:
+    """Return bearings from behind the goal: of e_du, left positive, and of e_au."""
+    return Bearings(math.atan2(-1.0, math.tan(chi)), math.atan2(math.tan(alpha), -1.0))
+
+
+def reading(deviation: float = 1e-3, **changes: Any) -> Reading:
+    """Return what a memory of views says 0.5 m behind the goal, its bearings to ``deviation``."""
+    said = Reading(
+        Bearings(-1.55, 0.02),
+        np.eye(2) * deviation**2,
+        deviation,
+        lateral=0.004,
+        lateral_deviation=0.0003,
+        longitudinal=-0.5,
+        longitudinal_deviation=0.0004,
+        heading_error=0.01,
+        heading_deviation=1e-4,
+        own=(1e-4, 1e-4, 1e-5),
+        depth_ratio=-0.1,
+        depth_ratio_deviation=1e-4,
+        parallax=0.1,
+        difference=-0.02,
+        difference_deviation=1e-4,
+        difference_slope=0.04,
+    )
+    return replace(said, **changes)
 
 
 def ranged(distance: float = 3.0, *, deviation: float = 0.1, **changes: Any) -> Extrinsics:

@@ -5,13 +5,12 @@ import math
 
 import numpy as np
 import pytest
-from servo_states import in_phase
+from servo_states import in_phase, reading
 
 from visual_servo_epipolar.core.control.command import Command
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.geometry.mount import at_axle, offset_at_axle
-from visual_servo_epipolar.core.memory.reading import Reading
 from visual_servo_epipolar.core.memory.recollection import Recollection
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
@@ -25,28 +24,7 @@ from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.update import lateral_offset, updated
 
 SETTINGS = ServoSettings()
-TWO_VIEWS, MEMORY = Bearings(-1.5, 0.1), Bearings(-1.55, 0.02)
-
-
-def reading(deviation: float = 0.001) -> Reading:
-    return Reading(
-        MEMORY,
-        np.eye(2) * deviation**2,
-        deviation,
-        lateral=0.004,
-        lateral_deviation=0.0003,
-        longitudinal=-0.5,
-        longitudinal_deviation=0.0004,
-        heading_error=0.01,
-        heading_deviation=1e-4,
-        own=(1e-4, 1e-4, 1e-5),
-        depth_ratio=-0.1,
-        depth_ratio_deviation=1e-4,
-        parallax=0.1,
-        difference=-0.02,
-        difference_deviation=1e-4,
-        difference_slope=0.04,
-    )
+TWO_VIEWS, MEMORY = Bearings(-1.5, 0.1), reading().bearings
 
 
 def measurement(deviation: float = 0.01) -> Measurement:

@@ -8,15 +8,15 @@ from servo_states import in_phase, SETTINGS, sight
 
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.servo.phases.conditions import TURNED
 from visual_servo_epipolar.core.servo.phases.events import (
     classify,
     RESUMING_FRAMES,
-    TURNED,
     TURNED_FRAMES,
 )
 from visual_servo_epipolar.core.servo.phases.table import Event, Phase
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.update import LARGEST_TURN, updated
+from visual_servo_epipolar.core.servo.update import updated
 
 THERE = sight()
 
@@ -55,14 +55,8 @@ def test_the_heading_is_that_of_trusted_sights_of_who_drives() -> None:
     driving = in_phase(Phase.MATCHING_FEATURES)
     assert seen(driving) == THERE.heading_error
     known = replace(driving, trusted_heading=THERE.heading_error)
-    assert (
-        seen(known, heading_error=THERE.heading_error + 0.5 * LARGEST_TURN)
-        != known.trusted_heading
-    )
-    assert (
-        seen(known, heading_error=THERE.heading_error + 1.5 * LARGEST_TURN)
-        == known.trusted_heading
-    )
+    assert seen(known, heading_error=THERE.heading_error + 0.5 * TURNED) != known.trusted_heading
+    assert seen(known, heading_error=THERE.heading_error + 1.5 * TURNED) == known.trusted_heading
     assert seen(known, bearings=None, parallax=1.0) == known.trusted_heading
     held = in_phase(Phase.HOLDING, trusted_heading=0.7)
     assert seen(held) == 0.7

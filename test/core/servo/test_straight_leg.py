@@ -5,10 +5,9 @@ import math
 
 import numpy as np
 import pytest
-from servo_states import in_phase, MEMORY, SETTINGS, sight, TWO_VIEWS
+from servo_states import in_phase, MEMORY, reading, SETTINGS, sight, TWO_VIEWS
 
 from visual_servo_epipolar.core.geometry.mount import camera_swing
-from visual_servo_epipolar.core.memory.reading import Reading
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.extrinsics import (
     Extrinsics,
@@ -21,27 +20,6 @@ from visual_servo_epipolar.core.servo.straight_leg import LEG_M, straight_on, St
 from visual_servo_epipolar.core.servo.update import updated
 
 STEP = 0.02
-
-
-def reading(x: float, y: float, heading: float, deviation: float = 3e-4) -> Reading:
-    return Reading(
-        None,
-        np.eye(2),
-        1.0,
-        lateral=x,
-        lateral_deviation=deviation,
-        longitudinal=y,
-        longitudinal_deviation=0.05,
-        heading_error=heading,
-        heading_deviation=1e-4,
-        own=(1e-4, 1e-4, 1e-5),
-        depth_ratio=-0.1,
-        depth_ratio_deviation=1e-4,
-        parallax=0.1,
-        difference=-0.02,
-        difference_deviation=1e-4,
-        difference_slope=0.04,
-    )
 
 
 def driven(
@@ -64,7 +42,12 @@ def driven(
             y += travel * math.cos(middle - yaw)
             heading += curvature * travel
         swing = camera_swing(0.0, heading) @ np.array(lever)
-        seen = reading(x + float(swing[0]), y + float(swing[1]), heading, deviation)
+        seen = reading(
+            lateral=x + float(swing[0]),
+            longitudinal=y + float(swing[1]),
+            heading_error=heading,
+            lateral_deviation=deviation,
+        )
         leg, belief = straight_on(leg, seen, travel if k else 0.0, belief)
     return belief
 

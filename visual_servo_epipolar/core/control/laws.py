@@ -12,6 +12,8 @@ import math
 
 from visual_servo_epipolar.core.geometry.motion import Twist
 
+LINE_DAMPING = 0.9  # ratio of ``follow_line``: an offset falls by exp(-0.9 s / L) over a way s
+
 
 def signed_power(value: float, exponent: float) -> float:
     """Return value^(beta/gamma) for odd beta and gamma: odd in ``value``."""
@@ -234,7 +236,7 @@ def follow_line(
         u_1 and u_2 = u_1 x / L^2 - 1.8 |u_1| alpha / L.
 
     """
-    damping = abs(linear) * 1.8 * heading_error / look_ahead
+    damping = abs(linear) * (2.0 * LINE_DAMPING) * heading_error / look_ahead
     return Twist(linear, linear * lateral / look_ahead**2 - damping)
 
 

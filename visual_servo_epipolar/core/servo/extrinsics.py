@@ -155,15 +155,20 @@ def moved(before: Extrinsics, heading: float) -> Extrinsics:
 def seen(before: Extrinsics, psi: float, deviation: float) -> tuple[Extrinsics, float]:
     """Return the belief after ``psi`` [rad] is seen, and the innovation in deviations."""
     innovation = math.remainder(psi - before.mean[PSI], 2.0 * math.pi)
-    column = before.covariance[:, PSI]
-    variance = float(column[PSI]) + CORRELATION * deviation * deviation
-    gain = column / variance
-    after = changed(
+    noise = CORRELATION * deviation * deviation
+    spread = math.sqrt(float(before.covariance[PSI, PSI]) + noise)
+    return _corrected(before, PSI, innovation, noise), innovation / spread
+
+
+def _corrected(before: Extrinsics, of: int, innovation: float, noise: float) -> Extrinsics:
+    """Return the belief after one of its states was measured, with variance ``noise`` (Kalman)."""
+    column = before.covariance[:, of]
+    gain = column / (float(column[of]) + noise)
+    return changed(
         before,
         mean=before.mean + gain * innovation,
         covariance=before.covariance - gain[:, None] * column,
     )
-    return after, innovation / math.sqrt(variance)
 
 
 def learnt(
@@ -207,14 +212,8 @@ def learnt(
 
 def ranged(before: Extrinsics, distance: float) -> Extrinsics:
     """Return the belief after a memory of views told the ``distance`` [m], by what was driven."""
-    column = before.covariance[:, RHO]
-    gain = column / (float(column[RHO]) + REMEMBERED * REMEMBERED)
     innovation = math.log(max(distance, NEAREST)) - before.mean[RHO]
-    return changed(
-        before,
-        mean=before.mean + gain * innovation,
-        covariance=before.covariance - gain[:, None] * column,
-    )
+    return _corrected(before, RHO, innovation, REMEMBERED * REMEMBERED)
 
 
 def with_yaw(before: Extrinsics, yaw: float, deviation: float) -> Extrinsics:
@@ -223,15 +222,8 @@ def with_yaw(before: Extrinsics, yaw: float, deviation: float) -> Extrinsics:
     if not (before.believed or off > max(SIGNIFICANT[0] * deviation, LEAST_OF_LEGS)):
         return before
     innovation = math.remainder(yaw - before.mean[YAW], 2.0 * math.pi)
-    column = before.covariance[:, YAW]
-    gain = column / (float(column[YAW]) + deviation * deviation)
-    after = changed(
-        before,
-        mean=before.mean + gain * innovation,
-        covariance=before.covariance - gain[:, None] * column,
-        believed=True,
-    )
-    return after if is_plausible(after) else before
+    after = _corrected(before, YAW, innovation, deviation * deviation)
+    return changed(after, believed=True) if is_plausible(after) else before
 
 
 def is_plausible(belief: Extrinsics) -> bool:

@@ -38,7 +38,7 @@ def remembered(
     would move the rays that keyframes hold: with one nothing is remembered.
     """
     observation = perception.observation
-    if not (settings.options.view_memory and settings.calibrated):
+    if not settings.remembers:
         return Remembered(), None
     views = before.views or ViewMemory(settings.mount)
     if observation is None or observation.ids is None or not _is_enough(observation, settings):

@@ -145,6 +145,11 @@ class ServoSettings(PerceptionSettings, ControlSettings):
             )
 
     @property
+    def remembers(self) -> bool:
+        """Whether views are remembered: a lens that is being learnt would move what they hold."""
+        return self.options.view_memory and self.calibrated
+
+    @property
     def mount_is_told(self) -> bool:
         """Whether any setting says how the camera is mounted."""
         return any(getattr(self, name) != getattr(ServoSettings, name) for name in MOUNT)

@@ -43,13 +43,13 @@ class ServoState:
 
     Step 1: ``target``, the abscissa at unit focal length at which e_au is held while e_du is
     zeroed; ``side``, the sign of e_du when that began; ``latched``, whether e_du counts as zero
-    since; ``straight``, the leg of step 2 by the memory of views; ``desired_rate``, the rate of
-    its bearing [rad/s], smoothed; ``gains``, those derived when the phase began (that of step 2 as
-    well), None where they are given.
+    since; ``desired_rate``, the rate of its bearing [rad/s], smoothed; ``gains``, those derived
+    when the phase began (that of step 2 as well), None where they are given.
 
     Identification: ``extrinsics`` of the camera on the base, and the ``mount``, shape (3,), by
     which the phase began; ``last_linear``, the speed of the command before the last [m/s];
-    ``curvature`` that the base adds to commands, ``slope`` of D in step 2.
+    ``curvature`` that the base adds to commands, ``slope`` of D in step 2; ``straight``, the leg
+    of step 2 by the memory of views, None without.
 
     Settling: ``settled``, frames in a row that fulfil the aim of the phase; ``settled_parallax``,
     the root mean square of the parallax over them [rad]; ``lingered``, for how long the phase has
@@ -67,7 +67,6 @@ class ServoState:
     target: float = 0.0
     side: float = 1.0
     latched: bool = False
-    straight: StraightLeg | None = None
     desired_rate: float = 0.0
     leg: Leg | None = None
     range: float = math.nan
@@ -79,6 +78,7 @@ class ServoState:
     mount: FloatArray | None = None
     last_linear: float = 0.0
     slope: Slope = Slope()
+    straight: StraightLeg | None = None
     since_command: float = math.nan
     dead_band_residual: Twist = STANDSTILL
     trusted_heading: float = math.nan

@@ -12,7 +12,12 @@ from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.extrinsics import Extrinsics, learnt
 from visual_servo_epipolar.core.servo.identification import Slope
 from visual_servo_epipolar.core.servo.phases.bounds import engage_bound
-from visual_servo_epipolar.core.servo.phases.conditions import is_close, is_settled, is_untrusted
+from visual_servo_epipolar.core.servo.phases.conditions import (
+    has_turned,
+    is_close,
+    is_settled,
+    is_untrusted,
+)
 from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
 from visual_servo_epipolar.core.servo.phases.timing import usual_step
 from visual_servo_epipolar.core.servo.ranging import Leg, MIN_TURN, UNKNOWN_RANGE
@@ -28,7 +33,6 @@ RATE_SMOOTHING = 0.4  # weight of the newest value in an exponential mean, as th
 RANGE_SMOOTHING = 0.2
 PERIOD_SMOOTHING = 0.1
 BIAS_SMOOTHING = 0.2
-LARGEST_TURN = 1.0  # between two images [rad]
 MANY_RESTARTS = 4  # of step 1: something is wrong, as after an attempt that missed
 MIN_SPEED = 0.05  # below which the path says nothing about the range [m/s]
 TURN_DEVIATIONS = 8.0  # least turn of the line of sight, in deviations of a bearing
@@ -83,9 +87,8 @@ def updated(
         memory=perception.memory,
         views=views,
         straight=straight,
+        trusted_heading=_trusted_heading(state, measurement, settings),
     )
-    if state.phase in DRIVING and not is_untrusted(measurement, settings):
-        state = changed(state, trusted_heading=_trusted_heading(state, measurement))
     if is_close(state, settings):
         state = changed(state, lingered=state.lingered + dt)
     return _with_settled(state, measurement, previous, settings)
@@ -162,11 +165,13 @@ def _without_bias(measurement: Measurement, bias: float) -> Measurement:
     return replace(measurement, heading_error=heading)
 
 
-def _trusted_heading(state: ServoState, measurement: Measurement) -> float:
-    """Return the heading error to go by [rad]: no robot turns by much between two images."""
-    before, now = state.trusted_heading, measurement.heading_error
-    leapt = abs(math.remainder(now - before, 2.0 * math.pi)) > LARGEST_TURN
-    return before if leapt else now
+def _trusted_heading(
+    state: ServoState, measurement: Measurement, settings: ServoSettings
+) -> float:
+    """Return the heading error of the last trusted image by which it drove [rad]."""
+    if state.phase not in DRIVING or is_untrusted(measurement, settings):
+        return state.trusted_heading
+    return state.trusted_heading if has_turned(state, measurement) else measurement.heading_error
 
 
 def _follows(

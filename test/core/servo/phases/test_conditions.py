@@ -4,7 +4,7 @@ from dataclasses import replace
 import math
 
 import pytest
-from servo_states import BEARINGS, in_phase, ranged, SETTINGS, sight
+from servo_states import BEARINGS, behind, in_phase, ranged, SETTINGS, sight
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.perception.memory import fresh_memory
@@ -35,11 +35,6 @@ from visual_servo_epipolar.core.servo.ranging import Leg
 from visual_servo_epipolar.core.servo.update import updated
 
 HALF_TURN = math.pi
-
-
-def seen(chi: float, alpha: float) -> Bearings:
-    """Return bearings from behind the goal: of e_du, left positive, and of e_au."""
-    return Bearings(math.atan2(-1.0, math.tan(chi)), math.atan2(math.tan(alpha), -1.0))
 
 
 @pytest.mark.parametrize(
@@ -159,8 +154,8 @@ def test_only_from_behind_the_goal_with_it_ahead_step_1_begins(psi, phi, sideway
 @pytest.mark.parametrize('side', [-1.0, 1.0])
 def test_step_1_is_given_up_later_than_it_is_not_begun(side: float) -> None:
     for alpha, begun, goes_on in ((0.05, False, False), (0.1, False, True), (0.2, True, True)):
-        narrow = sight(bearings=seen(side * 0.3, -side * alpha), view_margins=(0.0, 0.0))
-        other = sight(bearings=seen(side * 0.3, side * alpha), view_margins=(0.0, 0.0))
+        narrow = sight(bearings=behind(side * 0.3, -side * alpha), view_margins=(0.0, 0.0))
+        other = sight(bearings=behind(side * 0.3, side * alpha), view_margins=(0.0, 0.0))
         found = [
             (not is_sideways(item, SETTINGS), not is_off_course(item, SETTINGS))
             for item in (narrow, other)

@@ -4,18 +4,11 @@ from dataclasses import replace
 import math
 
 import pytest
-from servo_states import in_phase, SETTINGS, sight
+from servo_states import behind, in_phase, SETTINGS, sight
 
-from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.servo.phases.conditions import leads_away
 from visual_servo_epipolar.core.servo.phases.events import classify
 from visual_servo_epipolar.core.servo.phases.table import Event, Phase
-
-
-def seen(chi: float, alpha: float) -> Bearings:
-    """Return bearings from behind the goal: of e_du and of e_au, right positive."""
-    return Bearings(math.atan2(-1.0, -math.tan(chi)), math.atan2(math.tan(alpha), -1.0))
-
 
 STATE = in_phase(Phase.ZEROING_EPIPOLES, target=math.tan(-0.14), side=1.0)
 
@@ -31,24 +24,24 @@ STATE = in_phase(Phase.ZEROING_EPIPOLES, target=math.tan(-0.14), side=1.0)
     ],
 )
 def test_it_is_on_the_wrong_side_if_both_epipoles_are_on_one(chi, alpha, away) -> None:
-    there = sight(bearings=seen(chi, alpha))
+    there = sight(bearings=behind(-chi, alpha))
     assert leads_away(there, SETTINGS) is away
     event = classify(replace(STATE, measurement=there), SETTINGS)
     assert (event is Event.ESCAPED) is away
 
 
 def test_what_is_lost_in_the_noise_is_on_no_side() -> None:
-    assert not leads_away(sight(bearings=seen(0.06, 0.03), deviation=0.03), SETTINGS)
+    assert not leads_away(sight(bearings=behind(-0.06, 0.03), deviation=0.03), SETTINGS)
     assert not leads_away(sight(bearings=None), SETTINGS)
 
 
 @pytest.mark.parametrize('law', ['paper', 'corrected', 'full-retreat'])
 def test_laws_that_may_lead_away_at_first_do(law: str) -> None:
-    there = sight(bearings=seen(0.06, 0.03))
+    there = sight(bearings=behind(-0.06, 0.03))
     assert not leads_away(there, replace(SETTINGS, law=law))
 
 
 def test_once_e_du_is_zero_a_turn_is_left() -> None:
-    there = sight(bearings=seen(0.06, 0.03))
+    there = sight(bearings=behind(-0.06, 0.03))
     latched = replace(STATE, measurement=there, latched=True)
     assert classify(latched, replace(SETTINGS, latch_release=0.5)) is not Event.ESCAPED

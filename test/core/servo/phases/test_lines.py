@@ -47,7 +47,7 @@ def end_of_line(measurement: Measurement) -> float:
 )
 def test_a_line_that_leads_home_does(start) -> None:
     measurement = at(*start)
-    assert leads_home(STATE, measurement, SETTINGS)
+    assert leads_home(measurement, SETTINGS)
     assert abs(end_of_line(measurement)) < 1e-3
 
 
@@ -62,14 +62,14 @@ def test_a_line_that_leads_home_does(start) -> None:
     ],
 )
 def test_others_do_not(start) -> None:
-    assert not leads_home(STATE, at(*start), SETTINGS)
+    assert not leads_home(at(*start), SETTINGS)
 
 
 def test_who_does_not_know_the_offset_does_not_know_the_line() -> None:
     known = at(0.0, -0.5)
-    assert leads_home(STATE, known, SETTINGS)
-    assert not leads_home(STATE, replace(known, offset=None), SETTINGS)
-    assert not leads_home(STATE, known, replace(SETTINGS, line_following=False))
+    assert leads_home(known, SETTINGS)
+    assert not leads_home(replace(known, offset=None), SETTINGS)
+    assert not leads_home(known, replace(SETTINGS, line_following=False))
 
 
 def test_the_look_ahead_is_shorter_where_the_offset_is_known() -> None:

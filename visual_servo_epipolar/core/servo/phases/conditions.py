@@ -33,6 +33,7 @@ LEADING_AWAY = 1.5  # what a law without retreat may drive backward, in that of 
 LEAST_FIRST = 0.5  # distance that a ratio of distances refers to at least [m]
 ARRIVAL_OFFSET = 2e-3  # of who has arrived, by a memory of views [m]
 CONTRADICTED = 4.0  # bounds of a parallax, beyond which no memory says that it is the goal
+TURNED = 1.0  # more than a robot turns between two images, or while it stands [rad]
 ROOM = 0.25  # behind a goal whose place is known, to begin step 1 [m]
 LEAST_RATIO = 1e-9  # part of the distance that a law without retreat keeps
 
@@ -49,7 +50,7 @@ def escape_bound(state: ServoState, measurement: Measurement, settings: ServoSet
     if not settings.options.line_following:
         return bound
     distance = state.range if state.range > 0.0 else min(state.distance, UNKNOWN_RANGE)
-    decay = min(0.9 * distance / look_ahead(distance, settings.look_ahead), 9.0)
+    decay = min(laws.LINE_DAMPING * distance / look_ahead(distance, settings.look_ahead), 9.0)
     return max(bound, min(RESIDUAL_OFFSET * math.exp(decay) / distance, LARGEST_ESCAPE))
 
 
@@ -152,6 +153,12 @@ def is_untrusted(measurement: Measurement, settings: ServoSettings) -> bool:
     return untrusted or not math.isfinite(measurement.difference)
 
 
+def has_turned(state: ServoState, measurement: Measurement) -> bool:
+    """Return whether the heading is not that of the last trusted image, by far."""
+    turn = math.remainder(measurement.heading_error - state.trusted_heading, 2.0 * math.pi)
+    return abs(turn) > TURNED
+
+
 def is_settled(state: ServoState, settings: ServoSettings) -> bool:
     """Return whether this frame fulfils the aim of the phase."""
     measurement = state.measurement
@@ -211,8 +218,7 @@ def has_parallax(state: ServoState, measurement: Measurement, settings: ServoSet
 
 def is_in_doubt(measurement: Measurement, settings: ServoSettings) -> bool:
     """Return whether a memory of views would know whether this is the goal, but there is none."""
-    remembers = settings.options.view_memory and settings.calibrated
-    return remembers and measurement.offset is None
+    return settings.remembers and measurement.offset is None
 
 
 def is_at_goal(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:

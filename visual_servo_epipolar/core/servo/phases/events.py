@@ -14,6 +14,7 @@ from visual_servo_epipolar.core.servo.phases.conditions import (
     astray,
     escape_bound,
     has_parallax,
+    has_turned,
     is_at_goal,
     is_far_enough,
     is_in_doubt,
@@ -38,8 +39,8 @@ from visual_servo_epipolar.core.servo.state import ServoState
 YAW_FOR_NEW_START, YAW_FOR_NEW_ATTEMPT = math.radians(1.5), math.radians(0.5)
 DOUBTFUL_LOOKS = 3  # times the frames of who is sure: the noise has to be known
 # In a row that must be trusted before the robot moves again; where it is said to have turned
-# meanwhile by more than a robot does that stands [rad], somebody must have turned it.
-RESUMING_FRAMES, TURNED_FRAMES, TURNED = 3, 15, 1.0
+# meanwhile, somebody must have turned it.
+RESUMING_FRAMES, TURNED_FRAMES = 3, 15
 
 
 def classify(state: ServoState, settings: ServoSettings) -> Event:
@@ -76,8 +77,7 @@ def _survey(state: ServoState, measurement: Measurement, settings: ServoSettings
 
 def _holding(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
     # Where images are false, a single one may look right.
-    turn = math.remainder(measurement.heading_error - state.trusted_heading, 2.0 * math.pi)
-    if state.settled < (TURNED_FRAMES if abs(turn) > TURNED else RESUMING_FRAMES):
+    if state.settled < (TURNED_FRAMES if has_turned(state, measurement) else RESUMING_FRAMES):
         return Event.NOTHING
     return _survey(state, measurement, settings)
 
@@ -98,7 +98,7 @@ def _orienting(state: ServoState, measurement: Measurement, settings: ServoSetti
 def _retreating(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
     if is_untrusted(measurement, settings):
         return Event.LOST
-    if leads_home(state, measurement, settings):
+    if leads_home(measurement, settings):
         return Event.ALIGNED
     if measurement.bearings is None or not is_far_enough(measurement, settings):
         return Event.NOTHING
@@ -127,7 +127,7 @@ def _zeroing(state: ServoState, measurement: Measurement, settings: ServoSetting
     if state.yaw_learnt > YAW_FOR_NEW_START:
         return _begun(measurement, settings, Event.ESCAPED)
     if not state.latched and is_off_course(measurement, settings):
-        return Event.ALIGNED if leads_home(state, measurement, settings) else Event.SIDEWAYS
+        return Event.ALIGNED if leads_home(measurement, settings) else Event.SIDEWAYS
     if state.latched and abs(chi) > escape_bound(state, measurement, settings):
         return _begun(measurement, settings, Event.ESCAPED)
     if not state.latched and leads_away(measurement, settings):

@@ -2,13 +2,13 @@
 
 import math
 
+from visual_servo_epipolar.core.control import laws
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.ranging import LEAST_REMEMBERED, look_ahead
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 
 RESIDUAL_OFFSET = 5e-4  # that line following may leave [m]
-DECAY = 0.9  # of an offset by the time constant of ``laws.follow_line``, in look-aheads
 MOST_ASIDE = 0.5  # offset in look-aheads: more would turn features out of view
 MOST_TURNED = 0.35  # heading error to begin with [rad]
 
@@ -17,17 +17,21 @@ def line_look_ahead(state: ServoState, measurement: Measurement, settings: Servo
     """Return the look-ahead of line following [m]: shorter where the offset is known."""
     if measurement.offset is None:
         return look_ahead(state.range, settings.look_ahead)
-    _, y = measurement.offset
+    return _remembered_look_ahead(measurement.offset[1], settings)
+
+
+def _remembered_look_ahead(y: float, settings: ServoSettings) -> float:
+    """Return the look-ahead [m] where a memory of views has the robot ``y`` ahead of the goal."""
     return look_ahead(max(-y, LEAST_REMEMBERED), settings.look_ahead, least=LEAST_REMEMBERED)
 
 
-def leads_home(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
+def leads_home(measurement: Measurement, settings: ServoSettings) -> bool:
     """Return whether line following from here ends on the goal, as far as the offset is known."""
     if measurement.offset is None or not settings.options.line_following:
         return False
     x, y = measurement.offset
-    length, turned = line_look_ahead(state, measurement, settings), measurement.heading_error
+    length, turned = _remembered_look_ahead(y, settings), measurement.heading_error
     if y > -length or abs(turned) > MOST_TURNED or abs(x) > MOST_ASIDE * length:
         return False
     aside = abs(x) + length * math.tan(abs(turned))
-    return aside * math.exp(DECAY * y / length) <= RESIDUAL_OFFSET
+    return aside * math.exp(laws.LINE_DAMPING * y / length) <= RESIDUAL_OFFSET
