@@ -9,13 +9,16 @@ from servo_states import in_phase, MEMORY, reading, SETTINGS, sight, TWO_VIEWS
 
 from visual_servo_epipolar.core.geometry.mount import camera_swing
 from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.servo import update
 from visual_servo_epipolar.core.servo.extrinsics import (
     Extrinsics,
+    MAX_CONTRADICTIONS,
     PLAUSIBLE,
     ranged,
 )
 from visual_servo_epipolar.core.servo.phases.events import classify
 from visual_servo_epipolar.core.servo.phases.table import Event, Phase
+from visual_servo_epipolar.core.servo.remembering import Remembered
 from visual_servo_epipolar.core.servo.straight_leg import LEG_M, straight_on, StraightLeg
 from visual_servo_epipolar.core.servo.update import updated
 
@@ -105,6 +108,17 @@ def test_legs_are_those_of_step_2_alone() -> None:
     for phase in (Phase.ZEROING_EPIPOLES, Phase.RETREATING, Phase.ORIENTING):
         state = in_phase(phase, straight=leg)
         assert updated(state, Perception(sight(), MEMORY), 0.1, SETTINGS).straight is None
+
+
+def test_what_driving_disproves_is_part_of_no_leg(monkeypatch) -> None:
+    """The memory begins anew, at another place and scale: no leg leads from one to the other."""
+    monkeypatch.setattr(update, 'remembered', lambda *_: (Remembered(), reading()))
+    leg = StraightLeg(0.0, -1.0, 1e-3, 0.0)
+    state = in_phase(Phase.MATCHING_FEATURES, straight=leg, extrinsics=SETTINGS.extrinsics)
+    assert updated(state, Perception(sight(), MEMORY), 0.1, SETTINGS).straight is not None
+    disproved = replace(SETTINGS.extrinsics, contradictions=MAX_CONTRADICTIONS + 1)
+    monkeypatch.setattr(update, 'learnt', lambda *_, **__: disproved)
+    assert updated(state, Perception(sight(), MEMORY), 0.1, SETTINGS).straight is None
 
 
 def test_who_knows_the_offset_needs_no_new_attempt_for_a_yaw() -> None:

@@ -55,7 +55,7 @@ def updated(
     )
     if extrinsics.contradicts:
         perception, views = _disproved(perception, settings), Remembered()
-        measurement, extrinsics = perception.measurement, settings.extrinsics
+        measurement, extrinsics, reading = perception.measurement, settings.extrinsics, None
     straight = None
     if state.phase is Phase.MATCHING_FEATURES:
         straight, extrinsics = straight_on(state.straight, reading, driven, extrinsics)
