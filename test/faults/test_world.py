@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 
+import numpy as np
 import pytest
 from rclpy.publisher import Publisher
 from std_msgs.msg import String
@@ -16,8 +17,10 @@ from visual_servo_epipolar.faults.catalogue.fault import Fault, Scene
 from visual_servo_epipolar.faults.catalogue.table import FAULTS
 from visual_servo_epipolar.faults.judging.record import Record
 from visual_servo_epipolar.faults.processes.listener import RunListener
+from visual_servo_epipolar.faults.wire.parcel import Parcel
 from visual_servo_epipolar.faults.world import small_camera, World, WorldSettings
 from visual_servo_epipolar.messages import write
+from visual_servo_epipolar.messages.write import TRACK_LAYOUT
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.servoing.watch import Watch
 from visual_servo_epipolar.simulation.bases.pioneer import Pioneer, PioneerSettings
@@ -28,6 +31,19 @@ MOVING = (Phase.ZEROING_EPIPOLES,)
 
 def images_end(scene: Scene) -> None:
     scene.filter('/image_raw', lambda parcel: [])
+
+
+def few_tracks(scene: Scene) -> None:
+    def leave_eight(parcel: Parcel) -> list[Parcel]:
+        message = parcel.message
+        rows = np.frombuffer(message.data, TRACK_LAYOUT)
+        rows = np.sort(rows, order='id')[:8]  # the same ones, as far as they are in view
+        message.width, message.row_step = len(rows), len(rows) * message.point_step
+        del message.data[:]
+        message.data.frombytes(rows.tobytes())
+        return [parcel]
+
+    scene.filter('/tracks', leave_eight, 4.0)
 
 
 def without_a_base_that_stops_by_itself(settings: object, rng: object) -> object:
@@ -48,6 +64,13 @@ def test_a_camera_that_dies_leaves_a_robot_at_rest_with_a_reason() -> None:
     result = driven('end', Fault(what='', strike=images_end))
     assert (result['verdict'], result['safe']) == ('at rest', True)
     assert result['struck_in'] == 'zeroing_epipoles'
+
+
+def test_eight_features_for_four_seconds_are_no_harm() -> None:
+    fault = Fault(what='', strike=few_tracks)
+    result = runs.run('few', replace(fault, phases=(Phase.MATCHING_FEATURES,)), SEED)
+    assert (result['verdict'], result['safe']) == ('arrived', True)
+    assert result['blind_s'] == 0.0
 
 
 def test_a_servo_whose_stop_was_removed_moves_without_sight(

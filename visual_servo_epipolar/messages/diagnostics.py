@@ -27,13 +27,22 @@ def diagnosis(state: ServoState, stamp_ns: int, *, name: str) -> DiagnosticArray
         values['untrusted_because'] = state.measurement.reason
         values |= telemetry(state)
     summary = f'{state.phase.value}: {state.reason}' if state.reason else state.phase.value
+    level = LEVELS.get(state.phase, DiagnosticStatus.OK)
+    if state.measurement is not None and state.measurement.carried:
+        level = max(level, DiagnosticStatus.WARN)
+        summary = f'{summary}; {carried_on(state.measurement.features)}'
     return write.diagnostics(
         name,
-        level=LEVELS.get(state.phase, DiagnosticStatus.OK),
+        level=level,
         summary=summary,
         values=values,
         stamp_ns=stamp_ns,
     )
+
+
+def carried_on(features: int) -> str:
+    """Return in words that too few features are in view for two views, and what stands in."""
+    return f'{features} features in view, by the memory of views'
 
 
 def standing_diagnosis(

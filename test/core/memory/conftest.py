@@ -1,5 +1,7 @@
 """Windows of views as the study has them: exact, or with noise and wrong matches."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -34,6 +36,12 @@ def noiseless(**changes: float) -> Trial:
     drive = trial(StudySettings(noise=1e-9, wrong=0.0, scale_error=0.0, jitter=1e-9, **changes), 5)
     object.__setattr__(drive, 'settings', StudySettings(wrong=0.0, **changes))
     return drive
+
+
+@pytest.fixture(scope='session')
+def truth_of() -> Callable[[Trial, int], Evaluation]:
+    """Return what makes the window of the first views of a drive at its true unknowns."""
+    return at_truth
 
 
 @pytest.fixture(scope='session')

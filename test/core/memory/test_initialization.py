@@ -15,6 +15,7 @@ from visual_servo_epipolar.core.memory.initialization import (
     initial,
     is_rival,
     is_sound,
+    is_sure,
     oriented,
     placed,
     Start,
@@ -90,6 +91,18 @@ def test_a_geometry_is_unsound_where_a_view_is_held_by_nothing(exact) -> None:
     flung = Geometry(replace(exact, unknowns=replace(exact.unknowns, views=views)))
     assert held_views(flung).tolist() == [k != 2 for k in range(14)]
     assert not is_sound(flung)
+
+
+@pytest.mark.parametrize(('apart', 'expected'), [(0.4, True), (0.02, False)])
+def test_a_geometry_is_sure_where_its_views_are_apart_whatever_its_scale(
+    truth_of, apart: float, expected: bool
+) -> None:
+    """From views side by side depths may be anything, and with them the place of the next view."""
+    places = np.array([[0.9, -3.0, -0.15], [0.9, -3.0 + apart, -0.15]])
+    for scale_deviation in (0.05, 1.0):
+        at = truth_of(trial(StudySettings(wrong=0.0), 2, places), 2)
+        factors = replace(at.factors, scale_deviation=scale_deviation)
+        assert is_sure(Geometry(replace(at, factors=factors))) is expected
 
 
 def test_a_view_that_does_not_fit_is_left_out_and_the_rest_begins(exact) -> None:

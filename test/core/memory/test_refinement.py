@@ -7,7 +7,9 @@ import pytest
 
 from visual_servo_epipolar.core.memory.equations import Evaluation, system_of
 from visual_servo_epipolar.core.memory.refinement import (
+    FEW_VIEWS,
     judged,
+    NEAREST,
     refined,
     RETURN,
     WRONG_OFFSET,
@@ -87,6 +89,25 @@ def test_a_feature_is_wrong_where_the_photograph_shows_it_elsewhere(exact) -> No
     sides = np.where(exact.window.seen[:, None, None], exact.window.sides, 0.0)
     flat = replace(at, window=replace(at.window, sides=1e-3 * sides))
     assert judged(flat).trusted[:3].tolist() == [False, True, True]
+
+
+def test_a_feature_right_before_the_camera_is_wrong(exact) -> None:
+    """Seen from one place it may be anywhere; it would tell the pose better than all others."""
+    near = exact.unknowns.nearness.copy()
+    near[0] = 1.1 * NEAREST * np.median(near)
+    sides = np.zeros_like(exact.window.sides)  # what contradicts it is not seen
+    seen = exact.window.seen.copy()
+    seen[FEW_VIEWS:, 0] = False
+    at = replace(
+        exact,
+        window=replace(exact.window, sides=sides, seen=seen),
+        unknowns=replace(exact.unknowns, nearness=near),
+    )
+    assert judged(at).trusted[:2].tolist() == [False, True]
+    often = replace(at, window=replace(at.window, seen=np.ones_like(seen)))
+    assert judged(often).trusted[0]  # before a scene that is far away some features are near
+    near[0] /= 1.2
+    assert judged(replace(at, unknowns=replace(at.unknowns, nearness=near))).trusted[0]
 
 
 def test_what_was_wrong_must_be_well_within_the_bound_to_count_again(exact) -> None:

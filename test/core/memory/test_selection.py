@@ -37,6 +37,26 @@ def test_a_view_of_other_features_is_one(exact, share: float, expected: bool) ->
     assert found is expected
 
 
+def test_features_that_only_show_near_the_photograph_make_none(exact) -> None:
+    """They have no depth there: a wrong match may be right before the camera, and outweigh all."""
+    near = 0.9 * SETTINGS.spread * Geometry(exact).depth
+    views = exact.unknowns.views.copy()
+    views[3, :2] = 0.0, -near
+    geometry = Geometry(replace(exact, unknowns=replace(exact.unknowns, views=views)))
+    assert not is_keyframe(geometry, views[3], sightings=60, new=60, settings=SETTINGS)
+    views[3, 1] = -2.0 * near
+    assert is_keyframe(geometry, views[3], sightings=60, new=60, settings=SETTINGS)
+
+
+def test_new_features_without_room_make_none(exact) -> None:
+    """Each image would become a keyframe, and its features be let go with the next."""
+    pose, count = exact.unknowns.views[3], len(exact.window.ids)
+    crammed = replace(SETTINGS, features=count)
+    assert not is_keyframe(Geometry(exact), pose, sightings=60, new=60, settings=crammed)
+    roomy = replace(SETTINGS, features=count + 60)
+    assert is_keyframe(Geometry(exact), pose, sightings=60, new=60, settings=roomy)
+
+
 def test_a_view_of_hardly_anything_is_none(exact) -> None:
     pose = exact.unknowns.views[0] - [0.0, 5.0, 0.0, 0.0, 0.0]
     assert not is_keyframe(Geometry(exact), pose, sightings=7, new=7, settings=SETTINGS)

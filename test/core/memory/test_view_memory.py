@@ -20,7 +20,7 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.memory.recollection import Recollection
 from visual_servo_epipolar.core.memory.refinement import Geometry
 from visual_servo_epipolar.core.memory.sightings import MemorySettings, Sightings
-from visual_servo_epipolar.core.memory.view_memory import ViewMemory
+from visual_servo_epipolar.core.memory.view_memory import MOST_REFUSED, ViewMemory
 from visual_servo_epipolar.core.memory.window import LENS, SHARED
 
 DEVIATIONS = 4.0
@@ -129,7 +129,10 @@ def test_a_wrong_match_does_not_count_where_it_happens_to_agree(drive, memory) -
     assert number in said.dropped
 
 
-def test_a_geometry_that_new_keyframes_contradict_is_forgotten(drive, memory) -> None:
+def test_a_geometry_that_new_keyframes_contradict_again_and_again_is_forgotten(
+    drive, memory
+) -> None:
+    """One alone may be a view of who passes by: it is not kept, and all else is."""
     window = memory.window
     louder = replace(window, sides=5.0 * window.sides)  # noise was told too small
     evaluation = replace(memory.geometry.evaluation, window=louder)
@@ -139,7 +142,17 @@ def test_a_geometry_that_new_keyframes_contradict_is_forgotten(drive, memory) ->
         window=louder,
         settings=MemorySettings(spread=1e-6),
     )
-    after, said = deceived.after(drive.sightings(14))
+    after = deceived
+    for refused in range(1, MOST_REFUSED):
+        after, said = after.after(drive.sightings(14))
+        assert not said.reason
+        assert (after.window, after.geometry) == (deceived.window, deceived.geometry)
+        assert after.refused == refused
+    fits, _ = replace(memory, refused=1, settings=MemorySettings(spread=1e-6)).after(
+        drive.sightings(14)
+    )
+    assert fits.refused == 0
+    after, said = after.after(drive.sightings(14))
     assert not said.reason
     assert after.geometry is None
     assert len(after.window) == 0

@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.servo.phases.conditions import has_parallax
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.ranging import Leg
 from visual_servo_epipolar.core.servo.step import _beyond_dead_band, _limited
-from visual_servo_epipolar.core.servo.update import _measured_range
+from visual_servo_epipolar.core.servo.way import measured_range
 
 
 @pytest.mark.parametrize(('deviations', 'seen'), [(1.20, False), (1.30, True)])
@@ -61,7 +61,7 @@ def test_an_uncertain_line_of_sight_has_to_turn_farther(deviation: float, known:
     state = replace(in_phase(Phase.ZEROING_EPIPOLES), last_linear=0.4)
     moving = replace(state, command=replace(state.command, twist=Twist(0.4, 0.0)))
     ranges = [
-        _measured_range(moving, there, Leg(BEARINGS.psi + turn, 0.1, 0.1)) for turn in (-0.1, 0.1)
+        measured_range(moving, there, Leg(BEARINGS.psi + turn, 0.1, 0.1)) for turn in (-0.1, 0.1)
     ]
     assert any(value is not None for value in ranges) == known
 

@@ -27,6 +27,7 @@ from visual_servo_epipolar.core.servo.extrinsics import (
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 
 ON_AXLE = np.zeros(3)
+JUMP = 110  # number of an image, when the distance is known
 MOUNTS = [
     np.array([math.radians(5.0), 0.25, 0.0]),
     np.array([math.radians(-4.0), -0.2, 0.0]),
@@ -71,7 +72,8 @@ def test_a_drive_tells_the_mount_and_the_distance(mount: FloatArray, seed: int) 
     *_, (belief, distance) = beliefs(mount, unknown(), seed=seed)
     assert belief.believed
     assert belief.mount[0] == pytest.approx(mount[0], abs=math.radians(1.0))
-    assert belief.mount[1] == pytest.approx(mount[1], abs=0.03)
+    # Two views may turn wrong by what a lens is told wrong: of a lever arm a part stays unlearnt.
+    assert belief.mount[1] == pytest.approx(mount[1], abs=0.055)
     assert belief.is_ranged
     assert belief.distance == pytest.approx(distance, rel=0.1)
 
@@ -112,13 +114,13 @@ def test_bearings_that_jump_about_contradict_what_is_driven() -> None:
 def test_one_jump_is_forgiven_and_the_path_begins_anew() -> None:
     belief = unknown()
     for number, (measurement, travel, _) in enumerate(frames(ON_AXLE)):
-        if number >= 90:  # from here on another geometry, which is consistent
+        if number >= JUMP:  # from here on another geometry, which is consistent
             assert measurement.bearings is not None
             measurement = sight(
                 Bearings(measurement.bearings.psi + 0.8, measurement.bearings.phi + 0.8)
             )
         before, belief = belief, learnt(belief, measurement, travel, missed=False)
-        if number == 90:
+        if number == JUMP:
             assert belief.contradictions == 5
             assert not belief.is_ranged
             assert before.is_ranged
@@ -144,6 +146,39 @@ def test_near_the_goal_nothing_of_the_mount_is_learnt() -> None:
         np.testing.assert_array_equal(belief.mean[YAW:], told)
         assert not belief.believed
         assert belief.contradictions == 0
+
+
+def test_what_a_lens_turns_wrong_is_no_lever_arm() -> None:
+    """Through a focal length told 5 % wrong a turn on the spot looks like a small way aside."""
+    belief, goal_ahead = unknown(), Bearings(-1.2, -0.3)
+    for number in range(50):
+        turn = 0.8 * number / 49.0
+        wrong = 0.03 * turn
+        seen_there = Bearings(goal_ahead.psi + wrong, goal_ahead.phi - turn + wrong)
+        belief = learnt(belief, sight(seen_there), 0.0, missed=False)
+    assert not belief.believed
+    off = np.abs(belief.mean[YAW:] - ON_AXLE)
+    assert (off <= 2.0 * np.sqrt(belief.covariance.diagonal()[YAW:])).all()
+
+
+def test_from_two_views_to_a_memory_the_robot_has_not_moved() -> None:
+    """They differ by what two views do not know of the lens; nothing of the mount is in that."""
+    belief = list(beliefs(ON_AXLE, unknown()))[JUMP][0]
+    measurement, travel, _ = list(frames(ON_AXLE))[JUMP + 1]
+    assert measurement.bearings is not None
+    psi, phi = measurement.bearings.psi + 0.02, measurement.bearings.phi + 0.02
+    remembered = replace(
+        sight(Bearings(psi, phi)),
+        offset=(belief.distance * math.cos(psi), belief.distance * math.sin(psi)),
+        offset_deviation=0.05 * belief.distance,
+    )
+    belief = replace(belief, travel=-2.0 * LEAST_STEP)
+    after = learnt(belief, remembered, travel, missed=False)
+    assert after.remembers
+    assert after.mean[0] == psi
+    again = learnt(replace(belief, remembers=True), remembered, travel, missed=False)
+    changes = [np.abs(each.mean[YAW:] - belief.mean[YAW:]).max() for each in (after, again)]
+    assert changes[0] < 0.2 * changes[1]
 
 
 def test_an_uncertain_bearing_says_nothing_of_the_mount() -> None:

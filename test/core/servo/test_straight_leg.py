@@ -64,7 +64,7 @@ def test_the_yaw_of_a_camera_that_looks_aside_is_learnt(degrees, curvature, trav
     assert math.degrees(told.mount[0]) == pytest.approx(degrees, abs=0.1)
 
 
-@pytest.mark.parametrize('degrees', [0.0, 0.2])
+@pytest.mark.parametrize('degrees', [0.0, 0.12])
 def test_what_hardly_matters_is_left_alone(degrees) -> None:
     assert driven(math.radians(degrees)) is SETTINGS.extrinsics
 
@@ -96,6 +96,14 @@ def test_a_leg_that_curves_or_stays_on_the_spot_tells_nothing() -> None:
     assert leg.followed_by(StraightLeg(0.0, -0.99, 1e-3, 0.0)).told == (0.0, math.inf)
 
 
+def test_a_leg_between_places_that_are_hardly_known_tells_nothing() -> None:
+    """Far before one wall a memory has been 3 deg off, at four of its deviations."""
+    far = StraightLeg(0.0, -1.0, 0.02, 0.0, travel=0.25)
+    assert far.yaw(StraightLeg(0.01, -0.75, 0.02, 0.0))[1] == math.inf
+    near = StraightLeg(0.0, -1.0, 0.002, 0.0, travel=0.25)
+    assert near.yaw(StraightLeg(0.01, -0.75, 0.002, 0.0))[1] < math.radians(0.5)
+
+
 def test_no_mount_is_learnt_that_cannot_be() -> None:
     most = PLAUSIBLE * SETTINGS.camera_yaw_deviation
     assert driven(0.9 * most).believed
@@ -112,7 +120,7 @@ def test_legs_are_those_of_step_2_alone() -> None:
 
 def test_what_driving_disproves_is_part_of_no_leg(monkeypatch) -> None:
     """The memory begins anew, at another place and scale: no leg leads from one to the other."""
-    monkeypatch.setattr(update, 'remembered', lambda *_: (Remembered(), reading()))
+    monkeypatch.setattr(update, 'remembered', lambda *_, **__: (Remembered(), reading()))
     leg = StraightLeg(0.0, -1.0, 1e-3, 0.0)
     state = in_phase(Phase.MATCHING_FEATURES, straight=leg, extrinsics=SETTINGS.extrinsics)
     assert updated(state, Perception(sight(), MEMORY), 0.1, SETTINGS).straight is not None
@@ -157,7 +165,7 @@ def test_what_is_believed_learns_from_each_leg() -> None:
 
 
 def test_a_distance_that_the_memory_knows_is_believed() -> None:
-    near = ranged(SETTINGS.extrinsics, 0.4)
+    near = ranged(SETTINGS.extrinsics, 0.4, 0.02)
     assert near.distance == pytest.approx(0.4, rel=0.05)
     assert near.is_ranged
-    assert ranged(SETTINGS.extrinsics, 0.0).distance > 0.0
+    assert ranged(SETTINGS.extrinsics, 0.0, 0.02).distance > 0.0

@@ -40,6 +40,7 @@ class ControlSettings(Settings):
     new_attempts: bool = departure_setting('new_attempts')
     final_turn: bool = departure_setting('final_turn')
     view_memory: bool = departure_setting('view_memory')
+    learnt_dead_band: bool = departure_setting('learnt_dead_band')
 
     gains: str = setting(
         'given',

@@ -13,10 +13,6 @@ MIN_POINTS = 3
 TRUSTED_SHARE = 0.6  # of the matches that make the parallax: the worst may be outliers
 SMALLEST = 1e-18  # squared distance by which weights are scaled at least [rad^2]
 RIDGE = 1e-12  # keeps the equations of a turn regular where all matches coincide
-IDENTITY = np.eye(3)
-# What turns a vector w into the matrix of w x, row by row.
-CROSS = np.zeros((3, 9))
-CROSS[0, [5, 7]] = CROSS[1, [6, 2]] = CROSS[2, [1, 3]] = -1.0, 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,12 +113,38 @@ def _turned(rotation: FloatArray, product: FloatArray) -> FloatArray:
     ``product`` is the sum of w target (R source)^T, symmetric at the best R. A step leaves an
     error of the square of its length or less: new weights turn R by little, then less and less.
     """
-    transposed = product.swapaxes(-1, -2)
-    # The sum of w (R source) x target.
-    pull = (product - transposed)[..., [2, 0, 1], [1, 2, 0]]
-    trace = product.trace(axis1=-2, axis2=-1)[..., None, None]
-    stiffness = (1.0 + RIDGE) * trace * IDENTITY - 0.5 * (product + transposed)
-    half = 0.5 * np.linalg.solve(stiffness, pull[..., None])
-    cross = (half.swapaxes(-1, -2) @ CROSS).reshape(*half.shape[:-2], 3, 3)
+    steps = [_step(*each) for each in product.reshape(-1, 9).tolist()]
+    return np.asarray(np.array(steps).reshape(product.shape) @ rotation)
+
+
+def _step(
+    xx: float,
+    xy: float,
+    xz: float,
+    yx: float,
+    yy: float,
+    yz: float,
+    zx: float,
+    zy: float,
+    zz: float,
+) -> list[float]:
+    """Return the turn of a step for the entries of a product, row by row: numbers, for speed."""
+    pull_x, pull_y, pull_z = zy - yz, xz - zx, yx - xy  # the sum of w (R source) x target
+    size = (1.0 + RIDGE) * (xx + yy + zz)
+    a, b, c = size - xx, size - yy, size - zz
+    d, e, f = -0.5 * (xy + yx), -0.5 * (xz + zx), -0.5 * (yz + zy)
+    # By the adjugate of the symmetric stiffness [[a, d, e], [d, b, f], [e, f, c]].
+    aa, ab, ac = b * c - f * f, e * f - d * c, d * f - b * e
+    bb, bc, cc = a * c - e * e, d * e - a * f, a * b - d * d
+    half = 0.5 / (a * aa + d * ab + e * ac)
+    x = half * (aa * pull_x + ab * pull_y + ac * pull_z)
+    y = half * (ab * pull_x + bb * pull_y + bc * pull_z)
+    z = half * (ac * pull_x + bc * pull_y + cc * pull_z)
     # Cayley's map is a rotation whatever the length of the step.
-    return np.asarray(np.linalg.solve(IDENTITY - cross, (IDENTITY + cross) @ rotation))
+    whole = 1.0 / (1.0 + x * x + y * y + z * z)
+    rest, twice = 2.0 * whole - 1.0, 2.0 * whole
+    return [
+        *(rest + twice * x * x, twice * (x * y - z), twice * (x * z + y)),
+        *(twice * (x * y + z), rest + twice * y * y, twice * (y * z - x)),
+        *(twice * (x * z - y), twice * (y * z + x), rest + twice * z * z),
+    ]

@@ -97,14 +97,17 @@ class Factors:
     def equations(self, unknowns: Unknowns) -> tuple[FloatArray, FloatArray]:
         """Return matrix, (5 K + 5, 5 K + 5), and vector of the normal equations."""
         vector = self.information @ self._offset(unknowns)
-        residual, directions, whole = self._scale(unknowns)
+        residual, _, _ = self._scale(unknowns)
+        slope = self.by_scale(unknowns) / self.scale_deviation
+        return self.information + np.outer(slope, slope), vector + residual * slope
+
+    def by_scale(self, unknowns: Unknowns) -> FloatArray:
+        """Return the slope of the logarithm of the scale by views and shared unknowns."""
+        _, directions, whole = self._scale(unknowns)
         by_view = np.zeros((self.views, VIEW))
         by_view[1:, :2] += directions
         by_view[:-1, :2] -= directions
-        slope = np.concatenate([by_view.ravel(), np.zeros(SHARED)]) / (
-            whole * self.scale_deviation
-        )
-        return self.information + np.outer(slope, slope), vector + residual * slope
+        return np.concatenate([by_view.ravel(), np.zeros(SHARED)]) / whole
 
 
 def factors_of(mount: Attitude, window: Window, scale_deviation: float) -> Factors:

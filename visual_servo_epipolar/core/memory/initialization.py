@@ -38,6 +38,7 @@ DECISIVE = 16.0  # of cost, by which one geometry must fit better than another
 ALIKE = 0.05  # direction of the last view, up to which they are the same [rad]
 FIRST_TRUSTED = 0.6  # of the features to begin with: a wrong plane fits half of them
 LEAST_AGREEING = 0.5  # of the trusted features in a view
+MOST_DOUBT = 0.1  # deviation of a place over its distance, to begin with
 LEAST_TRUSTED = 0.35  # of the features
 FIRST_UNCERTAINTY = 0.3  # of depths from two views
 FARTHEST = 10.0  # ways to the first view that another may be off
@@ -68,7 +69,7 @@ def initial(
         unknowns = _resected_views(window, start, starts)
         geometry = _narrowed(oriented(Evaluation(window, unknowns, everything, factors)))
         geometry = _of_held_views(geometry, scale_deviation)
-        if len(geometry.window) > 1 and is_sound(geometry, FIRST_TRUSTED):
+        if len(geometry.window) > 1 and is_sound(geometry, FIRST_TRUSTED) and is_sure(geometry):
             found.append(geometry)
     found.sort(key=lambda geometry: geometry.evaluation.cost)
     if not found or any(is_rival(found[0], other) for other in found[1:]):
@@ -120,6 +121,21 @@ def is_sound(geometry: Geometry, trusted: float = LEAST_TRUSTED) -> bool:
     share = geometry.trusted.mean() if len(geometry.trusted) else 0.0
     held = bool(held_views(geometry).all())
     return held and geometry.noise_ratio < MOST_NOISE and float(share) >= trusted
+
+
+def is_sure(geometry: Geometry) -> bool:
+    """
+    Whether the last view's place is known to a share of its distance, but for the scale.
+
+    Else the views to come are resected on depths that may be anything; ways between them would be
+    noise, far longer than what was driven, and shrink the whole geometry.
+    """
+    root, place = geometry.root, geometry.unknowns.views[-1, :2]
+    along = geometry.evaluation.factors.by_scale(geometry.unknowns) @ root
+    first = VIEW * (len(geometry.window) - 1)
+    last = root[first : first + 2]
+    last = last - np.outer(last @ along, along / (along @ along))
+    return bool((last * last).sum() <= MOST_DOUBT**2 * float(place @ place))
 
 
 def held_views(geometry: Geometry) -> BoolArray:

@@ -21,6 +21,8 @@ LEAST_GAIN = 0.05  # of the cost, below which nothing changes that matters
 LEAST_NEARNESS = 1e-6  # [1/m]
 WRONG_SHARE = 0.4  # of the sightings that are outliers, from which the whole feature is one
 WRONG_OFFSET = 16.0  # square of what the photograph's ray is off by, in deviations
+# Times nearer than the median feature, by so few views: wrong matches near the photograph are.
+NEAREST, FEW_VIEWS = 50.0, 2
 RETURN = 0.6  # of both bounds: what was wrong must be well below to count again
 
 
@@ -126,12 +128,16 @@ def _stepped(at: Evaluation, system: System, damping: float) -> Evaluation:
 
 
 def judged(at: Evaluation) -> Evaluation:
-    """Return the evaluation with wrong matches found anew: those that most views contradict."""
+    """Return the evaluation with wrong matches found anew: those that views contradict."""
     seen = at.window.seen
     outlying = (seen & (_squares_ahead(at) > OUTLIER)).sum(0) / np.maximum(seen.sum(0), 1)
     offset = (at.unknowns.offsets**2).sum(0)
     slack = np.where(at.trusted, 1.0, RETURN)
     trusted = (outlying <= slack * WRONG_SHARE) & (offset <= slack * WRONG_OFFSET)
+    near = at.unknowns.nearness
+    usual = median(near[at.trusted]) if at.trusted.any() else 0.0
+    if usual > 0.0:  # what few views show may be anywhere
+        trusted &= (near <= slack * NEAREST * usual) | (seen.sum(0) > FEW_VIEWS)
     if (trusted == at.trusted).all():
         return at
     return replace(at, trusted=trusted)

@@ -33,6 +33,7 @@ LEAST_STEP = 0.1  # squared, in deviations, below which the last step does the r
 FAR = 1e3  # squared, likewise, from which slopes are taken anew
 USUAL_MEDIAN = 1.3863  # of squares of two coordinates
 LEAST_NEARNESS = 1e-6  # information of what no feature shows [1/m^2]
+DIAGONAL = np.diag_indices(VIEW)
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,8 +123,8 @@ def fitted(anchors: Anchors, seen: Seen, start: FloatArray) -> Fit:
     """Return the pose that fits best, from ``start``, (5,), by features as if independent."""
     pose, widening, squares = start, 1.0, np.zeros(len(seen.rows))
     at: _Slopes | None = None
-    known = np.zeros(VIEW)
-    known[TILT:] = anchors.deviation**-2
+    known = anchors.deviation**-2
+    ridge = np.concatenate([np.zeros(TILT), known]) + LEAST_NEARNESS
     for _ in range(STEPS):
         projection = projected(anchors.structure, pose[None], seen.sides[None])
         residuals = projection.residuals[0]
@@ -133,9 +134,9 @@ def fitted(anchors: Anchors, seen: Seen, start: FloatArray) -> Fit:
         widening = max(1.0, median(squares) / USUAL_MEDIAN)
         rows = (at.weighted * robust_weight(squares / widening)).reshape(VIEW, -1)
         matrix = rows @ at.own.reshape(VIEW, -1).T
-        matrix[np.diag_indices(VIEW)] += known + LEAST_NEARNESS
+        matrix[DIAGONAL] += ridge
         vector = rows @ residuals.ravel()
-        vector[TILT:] += known[TILT:] * (pose[TILT:] - anchors.attitude)
+        vector[TILT:] += known * (pose[TILT:] - anchors.attitude)
         step = np.linalg.solve(matrix, vector)
         pose = pose - step
         moved = step @ vector
@@ -166,49 +167,66 @@ def resected(geometry: Geometry, anchors: Anchors, seen: Seen, fit: Fit) -> Rese
     found = slopes(anchors.structure, view, sides, projection)[0]
     # Rows: by the five unknowns of the view and the residual; by errors of the window.
     own = np.concatenate([found[BY_VIEW], projection.residuals]).transpose(2, 1, 0)
-    whiten, shared = _whitening(geometry, seen, found, fit)
-    rows, shared = (_stacked(whiten @ part) for part in (own, shared))
+    whitening, shared = _whitening(geometry, seen, found, fit)
     beside, by_mount = _attitude_rows(geometry, fit.pose)
-    rows, shared = np.concatenate([rows, beside]), np.concatenate([shared, by_mount])
+    rows = np.concatenate([whitening.rows(own), beside])
+    shared = np.concatenate([whitening.rows(shared), by_mount])
     joint = shared.T @ shared
-    joint[np.diag_indices_from(joint)] += 1.0  # errors of the window, one deviation each
+    joint.ravel()[:: len(joint) + 1] += 1.0  # errors of the window, one deviation each
     left = rows - shared @ np.linalg.solve(joint, shared.T @ rows)
-    matrix = rows[:, :VIEW].T @ left[:, :VIEW] + LEAST_NEARNESS * np.eye(VIEW)
+    matrix = rows[:, :VIEW].T @ left[:, :VIEW]
+    matrix[DIAGONAL] += LEAST_NEARNESS
     covariance = np.linalg.inv(matrix)
     gain = covariance @ left[:, :VIEW].T
-    noise = gain.copy()
-    noise[:, :-2] = (gain[:, :-2].reshape(VIEW, -1, 1, 2) @ whiten).reshape(VIEW, -1)
+    noise = np.concatenate([whitening.columns(gain[:, :-2]), gain[:, -2:]], axis=1)
     pose = fit.pose - gain @ rows[:, VIEW]
     covariance = 0.5 * (covariance + covariance.T)
     return Resection(pose, covariance, noise @ noise.T, fit.inliers, fit.squares)
 
 
-def _stacked(rows: FloatArray) -> FloatArray:
-    return np.asarray(rows.reshape(-1, rows.shape[-1]))
+class _Whitening(NamedTuple):
+    """What makes residuals of each feature independent: [[first, 0], [mixed, other]], (n,)."""
+
+    first: FloatArray
+    mixed: FloatArray
+    other: FloatArray
+
+    def rows(self, part: FloatArray) -> FloatArray:
+        """Return rows of residuals, (n, 2, C), independent: (2 n, C)."""
+        rows = np.empty(part.shape)
+        np.multiply(self.first[:, None], part[:, 0], out=rows[:, 0])
+        np.multiply(self.other[:, None], part[:, 1], out=rows[:, 1])
+        rows[:, 1] += self.mixed[:, None] * part[:, 0]
+        return rows.reshape(-1, part.shape[-1])
+
+    def columns(self, part: FloatArray) -> FloatArray:
+        """Return columns, (C, 2 n), by residuals instead of what is independent."""
+        first, other = part[:, ::2], part[:, 1::2]
+        columns = np.empty(part.shape)
+        columns[:, ::2] = first * self.first + other * self.mixed
+        columns[:, 1::2] = other * self.other
+        return columns
 
 
 def _whitening(
     geometry: Geometry, seen: Seen, found: FloatArray, fit: Fit
-) -> tuple[FloatArray, FloatArray]:
+) -> tuple[_Whitening, FloatArray]:
     """
-    Return what makes residuals of each feature independent, (n, 2, 2), and errors of the window.
+    Return what makes residuals of each feature independent, and errors of the window.
 
     Those are slopes of residuals by errors of keyframes and the shared attitude, (n, 2, D).
     """
     own = found[BY_FEATURE].transpose(2, 1, 0)
     alone = own @ geometry.system.roots[seen.rows]
     first, other = alone[:, 0], alone[:, 1]
-    a, b, c = (first * first).sum(1), (first * other).sum(1), (other * other).sum(1)
+    a, b, c = 1.0 + (first * first).sum(1), (first * other).sum(1), (other * other).sum(1)
     weight = np.sqrt(robust_weight(fit.squares / fit.widening))
-    whiten = np.zeros((len(a), 2, 2))
-    # The inverted root of [[1 + a, b], [b, 1 + c]].
-    root = np.sqrt(1.0 + a)
-    rest = np.sqrt(1.0 + c - b * b / (1.0 + a))
-    whiten[:, 0, 0], whiten[:, 1, 1] = weight / root, weight / rest
-    whiten[:, 1, 0] = -b / (1.0 + a) * whiten[:, 1, 1]
+    # The inverted root of [[a, b], [b, 1 + c]].
+    ratio = b / a
+    rest = weight / np.sqrt(1.0 + c - b * ratio)
     shared = own @ geometry.feature_roots[seen.rows]
     shared += found[BY_SHARED].transpose(2, 1, 0) @ geometry.root[-SHARED:-2]
-    return np.asarray(whiten), shared
+    return _Whitening(weight / np.sqrt(a), -ratio * rest, rest), shared
 
 
 def _attitude_rows(geometry: Geometry, pose: FloatArray) -> tuple[FloatArray, FloatArray]:

@@ -1,6 +1,7 @@
 """Selection: which views become keyframes, and which keyframes and features are let go."""
 
 from dataclasses import replace
+import math
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from visual_servo_epipolar.core.memory.factors import factors_of
 from visual_servo_epipolar.core.memory.initialization import triangulated
 from visual_servo_epipolar.core.memory.refinement import Geometry
 from visual_servo_epipolar.core.memory.sightings import MemorySettings, Sightings
-from visual_servo_epipolar.core.memory.window import Unknowns, Window
+from visual_servo_epipolar.core.memory.window import Unknowns, Window, X, Y
 
 NEW_SHARE = 0.1  # of the sightings of a view that are of features not remembered
 FEWEST_NEW = 3
@@ -21,12 +22,22 @@ CLOSEST = 1e-3  # distance that keyframes count as apart at least, in depths of 
 def is_keyframe(
     geometry: Geometry, pose: FloatArray, *, sightings: int, new: int, settings: MemorySettings
 ) -> bool:
-    """Whether a view at ``pose`` tells what others do not: from elsewhere, or of new features."""
+    """
+    Whether a view at ``pose`` tells what others do not: from elsewhere, or of new features.
+
+    New ones must find room. Near the photograph they have no depth: a wrong match may be anywhere
+    there, and a hand's breadth before the camera it would outweigh all others.
+    """
     if sightings < MIN_KEYFRAME_FEATURES:
         return False
     offset = geometry.unknowns.views[:, :2] - pose[:2]
-    apart = float(np.hypot(offset[:, 0], offset[:, 1]).min()) / geometry.depth
-    return apart > settings.spread or new >= max(FEWEST_NEW, NEW_SHARE * sightings)
+    least = settings.spread * geometry.depth
+    if float(np.hypot(offset[:, 0], offset[:, 1]).min()) > least:
+        return True
+    settled = int(((geometry.window.seen.sum(0) > 1) & geometry.trusted).sum())
+    room = settings.features - settled
+    far = math.hypot(pose[X], pose[Y]) > least
+    return far and min(new, room) >= max(FEWEST_NEW, NEW_SHARE * sightings)
 
 
 def crowded(places: FloatArray, seen: BoolArray, depth: float) -> int:

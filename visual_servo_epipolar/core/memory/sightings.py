@@ -31,9 +31,10 @@ class Sightings:
         object.__setattr__(self, 'ids', frozen(np.asarray(self.ids, np.int64).reshape(-1)))
         for name, shape in shapes.items():
             object.__setattr__(self, name, _checked(getattr(self, name), name, shape))
-        if len(np.unique(self.ids)) != count:
+        different = len(set(self.ids.tolist()))
+        if different != count:
             raise ValueError(
-                f'ids must differ, got {count} of which {len(np.unique(self.ids))} do; '
+                f'ids must differ, got {count} of which {different} do; '
                 'pass one row for each feature'
             )
         if not (self.noise > 0.0).all():
@@ -89,5 +90,4 @@ class MemorySettings:
 
 def sides_of(rays: FloatArray, noise: FloatArray) -> FloatArray:
     """Return two vectors across rays, (N, 3), one over the noise (N,) long: shape (2, 3, N)."""
-    axes = tangents(*rays.T)
-    return np.asarray(np.stack([np.stack(axis) for axis in axes]) / noise)
+    return np.asarray(np.array(tangents(*rays.T)) / noise)

@@ -41,6 +41,7 @@ MIN_COLLECTED = 8  # features of a view to begin with
 MIN_SHARE = 0.5  # of the remembered features in view that agree
 COLLECTED_PARALLAX = 50.0  # in deviations of the noise, that collected views differ by at least
 MOST_COLLECTED = 4  # views to begin with: more cost more time, and are passed soon
+MOST_REFUSED = 3  # keyframes in a row that do not fit: then the geometry is wrong, not they
 MOST_STARTS = 2  # that are tried at one view
 
 
@@ -51,7 +52,8 @@ class ViewMemory:
 
     ``mount`` is the belief of the camera's attitude; ``window`` the keyframes, ``geometry`` their
     geometry once there is one; ``starts`` what two views told of collected ones; ``place``, (2,),
-    where the camera is by the way that was told [m]; ``pose``, (5,), that of the last view.
+    where the camera is by the way that was told [m]; ``pose``, (5,), that of the last view;
+    ``refused`` counts views in a row with which as keyframes the geometry was unsound.
     """
 
     mount: Attitude
@@ -61,6 +63,7 @@ class ViewMemory:
     starts: tuple[Start, ...] = ()
     place: FloatArray = field(default_factory=lambda: np.zeros(2))
     pose: FloatArray | None = None
+    refused: int = 0
     last: Sightings | None = None
 
     def after(
@@ -181,8 +184,11 @@ class ViewMemory:
         else:
             return self
         if keyframe and not is_sound(refined_one):
+            if self.refused + 1 < MOST_REFUSED:
+                return replace(self, refused=self.refused + 1)
             return ViewMemory(self.mount, settings, place=self.place)
-        return replace(self, window=refined_one.window, geometry=refined_one)
+        refused = 0 if keyframe else self.refused
+        return replace(self, window=refined_one.window, geometry=refined_one, refused=refused)
 
 
 def _turned(motion: FloatArray, heading: float) -> FloatArray:

@@ -53,10 +53,14 @@ class Window:
         """Return where ``ids`` stand, shape as theirs, -1 for features that are not here."""
         if not len(self.ids):
             return np.full(len(ids), -1)
-        order = np.argsort(self.ids, kind='stable')
-        place = np.minimum(np.searchsorted(self.ids[order], ids), len(order) - 1)
-        rows = order[place]
+        order, ascending = self._sorted
+        rows = order[np.minimum(np.searchsorted(ascending, ids), len(order) - 1)]
         return np.where(self.ids[rows] == ids, rows, -1)
+
+    @cached_property
+    def _sorted(self) -> tuple[IntArray, IntArray]:
+        order = np.argsort(self.ids, kind='stable')
+        return order, self.ids[order]
 
     def with_view(self, sightings: Sightings, travelled: FloatArray) -> 'Window':
         """Return the window with one more keyframe, and with the features that are new in it."""

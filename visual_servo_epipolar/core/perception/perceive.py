@@ -28,7 +28,7 @@ class Perception:
     """
     A measurement, the memory for the next view, and F for rays, (3, 3), if estimated.
 
-    ``observation`` is what was measured, None where there were too few features.
+    ``observation`` is what was looked at, corrected as the lens is known.
     """
 
     measurement: Measurement
@@ -75,13 +75,28 @@ def perceive(
 def blank(
     observation: Observation, settings: PerceptionSettings, memory: PerceptionMemory
 ) -> Perception:
-    """Return what too few features tell: nothing."""
-    focal = observation.corrected(memory.lens).focal
+    """Return what too few features tell two views: nothing."""
+    observation = observation.corrected(memory.lens)
     reason = f'{len(observation)} features, {settings.min_features} needed'
-    return Perception(
-        Measurement(observation.stamp_ns, len(observation), focal, memory.noise, reason=reason),
-        memory,
+    measurement = Measurement(
+        observation.stamp_ns, len(observation), observation.focal, memory.noise, reason=reason
     )
+    return Perception(measurement, memory, observation=observation)
+
+
+def of_few(blank: Perception, settings: PerceptionSettings) -> Measurement:
+    """
+    Return what too few features show all the same, to who knows where they are.
+
+    Turn, parallax, D and margins of a ``blank`` perception of two features at least, no bearings.
+    """
+    observation, memory = blank.observation, blank.memory
+    if observation is None:
+        return blank.measurement
+    nothing = ValidatedEstimate(memory, blank.measurement.reason)
+    rotation = fit_rotation(observation.current, observation.desired)
+    measured = _measures(observation, rotation, nothing, settings)
+    return perception(observation, measured, nothing, memory).measurement
 
 
 @dataclass(frozen=True, slots=True)

@@ -24,6 +24,7 @@ PSI, RHO, YAW, FORWARD, LEFT = range(5)
 IDENTITY = np.eye(5)
 FIRST_DISTANCE, FIRST_DEVIATION = 3.0, 1.0  # [m], of the logarithm: one to eight metres
 NEAREST = 0.02  # [m]
+LENS = 0.02  # of a turn of a radian, that two views may show wrong: nobody has told them the lens
 YAW_WALK = math.radians(1.0)  # of the yaw, as bases crab and models err [rad], in a metre
 SLIP = 0.05  # of a travel: what dead reckoning is wrong by
 CORRELATION = 6.0  # bearings share the photograph: so many tell as much as one
@@ -33,8 +34,9 @@ LEAST_DEVIATION = 2e-3  # of a bearing: what tilt and roll are not known to [rad
 SIGNIFICANT, RANGED = (4.0, 3.5), (0.25, 0.5)
 # Below which little is gained [rad, m, m]; an offset aside alone is never told apart for certain.
 LEAST = (math.radians(2.0), 0.1, math.inf)
-LEAST_OF_LEGS = math.radians(0.25)  # of a yaw that a memory of views tells
-REMEMBERED = 0.1  # deviation of the logarithm of a distance by a memory of views
+# Of a yaw that legs by a memory of views tell, and its deviations from what was told.
+LEAST_OF_LEGS, SIGNIFICANT_OF_LEGS = math.radians(0.15), 2.0
+REMEMBERED = 0.1  # least deviation of the logarithm of a distance by a memory of views
 LEAST_STEP = 0.02  # between two updates, travel [m] or turn [rad]
 NEAR, UNCERTAIN = 0.15, math.radians(1.5)  # distance [m], deviation of a bearing [rad]
 GATE = 6.0  # deviations beyond which a bearing begins the path anew
@@ -53,7 +55,8 @@ class Extrinsics:
     and left [m], turned into axes of the camera; ``deviations``, shape (3,), are theirs.
     ``heading`` error [rad] and ``travel`` [m] are those of the last update and since. ``placed``
     says whether there was any, ``believed`` whether what was learnt differs from what was told;
-    ``contradictions`` counts bearings that commands do not explain, less those that they do.
+    ``contradictions`` counts bearings that commands do not explain, less those that they do;
+    ``remembers`` says whether the bearings are those of a memory of views.
     """
 
     told: FloatArray
@@ -65,11 +68,22 @@ class Extrinsics:
     placed: bool = False
     believed: bool = False
     contradictions: int = 0
+    remembers: bool = False
 
     @property
     def mount(self) -> FloatArray:
         """Yaw [rad], offset forward and left [m] that control goes by, shape (3,)."""
         return self.mean[YAW:] if self.believed else self.told
+
+    @property
+    def likely(self) -> FloatArray:
+        """The likeliest mount, shape (3,), be it believed or not: what was told may be a guess."""
+        return self.mean[YAW:]
+
+    @property
+    def lever_deviation(self) -> float:
+        """Deviation of how far the camera is ahead of the axle [m]."""
+        return math.sqrt(self.covariance[FORWARD, FORWARD])
 
     @property
     def contradicts(self) -> bool:
@@ -149,6 +163,9 @@ def moved(before: Extrinsics, heading: float) -> Extrinsics:
     covariance[PSI, PSI] += slipped
     covariance[RHO, RHO] += slipped
     covariance[YAW, YAW] += YAW_WALK * YAW_WALK * abs(travel)
+    if not before.remembers:
+        turn = math.remainder(heading - before.heading, 2.0 * math.pi)
+        covariance[PSI, PSI] += LENS * LENS * abs(turn)
     return changed(before, mean=mean, covariance=covariance, heading=heading, travel=0.0)
 
 
@@ -158,6 +175,15 @@ def seen(before: Extrinsics, psi: float, deviation: float) -> tuple[Extrinsics, 
     noise = CORRELATION * deviation * deviation
     spread = math.sqrt(float(before.covariance[PSI, PSI]) + noise)
     return _corrected(before, PSI, innovation, noise), innovation / spread
+
+
+def seen_anew(before: Extrinsics, psi: float, deviation: float) -> Extrinsics:
+    """Return the belief with ``psi`` [rad] in place of what commands made of the one before."""
+    mean, covariance = before.mean.copy(), before.covariance.copy()
+    mean[PSI] = psi
+    covariance[PSI] = covariance[:, PSI] = 0.0
+    covariance[PSI, PSI] = CORRELATION * deviation * deviation
+    return changed(before, mean=mean, covariance=covariance)
 
 
 def _corrected(before: Extrinsics, of: int, innovation: float, noise: float) -> Extrinsics:
@@ -184,7 +210,9 @@ def learnt(
     known = math.isfinite(measurement.deviation)
     bearings = measurement.bearings if known else None
     deviation = max(measurement.deviation, LEAST_DEVIATION) if bearings else math.nan
+    remembers = measurement.offset is not None
     if not before.placed:
+        before = changed(before, remembers=remembers)
         return placed(before, bearings, deviation) if bearings else before
     before = changed(before, travel=before.travel + travel)
     heading = measurement.heading_error
@@ -193,9 +221,12 @@ def learnt(
         return before
     after = moved(before, heading)
     if measurement.offset is not None:
-        after = ranged(after, math.hypot(*measurement.offset))
+        after = ranged(after, math.hypot(*measurement.offset), measurement.offset_deviation)
     if bearings is None or deviation > UNCERTAIN or after.distance < NEAR:
         return after
+    if remembers is not before.remembers:
+        # Two views do not know the lens: what they are off by is no motion.
+        return changed(seen_anew(after, bearings.psi, deviation), remembers=remembers)
     after, innovation = seen(after, bearings.psi, deviation)
     if abs(innovation) > GATE:
         anew = placed(before, bearings, deviation)
@@ -210,16 +241,17 @@ def learnt(
     )
 
 
-def ranged(before: Extrinsics, distance: float) -> Extrinsics:
+def ranged(before: Extrinsics, distance: float, deviation: float) -> Extrinsics:
     """Return the belief after a memory of views told the ``distance`` [m], by what was driven."""
-    innovation = math.log(max(distance, NEAREST)) - before.mean[RHO]
-    return _corrected(before, RHO, innovation, REMEMBERED * REMEMBERED)
+    distance = max(distance, NEAREST)
+    innovation = math.log(distance) - before.mean[RHO]
+    return _corrected(before, RHO, innovation, max(REMEMBERED, deviation / distance) ** 2)
 
 
 def with_yaw(before: Extrinsics, yaw: float, deviation: float) -> Extrinsics:
     """Return the belief after legs showed a ``yaw`` [rad], if it is not the one gone by."""
     off = abs(math.remainder(yaw - before.mount[0], 2.0 * math.pi))
-    if not (before.believed or off > max(SIGNIFICANT[0] * deviation, LEAST_OF_LEGS)):
+    if not (before.believed or off > max(SIGNIFICANT_OF_LEGS * deviation, LEAST_OF_LEGS)):
         return before
     innovation = math.remainder(yaw - before.mean[YAW], 2.0 * math.pi)
     after = _corrected(before, YAW, innovation, deviation * deviation)

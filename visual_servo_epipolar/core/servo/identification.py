@@ -52,7 +52,7 @@ class Curvature:
         innovation = turn - twist.angular * dt - self.value * travel
         variance = self.variance + drift**2 * abs(travel)
         late = (LATENCY_S * change) ** 2
-        noise = late + _heading_variance(previous) + _heading_variance(measurement)
+        noise = late + _heading_noise(previous) + _heading_noise(measurement)
         gain = variance * travel / (variance * travel * travel + noise)
         return Curvature(
             self.value + gain * innovation, variance * (1.0 - gain * travel), change, twist.angular
@@ -83,8 +83,13 @@ def _both_have_bearings(previous: Measurement, measurement: Measurement) -> bool
     return previous.bearings is not None and measurement.bearings is not None
 
 
-def _heading_variance(measurement: Measurement) -> float:
-    """Return the variance of alpha = psi - phi - pi/2 [rad^2], never below the least."""
+def heading_variance(measurement: Measurement) -> float:
+    """Return the variance of alpha = psi - phi - pi/2 by two views [rad^2]; nan while unknown."""
     (psi, psi_phi), (_, phi) = measurement.covariance.tolist()
-    variance = psi + phi - 2.0 * psi_phi
+    return float(psi + phi - 2.0 * psi_phi)
+
+
+def _heading_noise(measurement: Measurement) -> float:
+    """Return the variance of a heading [rad^2], never below the least, which stands for nan."""
+    variance = heading_variance(measurement)
     return LEAST_HEADING_VARIANCE if math.isnan(variance) else variance + LEAST_HEADING_VARIANCE

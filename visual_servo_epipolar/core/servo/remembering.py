@@ -6,33 +6,46 @@ from typing import Any
 
 import numpy as np
 
+from visual_servo_epipolar.core.arrays import IntArray
 from visual_servo_epipolar.core.memory.reading import Reading, reading_of
 from visual_servo_epipolar.core.memory.recollection import Recollection
 from visual_servo_epipolar.core.memory.sightings import Sightings
 from visual_servo_epipolar.core.memory.view_memory import ViewMemory
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
-from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.perception.perceive import of_few, Perception
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.steadying import Motion, Place, steadied
+from visual_servo_epipolar.core.servo.steadying import agrees, Motion, Place, steadied
 
 PREFERENCE = 3.0  # deviations of two views that one of the memory may have
 LEAST_NOISE = 1e-9  # of the angle of a ray [rad]: a memory weighs by it
+# Of views that show too little for two: what must agree with one place, which is where they drove.
+LEAST_CARRIED, CARRIED_SHARE = 6, 0.6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Remembered:
-    """The memory of ``views``, and the ``place`` that they were averaged to; None without one."""
+    """
+    The memory of ``views``, and the ``place`` that they were averaged to; None without one.
+
+    ``few_s`` is how long too few features have been in view for two views [s].
+    """
 
     views: ViewMemory | None = None
     place: Place | None = None
+    few_s: float = 0.0
 
 
 def remembered(
-    before: Remembered, perception: Perception, motion: Motion, settings: ServoSettings
+    before: Remembered,
+    perception: Perception,
+    motion: Motion,
+    settings: ServoSettings,
+    *,
+    dt: float = 0.0,
 ) -> tuple[Remembered, Reading | None]:
     """
-    Return the memory after a view, and what it reads of that; None where it says nothing.
+    Return the memory ``dt`` [s] after the last view, and what it reads of this; None if nothing.
 
     The way of the ``motion`` since the last view gives the scale. A lens that is being learnt
     would move the rays that keyframes hold: with one nothing is remembered.
@@ -41,18 +54,53 @@ def remembered(
     if not settings.remembers:
         return Remembered(), None
     views = before.views or ViewMemory(settings.mount)
-    if observation is None or observation.ids is None or not _is_enough(observation, settings):
+    if observation is None or observation.ids is None:
         return Remembered(views), None
+    is_few = perception.measurement.features < settings.min_features
+    few_s = before.few_s + dt if is_few else 0.0
     bearings = perception.measurement.bearings
     noise = np.maximum(perception.memory.noise * observation.resolution, LEAST_NOISE)
-    views, said = views.after(
+    after, said = views.after(
         Sightings(observation.ids, observation.current, observation.desired, noise),
         np.array([0.0, motion.way]),
         bearings=() if bearings is None else (bearings,),
         attitude=perception.memory.attitude,
     )
+    if is_few:
+        # Too little to learn from; and who was seen to stand elsewhere was not seen.
+        after = replace(views, place=after.place, pose=after.pose)
+        if few_s > settings.few_features_timeout or not _carries(
+            said, observation.ids, before.place, motion
+        ):
+            place = None if before.place is None else before.place.after(motion)
+            return Remembered(replace(after, pose=views.pose), place, few_s), None
     said, place = steadied(said, before.place, motion)
-    return Remembered(views, place), reading_in_view(said, observation)
+    return Remembered(after, place, few_s), reading_in_view(said, observation)
+
+
+def _carries(said: Recollection, ids: IntArray, place: Place | None, motion: Motion) -> bool:
+    """Return whether few features, of ``ids`` (N,), show the robot where it has driven to."""
+    if said.reason or place is None:
+        return False
+    known = np.isin(ids, said.ids) & ~np.isin(ids, said.dropped)
+    if int(said.inliers.sum()) < max(LEAST_CARRIED, CARRIED_SHARE * int(known.sum())):
+        return False
+    return agrees(said, place.after(motion))
+
+
+def measured(
+    perception: Perception, reading: Reading | None, after: Remembered, settings: ServoSettings
+) -> Measurement:
+    """Return the measurement of a view, by two views, or by what is remembered ``after`` it."""
+    measurement = perception.measurement
+    if measurement.features >= settings.min_features or not settings.remembers:
+        return sharpened(measurement, reading, settings)
+    if reading is not None:
+        return sharpened(replace(of_few(perception, settings), carried=True), reading, settings)
+    if not 0.0 < settings.few_features_timeout < after.few_s:
+        return measurement
+    over = f'few_features_timeout of {settings.few_features_timeout:g} s is over'
+    return replace(measurement, reason=f'{measurement.reason}; {over}')
 
 
 def sharpened(
@@ -89,10 +137,6 @@ def sharpened(
         offset_deviation=math.hypot(reading.lateral_deviation, reading.longitudinal_deviation),
         heading_deviation=reading.heading_deviation,
     )
-
-
-def _is_enough(observation: Observation, settings: ServoSettings) -> bool:
-    return len(observation) >= settings.min_features
 
 
 def reading_in_view(said: Recollection, observation: Observation) -> Reading | None:

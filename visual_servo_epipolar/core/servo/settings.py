@@ -126,6 +126,12 @@ class ServoSettings(PerceptionSettings, ControlSettings):
     phase_timeout: float = setting(120.0, 'Longest stay in one phase [s]', low=1.0, high=3600.0)
     run_timeout: float = setting(600.0, 'Longest run [s]', low=1.0, high=86400.0)
     holding_timeout: float = setting(5.0, 'Longest wait for lost tracks [s]', low=0.1, high=600.0)
+    few_features_timeout: float = setting(
+        15.0,
+        'Longest drive by the memory of views on fewer than min_features; 0 = none [s]',
+        low=0.0,
+        high=600.0,
+    )
     stale_timeout: float = setting(
         0.5, 'Age of the last tracks at which the robot is stopped [s]', low=0.05, high=60.0
     )

@@ -85,5 +85,13 @@ def steadied(
     return replace(said, pose=pose, covariance=covariance, own=own), now
 
 
+def agrees(said: Recollection, place: Place) -> bool:
+    """Return whether a recollection is of a robot at ``place``, within what both know."""
+    change = said.pose[:PLACE] - place.mean
+    change[HEADING] = math.remainder(change[HEADING], 2.0 * math.pi)
+    covariance = said.covariance[:PLACE, :PLACE] + place.covariance
+    return float(change @ np.linalg.solve(covariance, change)) <= SURPRISE
+
+
 def _symmetric(matrix: FloatArray) -> FloatArray:
     return np.asarray(0.5 * (matrix + matrix.T))

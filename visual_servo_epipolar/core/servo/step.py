@@ -74,6 +74,7 @@ def advance(
     dt = _time_step(state, measurement, leapt)
     if leapt:
         state = after_leap(state, measurement.stamp_ns)
+    settings = state.dead_band.beside(settings)
     state = updated(state, perception, dt, settings)
     event = classify(state, settings)
     if leapt and event not in (Event.TIMED_OUT, Event.ASTRAY):

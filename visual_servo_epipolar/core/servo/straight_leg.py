@@ -14,9 +14,13 @@ from visual_servo_epipolar.core.memory.reading import Reading
 from visual_servo_epipolar.core.servo.extrinsics import Extrinsics, with_yaw
 
 LEG_M = 0.25  # over which a direction is told
-OF_BOTH = 0.4  # of deviations of places: most of what they are off by is the same at both ends
-LEVER = 0.1  # by which a turn may swing the camera about what is known of its place [m]
-LEAST_DEVIATION = 1e-3  # of the mean heading of a leg [rad]
+OF_BOTH = 0.3  # of deviations of places: most of what they are off by is the same at both ends
+LEAST_LEVER, LEVER = (
+    0.01,
+    0.1,
+)  # by which a turn may swing the camera aside of where it is taken [m]
+LEAST_DEVIATION = 5e-4  # of the mean heading of a leg [rad]
+MOST_DEVIATION = math.radians(0.5)  # of what a leg tells: far off a memory may be wrong by more
 MOST_CURVED = 0.3  # headings of a leg may differ by [rad]
 
 
@@ -44,11 +48,12 @@ class StraightLeg:
         turned = self.turned + heading * travel
         return replace(self, travel=self.travel + travel, turned=turned)
 
-    def yaw(self, end: 'StraightLeg') -> tuple[float, float]:
+    def yaw(self, end: 'StraightLeg', lever: float = LEVER) -> tuple[float, float]:
         """
         Return by how much the camera looks to the left of where it is driven, and the deviation.
 
-        Both are in rad; the leg ends where ``end`` begins.
+        Both are in rad; the leg ends where ``end`` begins; ``lever`` is the deviation of how far
+        the camera is ahead of the axle [m].
         """
         right, ahead = end.x - self.x, end.y - self.y
         way = math.hypot(right, ahead)
@@ -56,13 +61,15 @@ class StraightLeg:
             return 0.0, math.inf
         forward = math.copysign(1.0, self.travel)
         driven = math.atan2(-forward * right, forward * ahead)
-        swing = LEVER * abs(end.heading - self.heading)
+        swing = lever * abs(end.heading - self.heading)
         aside = math.hypot(OF_BOTH * self.deviation, OF_BOTH * end.deviation, swing) / way
+        if aside > MOST_DEVIATION:
+            return 0.0, math.inf
         return self.turned / self.travel - driven, math.hypot(aside, LEAST_DEVIATION)
 
-    def followed_by(self, end: 'StraightLeg') -> 'StraightLeg':
+    def followed_by(self, end: 'StraightLeg', lever: float = LEVER) -> 'StraightLeg':
         """Return the leg that begins at the ``end`` of this one, with what legs told by then."""
-        yaw, deviation = self.yaw(end)
+        yaw, deviation = self.yaw(end, lever)
         told = 1.0 / (deviation * deviation)
         return replace(end, weight=self.weight + told, weighted=self.weighted + told * yaw)
 
@@ -86,14 +93,15 @@ def straight_on(
     if reading is None:
         return None, belief
     heading = reading.heading_error
-    x, y = axle_offset((reading.lateral, reading.longitudinal), heading, belief.mount)
+    x, y = axle_offset((reading.lateral, reading.longitudinal), heading, belief.likely)
     here = StraightLeg(x, y, reading.lateral_deviation, heading)
     if leg is None:
         return here, belief
     leg = leg.extended(heading, travel)
     if abs(leg.travel) < LEG_M:
         return leg, belief
-    following = leg.followed_by(here)
+    lever = min(max(belief.lever_deviation, LEAST_LEVER), LEVER)
+    following = leg.followed_by(here, lever)
     # What is believed by now learns from each leg; it takes all of them to begin to.
-    told = leg.yaw(here) if belief.believed else following.told
+    told = leg.yaw(here, lever) if belief.believed else following.told
     return following, with_yaw(belief, *told)

@@ -20,7 +20,8 @@ def telemetry(state: ServoState) -> dict[str, float]:
     Epipoles are abscissae from the principal point; bearings are those of the other camera's
     centre, oriented, right positive. ``focal_ratio`` is the estimated focal length of the camera
     matrix over the true one, ``principal_shift_px`` how far right of the true one its principal
-    point is estimated to lie. What could not be measured is nan.
+    point is estimated to lie; dead bands are those that were learnt. What could not be measured is
+    nan.
 
     Raises
     ------
@@ -46,6 +47,8 @@ def telemetry(state: ServoState) -> dict[str, float]:
         'longitudinal_error_m': state.longitudinal_error,
         'curvature_rad_m': state.curvature.value,
         SINCE_COMMAND: state.since_command,
+        'dead_band_linear_m_s': state.dead_band.linear.value,
+        'dead_band_angular_rad_s': state.dead_band.angular.value,
     }
 
 

@@ -1,14 +1,16 @@
-"""Update of the state by a measurement: distance, rates, latch, identification, settling."""
+"""Update of the state by a measurement: way, latch, identification, settling."""
 
 from dataclasses import replace
 import math
 
-from visual_servo_epipolar.core.control import laws
 from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
 from visual_servo_epipolar.core.geometry.mount import at_axle, offset_at_axle
+from visual_servo_epipolar.core.memory.reading import Reading
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.servo import way
+from visual_servo_epipolar.core.servo.dead_band import DeadBand, learns
 from visual_servo_epipolar.core.servo.extrinsics import Extrinsics, learnt
 from visual_servo_epipolar.core.servo.identification import Slope
 from visual_servo_epipolar.core.servo.phases.bounds import engage_bound
@@ -19,9 +21,8 @@ from visual_servo_epipolar.core.servo.phases.conditions import (
     is_untrusted,
 )
 from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
-from visual_servo_epipolar.core.servo.phases.timing import usual_step
-from visual_servo_epipolar.core.servo.ranging import Leg, MIN_TURN, UNKNOWN_RANGE
-from visual_servo_epipolar.core.servo.remembering import Remembered, remembered, sharpened
+from visual_servo_epipolar.core.servo.ranging import UNKNOWN_RANGE
+from visual_servo_epipolar.core.servo.remembering import measured, Remembered, remembered
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.steadying import Motion
@@ -29,24 +30,19 @@ from visual_servo_epipolar.core.servo.straight_leg import straight_on
 from visual_servo_epipolar.core.servo.values import changed
 from visual_servo_epipolar.core.stamps import seconds_between
 
-RATE_SMOOTHING = 0.4  # weight of the newest value in an exponential mean, as the next three
-RANGE_SMOOTHING = 0.2
-PERIOD_SMOOTHING = 0.1
-BIAS_SMOOTHING = 0.2
+BIAS_SMOOTHING = 0.2  # weight of the newest value in an exponential mean
 MANY_RESTARTS = 4  # of step 1: something is wrong, as after an attempt that missed
-MIN_SPEED = 0.05  # below which the path says nothing about the range [m/s]
-TURN_DEVIATIONS = 8.0  # least turn of the line of sight, in deviations of a bearing
 
 
 def updated(
     state: ServoState, perception: Perception, dt: float, settings: ServoSettings
 ) -> ServoState:
     """Return the state updated by a ``perception`` ``dt`` [s] after the last, unclassified."""
-    previous, measurement = state.measurement, perception.measurement
-    driven = _driven(state, dt, settings)
+    previous = state.measurement
+    driven = way.driven(state, dt, settings)
     motion = Motion(driven, state.twist.angular * dt)
-    views, reading = remembered(state.views, perception, motion, settings)
-    measurement = sharpened(measurement, reading, settings)
+    views, reading = remembered(state.views, perception, motion, settings, dt=dt)
+    measurement = measured(perception, reading, views, settings)
     extrinsics = learnt(
         state.extrinsics or settings.extrinsics,
         measurement,
@@ -65,22 +61,23 @@ def updated(
     if extrinsics.believed != (state.extrinsics is not None and state.extrinsics.believed):
         # What was ranged so far was driven by another mount.
         state = changed(state, leg=None, range=extrinsics.distance)
-    leg = _leg(state, dt)
+    leg = way.leg(state, dt)
     state = changed(
         state,
-        distance=_distance(state, dt, settings),
+        distance=way.distance(state, dt, settings),
         leg=leg,
         extrinsics=extrinsics,
         last_linear=state.twist.linear,
         travel=state.travel + driven,
-        reversed=state.reversed + _reversed(state, dt),
-        period=_period(state, dt),
-        range=_range(state, measurement, leg, dt),
-        desired_rate=_desired_rate(state, measurement, dt),
+        reversed=state.reversed + way.reversed(state, dt),
+        period=way.period(state, dt),
+        range=way.ranged(state, measurement, leg, dt),
+        desired_rate=way.desired_rate(state, measurement, dt),
         curvature=state.curvature.updated(
             previous, measurement, state.twist, dt, drift=settings.curvature_drift
         ),
         slope=_slope(state, measurement, dt),
+        dead_band=_dead_band(state, measurement, reading, dt, settings),
         latched=_latch(state, measurement, settings),
         rotation_bias=bias,
         measurement=measurement,
@@ -106,24 +103,6 @@ def _disproved(perception: Perception, settings: ServoSettings) -> Perception:
         reason='the bearings contradict what was driven; they are looked for anew',
     )
     return replace(perception, measurement=measurement, memory=fresh_memory(settings))
-
-
-def _driven(state: ServoState, dt: float, settings: ServoSettings) -> float:
-    """Return the travel between the last two images [m], of commands that act late."""
-    if dt == 0.0:
-        return 0.0
-    late = min(settings.latency / dt, 1.0)
-    return (state.twist.linear + late * (state.last_linear - state.twist.linear)) * dt
-
-
-def _reversed(state: ServoState, dt: float) -> float:
-    """
-    Return the largest travel backward between the last two images [m].
-
-    It is a bound that counts: a command acts late, and may have been withdrawn in between.
-    """
-    fastest = max(-state.twist.linear, -state.last_linear, 0.0)
-    return fastest * (dt or usual_step(state))
 
 
 def _of_the_axle(measurement: Measurement, extrinsics: Extrinsics) -> Measurement:
@@ -211,69 +190,6 @@ def lateral_offset(state: ServoState, measurement: Measurement) -> float:
     return distance * math.cos(measurement.bearings.psi)
 
 
-def _distance(state: ServoState, dt: float, settings: ServoSettings) -> float:
-    """Return d_hat [m], integrated over ``dt`` [s] by the applied speed (18)."""
-    if math.isnan(state.distance):
-        return max(settings.initial_distance, settings.min_distance)
-    previous = state.measurement
-    if previous is None or previous.bearings is None:
-        return state.distance
-    # sigma of the geometry itself, also under the printed law: this is kinematics.
-    rate = laws.distance_rate(
-        state.twist.linear, previous.bearings.epipole_current, sigma=previous.bearings.sigma
-    )
-    return max(state.distance + rate * dt, settings.min_distance)
-
-
-def _period(state: ServoState, dt: float) -> float:
-    """Return the time between two images [s], smoothed."""
-    if math.isnan(state.period):
-        return dt or math.nan
-    if dt == 0.0:  # stamps that leap tell nothing of it
-        return state.period
-    return state.period + PERIOD_SMOOTHING * (dt - state.period)
-
-
-def _leg(state: ServoState, dt: float) -> Leg | None:
-    """Return the leg extended by the last command for ``dt`` [s]."""
-    if state.leg is None or state.measurement is None or state.measurement.bearings is None:
-        return state.leg
-    return state.leg.extended(state.measurement.bearings, state.twist.linear * dt)
-
-
-def _range(state: ServoState, measurement: Measurement, leg: Leg | None, dt: float) -> float:
-    """Return the distance to the goal [m]: predicted by the command, corrected by the ``leg``."""
-    previous, predicted = state.measurement, state.range
-    if previous is not None and previous.bearings is not None:
-        predicted += state.twist.linear * math.cos(previous.bearings.phi) * dt
-    measured = _measured_range(state, measurement, leg)
-    if measured is None:
-        return predicted if math.isnan(predicted) else max(predicted, 0.0)
-    if math.isnan(predicted):
-        return measured
-    return predicted + RANGE_SMOOTHING * (measured - predicted)
-
-
-def _measured_range(state: ServoState, measurement: Measurement, leg: Leg | None) -> float | None:
-    """Return the distance that the ``leg`` shows [m]; None outside step 1, or at a standstill."""
-    if leg is None or measurement.bearings is None or state.phase is not Phase.ZEROING_EPIPOLES:
-        return None
-    if abs(state.twist.linear) < MIN_SPEED:  # noise alone would move the estimate
-        return None
-    deviation = 0.0 if math.isnan(measurement.deviation) else measurement.deviation
-    min_turn = max(MIN_TURN, TURN_DEVIATIONS * deviation)
-    return leg.distance(measurement.bearings.psi, min_turn=min_turn)
-
-
-def _desired_rate(state: ServoState, measurement: Measurement, dt: float) -> float:
-    """Return the rate of the bearing of e_du [rad/s], smoothed; 0 where it is unknown."""
-    previous = state.measurement
-    if previous is None or previous.bearings is None or measurement.bearings is None or dt == 0.0:
-        return 0.0
-    rate = (measurement.bearings.chi - previous.bearings.chi) / dt
-    return state.desired_rate + RATE_SMOOTHING * (rate - state.desired_rate)
-
-
 def _slope(state: ServoState, measurement: Measurement, dt: float) -> Slope:
     """
     Return the slope of D, updated by the last command for ``dt`` [s] in step 2.
@@ -287,6 +203,19 @@ def _slope(state: ServoState, measurement: Measurement, dt: float) -> Slope:
     return state.slope.updated(
         measurement.difference - state.measurement.difference, state.twist.linear * dt
     )
+
+
+def _dead_band(
+    state: ServoState,
+    measurement: Measurement,
+    reading: Reading | None,
+    dt: float,
+    settings: ServoSettings,
+) -> DeadBand:
+    """Return what the base does not follow, by the last command for ``dt`` [s]."""
+    if not learns(settings):
+        return DeadBand()
+    return state.dead_band.updated(measurement, reading, state.twist, dt, settings)
 
 
 def _latch(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:

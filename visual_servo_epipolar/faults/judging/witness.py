@@ -6,8 +6,9 @@ from typing import Any
 
 from rclpy.node import Node
 
-from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
+from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.servo.remembering import LEAST_CARRIED
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.faults.judging.record import Limits, Order, Record, Seen, Truth
 from visual_servo_epipolar.faults.wire.parcel import Parcel, Sight
@@ -42,6 +43,7 @@ class Witness:
         self._image: Sight | None = None  # the last one that reached the tracker
         self._sight: Sight | None = None  # what the servo saw last
         self._measured_s: float | None = None
+        self._learnt_dead_band = STANDSTILL
         for topic, tap in (
             ('/ground_truth', self._on_truth),
             ('/image_raw', self._on_image),
@@ -111,9 +113,11 @@ class Witness:
         parcel.sight = parcel.sight or self._image
 
     def _on_sight(self, node: Node, parcel: Parcel) -> None:
-        enough = int(node.get_parameter('min_features').value)
         if node.get_name() != SERVO or parcel.sight is None:
             return
+        enough = int(node.get_parameter('min_features').value)
+        if float(node.get_parameter('few_features_timeout').value) > 0.0:
+            enough = min(enough, LEAST_CARRIED)  # by a memory of views
         self._sight = parcel.sight
         if parcel.sight.true and parcel.message.width >= enough:
             self.record.seen.append(Seen(self.now_s, parcel.sight.taken_ns / NANOSECONDS))
@@ -127,7 +131,8 @@ class Witness:
         except ValueError as error:
             self.record.senseless = str(error)
             return
-        self.record.orders.append(Order(self.now_s, twist, _limits(servo)))
+        limits = _limits(servo, twist, self._learnt_dead_band)
+        self.record.orders.append(Order(self.now_s, twist, limits))
 
     def _on_phase(self, parcel: Parcel) -> None:
         if parcel.sender not in (SERVO, ''):
@@ -142,10 +147,15 @@ class Witness:
             self.record.reason = said['reason']
 
     def _on_epipoles(self, parcel: Parcel) -> None:
-        """Add up the time driven on a wrong geometry."""
-        if parcel.sender != SERVO or self._sight is None or len(self.record.goals) > 1:
+        """Add up the time driven on a wrong geometry; note whether a dead band was learnt."""
+        if parcel.sender != SERVO:
             return
         said: dict[str, Any] = read.telemetry(parcel.message)
+        self._learnt_dead_band = Twist(
+            said['dead_band_linear_m_s'], said['dead_band_angular_rad_s']
+        )
+        if self._sight is None or len(self.record.goals) > 1:
+            return
         truth = true_geometry(self._rig, self.pose_at(self._sight.taken_ns))
         error = truth.error(said['bearing_current_rad'], said['bearing_desired_rad'])
         before_s, self._measured_s = self._measured_s, self.now_s
@@ -155,13 +165,18 @@ class Witness:
             self.record.wrong_geometry_s += min(self.now_s - before_s, LONGEST_STEP_S)
 
 
-def _limits(servo: Node) -> Limits:
-    """Return the limits that a servo obeys; slow commands may jump to a dead band that is told."""
+def _limits(servo: Node, twist: Twist, learnt: Twist) -> Limits:
+    """
+    Return the limits that a servo obeys.
+
+    Slow commands may jump to a dead band that is told, or that it says it has ``learnt``.
+    """
     said = {name: servo.get_parameter(name).value for name in LIMITS}
     ramps = said['speed_ramps'] and not (said['dead_band_linear'] or said['dead_band_angular'])
+    hops = abs(twist.linear) <= learnt.linear, abs(twist.angular) <= learnt.angular
     return Limits(
         float(said['max_linear']),
         float(said['max_angular']),
-        float(said['max_acceleration']) if ramps else math.inf,
-        float(said['max_angular_acceleration']) if ramps else math.inf,
+        float(said['max_acceleration']) if ramps and not hops[0] else math.inf,
+        float(said['max_angular_acceleration']) if ramps and not hops[1] else math.inf,
     )

@@ -17,6 +17,7 @@ from std_msgs.msg import String
 
 from visual_servo_epipolar.benchmarks.wire.listener import Listener
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
+from visual_servo_epipolar.core.servo.remembering import LEAST_CARRIED
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.faults.judging.motion import moving
@@ -106,7 +107,7 @@ class RunListener(Listener):
         self.record.truths.append(Truth(time_s, read.pose(message), twist))
 
     def _on_tracks(self, message: Any) -> None:
-        if self._deaf != 'servo_node' and message.width >= SETTINGS.min_features:
+        if self._deaf != 'servo_node' and message.width >= LEAST_CARRIED:
             taken_s = read.stamp_ns(message.header) / NANOSECONDS
             self.record.seen.append(Seen(time.time(), taken_s))
 

@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 
 ENGAGE_DEVIATIONS, RELEASE_DEVIATIONS, NOISE_DEVIATIONS = 1.0, 4.0, 2.0
-LEAST_OFFSET, LEAST_HEADING = 1e-4, 5e-5  # that a memory of views bothers about [m], [rad]
+LEAST_OFFSET, LEAST_HEADING = 4e-5, 2e-5  # that a memory of views bothers about [m], [rad]
 NEGLIGIBLE = 0.3  # deviations of what a memory says: more would be a bias of who comes from behind
 PATIENCE_S = 4.0  # within the usual bounds, after which they are enough
 

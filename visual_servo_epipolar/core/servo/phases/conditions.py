@@ -147,6 +147,11 @@ def leads_away(measurement: Measurement, settings: ServoSettings) -> bool:
     return known and bearings.alpha * bearings.chi > 0.0
 
 
+def sees_too_little(measurement: Measurement, settings: ServoSettings) -> bool:
+    """Return whether too few features are in view, and no memory of views carries on."""
+    return measurement.features < settings.min_features and not measurement.carried
+
+
 def is_untrusted(measurement: Measurement, settings: ServoSettings) -> bool:
     """Return whether D is unknown, or the goal is not near and its bearing not trusted."""
     untrusted = measurement.bearings is None and measurement.parallax > settings.near_parallax
@@ -162,7 +167,7 @@ def has_turned(state: ServoState, measurement: Measurement) -> bool:
 def is_settled(state: ServoState, settings: ServoSettings) -> bool:
     """Return whether this frame fulfils the aim of the phase."""
     measurement = state.measurement
-    if measurement is None or measurement.features < settings.min_features:
+    if measurement is None or sees_too_little(measurement, settings):
         return False
     if state.phase is Phase.HOLDING:
         return not is_untrusted(measurement, settings)

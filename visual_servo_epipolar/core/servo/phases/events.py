@@ -22,6 +22,7 @@ from visual_servo_epipolar.core.servo.phases.conditions import (
     is_sideways,
     is_untrusted,
     leads_away,
+    sees_too_little,
 )
 from visual_servo_epipolar.core.servo.phases.lines import leads_home
 from visual_servo_epipolar.core.servo.phases.table import (
@@ -50,7 +51,7 @@ def classify(state: ServoState, settings: ServoSettings) -> Event:
         return Event.NOTHING
     if has_timed_out(state, measurement, settings):
         return Event.TIMED_OUT
-    if measurement.features < settings.min_features:
+    if sees_too_little(measurement, settings):
         return Event.LOST if phase in DRIVING else Event.NOTHING
     if astray(state, measurement, settings):
         return Event.ASTRAY

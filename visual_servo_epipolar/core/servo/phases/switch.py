@@ -4,7 +4,11 @@ import math
 
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.derived_gains import legal_target, with_gains_of_now
-from visual_servo_epipolar.core.servo.phases.conditions import astray, discordant_bearing
+from visual_servo_epipolar.core.servo.phases.conditions import (
+    astray,
+    discordant_bearing,
+    sees_too_little,
+)
 from visual_servo_epipolar.core.servo.phases.table import Event, next_phase, Phase
 from visual_servo_epipolar.core.servo.ranging import Leg
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -51,8 +55,7 @@ def switched(
 
 def _waiting(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
     """Return ``state`` with the reason to go on waiting: it waits for features, if need be."""
-    few = measurement.features < settings.min_features
-    if state.phase is not Phase.WAITING or not few:
+    if state.phase is not Phase.WAITING or not sees_too_little(measurement, settings):
         return state
     return changed(state, reason=too_few_features(measurement.features, settings))
 

@@ -1,0 +1,218 @@
+"""Dead bands: learnt where the base stood, by nobody who moves, and never past what is slow."""
+
+from dataclasses import replace
+import math
+
+import pytest
+from servo_states import in_phase, MEMORY, reading, SETTINGS, sight, then
+
+from visual_servo_epipolar.core.geometry.motion import Twist
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.servo.dead_band import (
+    DeadBand,
+    LARGEST,
+    MARGIN,
+    MOST_HOP,
+    Threshold,
+)
+from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.servo.update import updated
+
+DT = 0.1
+
+
+def after(
+    velocity: float, moved: float, *, seconds: float = 4.0, most: float = 0.1, deviation=1e-3
+) -> Threshold:
+    """Return the threshold of a base that makes of a command the part ``moved``."""
+    threshold, position = Threshold(), 1.0
+    for _ in range(round(seconds / DT)):
+        position += moved * velocity * DT
+        threshold = threshold.updated(position, deviation, velocity, DT, most=most)
+    return threshold
+
+
+@pytest.mark.parametrize('velocity', [0.01, -0.01])
+def test_who_stands_below_a_command_needs_more(velocity) -> None:
+    assert after(velocity, 0.0).value == pytest.approx(MARGIN * 0.01)
+
+
+@pytest.mark.parametrize('moved', [0.6, 0.8, 1.0, 1.3])
+def test_who_moves_a_part_of_it_is_worn_not_standing(moved) -> None:
+    assert after(0.01, moved).value == 0.0
+
+
+def test_what_is_not_slow_is_no_dead_band() -> None:
+    """A robot that somebody holds, or whose emergency stop is pressed, teaches nothing of it."""
+    assert after(0.11, 0.0).value == 0.0
+    assert after(0.09, 0.0, seconds=60.0).value <= 0.1
+
+
+def test_a_base_that_follows_late_is_waited_for() -> None:
+    assert after(0.05, 0.0, seconds=1.4).value == 0.0
+
+
+def test_what_noise_hides_teaches_nothing() -> None:
+    assert after(0.01, 0.0, deviation=0.01).value == 0.0
+    assert after(0.01, 0.0, deviation=math.nan).value == 0.0
+
+
+def test_pulses_to_both_sides_begin_anew() -> None:
+    threshold = Threshold()
+    for k in range(100):
+        velocity = 0.01 if k % 10 < 5 else -0.01
+        threshold = threshold.updated(0.0, 1e-3, velocity, DT, most=0.1)
+    assert threshold.value == 0.0
+
+
+def test_pauses_between_pulses_count_as_nothing_commanded() -> None:
+    threshold = Threshold()
+    for k in range(100):
+        velocity = 0.03 if k % 3 == 0 else 0.0
+        threshold = threshold.updated(0.0, 1e-3, velocity, DT, most=0.1)
+    assert threshold.value == pytest.approx(MARGIN * 0.03)
+
+
+def test_once_may_have_been_measured_wrong() -> None:
+    """A memory that learns its scale moves a robot that stands, or holds one that drives."""
+    threshold, position = Threshold(), 0.0
+    for k in range(200):
+        position += 0.01 * DT if k % 40 > 15 else 0.0  # a stop that is over at the next look
+        threshold = threshold.updated(position, 1e-3, 0.01, DT, most=0.1)
+    assert threshold.value == 0.0
+
+
+def test_the_last_command_before_it_moved_is_not_the_least_that_moves_it() -> None:
+    """A base that speeds up out of its dead band stood below less than what moved it."""
+    threshold, position = Threshold(), 0.0
+    for k in range(60):
+        velocity = 0.01 if k % 30 < 29 else 0.09
+        threshold = threshold.updated(position, 1e-3, velocity, DT, most=0.1)
+    assert 0.01 < threshold.value < 0.06
+
+
+def turned(velocity: float, moved: float, *, linear: float = 0.0) -> DeadBand:
+    """Return what turns of a robot, near the border of +-pi, tell of its base."""
+    band, heading = DeadBand(), math.pi - 0.005
+    for _ in range(40):
+        heading = math.remainder(heading + moved * velocity * DT, 2.0 * math.pi)
+        seen = sight(heading_error=heading, heading_deviation=1e-4)
+        band = band.updated(seen, None, Twist(linear, velocity), DT, SETTINGS)
+    return band
+
+
+def test_turns_are_counted_over_the_border() -> None:
+    assert turned(0.02, 1.0).angular.value == 0.0
+    band = DeadBand()
+    for k in range(60):  # a robot that stands, seen on both sides of the border
+        heading = math.copysign(math.pi - 1e-4, (-1.0) ** k)
+        seen = sight(heading_error=heading, heading_deviation=1e-4)
+        band = band.updated(seen, None, Twist(0.0, 0.02), DT, SETTINGS)
+    assert band.angular.value > 0.02
+
+
+def test_unequal_wheels_that_undo_a_turn_are_not_taken_for_standing() -> None:
+    assert turned(0.02, 0.0, linear=0.1).angular.value == 0.0
+
+
+def test_two_views_tell_turns_but_no_way() -> None:
+    band, bare = DeadBand(), sight()
+    for _ in range(40):
+        band = band.updated(
+            replace(bare, covariance=1e-6 * reading().covariance),
+            None,
+            Twist(0.02, 0.0),
+            DT,
+            SETTINGS,
+        )
+    assert band.linear.value == 0.0
+    for _ in range(40):
+        seen = replace(bare, covariance=1e-6 * reading().covariance)
+        band = band.updated(seen, None, Twist(0.0, 0.02), DT, SETTINGS)
+    assert band.angular.value > 0.02
+
+
+def test_a_way_that_was_not_driven_is_seen_by_the_memory() -> None:
+    band = DeadBand()
+    for _ in range(40):
+        band = band.updated(sight(), reading(), Twist(0.02, 0.0), DT, SETTINGS)
+    assert band.linear.value > 0.02
+    assert band.linear.value <= LARGEST * SETTINGS.max_linear
+
+
+def turning(frame: int) -> Measurement:
+    """Return a sight of a robot that has 0.02 rad to turn, and does not."""
+    return sight(frame, bearings=None, parallax=0.0, heading_error=0.02, heading_deviation=1e-4)
+
+
+def test_a_turn_alone_is_no_way_back() -> None:
+    """A goal aside comes nearer along the robot's axis as it turns; it creeps ahead as well."""
+    band, right, ahead, heading = DeadBand(), 0.5, -0.3, 0.0
+    for _ in range(60):
+        right -= 0.02 * DT * math.sin(heading)
+        ahead += 0.02 * DT * math.cos(heading)
+        heading += 0.05 * DT
+        seen = reading(lateral=right, longitudinal=ahead, heading_error=heading)
+        band = band.updated(sight(), seen, Twist(0.02, 0.05), DT, SETTINGS)
+    assert band.linear.value == 0.0
+
+
+def test_the_first_look_after_a_gap_is_none() -> None:
+    threshold, position = Threshold(), 0.0
+    for _ in range(3):
+        position += 0.03 * 0.6
+        threshold = threshold.updated(position, 1e-3, 0.03, 0.6, most=0.1)
+        assert threshold.stood == 0.0
+
+
+def test_limits_that_are_lowered_hold_for_what_was_learnt() -> None:
+    band = DeadBand(linear=Threshold(0.08), angular=Threshold(0.1))
+    slow = replace(SETTINGS, max_linear=0.05, max_angular=0.09)
+    settings = band.beside(slow)
+    assert settings.dead_band_linear == LARGEST * 0.05
+    assert settings.dead_band_angular == LARGEST * 0.09
+
+
+@pytest.mark.parametrize('change', [{'learnt_dead_band': False}, {'dead_band_mode': 'zero'}])
+def test_who_may_not_learn_forgets(change) -> None:
+    """Dropped instead of sent as pulses, what was learnt would let the robot stand for good."""
+    settings = replace(SETTINGS, **change)
+    band = DeadBand(angular=Threshold(0.05))
+    assert band.beside(settings) is settings
+    state = in_phase(Phase.ORIENTING, dead_band=band)
+    assert then(state, turning(2), settings).dead_band == DeadBand()
+
+
+def test_few_images_a_second_make_long_pulses_so_they_are_slow() -> None:
+    threshold = DeadBand()
+    for _ in range(20):
+        seen = sight(heading_error=0.0, heading_deviation=1e-4)
+        threshold = threshold.updated(seen, None, Twist(0.0, 0.015), 0.9, SETTINGS)
+    assert 0.015 < threshold.angular.value <= 2.0 * MOST_HOP[1] / 0.9
+
+
+def test_commands_below_what_was_learnt_come_as_pulses() -> None:
+    band = DeadBand(angular=Threshold(0.05))
+    settings = band.beside(SETTINGS)
+    assert settings.dead_band_angular == 0.05
+    assert settings.dead_band_linear == SETTINGS.dead_band_linear
+    assert band.beside(settings) is settings
+    wider = replace(SETTINGS, dead_band_angular=0.08)
+    assert band.beside(wider) is wider  # who was told more knows better
+    state = in_phase(Phase.ORIENTING, dead_band=band)
+    sent = set()
+    for frame in range(2, 14):  # before it is seen that this one does not turn at all
+        state = then(state, turning(frame))
+        sent.add(round(abs(state.twist.angular), 6))
+    assert sent == {0.0, 0.05}
+
+
+def test_a_law_may_not_learn_it() -> None:
+    alone = replace(SETTINGS, learnt_dead_band=False)
+    state = in_phase(Phase.ORIENTING)
+    for settings, learns in ((SETTINGS, True), (alone, False)):
+        now = replace(state, command=replace(state.command, twist=Twist(0.0, -0.02)))
+        for frame in range(2, 60):
+            now = updated(now, Perception(turning(frame), MEMORY), DT, settings)
+        assert (now.dead_band.angular.value > 0.0) is learns

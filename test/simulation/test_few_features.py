@@ -1,0 +1,137 @@
+"""Too few features for two views: who remembers where they are drives on, for a while."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from visual_servo_epipolar.commands.files.resources import scenario_path
+from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
+from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.servo.run_log import summarise
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.step import step
+from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.simulation.closed_loop import run
+from visual_servo_epipolar.simulation.regions import start_in
+from visual_servo_epipolar.simulation.scenario import load
+from visual_servo_epipolar.simulation.view import View
+from visual_servo_epipolar.simulation.views import points_of
+
+SEED = 5
+BEGIN_S = 8.0  # when the memory has its geometry
+Hide = Callable[[Observation], Observation]
+
+
+def only(count: int) -> Hide:
+    """Leave ``count`` features, the same ones in all images."""
+
+    def hide(seen: Observation) -> Observation:
+        return of_rows(seen, np.argsort(seen.ids)[:count])
+
+    return hide
+
+
+def shuffled(seen: Observation) -> Observation:
+    """Leave eight features, each where another is."""
+    few = only(8)(seen)
+    return replace(few, current=np.roll(few.current, 3, axis=0))
+
+
+def of_rows(seen: Observation, rows: np.ndarray) -> Observation:
+    angles = None if seen.pixel_angles is None else seen.pixel_angles[rows]
+    return replace(
+        seen,
+        ids=seen.ids[rows],
+        current=seen.current[rows],
+        desired=seen.desired[rows],
+        pixel_angles=angles,
+    )
+
+
+def driven(
+    hide: Hide,
+    for_s: float,
+    *,
+    scenario: str = 'nominal',
+    around: Callable[[View], View] = lambda view: view,
+    **settings: object,
+) -> tuple[dict[str, object], list[ServoState]]:
+    """Return what became of a run in which features hide, and its states meanwhile."""
+    world = load(scenario_path(scenario)).with_servo(settings).seeded(SEED)
+    start = start_in('front', SEED, 0, world)
+    first: list[int] = []
+    states: list[ServoState] = []
+
+    def control(state: ServoState, seen: Observation, servo: ServoSettings) -> ServoState:
+        first.append(seen.stamp_ns)
+        hidden = BEGIN_S <= 1e-9 * (seen.stamp_ns - first[0]) < BEGIN_S + for_s
+        after = step(state, hide(seen) if hidden else seen, servo)
+        if hidden:
+            states.append(after)
+        return after
+
+    view, camera = around(points_of(world, SEED)), world.camera.nominal_camera
+    return summarise(run(world.loop(start, SEED), view, camera, control=control)), states
+
+
+@pytest.mark.parametrize('scenario', ['nominal', 'flat', 'realistic'])
+@pytest.mark.parametrize('count', [11, 8])
+def test_eight_remembered_features_are_enough_to_drive_on(count: int, scenario: str) -> None:
+    summary, states = driven(only(count), 6.0, scenario=scenario)
+    assert summary['outcome'] == 'arrived'
+    assert float(str(summary['position_error_m'])) < 0.004
+    assert {state.phase for state in states}.isdisjoint({Phase.HOLDING, Phase.FAILED})
+    assert all(state.measurement is not None and state.measurement.carried for state in states)
+
+
+def test_without_a_memory_the_robot_stands_as_before() -> None:
+    _, states = driven(only(11), 4.0, view_memory=False)
+    assert {state.phase for state in states} == {Phase.HOLDING}
+    assert all(state.twist == STANDSTILL for state in states)
+
+
+@pytest.mark.parametrize('hide', [only(5), only(0), shuffled], ids=['five', 'none', 'elsewhere'])
+def test_too_few_even_for_a_memory_or_none_that_agree_stop_at_once(hide: Hide) -> None:
+    summary, states = driven(hide, 4.0)
+    assert all(state.twist == STANDSTILL for state in states)
+    assert {state.phase for state in states} == {Phase.HOLDING}
+    assert summary['outcome'] == 'arrived'  # once they are back
+
+
+def test_the_time_is_bounded_and_the_end_says_why() -> None:
+    summary, states = driven(only(8), 1e3, few_features_timeout=2.0)
+    moving = [state for state in states if state.twist != STANDSTILL]
+    taken = [state.measurement.stamp_ns for state in moving if state.measurement is not None]
+    assert 1.8 < 1e-9 * (taken[-1] - taken[0]) <= 2.1
+    assert summary['outcome'] == 'failed'
+    assert 'few_features_timeout of 2 s is over' in str(summary['reason'])
+
+
+def test_with_0_s_it_is_off() -> None:
+    _, states = driven(only(11), 1.0, few_features_timeout=0.0)
+    assert all(state.twist == STANDSTILL for state in states)
+
+
+class Pushed(View):
+    """View of a robot that somebody moves aside where few features are in view."""
+
+    def __init__(self, view: View) -> None:
+        self.view = view
+
+    def observe(self, pose: Pose, frame: int) -> Features:
+        moved = frame > 11 * (BEGIN_S + 1.0)
+        return self.view.observe(replace(pose, x=pose.x + 0.3) if moved else pose, frame)
+
+
+def test_who_is_pushed_aside_while_few_are_in_view_stands_until_more_are() -> None:
+    """Seen from elsewhere than they can have driven to, they are not believed."""
+    summary, states = driven(only(10), 4.0, around=Pushed)
+    pushed = states[12:]
+    assert {state.phase for state in states[:10]} == {Phase.ZEROING_EPIPOLES}
+    assert {state.phase for state in pushed} == {Phase.HOLDING}
+    assert all(state.twist == STANDSTILL for state in pushed)
+    assert summary['outcome'] == 'arrived'  # by what it sees, 0.3 m aside of where it is

@@ -1,0 +1,182 @@
+"""Dead band: the velocities that a base does not follow, learnt where it stood instead."""
+
+from dataclasses import dataclass, replace
+from functools import lru_cache
+import math
+
+from visual_servo_epipolar.core.geometry.motion import Twist
+from visual_servo_epipolar.core.memory.reading import Reading
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.identification import (
+    heading_variance,
+    LEAST_HEADING_VARIANCE,
+)
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+
+LATE_S = 0.5  # by which a base may follow late
+PATIENCE_S = 1.5  # in which it follows if it does at all
+LEAST_ASKED = 0.003  # motion, below which laws and delays make anything of it [m], [rad]
+STANDING = 0.5  # of what was commanded: who moved less stands, now and then at least
+OF_PULSES = 0.25  # the same of pulses, most of which a base may spend on speeding up
+DEVIATIONS = 8.0  # of a position, that the motion commanded must be
+MARGIN = 1.3  # over the velocity that was not followed
+LARGEST = 0.2  # of the largest velocity: a base that does not follow more is held, not slow
+MOST_HOP = 0.005, math.radians(0.5)  # half a pulse: no end may be wider for it [m], [rad]
+REFINING = 0.005  # of a distance, that it changes by while a memory learns its scale
+# Up to which speed [m/s], and way of a turn [m/rad], unequal wheels undo no turn.
+CREEPING, MOST_WAY = 0.002, 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Threshold:
+    """
+    Least velocity that one axis follows: ``value``, 0 until it was seen to stand below one.
+
+    Commands to one ``side`` (1 or -1, 0 without any) have ``lasted`` [s]; since the position was
+    ``origin`` they ``asked`` for a motion, ``power`` the sum of their squares over time. Before
+    that it ``stood`` below such a velocity: once may have been measured wrong, it takes two times.
+    Metres or radians.
+    """
+
+    value: float = 0.0
+    side: float = 0.0
+    lasted: float = 0.0
+    origin: float = math.nan
+    asked: float = 0.0
+    power: float = 0.0
+    stood: float = 0.0
+
+    def updated(
+        self, position: float, deviation: float, velocity: float, dt: float, *, most: float
+    ) -> 'Threshold':
+        """
+        Return the threshold after ``velocity`` was commanded for ``dt`` [s].
+
+        ``position`` is where that led, as it was measured to ``deviation``; nan begins anew, as
+        does a command of more than ``most``, or to the other side. None at all is a pause. What a
+        base does first may be what it was told before.
+        """
+        side = math.copysign(1.0, velocity) if velocity else self.side
+        if not math.isfinite(deviation) or abs(velocity) > most or side * self.side < 0.0:
+            return Threshold(self.value)
+        lasted = self.lasted + dt if side else 0.0
+        if lasted <= LATE_S or math.isnan(self.origin):
+            return replace(
+                Threshold(self.value, side, min(lasted, LATE_S), position), stood=self.stood
+            )
+        asked, power = self.asked + velocity * dt, self.power + velocity * velocity * dt
+        if lasted < PATIENCE_S or abs(asked) < max(LEAST_ASKED, DEVIATIONS * deviation):
+            return replace(self, side=side, lasted=lasted, asked=asked, power=power)
+        again = Threshold(self.value, side, LATE_S, position)
+        least = OF_PULSES if self.value else STANDING
+        if abs(position - self.origin) >= least * abs(asked):
+            return again
+        usual = power / abs(asked)  # velocity of those commands, weighted by what they asked for
+        again = replace(again, stood=usual)
+        if not self.stood:
+            return again
+        learnt = min(MARGIN * min(usual, self.stood), most)
+        return replace(again, value=max(self.value, learnt))
+
+
+@dataclass(frozen=True, slots=True)
+class DeadBand:
+    """
+    Thresholds of the base, [m/s] and [rad/s], as they show while it drives.
+
+    ``along`` is the way of the camera along the robot's own axis [m], to ``place``, (right, ahead)
+    of the goal [m], None where no memory of views knows it.
+    """
+
+    linear: Threshold = Threshold()
+    angular: Threshold = Threshold()
+    along: float = 0.0
+    place: tuple[float, float] | None = None
+
+    def updated(
+        self,
+        measurement: Measurement,
+        reading: Reading | None,
+        twist: Twist,
+        dt: float,
+        settings: ServoSettings,
+    ) -> 'DeadBand':
+        """Return the dead band after ``twist`` led to a ``measurement`` in ``dt`` [s]."""
+        turning = max(abs(twist.angular), self.angular.value)
+        creeps = abs(twist.linear) <= max(CREEPING, MOST_WAY * turning)
+        along, place = self.along, None
+        if reading is not None:
+            place = reading.lateral, reading.longitudinal
+            along += _way(self.place or place, place, reading.heading_error)
+        return DeadBand(
+            self.linear.updated(
+                along,
+                _way_deviation(reading),
+                twist.linear,
+                dt,
+                most=_most(settings.max_linear, MOST_HOP[0], dt),
+            ),
+            self.angular.updated(
+                self._unwrapped(measurement.heading_error),
+                _heading_deviation(measurement) if creeps else math.nan,
+                twist.angular,
+                dt,
+                most=_most(settings.max_angular, MOST_HOP[1], dt),
+            ),
+            along,
+            place,
+        )
+
+    def beside(self, settings: ServoSettings) -> ServoSettings:
+        """Return ``settings`` with dead bands at least as wide as those that were learnt."""
+        learnt = min(self.linear.value, LARGEST * settings.max_linear)
+        linear = max(settings.dead_band_linear, learnt)
+        learnt = min(self.angular.value, LARGEST * settings.max_angular)
+        angular = max(settings.dead_band_angular, learnt)
+        if (linear, angular) == (settings.dead_band_linear, settings.dead_band_angular):
+            return settings
+        return _with(settings, linear, angular) if learns(settings) else settings
+
+    def _unwrapped(self, heading: float) -> float:
+        """Return the heading error nearest to where turns were counted from."""
+        origin = self.angular.origin
+        if math.isnan(origin):
+            return heading
+        return origin + math.remainder(heading - origin, 2.0 * math.pi)
+
+
+def learns(settings: ServoSettings) -> bool:
+    """Whether a dead band is learnt: where it would be sent as pulses, which do no harm."""
+    return settings.options.learnt_dead_band and settings.dead_band_mode == 'pulse'
+
+
+def _most(limit: float, hop: float, dt: float) -> float:
+    """Return the largest velocity that may be learnt: of the ``limit``, and half a ``hop``."""
+    return min(LARGEST * limit, 2.0 * hop / dt if dt > 0.0 else math.inf)
+
+
+def _way(before: tuple[float, float], now: tuple[float, float], heading: float) -> float:
+    """Return how far a place moved along the robot's axis [m]: a turn alone moves it nowhere."""
+    right, ahead = now[0] - before[0], now[1] - before[1]
+    return ahead * math.cos(heading) - right * math.sin(heading)
+
+
+def _way_deviation(reading: Reading | None) -> float:
+    """Return the deviation of a place from view to view [m]; nan where no memory has one."""
+    if reading is None:
+        return math.nan
+    return math.hypot(reading.own[1], REFINING * math.hypot(reading.lateral, reading.longitudinal))
+
+
+def _heading_deviation(measurement: Measurement) -> float:
+    """Return the deviation of the heading error by the memory, or by two views [rad]; or nan."""
+    if math.isfinite(measurement.heading_deviation):
+        return measurement.heading_deviation
+    if measurement.bearings is None:
+        return math.nan
+    return math.sqrt(max(heading_variance(measurement), LEAST_HEADING_VARIANCE))
+
+
+@lru_cache(maxsize=64)
+def _with(settings: ServoSettings, linear: float, angular: float) -> ServoSettings:
+    return replace(settings, dead_band_linear=linear, dead_band_angular=angular)
