@@ -56,6 +56,15 @@ def test_images_that_come_at_full_rate_but_late_are_no_sight() -> None:
     assert verdict(record(drive(0.3, 6.0), latency_s=0.5)) is Verdict.ARRIVED
 
 
+def test_few_features_are_sight_for_a_while_after_enough() -> None:
+    made = Record()
+    for number, features in enumerate([8, 12, 8, 6, 5, 8, 8, 8]):
+        made.sees(features, float(number), number - 0.1, 12, 5.0)
+    assert [seen.time_s for seen in made.seen] == [1.0, 2.0, 3.0, 5.0, 6.0]
+    made.sees(11, 8.0, 7.9, 12, 0.0)  # without a memory of views
+    assert len(made.seen) == 5
+
+
 def test_what_is_seen_before_it_arrives_does_not_count() -> None:
     made = record(drive(0.3, 6.0), sight_until_s=1.0)
     made.seen.append(Seen(6.5, 6.0))

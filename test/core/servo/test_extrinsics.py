@@ -151,8 +151,8 @@ def test_near_the_goal_nothing_of_the_mount_is_learnt() -> None:
 def test_what_a_lens_turns_wrong_is_no_lever_arm() -> None:
     """Through a focal length told 5 % wrong a turn on the spot looks like a small way aside."""
     belief, goal_ahead = unknown(), Bearings(-1.2, -0.3)
-    for number in range(50):
-        turn = 0.8 * number / 49.0
+    for number in range(400):
+        turn = 0.8 * math.sin(math.tau * number / 100.0)  # to and fro, as in attempts
         wrong = 0.03 * turn
         seen_there = Bearings(goal_ahead.psi + wrong, goal_ahead.phi - turn + wrong)
         belief = learnt(belief, sight(seen_there), 0.0, missed=False)
@@ -171,6 +171,7 @@ def test_from_two_views_to_a_memory_the_robot_has_not_moved() -> None:
         sight(Bearings(psi, phi)),
         offset=(belief.distance * math.cos(psi), belief.distance * math.sin(psi)),
         offset_deviation=0.05 * belief.distance,
+        remembered=True,
     )
     belief = replace(belief, travel=-2.0 * LEAST_STEP)
     after = learnt(belief, remembered, travel, missed=False)
@@ -179,6 +180,12 @@ def test_from_two_views_to_a_memory_the_robot_has_not_moved() -> None:
     again = learnt(replace(belief, remembers=True), remembered, travel, missed=False)
     changes = [np.abs(each.mean[YAW:] - belief.mean[YAW:]).max() for each in (after, again)]
     assert changes[0] < 0.2 * changes[1]
+    # Half a radian is no lens: what was driven contradicts it, whoever says it.
+    leapt = replace(remembered, bearings=Bearings(psi + 0.5, phi + 0.5))
+    assert learnt(belief, leapt, travel, missed=False).contradictions == FAULT
+    # A memory that knows the place may know the bearing less well than two views do.
+    theirs = learnt(belief, replace(remembered, remembered=False), travel, missed=False)
+    assert not theirs.remembers
 
 
 def test_an_uncertain_bearing_says_nothing_of_the_mount() -> None:

@@ -19,10 +19,16 @@ from visual_servo_epipolar.core.servo.extrinsics import (
 from visual_servo_epipolar.core.servo.phases.events import classify
 from visual_servo_epipolar.core.servo.phases.table import Event, Phase
 from visual_servo_epipolar.core.servo.remembering import Remembered
-from visual_servo_epipolar.core.servo.straight_leg import LEG_M, straight_on, StraightLeg
+from visual_servo_epipolar.core.servo.straight_leg import (
+    LEG_M,
+    LEVER,
+    straight_on,
+    StraightLeg,
+)
 from visual_servo_epipolar.core.servo.update import updated
 
 STEP = 0.02
+ON_AXLE = np.zeros(3)
 
 
 def driven(
@@ -91,17 +97,32 @@ def test_a_lever_arm_that_is_told_does_not_turn_the_leg() -> None:
 
 def test_a_leg_that_curves_or_stays_on_the_spot_tells_nothing() -> None:
     leg = StraightLeg(0.0, -1.0, 1e-3, 0.0, travel=0.25)
-    assert leg.yaw(StraightLeg(0.0, -0.75, 1e-3, 0.4))[1] == math.inf
-    assert leg.yaw(StraightLeg(0.0, -0.99, 1e-3, 0.0))[1] == math.inf
-    assert leg.followed_by(StraightLeg(0.0, -0.99, 1e-3, 0.0)).told == (0.0, math.inf)
+    assert leg.yaw(StraightLeg(0.0, -0.75, 1e-3, 0.4), ON_AXLE, LEVER)[1] == math.inf
+    on_the_spot = StraightLeg(0.0, -0.99, 1e-3, 0.0)
+    told = leg.yaw(on_the_spot, ON_AXLE, LEVER)
+    assert told[1] == math.inf
+    assert leg.followed_by(on_the_spot, *told).told == (0.0, math.inf)
 
 
 def test_a_leg_between_places_that_are_hardly_known_tells_nothing() -> None:
     """Far before one wall a memory has been 3 deg off, at four of its deviations."""
     far = StraightLeg(0.0, -1.0, 0.02, 0.0, travel=0.25)
-    assert far.yaw(StraightLeg(0.01, -0.75, 0.02, 0.0))[1] == math.inf
+    assert far.yaw(StraightLeg(0.01, -0.75, 0.02, 0.0), ON_AXLE, LEVER)[1] == math.inf
     near = StraightLeg(0.0, -1.0, 0.002, 0.0, travel=0.25)
-    assert near.yaw(StraightLeg(0.01, -0.75, 0.002, 0.0))[1] < math.radians(0.5)
+    told = near.yaw(StraightLeg(0.01, -0.75, 0.002, 0.0), ON_AXLE, LEVER)
+    assert told[1] < math.radians(0.5)
+
+
+def test_a_lever_arm_that_is_learnt_on_the_way_is_that_of_both_ends() -> None:
+    """An end with the arm of then, and one with that of now, were a turn of 3 deg."""
+    begin = reading(lateral=0.0, longitudinal=-1.0, heading_error=0.1, lateral_deviation=3e-4)
+    leg, belief = straight_on(None, begin, 0.0, SETTINGS.extrinsics)
+    later = replace(belief, mean=np.array([0.0, 0.0, 0.0, 0.15, 0.0]))
+    x, y = -0.3 * math.sin(0.1), -1.0 + 0.3 * math.cos(0.1)
+    end = reading(lateral=x, longitudinal=y, heading_error=0.1, lateral_deviation=3e-4)
+    following, _ = straight_on(leg, end, 0.3, later)
+    assert following is not None
+    assert abs(math.degrees(following.told[0])) < 0.05
 
 
 def test_no_mount_is_learnt_that_cannot_be() -> None:

@@ -73,6 +73,7 @@ class ViewMemory:
         *,
         bearings: Sequence[Bearings] = (),
         attitude: Attitude | None = None,
+        learns: bool = True,
     ) -> 'tuple[ViewMemory, Recollection]':
         """
         Return the memory after one more view, and what it says of that.
@@ -89,14 +90,18 @@ class ViewMemory:
             Needed to begin with.
         attitude : Attitude, optional
             What is known by now of the camera's; ``mount`` if nothing.
+        learns : bool
+            Whether the view may become a keyframe; else it is held against what is remembered.
 
         """
         heading = 0.0 if self.pose is None else float(self.pose[2])
         way = np.zeros(2) if motion is None else np.asarray(motion, np.float64)
         memory = replace(self, place=self.place + _turned(way, heading))
-        if memory.geometry is None:
-            return memory._collected(sightings, bearings, attitude or self.mount)
-        return memory._remembered(memory.geometry, sightings)
+        if memory.geometry is not None:
+            return memory._remembered(memory.geometry, sightings, learns)
+        if not learns:
+            return memory, Recollection('nothing is remembered to hold the view against')
+        return memory._collected(sightings, bearings, attitude or self.mount)
 
     def _collected(
         self, sightings: Sightings, bearings: Sequence[Bearings], attitude: Attitude
@@ -135,7 +140,7 @@ class ViewMemory:
         return replace(self, window=window, starts=(*starts, *new), last=sightings)
 
     def _remembered(
-        self, geometry: Geometry, sightings: Sightings
+        self, geometry: Geometry, sightings: Sightings, learns: bool
     ) -> 'tuple[ViewMemory, Recollection]':
         """Return the memory after a view that is held against its geometry."""
         rows = self.window.rows_of(sightings.ids)
@@ -157,6 +162,8 @@ class ViewMemory:
         resection = resected(geometry, chosen, seen, fit)
         said = _recollection(geometry, anchors, resection, known)
         memory = replace(self, pose=resection.pose)
+        if not learns:
+            return memory, said
         return memory._grown(geometry, sightings, resection, int((rows < 0).sum())), said
 
     def _fit(self, geometry: Geometry, anchors: Anchors, seen: Seen) -> Fit:

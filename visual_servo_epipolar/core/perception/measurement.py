@@ -27,8 +27,9 @@ class Measurement:
     turn to the left and to the right before the features run out of the image [rad]; ``offset`` is
     where a memory of views has the camera, right and ahead of the goal's [m], None without one,
     with its deviation and that of the heading; ``noise_px`` the deviation of a tracked coordinate
-    [px] as the residuals show it. ``carried`` is a measurement by the memory of views alone, where
-    too few features are seen for two.
+    [px] as the residuals show it. ``remembered`` says that the bearings are those of a memory of
+    views; ``carried`` that it is a measurement by it alone, where too few features are seen for
+    two.
     """
 
     stamp_ns: int
@@ -53,6 +54,7 @@ class Measurement:
     offset: tuple[float, float] | None = None
     offset_deviation: float = math.nan
     heading_deviation: float = math.nan
+    remembered: bool = False
     carried: bool = False
     reason: str = ''
 

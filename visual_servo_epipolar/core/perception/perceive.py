@@ -88,7 +88,7 @@ def of_few(blank: Perception, settings: PerceptionSettings) -> Measurement:
     """
     Return what too few features show all the same, to who knows where they are.
 
-    Turn, parallax, D and margins of a ``blank`` perception of two features at least, no bearings.
+    Turn, parallax, D and margins of a ``blank`` perception of three features or more; no bearings.
     """
     observation, memory = blank.observation, blank.memory
     if observation is None:

@@ -177,13 +177,20 @@ def seen(before: Extrinsics, psi: float, deviation: float) -> tuple[Extrinsics, 
     return _corrected(before, PSI, innovation, noise), innovation / spread
 
 
-def seen_anew(before: Extrinsics, psi: float, deviation: float) -> Extrinsics:
-    """Return the belief with ``psi`` [rad] in place of what commands made of the one before."""
+def seen_anew(before: Extrinsics, psi: float, deviation: float) -> tuple[Extrinsics, float]:
+    """
+    Return the belief with ``psi`` [rad] in place of what commands made of the one before.
+
+    The innovation, in deviations, is as of ``seen``, with what a lens may be wrong by.
+    """
+    noise = CORRELATION * deviation * deviation + LENS * LENS
+    innovation = math.remainder(psi - before.mean[PSI], 2.0 * math.pi)
+    innovation /= math.sqrt(float(before.covariance[PSI, PSI]) + noise)
     mean, covariance = before.mean.copy(), before.covariance.copy()
     mean[PSI] = psi
     covariance[PSI] = covariance[:, PSI] = 0.0
     covariance[PSI, PSI] = CORRELATION * deviation * deviation
-    return changed(before, mean=mean, covariance=covariance)
+    return changed(before, mean=mean, covariance=covariance), innovation
 
 
 def _corrected(before: Extrinsics, of: int, innovation: float, noise: float) -> Extrinsics:
@@ -210,7 +217,7 @@ def learnt(
     known = math.isfinite(measurement.deviation)
     bearings = measurement.bearings if known else None
     deviation = max(measurement.deviation, LEAST_DEVIATION) if bearings else math.nan
-    remembers = measurement.offset is not None
+    remembers = measurement.remembered
     if not before.placed:
         before = changed(before, remembers=remembers)
         return placed(before, bearings, deviation) if bearings else before
@@ -224,13 +231,16 @@ def learnt(
         after = ranged(after, math.hypot(*measurement.offset), measurement.offset_deviation)
     if bearings is None or deviation > UNCERTAIN or after.distance < NEAR:
         return after
-    if remembers is not before.remembers:
-        # Two views do not know the lens: what they are off by is no motion.
-        return changed(seen_anew(after, bearings.psi, deviation), remembers=remembers)
-    after, innovation = seen(after, bearings.psi, deviation)
+    # Two views do not know the lens: what they are off by is no motion.
+    switched = remembers is not before.remembers
+    before = changed(before, remembers=remembers)
+    seen_now = seen_anew if switched else seen
+    after, innovation = seen_now(changed(after, remembers=remembers), bearings.psi, deviation)
     if abs(innovation) > GATE:
         anew = placed(before, bearings, deviation)
         return changed(anew, contradictions=before.contradictions + FAULT)
+    if switched:
+        return after
     if not is_plausible(after):
         anew = placed(_unplaced(before.told, before.deviations), bearings, deviation)
         return changed(anew, contradictions=before.contradictions + FAULT)

@@ -28,12 +28,14 @@ class Remembered:
     """
     The memory of ``views``, and the ``place`` that they were averaged to; None without one.
 
-    ``few_s`` is how long too few features have been in view for two views [s].
+    ``few_s`` is how long too few features have been in view for two views, less how long enough
+    have been since [s]; ``is_over`` whether that alone keeps the memory from carrying on.
     """
 
     views: ViewMemory | None = None
     place: Place | None = None
     few_s: float = 0.0
+    is_over: bool = False
 
 
 def remembered(
@@ -57,7 +59,7 @@ def remembered(
     if observation is None or observation.ids is None:
         return Remembered(views), None
     is_few = perception.measurement.features < settings.min_features
-    few_s = before.few_s + dt if is_few else 0.0
+    few_s = max(before.few_s + (dt if is_few else -dt), 0.0)
     bearings = perception.measurement.bearings
     noise = np.maximum(perception.memory.noise * observation.resolution, LEAST_NOISE)
     after, said = views.after(
@@ -65,15 +67,15 @@ def remembered(
         np.array([0.0, motion.way]),
         bearings=() if bearings is None else (bearings,),
         attitude=perception.memory.attitude,
+        learns=not is_few,
     )
     if is_few:
-        # Too little to learn from; and who was seen to stand elsewhere was not seen.
-        after = replace(views, place=after.place, pose=after.pose)
-        if few_s > settings.few_features_timeout or not _carries(
-            said, observation.ids, before.place, motion
-        ):
+        is_over = few_s >= settings.few_features_timeout
+        carries = _carries(said, observation.ids, before.place, motion)
+        if is_over or not carries:
             place = None if before.place is None else before.place.after(motion)
-            return Remembered(replace(after, pose=views.pose), place, few_s), None
+            unseen = replace(after, pose=views.pose)  # who seems to be elsewhere was not seen
+            return Remembered(unseen, place, few_s, is_over and carries), None
     said, place = steadied(said, before.place, motion)
     return Remembered(after, place, few_s), reading_in_view(said, observation)
 
@@ -97,7 +99,7 @@ def measured(
         return sharpened(measurement, reading, settings)
     if reading is not None:
         return sharpened(replace(of_few(perception, settings), carried=True), reading, settings)
-    if not 0.0 < settings.few_features_timeout < after.few_s:
+    if not after.is_over or settings.few_features_timeout == 0.0:
         return measurement
     over = f'few_features_timeout of {settings.few_features_timeout:g} s is over'
     return replace(measurement, reason=f'{measurement.reason}; {over}')
@@ -123,6 +125,7 @@ def sharpened(
             'deviation': reading.deviation,
             'covariance': reading.covariance,
             'confidence': 1.0,  # features lie ahead in all views together
+            'remembered': True,
             'reason': '',
         }
     return replace(

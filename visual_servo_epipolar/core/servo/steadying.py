@@ -86,10 +86,14 @@ def steadied(
 
 
 def agrees(said: Recollection, place: Place) -> bool:
-    """Return whether a recollection is of a robot at ``place``, within what both know."""
+    """
+    Return whether a recollection is of a robot at ``place``, within the noise of a view.
+
+    What the geometry is not known to is the same in both: it explains no difference.
+    """
     change = said.pose[:PLACE] - place.mean
     change[HEADING] = math.remainder(change[HEADING], 2.0 * math.pi)
-    covariance = said.covariance[:PLACE, :PLACE] + place.covariance
+    covariance = said.own[:PLACE, :PLACE] + place.covariance
     return float(change @ np.linalg.solve(covariance, change)) <= SURPRISE
 
 

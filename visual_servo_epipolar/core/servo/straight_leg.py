@@ -9,16 +9,14 @@ degree, the principal point that is off by a few pixels as well: it does the sam
 from dataclasses import dataclass, replace
 import math
 
+from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.mount import axle_offset
 from visual_servo_epipolar.core.memory.reading import Reading
 from visual_servo_epipolar.core.servo.extrinsics import Extrinsics, with_yaw
 
 LEG_M = 0.25  # over which a direction is told
 OF_BOTH = 0.3  # of deviations of places: most of what they are off by is the same at both ends
-LEAST_LEVER, LEVER = (
-    0.01,
-    0.1,
-)  # by which a turn may swing the camera aside of where it is taken [m]
+LEAST_LEVER, LEVER = 0.01, 0.1  # by which a turn may swing the camera aside of where it is [m]
 LEAST_DEVIATION = 5e-4  # of the mean heading of a leg [rad]
 MOST_DEVIATION = math.radians(0.5)  # of what a leg tells: far off a memory may be wrong by more
 MOST_CURVED = 0.3  # headings of a leg may differ by [rad]
@@ -27,7 +25,7 @@ MOST_CURVED = 0.3  # headings of a leg may differ by [rad]
 @dataclass(frozen=True, slots=True)
 class StraightLeg:
     """
-    Leg of step 2 from where a memory of views has the axle, ``x`` (right) and ``y`` (ahead) [m].
+    Leg of step 2 from where a memory of views has the camera, ``x`` (right), ``y`` (ahead) [m].
 
     Both are in axes of the goal's camera; ``deviation`` is that of x [m], ``heading`` the error
     there [rad]; ``travel`` since is negative backward [m], ``turned`` the integral of the heading
@@ -48,14 +46,17 @@ class StraightLeg:
         turned = self.turned + heading * travel
         return replace(self, travel=self.travel + travel, turned=turned)
 
-    def yaw(self, end: 'StraightLeg', lever: float = LEVER) -> tuple[float, float]:
+    def yaw(self, end: 'StraightLeg', mount: FloatArray, lever: float) -> tuple[float, float]:
         """
         Return by how much the camera looks to the left of where it is driven, and the deviation.
 
-        Both are in rad; the leg ends where ``end`` begins; ``lever`` is the deviation of how far
-        the camera is ahead of the axle [m].
+        Both are in rad; the leg ends where ``end`` begins. The axle is where the ``mount`` that is
+        likely by now, (3,), has it from the camera, at both ends; ``lever`` is the deviation of
+        how far the camera is ahead of it [m].
         """
-        right, ahead = end.x - self.x, end.y - self.y
+        x, y = axle_offset((self.x, self.y), self.heading, mount)
+        right, ahead = axle_offset((end.x, end.y), end.heading, mount)
+        right, ahead = right - x, ahead - y
         way = math.hypot(right, ahead)
         if not way > 0.5 * LEG_M or abs(end.heading - self.heading) > MOST_CURVED:
             return 0.0, math.inf
@@ -67,9 +68,8 @@ class StraightLeg:
             return 0.0, math.inf
         return self.turned / self.travel - driven, math.hypot(aside, LEAST_DEVIATION)
 
-    def followed_by(self, end: 'StraightLeg', lever: float = LEVER) -> 'StraightLeg':
-        """Return the leg that begins at the ``end`` of this one, with what legs told by then."""
-        yaw, deviation = self.yaw(end, lever)
+    def followed_by(self, end: 'StraightLeg', yaw: float, deviation: float) -> 'StraightLeg':
+        """Return the leg that begins at the ``end`` of this one, which told a ``yaw`` [rad]."""
         told = 1.0 / (deviation * deviation)
         return replace(end, weight=self.weight + told, weighted=self.weighted + told * yaw)
 
@@ -93,15 +93,16 @@ def straight_on(
     if reading is None:
         return None, belief
     heading = reading.heading_error
-    x, y = axle_offset((reading.lateral, reading.longitudinal), heading, belief.likely)
-    here = StraightLeg(x, y, reading.lateral_deviation, heading)
+    place = reading.lateral, reading.longitudinal
+    here = StraightLeg(*place, reading.lateral_deviation, heading)
     if leg is None:
         return here, belief
     leg = leg.extended(heading, travel)
     if abs(leg.travel) < LEG_M:
         return leg, belief
     lever = min(max(belief.lever_deviation, LEAST_LEVER), LEVER)
-    following = leg.followed_by(here, lever)
+    told = leg.yaw(here, belief.likely, lever)
+    following = leg.followed_by(here, *told)
     # What is believed by now learns from each leg; it takes all of them to begin to.
-    told = leg.yaw(here, lever) if belief.believed else following.told
+    told = told if belief.believed else following.told
     return following, with_yaw(belief, *told)

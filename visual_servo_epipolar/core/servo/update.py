@@ -69,7 +69,7 @@ def updated(
         extrinsics=extrinsics,
         last_linear=state.twist.linear,
         travel=state.travel + driven,
-        reversed=state.reversed + way.reversed(state, dt),
+        reversed=state.reversed + way.backward(state, dt),
         period=way.period(state, dt),
         range=way.ranged(state, measurement, leg, dt),
         desired_rate=way.desired_rate(state, measurement, dt),

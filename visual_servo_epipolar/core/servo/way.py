@@ -25,7 +25,7 @@ def driven(state: ServoState, dt: float, settings: ServoSettings) -> float:
     return (state.twist.linear + late * (state.last_linear - state.twist.linear)) * dt
 
 
-def reversed(state: ServoState, dt: float) -> float:
+def backward(state: ServoState, dt: float) -> float:
     """
     Return the largest travel backward between the last two images [m].
 

@@ -6,6 +6,7 @@ import math
 from typing import NamedTuple
 
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose, Twist
+from visual_servo_epipolar.core.servo.remembering import LEAST_CARRIED
 
 
 class Truth(NamedTuple):
@@ -49,7 +50,8 @@ class Record:
     ``broken_s`` when its wheels broke, ``woken_s`` when its process went on after it had hung, in
     which time nobody could stop it, ``arrived_s`` when it last said that it had arrived,
     ``stopped_s`` when it was told to stand for good, and ``why`` the words of those who said why
-    it stands. ``wrong_geometry_s`` is as ``run_monitor.wrong_geometry_s`` [s].
+    it stands. ``enough_s`` is when enough features for two views were seen last;
+    ``wrong_geometry_s`` is as ``run_monitor.wrong_geometry_s`` [s].
     """
 
     truths: list[Truth] = field(default_factory=list)
@@ -66,7 +68,23 @@ class Record:
     why: list[str] = field(default_factory=list)
     crashes: list[str] = field(default_factory=list)
     senseless: str = ''  # what was wrong with a command that is no velocity
+    enough_s: float = -math.inf
     wrong_geometry_s: float = 0.0
+
+    def sees(
+        self, features: int, time_s: float, taken_s: float, enough: int, carried_s: float
+    ) -> None:
+        """
+        Note tracks of the true scene if they show the servo where it is.
+
+        They do if there are ``enough``; for ``carried_s`` after such it goes by fewer, with a
+        memory of views.
+        """
+        if features >= enough:
+            self.enough_s = time_s
+        elif features < LEAST_CARRIED or time_s - self.enough_s > carried_s:
+            return
+        self.seen.append(Seen(time_s, taken_s))
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,9 +8,8 @@ from rclpy.node import Node
 
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.servo.phases.table import Phase
-from visual_servo_epipolar.core.servo.remembering import LEAST_CARRIED
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-from visual_servo_epipolar.faults.judging.record import Limits, Order, Record, Seen, Truth
+from visual_servo_epipolar.faults.judging.record import Limits, Order, Record, Truth
 from visual_servo_epipolar.faults.wire.parcel import Parcel, Sight
 from visual_servo_epipolar.faults.wire.wire import WARNING
 from visual_servo_epipolar.faults.world import World
@@ -115,12 +114,15 @@ class Witness:
     def _on_sight(self, node: Node, parcel: Parcel) -> None:
         if node.get_name() != SERVO or parcel.sight is None:
             return
-        enough = int(node.get_parameter('min_features').value)
-        if float(node.get_parameter('few_features_timeout').value) > 0.0:
-            enough = min(enough, LEAST_CARRIED)  # by a memory of views
         self._sight = parcel.sight
-        if parcel.sight.true and parcel.message.width >= enough:
-            self.record.seen.append(Seen(self.now_s, parcel.sight.taken_ns / NANOSECONDS))
+        if not parcel.sight.true:
+            return
+        carried_s = 0.0
+        if node.get_parameter('view_memory').value:
+            carried_s = float(node.get_parameter('few_features_timeout').value)
+        enough = int(node.get_parameter('min_features').value)
+        taken_s = parcel.sight.taken_ns / NANOSECONDS
+        self.record.sees(parcel.message.width, self.now_s, taken_s, enough, carried_s)
 
     def _on_command(self, parcel: Parcel) -> None:
         servo = self._world.nodes.get(parcel.sender)

@@ -17,11 +17,10 @@ from std_msgs.msg import String
 
 from visual_servo_epipolar.benchmarks.wire.listener import Listener
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
-from visual_servo_epipolar.core.servo.remembering import LEAST_CARRIED
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.faults.judging.motion import moving
-from visual_servo_epipolar.faults.judging.record import Limits, Order, Record, Seen, Truth
+from visual_servo_epipolar.faults.judging.record import Limits, Order, Record, Truth
 from visual_servo_epipolar.faults.judging.witness import MUTE
 from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.nodes import qos
@@ -107,9 +106,11 @@ class RunListener(Listener):
         self.record.truths.append(Truth(time_s, read.pose(message), twist))
 
     def _on_tracks(self, message: Any) -> None:
-        if self._deaf != 'servo_node' and message.width >= LEAST_CARRIED:
-            taken_s = read.stamp_ns(message.header) / NANOSECONDS
-            self.record.seen.append(Seen(time.time(), taken_s))
+        if self._deaf == 'servo_node':
+            return
+        taken_s = read.stamp_ns(message.header) / NANOSECONDS
+        enough, carried_s = SETTINGS.min_features, SETTINGS.few_features_timeout
+        self.record.sees(message.width, time.time(), taken_s, enough, carried_s)
 
     def _on_command(self, message: Any) -> None:
         self.record.orders.append(Order(time.time(), read.twist(message), LIMITS))
