@@ -72,6 +72,7 @@ def reading(deviation: float = 1e-3, **changes: Any) -> Reading:
         difference=-0.02,
         difference_deviation=1e-4,
         difference_slope=0.04,
+        inliers=50,
     )
     return replace(said, **changes)
 

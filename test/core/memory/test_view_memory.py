@@ -81,7 +81,11 @@ def test_what_a_view_shows_is_not_counted_twice(drive, memory) -> None:
     far, near = (replace(memory, settings=MemorySettings(spread=s)) for s in (9.0, 1e-6))
     keyframe, one = near.after(drive.sightings(14))
     same, other = far.after(drive.sightings(14))
-    assert len(keyframe.window) == min(len(same.window) + 1, 14)
+    assert keyframe.trial is not None
+    assert keyframe.geometry is memory.geometry
+    done, _ = keyframe.after(drive.sightings(14))
+    assert len(done.window) == min(len(same.window) + 1, 14)
+    assert done.trial is None
     assert one.pose.tolist() == other.pose.tolist()
     assert one.covariance.tolist() == other.covariance.tolist()
 
@@ -144,15 +148,16 @@ def test_a_geometry_that_new_keyframes_contradict_again_and_again_is_forgotten(
     )
     after = deceived
     for refused in range(1, MOST_REFUSED):
-        after, said = after.after(drive.sightings(14))
+        after, _ = after.after(drive.sightings(14))
+        after, said = after.after(drive.sightings(14))  # the other half of the trial
         assert not said.reason
         assert (after.window, after.geometry) == (deceived.window, deceived.geometry)
         assert after.refused == refused
-    fits, _ = replace(memory, refused=1, settings=MemorySettings(spread=1e-6)).after(
-        drive.sightings(14)
-    )
+    fits = replace(memory, refused=1, settings=MemorySettings(spread=1e-6))
+    for _ in range(2):
+        fits, _ = fits.after(drive.sightings(14))
+        after, said = after.after(drive.sightings(14))
     assert fits.refused == 0
-    after, said = after.after(drive.sightings(14))
     assert not said.reason
     assert after.geometry is None
     assert len(after.window) == 0
@@ -239,7 +244,7 @@ def test_features_unseen_before_join_and_become_known(drive) -> None:
     assert len(new) > 12
     first = {i: min(k for k in variance if i in variance[k]) for i in new}
     ratios = [variance[14][i] / variance[first[i]][i] for i in new]
-    assert np.median(ratios) < 0.5
+    assert np.median(ratios) < 0.55  # every other view becomes a keyframe
 
 
 def test_it_grows_to_its_bounds_and_no_further(drive) -> None:

@@ -24,7 +24,7 @@ class Reading:
     ``own`` are those parts of the three deviations that average out over views. ``depth_ratio`` is
     the offset along the axis over the median depth, which needs no scale. ``difference`` is D at
     unit focal length as the offset makes it, ``difference_slope`` its slope along the axis [1/m];
-    ``parallax`` [rad] that of the median feature.
+    ``parallax`` [rad] that of the median feature; ``inliers`` counts features that agree.
     """
 
     bearings: Bearings | None
@@ -43,6 +43,7 @@ class Reading:
     difference: float
     difference_deviation: float
     difference_slope: float
+    inliers: int
 
 
 def reading_of(
@@ -76,6 +77,7 @@ def reading_of(
         slope * longitudinal,
         slope * said.longitudinal_deviation,
         slope,
+        int(np.count_nonzero(said.inliers)),
     )
 
 

@@ -9,6 +9,8 @@ from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.memory.projection import points_of, Structure, turns_of
+from visual_servo_epipolar.core.memory.refinement import Geometry
+from visual_servo_epipolar.core.memory.resection import Anchors, Resection
 from visual_servo_epipolar.core.memory.window import HEADING, VIEW, X, Y
 
 LEAST_DISTANCE = 1e-9  # [m] of a baseline that has a direction
@@ -100,3 +102,24 @@ def seen_rays(structure: Structure, pose: FloatArray) -> FloatArray:
     """Return the unit rays, (M, 3), at which a view at ``pose``, (5,), sees features."""
     points = (turns_of(pose[None], structure.stretch) @ points_of(structure, pose[None]))[0]
     return np.asarray((points / np.sqrt((points * points).sum(0))).T)
+
+
+def recollected(
+    geometry: Geometry, anchors: Anchors, resection: Resection, known: BoolArray
+) -> Recollection:
+    """Return what is remembered of a view that was resected by its ``known`` sightings."""
+    inliers = known.copy()
+    inliers[known] = resection.inliers
+    return Recollection(
+        pose=resection.pose,
+        covariance=resection.covariance,
+        own=resection.own,
+        inliers=inliers,
+        dropped=geometry.window.ids[~geometry.trusted],
+        ids=geometry.window.ids,
+        nearness=geometry.unknowns.nearness,
+        nearness_variance=geometry.feature_covariance[2, 2],
+        rays=seen_rays(anchors.structure, resection.pose),
+        depth=geometry.depth,
+        noise_ratio=geometry.noise_ratio,
+    )

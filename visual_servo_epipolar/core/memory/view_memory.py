@@ -11,12 +11,12 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation, MIN_POINTS
 from visual_servo_epipolar.core.memory.initialization import initial, is_sound, Start
-from visual_servo_epipolar.core.memory.recollection import Recollection, seen_rays
+from visual_servo_epipolar.core.memory.recollection import recollected, Recollection
 from visual_servo_epipolar.core.memory.refinement import Geometry, refined
 from visual_servo_epipolar.core.memory.resection import (
     Anchors,
@@ -52,8 +52,9 @@ class ViewMemory:
 
     ``mount`` is the belief of the camera's attitude; ``window`` the keyframes, ``geometry`` their
     geometry once there is one; ``starts`` what two views told of collected ones; ``place``, (2,),
-    where the camera is by the way that was told [m]; ``pose``, (5,), that of the last view;
-    ``refused`` counts views in a row with which as keyframes the geometry was unsound.
+    where the camera is by the way that was told [m]; ``pose``, (5,), that of the last view.
+    ``trial`` is the geometry with one more keyframe, half refined: the other half is for the next
+    view, so that none takes the time of both. ``refused`` counts unsound trials in a row.
     """
 
     mount: Attitude
@@ -63,8 +64,16 @@ class ViewMemory:
     starts: tuple[Start, ...] = ()
     place: FloatArray = field(default_factory=lambda: np.zeros(2))
     pose: FloatArray | None = None
+    trial: Geometry | None = None
     refused: int = 0
     last: Sightings | None = None
+
+    @property
+    def wrong(self) -> tuple[int, ...]:
+        """The ids of wrong matches, of the features that are remembered."""
+        if self.geometry is None:
+            return ()
+        return tuple(self.geometry.window.ids[~self.geometry.trusted].tolist())
 
     def after(
         self,
@@ -160,7 +169,7 @@ class ViewMemory:
             reason = f'{agree} of {count} remembered features agree with one place'
             return self, Recollection(reason, ids=self.window.ids)
         resection = resected(geometry, chosen, seen, fit)
-        said = _recollection(geometry, anchors, resection, known)
+        said = recollected(geometry, anchors, resection, known)
         memory = replace(self, pose=resection.pose)
         if not learns:
             return memory, said
@@ -178,24 +187,32 @@ class ViewMemory:
     def _grown(
         self, geometry: Geometry, sightings: Sightings, resection: Resection, new: int
     ) -> 'ViewMemory':
-        """Return the memory with the view as a keyframe where it is one, and refined."""
+        """Return the memory with the view as a keyframe where it is one, or refined."""
         settings = self.settings
-        keyframe = is_keyframe(
+        if self.trial is not None:
+            return self._tried(self.trial)
+        if is_keyframe(
             geometry, resection.pose, sightings=len(sightings), new=new, settings=settings
-        )
-        if keyframe:
+        ):
             start = with_keyframe(geometry, sightings, self.place, resection.pose, settings)
-            refined_one = refined(start, settings.steps, geometry.damping)
-        elif not geometry.converged:
-            refined_one = refined(geometry.evaluation, 1, geometry.damping, geometry.system)
-        else:
+            return replace(self, trial=refined(start, settings.steps // 2, geometry.damping))
+        if geometry.converged:
             return self
-        if keyframe and not is_sound(refined_one):
-            if self.refused + 1 < MOST_REFUSED:
-                return replace(self, refused=self.refused + 1)
-            return ViewMemory(self.mount, settings, place=self.place)
-        refused = 0 if keyframe else self.refused
-        return replace(self, window=refined_one.window, geometry=refined_one, refused=refused)
+        return self._with(refined(geometry.evaluation, 1, geometry.damping, geometry.system))
+
+    def _tried(self, trial: Geometry) -> 'ViewMemory':
+        """Return the memory with a keyframe more, unless the geometry is unsound with it."""
+        steps = self.settings.steps - self.settings.steps // 2
+        if not trial.converged:
+            trial = refined(trial.evaluation, steps, trial.damping)
+        if is_sound(trial):
+            return replace(self._with(trial), trial=None, refused=0)
+        if self.refused + 1 < MOST_REFUSED:
+            return replace(self, trial=None, refused=self.refused + 1)
+        return ViewMemory(self.mount, self.settings, place=self.place)
+
+    def _with(self, geometry: Geometry) -> 'ViewMemory':
+        return replace(self, window=geometry.window, geometry=geometry)
 
 
 def _turned(motion: FloatArray, heading: float) -> FloatArray:
@@ -217,24 +234,3 @@ def _differ(last: Sightings, now: Sightings) -> bool:
         return True
     parallax = fit_rotation(now.current[other], last.current[first]).parallax
     return parallax > COLLECTED_PARALLAX * float(np.median(now.noise[:, 0]))
-
-
-def _recollection(
-    geometry: Geometry, anchors: Anchors, resection: Resection, known: BoolArray
-) -> Recollection:
-    """Return what is remembered of a view that was resected by its ``known`` sightings."""
-    inliers = known.copy()
-    inliers[known] = resection.inliers
-    return Recollection(
-        pose=resection.pose,
-        covariance=resection.covariance,
-        own=resection.own,
-        inliers=inliers,
-        dropped=geometry.window.ids[~geometry.trusted],
-        ids=geometry.window.ids,
-        nearness=geometry.unknowns.nearness,
-        nearness_variance=geometry.feature_covariance[2, 2],
-        rays=seen_rays(anchors.structure, resection.pose),
-        depth=geometry.depth,
-        noise_ratio=geometry.noise_ratio,
-    )

@@ -19,13 +19,20 @@ from visual_servo_epipolar.core.geometry.rotation import fit_rotations, Rotation
 from visual_servo_epipolar.core.perception import measures
 from visual_servo_epipolar.core.perception.memory import fresh_memory, PerceptionMemory
 from visual_servo_epipolar.core.perception.observation import Observation
-from visual_servo_epipolar.core.perception.perceive import blank, Measures, Perception, perception
+from visual_servo_epipolar.core.perception.perceive import (
+    blank,
+    Measures,
+    Perception,
+    perception,
+    usual_matches,
+)
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.perception.validated import (
     concluded,
     lesson_of,
     no_baseline,
     prior_of,
+    SPARED,
     ValidatedEstimate,
     without_baseline,
 )
@@ -153,6 +160,9 @@ def _validated_estimates(stack: _Stack) -> list[ValidatedEstimate]:
         for k, (view, reason) in enumerate(zip(stack.views, reasons, strict=True))
         if reason
     }
+    for k, view in enumerate(stack.views):
+        if k not in results and view.memory.spared:
+            results[k] = ValidatedEstimate(view.memory, SPARED)
     apart = [k for k in range(len(stack.views)) if k not in results]
     if apart:
         results.update(zip(apart, _estimated(stack.take(apart)), strict=True))
@@ -224,9 +234,11 @@ def _measures(stack: _Stack, estimates: Sequence[ValidatedEstimate]) -> list[Mea
             )
         ]
     )
-    everything = np.ones(stack.current.shape[1], bool)
     counted = np.array(
-        [everything if e.estimate is None else e.estimate.inliers for e in estimates]
+        [
+            usual_matches(view.observation, estimate)
+            for view, estimate in zip(stack.views, estimates, strict=True)
+        ]
     )
     noise = np.array([estimate.memory.noise for estimate in estimates])
     focal = np.array([view.observation.focal for view in stack.views])

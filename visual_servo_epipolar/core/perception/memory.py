@@ -26,7 +26,8 @@ class PerceptionMemory:
     ``attitude`` is the camera's, calibrated while driving; ``bearings`` the last trusted ones;
     ``noise`` the deviation of a tracked coordinate [px] as the residuals show it;
     ``consecutive_rejections`` counts estimates in a row that contradict ``bearings``; ``lens``
-    is what was learnt of the camera matrix.
+    is what was learnt of the camera matrix. ``spared`` is how many views to come need no estimate,
+    since a memory of views knows their geometry, and which ``wrong`` matches it found, by id.
     """
 
     attitude: Attitude
@@ -34,6 +35,8 @@ class PerceptionMemory:
     bearings: Bearings | None = None
     consecutive_rejections: int = 0
     lens: Lens = CALIBRATED
+    spared: int = 0
+    wrong: tuple[int, ...] = ()
 
 
 def fresh_memory(settings: PerceptionSettings) -> PerceptionMemory:

@@ -119,10 +119,10 @@ def _measures(
     settings: PerceptionSettings,
 ) -> Measures:
     current, desired = observation.current, observation.desired
-    bearings, geometry = estimate.bearings, estimate.estimate
+    bearings = estimate.bearings
     heading_error = rotation.heading_error if bearings is None else bearings.heading_error
     noise = estimate.memory.noise / observation.focal
-    counted = np.ones(len(observation), bool) if geometry is None else geometry.inliers
+    counted = usual_matches(observation, estimate)
     left, right = measures.view_margins(
         current, counted, np.array(observation.edges), settings.keep_features
     )
@@ -135,6 +135,16 @@ def _measures(
         float(median_of_sorted(np.sort(measures.distances(current, desired)))),
         (float(left), float(right)),
     )
+
+
+def usual_matches(observation: Observation, estimate: ValidatedEstimate) -> BoolArray:
+    """Return which matches, (N,), nobody holds for wrong."""
+    if estimate.estimate is not None:
+        return estimate.estimate.inliers
+    wrong = estimate.memory.wrong
+    if observation.ids is None or not len(wrong):
+        return np.ones(len(observation), bool)
+    return np.asarray(~np.isin(observation.ids, wrong))
 
 
 def _parallax(

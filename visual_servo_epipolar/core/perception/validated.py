@@ -26,6 +26,7 @@ from visual_servo_epipolar.core.perception.validation import (
     turned_otherwise,
 )
 
+SPARED = 'a memory of views knows the epipoles'
 NOISE_ADAPTION = 0.1
 NOISE_RANGE = (0.2, 5.0)  # of the noise that the settings give to begin with
 
@@ -56,6 +57,8 @@ def validated_estimate(
     reason = no_baseline(rotation.parallax * observation.focal, settings)
     if reason:
         return without_baseline(observation, rotation.rotation, memory, settings, reason)
+    if memory.spared:
+        return ValidatedEstimate(memory, SPARED)
     try:
         geometry = estimate(
             settings.estimator,

@@ -125,6 +125,7 @@ def sharpened(
             'deviation': reading.deviation,
             'covariance': reading.covariance,
             'confidence': 1.0,  # features lie ahead in all views together
+            'inliers': reading.inliers,
             'remembered': True,
             'reason': '',
         }

@@ -24,6 +24,7 @@ from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
 from visual_servo_epipolar.core.servo.ranging import UNKNOWN_RANGE
 from visual_servo_epipolar.core.servo.remembering import measured, Remembered, remembered
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.sparing import looked_again, spared_after
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.steadying import Motion
 from visual_servo_epipolar.core.servo.straight_leg import straight_on
@@ -42,7 +43,10 @@ def updated(
     driven = way.driven(state, dt, settings)
     motion = Motion(driven, state.twist.angular * dt)
     views, reading = remembered(state.views, perception, motion, settings, dt=dt)
+    if reading is None:
+        perception = looked_again(state, perception, settings)
     measurement = measured(perception, reading, views, settings)
+    memory = spared_after(perception.memory, measurement, reading, views)
     extrinsics = learnt(
         state.extrinsics or settings.extrinsics,
         measurement,
@@ -52,6 +56,7 @@ def updated(
     if extrinsics.contradicts:
         perception, views = _disproved(perception, settings), Remembered()
         measurement, extrinsics, reading = perception.measurement, settings.extrinsics, None
+        memory = perception.memory
     straight = None
     if state.phase is Phase.MATCHING_FEATURES:
         straight, extrinsics = straight_on(state.straight, reading, driven, extrinsics)
@@ -81,7 +86,7 @@ def updated(
         latched=_latch(state, measurement, settings),
         rotation_bias=bias,
         measurement=measurement,
-        memory=perception.memory,
+        memory=memory,
         views=views,
         straight=straight,
         trusted_heading=_trusted_heading(state, measurement, settings),

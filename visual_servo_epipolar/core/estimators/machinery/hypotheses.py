@@ -127,7 +127,8 @@ def pairs(count: int, limit: int) -> tuple[IntArray, IntArray]:
         first, second = np.triu_indices(count, 1)
         return frozen(first.astype(np.int64)), frozen(second.astype(np.int64))
     turns = limit // count + 1
-    steps = np.unique(np.linspace(1, (count - 1) // 2, turns).astype(np.int64))
+    steps = np.linspace(1, (count - 1) // 2, turns).astype(np.int64)
+    steps = steps[np.diff(steps, prepend=0) > 0]
     first = np.tile(np.arange(count), len(steps))
     second = (first + np.repeat(steps, count)) % count
     return frozen(first[:limit]), frozen(second[:limit])

@@ -1,0 +1,98 @@
+"""Two views are not estimated where the memory of views knows better."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from servo_states import MEMORY, reading, sight
+
+from visual_servo_epipolar.commands.files.resources import scenario_path
+from visual_servo_epipolar.core.memory.view_memory import ViewMemory
+from visual_servo_epipolar.core.perception import validated
+from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.perception.perceive import perceive
+from visual_servo_epipolar.core.servo.remembering import Remembered
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.sparing import SPARED, spared_after
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.step import step
+from visual_servo_epipolar.simulation.closed_loop import run
+from visual_servo_epipolar.simulation.scenario import load
+from visual_servo_epipolar.simulation.views import points_of
+
+START, SEED = (-0.9, -3.0, 8.0), 4
+VIEWS = Remembered(ViewMemory(ServoSettings().mount))
+Driven = list[tuple[ServoState, Observation, ServoSettings]]
+
+
+@pytest.fixture(scope='module')
+def driven() -> Driven:
+    """The first 120 steps of a run: each state, and what was seen in it."""
+    scenario = load(scenario_path('nominal')).seeded(SEED)
+    steps: Driven = []
+
+    def control(state: ServoState, seen: Observation, servo: ServoSettings) -> ServoState:
+        steps.append((state, seen, servo))
+        return step(state, seen, servo)
+
+    loop = scenario.loop(START, SEED)
+    run(loop, points_of(scenario, SEED), scenario.camera.nominal_camera, control=control)
+    return steps[:120]
+
+
+def test_one_view_of_four_is_estimated_once_the_memory_knows(driven, monkeypatch) -> None:
+    estimated = 0
+    estimate = validated.estimate
+
+    def counted(*args: object, **keywords: object) -> object:
+        nonlocal estimated
+        estimated += 1
+        return estimate(*args, **keywords)
+
+    monkeypatch.setattr(validated, 'estimate', counted)
+    known = [each for each in driven if each[0].measurement and each[0].measurement.remembered]
+    assert len(known) > 40
+    for state, seen, servo in known:
+        step(state, seen, servo)
+    assert estimated == pytest.approx(len(known) / (SPARED + 1), abs=2)
+
+
+def test_where_the_memory_fails_two_views_are_estimated_at_once(driven) -> None:
+    state, seen, servo = next(it for it in driven if it[0].memory and it[0].memory.spared)
+    assert perceive(seen, servo, state.frame, state.memory).measurement.bearings is None
+    after = step(replace(state, views=Remembered()), seen, servo)
+    assert after.measurement is not None
+    assert after.measurement.bearings is not None
+    assert not after.measurement.remembered
+    assert after.memory.spared == 0
+
+
+def test_wrong_matches_that_the_memory_found_do_not_count_for_the_margins(driven) -> None:
+    state, seen, servo = next(it for it in driven if it[0].memory and it[0].memory.spared)
+    everything = perceive(seen, servo, state.frame, replace(state.memory, wrong=()))
+    rightmost = np.argsort(np.arctan2(seen.current[:, 0], seen.current[:, 2]))[-20:]
+    wrong = tuple(seen.ids[rightmost].tolist())
+    without = perceive(seen, servo, state.frame, replace(state.memory, wrong=wrong))
+    assert without.measurement.view_margins != everything.measurement.view_margins
+
+
+@pytest.mark.parametrize(
+    ('measurement', 'read', 'spared'),
+    [
+        (sight(remembered=True, offset=(0.0, -0.5)), reading(), SPARED),
+        (sight(bearings=None, offset=(0.0, -0.5)), reading(), SPARED),  # too near for either
+        (sight(offset=(0.0, -0.5)), reading(), 0),  # two views know better, and are asked
+        (sight(), None, 0),
+    ],
+)
+def test_they_are_spared_where_they_do_not_count(measurement, read, spared) -> None:
+    assert spared_after(MEMORY, measurement, read, VIEWS).spared == spared
+    counting = replace(MEMORY, spared=1)
+    assert spared_after(counting, measurement, read, VIEWS).spared == 0
+
+
+def test_the_next_estimate_begins_where_the_memory_is() -> None:
+    seen = sight(remembered=True, offset=(0.0, -0.5))
+    assert spared_after(MEMORY, seen, reading(), VIEWS).bearings == reading().bearings
+    near = sight(bearings=None, offset=(0.0, -0.5))
+    assert spared_after(MEMORY, near, reading(), VIEWS).bearings == MEMORY.bearings

@@ -1,0 +1,39 @@
+"""Sparing: two views are not estimated where the memory of views knows better."""
+
+from dataclasses import replace
+
+from visual_servo_epipolar.core.memory.reading import Reading
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.perception.memory import PerceptionMemory
+from visual_servo_epipolar.core.perception.perceive import perceive, Perception
+from visual_servo_epipolar.core.servo.remembering import Remembered
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+
+SPARED = 3  # views between two that are estimated all the same: noise and attitude may change
+
+
+def spared_after(
+    memory: PerceptionMemory,
+    measurement: Measurement,
+    reading: Reading | None,
+    views: Remembered,
+) -> PerceptionMemory:
+    """Return what perception carries on, after a ``measurement`` that may be by a ``reading``."""
+    by_two = measurement.bearings is not None and not measurement.remembered
+    if reading is None or by_two or views.views is None:
+        return replace(memory, spared=0) if memory.spared else memory
+    return replace(
+        memory,
+        bearings=reading.bearings if measurement.remembered else memory.bearings,
+        spared=memory.spared - 1 if memory.spared else SPARED,
+        wrong=views.views.wrong,
+    )
+
+
+def looked_again(state: ServoState, perception: Perception, settings: ServoSettings) -> Perception:
+    """Return a ``perception`` whose estimate was spared with one, as the memory knows nothing."""
+    if not perception.memory.spared or perception.observation is None:
+        return perception
+    memory = replace(perception.memory, spared=0)
+    return perceive(perception.observation, settings, state.frame, memory)
