@@ -38,6 +38,15 @@ def test_who_stands_below_a_command_needs_more(velocity) -> None:
     assert after(velocity, 0.0).value == pytest.approx(MARGIN * 0.01)
 
 
+def test_who_stands_below_what_was_learnt_needs_far_more() -> None:
+    """Near the goal an answer takes ten seconds: a dead band twenty times as wide is found soon."""
+    threshold, velocity = Threshold(), 0.001
+    for _ in range(300):
+        velocity = max(velocity, threshold.value)
+        threshold = threshold.updated(0.0, 1e-5, velocity, DT, most=0.1)
+    assert threshold.value > 0.05
+
+
 @pytest.mark.parametrize('moved', [0.6, 0.8, 1.0, 1.3])
 def test_who_moves_a_part_of_it_is_worn_not_standing(moved) -> None:
     assert after(0.01, moved).value == 0.0

@@ -19,7 +19,9 @@ LEAST_ASKED = 0.003  # motion, below which laws and delays make anything of it [
 STANDING = 0.5  # of what was commanded: who moved less stands, now and then at least
 OF_PULSES = 0.25  # the same of pulses, most of which a base may spend on speeding up
 DEVIATIONS = 8.0  # of a position, that the motion commanded must be
-MARGIN = 1.3  # over the velocity that was not followed
+# Over the velocity that was not followed, and over one of about what was learnt already:
+# near the goal an answer takes ten seconds, and it may be twenty times as fast that is followed.
+MARGIN, MARGIN_AGAIN, LEARNT = 1.3, 1.9, 0.8
 LARGEST = 0.2  # of the largest velocity: a base that does not follow more is held, not slow
 MOST_HOP = 0.005, math.radians(0.5)  # half a pulse: no end may be wider for it [m], [rad]
 REFINING = 0.005  # of a distance, that it changes by while a memory learns its scale
@@ -75,7 +77,9 @@ class Threshold:
         again = replace(again, stood=usual)
         if not self.stood:
             return again
-        learnt = min(MARGIN * min(usual, self.stood), most)
+        least = min(usual, self.stood)
+        margin = MARGIN_AGAIN if 0.0 < LEARNT * self.value <= least else MARGIN
+        learnt = min(margin * least, most)
         return replace(again, value=max(self.value, learnt))
 
 
