@@ -39,7 +39,7 @@ def test_who_stands_below_a_command_needs_more(velocity) -> None:
 
 
 def test_who_stands_below_what_was_learnt_needs_far_more() -> None:
-    """Near the goal an answer takes ten seconds: a dead band twenty times as wide is found soon."""
+    """Near the goal an answer takes ten seconds: twenty times as wide a band is found soon."""
     threshold, velocity = Threshold(), 0.001
     for _ in range(300):
         velocity = max(velocity, threshold.value)
