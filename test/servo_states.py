@@ -11,7 +11,7 @@ from visual_servo_epipolar.core.memory.reading import Reading
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
-from visual_servo_epipolar.core.servo.extrinsics import (
+from visual_servo_epipolar.core.servo.identification.extrinsics import (
     Extrinsics,
     PSI,
     RHO,

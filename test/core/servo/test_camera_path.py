@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist, wrap_angle
 from visual_servo_epipolar.core.geometry.mount import at_axle
-from visual_servo_epipolar.core.servo.extrinsics import (
+from visual_servo_epipolar.core.servo.identification.extrinsics import (
     Extrinsics,
     FORWARD,
     moved,

@@ -8,11 +8,16 @@ from servo_states import BEARINGS, in_phase, ranged, SETTINGS, sight, TWO_VIEWS
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
-from visual_servo_epipolar.core.servo.extrinsics import CORRELATION, learnt, moved, PSI
-from visual_servo_epipolar.core.servo.identification import Curvature
+from visual_servo_epipolar.core.servo.identification.curvature import Curvature
+from visual_servo_epipolar.core.servo.identification.extrinsics import (
+    CORRELATION,
+    learnt,
+    moved,
+    PSI,
+)
+from visual_servo_epipolar.core.servo.identification.ranging import Leg
 from visual_servo_epipolar.core.servo.phases.conditions import has_parallax
 from visual_servo_epipolar.core.servo.phases.table import Phase
-from visual_servo_epipolar.core.servo.ranging import Leg
 from visual_servo_epipolar.core.servo.step import _beyond_dead_band, _limited
 from visual_servo_epipolar.core.servo.way import measured_range
 

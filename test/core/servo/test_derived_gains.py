@@ -17,7 +17,7 @@ from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo import step
 from visual_servo_epipolar.core.servo.derived_gains import circumstances
-from visual_servo_epipolar.core.servo.identification import Slope
+from visual_servo_epipolar.core.servo.identification.slope import Slope
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
@@ -105,7 +105,7 @@ def test_once_latched_only_the_delay_limits_k1() -> None:
 
 
 def test_law_full_turns_no_faster_than_a_late_image_allows() -> None:
-    late = replace(DERIVED, law='full', latency=1.0, turn_gain=5.0, max_angular=0.2)
+    late = replace(DERIVED, law='full-anticipation', latency=1.0, turn_gain=5.0, max_angular=0.2)
     state = after(late, 0.32, -0.3, frames=2)
     assert state.gains is not None
     landed = advance(state, sight(2, 0.01, 0.0), replace(late, max_angular_acceleration=90.0))
@@ -234,7 +234,8 @@ def test_it_rises_no_further_than_the_delay_lets_it_not_overshoot() -> None:
     limit = 1.0 / math.e / (PERIOD + 0.1)
     assert speed_in_step_2(-0.01, latency=0.1, **brisk) == pytest.approx(limit * 0.01 / 0.4)
     # A delay beyond that leaves the rate as it was set.
-    assert speed_in_step_2(-0.01, latency=1.0, **brisk) == pytest.approx(0.01 / 0.4)
+    alone = {'law': 'full-anticipation', **brisk}
+    assert speed_in_step_2(-0.01, latency=1.0, **alone) == pytest.approx(0.01 / 0.4)
 
 
 def test_a_step_2_without_a_step_1_has_a_derived_k_t_too() -> None:

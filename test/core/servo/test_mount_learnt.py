@@ -27,10 +27,10 @@ from visual_servo_epipolar.core.geometry.mount import at_axle
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import Perception
-from visual_servo_epipolar.core.servo.extrinsics import MAX_CONTRADICTIONS, YAW
+from visual_servo_epipolar.core.servo.identification.extrinsics import MAX_CONTRADICTIONS, YAW
+from visual_servo_epipolar.core.servo.identification.ranging import Leg
 from visual_servo_epipolar.core.servo.phases.events import RESUMING_FRAMES
 from visual_servo_epipolar.core.servo.phases.table import Phase
-from visual_servo_epipolar.core.servo.ranging import Leg
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import advance, step
 
@@ -156,7 +156,7 @@ def test_a_camera_on_the_axle_keeps_its_bearings_to_the_bit() -> None:
     ('latency', 'travel'), [(0.0, 0.03), (0.05, 0.02), (0.1, 0.01), (0.4, 0.01)]
 )
 def test_travel_is_that_of_commands_which_act_late(latency: float, travel: float) -> None:
-    settings = replace(SETTINGS, latency=latency)
+    settings = replace(SETTINGS, latency=latency, law='full-anticipation')
     state = in_phase(
         Phase.ZEROING_EPIPOLES, command=Command(Twist(0.3, 0.0)), last_linear=0.1, travel=1.0
     )

@@ -52,6 +52,9 @@ class LawOptions:
     final_turn: bool = departure('end with a turn in place to the heading of the goal')
     view_memory: bool = departure('take bearings, offset and heading from all views of the way')
     learnt_dead_band: bool = departure('learn which commands are too slow for the base to follow')
+    anticipation: bool = departure(
+        'go by where the robot will be when it obeys, where that is late'
+    )
     epipole_controls: EpipoleControls | None = None
     matching_control: MatchingControl | None = None
 

@@ -41,6 +41,7 @@ class ControlSettings(Settings):
     final_turn: bool = departure_setting('final_turn')
     view_memory: bool = departure_setting('view_memory')
     learnt_dead_band: bool = departure_setting('learnt_dead_band')
+    anticipation: bool = departure_setting('anticipation')
 
     gains: str = setting(
         'given',

@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.control.law_table import DEPARTURES, law_options
 from visual_servo_epipolar.core.control.settings import ControlSettings
 from visual_servo_epipolar.core.geometry.mount import Mount
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
-from visual_servo_epipolar.core.servo.extrinsics import Extrinsics, told_extrinsics
+from visual_servo_epipolar.core.servo.identification.extrinsics import Extrinsics, told_extrinsics
 from visual_servo_epipolar.core.settings import setting
 
 LEAST_EXCURSION = 1.05  # start distances: below it noise alone would fail the run

@@ -9,13 +9,16 @@ from visual_servo_epipolar.core.control.gains import Gains
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
-from visual_servo_epipolar.core.servo.dead_band import DeadBand
-from visual_servo_epipolar.core.servo.extrinsics import Extrinsics
-from visual_servo_epipolar.core.servo.identification import Curvature, Slope
+from visual_servo_epipolar.core.servo.commands_sent import CommandsSent
+from visual_servo_epipolar.core.servo.identification.curvature import Curvature
+from visual_servo_epipolar.core.servo.identification.dead_band import DeadBand
+from visual_servo_epipolar.core.servo.identification.delay import Delay
+from visual_servo_epipolar.core.servo.identification.extrinsics import Extrinsics
+from visual_servo_epipolar.core.servo.identification.ranging import Leg
+from visual_servo_epipolar.core.servo.identification.slope import Slope
+from visual_servo_epipolar.core.servo.identification.straight_leg import StraightLeg
 from visual_servo_epipolar.core.servo.phases.table import ENDED, Phase
-from visual_servo_epipolar.core.servo.ranging import Leg
 from visual_servo_epipolar.core.servo.remembering import Remembered
-from visual_servo_epipolar.core.servo.straight_leg import StraightLeg
 
 
 @dataclass(frozen=True)  # without slots: ``values.changed``
@@ -50,8 +53,8 @@ class ServoState:
     Identification: ``extrinsics`` of the camera on the base, and the ``mount``, shape (3,), by
     which the phase began; ``last_linear``, the speed of the command before the last [m/s];
     ``curvature`` that the base adds to commands, ``slope`` of D in step 2; ``dead_band``, what
-    the base was seen not to follow; ``straight``, the leg of step 2 by the memory of views, None
-    without.
+    the base was seen not to follow; ``delay``, how late it obeys the commands ``sent``;
+    ``straight``, the leg of step 2 by the memory of views, None without.
 
     Settling: ``settled``, frames in a row that fulfil the aim of the phase; ``settled_parallax``,
     the root mean square of the parallax over them [rad]; ``lingered``, for how long the phase has
@@ -81,6 +84,8 @@ class ServoState:
     last_linear: float = 0.0
     slope: Slope = Slope()
     dead_band: DeadBand = DeadBand()
+    delay: Delay = Delay()
+    sent: CommandsSent = CommandsSent()
     straight: StraightLeg | None = None
     since_command: float = math.nan
     dead_band_residual: Twist = STANDSTILL

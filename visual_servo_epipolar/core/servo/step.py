@@ -23,6 +23,7 @@ from visual_servo_epipolar.core.geometry.motion import (
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive, Perception
+from visual_servo_epipolar.core.servo.anticipation import anticipated
 from visual_servo_epipolar.core.servo.phases.commands import curvature_compensated, nominal_twist
 from visual_servo_epipolar.core.servo.phases.events import classify
 from visual_servo_epipolar.core.servo.phases.switch import switched
@@ -74,13 +75,14 @@ def advance(
     dt = _time_step(state, measurement, leapt)
     if leapt:
         state = after_leap(state, measurement.stamp_ns)
-    settings = state.dead_band.beside(settings)
+    settings = state.delay.beside(state.dead_band.beside(settings))
     state = updated(state, perception, dt, settings)
     event = classify(state, settings)
     if leapt and event not in (Event.TIMED_OUT, Event.ASTRAY):
         state, event = _held(state, leapt)
     state = switched(state, state.measurement or measurement, event, settings)
-    nominal = curvature_compensated(nominal_twist(state, settings), state, settings)
+    nominal = nominal_twist(anticipated(state, settings), settings)
+    nominal = curvature_compensated(nominal, state, settings)
     ramp_s = _ramp_step(last_twist, dt, usual_s, since_command)
     limited = _limited(nominal, last_twist, ramp_s, state, settings)
     twist, residual = _beyond_dead_band(limited, state, settings)
@@ -89,6 +91,7 @@ def advance(
         command=Command(twist),
         since_command=since_command,
         dead_band_residual=residual,
+        sent=state.sent.after(measurement.stamp_ns, twist),
         frame=state.frame + 1,
     )
 

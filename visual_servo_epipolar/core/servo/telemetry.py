@@ -49,6 +49,7 @@ def telemetry(state: ServoState) -> dict[str, float]:
         SINCE_COMMAND: state.since_command,
         'dead_band_linear_m_s': state.dead_band.linear.value,
         'dead_band_angular_rad_s': state.dead_band.angular.value,
+        'delay_s': state.delay.value,
     }
 
 

@@ -10,9 +10,13 @@ from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo import way
-from visual_servo_epipolar.core.servo.dead_band import DeadBand, learns
-from visual_servo_epipolar.core.servo.extrinsics import Extrinsics, learnt
-from visual_servo_epipolar.core.servo.identification import Slope
+from visual_servo_epipolar.core.servo.anticipation import as_obeyed
+from visual_servo_epipolar.core.servo.identification.dead_band import DeadBand, learns
+from visual_servo_epipolar.core.servo.identification.delay import Delay
+from visual_servo_epipolar.core.servo.identification.extrinsics import Extrinsics, learnt
+from visual_servo_epipolar.core.servo.identification.ranging import UNKNOWN_RANGE
+from visual_servo_epipolar.core.servo.identification.slope import Slope
+from visual_servo_epipolar.core.servo.identification.straight_leg import straight_on
 from visual_servo_epipolar.core.servo.phases.bounds import engage_bound
 from visual_servo_epipolar.core.servo.phases.conditions import (
     has_turned,
@@ -21,13 +25,11 @@ from visual_servo_epipolar.core.servo.phases.conditions import (
     is_untrusted,
 )
 from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
-from visual_servo_epipolar.core.servo.ranging import UNKNOWN_RANGE
 from visual_servo_epipolar.core.servo.remembering import measured, Remembered, remembered
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.sparing import looked_again, spared_after
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.steadying import Motion
-from visual_servo_epipolar.core.servo.straight_leg import straight_on
 from visual_servo_epipolar.core.servo.values import changed
 from visual_servo_epipolar.core.stamps import seconds_between
 
@@ -39,9 +41,10 @@ def updated(
     state: ServoState, perception: Perception, dt: float, settings: ServoSettings
 ) -> ServoState:
     """Return the state updated by a ``perception`` ``dt`` [s] after the last, unclassified."""
-    previous = state.measurement
-    driven = way.driven(state, dt, settings)
-    motion = Motion(driven, state.twist.angular * dt)
+    previous, stamp_ns = state.measurement, perception.measurement.stamp_ns
+    obeyed = as_obeyed(state, stamp_ns, dt, settings)
+    driven = way.driven(obeyed, dt, settings)
+    motion = Motion(driven, obeyed.twist.angular * dt)
     views, reading = remembered(state.views, perception, motion, settings, dt=dt)
     if reading is None:
         perception = looked_again(state, perception, settings)
@@ -66,23 +69,25 @@ def updated(
     if extrinsics.believed != (state.extrinsics is not None and state.extrinsics.believed):
         # What was ranged so far was driven by another mount.
         state = changed(state, leg=None, range=extrinsics.distance)
-    leg = way.leg(state, dt)
+        obeyed = changed(obeyed, leg=None, range=extrinsics.distance)
+    leg = way.leg(obeyed, dt)
     state = changed(
         state,
-        distance=way.distance(state, dt, settings),
+        distance=way.distance(obeyed, dt, settings),
         leg=leg,
         extrinsics=extrinsics,
         last_linear=state.twist.linear,
         travel=state.travel + driven,
         reversed=state.reversed + way.backward(state, dt),
         period=way.period(state, dt),
-        range=way.ranged(state, measurement, leg, dt),
+        range=way.ranged(obeyed, measurement, leg, dt),
         desired_rate=way.desired_rate(state, measurement, dt),
         curvature=state.curvature.updated(
-            previous, measurement, state.twist, dt, drift=settings.curvature_drift
+            previous, measurement, obeyed.twist, dt, drift=settings.curvature_drift
         ),
-        slope=_slope(state, measurement, dt),
-        dead_band=_dead_band(state, measurement, reading, dt, settings),
+        slope=_slope(obeyed, measurement, dt),
+        dead_band=_dead_band(obeyed, measurement, reading, dt, settings),
+        delay=_delay(state, measurement, settings),
         latched=_latch(state, measurement, settings),
         rotation_bias=bias,
         measurement=measurement,
@@ -221,6 +226,13 @@ def _dead_band(
     if not learns(settings):
         return DeadBand()
     return state.dead_band.updated(measurement, reading, state.twist, dt, settings)
+
+
+def _delay(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Delay:
+    """Return how late the base obeys, after one more turn that was seen."""
+    if not settings.options.anticipation:
+        return state.delay
+    return state.delay.updated(state.measurement, measurement, state.sent, settings)
 
 
 def _latch(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:

@@ -4,9 +4,9 @@ import math
 
 from visual_servo_epipolar.core.control import laws
 from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.identification.ranging import Leg, MIN_TURN
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.phases.timing import usual_step
-from visual_servo_epipolar.core.servo.ranging import Leg, MIN_TURN
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 

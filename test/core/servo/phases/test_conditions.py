@@ -9,6 +9,7 @@ from servo_states import BEARINGS, behind, in_phase, ranged, SETTINGS, sight
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.servo.identification.ranging import Leg
 from visual_servo_epipolar.core.servo.phases.bounds import (
     align_bound,
     engage_bound,
@@ -31,7 +32,6 @@ from visual_servo_epipolar.core.servo.phases.conditions import (
 from visual_servo_epipolar.core.servo.phases.events import classify
 from visual_servo_epipolar.core.servo.phases.switch import switched
 from visual_servo_epipolar.core.servo.phases.table import DRIVING, Event, Phase
-from visual_servo_epipolar.core.servo.ranging import Leg
 from visual_servo_epipolar.core.servo.update import updated
 
 HALF_TURN = math.pi

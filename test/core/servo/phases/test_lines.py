@@ -8,11 +8,14 @@ from servo_states import in_phase, SETTINGS, sight
 
 from visual_servo_epipolar.core.control.laws import follow_line
 from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.identification.ranging import (
+    LEAST_LOOK_AHEAD,
+    LEAST_REMEMBERED,
+)
 from visual_servo_epipolar.core.servo.phases.conditions import is_far_enough, ROOM
 from visual_servo_epipolar.core.servo.phases.events import classify
 from visual_servo_epipolar.core.servo.phases.lines import leads_home, line_look_ahead
 from visual_servo_epipolar.core.servo.phases.table import Event, Phase
-from visual_servo_epipolar.core.servo.ranging import LEAST_LOOK_AHEAD, LEAST_REMEMBERED
 
 STATE = in_phase(Phase.RETREATING)
 

@@ -9,6 +9,7 @@ import math
 from visual_servo_epipolar.core.control import laws
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.identification.ranging import look_ahead, UNKNOWN_RANGE
 from visual_servo_epipolar.core.servo.phases.bounds import (
     align_bound,
     engage_bound,
@@ -20,7 +21,6 @@ from visual_servo_epipolar.core.servo.phases.bounds import (
     trial_of,
 )
 from visual_servo_epipolar.core.servo.phases.table import Phase
-from visual_servo_epipolar.core.servo.ranging import look_ahead, UNKNOWN_RANGE
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 

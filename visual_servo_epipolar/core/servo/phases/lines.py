@@ -4,7 +4,7 @@ import math
 
 from visual_servo_epipolar.core.control import laws
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.ranging import LEAST_REMEMBERED, look_ahead
+from visual_servo_epipolar.core.servo.identification.ranging import LEAST_REMEMBERED, look_ahead
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 

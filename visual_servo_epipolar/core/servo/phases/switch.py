@@ -4,13 +4,13 @@ import math
 
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.derived_gains import legal_target, with_gains_of_now
+from visual_servo_epipolar.core.servo.identification.ranging import Leg
 from visual_servo_epipolar.core.servo.phases.conditions import (
     astray,
     discordant_bearing,
     sees_too_little,
 )
 from visual_servo_epipolar.core.servo.phases.table import Event, next_phase, Phase
-from visual_servo_epipolar.core.servo.ranging import Leg
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.values import changed

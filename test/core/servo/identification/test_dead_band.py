@@ -9,7 +9,7 @@ from servo_states import in_phase, MEMORY, reading, SETTINGS, sight, then
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.perceive import Perception
-from visual_servo_epipolar.core.servo.dead_band import (
+from visual_servo_epipolar.core.servo.identification.dead_band import (
     DeadBand,
     LARGEST,
     MARGIN,

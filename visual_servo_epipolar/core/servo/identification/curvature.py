@@ -1,4 +1,4 @@
-"""Identification: the curvature that the base adds, and the slope of D, learnt while driving."""
+"""Curvature that the base adds to commands, learnt while driving."""
 
 from dataclasses import dataclass
 import math
@@ -10,8 +10,6 @@ LATENCY_S = 0.2  # from a command to the image that shows its effect
 CHANGE_DECAY = 0.5  # of a change of the angular velocity, in one frame
 LEAST_HEADING_VARIANCE = 5e-4**2  # [rad^2]
 FIRST_VARIANCE = 0.05**2  # of the curvature: 3 deg/m [rad^2/m^2]
-LEAST_TRAVEL = 1e-9  # over which D may show a slope; its square must not vanish [m]
-MEMORY_LENGTH = 0.5  # travel in which the weight of past slopes falls to 1/e [m]
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,26 +55,6 @@ class Curvature:
         return Curvature(
             self.value + gain * innovation, variance * (1.0 - gain * travel), change, twist.angular
         )
-
-
-@dataclass(frozen=True, slots=True)
-class Slope:
-    """
-    Slope dD/dy by recursive least squares: ``value`` [1/m], D at unit focal length.
-
-    ``weight`` is the sum of squared travels behind it, decayed [m^2].
-    """
-
-    value: float = math.nan
-    weight: float = 0.0
-
-    def updated(self, change: float, travel: float) -> 'Slope':
-        """Return the slope after D changed by ``change`` over ``travel`` [m]."""
-        if not math.isfinite(change) or abs(travel) < LEAST_TRAVEL:
-            return self
-        weight = self.weight * math.exp(-abs(travel) / MEMORY_LENGTH) + travel * travel
-        value = 0.0 if math.isnan(self.value) else self.value
-        return Slope(value + travel * (change - value * travel) / weight, weight)
 
 
 def _both_have_bearings(previous: Measurement, measurement: Measurement) -> bool:

@@ -12,7 +12,7 @@ import math
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.mount import axle_offset
 from visual_servo_epipolar.core.memory.reading import Reading
-from visual_servo_epipolar.core.servo.extrinsics import Extrinsics, with_yaw
+from visual_servo_epipolar.core.servo.identification.extrinsics import Extrinsics, with_yaw
 
 LEG_M = 0.25  # over which a direction is told
 OF_BOTH = 0.3  # of deviations of places: most of what they are off by is the same at both ends

@@ -7,7 +7,7 @@ import math
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.memory.reading import Reading
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.identification import (
+from visual_servo_epipolar.core.servo.identification.curvature import (
     heading_variance,
     LEAST_HEADING_VARIANCE,
 )

@@ -18,9 +18,9 @@ from visual_servo_epipolar.core.geometry.motion import (
     Twist,
     wrap_angle,
 )
-from visual_servo_epipolar.core.servo.identification import Curvature
+from visual_servo_epipolar.core.servo.identification.curvature import Curvature
+from visual_servo_epipolar.core.servo.identification.ranging import Leg, MIN_TURN
 from visual_servo_epipolar.core.servo.phases.commands import curvature_compensated
-from visual_servo_epipolar.core.servo.ranging import Leg, MIN_TURN
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 

@@ -10,21 +10,21 @@ from servo_states import in_phase, MEMORY, reading, SETTINGS, sight, TWO_VIEWS
 from visual_servo_epipolar.core.geometry.mount import camera_swing
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo import update
-from visual_servo_epipolar.core.servo.extrinsics import (
+from visual_servo_epipolar.core.servo.identification.extrinsics import (
     Extrinsics,
     MAX_CONTRADICTIONS,
     PLAUSIBLE,
     ranged,
 )
-from visual_servo_epipolar.core.servo.phases.events import classify
-from visual_servo_epipolar.core.servo.phases.table import Event, Phase
-from visual_servo_epipolar.core.servo.remembering import Remembered
-from visual_servo_epipolar.core.servo.straight_leg import (
+from visual_servo_epipolar.core.servo.identification.straight_leg import (
     LEG_M,
     LEVER,
     straight_on,
     StraightLeg,
 )
+from visual_servo_epipolar.core.servo.phases.events import classify
+from visual_servo_epipolar.core.servo.phases.table import Event, Phase
+from visual_servo_epipolar.core.servo.remembering import Remembered
 from visual_servo_epipolar.core.servo.update import updated
 
 STEP = 0.02

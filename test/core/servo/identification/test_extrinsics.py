@@ -11,7 +11,7 @@ import pytest
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.core.servo.extrinsics import (
+from visual_servo_epipolar.core.servo.identification.extrinsics import (
     Extrinsics,
     FAULT,
     is_significant,

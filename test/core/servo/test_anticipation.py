@@ -1,0 +1,95 @@
+"""Laws go by where the robot will be when it obeys, where it obeys late."""
+
+from dataclasses import replace
+import math
+
+import pytest
+from servo_states import in_phase, sight
+
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.motion import Pose, Twist
+from visual_servo_epipolar.core.servo.anticipation import anticipated, as_obeyed
+from visual_servo_epipolar.core.servo.commands_sent import CommandsSent
+from visual_servo_epipolar.core.servo.identification.delay import BORNE
+from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+
+LATE = ServoSettings(latency=0.5)
+HERE = Pose.from_start(0.3, -2.0, 8.0)
+TWIST = Twist(0.4, -0.3)
+
+
+def seen_from_here(**changes: object) -> ServoState:
+    """Return the state of a robot that has been told TWIST for half a second, and more before."""
+    bearings = Bearings.from_pose(HERE)
+    heading = math.remainder(HERE.theta - 0.5 * math.pi, math.tau)
+    measurement = sight(
+        20, bearings=bearings, heading_error=heading, rotation_heading=heading,
+        offset=(HERE.x, HERE.y), difference=-0.1, difference_slope=0.05, view_margins=(0.4, 0.3),
+    )  # fmt: skip
+    sent = CommandsSent().after(0, Twist(0.1, 0.1))
+    for stamp in range(measurement.stamp_ns - 500_000_000, measurement.stamp_ns, 100_000_000):
+        sent = sent.after(stamp, TWIST)
+    state = in_phase(Phase.MATCHING_FEATURES, sent=sent)
+    return replace(state, measurement=replace(measurement, **changes))
+
+
+def then() -> Pose:
+    """Return where it will be."""
+    pose = HERE
+    for _ in range(500):
+        heading = pose.theta + 0.5e-3 * TWIST.angular
+        pose = Pose(
+            pose.x + 1e-3 * TWIST.linear * math.cos(heading),
+            pose.y + 1e-3 * TWIST.linear * math.sin(heading),
+            pose.theta + 1e-3 * TWIST.angular,
+        )
+    return pose
+
+
+def test_what_was_told_and_not_done_is_driven_ahead() -> None:
+    after = anticipated(seen_from_here(), LATE).measurement
+    assert after is not None
+    assert after.offset == pytest.approx((then().x, then().y), abs=2e-4)
+    assert after.heading_error == pytest.approx(then().theta - 0.5 * math.pi, abs=1e-9)
+    expected = Bearings.from_pose(then())
+    assert (after.bearings.psi, after.bearings.phi) == pytest.approx(
+        (expected.psi, expected.phi), abs=2e-4
+    )
+    assert after.difference == pytest.approx(-0.1 + 0.05 * (then().y - HERE.y), abs=1e-4)
+    turned = TWIST.angular * 0.5
+    assert after.view_margins == pytest.approx((0.4 - turned, 0.3 + turned))
+    assert after.rotation_heading == pytest.approx(after.heading_error)
+
+
+def test_without_an_offset_bearings_turn_all_the_same() -> None:
+    after = anticipated(seen_from_here(offset=None), LATE).measurement
+    assert after.offset is None
+    assert after.bearings.heading_error == pytest.approx(after.heading_error)
+    nothing = anticipated(seen_from_here(bearings=None), LATE).measurement
+    assert nothing.bearings is None
+
+
+@pytest.mark.parametrize(
+    'settings', [ServoSettings(latency=BORNE), replace(LATE, law='full-anticipation')]
+)
+def test_who_obeys_soon_or_has_another_law_looks_not_ahead(settings) -> None:
+    state = seen_from_here()
+    assert anticipated(state, settings) is state
+    assert as_obeyed(state, state.measurement.stamp_ns + 10**8, 0.1, settings) is state
+
+
+def test_who_stands_looks_not_ahead() -> None:
+    holding = replace(seen_from_here(), phase=Phase.HOLDING)
+    assert anticipated(holding, LATE) is holding
+
+
+def test_what_acted_since_the_last_image_is_what_was_told_before() -> None:
+    state = seen_from_here()
+    now_ns = state.measurement.stamp_ns + 100_000_000
+    acted = as_obeyed(state, now_ns, 0.1, LATE)
+    assert (acted.twist.linear, acted.twist.angular) == pytest.approx((0.4, -0.3))
+    assert acted.last_linear == acted.twist.linear
+    earlier = as_obeyed(state, now_ns, 0.1, replace(LATE, latency=0.9)).twist
+    assert (earlier.linear, earlier.angular) == pytest.approx((0.1, 0.1))

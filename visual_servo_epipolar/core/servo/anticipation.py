@@ -1,0 +1,86 @@
+"""
+Anticipation: laws go by where the robot will be when it obeys, where it obeys late.
+
+What was commanded and has not acted yet is driven ahead from where the robot is seen (Smith 1957;
+Artstein 1982): the loop is then as without the delay, but for what the base does otherwise. Events
+and arrival go by what is seen.
+"""
+
+from dataclasses import replace
+import math
+
+from visual_servo_epipolar.core.control.command import Command
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.identification.delay import BORNE
+from visual_servo_epipolar.core.servo.phases.table import DRIVING
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.values import changed
+from visual_servo_epipolar.core.stamps import NANOSECONDS
+
+
+def is_late(settings: ServoSettings) -> bool:
+    """Return whether the base obeys so late that laws must look ahead."""
+    return settings.options.anticipation and settings.latency > BORNE
+
+
+def as_obeyed(state: ServoState, stamp_ns: int, dt: float, settings: ServoSettings) -> ServoState:
+    """Return ``state`` with the command that acted since the last image, of who obeys late."""
+    if not is_late(settings) or state.measurement is None or dt == 0.0:
+        return state
+    twist = state.sent.mean(state.measurement.stamp_ns, stamp_ns, settings.latency)
+    return changed(state, command=Command(twist), last_linear=twist.linear)
+
+
+def anticipated(state: ServoState, settings: ServoSettings) -> ServoState:
+    """Return ``state`` with its measurement as it will be when the next command acts."""
+    measurement = state.measurement
+    if measurement is None or state.phase not in DRIVING or not is_late(settings):
+        return state
+    now_ns = measurement.stamp_ns
+    late_ns = round(settings.latency * NANOSECONDS)
+    turn, right, ahead = 0.0, 0.0, 0.0
+    for span, twist in state.sent.acting(now_ns, now_ns + late_ns, settings.latency):
+        heading = measurement.heading_error + turn + 0.5 * twist.angular * span
+        right -= twist.linear * span * math.sin(heading)
+        ahead += twist.linear * span * math.cos(heading)
+        turn += twist.angular * span
+    return changed(state, measurement=_moved(measurement, state, (right, ahead), turn))
+
+
+def _moved(
+    measurement: Measurement, state: ServoState, way: tuple[float, float], turn: float
+) -> Measurement:
+    """Return ``measurement`` after a ``way``, right and ahead [m], and a ``turn`` [rad]."""
+    heading = math.remainder(measurement.heading_error + turn, 2.0 * math.pi)
+    left, right = measurement.view_margins
+    slope = measurement.difference_slope
+    slope = slope if slope > 0.0 else state.slope.value
+    rise = slope * way[1] if slope > 0.0 else 0.0
+    moved = replace(
+        measurement,
+        heading_error=heading,
+        rotation_heading=math.remainder(measurement.rotation_heading + turn, 2.0 * math.pi),
+        difference=measurement.difference + rise,
+        view_margins=(max(left - turn, 0.0), max(right + turn, 0.0)),
+    )
+    if measurement.offset is not None:
+        offset = measurement.offset[0] + way[0], measurement.offset[1] + way[1]
+        moved = replace(moved, offset=offset)
+    if measurement.bearings is None:
+        return moved
+    psi, distance = measurement.bearings.psi, _distance(state, measurement)
+    x, y = distance * math.cos(psi) + way[0], distance * math.sin(psi) + way[1]
+    psi = math.atan2(y, x)
+    phi = math.remainder(psi - heading - 0.5 * math.pi, 2.0 * math.pi)
+    return replace(moved, bearings=Bearings(psi, phi))
+
+
+def _distance(state: ServoState, measurement: Measurement) -> float:
+    """Return the distance from the goal, as well as it is known [m]."""
+    if measurement.offset is not None:
+        return math.hypot(*measurement.offset)
+    if state.extrinsics is not None and state.extrinsics.placed:
+        return state.extrinsics.distance
+    return state.distance

@@ -1,0 +1,68 @@
+"""Commands sent: those of the last seconds, and what they did to a base that obeys late."""
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.stamps import NANOSECONDS
+
+KEPT_S = 3.0  # longer than any delay that is told or learnt, with the images between
+
+
+@dataclass(frozen=True, slots=True)
+class CommandsSent:
+    """Commands of the last KEPT_S: ``stamps`` of their images [ns], ascending, and ``twists``."""
+
+    stamps: tuple[int, ...] = ()
+    twists: tuple[Twist, ...] = ()
+
+    def after(self, stamp_ns: int, twist: Twist) -> 'CommandsSent':
+        """Return the commands after one more, which the image of ``stamp_ns`` led to."""
+        if self.stamps and stamp_ns <= self.stamps[-1]:  # the clock leapt: nothing is known
+            return CommandsSent((stamp_ns,), (twist,))
+        first, oldest = 0, stamp_ns - round(KEPT_S * NANOSECONDS)
+        while first < len(self.stamps) and self.stamps[first] < oldest:
+            first += 1
+        return CommandsSent((*self.stamps[first:], stamp_ns), (*self.twists[first:], twist))
+
+    def turns(self, begin_ns: int, end_ns: int, delays: FloatArray) -> FloatArray:
+        """Return the turns commanded between two times less each of ``delays`` [s]: (N,) [rad]."""
+        if not self.stamps:
+            return np.zeros(len(delays))
+        times = np.array([*self.stamps, end_ns]) - end_ns
+        steps = np.diff(times) * np.array([twist.angular for twist in self.twists])
+        turned = np.concatenate([[0.0], np.cumsum(steps)])
+        late = delays * NANOSECONDS
+        before = np.interp(begin_ns - end_ns - late, times, turned)
+        return np.asarray((np.interp(-late, times, turned) - before) / NANOSECONDS)
+
+    def acting(self, begin_ns: int, end_ns: int, delay: float) -> list[tuple[float, Twist]]:
+        """Return spans [s] of what a base does in a time that obeys late by ``delay`` [s]."""
+        late_ns = round(delay * NANOSECONDS)
+        begin_ns, end_ns = begin_ns - late_ns, end_ns - late_ns
+        spans: list[tuple[float, Twist]] = []
+        until = end_ns
+        for stamp, twist in zip(reversed(self.stamps), reversed(self.twists), strict=True):
+            since = max(stamp, begin_ns)
+            if since < until:
+                spans.append(((until - since) / NANOSECONDS, twist))
+                until = since
+            if stamp <= begin_ns:
+                break
+        if until > begin_ns:
+            spans.append(((until - begin_ns) / NANOSECONDS, STANDSTILL))
+        return spans[::-1]
+
+    def mean(self, begin_ns: int, end_ns: int, delay: float) -> Twist:
+        """Return the mean of what a base does between two times that obeys late [m/s, rad/s]."""
+        spans = self.acting(begin_ns, end_ns, delay)
+        lasted = math.fsum(span for span, _ in spans)
+        if not lasted > 0.0:
+            return STANDSTILL
+        return Twist(
+            math.fsum(span * twist.linear for span, twist in spans) / lasted,
+            math.fsum(span * twist.angular for span, twist in spans) / lasted,
+        )

@@ -1,0 +1,1 @@
+"""Identification: what driving shows of the base, and of the camera on it."""
