@@ -2,9 +2,13 @@
 
 import numpy as np
 import pytest
+from servo_states import in_phase
 
+from visual_servo_epipolar.core.control.command import Command
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.servo.commands_sent import CommandsSent, KEPT_S
+from visual_servo_epipolar.core.servo.interruptions import interrupted, Interruption
+from visual_servo_epipolar.core.servo.phases.table import Phase
 
 SECOND = 1_000_000_000
 LEFT, RIGHT = Twist(0.2, 1.0), Twist(0.0, -0.5)
@@ -60,3 +64,18 @@ def test_only_the_last_seconds_are_kept() -> None:
 def test_a_clock_that_leaps_back_begins_anew() -> None:
     leapt = sent().after(5 * SECOND, LEFT)
     assert leapt.stamps == (5 * SECOND,)
+
+
+def test_a_command_that_is_withdrawn_acts_no_longer() -> None:
+    """Tracks stop coming, and the robot is told to stand: nothing of it is to be driven ahead."""
+    stopped = sent().withdrawn(0.1)
+    turns = stopped.turns(11 * SECOND, 12 * SECOND, np.zeros(1))
+    assert turns[0] == pytest.approx(0.05 * RIGHT.angular)
+    assert stopped.withdrawn(0.1) is stopped
+    assert CommandsSent().withdrawn(0.1) == CommandsSent()
+
+
+def test_a_halted_servo_knows_that_it_stands() -> None:
+    state = in_phase(Phase.ZEROING_EPIPOLES, sent=sent(), command=Command(RIGHT), period=0.1)
+    halted = interrupted(state, Interruption.HALTED)
+    assert halted.sent.twists[-1] == STANDSTILL

@@ -28,6 +28,12 @@ class CommandsSent:
             first += 1
         return CommandsSent((*self.stamps[first:], stamp_ns), (*self.twists[first:], twist))
 
+    def withdrawn(self, period: float) -> 'CommandsSent':
+        """Return the commands after the last one was withdrawn, within a ``period`` [s] of it."""
+        if not self.stamps or self.twists[-1] == STANDSTILL:
+            return self
+        return self.after(self.stamps[-1] + round(0.5 * period * NANOSECONDS), STANDSTILL)
+
     def turns(self, begin_ns: int, end_ns: int, delays: FloatArray) -> FloatArray:
         """Return the turns commanded between two times less each of ``delays`` [s]: (N,) [rad]."""
         if not self.stamps:

@@ -6,6 +6,7 @@ from typing import TypeVar
 from visual_servo_epipolar.core.control.command import HALT
 from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
 from visual_servo_epipolar.core.servo.phases.table import Event, next_phase, Phase, RUNNING
+from visual_servo_epipolar.core.servo.phases.timing import usual_step
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.values import changed
 
@@ -48,7 +49,8 @@ def _halted(state: ServoState) -> ServoState:
     """Return ``state`` at a standstill; what was commanded until now has moved the robot."""
     if state.command == HALT:
         return state
-    return changed(state, command=HALT, last_linear=state.twist.linear)
+    sent = state.sent.withdrawn(usual_step(state))
+    return changed(state, command=HALT, last_linear=state.twist.linear, sent=sent)
 
 
 def lost(state: ServoState, reason: str) -> ServoState:
