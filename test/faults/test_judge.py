@@ -57,12 +57,13 @@ def test_images_that_come_at_full_rate_but_late_are_no_sight() -> None:
 
 
 def test_few_features_are_sight_for_a_while_after_enough() -> None:
+    """One image with enough in between gives back no more than its own time, as for the servo."""
     made = Record()
-    for number, features in enumerate([8, 12, 8, 6, 5, 8, 8, 8]):
+    for number, features in enumerate([12, 8, 8, 6, 5, 8, 8, 12, 8, 8, 8]):
         made.sees(features, float(number), number - 0.1, 12, 5.0)
-    assert [seen.time_s for seen in made.seen] == [1.0, 2.0, 3.0, 5.0, 6.0]
-    made.sees(11, 8.0, 7.9, 12, 0.0)  # without a memory of views
-    assert len(made.seen) == 5
+    assert [seen.time_s for seen in made.seen] == [0.0, 1.0, 2.0, 3.0, 5.0, 7.0, 8.0]
+    made.sees(11, 11.0, 10.9, 12, 0.0)  # without a memory of views
+    assert len(made.seen) == 7
 
 
 def test_what_is_seen_before_it_arrives_does_not_count() -> None:

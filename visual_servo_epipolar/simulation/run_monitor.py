@@ -18,6 +18,7 @@ from visual_servo_epipolar.simulation.mounts.true_geometry import true_geometry
 
 WRONG_BEARING = math.radians(10.0)  # beyond which a geometry is wrong [rad]
 LEAST_BASELINE_M = 0.02  # below which bearings mean little
+BRAKING_FRAMES = 3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,7 +58,7 @@ class RunMonitor:
         if not self.samples:
             return False
         next_ns = self.samples[-1].stamp_ns + period_ns(self.settings.frame_rate)
-        return self._braking >= SETTLE_FRAMES or next_ns >= self._limit_ns or self.hopeless
+        return self._braking >= self._settle_frames or next_ns >= self._limit_ns or self.hopeless
 
     @property
     def hopeless(self) -> bool:
@@ -66,6 +67,12 @@ class RunMonitor:
             return False
         waited = seconds_between(self._seen_ns, self.samples[-1].stamp_ns)
         return waited > self.settings.servo.holding_timeout
+
+    @property
+    def _settle_frames(self) -> int:
+        """Frames after the end in which the base obeys what it was told before, and brakes."""
+        delay = float(getattr(self.settings.base, 'command_delay', 0.0))
+        return max(SETTLE_FRAMES, math.ceil(delay * self.settings.frame_rate) + BRAKING_FRAMES)
 
     @property
     def _limit_ns(self) -> float:

@@ -1,12 +1,15 @@
 """Commands of the last seconds, and what a base does that obeys them late."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from servo_states import in_phase
 
 from visual_servo_epipolar.core.control.command import Command
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
-from visual_servo_epipolar.core.servo.commands_sent import CommandsSent, KEPT_S
+from visual_servo_epipolar.core.servo.commands_sent import CommandsSent, KEPT_S, WITHDRAWN_S
+from visual_servo_epipolar.core.servo.identification.delay import Delay
 from visual_servo_epipolar.core.servo.interruptions import interrupted, Interruption
 from visual_servo_epipolar.core.servo.phases.table import Phase
 
@@ -66,16 +69,34 @@ def test_a_clock_that_leaps_back_begins_anew() -> None:
     assert leapt.stamps == (5 * SECOND,)
 
 
-def test_a_command_that_is_withdrawn_acts_no_longer() -> None:
-    """Tracks stop coming, and the robot is told to stand: nothing of it is to be driven ahead."""
-    stopped = sent().withdrawn(0.1)
-    turns = stopped.turns(11 * SECOND, 12 * SECOND, np.zeros(1))
-    assert turns[0] == pytest.approx(0.05 * RIGHT.angular)
-    assert stopped.withdrawn(0.1) is stopped
-    assert CommandsSent().withdrawn(0.1) == CommandsSent()
+def withdrawn() -> CommandsSent:
+    return replace(sent(), withdrawn=True)
 
 
-def test_a_halted_servo_knows_that_it_stands() -> None:
-    state = in_phase(Phase.ZEROING_EPIPOLES, sent=sent(), command=Command(RIGHT), period=0.1)
-    halted = interrupted(state, Interruption.HALTED)
-    assert halted.sent.twists[-1] == STANDSTILL
+@pytest.mark.parametrize(('images_again', 'acted'), [(0.2, 0.2), (0.4, 0.4), (2.0, WITHDRAWN_S)])
+def test_a_command_that_is_withdrawn_acts_until_then(images_again, acted) -> None:
+    """Tracks stop coming, and the robot is told to stand: no more of it is to be driven ahead."""
+    stopped = withdrawn().resumed(round((11 + images_again) * SECOND))
+    turns = stopped.turns(11 * SECOND, 15 * SECOND, np.zeros(1))
+    assert turns[0] == pytest.approx(acted * RIGHT.angular)
+    assert not stopped.withdrawn
+    then = stopped.after(round((11 + images_again) * SECOND), LEFT)
+    assert then.twists == (LEFT, RIGHT, STANDSTILL, LEFT)
+
+
+def test_what_was_not_withdrawn_goes_on() -> None:
+    assert sent().resumed(12 * SECOND) == sent()
+    assert CommandsSent(withdrawn=True).resumed(SECOND) == CommandsSent()
+    assert withdrawn().resumed(11 * SECOND) == CommandsSent()
+
+
+@pytest.mark.parametrize('kind', [Interruption.HALTED, Interruption.LOST, Interruption.STOPPED])
+def test_a_halted_servo_knows_that_its_command_is_withdrawn(kind) -> None:
+    state = in_phase(Phase.ZEROING_EPIPOLES, sent=sent(), command=Command(RIGHT))
+    assert interrupted(state, kind, 'why').sent == withdrawn()
+
+
+def test_the_next_run_is_of_the_same_base() -> None:
+    state = in_phase(Phase.ZEROING_EPIPOLES, delay=Delay(0.5))
+    assert interrupted(state, Interruption.STOPPED).delay is state.delay
+    assert interrupted(state, Interruption.RESET).delay.value == 0.0

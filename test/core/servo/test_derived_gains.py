@@ -61,7 +61,7 @@ def after(
     return state
 
 
-@pytest.mark.parametrize('law', ['paper', 'corrected', 'full'])
+@pytest.mark.parametrize('law', ['paper', 'corrected', 'full-anticipation'])
 def test_step_1_begins_with_the_gains_of_what_is_seen_then(law: str) -> None:
     settings = replace(DERIVED, law=law)
     state = after(settings, 0.32, -0.3, frames=2)  # where law full displaces e_au to
@@ -147,7 +147,7 @@ def test_what_turns_illegal_in_the_last_moment_turns_the_robot_after_all() -> No
     assert 'concordant epipoles need' in state.reason
 
 
-@pytest.mark.parametrize('law', ['paper', 'corrected', 'full'])
+@pytest.mark.parametrize('law', ['paper', 'corrected', 'full-anticipation'])
 def test_where_no_turn_helps_the_run_fails_with_the_reason(law: str) -> None:
     hasty = replace(DERIVED, law=law, latency=2.0, max_angular=1.0)
     state = after(hasty, 0.35, -0.3, frames=1)

@@ -58,7 +58,10 @@ class ControlSettings(Settings):
         high=99,
     )
     latency: float = setting(
-        0.1, 'Time from an image to the motion it causes, for gains [s]', low=0.0, high=2.0
+        0.1,
+        'Time from an image to the motion it causes; above 0.25 law full looks ahead [s]',
+        low=0.0,
+        high=2.0,
     )
     k1: float = setting(
         0.08, 'Gain k1 of eq. (12) on the current epipole [1/s]', low=0.0, high=5.0

@@ -3,7 +3,7 @@ Anticipation: laws go by where the robot will be when it obeys, where it obeys l
 
 What was commanded and has not acted yet is driven ahead from where the robot is seen (Smith 1957;
 Artstein 1982): the loop is then as without the delay, but for what the base does otherwise. Events
-and arrival go by what is seen.
+go by what is seen, and who has settled must be there when all has acted, too.
 """
 
 from dataclasses import replace
@@ -11,18 +11,14 @@ import math
 
 from visual_servo_epipolar.core.control.command import Command
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.identification.delay import BORNE
+from visual_servo_epipolar.core.servo.identification.delay import is_late
 from visual_servo_epipolar.core.servo.phases.table import DRIVING
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.values import changed
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-
-
-def is_late(settings: ServoSettings) -> bool:
-    """Return whether the base obeys so late that laws must look ahead."""
-    return settings.options.anticipation and settings.latency > BORNE
 
 
 def as_obeyed(state: ServoState, stamp_ns: int, dt: float, settings: ServoSettings) -> ServoState:
@@ -31,6 +27,14 @@ def as_obeyed(state: ServoState, stamp_ns: int, dt: float, settings: ServoSettin
         return state
     twist = state.sent.mean(state.measurement.stamp_ns, stamp_ns, settings.latency)
     return changed(state, command=Command(twist), last_linear=twist.linear)
+
+
+def longest_obeyed(state: ServoState, stamp_ns: int, dt: float, settings: ServoSettings) -> Twist:
+    """Return the command that acted for the longest part of the time since the last image."""
+    if not is_late(settings) or state.measurement is None or dt == 0.0:
+        return state.twist
+    spans = state.sent.acting(state.measurement.stamp_ns, stamp_ns, settings.latency)
+    return max(spans, key=lambda span: span[0])[1] if spans else STANDSTILL
 
 
 def anticipated(state: ServoState, settings: ServoSettings) -> ServoState:
@@ -81,6 +85,6 @@ def _distance(state: ServoState, measurement: Measurement) -> float:
     """Return the distance from the goal, as well as it is known [m]."""
     if measurement.offset is not None:
         return math.hypot(*measurement.offset)
-    if state.extrinsics is not None and state.extrinsics.placed:
+    if state.extrinsics is not None and state.extrinsics.is_ranged:
         return state.extrinsics.distance
-    return state.distance
+    return state.range if state.range > 0.0 else state.distance

@@ -1,6 +1,6 @@
 """Commands sent: those of the last seconds, and what they did to a base that obeys late."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 import math
 
 import numpy as np
@@ -10,14 +10,21 @@ from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 
 KEPT_S = 3.0  # longer than any delay that is told or learnt, with the images between
+WITHDRAWN_S = 0.5  # after which a command is withdrawn at the latest, if no image comes
 
 
 @dataclass(frozen=True, slots=True)
 class CommandsSent:
-    """Commands of the last KEPT_S: ``stamps`` of their images [ns], ascending, and ``twists``."""
+    """
+    Commands of the last KEPT_S: ``stamps`` of their images [ns], ascending, and ``twists``.
+
+    ``withdrawn`` says that the last one was, nobody knows when: by who sends them, if no image
+    came in time.
+    """
 
     stamps: tuple[int, ...] = ()
     twists: tuple[Twist, ...] = ()
+    withdrawn: bool = False
 
     def after(self, stamp_ns: int, twist: Twist) -> 'CommandsSent':
         """Return the commands after one more, which the image of ``stamp_ns`` led to."""
@@ -28,11 +35,14 @@ class CommandsSent:
             first += 1
         return CommandsSent((*self.stamps[first:], stamp_ns), (*self.twists[first:], twist))
 
-    def withdrawn(self, period: float) -> 'CommandsSent':
-        """Return the commands after the last one was withdrawn, within a ``period`` [s] of it."""
-        if not self.stamps or self.twists[-1] == STANDSTILL:
+    def resumed(self, stamp_ns: int) -> 'CommandsSent':
+        """Return the commands at the next image, with the end of one that was withdrawn."""
+        if not self.withdrawn:
             return self
-        return self.after(self.stamps[-1] + round(0.5 * period * NANOSECONDS), STANDSTILL)
+        if not self.stamps or stamp_ns <= self.stamps[-1] + 1:
+            return CommandsSent()
+        ended = min(stamp_ns - 1, self.stamps[-1] + round(WITHDRAWN_S * NANOSECONDS))
+        return replace(self, withdrawn=False).after(ended, STANDSTILL)
 
     def turns(self, begin_ns: int, end_ns: int, delays: FloatArray) -> FloatArray:
         """Return the turns commanded between two times less each of ``delays`` [s]: (N,) [rad]."""

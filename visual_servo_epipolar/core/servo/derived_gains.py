@@ -11,6 +11,7 @@ import math
 from visual_servo_epipolar.core.control.gains import Circumstances, derive
 from visual_servo_epipolar.core.control.settling import longest_landing, longest_matching
 from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.identification.delay import felt_latency
 from visual_servo_epipolar.core.servo.phases.bounds import engage_bound
 from visual_servo_epipolar.core.servo.phases.conditions import discordant_bearing, displacement
 from visual_servo_epipolar.core.servo.phases.table import Phase
@@ -85,7 +86,7 @@ def circumstances(
         max_angular=settings.max_angular,
         deceleration=min(2.0 * settings.max_acceleration, 20.0),  # slowing down is twice as fast
         rate=min(max(1.0 / state.period, 0.5), 1000.0) if state.period > 0.0 else USUAL_RATE,
-        latency=settings.latency,
+        latency=felt_latency(settings),
         landing=landing,
         depth=settings.scene_depth,
     )

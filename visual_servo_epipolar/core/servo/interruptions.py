@@ -1,12 +1,12 @@
 """Interruptions of the servo from outside: orders, and tracks that do not come."""
 
+from dataclasses import replace
 from enum import Enum
 from typing import TypeVar
 
 from visual_servo_epipolar.core.control.command import HALT
 from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
 from visual_servo_epipolar.core.servo.phases.table import Event, next_phase, Phase, RUNNING
-from visual_servo_epipolar.core.servo.phases.timing import usual_step
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.values import changed
 
@@ -49,7 +49,7 @@ def _halted(state: ServoState) -> ServoState:
     """Return ``state`` at a standstill; what was commanded until now has moved the robot."""
     if state.command == HALT:
         return state
-    sent = state.sent.withdrawn(usual_step(state))
+    sent = replace(state.sent, withdrawn=True)
     return changed(state, command=HALT, last_linear=state.twist.linear, sent=sent)
 
 
@@ -73,8 +73,10 @@ def timed_out(state: ServoState, reason: str) -> ServoState:
 
 
 def stop(state: ServoState) -> ServoState:
-    """Return the state after an order to stop: waiting, at a standstill."""
-    return ServoState(phase=next_phase(state.phase, Event.STOPPED), frame=state.frame)
+    """Return the state after an order to stop: waiting, at a standstill, by the same base."""
+    sent = replace(state.sent, withdrawn=True)
+    phase = next_phase(state.phase, Event.STOPPED)
+    return ServoState(phase=phase, frame=state.frame, delay=state.delay, sent=sent)
 
 
 class RunGoal:

@@ -60,6 +60,7 @@ def remembered(
         return Remembered(views), None
     is_few = perception.measurement.features < settings.min_features
     few_s = max(before.few_s + (dt if is_few else -dt), 0.0)
+    few_s = min(few_s, settings.few_features_timeout)
     bearings = perception.measurement.bearings
     noise = np.maximum(perception.memory.noise * observation.resolution, LEAST_NOISE)
     after, said = views.after(

@@ -22,7 +22,7 @@ def spared_after(
     """Return what perception carries on, after a ``measurement`` that may be by a ``reading``."""
     by_two = measurement.bearings is not None and not measurement.remembered
     if reading is None or by_two or views.views is None:
-        return replace(memory, spared=0) if memory.spared else memory
+        return replace(memory, spared=0, wrong=()) if memory.spared or memory.wrong else memory
     return replace(
         memory,
         bearings=reading.bearings if measurement.remembered else memory.bearings,
@@ -31,9 +31,15 @@ def spared_after(
     )
 
 
+def is_missed(perception: Perception, measurement: Measurement, settings: ServoSettings) -> bool:
+    """Return whether the estimate that was spared might tell bearings that are needed."""
+    needed = not measurement.parallax <= settings.near_parallax
+    return bool(perception.memory.spared) and measurement.bearings is None and needed
+
+
 def looked_again(state: ServoState, perception: Perception, settings: ServoSettings) -> Perception:
-    """Return a ``perception`` whose estimate was spared with one, as the memory knows nothing."""
+    """Return a ``perception`` whose estimate was spared with one."""
     if not perception.memory.spared or perception.observation is None:
         return perception
-    memory = replace(perception.memory, spared=0)
+    memory = replace(perception.memory, spared=0, wrong=())
     return perceive(perception.observation, settings, state.frame, memory)

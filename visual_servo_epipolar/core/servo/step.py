@@ -75,8 +75,10 @@ def advance(
     dt = _time_step(state, measurement, leapt)
     if leapt:
         state = after_leap(state, measurement.stamp_ns)
+    told = settings
     settings = state.delay.beside(state.dead_band.beside(settings))
-    state = updated(state, perception, dt, settings)
+    state = changed(state, sent=state.sent.resumed(measurement.stamp_ns))
+    state = updated(state, perception, dt, settings, told)
     event = classify(state, settings)
     if leapt and event not in (Event.TIMED_OUT, Event.ASTRAY):
         state, event = _held(state, leapt)

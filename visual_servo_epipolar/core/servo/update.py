@@ -3,6 +3,7 @@
 from dataclasses import replace
 import math
 
+from visual_servo_epipolar.core.control.command import Command
 from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
 from visual_servo_epipolar.core.geometry.mount import at_axle, offset_at_axle
 from visual_servo_epipolar.core.memory.reading import Reading
@@ -10,7 +11,7 @@ from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo import way
-from visual_servo_epipolar.core.servo.anticipation import as_obeyed
+from visual_servo_epipolar.core.servo.anticipation import as_obeyed, longest_obeyed
 from visual_servo_epipolar.core.servo.identification.dead_band import DeadBand, learns
 from visual_servo_epipolar.core.servo.identification.delay import Delay
 from visual_servo_epipolar.core.servo.identification.extrinsics import Extrinsics, learnt
@@ -24,10 +25,10 @@ from visual_servo_epipolar.core.servo.phases.conditions import (
     is_settled,
     is_untrusted,
 )
-from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
+from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase, RUNNING
 from visual_servo_epipolar.core.servo.remembering import measured, Remembered, remembered
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.sparing import looked_again, spared_after
+from visual_servo_epipolar.core.servo.sparing import is_missed, looked_again, spared_after
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.steadying import Motion
 from visual_servo_epipolar.core.servo.values import changed
@@ -38,17 +39,28 @@ MANY_RESTARTS = 4  # of step 1: something is wrong, as after an attempt that mis
 
 
 def updated(
-    state: ServoState, perception: Perception, dt: float, settings: ServoSettings
+    state: ServoState,
+    perception: Perception,
+    dt: float,
+    settings: ServoSettings,
+    told: ServoSettings | None = None,
 ) -> ServoState:
-    """Return the state updated by a ``perception`` ``dt`` [s] after the last, unclassified."""
+    """
+    Return the state updated by a ``perception`` ``dt`` [s] after the last, unclassified.
+
+    ``settings`` have what was learnt of the base, those ``told`` have not; None is the same.
+    """
     previous, stamp_ns = state.measurement, perception.measurement.stamp_ns
     obeyed = as_obeyed(state, stamp_ns, dt, settings)
     driven = way.driven(obeyed, dt, settings)
     motion = Motion(driven, obeyed.twist.angular * dt)
-    views, reading = remembered(state.views, perception, motion, settings, dt=dt)
-    if reading is None:
-        perception = looked_again(state, perception, settings)
+    views, reading = remembered(
+        state.views, perception, motion, settings, dt=dt if state.phase in RUNNING else 0.0
+    )
     measurement = measured(perception, reading, views, settings)
+    if is_missed(perception, measurement, settings):
+        perception = looked_again(state, perception, settings)
+        measurement = measured(perception, reading, views, settings)
     memory = spared_after(perception.memory, measurement, reading, views)
     extrinsics = learnt(
         state.extrinsics or settings.extrinsics,
@@ -86,8 +98,14 @@ def updated(
             previous, measurement, obeyed.twist, dt, drift=settings.curvature_drift
         ),
         slope=_slope(obeyed, measurement, dt),
-        dead_band=_dead_band(obeyed, measurement, reading, dt, settings),
-        delay=_delay(state, measurement, settings),
+        dead_band=_dead_band(
+            changed(state, command=Command(longest_obeyed(state, stamp_ns, dt, settings))),
+            measurement,
+            reading,
+            dt,
+            settings,
+        ),
+        delay=_delay(state, measurement, told or settings),
         latched=_latch(state, measurement, settings),
         rotation_bias=bias,
         measurement=measurement,
@@ -228,11 +246,11 @@ def _dead_band(
     return state.dead_band.updated(measurement, reading, state.twist, dt, settings)
 
 
-def _delay(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Delay:
+def _delay(state: ServoState, measurement: Measurement, told: ServoSettings) -> Delay:
     """Return how late the base obeys, after one more turn that was seen."""
-    if not settings.options.anticipation:
+    if not told.options.anticipation:
         return state.delay
-    return state.delay.updated(state.measurement, measurement, state.sent, settings)
+    return state.delay.updated(measurement, state.sent, told)
 
 
 def _latch(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:

@@ -50,8 +50,9 @@ class Record:
     ``broken_s`` when its wheels broke, ``woken_s`` when its process went on after it had hung, in
     which time nobody could stop it, ``arrived_s`` when it last said that it had arrived,
     ``stopped_s`` when it was told to stand for good, and ``why`` the words of those who said why
-    it stands. ``enough_s`` is when enough features for two views were seen last;
-    ``wrong_geometry_s`` is as ``run_monitor.wrong_geometry_s`` [s].
+    it stands. ``few_s`` is for how long too few features for two views were seen by
+    ``features_s``, less how long enough were since; ``wrong_geometry_s`` is as
+    ``run_monitor.wrong_geometry_s`` [s].
     """
 
     truths: list[Truth] = field(default_factory=list)
@@ -68,7 +69,8 @@ class Record:
     why: list[str] = field(default_factory=list)
     crashes: list[str] = field(default_factory=list)
     senseless: str = ''  # what was wrong with a command that is no velocity
-    enough_s: float = -math.inf
+    few_s: float = 0.0
+    features_s: float = math.nan
     wrong_geometry_s: float = 0.0
 
     def sees(
@@ -77,13 +79,17 @@ class Record:
         """
         Note tracks of the true scene if they show the servo where it is.
 
-        They do if there are ``enough``; for ``carried_s`` after such it goes by fewer, with a
-        memory of views.
+        They do if there are ``enough``; with a memory of views it goes by fewer, for
+        ``carried_s`` in all.
         """
+        passed_s = 0.0 if math.isnan(self.features_s) else time_s - self.features_s
+        self.features_s = time_s
         if features >= enough:
-            self.enough_s = time_s
-        elif features < LEAST_CARRIED or time_s - self.enough_s > carried_s:
-            return
+            self.few_s = max(min(self.few_s, carried_s) - passed_s, 0.0)
+        else:
+            self.few_s += passed_s
+            if features < LEAST_CARRIED or self.few_s > carried_s:
+                return
         self.seen.append(Seen(time_s, taken_s))
 
 

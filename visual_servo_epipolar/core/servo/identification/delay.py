@@ -1,8 +1,9 @@
 """
 Delay of the base: how late it turns, learnt from what was commanded and what is seen.
 
-Of each delay that may be, commands say which turn there should have been between two images; the
-one whose turns fit those that are seen best is that of the base, be its wheels worn or not.
+Of each delay that may be, commands say which turn there should have been between two views; the
+one whose turns fit those that are seen best is that of the base, be its wheels worn or not. Who
+begins late may have been held; who ends late as well obeys late.
 """
 
 from dataclasses import dataclass, field, replace
@@ -23,12 +24,20 @@ from visual_servo_epipolar.core.stamps import seconds_between
 
 DELAYS: FloatArray = np.arange(31, dtype=np.float64) * 0.05  # [s]
 BORNE = 0.25  # up to which laws bear a delay as it is [s]
+INTERVAL = 0.095  # between two headings that tell a turn, at least [s]
+FADING = 8.0  # of turning, in which what was seen falls to 1/e: it may have been a push [s]
 MOST_DEVIATION = 0.01  # of a heading that tells a turn [rad]
-LEAST_TURN = 2e-3  # between two images, seen or commanded [rad]
-LEAST_POWER, LEAST_IMAGES = 0.01, 12  # sum of squared turns [rad^2], and images, that tell a delay
+LEAST_TURN = 2e-3  # in an interval, seen or commanded [rad]
+PUSHED = 1.5  # times the largest turn that may be commanded: it was not the base
+LEAST_POWER = 0.01  # sum of squared turns that tells a delay [rad^2]
+LEAST_CHANGE = 1e-3  # of squares that a delay adds, and takes away, in beginnings and ends [rad^2]
 GAINS = 0.6, 1.6  # turns seen over turns commanded, of a base that obeys
 UNEXPLAINED = 0.15  # most share of squared turns that the delay leaves
 CLEARLY = 3.0  # times as much is left without it
+
+
+def _zeros() -> FloatArray:
+    return np.zeros(len(DELAYS))
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,52 +45,73 @@ class Delay:
     """
     Delay ``value`` [s], 0 until it is known.
 
-    ``seen``, shape (31,), is the sum of turns seen times those commanded by DELAYS, ``power`` of
-    the squares of the latter, ``energy`` of the former [rad^2], over ``images``.
+    All shape (31,), by DELAYS: ``seen`` is the sum of turns seen times those commanded, ``power``
+    of the squares of the latter, ``later`` and ``longer`` of the squares of what a delay makes the
+    turns of an interval smaller and larger by, as where they begin and end; ``energy`` of the
+    squares of turns seen [rad^2]. The interval since ``since_ns`` began at a ``heading`` error
+    [rad], which was told ``by_memory`` or by two views; nan before the first.
     """
 
     value: float = 0.0
-    seen: FloatArray = field(default_factory=lambda: np.zeros(len(DELAYS)))
-    power: FloatArray = field(default_factory=lambda: np.zeros(len(DELAYS)))
+    seen: FloatArray = field(default_factory=_zeros)
+    power: FloatArray = field(default_factory=_zeros)
+    later: FloatArray = field(default_factory=_zeros)
+    longer: FloatArray = field(default_factory=_zeros)
     energy: float = 0.0
-    images: int = 0
+    since_ns: int = 0
+    heading: float = math.nan
+    by_memory: bool = False
 
     def updated(
-        self,
-        previous: Measurement | None,
-        measurement: Measurement,
-        sent: CommandsSent,
-        settings: ServoSettings,
+        self, measurement: Measurement, sent: CommandsSent, told: ServoSettings
     ) -> 'Delay':
-        """Return the delay after one more image: by its turn since the ``previous`` one."""
-        if previous is None or not _tells_a_turn(previous, measurement, settings):
+        """Return the delay after one more image; settings as ``told``, not as they were learnt."""
+        if _deviation(measurement) > MOST_DEVIATION:
             return self
-        turn = math.remainder(measurement.heading_error - previous.heading_error, 2.0 * math.pi)
-        turns = sent.turns(previous.stamp_ns, measurement.stamp_ns, DELAYS)
+        now_ns, heading = measurement.stamp_ns, measurement.heading_error
+        by_memory = measurement.offset is not None
+        began = replace(self, since_ns=now_ns, heading=heading, by_memory=by_memory)
+        if math.isnan(self.heading) or by_memory is not self.by_memory:
+            return began
+        gap = seconds_between(self.since_ns, now_ns)
+        if 0.0 < gap < INTERVAL:
+            return self
+        turn = math.remainder(heading - self.heading, 2.0 * math.pi)
+        if not 0.0 < gap <= told.stale_timeout or abs(turn) > PUSHED * told.max_angular * gap:
+            return began
+        turns = sent.turns(self.since_ns, now_ns, DELAYS)
         if max(abs(turn), float(np.abs(turns).max())) < LEAST_TURN:
-            return self
+            return began
+        keep = math.exp(-gap / FADING)
+        change = np.abs(turns) - abs(turns[_usual(told)[-1]])
         after = replace(
-            self,
-            seen=self.seen + turn * turns,
-            power=self.power + turns * turns,
-            energy=self.energy + turn * turn,
-            images=self.images + 1,
+            began,
+            seen=keep * self.seen + turn * turns,
+            power=keep * self.power + turns * turns,
+            later=keep * self.later + np.minimum(change, 0.0) ** 2,
+            longer=keep * self.longer + np.maximum(change, 0.0) ** 2,
+            energy=keep * self.energy + turn * turn,
         )
-        return replace(after, value=after._told(settings.latency))
+        return replace(after, value=after._told(told))
 
-    def _told(self, latency: float) -> float:
+    def _told(self, told: ServoSettings) -> float:
         """Return the delay that turns tell, the one before where they tell none for certain."""
-        if self.images < LEAST_IMAGES:
-            return self.value
         left = self.energy - self.seen**2 / np.maximum(self.power, 1e-12)
         left = np.where((self.seen > 0.0) & (self.power >= LEAST_POWER), left, self.energy)
-        best = int(left.argmin())
-        usual = left[DELAYS <= max(latency, BORNE)].min()
-        gain = self.seen[best] / max(self.power[best], 1e-12)
-        fits = left[best] <= UNEXPLAINED * self.energy and GAINS[0] < gain < GAINS[1]
-        if not fits or usual < CLEARLY * left[best]:
-            return self.value
-        return float(DELAYS[best])
+        usual = _usual(told)
+        soon, best = int(left[usual].argmin()), int(left.argmin())
+        if best not in usual:
+            both_ends = min(self.later[best], self.longer[best]) >= LEAST_CHANGE
+            clear = both_ends and left[soon] >= CLEARLY * left[best]
+            return float(DELAYS[best]) if clear and self._fits(left, best) else self.value
+        known = int(np.abs(DELAYS - self.value).argmin())
+        wrong = self._fits(left, soon) and left[known] > CLEARLY * left[soon]
+        return 0.0 if wrong else self.value
+
+    def _fits(self, left: FloatArray, place: int) -> bool:
+        """Return whether the delay in ``place`` explains the turns, with wheels that obey."""
+        gain = self.seen[place] / max(self.power[place], 1e-12)
+        return bool(left[place] <= UNEXPLAINED * self.energy and GAINS[0] < gain < GAINS[1])
 
     def beside(self, settings: ServoSettings) -> ServoSettings:
         """Return ``settings`` with the delay that was learnt, where it is longer."""
@@ -90,16 +120,19 @@ class Delay:
         return _with_latency(settings, self.value)
 
 
-def _tells_a_turn(
-    previous: Measurement, measurement: Measurement, settings: ServoSettings
-) -> bool:
-    """Return whether both headings are known, by the same views, and no image lies between."""
-    if previous.remembered is not measurement.remembered:
-        return False
-    gap = seconds_between(previous.stamp_ns, measurement.stamp_ns)
-    if not 0.0 < gap <= settings.stale_timeout:
-        return False
-    return max(_deviation(previous), _deviation(measurement)) <= MOST_DEVIATION
+def is_late(settings: ServoSettings) -> bool:
+    """Return whether the base obeys so late that laws must look ahead."""
+    return settings.options.anticipation and settings.latency > BORNE
+
+
+def felt_latency(settings: ServoSettings) -> float:
+    """Return the delay that laws still feel [s]: none is longer than they bear."""
+    return min(settings.latency, BORNE) if is_late(settings) else settings.latency
+
+
+def _usual(told: ServoSettings) -> range:
+    """Return the places of the delays that need not be learnt."""
+    return range(int(np.count_nonzero(max(told.latency, BORNE) >= DELAYS)))
 
 
 def _deviation(measurement: Measurement) -> float:

@@ -14,6 +14,7 @@ from visual_servo_epipolar.core.control.law_table import epipole_controls, match
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import saturate, STANDSTILL, Twist
 from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.identification.delay import felt_latency
 from visual_servo_epipolar.core.servo.phases.lines import line_look_ahead
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -153,7 +154,7 @@ def _matching_gain(state: ServoState, measurement: Measurement, settings: ServoS
 
 def _damped_rate(state: ServoState, settings: ServoSettings) -> float:
     """Return the rate [1/s] that is critically damped under the delay of the loop."""
-    delay = settings.latency + (state.period if state.period > 0.0 else 0.0)
+    delay = felt_latency(settings) + (state.period if state.period > 0.0 else 0.0)
     return CRITICAL_GAIN_DELAY / max(delay, LEAST_DELAY)
 
 

@@ -9,6 +9,7 @@ import math
 from visual_servo_epipolar.core.control import laws
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.anticipation import anticipated
 from visual_servo_epipolar.core.servo.identification.ranging import look_ahead, UNKNOWN_RANGE
 from visual_servo_epipolar.core.servo.phases.bounds import (
     align_bound,
@@ -166,6 +167,15 @@ def has_turned(state: ServoState, measurement: Measurement) -> bool:
 
 def is_settled(state: ServoState, settings: ServoSettings) -> bool:
     """Return whether this frame fulfils the aim of the phase."""
+    if not _is_settled(state, settings):
+        return False
+    # Commands that have not acted yet must not lead away again.
+    ahead = anticipated(state, settings)
+    return ahead is state or _is_settled(ahead, settings)
+
+
+def _is_settled(state: ServoState, settings: ServoSettings) -> bool:
+    """Return whether the measurement of ``state`` fulfils the aim of the phase."""
     measurement = state.measurement
     if measurement is None or sees_too_little(measurement, settings):
         return False
