@@ -5,6 +5,8 @@ from dataclasses import replace
 import pytest
 
 from visual_servo_epipolar.commands.files.resources import scenario_path
+from visual_servo_epipolar.core.control.command import Command
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -16,13 +18,16 @@ from visual_servo_epipolar.simulation.scenario import load
 from visual_servo_epipolar.simulation.views import points_of
 
 SEED = 500
+DEAF_IMAGES = 10  # 0.9 s
 
 
-def driven(name: str, delay: float, **servo: object) -> tuple[dict[str, object], ServoState]:
+def driven(
+    name: str, delay: float, base: dict[str, float] | None = None, **servo: object
+) -> tuple[dict[str, object], ServoState]:
     """Return what became of a run whose base obeys late by ``delay`` [s], and the last state."""
     scenario = load(scenario_path(name)).with_servo(servo)
-    base = replace(scenario.base, command_delay=delay)
-    scenario = replace(scenario, base=base).seeded(SEED)
+    worn = replace(scenario.base, command_delay=delay, **(base or {}))
+    scenario = replace(scenario, base=worn).seeded(SEED)
     states: list[ServoState] = []
 
     def control(state: ServoState, seen: Observation, settings: ServoSettings) -> ServoState:
@@ -64,3 +69,35 @@ def test_one_that_obeys_at_once_is_not_taken_for_late(name) -> None:
 def test_without_anticipation_it_goes_round_and_round() -> None:
     summary, _ = driven('nominal', 0.5, anticipation=False)
     assert summary['outcome'] == 'failed'
+
+
+def test_a_dead_band_is_found_behind_a_delay() -> None:
+    """Its pulses are shorter than the time between two images in which they act."""
+    summary, state = driven('nominal', 0.45, {'dead_zone_linear': 0.03})
+    assert summary['outcome'] == 'arrived', summary['reason']
+    assert state.dead_band.linear.value >= 0.03
+
+
+def test_gains_that_are_derived_know_that_laws_look_ahead() -> None:
+    summary, _ = driven('nominal', 0.5, gains='derived')
+    assert summary['outcome'] == 'arrived', summary['reason']
+
+
+def test_a_base_that_begins_late_once_is_driven_as_others_are() -> None:
+    """Brakes that open late: what is learnt of it, if anything, is unlearnt."""
+    scenario = load(scenario_path('nominal')).seeded(502)
+    states: list[ServoState] = []
+
+    def control(state: ServoState, seen: Observation, settings: ServoSettings) -> ServoState:
+        states.append(step(state, seen, settings))
+        turning = [it for it in states if it.twist.angular]
+        if len(turning) <= DEAF_IMAGES:  # the base does not hear of it
+            return replace(states[-1], command=Command(STANDSTILL))
+        return states[-1]
+
+    loop = scenario.loop(start_in('front', SEED, 2, scenario), 502)
+    log = run(loop, points_of(scenario, 502), scenario.camera.nominal_camera, control=control)
+    summary = summarise(log)
+    assert summary['outcome'] == 'arrived', summary['reason']
+    assert float(str(summary['position_error_m'])) < 0.003
+    assert states[-1].delay.value == 0.0

@@ -8,7 +8,7 @@ import pytest
 
 from visual_servo_epipolar.commands.files.resources import scenario_path
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
-from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.perception.observation import Observation, observe
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -130,6 +130,19 @@ def test_where_none_would_have_been_carried_no_time_is_over() -> None:
     _, states = driven(shuffled, 4.0, few_features_timeout=1.0)
     said = {state.measurement.reason for state in states if state.measurement is not None}
     assert said == {'8 features, 12 needed'}
+
+
+def test_waiting_does_not_use_the_time_up() -> None:
+    """Nobody drove: a robot that waits for its photograph to come into view has all of it."""
+    world = load(scenario_path('nominal')).seeded(SEED)
+    view, camera = points_of(world, SEED), world.camera.nominal_camera
+    pose = Pose.from_start(*start_in('front', SEED, 0, world))
+    state = ServoState()
+    for frame in range(300):
+        seen = observe(view.observe(pose, frame), camera, frame * 100_000_000)
+        state = step(state, only(3)(seen), world.servo)
+    assert state.phase is Phase.WAITING
+    assert state.views.few_s == 0.0
 
 
 def test_with_0_s_it_is_off() -> None:

@@ -4,16 +4,18 @@ from dataclasses import replace
 import math
 
 import pytest
-from servo_states import in_phase, sight
+from servo_states import in_phase, MEMORY, sight
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
+from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.anticipation import anticipated, as_obeyed
 from visual_servo_epipolar.core.servo.commands_sent import CommandsSent
 from visual_servo_epipolar.core.servo.identification.delay import BORNE
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.step import advance
 
 LATE = ServoSettings(latency=0.5)
 HERE = Pose.from_start(0.3, -2.0, 8.0)
@@ -93,3 +95,16 @@ def test_what_acted_since_the_last_image_is_what_was_told_before() -> None:
     assert acted.last_linear == acted.twist.linear
     earlier = as_obeyed(state, now_ns, 0.1, replace(LATE, latency=0.9)).twist
     assert (earlier.linear, earlier.angular) == pytest.approx((0.1, 0.1))
+
+
+@pytest.mark.parametrize(('queued', 'settled'), [(0.0, 1), (0.05, 0)])
+def test_who_has_settled_must_be_there_when_all_has_acted(queued, settled) -> None:
+    there = sight(
+        20, bearings=None, parallax=0.0, heading_error=0.0, rotation_heading=0.0,
+        difference=0.0, offset=(0.0, 0.0), offset_deviation=1e-4, heading_deviation=1e-5,
+        difference_deviation=1e-5, difference_slope=0.05,
+    )  # fmt: skip
+    sent = CommandsSent().after(there.stamp_ns - 300_000_000, Twist(0.0, queued))
+    state = in_phase(Phase.ORIENTING, sent=sent)
+    state = replace(state, measurement=replace(there, stamp_ns=there.stamp_ns - 100_000_000))
+    assert advance(state, Perception(there, MEMORY), LATE).settled == settled

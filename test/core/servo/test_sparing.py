@@ -9,8 +9,10 @@ from servo_states import MEMORY, reading, sight
 from visual_servo_epipolar.commands.files.resources import scenario_path
 from visual_servo_epipolar.core.memory.view_memory import ViewMemory
 from visual_servo_epipolar.core.perception import validated
+from visual_servo_epipolar.core.perception.lens_check import LensCheck, looked_at, UNKNOWN
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive
+from visual_servo_epipolar.core.servo import update
 from visual_servo_epipolar.core.servo.remembering import Remembered
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.sparing import SPARED, spared_after
@@ -64,7 +66,32 @@ def test_where_the_memory_fails_two_views_are_estimated_at_once(driven) -> None:
     assert after.measurement is not None
     assert after.measurement.bearings is not None
     assert not after.measurement.remembered
+    assert (after.memory.spared, after.memory.wrong) == (0, ())
+
+
+def test_where_the_memory_is_unsure_two_views_are_asked(driven, monkeypatch) -> None:
+    """A few of the remembered features in view: they agree, but the bearing is known to 7 deg."""
+    state, seen, servo = next(it for it in driven if it[0].memory and it[0].memory.spared)
+    remembered = update.remembered
+
+    def unsure(*args: object, **keywords: object) -> object:
+        views, read = remembered(*args, **keywords)
+        return views, replace(read, deviation=1.2 * servo.max_deviation)
+
+    monkeypatch.setattr(update, 'remembered', unsure)
+    after = step(state, seen, servo)
+    assert after.measurement is not None
+    assert after.measurement.bearings is not None
+    assert after.phase is state.phase
     assert after.memory.spared == 0
+
+
+def test_the_look_at_the_lens_is_spared_nothing(driven) -> None:
+    state, seen, servo = next(it for it in driven[60:] if it[0].memory and it[0].memory.spared)
+    run_so_far = state.measurement, state.memory
+    assert state.measurement.bearings is not None
+    looked = looked_at(LensCheck(), seen, run_so_far, servo, 0)
+    assert looked.memory.lens.ratio_deviation < UNKNOWN
 
 
 def test_wrong_matches_that_the_memory_found_do_not_count_for_the_margins(driven) -> None:
@@ -87,7 +114,7 @@ def test_wrong_matches_that_the_memory_found_do_not_count_for_the_margins(driven
 )
 def test_they_are_spared_where_they_do_not_count(measurement, read, spared) -> None:
     assert spared_after(MEMORY, measurement, read, VIEWS).spared == spared
-    counting = replace(MEMORY, spared=1)
+    counting = replace(MEMORY, spared=1, wrong=(1, 2))
     assert spared_after(counting, measurement, read, VIEWS).spared == 0
 
 

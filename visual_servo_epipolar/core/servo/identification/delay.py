@@ -25,7 +25,7 @@ from visual_servo_epipolar.core.stamps import seconds_between
 DELAYS: FloatArray = np.arange(31, dtype=np.float64) * 0.05  # [s]
 BORNE = 0.25  # up to which laws bear a delay as it is [s]
 INTERVAL = 0.095  # between two headings that tell a turn, at least [s]
-FADING = 8.0  # of turning, in which what was seen falls to 1/e: it may have been a push [s]
+FADING = 0.15  # sum of squared turns in which what was seen falls to 1/e: it may be a push [rad^2]
 MOST_DEVIATION = 0.01  # of a heading that tells a turn [rad]
 LEAST_TURN = 2e-3  # in an interval, seen or commanded [rad]
 PUSHED = 1.5  # times the largest turn that may be commanded: it was not the base
@@ -80,9 +80,10 @@ class Delay:
         if not 0.0 < gap <= told.stale_timeout or abs(turn) > PUSHED * told.max_angular * gap:
             return began
         turns = sent.turns(self.since_ns, now_ns, DELAYS)
-        if max(abs(turn), float(np.abs(turns).max())) < LEAST_TURN:
+        largest = max(abs(turn), float(np.abs(turns).max()))
+        if largest < LEAST_TURN:
             return began
-        keep = math.exp(-gap / FADING)
+        keep = math.exp(-largest * largest / FADING)
         change = np.abs(turns) - abs(turns[_usual(told)[-1]])
         after = replace(
             began,
