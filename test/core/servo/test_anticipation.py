@@ -7,9 +7,9 @@ import pytest
 from servo_states import in_phase, MEMORY, sight
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.geometry.motion import Pose, Twist
+from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.perception.perceive import Perception
-from visual_servo_epipolar.core.servo.anticipation import anticipated, as_obeyed
+from visual_servo_epipolar.core.servo.anticipation import anticipated, as_obeyed, longest_obeyed
 from visual_servo_epipolar.core.servo.commands_sent import CommandsSent
 from visual_servo_epipolar.core.servo.identification.delay import BORNE
 from visual_servo_epipolar.core.servo.phases.table import Phase
@@ -20,6 +20,7 @@ from visual_servo_epipolar.core.servo.step import advance
 LATE = ServoSettings(latency=0.5)
 HERE = Pose.from_start(0.3, -2.0, 8.0)
 TWIST = Twist(0.4, -0.3)
+LATE_NS = 500_000_000
 
 
 def seen_from_here(**changes: object) -> ServoState:
@@ -95,6 +96,19 @@ def test_what_acted_since_the_last_image_is_what_was_told_before() -> None:
     assert acted.last_linear == acted.twist.linear
     earlier = as_obeyed(state, now_ns, 0.1, replace(LATE, latency=0.9)).twist
     assert (earlier.linear, earlier.angular) == pytest.approx((0.1, 0.1))
+
+
+def test_a_dead_band_sees_pulses_as_they_were_told() -> None:
+    """Not their mean with the pause beside them: half a pulse would be below any dead band."""
+    state = seen_from_here()
+    sent = CommandsSent().after(0, TWIST).after(60_000_000, STANDSTILL)
+    measurement = replace(state.measurement, stamp_ns=LATE_NS)
+    state = replace(state, sent=sent, measurement=measurement)
+    assert longest_obeyed(state, LATE_NS + 100_000_000, 0.1, LATE) == TWIST
+    assert as_obeyed(state, LATE_NS + 100_000_000, 0.1, LATE).twist.linear == pytest.approx(0.24)
+    assert longest_obeyed(state, LATE_NS, 0.1, ServoSettings()) is state.twist
+    nothing = replace(state, sent=CommandsSent())
+    assert longest_obeyed(nothing, LATE_NS + 100_000_000, 0.1, LATE) == STANDSTILL
 
 
 @pytest.mark.parametrize(('queued', 'settled'), [(0.0, 1), (0.05, 0)])

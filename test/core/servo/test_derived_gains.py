@@ -17,6 +17,7 @@ from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo import step
 from visual_servo_epipolar.core.servo.derived_gains import circumstances
+from visual_servo_epipolar.core.servo.identification.delay import BORNE
 from visual_servo_epipolar.core.servo.identification.slope import Slope
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -61,7 +62,7 @@ def after(
     return state
 
 
-@pytest.mark.parametrize('law', ['paper', 'corrected', 'full-anticipation'])
+@pytest.mark.parametrize('law', ['paper', 'corrected', 'full'])
 def test_step_1_begins_with_the_gains_of_what_is_seen_then(law: str) -> None:
     settings = replace(DERIVED, law=law)
     state = after(settings, 0.32, -0.3, frames=2)  # where law full displaces e_au to
@@ -145,6 +146,13 @@ def test_what_turns_illegal_in_the_last_moment_turns_the_robot_after_all() -> No
     assert state.phase is Phase.DISPLACING
     assert state.target < 0.0
     assert 'concordant epipoles need' in state.reason
+
+
+def test_who_looks_ahead_feels_no_more_delay_than_laws_bear() -> None:
+    late, soon = (replace(DERIVED, law='full', latency=it) for it in (1.0, BORNE))
+    assert after(late, 0.32, -0.3).gains == after(soon, 0.32, -0.3).gains is not None
+    alone = replace(late, law='full-anticipation')
+    assert after(alone, 0.32, -0.3).gains != after(soon, 0.32, -0.3).gains
 
 
 @pytest.mark.parametrize('law', ['paper', 'corrected', 'full-anticipation'])
