@@ -1,20 +1,11 @@
 """Bases that do not follow slow commands, and nobody told: seen on the way, or not there."""
 
-from dataclasses import replace
 from typing import Any
 
 import pytest
+import untold_bases
 
-from visual_servo_epipolar.commands.files.resources import scenario_path
-from visual_servo_epipolar.core.perception.observation import Observation
-from visual_servo_epipolar.core.servo.run_log import summarise
-from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.step import step
-from visual_servo_epipolar.simulation.closed_loop import run
-from visual_servo_epipolar.simulation.regions import start_in
-from visual_servo_epipolar.simulation.scenario import load
-from visual_servo_epipolar.simulation.views import points_of
 
 SEED = 303
 RATE = 11.0  # images a second
@@ -24,20 +15,7 @@ def driven(
     name: str, base: dict[str, float], servo: dict[str, Any], rate: float = RATE
 ) -> tuple[dict[str, object], ServoState]:
     """Return what became of a run at ``rate`` images a second, and the last state of its servo."""
-    scenario = load(scenario_path(name)).with_servo(servo)
-    camera = replace(scenario.camera, frame_rate=rate)
-    base_settings = replace(scenario.base, **base)
-    scenario = replace(scenario, base=base_settings, camera=camera).seeded(SEED)
-    start = start_in('front', SEED, 0, scenario)
-    states: list[ServoState] = []
-
-    def control(state: ServoState, seen: Observation, settings: ServoSettings) -> ServoState:
-        states.append(step(state, seen, settings))
-        return states[-1]
-
-    loop, view = scenario.loop(start, SEED), points_of(scenario, SEED)
-    log = run(loop, view, scenario.camera.nominal_camera, control=control)
-    return summarise(log), states[-1]
+    return untold_bases.driven(name, SEED, base, servo, rate)
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import pytest
+import untold_bases
 
 from visual_servo_epipolar.commands.files.resources import scenario_path
 from visual_servo_epipolar.core.control.command import Command
@@ -25,21 +26,7 @@ def driven(
     name: str, delay: float, base: dict[str, float] | None = None, **servo: object
 ) -> tuple[dict[str, object], ServoState]:
     """Return what became of a run whose base obeys late by ``delay`` [s], and the last state."""
-    scenario = load(scenario_path(name)).with_servo(servo)
-    worn = replace(scenario.base, command_delay=delay, **(base or {}))
-    scenario = replace(scenario, base=worn).seeded(SEED)
-    states: list[ServoState] = []
-
-    def control(state: ServoState, seen: Observation, settings: ServoSettings) -> ServoState:
-        states.append(step(state, seen, settings))
-        return states[-1]
-
-    loop, view = (
-        scenario.loop(start_in('front', SEED, 0, scenario), SEED),
-        points_of(scenario, SEED),
-    )
-    log = run(loop, view, scenario.camera.nominal_camera, control=control)
-    return summarise(log), states[-1]
+    return untold_bases.driven(name, SEED, {'command_delay': delay, **(base or {})}, servo)
 
 
 @pytest.mark.parametrize(

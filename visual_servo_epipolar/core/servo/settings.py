@@ -1,7 +1,7 @@
 """Settings of the servo: bounds at which phases end, timeouts, and those of both layers below."""
 
-from dataclasses import astuple, dataclass, fields
-from functools import cached_property
+from dataclasses import astuple, dataclass, fields, replace
+from functools import cached_property, lru_cache
 from typing import Any
 
 import numpy as np
@@ -215,3 +215,9 @@ class ServoSettings(PerceptionSettings, ControlSettings):
     def compensates(self) -> bool:
         """Whether D is taken from features turned to the desired heading."""
         return self.options.compensate_rotation
+
+
+@lru_cache(maxsize=64)
+def with_learnt(settings: ServoSettings, **learnt: Any) -> ServoSettings:
+    """Return ``settings`` with what was ``learnt`` of the base: the same ones at each step."""
+    return replace(settings, **learnt)

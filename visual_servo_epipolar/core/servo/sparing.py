@@ -39,7 +39,7 @@ def is_missed(perception: Perception, measurement: Measurement, settings: ServoS
 
 def looked_again(state: ServoState, perception: Perception, settings: ServoSettings) -> Perception:
     """Return a ``perception`` whose estimate was spared with one."""
-    if not perception.memory.spared or perception.observation is None:
+    if perception.observation is None:
         return perception
     memory = replace(perception.memory, spared=0, wrong=())
     return perceive(perception.observation, settings, state.frame, memory)

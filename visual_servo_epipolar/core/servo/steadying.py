@@ -72,8 +72,7 @@ def steadied(
     if place is None:
         return said, Place(mean, own, Motion(abs(motion.way), abs(motion.turn)))
     before = place.after(motion)
-    change = mean - before.mean
-    change[HEADING] = math.remainder(change[HEADING], 2.0 * math.pi)
+    change = _change(said, before)
     gain = np.linalg.solve(before.covariance + own, before.covariance).T
     if change @ np.linalg.solve(before.covariance + own, change) > SURPRISE:
         return said, Place(mean, own, before.lately)
@@ -91,10 +90,16 @@ def agrees(said: Recollection, place: Place) -> bool:
 
     What the geometry is not known to is the same in both: it explains no difference.
     """
-    change = said.pose[:PLACE] - place.mean
-    change[HEADING] = math.remainder(change[HEADING], 2.0 * math.pi)
+    change = _change(said, place)
     covariance = said.own[:PLACE, :PLACE] + place.covariance
     return float(change @ np.linalg.solve(covariance, change)) <= SURPRISE
+
+
+def _change(said: Recollection, place: Place) -> FloatArray:
+    """Return where a recollection is, (3,), less a ``place``."""
+    change = said.pose[:PLACE] - place.mean
+    change[HEADING] = math.remainder(change[HEADING], 2.0 * math.pi)
+    return np.asarray(change)
 
 
 def _symmetric(matrix: FloatArray) -> FloatArray:

@@ -3,7 +3,6 @@
 from dataclasses import replace
 import math
 
-from visual_servo_epipolar.core.control.command import Command
 from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
 from visual_servo_epipolar.core.geometry.mount import at_axle, offset_at_axle
 from visual_servo_epipolar.core.memory.reading import Reading
@@ -98,13 +97,7 @@ def updated(
             previous, measurement, obeyed.twist, dt, drift=settings.curvature_drift
         ),
         slope=_slope(obeyed, measurement, dt),
-        dead_band=_dead_band(
-            changed(state, command=Command(longest_obeyed(state, stamp_ns, dt, settings))),
-            measurement,
-            reading,
-            dt,
-            settings,
-        ),
+        dead_band=_dead_band(state, measurement, reading, dt, settings),
         delay=_delay(state, measurement, told or settings),
         latched=_latch(state, measurement, settings),
         rotation_bias=bias,
@@ -243,7 +236,8 @@ def _dead_band(
     """Return what the base does not follow, by the last command for ``dt`` [s]."""
     if not learns(settings):
         return DeadBand()
-    return state.dead_band.updated(measurement, reading, state.twist, dt, settings)
+    twist = longest_obeyed(state, measurement.stamp_ns, dt, settings)
+    return state.dead_band.updated(measurement, reading, twist, dt, settings)
 
 
 def _delay(state: ServoState, measurement: Measurement, told: ServoSettings) -> Delay:

@@ -128,7 +128,7 @@ def pairs(count: int, limit: int) -> tuple[IntArray, IntArray]:
         return frozen(first.astype(np.int64)), frozen(second.astype(np.int64))
     turns = limit // count + 1
     steps = np.linspace(1, (count - 1) // 2, turns).astype(np.int64)
-    steps = steps[np.diff(steps, prepend=0) > 0]
+    steps = steps[np.diff(steps, prepend=0) > 0]  # each once: they ascend
     first = np.tile(np.arange(count), len(steps))
     second = (first + np.repeat(steps, count)) % count
     return frozen(first[:limit]), frozen(second[:limit])

@@ -57,6 +57,15 @@ class Curvature:
         )
 
 
+def heading_deviation(measurement: Measurement) -> float:
+    """Return the deviation of the heading error by a memory, or by two views [rad]; or inf."""
+    if math.isfinite(measurement.heading_deviation):
+        return measurement.heading_deviation
+    if measurement.bearings is None:
+        return math.inf
+    return math.sqrt(max(heading_variance(measurement), LEAST_HEADING_VARIANCE))
+
+
 def _both_have_bearings(previous: Measurement, measurement: Measurement) -> bool:
     return previous.bearings is not None and measurement.bearings is not None
 

@@ -1,17 +1,13 @@
 """Dead band: the velocities that a base does not follow, learnt where it stood instead."""
 
 from dataclasses import dataclass, replace
-from functools import lru_cache
 import math
 
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.memory.reading import Reading
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.identification.curvature import (
-    heading_variance,
-    LEAST_HEADING_VARIANCE,
-)
-from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.identification.curvature import heading_deviation
+from visual_servo_epipolar.core.servo.settings import ServoSettings, with_learnt
 
 LATE_S = 0.5  # by which a base may follow late
 PATIENCE_S = 1.5  # in which it follows if it does at all
@@ -122,7 +118,7 @@ class DeadBand:
             ),
             self.angular.updated(
                 self._unwrapped(measurement.heading_error),
-                _heading_deviation(measurement) if creeps else math.nan,
+                heading_deviation(measurement) if creeps else math.nan,
                 twist.angular,
                 dt,
                 most=_most(settings.max_angular, MOST_HOP[1], dt),
@@ -139,7 +135,9 @@ class DeadBand:
         angular = max(settings.dead_band_angular, learnt)
         if (linear, angular) == (settings.dead_band_linear, settings.dead_band_angular):
             return settings
-        return _with(settings, linear, angular) if learns(settings) else settings
+        if not learns(settings):
+            return settings
+        return with_learnt(settings, dead_band_linear=linear, dead_band_angular=angular)
 
     def _unwrapped(self, heading: float) -> float:
         """Return the heading error nearest to where turns were counted from."""
@@ -170,17 +168,3 @@ def _way_deviation(reading: Reading | None) -> float:
     if reading is None:
         return math.nan
     return math.hypot(reading.own[1], REFINING * math.hypot(reading.lateral, reading.longitudinal))
-
-
-def _heading_deviation(measurement: Measurement) -> float:
-    """Return the deviation of the heading error by the memory, or by two views [rad]; or nan."""
-    if math.isfinite(measurement.heading_deviation):
-        return measurement.heading_deviation
-    if measurement.bearings is None:
-        return math.nan
-    return math.sqrt(max(heading_variance(measurement), LEAST_HEADING_VARIANCE))
-
-
-@lru_cache(maxsize=64)
-def _with(settings: ServoSettings, linear: float, angular: float) -> ServoSettings:
-    return replace(settings, dead_band_linear=linear, dead_band_angular=angular)

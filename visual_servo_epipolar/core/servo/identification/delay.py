@@ -7,7 +7,6 @@ begins late may have been held; who ends late as well obeys late.
 """
 
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
 import math
 
 import numpy as np
@@ -15,11 +14,8 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.commands_sent import CommandsSent
-from visual_servo_epipolar.core.servo.identification.curvature import (
-    heading_variance,
-    LEAST_HEADING_VARIANCE,
-)
-from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.identification.curvature import heading_deviation
+from visual_servo_epipolar.core.servo.settings import ServoSettings, with_learnt
 from visual_servo_epipolar.core.stamps import seconds_between
 
 DELAYS: FloatArray = np.arange(31, dtype=np.float64) * 0.05  # [s]
@@ -66,7 +62,7 @@ class Delay:
         self, measurement: Measurement, sent: CommandsSent, told: ServoSettings
     ) -> 'Delay':
         """Return the delay after one more image; settings as ``told``, not as they were learnt."""
-        if _deviation(measurement) > MOST_DEVIATION:
+        if heading_deviation(measurement) > MOST_DEVIATION:
             return self
         now_ns, heading = measurement.stamp_ns, measurement.heading_error
         by_memory = measurement.offset is not None
@@ -118,7 +114,7 @@ class Delay:
         """Return ``settings`` with the delay that was learnt, where it is longer."""
         if not settings.options.anticipation or self.value <= settings.latency:
             return settings
-        return _with_latency(settings, self.value)
+        return with_learnt(settings, latency=self.value)
 
 
 def is_late(settings: ServoSettings) -> bool:
@@ -134,17 +130,3 @@ def felt_latency(settings: ServoSettings) -> float:
 def _usual(told: ServoSettings) -> range:
     """Return the places of the delays that need not be learnt."""
     return range(int(np.count_nonzero(max(told.latency, BORNE) >= DELAYS)))
-
-
-def _deviation(measurement: Measurement) -> float:
-    """Return the deviation of the heading error [rad]; inf where it is not known."""
-    if math.isfinite(measurement.heading_deviation):
-        return measurement.heading_deviation
-    if measurement.bearings is None:
-        return math.inf
-    return math.sqrt(max(heading_variance(measurement), LEAST_HEADING_VARIANCE))
-
-
-@lru_cache(maxsize=64)
-def _with_latency(settings: ServoSettings, latency: float) -> ServoSettings:
-    return replace(settings, latency=latency)

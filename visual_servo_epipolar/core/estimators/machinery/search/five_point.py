@@ -46,6 +46,7 @@ def _times_x() -> tuple[IntArray, IntArray]:
 
 GATHER = _gather()
 REDUCED, TIMES_X = _times_x()
+LEFT_OVER = np.delete(np.arange(10), REDUCED)
 X_W, Y_W, Z_W, W_W = (QUADRATIC.index((k, 3)) for k in range(4))
 
 
@@ -95,10 +96,8 @@ def _action_matrices(null: FloatArray) -> tuple[FloatArray, FloatArray]:
     finite = np.abs(reduced).max(axis=(-2, -1)) < LARGEST  # nor is nan
     null, reduced = null[finite], reduced[finite]
     action = np.zeros((len(null), 10, 10))
-    rows = np.arange(10)
-    low = np.setdiff1d(rows, REDUCED)
     action[:, REDUCED] = -reduced[:, TIMES_X[REDUCED]]
-    action[:, low, TIMES_X[low] - 10] = 1.0
+    action[:, LEFT_OVER, TIMES_X[LEFT_OVER] - 10] = 1.0
     return null, action
 
 

@@ -1,0 +1,39 @@
+"""Closed loops on a base that is not as the servo was told, and what the servo learnt of it."""
+
+from dataclasses import replace
+from typing import Any
+
+from visual_servo_epipolar.commands.files.resources import scenario_path
+from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.servo.run_log import summarise
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.step import step
+from visual_servo_epipolar.simulation.closed_loop import run
+from visual_servo_epipolar.simulation.regions import start_in
+from visual_servo_epipolar.simulation.scenario import load
+from visual_servo_epipolar.simulation.views import points_of
+
+
+def driven(
+    name: str, seed: int, base: dict[str, float], servo: dict[str, Any], rate: float | None = None
+) -> tuple[dict[str, object], ServoState]:
+    """
+    Return what became of a run, and the last state of its servo.
+
+    The scenario ``name`` with other values of its ``base`` and ``servo``, and ``rate`` images a
+    second, from the first start in front that ``seed`` gives.
+    """
+    scenario = load(scenario_path(name)).with_servo(servo)
+    camera = scenario.camera if rate is None else replace(scenario.camera, frame_rate=rate)
+    worn = replace(scenario.base, **base)
+    scenario = replace(scenario, base=worn, camera=camera).seeded(seed)
+    states: list[ServoState] = []
+
+    def control(state: ServoState, seen: Observation, settings: ServoSettings) -> ServoState:
+        states.append(step(state, seen, settings))
+        return states[-1]
+
+    loop = scenario.loop(start_in('front', seed, 0, scenario), seed)
+    log = run(loop, points_of(scenario, seed), scenario.camera.nominal_camera, control=control)
+    return summarise(log), states[-1]
