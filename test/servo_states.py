@@ -23,7 +23,7 @@ from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import advance
 
 SETTINGS = ServoSettings()
-TWO_VIEWS = ServoSettings(view_memory=False)  # who has no memory of views never doubts
+TWO_VIEWS = ServoSettings(memory=False)  # who has no memory of views never doubts
 MEMORY = fresh_memory(SETTINGS)
 STEPS = (Phase.ZEROING_EPIPOLES, Phase.MATCHING_FEATURES)
 BEARINGS = Bearings(math.atan2(-1.0, math.tan(0.3)), math.atan2(math.tan(0.2), -1.0))

@@ -103,7 +103,7 @@ def test_reset_stops_and_begins_anew(rig) -> None:
 
 
 def test_without_autostart_a_reset_leaves_the_start_to_the_user(bench) -> None:
-    rig = Rig(bench, stale_timeout=60.0, autostart=False, view_memory=False)
+    rig = Rig(bench, stale_timeout=60.0, autostart=False, memory=False)
     bench.call('servo_node/start')
     rig.see(GOAL)
     assert rig.phase == 'arrived'
@@ -116,7 +116,7 @@ def test_without_autostart_a_reset_leaves_the_start_to_the_user(bench) -> None:
 
 
 def test_a_run_that_has_ended_begins_anew_on_start(bench) -> None:
-    rig = Rig(bench, stale_timeout=60.0, view_memory=False)
+    rig = Rig(bench, stale_timeout=60.0, memory=False)
     rig.see(GOAL)
     assert rig.phase == 'arrived'
     rig.see(AWAY)
@@ -158,7 +158,7 @@ def test_a_robot_that_was_stopped_waits_for_a_start_after_a_reset(bench) -> None
 
 
 def test_the_watchdog_leaves_a_robot_alone_that_stands(bench) -> None:
-    rig = Rig(bench, stale_timeout=0.05, view_memory=False)
+    rig = Rig(bench, stale_timeout=0.05, memory=False)
     rig.see(GOAL)
     watch = rig.node._run.freshness.clock.now().nanoseconds
     bench.until(

@@ -194,7 +194,7 @@ def test_from_the_goal_the_robot_hardly_moves() -> None:
     log = driven((0.0, 0.0, 0.0))
     assert log.outcome == 'arrived'
     assert max(math.hypot(sample.pose.x, sample.pose.y) for sample in log.samples) < 5e-4
-    log = driven((0.0, 0.0, 0.0), 'full-view_memory')
+    log = driven((0.0, 0.0, 0.0), 'full-memory')
     assert {(sample.pose.x, sample.pose.y) for sample in log.samples} == {(0.0, 0.0)}
 
 

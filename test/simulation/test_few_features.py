@@ -89,7 +89,7 @@ def test_eight_remembered_features_are_enough_to_drive_on(count: int, scenario: 
 
 
 def test_without_a_memory_the_robot_stands_as_before() -> None:
-    _, states = driven(only(11), 4.0, view_memory=False)
+    _, states = driven(only(11), 4.0, memory=False)
     assert {state.phase for state in states} == {Phase.HOLDING}
     assert all(state.twist == STANDSTILL for state in states)
 

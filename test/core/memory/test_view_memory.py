@@ -326,6 +326,23 @@ def test_of_two_geometries_that_two_views_allow_the_views_choose(wall: bool) -> 
     assert said.noise_ratio == pytest.approx(1.0, abs=0.1)
 
 
+@pytest.mark.parametrize('wall', [True, False])
+def test_where_a_wall_has_a_twin_it_waits_for_more_views(wall: bool) -> None:
+    """Straight back from 5 cm aside: in the twin the robot is straight before the wall."""
+    behind = 0.06 + 0.018 * np.arange(14)
+    drive = trial(StudySettings(wall=wall), 2, np.array([[0.05, -y, 0.0] for y in behind]))
+    memory = ViewMemory(drive.mount)
+    for k, (x, y, heading) in enumerate(drive.views[:, :3].tolist()):
+        psi = math.atan2(y, x)
+        told = (Bearings(psi, psi - heading - 0.5 * math.pi),)
+        memory, _ = memory.after(
+            drive.sightings(k),
+            drive.motion(k),
+            bearings=told if memory.geometry is None else (),
+        )
+    assert (memory.geometry is None) == wall
+
+
 def test_no_geometry_begins_where_none_fits(drive) -> None:
     rng = np.random.default_rng(4)
     memory = ViewMemory(drive.mount)

@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.servo.identification.extrinsics import (
     PSI,
 )
 from visual_servo_epipolar.core.servo.identification.ranging import Leg
-from visual_servo_epipolar.core.servo.phases.conditions import has_parallax
+from visual_servo_epipolar.core.servo.phases.arrival import has_parallax
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.step import _beyond_dead_band, _limited
 from visual_servo_epipolar.core.servo.way import measured_range

@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import Perception
-from visual_servo_epipolar.core.servo.phases.conditions import ARRIVAL_OFFSET, has_parallax
+from visual_servo_epipolar.core.servo.phases.arrival import ARRIVAL_OFFSET, has_parallax
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.remembering import reading_in_view, sharpened
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -104,8 +104,8 @@ def test_the_slope_of_d_is_what_the_memory_says_though_other_features_are_in_vie
     )
     few = replace(reading(), difference=-0.004, difference_slope=0.008)
     now = sharpened(measurement(), few, SETTINGS)
-    # Without ``view_memory`` nothing is remembered here, and the measurement is what it is.
-    alone = ServoSettings(view_memory=False)
+    # Without ``memory`` nothing is remembered here, and the measurement is what it is.
+    alone = ServoSettings(memory=False)
     after = updated(moving, Perception(now, fresh_memory(SETTINGS)), 0.1, alone)
     assert after.slope.value == 0.008
 

@@ -27,7 +27,7 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 
 # Accelerations as good as unlimited: what the laws ask for shows at once.
-SETTINGS = ServoSettings(max_acceleration=20.0, max_angular_acceleration=90.0, view_memory=False)
+SETTINGS = ServoSettings(max_acceleration=20.0, max_angular_acceleration=90.0, memory=False)
 MEMORY = fresh_memory(SETTINGS)
 QUIET = (Phase.WAITING, Phase.HOLDING, Phase.ARRIVED, Phase.FAILED)
 LAWS = st.sampled_from(['paper', 'corrected', 'full']) | st.builds(

@@ -11,7 +11,7 @@ from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes.servoing import commands
 
 IMAGES = 4
-SURE = {'view_memory': False}  # at the goal: who has no memory of views never doubts
+SURE = {'memory': False}  # at the goal: who has no memory of views never doubts
 
 
 def blind(rig: Rig) -> None:

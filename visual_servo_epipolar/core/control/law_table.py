@@ -50,7 +50,7 @@ class LawOptions:
     curvature_feedforward: bool = departure('counter the turn that unequal wheels add')
     new_attempts: bool = departure('back off and repeat both steps after a miss (IX-2)')
     final_turn: bool = departure('end with a turn in place to the heading of the goal')
-    view_memory: bool = departure('take bearings, offset and heading from all views of the way')
+    memory: bool = departure('take bearings, offset and heading from all views of the way')
     learnt_dead_band: bool = departure('learn which commands are too slow for the base to follow')
     anticipation: bool = departure(
         'go by where the robot will be when it obeys, where that is late'

@@ -39,7 +39,7 @@ class ControlSettings(Settings):
     curvature_feedforward: bool = departure_setting('curvature_feedforward')
     new_attempts: bool = departure_setting('new_attempts')
     final_turn: bool = departure_setting('final_turn')
-    view_memory: bool = departure_setting('view_memory')
+    memory: bool = departure_setting('memory')
     learnt_dead_band: bool = departure_setting('learnt_dead_band')
     anticipation: bool = departure_setting('anticipation')
 

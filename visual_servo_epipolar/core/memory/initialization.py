@@ -20,6 +20,7 @@ from visual_servo_epipolar.core.memory.projection import (
 )
 from visual_servo_epipolar.core.memory.refinement import Geometry, refined
 from visual_servo_epipolar.core.memory.resection import Anchors, fitted, Seen, USUAL_MEDIAN
+from visual_servo_epipolar.core.memory.twin import twin_bearings
 from visual_servo_epipolar.core.memory.window import (
     MOUNT,
     PHOTOGRAPH,
@@ -63,18 +64,27 @@ def initial(
     their views. A view that does not fit the rest is left out.
     """
     factors = factors_of(mount, window, scale_deviation)
-    everything = np.ones(len(window.ids), bool)
-    found: list[Geometry] = []
-    for start in (it for it in starts if it.view == starts[-1].view):
+
+    def begun(start: Start) -> Geometry | None:
+        everything = np.ones(len(window.ids), bool)
         unknowns = _resected_views(window, start, starts)
         geometry = _narrowed(oriented(Evaluation(window, unknowns, everything, factors)))
         geometry = _of_held_views(geometry, scale_deviation)
-        if len(geometry.window) > 1 and is_sound(geometry, FIRST_TRUSTED) and is_sure(geometry):
-            found.append(geometry)
-    found.sort(key=lambda geometry: geometry.evaluation.cost)
-    if not found or any(is_rival(found[0], other) for other in found[1:]):
+        sound = len(geometry.window) > 1 and is_sound(geometry, FIRST_TRUSTED)
+        return geometry if sound else None
+
+    last = starts[-1]
+    tried = [begun(start) for start in starts if start.view == last.view]
+    found = [geometry for geometry in tried if geometry is not None and is_sure(geometry)]
+    if not found:
         return None
-    return found[0]
+    best = min(found, key=lambda geometry: geometry.evaluation.cost)
+    others = [geometry for geometry in found if geometry is not best]
+    bearings = twin_bearings(best)
+    twin = None if bearings is None else begun(last._replace(bearings=bearings))
+    if twin is not None:
+        others.append(twin)
+    return None if any(is_rival(best, other) for other in others) else best
 
 
 def is_rival(best: Geometry, other: Geometry) -> bool:

@@ -39,7 +39,7 @@ from visual_servo_epipolar.core.memory.window import EMPTY, Window
 MIN_SIGHTINGS = 5  # of remembered features that agree
 MIN_COLLECTED = 8  # features of a view to begin with
 MIN_SHARE = 0.5  # of the remembered features in view that agree
-COLLECTED_PARALLAX = 50.0  # in deviations of the noise, that collected views differ by at least
+COLLECTED_PARALLAX = 15.0  # in deviations of the noise, that collected views differ by at least
 MOST_COLLECTED = 4  # views to begin with: more cost more time, and are passed soon
 MOST_REFUSED = 3  # keyframes in a row that do not fit: then the geometry is wrong, not they
 MOST_STARTS = 2  # that are tried at one view

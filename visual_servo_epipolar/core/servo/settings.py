@@ -153,7 +153,7 @@ class ServoSettings(PerceptionSettings, ControlSettings):
     @property
     def remembers(self) -> bool:
         """Whether views are remembered: a lens that is being learnt would move what they hold."""
-        return self.options.view_memory and self.calibrated
+        return self.options.memory and self.calibrated
 
     @property
     def mount_is_told(self) -> bool:

@@ -57,8 +57,9 @@ class ServoState:
     ``straight``, the leg of step 2 by the memory of views, None without.
 
     Settling: ``settled``, frames in a row that fulfil the aim of the phase; ``settled_parallax``,
-    the root mean square of the parallax over them [rad]; ``lingered``, for how long the phase has
-    been so near its aim that a base may be unable to come nearer [s].
+    the root mean square of the parallax over them [rad]; ``settled_aside``, the mean by which
+    they look aside before a wall, in deviations, of who has no memory; ``lingered``, for how long
+    the phase has been so near its aim that a base may be unable to come nearer [s].
     """
 
     phase: Phase = Phase.WAITING
@@ -92,6 +93,7 @@ class ServoState:
     trusted_heading: float = math.nan
     settled: int = 0
     settled_parallax: float = math.nan
+    settled_aside: float = 0.0
     lingered: float = 0.0
     attempts: int = 1
     restarts: int = 0

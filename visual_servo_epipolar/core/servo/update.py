@@ -21,17 +21,16 @@ from visual_servo_epipolar.core.servo.phases.bounds import engage_bound
 from visual_servo_epipolar.core.servo.phases.conditions import (
     has_turned,
     is_close,
-    is_settled,
     is_untrusted,
 )
 from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase, RUNNING
 from visual_servo_epipolar.core.servo.remembering import measured, Remembered, remembered
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.settling import with_settled
 from visual_servo_epipolar.core.servo.sparing import is_missed, looked_again, spared_after
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.steadying import Motion
 from visual_servo_epipolar.core.servo.values import changed
-from visual_servo_epipolar.core.stamps import seconds_between
 
 BIAS_SMOOTHING = 0.2  # weight of the newest value in an exponential mean
 MANY_RESTARTS = 4  # of step 1: something is wrong, as after an attempt that missed
@@ -109,7 +108,7 @@ def updated(
     )
     if is_close(state, settings):
         state = changed(state, lingered=state.lingered + dt)
-    return _with_settled(state, measurement, previous, settings)
+    return with_settled(state, perception, previous, settings)
 
 
 def _disproved(perception: Perception, settings: ServoSettings) -> Perception:
@@ -172,33 +171,6 @@ def _trusted_heading(
     if state.phase not in DRIVING or is_untrusted(measurement, settings):
         return state.trusted_heading
     return state.trusted_heading if has_turned(state, measurement) else measurement.heading_error
-
-
-def _follows(
-    measurement: Measurement, previous: Measurement | None, settings: ServoSettings
-) -> bool:
-    """Return whether a measurement comes in time after the ``previous`` one: in a row with it."""
-    if previous is None:
-        return False
-    gap = seconds_between(previous.stamp_ns, measurement.stamp_ns)
-    return 0.0 < gap <= settings.stale_timeout
-
-
-def _with_settled(
-    state: ServoState,
-    measurement: Measurement,
-    previous: Measurement | None,
-    settings: ServoSettings,
-) -> ServoState:
-    """Return the state with its count of settled frames and the mean of their parallax."""
-    if not is_settled(state, settings):
-        return changed(state, settled=0) if state.settled else state
-    if state.phase is Phase.HOLDING and not _follows(measurement, previous, settings):
-        state = changed(state, settled=0)
-    settled = state.settled + 1
-    mean = state.settled_parallax if state.settled else 0.0
-    square = mean**2 + (measurement.parallax**2 - mean**2) / settled
-    return changed(state, settled=settled, settled_parallax=math.sqrt(max(square, 0.0)))
 
 
 def lateral_offset(state: ServoState, measurement: Measurement) -> float:

@@ -118,7 +118,7 @@ class Witness:
         if not parcel.sight.true:
             return
         carried_s = 0.0
-        if node.get_parameter('view_memory').value:
+        if node.get_parameter('memory').value:
             carried_s = float(node.get_parameter('few_features_timeout').value)
         enough = int(node.get_parameter('min_features').value)
         taken_s = parcel.sight.taken_ns / NANOSECONDS

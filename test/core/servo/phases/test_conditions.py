@@ -10,6 +10,7 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.identification.ranging import Leg
+from visual_servo_epipolar.core.servo.phases.arrival import has_parallax, is_at_goal
 from visual_servo_epipolar.core.servo.phases.bounds import (
     align_bound,
     engage_bound,
@@ -22,8 +23,6 @@ from visual_servo_epipolar.core.servo.phases.bounds import (
 from visual_servo_epipolar.core.servo.phases.commands import nominal_twist
 from visual_servo_epipolar.core.servo.phases.conditions import (
     astray,
-    has_parallax,
-    is_at_goal,
     is_close,
     is_off_course,
     is_settled,
@@ -123,7 +122,7 @@ def test_who_is_near_lingers_and_a_new_phase_begins_anew() -> None:
         parallax=0.0,
     )
     state = in_phase(Phase.MATCHING_FEATURES, measurement=replace(near, stamp_ns=0))
-    without = replace(SETTINGS, view_memory=False)
+    without = replace(SETTINGS, memory=False)
     state = updated(state, Perception(near, fresh_memory(without)), 0.25, without)
     assert state.lingered == 0.25
     away = replace(near, stamp_ns=2 * 10**9, difference=0.1)

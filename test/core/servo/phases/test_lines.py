@@ -12,7 +12,7 @@ from visual_servo_epipolar.core.servo.identification.ranging import (
     LEAST_LOOK_AHEAD,
     LEAST_REMEMBERED,
 )
-from visual_servo_epipolar.core.servo.phases.conditions import is_far_enough, ROOM
+from visual_servo_epipolar.core.servo.phases.conditions import is_far_enough, KNOWN, ROOM
 from visual_servo_epipolar.core.servo.phases.events import classify
 from visual_servo_epipolar.core.servo.phases.lines import leads_home, line_look_ahead
 from visual_servo_epipolar.core.servo.phases.table import Event, Phase
@@ -88,7 +88,7 @@ def test_a_retreat_ends_where_a_line_leads_home_or_where_there_is_room() -> None
         return classify(in_phase(Phase.RETREATING, measurement=measurement), SETTINGS)
 
     assert event(at(0.001, -0.24)) is Event.ALIGNED
-    assert event(at(0.05, -0.24)) is Event.NOTHING
+    assert event(at(0.05, 0.01 - ROOM)) is Event.NOTHING
     assert event(at(0.05, -ROOM)) is Event.APART
     # Two views alone have to see more of it.
     assert event(replace(at(0.05, -ROOM), offset=None)) is Event.NOTHING
@@ -97,6 +97,8 @@ def test_a_retreat_ends_where_a_line_leads_home_or_where_there_is_room() -> None
 def test_a_memory_of_views_needs_less_room() -> None:
     assert is_far_enough(at(0.0, -ROOM), SETTINGS)
     assert not is_far_enough(at(0.0, -ROOM + 0.01), SETTINGS)
+    # Before a wall its place is not known yet, though a number is told.
+    assert not is_far_enough(replace(at(0.0, -ROOM), deviation=2.0 * KNOWN), SETTINGS)
     unknown = replace(at(0.0, -0.5), offset=None)
     assert not is_far_enough(unknown, SETTINGS)
     assert is_far_enough(replace(unknown, difference=-SETTINGS.retreat_difference), SETTINGS)

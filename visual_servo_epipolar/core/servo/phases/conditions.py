@@ -16,7 +16,6 @@ from visual_servo_epipolar.core.servo.phases.bounds import (
     engage_bound,
     facing_bound,
     matched_bound,
-    NOISE_DEVIATIONS,
     release_bound,
     Trial,
     trial_of,
@@ -25,17 +24,15 @@ from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 
-STANDSTILL_PARALLAX = 1.25  # without a baseline, in deviations of the noise: see ``fit_rotation``
 RESIDUAL_OFFSET = 1e-3  # at the end of line following [m]
 LARGEST_ESCAPE = 0.1  # [rad]
 LONGEST_WAY = 1.5  # in upper bounds of the distance
 MOST_BACKWARD = 1.0  # of a leg, that is no excursion [m]
 LEADING_AWAY = 1.5  # what a law without retreat may drive backward, in that of others
 LEAST_FIRST = 0.5  # distance that a ratio of distances refers to at least [m]
-ARRIVAL_OFFSET = 2e-3  # of who has arrived, by a memory of views [m]
-CONTRADICTED = 4.0  # bounds of a parallax, beyond which no memory says that it is the goal
 TURNED = 1.0  # more than a robot turns between two images, or while it stands [rad]
-ROOM = 0.25  # behind a goal whose place is known, to begin step 1 [m]
+ROOM = 0.18  # behind a goal whose place is known, to begin step 1 [m]
+KNOWN = 0.012  # deviation of its bearing from there [rad]
 LEAST_RATIO = 1e-9  # part of the distance that a law without retreat keeps
 
 
@@ -84,7 +81,8 @@ def _backs_off(measurement: Measurement, settings: ServoSettings, least_ratio: f
 
 def is_far_enough(measurement: Measurement, settings: ServoSettings) -> bool:
     """Return whether there is room for step 1; a memory of views needs less of it."""
-    if measurement.offset is not None and measurement.offset[1] <= -ROOM:
+    known = measurement.offset is not None and measurement.deviation <= KNOWN
+    if measurement.offset is not None and known and measurement.offset[1] <= -ROOM:
         return True
     return measurement.difference <= -settings.retreat_difference
 
@@ -207,48 +205,6 @@ def _is_within(
     if state.phase is Phase.ORIENTING:
         return abs(measurement.heading_error) <= facing_bound(measurement, settings, trial)
     return abs(measurement.difference) <= matched_bound(measurement, settings, trial)
-
-
-def has_parallax(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
-    """
-    Return whether the parallax exceeds what noise explains: the robot is not at the goal.
-
-    A memory of views knows it far better, but through a lens that is told wrong its geometry may
-    be one that is not there: it never overrules an image that looks another.
-    """
-    parallax = measurement.parallax if state.settled < 2 else state.settled_parallax
-    # The root of a mean square over N features varies by 0.5 / sqrt(N) and more.
-    variation = 1.0 + 1.5 / math.sqrt(max(measurement.features, 1))
-    if is_in_doubt(measurement, settings) and state.attempts == 1:
-        variation = 1.0  # it has looked for long, and a small way back and forth will tell
-    noise = STANDSTILL_PARALLAX * measurement.noise * variation
-    usual = math.hypot(settings.arrival_parallax, noise)
-    if measurement.offset is None:
-        return not parallax <= usual
-    # A worn base may never come as near as the memory can tell: each attempt asks for less.
-    least = ARRIVAL_OFFSET * state.attempts
-    bound = max(least, NOISE_DEVIATIONS * measurement.offset_deviation)
-    return not (parallax <= CONTRADICTED * usual and math.hypot(*measurement.offset) <= bound)
-
-
-def is_in_doubt(measurement: Measurement, settings: ServoSettings) -> bool:
-    """Return whether a memory of views would know whether this is the goal, but there is none."""
-    return settings.remembers and measurement.offset is None
-
-
-def is_at_goal(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
-    """
-    Return whether heading, parallax and D are those of the photograph, within their noise.
-
-    Who is in doubt has to look for longer, in step 2.
-    """
-    if is_in_doubt(measurement, settings):
-        return False
-    bound = facing_bound(measurement, settings, trial_of(state))
-    faces_goal = abs(measurement.heading_error) <= bound
-    bound = matched_bound(measurement, settings, trial_of(state, spent=True))
-    matched = abs(measurement.difference) <= bound
-    return faces_goal and matched and not has_parallax(state, measurement, settings)
 
 
 def astray(state: ServoState, measurement: Measurement, settings: ServoSettings) -> str:

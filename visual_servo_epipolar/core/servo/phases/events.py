@@ -4,6 +4,12 @@ from collections.abc import Callable
 import math
 
 from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.phases.arrival import (
+    has_parallax,
+    is_at_goal,
+    is_in_doubt,
+    stands_aside,
+)
 from visual_servo_epipolar.core.servo.phases.bounds import (
     align_bound,
     engage_bound,
@@ -13,11 +19,8 @@ from visual_servo_epipolar.core.servo.phases.bounds import (
 from visual_servo_epipolar.core.servo.phases.conditions import (
     astray,
     escape_bound,
-    has_parallax,
     has_turned,
-    is_at_goal,
     is_far_enough,
-    is_in_doubt,
     is_off_course,
     is_sideways,
     is_untrusted,
@@ -145,8 +148,7 @@ def _begun(measurement: Measurement, settings: ServoSettings, event: Event) -> E
 def _matching(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
     if is_untrusted(measurement, settings):
         return Event.LOST
-    patient = DOUBTFUL_LOOKS if is_in_doubt(measurement, settings) else 1
-    if state.settled < patient * settings.arrival_frames:
+    if state.settled < _looks(state, measurement, settings) * settings.arrival_frames:
         return Event.NOTHING
     attempts_remain = state.attempts < settings.max_attempts
     repeats = settings.options.new_attempts and attempts_remain
@@ -159,6 +161,13 @@ def _matching(state: ServoState, measurement: Measurement, settings: ServoSettin
     if settings.options.final_turn and not faces_goal:
         return Event.TURNED
     return Event.MATCHED
+
+
+def _looks(state: ServoState, measurement: Measurement, settings: ServoSettings) -> int:
+    """Return how many times the usual frames decide whether this is the goal."""
+    if not is_in_doubt(measurement, settings) or stands_aside(state, measurement, settings):
+        return 1
+    return DOUBTFUL_LOOKS
 
 
 def _nothing(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:

@@ -1,0 +1,58 @@
+"""Settling: frames in a row that fulfil the aim of a phase, and what they show on average."""
+
+import math
+
+from visual_servo_epipolar.core.geometry.wall import aside
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.servo.phases.arrival import is_in_doubt
+from visual_servo_epipolar.core.servo.phases.conditions import is_settled
+from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.values import changed
+from visual_servo_epipolar.core.stamps import seconds_between
+
+
+def with_settled(
+    state: ServoState,
+    perception: Perception,
+    previous: Measurement | None,
+    settings: ServoSettings,
+) -> ServoState:
+    """Return the state with its count of settled frames and the mean of what they show."""
+    measurement = state.measurement or perception.measurement
+    if not is_settled(state, settings):
+        return changed(state, settled=0) if state.settled else state
+    if state.phase is Phase.HOLDING and not _follows(measurement, previous, settings):
+        state = changed(state, settled=0)
+    settled = state.settled + 1
+    mean = state.settled_parallax if state.settled else 0.0
+    square = mean**2 + (measurement.parallax**2 - mean**2) / settled
+    return changed(
+        state,
+        settled=settled,
+        settled_parallax=math.sqrt(max(square, 0.0)),
+        settled_aside=_aside(state, measurement, perception, settings),
+    )
+
+
+def _aside(
+    state: ServoState, measurement: Measurement, perception: Perception, settings: ServoSettings
+) -> float:
+    """Return the mean by which settled frames look aside, where nobody knows better."""
+    seen, before = perception.observation, state.settled_aside if state.settled else 0.0
+    in_step_2 = state.phase is Phase.MATCHING_FEATURES
+    if seen is None or not in_step_2 or not is_in_doubt(measurement, settings):
+        return before
+    return before + (aside(seen.current, seen.desired) - before) / (state.settled + 1)
+
+
+def _follows(
+    measurement: Measurement, previous: Measurement | None, settings: ServoSettings
+) -> bool:
+    """Return whether a measurement comes in time after the ``previous`` one: in a row with it."""
+    if previous is None:
+        return False
+    gap = seconds_between(previous.stamp_ns, measurement.stamp_ns)
+    return 0.0 < gap <= settings.stale_timeout
