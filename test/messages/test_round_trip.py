@@ -10,7 +10,7 @@ from rosbags.typesys import get_typestore, Stores
 
 from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
-from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.core.tracking.features import Features, Passing
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.simulation.closed_loop import published
 
@@ -31,12 +31,18 @@ def feature_sets(draw: st.DrawFn) -> Features:
     count = draw(st.integers(0, 5))
     pixels = arrays(np.float64, (count, 2), elements=finite)
     whole = arrays(np.int64, count, elements=st.integers(0, 2**32 - 1))
+    more = draw(st.integers(0, 3))
+    numbers = arrays(np.int64, more, elements=st.integers(0, 2**32 - 1))
+    passing = Passing(
+        draw(numbers), draw(arrays(np.float64, (more, 2), elements=finite)), draw(numbers)
+    )
     return Features(
         ids=draw(whole),
         current=draw(pixels),
         desired=draw(pixels),
         ages=draw(whole),
         errors=draw(arrays(np.float64, count, elements=finite)),
+        passing=passing,
     )
 
 
@@ -47,8 +53,11 @@ def from_bag(message):
 
 
 def assert_same_features(actual: Features, expected: Features) -> None:
-    for name in Features.__slots__:
+    for name in ('ids', 'current', 'desired', 'ages', 'errors'):
         np.testing.assert_array_equal(getattr(actual, name), getattr(expected, name), name)
+    for name in Passing.__slots__:
+        both = [getattr(each.passing, name) for each in (actual, expected)]
+        np.testing.assert_array_equal(*both, name)
 
 
 def pixels(channels: int) -> np.ndarray:

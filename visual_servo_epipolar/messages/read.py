@@ -17,7 +17,7 @@ from visual_servo_epipolar.core.geometry.cameras.calibrated import (
 from visual_servo_epipolar.core.geometry.cameras.plausibility import refuse_implausible
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist, yaw_from_quaternion
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-from visual_servo_epipolar.core.tracking.features import Features, NO_GOAL
+from visual_servo_epipolar.core.tracking.features import Features, NO_GOAL, Passing
 from visual_servo_epipolar.messages.encodings import GrayReader
 
 NUMPY_TYPES = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 8: 'f8'}
@@ -125,7 +125,11 @@ def transform(message: Any) -> tuple[FloatArray, FloatArray]:
 
 
 def features(message: Any) -> Features:
-    """Return the features of a sensor_msgs/PointCloud2 as the tracker publishes it."""
+    """
+    Return the features of a sensor_msgs/PointCloud2 as the tracker publishes it.
+
+    Rows without desired pixels, nan both, are features that the photograph does not show.
+    """
     columns = {field.name: field for field in message.fields}
     missing = [name for name in TRACK_FIELDS if name not in columns]
     if missing:
@@ -154,13 +158,20 @@ def features(message: Any) -> Features:
             f'tracks must hold {count} rows of {layout.itemsize} bytes, got {len(message.data)} '
             'bytes; the message is truncated'
         )
-    rows = np.frombuffer(message.data, layout, count=count)
+    every = np.frombuffer(message.data, layout, count=count)
+    unshown = np.isnan(every['desired_u']) & np.isnan(every['desired_v'])
+    rows, passing = every[~unshown], every[unshown]
     return Features(
         ids=rows['id'].astype(np.int64),
         current=np.stack([rows['u'], rows['v']], axis=1).astype(np.float64),
         desired=np.stack([rows['desired_u'], rows['desired_v']], axis=1).astype(np.float64),
         ages=rows['age'].astype(np.int64),
         errors=rows['error'].astype(np.float64),
+        passing=Passing(
+            passing['id'].astype(np.int64),
+            np.stack([passing['u'], passing['v']], axis=1).astype(np.float64),
+            passing['age'].astype(np.int64),
+        ),
     )
 
 

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
 from visual_servo_epipolar.core.perception.observation import Observation
@@ -50,13 +52,15 @@ def checked_tracks(message: Any, camera: CameraModel) -> tuple[Features, str]:
 def checked_features(features: Features, camera: CameraModel) -> tuple[Features, str]:
     """Return ``features``; none, and a warning, if they cannot come from ``camera``."""
     current, desired = features.current, features.desired
-    inside = camera.contains(current, margin=-BORDER_PX) & camera.contains(
+    shown = camera.contains(current, margin=-BORDER_PX) & camera.contains(
         desired, margin=-BORDER_PX
     )
+    passing = camera.contains(features.passing.current, margin=-BORDER_PX)
+    inside = np.concatenate([shown, passing])
     if inside.all():
         return features, ''
     return Features(), (
-        f'tracks refused: {int((~inside).sum())} of {len(features)} features lie outside an image '
+        f'tracks refused: {int((~inside).sum())} of {len(inside)} features lie outside an image '
         f'of {camera.width}x{camera.height} px; connect the camera_info of the camera they are '
         'tracked in'
     )

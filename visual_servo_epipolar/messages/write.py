@@ -136,21 +136,28 @@ def features(
     """
     Return tracks of the photograph ``goal`` as a sensor_msgs/PointCloud2, a row a feature.
 
+    Features that it does not show come last, with desired_u, desired_v and error nan.
     ``repeats``: how many images in a row have been the very same; ``back``: how many images ago
     it came last, 0 if it is new.
     """
-    rows = np.empty(len(value), TRACK_LAYOUT)
-    rows['id'], rows['age'], rows['error'] = value.ids, value.ages, value.errors
-    rows['u'], rows['v'], rows['goal'], rows['repeats'] = *value.current.T, goal, repeats
-    rows['desired_u'], rows['desired_v'] = value.desired.T
-    rows['back'] = back
-    message = PointCloud2(header=header(stamp_ns, frame_id), height=1, width=len(value))
+    shown, passing = len(value), value.passing
+    rows = np.empty(shown + len(passing), TRACK_LAYOUT)
+    rows['id'][:shown], rows['age'][:shown] = value.ids, value.ages
+    rows['u'][:shown], rows['v'][:shown] = value.current.T
+    rows['desired_u'][:shown], rows['desired_v'][:shown] = value.desired.T
+    rows['error'][:shown] = value.errors
+    rows['id'][shown:], rows['age'][shown:] = passing.ids, passing.ages
+    rows['u'][shown:], rows['v'][shown:] = passing.current.T
+    for name in ('desired_u', 'desired_v', 'error'):
+        rows[name][shown:] = np.nan
+    rows['goal'], rows['repeats'], rows['back'] = goal, repeats, back
+    message = PointCloud2(header=header(stamp_ns, frame_id), height=1, width=len(rows))
     message.fields = [
         PointField(name=name, offset=int(item[1]), datatype=POINT_TYPES[item[0].str], count=1)
         for name, item in (TRACK_LAYOUT.fields or {}).items()
     ]
-    message.is_dense, message.point_step = True, TRACK_LAYOUT.itemsize
-    message.row_step = message.point_step * len(value)
+    message.is_dense, message.point_step = not len(passing), TRACK_LAYOUT.itemsize
+    message.row_step = message.point_step * len(rows)
     message.data.frombytes(rows.tobytes())
     return message
 

@@ -48,6 +48,13 @@ def fewer(sightings: Sightings, rows: np.ndarray) -> Sightings:
     )
 
 
+def a_third_unshown(sightings: Sightings) -> Sightings:
+    """Return sightings of which each third feature is none of the photograph's."""
+    desired = sightings.desired.copy()
+    desired[sightings.ids % 3 == 0] = np.nan
+    return Sightings(sightings.ids, sightings.current, desired, sightings.noise)
+
+
 def standing(drive: Trial, place: tuple[float, float, float]) -> Trial:
     """Return the same scene, seen from one more place."""
     return trial(drive.settings, 3, np.vstack([drive.views[:, :3], place]))
@@ -341,6 +348,36 @@ def test_where_a_wall_has_a_twin_it_waits_for_more_views(wall: bool) -> None:
             bearings=told if memory.geometry is None else (),
         )
     assert (memory.geometry is None) == wall
+
+
+def test_what_the_photograph_does_not_show_is_learnt_and_is_enough() -> None:
+    """The third of the features that is unshown tells the last view's place alone."""
+    errors = []
+    for seed in range(6):
+        drive = trial(StudySettings(wrong=0.0), seed)
+        memory = ViewMemory(drive.mount)
+        for k in range(last_of(drive)):
+            told = two_views(drive, k)._asdict() if memory.geometry is None else {}
+            memory, _ = memory.after(a_third_unshown(drive.sightings(k)), drive.motion(k), **told)
+        assert memory.geometry is not None
+        assert memory.geometry.noise_ratio == pytest.approx(1.0, abs=0.1)
+        unshown = ~memory.geometry.window.shown
+        assert int((unshown & memory.geometry.trusted).sum()) >= 15
+        view = a_third_unshown(drive.sightings(last_of(drive)))
+        _, said = memory.after(view.take(~view.shown), learns=False)
+        truth = drive.views[-1]
+        assert near_truth(said, truth, drive.scale)
+        errors.append(1e3 * math.dist(said.pose[:2], truth[:2]))
+    assert np.median(errors) < 6.0
+
+
+def test_a_geometry_begins_without_what_the_photograph_does_not_show(drive) -> None:
+    memory = ViewMemory(drive.mount)
+    for k in range(4):
+        told = two_views(drive, k)._asdict() if memory.geometry is None else {}
+        memory, _ = memory.after(a_third_unshown(drive.sightings(k)), drive.motion(k), **told)
+        if memory.geometry is None:
+            assert memory.window.shown.all()
 
 
 def test_no_geometry_begins_where_none_fits(drive) -> None:

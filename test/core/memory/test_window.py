@@ -66,7 +66,8 @@ def test_a_geometry_is_scaled_as_a_whole() -> None:
     ('change', 'message'),
     [
         ({'current': RAYS[:2]}, r'current must have shape \(3, 3\) to match ids, got \(2, 3\)'),
-        ({'desired': np.full((3, 3), np.nan)}, 'desired must be finite, got 3 rows'),
+        ({'desired': RAYS[:3] * [1.0, np.nan, 1.0]}, 'desired must be finite, got 3 rows'),
+        ({'current': RAYS[:3] * np.nan}, 'current must be finite, got 3 rows'),
         ({'noise': np.zeros((3, 2))}, 'noise must be positive, got 0'),
         ({'ids': np.array([1, 2, 2])}, 'ids must differ, got 3 of which 2 do'),
     ],

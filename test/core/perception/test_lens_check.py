@@ -16,7 +16,7 @@ from visual_servo_epipolar.simulation.scenario import Scenario
 from visual_servo_epipolar.simulation.views import view_of
 
 STARTS = [(0.8, -3.0, 0.0), (-0.6, -2.4, 12.0), (0.2, -3.4, -10.0)]
-LONGEST_S = 15.0
+LONGEST_S = 20.0
 
 
 def doubts(start: tuple[float, float, float], **camera: float) -> list[str]:

@@ -119,6 +119,8 @@ def test_a_wrong_match_has_no_part_in_d() -> None:
         ids=ids,
         dropped=ids[3:],
         nearness=np.array([0.2, 0.2, 0.2, 500.0]),
+        photograph=rays,
+        shown=np.ones(4, bool),
         depth=5.0,
     )
     seen = Observation(0, rays, rays, 769.0, ids=ids)

@@ -25,6 +25,7 @@ class Reading:
     the offset along the axis over the median depth, which needs no scale. ``difference`` is D at
     unit focal length as the offset makes it, ``difference_slope`` its slope along the axis [1/m];
     ``parallax`` [rad] that of the median feature; ``inliers`` counts features that agree.
+    ``view_rays``, (M, 3), is where a view that shows few would see the photograph's features.
     """
 
     bearings: Bearings | None
@@ -44,6 +45,7 @@ class Reading:
     difference_deviation: float
     difference_slope: float
     inliers: int
+    view_rays: FloatArray | None = None
 
 
 def reading_of(

@@ -31,7 +31,8 @@ class Recollection:
     alone and which averages out over views. ``inliers``, (N,), are the sightings that agree;
     ``dropped`` the ids of wrong matches. Of all features remembered: ``ids``, (M,), ``nearness``,
     inverse depths along the photograph's rays [1/m], and ``nearness_variance``; ``rays``, (M, 3),
-    is where this view would see them. ``depth`` is the median one [m], ``noise_ratio`` the
+    is where this view would see them, ``photograph``, (M, 3), those of the photograph, which has
+    ``shown`` some, (M,). ``depth`` is the median one [m], ``noise_ratio`` the
     deviation of the window's residuals over what was expected.
     """
 
@@ -45,6 +46,8 @@ class Recollection:
     nearness: FloatArray = field(default_factory=lambda: np.empty(0))
     nearness_variance: FloatArray = field(default_factory=lambda: np.empty(0))
     rays: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    photograph: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    shown: BoolArray = field(default_factory=lambda: np.zeros(0, bool))
     depth: float = math.nan
     noise_ratio: float = math.nan
 
@@ -120,6 +123,8 @@ def recollected(
         nearness=geometry.unknowns.nearness,
         nearness_variance=geometry.feature_covariance[2, 2],
         rays=seen_rays(anchors.structure, resection.pose),
+        photograph=geometry.window.photograph,
+        shown=geometry.window.shown,
         depth=geometry.depth,
         noise_ratio=geometry.noise_ratio,
     )

@@ -6,16 +6,19 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.memory.equations import Evaluation
 from visual_servo_epipolar.core.memory.factors import factors_of
 from visual_servo_epipolar.core.memory.initialization import triangulated
+from visual_servo_epipolar.core.memory.projection import turns_of
 from visual_servo_epipolar.core.memory.refinement import Geometry
 from visual_servo_epipolar.core.memory.sightings import MemorySettings, Sightings
-from visual_servo_epipolar.core.memory.window import Unknowns, Window, X, Y
+from visual_servo_epipolar.core.memory.window import FREE, PHOTOGRAPH, Unknowns, Window, X, Y
 
 NEW_SHARE = 0.1  # of the sightings of a view that are of features not remembered
 FEWEST_NEW = 3
 MIN_KEYFRAME_FEATURES = 8
+GUESSED_DEPTHS = 1.5  # of the scene, at which what was seen once is looked for
 CLOSEST = 1e-3  # distance that keyframes count as apart at least, in depths of the scene
 
 
@@ -66,6 +69,27 @@ def kept_features(window: Window, trusted: BoolArray, most: int) -> BoolArray:
     return np.asarray(best & kept)
 
 
+def located(sightings: Sightings, pose: FloatArray, geometry: Geometry) -> Sightings:
+    """
+    Return sightings of a view at ``pose``, (5,), all with rays of the photograph.
+
+    Of what it does not show the place is guessed, on the ray of this view; the noise of the ray
+    that it would have in the photograph leaves it free.
+    """
+    unshown = ~sightings.shown
+    if not unshown.any():
+        return sightings
+    upright = np.zeros((2, 5))
+    upright[0, 3:], upright[1] = geometry.unknowns.shared[PHOTOGRAPH], pose
+    photograph, view = turns_of(upright)
+    points = GUESSED_DEPTHS * geometry.depth * sightings.current[unshown] @ view
+    points += [pose[X], 0.0, pose[Y]]
+    desired, noise = sightings.desired.copy(), sightings.noise.copy()
+    desired[unshown] = normalised(points @ photograph.T)
+    noise[unshown, 1] = FREE
+    return Sightings(sightings.ids, sightings.current, desired, noise)
+
+
 def with_keyframe(
     geometry: Geometry,
     sightings: Sightings,
@@ -75,6 +99,7 @@ def with_keyframe(
 ) -> Evaluation:
     """Return the window with one more keyframe at ``pose``, and with what is too much let go."""
     before, trusted = geometry.unknowns, geometry.trusted
+    sightings = located(sightings, pose, geometry)
     window = geometry.window.with_view(sightings, place)
     more = len(window.ids) - len(trusted)
     unknowns = Unknowns(

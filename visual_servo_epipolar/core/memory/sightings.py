@@ -1,23 +1,24 @@
-"""What one view shows of the photograph's features, and what is settled of the memory."""
+"""What one view shows of features, and what is settled of the memory."""
 
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray, frozen, IntArray
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, frozen, IntArray
 from visual_servo_epipolar.core.geometry.rays import tangents
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sightings:
     """
-    The features of the photograph that one view shows, rows are features.
+    The features that one view shows, rows are features.
 
     ``ids``, shape (N,), never change their meaning while there is one photograph; ``current`` and
     ``desired`` are unit rays in axes of the cameras (right, down, forward), shape (N, 3), with the
     distortion of the lens removed; ``noise``, shape (N, 2), is the deviation of the angle of each
-    current and desired ray [rad].
+    current and desired ray [rad]. Features that the photograph does not show have nan for a
+    desired ray.
     """
 
     ids: IntArray
@@ -46,6 +47,17 @@ class Sightings:
     def __len__(self) -> int:
         return len(self.ids)
 
+    @property
+    def shown(self) -> BoolArray:
+        """Which features the photograph shows, (N,)."""
+        return np.asarray(~np.isnan(self.desired[:, 0]))
+
+    def take(self, rows: BoolArray) -> 'Sightings':
+        """Return the rows chosen by a mask, shape (N,)."""
+        if rows.all():
+            return self
+        return Sightings(self.ids[rows], self.current[rows], self.desired[rows], self.noise[rows])
+
 
 def _checked(array: Any, name: str, shape: tuple[int, int]) -> FloatArray:
     values = np.asarray(array, np.float64)
@@ -54,8 +66,11 @@ def _checked(array: Any, name: str, shape: tuple[int, int]) -> FloatArray:
             f'{name} must have shape {shape} to match ids, got {values.shape}; '
             'pass one row for each feature'
         )
-    if not np.isfinite(values).all():
-        bad = int((~np.isfinite(values).all(axis=1)).sum())
+    finite = np.isfinite(values).all(axis=1)
+    if name == 'desired':
+        finite |= np.isnan(values).all(axis=1)
+    if not finite.all():
+        bad = int((~finite).sum())
         raise ValueError(f'{name} must be finite, got {bad} rows with NaN or inf; drop them')
     return np.asarray(frozen(values))
 

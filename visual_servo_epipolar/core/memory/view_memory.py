@@ -39,7 +39,7 @@ from visual_servo_epipolar.core.memory.window import EMPTY, Window
 MIN_SIGHTINGS = 5  # of remembered features that agree
 MIN_COLLECTED = 8  # features of a view to begin with
 MIN_SHARE = 0.5  # of the remembered features in view that agree
-COLLECTED_PARALLAX = 15.0  # in deviations of the noise, that collected views differ by at least
+COLLECTED_PARALLAX = 20.0  # in deviations of the noise, that collected views differ by at least
 MOST_COLLECTED = 4  # views to begin with: more cost more time, and are passed soon
 MOST_REFUSED = 3  # keyframes in a row that do not fit: then the geometry is wrong, not they
 MOST_STARTS = 2  # that are tried at one view
@@ -110,7 +110,8 @@ class ViewMemory:
             return memory._remembered(memory.geometry, sightings, learns)
         if not learns:
             return memory, Recollection('nothing is remembered to hold the view against')
-        return memory._collected(sightings, bearings, attitude or self.mount)
+        shown = sightings.take(sightings.shown)
+        return memory._collected(shown, bearings, attitude or self.mount)
 
     def _collected(
         self, sightings: Sightings, bearings: Sequence[Bearings], attitude: Attitude
@@ -173,7 +174,8 @@ class ViewMemory:
         memory = replace(self, pose=resection.pose)
         if not learns:
             return memory, said
-        return memory._grown(geometry, sightings, resection, int((rows < 0).sum())), said
+        new = int(((rows < 0) & sightings.shown).sum())
+        return memory._grown(geometry, sightings, resection, new), said
 
     def _fit(self, geometry: Geometry, anchors: Anchors, seen: Seen) -> Fit:
         """Return the pose by the last one, or by the keyframe most alike if that does not fit."""

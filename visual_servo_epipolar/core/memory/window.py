@@ -14,6 +14,7 @@ from visual_servo_epipolar.core.memory.sightings import sides_of, Sightings
 
 VIEW, SHARED = 5, 5  # unknowns of a view; of all: tilt, roll of the photograph, lens, the mount's
 X, Y, HEADING, TILT, ROLL = range(VIEW)
+FREE = 0.5  # deviation of the ray of the photograph of a feature that it does not show [rad]
 PHOTOGRAPH, LENS, MOUNT = slice(0, 2), 2, slice(3, 5)  # of the shared unknowns
 
 
@@ -38,6 +39,11 @@ class Window:
 
     def __len__(self) -> int:
         return len(self.travelled)
+
+    @cached_property
+    def shown(self) -> BoolArray:
+        """Which features the photograph shows, (N,)."""
+        return np.asarray(self.photograph_noise < FREE)
 
     @cached_property
     def tangents(self) -> FloatArray:

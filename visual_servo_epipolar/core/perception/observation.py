@@ -11,7 +11,20 @@ from visual_servo_epipolar.core.geometry.camera import LEAST_FORWARD
 from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.lens import corrected, Lens
 from visual_servo_epipolar.core.geometry.motion import HALF_PI
-from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.core.tracking.features import Features, Passing
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PassingRays:
+    """
+    Features that the photograph does not show: ``ids``, shape (M,), and unit rays, (M, 3).
+
+    ``resolution``, shape (M,), is the angle of one pixel at each of them [rad].
+    """
+
+    ids: IntArray
+    current: FloatArray
+    resolution: FloatArray
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -24,7 +37,7 @@ class Observation:
     without distortion. ``focal`` [px] only turns pixel thresholds into angles and back. ``edges``
     are the bearings of the left and the right edge of the image [rad], right positive. ``dropped``
     is the number of features left out, for the lens cannot say where they are. ``wide`` is a lens
-    that sees farther off its axis than a plane can hold.
+    that sees farther off its axis than a plane can hold. ``passing`` does not count.
     """
 
     stamp_ns: int
@@ -36,6 +49,7 @@ class Observation:
     dropped: int = 0
     wide: bool = False
     ids: IntArray | None = None
+    passing: PassingRays | None = None
 
     @property
     def resolution(self) -> FloatArray:
@@ -64,6 +78,7 @@ class Observation:
             focal=self.focal / ratio,
             edges=(left, right),
             pixel_angles=self.resolution * np.stack([growth_current, growth_desired], axis=1),
+            passing=None,  # for memories, which have none of a lens that is being learnt
         )
 
 
@@ -102,16 +117,29 @@ def observe_each(
     rays = _frozen(rays)
     resolution = _frozen(camera.resolution(rays))
     observations, first = [], 0
-    for count, left, stamp_ns in zip(counts, kept, stamps_ns, strict=True):
+    passing = [passing_rays(view.passing, camera) for view in features]
+    columns = zip(counts, kept, stamps_ns, passing, strict=True)
+    for count, left, stamp_ns, others in columns:
         both = slice(first, first + 2 * left)
         observations.append(
             replace(
                 _observation(rays[both], resolution[both], camera, stamp_ns, count - left),
                 ids=ids[first // 2 : first // 2 + left],
+                passing=others,
             )
         )
         first = both.stop
     return observations
+
+
+def passing_rays(passing: Passing, camera: CameraModel) -> PassingRays | None:
+    """Return the rays of features that the photograph does not show; None where there are none."""
+    if not len(passing):
+        return None
+    rays = camera.rays(passing.current)
+    usable = camera.round_trips(passing.current, rays)
+    rays = rays[usable]
+    return PassingRays(passing.ids[usable], rays, camera.resolution(rays)) if len(rays) else None
 
 
 def _in_both_views(usable: BoolArray, counts: Sequence[int]) -> BoolArray:

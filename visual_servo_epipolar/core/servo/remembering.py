@@ -21,6 +21,7 @@ PREFERENCE = 3.0  # deviations of two views that one of the memory may have
 LEAST_NOISE = 1e-9  # of the angle of a ray [rad]: a memory weighs by it
 # Of views that show too little for two: what must agree with one place, which is where they drove.
 LEAST_CARRIED, CARRIED_SHARE = 6, 0.6
+DRIFT_PX = 1.0  # deviation of what nothing anchors
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,9 +63,9 @@ def remembered(
     few_s = max(before.few_s + (dt if is_few else -dt), 0.0)
     few_s = min(few_s, settings.few_features_timeout)
     bearings = perception.measurement.bearings
-    noise = np.maximum(perception.memory.noise * observation.resolution, LEAST_NOISE)
+    sightings = sightings_of(observation, perception.memory.noise)
     after, said = views.after(
-        Sightings(observation.ids, observation.current, observation.desired, noise),
+        sightings,
         np.array([0.0, motion.way]),
         bearings=() if bearings is None else (bearings,),
         attitude=perception.memory.attitude,
@@ -72,13 +73,30 @@ def remembered(
     )
     if is_few:
         is_over = few_s >= settings.few_features_timeout
-        carries = _carries(said, observation.ids, before.place, motion)
+        carries = _carries(said, sightings.ids, before.place, motion)
         if is_over or not carries:
             place = None if before.place is None else before.place.after(motion)
             unseen = replace(after, pose=views.pose)  # who seems to be elsewhere was not seen
             return Remembered(unseen, place, few_s, is_over and carries), None
     said, place = steadied(said, before.place, motion)
-    return Remembered(after, place, few_s), reading_in_view(said, observation)
+    return Remembered(after, place, few_s), reading_in_view(said, observation, is_few=is_few)
+
+
+def sightings_of(observation: Observation, noise_px: float) -> Sightings:
+    """Return what an observation shows, passing features as well; of deviation ``noise_px``."""
+    noise = np.maximum(noise_px * observation.resolution, LEAST_NOISE)
+    ids = np.empty(0, np.int64) if observation.ids is None else observation.ids
+    current, desired, passing = observation.current, observation.desired, observation.passing
+    new = None if passing is None else ~np.isin(passing.ids, ids)
+    if passing is None or new is None or not new.any():
+        return Sightings(ids, current, desired, noise)
+    own = np.maximum(max(noise_px, DRIFT_PX) * passing.resolution[new], LEAST_NOISE)
+    return Sightings(
+        np.concatenate([ids, passing.ids[new]]),
+        np.concatenate([current, passing.current[new]]),
+        np.concatenate([desired, np.full((int(new.sum()), 3), np.nan)]),
+        np.concatenate([noise, np.stack([own, own], axis=1)]),
+    )
 
 
 def _carries(said: Recollection, ids: IntArray, place: Place | None, motion: Motion) -> bool:
@@ -99,7 +117,8 @@ def measured(
     if measurement.features >= settings.min_features or not settings.remembers:
         return sharpened(measurement, reading, settings)
     if reading is not None:
-        return sharpened(replace(of_few(perception, settings), carried=True), reading, settings)
+        few = replace(of_few(perception, settings, reading.view_rays), carried=True)
+        return sharpened(few, reading, settings)
     if not after.is_over or settings.few_features_timeout == 0.0:
         return measurement
     over = f'few_features_timeout of {settings.few_features_timeout:g} s is over'
@@ -144,13 +163,21 @@ def sharpened(
     )
 
 
-def reading_in_view(said: Recollection, observation: Observation) -> Reading | None:
-    """Return what is said, with D over the remembered features in view but wrong matches."""
+def reading_in_view(
+    said: Recollection, observation: Observation, *, is_few: bool = False
+) -> Reading | None:
+    """
+    Return what is said, with D over the remembered features in view but wrong matches.
+
+    Where ``is_few`` of the photograph's are, over all that are remembered: as if in view.
+    """
     if said.reason or observation.ids is None:
         return None
-    _, rows, seen = np.intersect1d(
-        said.ids, observation.ids, assume_unique=True, return_indices=True
-    )
-    trusted = ~np.isin(said.ids[rows], said.dropped)
-    rows, seen = rows[trusted], seen[trusted]
-    return reading_of(said, observation.desired[seen], said.nearness[rows], wide=observation.wide)
+    counted = said.shown & ~np.isin(said.ids, said.dropped)
+    if not is_few:
+        counted &= np.isin(said.ids, observation.ids)
+    desired, nearness = said.photograph[counted], said.nearness[counted]
+    reading = reading_of(said, desired, nearness, wide=observation.wide)
+    if reading is None or not is_few:
+        return reading
+    return replace(reading, view_rays=said.rays[counted])

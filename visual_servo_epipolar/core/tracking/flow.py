@@ -89,17 +89,22 @@ def coarse_flow(
 
 
 def checked_flow(
-    previous: Frame, frame: Frame, points: Points, *, settings: TrackerSettings
+    previous: Frame,
+    frame: Frame,
+    points: Points,
+    *,
+    settings: TrackerSettings,
+    both_ways: bool = False,
 ) -> tuple[Points, BoolArray]:
     """
     Return the flow of ``points`` from ``previous`` to ``frame``, brightness equalised first.
 
-    Without alignment (``anchor_period`` 0) the flow back must return within ``forward_backward``
-    [px] as well; with it the patch in the desired image is the judge.
+    Without alignment (``anchor_period`` 0), or ``both_ways``, the flow back must return within
+    ``forward_backward`` [px] as well; with it the patch in the desired image is the judge.
     """
     source = equalised(previous, frame)
     pixels, valid = flow(source, frame.image, points, settings=settings)
-    if settings.anchor_period == 0:
+    if both_ways or settings.anchor_period == 0:
         back, back_valid = flow(frame.image, source, pixels, points, settings=settings)
         valid &= back_valid & (np.hypot(*(back - points).T) <= settings.forward_backward)
     return pixels, valid

@@ -17,7 +17,7 @@ from visual_servo_epipolar.core.tracking.alignment.sampling import float_image, 
 from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
 from visual_servo_epipolar.core.tracking.alignment.warps import contained, Warps
 from visual_servo_epipolar.core.tracking.candidates import Candidates
-from visual_servo_epipolar.core.tracking.features import Features, NO_GOAL
+from visual_servo_epipolar.core.tracking.features import Features, NO_GOAL, Passing
 from visual_servo_epipolar.core.tracking.flow import checked_flow, coarse_flow, Frame, OpenCVError
 from visual_servo_epipolar.core.tracking.matching import (
     desired_view,
@@ -27,6 +27,7 @@ from visual_servo_epipolar.core.tracking.matching import (
     match_quickly,
     Matches,
 )
+from visual_servo_epipolar.core.tracking.passing import PassingFeatures
 from visual_servo_epipolar.core.tracking.predicted_features import fit_motion, PredictedFeatures
 from visual_servo_epipolar.core.tracking.reacquisition import reacquire
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
@@ -57,6 +58,7 @@ class Tracker:
         self._tracked = Tracks.empty()
         self._candidates: Candidates | None = None
         self._predicted = PredictedFeatures.empty()
+        self._passing = PassingFeatures()
         self._frame = 0
         self.goal = NO_GOAL
         self._match_frame: int | None = None
@@ -90,6 +92,7 @@ class Tracker:
         self._previous, self._tracked, self._match_frame = None, Tracks.empty(), None
         self._candidates = None if self._view is None else Candidates(self._view)
         self._predicted = PredictedFeatures.empty()
+        self._passing.forget()
 
     def track(self, image: Image) -> Features:
         """
@@ -115,13 +118,15 @@ class Tracker:
         try:
             frame = Frame(image)
             self._tracked = self._tracked_in(frame)
+            known = self._tracked.warps.current
+            passing = self._passing.follow(self._previous, frame, known, self.settings)
         except (OpenCVError, np.linalg.LinAlgError) as error:
             self.redetect()
             self.reason = f'the image could not be tracked in: {" ".join(str(error).split())}'
             return Features()
         self._previous = frame
         self._predicted = self._predicted.corrected(self._tracked.warps)
-        return self._features()
+        return self._features(passing)
 
     def _tracked_in(self, frame: Frame) -> Tracks:
         """Return the tracks in ``frame``, by matching all of it where few are left."""
@@ -240,11 +245,9 @@ class Tracker:
         first = contained(ids, preferred.warps.ids)
         return tracks.take(self._candidates.bucketed(ids, first, limit))
 
-    def _features(self) -> Features:
-        warps = self._tracked.warps
-        return Features(
-            warps.ids, warps.current, warps.desired, self._tracked.ages, self._tracked.residuals
-        )
+    def _features(self, passing: Passing) -> Features:
+        warps, ages, residuals = self._tracked.warps, self._tracked.ages, self._tracked.residuals
+        return Features(warps.ids, warps.current, warps.desired, ages, residuals, passing)
 
 
 def goal_of(image: Image) -> int:

@@ -48,6 +48,11 @@ def is_in_doubt(measurement: Measurement, settings: ServoSettings) -> bool:
     return settings.remembers and measurement.offset is None
 
 
+def sees_nothing_of_it(measurement: Measurement) -> bool:
+    """Return whether others than the photograph's features carry on: they cannot tell the end."""
+    return measurement.carried and math.isnan(measurement.parallax)
+
+
 def stands_aside(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
     """Return whether a few looks are enough for who is in doubt: it stands clearly aside."""
     return is_in_doubt(measurement, settings) and abs(state.settled_aside) > CLEARLY_ASIDE

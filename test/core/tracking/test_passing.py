@@ -1,0 +1,126 @@
+"""Passing features: followed where the photograph's are not, renewed before they drift away."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, integrate, Pose, Twist
+from visual_servo_epipolar.core.tracking.features import FIRST_PASSING, Passing
+from visual_servo_epipolar.core.tracking.flow import Frame
+from visual_servo_epipolar.core.tracking.passing import (
+    APART_PX,
+    BORDER,
+    LAST_ID,
+    OLDEST,
+    PassingFeatures,
+)
+from visual_servo_epipolar.core.tracking.settings import TrackerSettings
+from visual_servo_epipolar.core.tracking.tracker import Tracker
+from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
+from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+
+LIMIT = 20
+SETTINGS = TrackerSettings(passing_features=LIMIT)
+NOWHERE = np.empty((0, 2))
+
+
+@pytest.fixture(scope='module')
+def world() -> CameraSimulator:
+    return CameraSimulator(
+        CameraSettings(
+            width=640, height=480, focal_length=384.6, principal_u=319.5, principal_v=239.5
+        )
+    )
+
+
+@pytest.fixture(scope='module')
+def drive(world: CameraSimulator) -> list[tuple[Pose, np.ndarray]]:
+    """Return thirty frames of an approach from 3 m behind the goal."""
+    pose, frames = Pose(0.3, -3.0, DESIRED_POSE.theta + 0.05), []
+    for number in range(30):
+        frames.append((pose, world.capture(pose, number)))
+        pose = integrate(pose, Twist(0.4, 0.02), 0.1)
+    return frames
+
+
+def tracked(world: CameraSimulator, drive, settings: TrackerSettings = SETTINGS) -> list:
+    tracker = Tracker(settings)
+    tracker.set_desired(world.photograph())
+    return [tracker.track(image) for _, image in drive]
+
+
+def test_they_stay_on_their_points(world: CameraSimulator, drive) -> None:
+    found = tracked(world, drive)
+    first: dict[int, tuple[Pose, np.ndarray]] = {}
+    errors = []
+    for (pose, _), features in zip(drive, found, strict=True):
+        assert len(features.passing) <= LIMIT
+        for number, pixel in zip(
+            features.passing.ids.tolist(), features.passing.current, strict=True
+        ):
+            if number not in first:
+                first[number] = pose, pixel
+                continue
+            point = world.renderer.trace(first[number][1][None], first[number][0])
+            truth, _ = world.renderer.project(point, pose)
+            errors.append(float(np.hypot(*(truth[0] - pixel))))
+    assert len(errors) > 10 * LIMIT
+    assert np.median(errors) < 0.5
+    assert np.quantile(errors, 0.9) < 2.0
+
+
+def test_they_are_none_of_the_photograph_s_and_stand_apart(world: CameraSimulator, drive) -> None:
+    for features in tracked(world, drive)[:8]:
+        passing = features.passing
+        assert (passing.ids >= FIRST_PASSING).all()
+        assert not set(passing.ids.tolist()) & set(features.ids.tolist())
+        apart = np.hypot(*(passing.current[:, None] - features.current).T)
+        assert apart.min() > 0.25 * APART_PX
+        assert (passing.current > BORDER).all()
+
+
+def test_the_photograph_s_features_are_the_same_with_and_without(world, drive) -> None:
+    with_them = tracked(world, drive)
+    without = tracked(world, drive, replace(SETTINGS, passing_features=0))
+    for one, other in zip(with_them, without, strict=True):
+        assert len(other.passing) == 0
+        for name in ('ids', 'current', 'desired', 'ages', 'errors'):
+            np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
+
+
+def test_the_old_are_let_go_and_new_ones_have_new_numbers(drive) -> None:
+    follower, frame = PassingFeatures(), Frame(drive[0][1])
+    seen: set[int] = set()
+    for _ in range(OLDEST + 10):
+        passing = follower.follow(frame, frame, NOWHERE, SETTINGS)
+        assert int(passing.ages.max(initial=0)) <= OLDEST
+        seen |= set(passing.ids.tolist())
+    assert LIMIT < len(seen) <= 2 * LIMIT
+    assert not len(follower.follow(frame, frame, NOWHERE, replace(SETTINGS, passing_features=0)))
+
+
+def test_another_stream_begins_anew(drive) -> None:
+    follower, frame = PassingFeatures(), Frame(drive[0][1])
+    before = follower.follow(None, frame, NOWHERE, SETTINGS)
+    follower.forget()
+    assert len(before) == LIMIT
+    assert len(follower.features) == 0
+
+
+def test_numbers_begin_again_before_they_are_too_large_for_a_row(drive) -> None:
+    follower, frame = PassingFeatures(), Frame(drive[0][1])
+    follower._next_id = LAST_ID - 1
+    passing = follower.follow(None, frame, NOWHERE, SETTINGS)
+    assert passing.ids.min() == FIRST_PASSING
+    assert passing.ids.max() < LAST_ID
+
+
+def test_an_image_without_corners_has_none() -> None:
+    grey = Frame(np.full((480, 640), 90, np.uint8))
+    assert len(PassingFeatures().follow(None, grey, NOWHERE, SETTINGS)) == 0
+
+
+def test_rows_that_do_not_fit_are_refused() -> None:
+    with pytest.raises(ValueError, match='ages must have 2 rows to match ids, got 1'):
+        Passing([1, 2], np.zeros((2, 2)), [3])

@@ -1,0 +1,93 @@
+"""
+Passing features: corners that the photograph does not show, from frame to frame.
+
+Nothing anchors them: what optical flow is off by adds up, so they are let go after a while. A
+memory of views learns where they are, for when the photograph's features are out of view.
+"""
+
+import cv2
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, Image
+from visual_servo_epipolar.core.tracking.features import FIRST_PASSING, NOTHING_PASSING, Passing
+from visual_servo_epipolar.core.tracking.flow import checked_flow, Frame
+from visual_servo_epipolar.core.tracking.matching import inside_border
+from visual_servo_epipolar.core.tracking.settings import TrackerSettings
+
+PERIOD = 5  # frames between two looks for new ones
+OLDEST = 150  # frames, after which drift may be a pixel
+QUALITY = 0.02  # of the corner, of the best one's (Shi and Tomasi 1994)
+APART_PX = 20.0  # least distance from each other and from the photograph's features
+BORDER = 12.0  # nearer to the border of the image they are soon gone [px]
+LAST_ID = (1 << 32) - 1  # that a row of ``tracks`` can hold
+
+
+class PassingFeatures:
+    """Passing features of a stream of images, at most as many as the settings say."""
+
+    def __init__(self) -> None:
+        self.features = NOTHING_PASSING
+        self._next_id, self._frame = FIRST_PASSING, 0
+
+    def forget(self) -> None:
+        """Forget those that are followed: the next image has nothing to do with the last."""
+        self.features = NOTHING_PASSING
+
+    def follow(
+        self, previous: Frame | None, frame: Frame, known: FloatArray, settings: TrackerSettings
+    ) -> Passing:
+        """Return the passing features in a ``frame``, none near the ``known`` pixels, (N, 2)."""
+        limit = settings.passing_features
+        if limit == 0:
+            self.features = NOTHING_PASSING
+            return self.features
+        self._frame += 1
+        followed = NOTHING_PASSING
+        if previous is not None and len(self.features):
+            followed = self._followed(previous, frame, known, settings)
+        missing = limit - len(followed)
+        if missing > 0 and self._frame % PERIOD == 1:
+            followed = self._with_new(followed, frame.image, known, missing)
+        self.features = followed
+        return followed
+
+    def _followed(
+        self, previous: Frame, frame: Frame, known: FloatArray, settings: TrackerSettings
+    ) -> Passing:
+        before, ages = self.features, self.features.ages + 1
+        points = before.current.astype(np.float32)
+        after, valid = checked_flow(previous, frame, points, settings=settings, both_ways=True)
+        current = after.astype(np.float64)
+        valid &= inside_border(current, frame.image.shape, BORDER)
+        valid &= (ages <= OLDEST) & ~_near(current, known)
+        return Passing(before.ids[valid], current[valid], ages[valid])
+
+    def _with_new(
+        self, passing: Passing, image: Image, known: FloatArray, missing: int
+    ) -> Passing:
+        mask = np.full(image.shape, 255, np.uint8)
+        for u, v in np.concatenate([known, passing.current]).round().astype(int).tolist():
+            cv2.circle(mask, (u, v), int(APART_PX), 0, -1)
+        corners = cv2.goodFeaturesToTrack(image, missing, QUALITY, APART_PX, mask=mask)
+        if corners is None:
+            return passing
+        found = corners.reshape(-1, 2).astype(np.float64)
+        found = found[inside_border(found, image.shape, BORDER)]
+        if self._next_id + len(found) > LAST_ID:
+            self._next_id = FIRST_PASSING
+        ids = self._next_id + np.arange(len(found))
+        self._next_id += len(found)
+        return Passing(
+            np.concatenate([passing.ids, ids]),
+            np.concatenate([passing.current, found]),
+            np.concatenate([passing.ages, np.zeros(len(found), np.int64)]),
+        )
+
+
+def _near(points: FloatArray, known: FloatArray) -> BoolArray:
+    """Return which points, (M, 2), stand where a feature of the photograph is seen."""
+    if not len(known) or not len(points):
+        return np.zeros(len(points), bool)
+    offset = points[:, None] - known
+    least = np.min((offset * offset).sum(-1), axis=1)
+    return np.asarray(least < (0.25 * APART_PX) ** 2)
