@@ -1,10 +1,12 @@
 """Tracks that cannot be of the camera are refused, with the reason."""
 
+from dataclasses import replace
+
 import pytest
 
 from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.perception.observation import observe
-from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.core.tracking.features import Features, Passing
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.messages.validation import checked_features, checked_tracks, left_out
 
@@ -25,6 +27,15 @@ def test_a_feature_may_lie_a_pixel_outside_and_no_more(u, count, of_desired) -> 
     assert len(taken) == count
     expected = 'tracks refused: 1 of 2 features lie outside an image of 640x480 px; connect'
     assert warning.startswith(expected) if count == 0 else warning == ''
+
+
+def test_one_that_the_photograph_does_not_show_must_lie_in_the_image_as_well() -> None:
+    shown = features(10.0, of_desired=False)
+    for u, count in ((30.0, 1), (642.0, 0)):
+        more = replace(shown, passing=Passing([2**24], [[u, 10.0]], [0]))
+        taken, warning = checked_features(more, CAMERA)
+        assert len(taken.passing) == count
+        assert warning.startswith('tracks refused: 1 of 3 features lie') == (count == 0)
 
 
 def test_a_cloud_that_is_none_of_tracks_is_refused_with_the_reason() -> None:

@@ -69,6 +69,21 @@ def test_tracks_are_those_of_the_core(rig, photograph, view) -> None:
     np.testing.assert_array_equal(features.desired, expected.desired)
 
 
+def test_features_that_the_photograph_does_not_show_come_last(
+    bench, simulator, photograph, view
+) -> None:
+    rig = Rig(bench, simulator, passing_features=5).calibrated().taught(photograph)
+    features = rig.track(view)
+    assert len(features) >= 40
+    assert len(features.passing) == 5
+    assert not rig.clouds[-1].is_dense
+    rows = np.frombuffer(bytes(rig.clouds[-1].data), write.TRACK_LAYOUT)
+    assert np.isnan(rows['desired_u']).tolist() == [False] * len(features) + [True] * 5
+    expected = Tracker(TrackerSettings(passing_features=5))
+    expected.set_desired(photograph)
+    np.testing.assert_array_equal(features.passing.current, expected.track(view).passing.current)
+
+
 def test_each_image_gives_one_cloud_with_its_stamp(rig, photograph, view) -> None:
     rig.calibrated().taught(photograph)
     for number in range(3):

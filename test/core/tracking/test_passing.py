@@ -12,8 +12,9 @@ from visual_servo_epipolar.core.tracking.passing import (
     APART_PX,
     BORDER,
     LAST_ID,
-    OLDEST,
+    OLD,
     PassingFeatures,
+    PERIOD,
 )
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
@@ -89,14 +90,16 @@ def test_the_photograph_s_features_are_the_same_with_and_without(world, drive) -
             np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
 
 
-def test_the_old_are_let_go_and_new_ones_have_new_numbers(drive) -> None:
-    follower, frame = PassingFeatures(), Frame(drive[0][1])
-    seen: set[int] = set()
-    for _ in range(OLDEST + 10):
-        passing = follower.follow(frame, frame, NOWHERE, SETTINGS)
-        assert int(passing.ages.max(initial=0)) <= OLDEST
-        seen |= set(passing.ids.tolist())
-    assert LIMIT < len(seen) <= 2 * LIMIT
+def test_the_old_are_let_go_one_at_a_time_and_only_where_others_are_seen(drive) -> None:
+    frame = Frame(drive[0][1])
+    for known in (np.full((SETTINGS.min_features, 2), 5.0), NOWHERE):
+        follower, before, let_go = PassingFeatures(), set[int](), 0
+        for _ in range(OLD + 4 * PERIOD):
+            passing = set(follower.follow(frame, frame, known, SETTINGS).ids.tolist())
+            assert len(passing) >= LIMIT - 1
+            assert len(before - passing) <= 1
+            let_go, before = let_go + len(before - passing), passing
+        assert (let_go > 0) == (len(known) > 0)
     assert not len(follower.follow(frame, frame, NOWHERE, replace(SETTINGS, passing_features=0)))
 
 

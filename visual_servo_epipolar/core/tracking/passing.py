@@ -1,8 +1,9 @@
 """
 Passing features: corners that the photograph does not show, from frame to frame.
 
-Nothing anchors them: what optical flow is off by adds up, so they are let go after a while. A
-memory of views learns where they are, for when the photograph's features are out of view.
+Nothing anchors them: what optical flow is off by adds up, so the old are let go, one at a time
+and while the photograph's features are in view. A memory of views learns where they are, for when
+those are not.
 """
 
 import cv2
@@ -15,7 +16,7 @@ from visual_servo_epipolar.core.tracking.matching import inside_border
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 
 PERIOD = 5  # frames between two looks for new ones
-OLDEST = 150  # frames, after which drift may be a pixel
+OLD = 300  # frames, after which drift may be a pixel
 QUALITY = 0.02  # of the corner, of the best one's (Shi and Tomasi 1994)
 APART_PX = 20.0  # least distance from each other and from the photograph's features
 BORDER = 12.0  # nearer to the border of the image they are soon gone [px]
@@ -45,9 +46,10 @@ class PassingFeatures:
         followed = NOTHING_PASSING
         if previous is not None and len(self.features):
             followed = self._followed(previous, frame, known, settings)
-        missing = limit - len(followed)
-        if missing > 0 and self._frame % PERIOD == 1:
-            followed = self._with_new(followed, frame.image, known, missing)
+        if self._frame % PERIOD == 1:
+            if len(known) >= settings.min_features:
+                followed = _without_oldest(followed)
+            followed = self._with_new(followed, frame.image, known, limit - len(followed))
         self.features = followed
         return followed
 
@@ -59,12 +61,14 @@ class PassingFeatures:
         after, valid = checked_flow(previous, frame, points, settings=settings, both_ways=True)
         current = after.astype(np.float64)
         valid &= inside_border(current, frame.image.shape, BORDER)
-        valid &= (ages <= OLDEST) & ~_near(current, known)
+        valid &= ~_near(current, known)
         return Passing(before.ids[valid], current[valid], ages[valid])
 
     def _with_new(
         self, passing: Passing, image: Image, known: FloatArray, missing: int
     ) -> Passing:
+        if missing <= 0:
+            return passing
         mask = np.full(image.shape, 255, np.uint8)
         for u, v in np.concatenate([known, passing.current]).round().astype(int).tolist():
             cv2.circle(mask, (u, v), int(APART_PX), 0, -1)
@@ -82,6 +86,13 @@ class PassingFeatures:
             np.concatenate([passing.current, found]),
             np.concatenate([passing.ages, np.zeros(len(found), np.int64)]),
         )
+
+
+def _without_oldest(passing: Passing) -> Passing:
+    """Return the features without the oldest one, if that is old."""
+    if not len(passing) or int(passing.ages.max()) < OLD:
+        return passing
+    return passing.take(np.arange(len(passing)) != int(passing.ages.argmax()))
 
 
 def _near(points: FloatArray, known: FloatArray) -> BoolArray:

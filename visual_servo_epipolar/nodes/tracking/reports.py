@@ -37,7 +37,10 @@ class TrackerReports:
     def overlay(self, image: Pixels | None, features: Features, stamp_ns: int, frame: str) -> None:
         """Draw the tracks into their image, where somebody looks."""
         if image is not None and self._overlay_pub.get_subscription_count():
-            overlay = draw_overlay(image, features.current, features.desired)
+            passing = features.passing.current if len(features.passing) else None
+            overlay = draw_overlay(
+                image, features.current, features.desired, passing_pixels=passing
+            )
             self._overlay_pub.publish(write.image(overlay, 'bgr8', stamp_ns, frame))
 
     def diagnose(

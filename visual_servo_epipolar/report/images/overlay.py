@@ -32,6 +32,7 @@ DARK: BGR = (20, 20, 20)
 EPIPOLE = '#FF50FF'
 
 CROSS = np.array([((-1.0, -1.0), (1.0, 1.0)), ((-1.0, 1.0), (1.0, -1.0))])
+SQUARE = np.array([[(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)]])
 MAX_EPIPOLAR_LINES = 10  # more hide the picture
 LINE_OPACITY = 0.55
 
@@ -45,6 +46,7 @@ def draw_overlay(
     epipole_current: float | None = None,
     horizon: float | None = None,
     fundamental: FloatArray | None = None,
+    passing_pixels: FloatArray | None = None,
 ) -> Image:
     """
     Return a colour picture of the features drawn over a grey image.
@@ -65,6 +67,8 @@ def draw_overlay(
     fundamental : array, shape (3, 3), optional
         F such that p_desired^T F p_current = 0 in pixels. Then a few epipolar lines of desired
         features are drawn. They belong to the current image.
+    passing_pixels : array, shape (M, 2), optional
+        Features (u, v) in pixels that the photograph does not show: small squares.
 
     Returns
     -------
@@ -83,6 +87,8 @@ def draw_overlay(
     unit = _unit(gray)
     if fundamental is not None:
         _draw_epipolar_lines(picture, fundamental, desired, unit)
+    if passing_pixels is not None:
+        _draw_passing(picture, as_points(passing_pixels, 'passing_pixels'), unit)
     _draw_features(picture, current, desired, unit)
     if epipole_current is not None and 0.0 <= epipole_current < gray.shape[1]:
         row = 0.5 * gray.shape[0] if horizon is None else horizon
@@ -153,6 +159,12 @@ def _draw_features(picture: Image, current: FloatArray, desired: FloatArray, uni
     crosses = (current[:, None, None] + 8.0 * unit * CROSS).reshape(-1, 2, 2)
     draw_lines(picture, crosses, DARK, bold + 2, smooth=False)
     draw_lines(picture, crosses, RED, bold)
+
+
+def _draw_passing(picture: Image, pixels: FloatArray, unit: float) -> None:
+    squares = pixels[:, None] + 5.0 * unit * SQUARE
+    for colour, width in ((DARK, 3), (LINE, 1)):
+        draw_lines(picture, squares, colour, width, closed=True)
 
 
 def _draw_epipole(picture: Image, at: FloatArray, unit: float) -> None:
