@@ -75,10 +75,12 @@ def test_features_that_the_photograph_does_not_show_come_last(
     rig = Rig(bench, simulator, passing_features=5).calibrated().taught(photograph)
     features = rig.track(view)
     assert len(features) >= 40
-    assert len(features.passing) == 5
+    assert 1 <= len(features.passing) <= 5
     assert not rig.clouds[-1].is_dense
     rows = np.frombuffer(bytes(rig.clouds[-1].data), write.TRACK_LAYOUT)
-    assert np.isnan(rows['desired_u']).tolist() == [False] * len(features) + [True] * 5
+    assert np.isnan(rows['desired_u']).tolist() == [False] * len(features) + [True] * len(
+        features.passing
+    )
     expected = Tracker(TrackerSettings(passing_features=5))
     expected.set_desired(photograph)
     np.testing.assert_array_equal(features.passing.current, expected.track(view).passing.current)

@@ -6,6 +6,8 @@ and while the photograph's features are in view. A memory of views learns where 
 those are not.
 """
 
+import math
+
 import cv2
 import numpy as np
 
@@ -17,8 +19,9 @@ from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 
 PERIOD = 5  # frames between two looks for new ones
 OLD = 300  # frames, after which drift may be a pixel
-QUALITY = 0.02  # of the corner, of the best one's (Shi and Tomasi 1994)
-APART_PX = 20.0  # least distance from each other and from the photograph's features
+QUALITY = 0.01  # of a corner, of the best one's (Shi and Tomasi 1994)
+SPACING = 0.4  # least distance from each other, of what it is where they are spread evenly
+TWIN_PX = 5.0  # from a feature of the photograph: it may be the same
 BORDER = 12.0  # nearer to the border of the image they are soon gone [px]
 LAST_ID = (1 << 32) - 1  # that a row of ``tracks`` can hold
 
@@ -69,10 +72,13 @@ class PassingFeatures:
     ) -> Passing:
         if missing <= 0:
             return passing
+        # Spread, and where the photograph's are not: what hides those may leave these.
+        spacing = SPACING * math.sqrt(image.size / (len(passing) + missing))
         mask = np.full(image.shape, 255, np.uint8)
-        for u, v in np.concatenate([known, passing.current]).round().astype(int).tolist():
-            cv2.circle(mask, (u, v), int(APART_PX), 0, -1)
-        corners = cv2.goodFeaturesToTrack(image, missing, QUALITY, APART_PX, mask=mask)
+        for points, radius in ((known, 0.5 * spacing), (passing.current, spacing)):
+            for u, v in points.round().astype(int).tolist():
+                cv2.circle(mask, (u, v), round(radius), 0, -1)
+        corners = cv2.goodFeaturesToTrack(image, missing, QUALITY, spacing, mask=mask)
         if corners is None:
             return passing
         found = corners.reshape(-1, 2).astype(np.float64)
@@ -101,4 +107,4 @@ def _near(points: FloatArray, known: FloatArray) -> BoolArray:
         return np.zeros(len(points), bool)
     offset = points[:, None] - known
     least = np.min((offset * offset).sum(-1), axis=1)
-    return np.asarray(least < (0.25 * APART_PX) ** 2)
+    return np.asarray(least < TWIN_PX**2)
