@@ -71,24 +71,6 @@ def flow(
 
 
 def coarse_flow(
-    previous: Frame, frame: Frame, points: Points, *, settings: TrackerSettings
-) -> tuple[Points, BoolArray]:
-    """
-    Return the flow of ``points`` from ``previous`` to ``frame``, to be aligned yet.
-
-    The half of an image places a feature within half a pixel, where an alignment finds it, in a
-    fraction of the time.
-    """
-    if not settings.levels or min(frame.image.shape) < LEAST_HALVED:
-        return flow(equalised(previous, frame), frame.image, points, settings=settings)
-    source = _scaled(previous.half, previous, frame)
-    pixels, valid = flow(
-        source, frame.half, points * np.float32(0.5), settings=settings, halved=True
-    )
-    return pixels * np.float32(2.0), valid
-
-
-def checked_flow(
     previous: Frame,
     frame: Frame,
     points: Points,
@@ -97,14 +79,37 @@ def checked_flow(
     both_ways: bool = False,
 ) -> tuple[Points, BoolArray]:
     """
+    Return the flow of ``points`` from ``previous`` to ``frame``, to be aligned yet.
+
+    The half of an image places a feature within half a pixel, where an alignment finds it, in a
+    fraction of the time. Where nothing aligns it, the flow ``both_ways`` must return within
+    ``forward_backward`` [px].
+    """
+    halved = bool(settings.levels) and min(frame.image.shape) >= LEAST_HALVED
+    source = previous.half if halved else previous.image
+    source, target = _scaled(source, previous, frame), frame.half if halved else frame.image
+    part = np.float32(0.5 if halved else 1.0)
+    before = points * part
+    pixels, valid = flow(source, target, before, settings=settings, halved=halved)
+    if both_ways and len(points):
+        back, returned = flow(target, source, pixels, before, settings=settings, halved=halved)
+        off = np.hypot(*(back - before).T) / part
+        valid = valid & returned & (off <= settings.forward_backward)
+    return pixels / part, valid
+
+
+def checked_flow(
+    previous: Frame, frame: Frame, points: Points, *, settings: TrackerSettings
+) -> tuple[Points, BoolArray]:
+    """
     Return the flow of ``points`` from ``previous`` to ``frame``, brightness equalised first.
 
-    Without alignment (``anchor_period`` 0), or ``both_ways``, the flow back must return within
-    ``forward_backward`` [px] as well; with it the patch in the desired image is the judge.
+    Without alignment (``anchor_period`` 0) the flow back must return within ``forward_backward``
+    [px] as well; with it the patch in the desired image is the judge.
     """
     source = equalised(previous, frame)
     pixels, valid = flow(source, frame.image, points, settings=settings)
-    if both_ways or settings.anchor_period == 0:
+    if settings.anchor_period == 0:
         back, back_valid = flow(frame.image, source, pixels, points, settings=settings)
         valid &= back_valid & (np.hypot(*(back - points).T) <= settings.forward_backward)
     return pixels, valid

@@ -13,7 +13,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, Image
 from visual_servo_epipolar.core.tracking.features import FIRST_PASSING, NOTHING_PASSING, Passing
-from visual_servo_epipolar.core.tracking.flow import checked_flow, Frame
+from visual_servo_epipolar.core.tracking.flow import coarse_flow, Frame
 from visual_servo_epipolar.core.tracking.matching import inside_border
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 
@@ -61,7 +61,7 @@ class PassingFeatures:
     ) -> Passing:
         before, ages = self.features, self.features.ages + 1
         points = before.current.astype(np.float32)
-        after, valid = checked_flow(previous, frame, points, settings=settings, both_ways=True)
+        after, valid = coarse_flow(previous, frame, points, settings=settings, both_ways=True)
         current = after.astype(np.float64)
         valid &= inside_border(current, frame.image.shape, BORDER)
         valid &= ~_near(current, known)
