@@ -38,6 +38,16 @@ def test_one_that_the_photograph_does_not_show_must_lie_in_the_image_as_well() -
         assert warning.startswith('tracks refused: 1 of 3 features lie') == (count == 0)
 
 
+@pytest.mark.parametrize('ids', [([1, 1], [9]), ([1, 2], [2])])
+def test_ids_that_stand_twice_are_refused(ids) -> None:
+    shown = replace(features(10.0, of_desired=False), ids=ids[0])
+    taken, warning = checked_features(
+        replace(shown, passing=Passing(ids[1], [[30.0, 10.0]], [0])), CAMERA
+    )
+    assert len(taken) == len(taken.passing) == 0
+    assert warning.startswith('tracks refused: of 3 ids 2 differ')
+
+
 def test_a_cloud_that_is_none_of_tracks_is_refused_with_the_reason() -> None:
     message = write.features(features(10.0, of_desired=False), 0, 'camera')
     assert len(checked_tracks(message, CAMERA)[0]) == 2

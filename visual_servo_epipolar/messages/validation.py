@@ -51,6 +51,13 @@ def checked_tracks(message: Any, camera: CameraModel) -> tuple[Features, str]:
 
 def checked_features(features: Features, camera: CameraModel) -> tuple[Features, str]:
     """Return ``features``; none, and a warning, if they cannot come from ``camera``."""
+    ids = np.concatenate([features.ids, features.passing.ids])
+    different = len(set(ids.tolist()))
+    if different < len(ids):
+        return Features(), (
+            f'tracks refused: of {len(ids)} ids {different} differ; connect the tracks of one '
+            'tracker_node'
+        )
     current, desired = features.current, features.desired
     shown = camera.contains(current, margin=-BORDER_PX) & camera.contains(
         desired, margin=-BORDER_PX

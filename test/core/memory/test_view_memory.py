@@ -373,11 +373,34 @@ def test_what_the_photograph_does_not_show_is_learnt_and_is_enough() -> None:
 
 def test_a_geometry_begins_without_what_the_photograph_does_not_show(drive) -> None:
     memory = ViewMemory(drive.mount)
-    for k in range(4):
+    for k in range(last_of(drive)):
         told = two_views(drive, k)._asdict() if memory.geometry is None else {}
         memory, _ = memory.after(a_third_unshown(drive.sightings(k)), drive.motion(k), **told)
-        if memory.geometry is None:
-            assert memory.window.shown.all()
+        assert np.isfinite(memory.window.photograph).all()
+        if memory.geometry is not None:
+            break
+    assert memory.geometry is not None
+    assert memory.window.shown.all()
+
+
+def test_what_walks_about_does_not_silence_it(drive) -> None:
+    """More of it than of the photograph's features that are known: each view has other rays."""
+    rng, memory, said = np.random.default_rng(3), ViewMemory(drive.mount), []
+    for k in range(last_of(drive)):
+        told = two_views(drive, k)._asdict() if memory.geometry is None else {}
+        seen = drive.sightings(k)
+        walking = rng.normal([0.0, 0.0, 2.0], 0.5, (2 * len(seen), 3))
+        walking /= np.linalg.norm(walking, axis=1)[:, None]
+        both = Sightings(
+            np.concatenate([seen.ids, 1000 + np.arange(len(walking))]),
+            np.concatenate([seen.current, walking]),
+            np.concatenate([seen.desired, np.full(walking.shape, np.nan)]),
+            np.concatenate([seen.noise, np.full((len(walking), 2), 1e-3)]),
+        )
+        memory, view = memory.after(both, drive.motion(k), **told)
+        said.append(bool(view))
+    assert memory.geometry is not None
+    assert all(said[said.index(True) :])
 
 
 def test_no_geometry_begins_where_none_fits(drive) -> None:

@@ -131,6 +131,16 @@ def test_numbers_begin_again_before_they_are_too_large_for_a_row(drive) -> None:
     assert passing.ids.max() < LAST_ID
 
 
+def test_who_begins_anew_gives_other_numbers(drive) -> None:
+    streams = [drive[number][1] for number in (0, 5)]
+    first, second, again = (
+        set(PassingFeatures().follow(None, Frame(image), NOWHERE, SETTINGS).ids.tolist())
+        for image in (*streams, streams[0])
+    )
+    assert not first & second
+    assert first == again
+
+
 def test_an_image_without_corners_has_none() -> None:
     grey = Frame(np.full((480, 640), 90, np.uint8))
     assert len(PassingFeatures().follow(None, grey, NOWHERE, SETTINGS)) == 0

@@ -185,7 +185,9 @@ def _read_tracks(run: Recording, item: RecordedMessage, key: Key) -> None:
     run.tracked.add(key)
     if run.first_age is None and item.message.width:
         with suppress(ValueError):  # tracks that are refused, by the servo as well
-            run.first_age = int(read.features(item.message).ages.max(initial=0))
+            features = read.features(item.message)
+            if len(features):  # of the photograph
+                run.first_age = int(features.ages.max())
 
 
 def _read_telemetry(run: Recording, item: RecordedMessage, key: Key) -> None:

@@ -28,7 +28,8 @@ def aside(current: FloatArray, desired: FloatArray) -> float:
 
     Unit rays have shape (N, 3); right positive. Turn, advance and offset are fitted to the
     features that are ahead, reweighted (Geman-McClure), with the noise that they leave. 0 of too
-    few features.
+    few features. It counts where the camera is turned as in the photograph: through a focal
+    length that is 5 % off, a turn of half a degree looks like a centimetre.
     """
     carried = current @ fit_rotation(current, desired).rotation.T
     ahead = (carried[:, 2] > LEAST_FORWARD) & (desired[:, 2] > LEAST_FORWARD)

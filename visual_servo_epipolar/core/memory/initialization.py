@@ -80,10 +80,12 @@ def initial(
         return None
     best = min(found, key=lambda geometry: geometry.evaluation.cost)
     others = [geometry for geometry in found if geometry is not best]
-    bearings = twin_bearings(best)
+    bearings = twin_bearings(best) if len(best.window) == len(window) else None
     twin = None if bearings is None else begun(last._replace(bearings=bearings))
     if twin is not None:
         others.append(twin)
+    # Who needs views left out does not fit as well.
+    others = [other for other in others if len(other.window) >= len(best.window)]
     return None if any(is_rival(best, other) for other in others) else best
 
 
@@ -128,7 +130,8 @@ def is_sound(geometry: Geometry, trusted: float = LEAST_TRUSTED) -> bool:
 
     In every view most of those agree: one that none holds drifts away, and takes the scale along.
     """
-    share = geometry.trusted.mean() if len(geometry.trusted) else 0.0
+    shown = geometry.trusted[geometry.window.shown]
+    share = shown.mean() if len(shown) else 0.0
     held = bool(held_views(geometry).all())
     return held and geometry.noise_ratio < MOST_NOISE and float(share) >= trusted
 

@@ -25,7 +25,8 @@ class Reading:
     the offset along the axis over the median depth, which needs no scale. ``difference`` is D at
     unit focal length as the offset makes it, ``difference_slope`` its slope along the axis [1/m];
     ``parallax`` [rad] that of the median feature; ``inliers`` counts features that agree.
-    ``view_rays``, (M, 3), is where a view that shows few would see the photograph's features.
+    ``view_rays``, (M, 3), is where a view that shows none of the photograph's features would see
+    them; None where it does.
     """
 
     bearings: Bearings | None

@@ -85,10 +85,11 @@ class Geometry:
     @cached_property
     def noise_ratio(self) -> float:
         """Deviation of residuals over what was expected of the noise."""
-        weight = self.evaluation.weight * self.trusted
+        counted = self.trusted & self.window.shown
+        weight = self.evaluation.weight * counted
         squares = float((weight * self.evaluation.squares).sum())
-        squares += float((self.unknowns.offsets**2).sum(0) @ self.trusted)
-        freedom = 2.0 * weight.sum() - self.trusted.sum() - 5 * len(self.window)
+        squares += float((self.unknowns.offsets**2).sum(0) @ counted)
+        freedom = 2.0 * weight.sum() - counted.sum() - 5 * len(self.window)
         return math.sqrt(squares / freedom) if freedom > 0.0 else math.inf
 
 

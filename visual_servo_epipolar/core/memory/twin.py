@@ -1,10 +1,10 @@
 """
 Twin of a geometry: the other one that views of a plane allow.
 
-What views of a plane at a place p show is I - p m^T, turned, with m . X = 1 on the plane; p and m
-may change parts (Faugeras and Lustman 1988; Hartley and Zisserman, 13.4). The robot would then be
-straight before the wall, and the wall across its way. Which of both it is, relief has to tell, or
-a third view far enough from both.
+What a view of a plane at a place p shows is I - p m^T, turned, with m . X = 1 on the plane; but
+for a turn p and m may change parts (Faugeras and Lustman 1988; Hartley and Zisserman, 13.4). The
+robot would then be straight before the wall, and the wall across its way. Which of both it is,
+relief has to tell, or a third view far enough from both.
 """
 
 import math
@@ -13,7 +13,6 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.memory.equations import system_of
 from visual_servo_epipolar.core.memory.projection import structure_of
 from visual_servo_epipolar.core.memory.refinement import Geometry
 from visual_servo_epipolar.core.memory.window import HEADING
@@ -25,14 +24,24 @@ def twin_bearings(geometry: Geometry) -> Bearings | None:
     """Return the bearings of the last view in the twin of a ``geometry``; None without a plane."""
     if int(geometry.trusted.sum()) <= LEAST_ON_PLANE:
         return None
-    view, plane = geometry.unknowns.views[-1], _plane(geometry)
-    place, across = view[:2], plane[[0, 2]]
+    return exchanged(geometry.unknowns.views[-1], _plane(geometry)[[0, 2]])
+
+
+def exchanged(view: FloatArray, across: FloatArray) -> Bearings | None:
+    """
+    Return the bearings of a ``view``, (5,), whose place and wall have changed parts.
+
+    ``across``, (2,), is m of an upright wall, right and ahead. None at the goal, or without a wall.
+    """
+    place = view[:2]
     if not float(place @ place) > 0.0 or not float(across @ across) > 0.0:
         return None
-    # Both are on one side of the plane: it is p m^T that is turned over, not its sign.
-    psi = math.atan2(across[1], across[0])
-    psi += math.pi if place @ across < 0.0 else 0.0
-    heading = float(view[HEADING]) + float(place[0] * across[1] - place[1] * across[0])
+    # (I - m p^T) (I - p m^T)^-1 is a turn, but for a stretch across it.
+    cross = float(place[0] * across[1] - place[1] * across[0])
+    turn = 2.0 * math.atan2(cross, 2.0 - float(place @ across))
+    psi = math.atan2(across[1], across[0]) - 0.5 * turn
+    psi += math.pi if place @ across < 0.0 else 0.0  # both are on one side of the wall
+    heading = float(view[HEADING]) - turn
     return Bearings(psi, psi - heading - 0.5 * math.pi)
 
 
@@ -41,7 +50,7 @@ def _plane(geometry: Geometry) -> FloatArray:
     window, unknowns = geometry.window, geometry.unknowns
     rows = geometry.trusted
     rays = structure_of(window.photograph, window.tangents, unknowns).rays[:, rows]
-    roots = system_of(geometry.evaluation).roots[rows, 2]
+    roots = geometry.system.roots[rows, 2]
     weight = 1.0 / np.sqrt((roots * roots).sum(1))
     near = unknowns.nearness[rows]
     return np.asarray(np.linalg.lstsq((rays * weight).T, near * weight, rcond=None)[0])

@@ -155,7 +155,9 @@ class ViewMemory:
         """Return the memory after a view that is held against its geometry."""
         rows = self.window.rows_of(sightings.ids)
         known = rows >= 0
-        known[known] = geometry.trusted[rows[known]]
+        # Of what the photograph does not show one view tells no place.
+        placed = self.window.shown | (self.window.seen.sum(0) > 1)
+        known[known] = (geometry.trusted & placed)[rows[known]]
         count = int(known.sum())
         if count < MIN_SIGHTINGS:
             reason = f'{count} remembered features in view, {MIN_SIGHTINGS} needed'
@@ -194,7 +196,11 @@ class ViewMemory:
         if self.trial is not None:
             return self._tried(self.trial)
         if is_keyframe(
-            geometry, resection.pose, sightings=len(sightings), new=new, settings=settings
+            geometry,
+            resection.pose,
+            sightings=int(sightings.shown.sum()),
+            new=new,
+            settings=settings,
         ):
             start = with_keyframe(geometry, sightings, self.place, resection.pose, settings)
             return replace(self, trial=refined(start, settings.steps // 2, geometry.damping))

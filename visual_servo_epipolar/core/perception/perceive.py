@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, median_of_s
 from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
 from visual_servo_epipolar.core.geometry.epipolar import rotations_desired_current
 from visual_servo_epipolar.core.geometry.lens import change, for_wrong_rays, spurious_parallax
-from visual_servo_epipolar.core.geometry.rotation import fit_rotation, MIN_POINTS, RotationFit
+from visual_servo_epipolar.core.geometry.rotation import fit_rotation, RotationFit
 from visual_servo_epipolar.core.perception import measures
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory, PerceptionMemory
@@ -90,15 +90,13 @@ def of_few(
     """
     Return what too few features show all the same, to who knows where they are.
 
-    Turn, parallax, D and margins of a ``blank`` perception of three features or more, else the
-    margins of ``rays``, (M, 3), at which the photograph's features would be seen; no bearings.
+    Turn, parallax, D and margins of a ``blank`` perception of three features or more; of nothing
+    the margins of ``rays``, (M, 3), at which the photograph's features would be seen. No bearings.
     """
     observation, memory = blank.observation, blank.memory
     if observation is None:
         return blank.measurement
-    if len(observation) < MIN_POINTS:
-        if rays is None or not len(rays):
-            return blank.measurement
+    if rays is not None:
         edges, every = np.array(observation.edges), np.ones(len(rays), bool)
         left, right = measures.view_margins(rays, every, edges, settings.keep_features)
         return replace(blank.measurement, view_margins=(float(left), float(right)))

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import IntArray
+from visual_servo_epipolar.core.arrays import BoolArray, IntArray
 from visual_servo_epipolar.core.memory.reading import Reading, reading_of
 from visual_servo_epipolar.core.memory.recollection import Recollection
 from visual_servo_epipolar.core.memory.sightings import Sightings
@@ -79,17 +79,21 @@ def remembered(
             unseen = replace(after, pose=views.pose)  # who seems to be elsewhere was not seen
             return Remembered(unseen, place, few_s, is_over and carries), None
     said, place = steadied(said, before.place, motion)
-    return Remembered(after, place, few_s), reading_in_view(said, observation, is_few=is_few)
+    reading = reading_in_view(said, observation)
+    agree = int(said.inliers[: len(observation)].sum())
+    if reading is not None and is_few and agree < LEAST_CARRIED:
+        reading = replace(reading, view_rays=said.rays[_counted(said)])
+    return Remembered(after, place, few_s), reading
 
 
 def sightings_of(observation: Observation, noise_px: float) -> Sightings:
     """Return what an observation shows, passing features as well; of deviation ``noise_px``."""
     noise = np.maximum(noise_px * observation.resolution, LEAST_NOISE)
-    ids = np.empty(0, np.int64) if observation.ids is None else observation.ids
     current, desired, passing = observation.current, observation.desired, observation.passing
-    new = None if passing is None else ~np.isin(passing.ids, ids)
-    if passing is None or new is None or not new.any():
+    ids = np.arange(len(observation)) if observation.ids is None else observation.ids
+    if passing is None:
         return Sightings(ids, current, desired, noise)
+    new = ~np.isin(passing.ids, ids)
     own = np.maximum(max(noise_px, DRIFT_PX) * passing.resolution[new], LEAST_NOISE)
     return Sightings(
         np.concatenate([ids, passing.ids[new]]),
@@ -117,8 +121,10 @@ def measured(
     if measurement.features >= settings.min_features or not settings.remembers:
         return sharpened(measurement, reading, settings)
     if reading is not None:
-        few = replace(of_few(perception, settings, reading.view_rays), carried=True)
-        return sharpened(few, reading, settings)
+        few = of_few(perception, settings, reading.view_rays)
+        if reading.view_rays is not None:
+            few = replace(few, parallax=reading.parallax)
+        return sharpened(replace(few, carried=True), reading, settings)
     if not after.is_over or settings.few_features_timeout == 0.0:
         return measurement
     over = f'few_features_timeout of {settings.few_features_timeout:g} s is over'
@@ -163,21 +169,21 @@ def sharpened(
     )
 
 
-def reading_in_view(
-    said: Recollection, observation: Observation, *, is_few: bool = False
-) -> Reading | None:
+def reading_in_view(said: Recollection, observation: Observation) -> Reading | None:
     """
     Return what is said, with D over the remembered features in view but wrong matches.
 
-    Where ``is_few`` of the photograph's are, over all that are remembered: as if in view.
+    Where none of the photograph's is, over all that are remembered: as if in view.
     """
     if said.reason or observation.ids is None:
         return None
-    counted = said.shown & ~np.isin(said.ids, said.dropped)
-    if not is_few:
-        counted &= np.isin(said.ids, observation.ids)
+    counted = _counted(said)
+    in_view = counted & np.isin(said.ids, observation.ids)
+    counted = in_view if in_view.any() else counted
     desired, nearness = said.photograph[counted], said.nearness[counted]
-    reading = reading_of(said, desired, nearness, wide=observation.wide)
-    if reading is None or not is_few:
-        return reading
-    return replace(reading, view_rays=said.rays[counted])
+    return reading_of(said, desired, nearness, wide=observation.wide)
+
+
+def _counted(said: Recollection) -> BoolArray:
+    """Return which remembered features, (M,), are the photograph's, and no wrong matches."""
+    return np.asarray(said.shown & ~np.isin(said.ids, said.dropped))

@@ -5,13 +5,15 @@ import math
 from visual_servo_epipolar.core.geometry.wall import aside
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.perceive import Perception
-from visual_servo_epipolar.core.servo.phases.arrival import is_in_doubt
+from visual_servo_epipolar.core.servo.phases.arrival import is_in_doubt, sees_nothing_of_it
 from visual_servo_epipolar.core.servo.phases.conditions import is_settled
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.values import changed
 from visual_servo_epipolar.core.stamps import seconds_between
+
+LAST_PHASES = (Phase.MATCHING_FEATURES, Phase.ORIENTING)
 
 
 def with_settled(
@@ -22,7 +24,9 @@ def with_settled(
 ) -> ServoState:
     """Return the state with its count of settled frames and the mean of what they show."""
     measurement = state.measurement or perception.measurement
-    if not is_settled(state, settings):
+    # Whether this is the goal the photograph's features alone can tell.
+    blind = state.phase in LAST_PHASES and sees_nothing_of_it(measurement)
+    if blind or not is_settled(state, settings):
         return changed(state, settled=0) if state.settled else state
     if state.phase is Phase.HOLDING and not _follows(measurement, previous, settings):
         state = changed(state, settled=0)

@@ -7,6 +7,7 @@ those are not.
 """
 
 import math
+from zlib import crc32
 
 import cv2
 import numpy as np
@@ -31,7 +32,8 @@ class PassingFeatures:
 
     def __init__(self) -> None:
         self.features = NOTHING_PASSING
-        self._next_id, self._frame = FIRST_PASSING, 0
+        self._next_id: int | None = None
+        self._frame = 0
 
     def forget(self) -> None:
         """Forget those that are followed: the next image has nothing to do with the last."""
@@ -83,15 +85,24 @@ class PassingFeatures:
             return passing
         found = corners.reshape(-1, 2).astype(np.float64)
         found = found[inside_border(found, image.shape, BORDER)]
-        if self._next_id + len(found) > LAST_ID:
-            self._next_id = FIRST_PASSING
-        ids = self._next_id + np.arange(len(found))
-        self._next_id += len(found)
+        first = _first_id(image) if self._next_id is None else self._next_id
+        first = first if first + len(found) <= LAST_ID else FIRST_PASSING
+        ids = first + np.arange(len(found))
+        self._next_id = first + len(found)
         return Passing(
             np.concatenate([passing.ids, ids]),
             np.concatenate([passing.current, found]),
             np.concatenate([passing.ages, np.zeros(len(found), np.int64)]),
         )
+
+
+def _first_id(image: Image) -> int:
+    """
+    Return the id to begin with: another one in another stream.
+
+    A tracker that begins anew must not give the ids that a memory has from the one before.
+    """
+    return FIRST_PASSING + crc32(image[::8, ::8].tobytes()) % (LAST_ID // 2)
 
 
 def _without_oldest(passing: Passing) -> Passing:

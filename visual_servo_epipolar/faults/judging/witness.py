@@ -122,7 +122,7 @@ class Witness:
             carried_s = float(node.get_parameter('few_features_timeout').value)
         enough = int(node.get_parameter('min_features').value)
         taken_s = parcel.sight.taken_ns / NANOSECONDS
-        self.record.sees(parcel.message.width, self.now_s, taken_s, enough, carried_s)
+        self.record.sees(_shown(parcel.message), self.now_s, taken_s, enough, carried_s)
 
     def _on_command(self, parcel: Parcel) -> None:
         servo = self._world.nodes.get(parcel.sender)
@@ -182,3 +182,11 @@ def _limits(servo: Node, twist: Twist, learnt: Twist) -> Limits:
         float(said['max_acceleration']) if ramps and not hops[0] else math.inf,
         float(said['max_angular_acceleration']) if ramps and not hops[1] else math.inf,
     )
+
+
+def _shown(tracks: Any) -> int:
+    """Return how many features of the photograph a message of ``tracks`` has."""
+    try:
+        return len(read.features(tracks))
+    except ValueError:
+        return int(tracks.width)

@@ -50,12 +50,13 @@ def is_in_doubt(measurement: Measurement, settings: ServoSettings) -> bool:
 
 def sees_nothing_of_it(measurement: Measurement) -> bool:
     """Return whether others than the photograph's features carry on: they cannot tell the end."""
-    return measurement.carried and math.isnan(measurement.parallax)
+    return measurement.carried and math.isnan(measurement.feature_error)
 
 
 def stands_aside(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
     """Return whether a few looks are enough for who is in doubt: it stands clearly aside."""
-    return is_in_doubt(measurement, settings) and abs(state.settled_aside) > CLEARLY_ASIDE
+    first = is_in_doubt(measurement, settings) and state.attempts == 1
+    return first and abs(state.settled_aside) > CLEARLY_ASIDE
 
 
 def is_at_goal(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
@@ -64,7 +65,7 @@ def is_at_goal(state: ServoState, measurement: Measurement, settings: ServoSetti
 
     Who is in doubt has to look for longer, in step 2.
     """
-    if is_in_doubt(measurement, settings):
+    if is_in_doubt(measurement, settings) or sees_nothing_of_it(measurement):
         return False
     bound = facing_bound(measurement, settings, trial_of(state))
     faces_goal = abs(measurement.heading_error) <= bound

@@ -8,7 +8,6 @@ from visual_servo_epipolar.core.servo.phases.arrival import (
     has_parallax,
     is_at_goal,
     is_in_doubt,
-    sees_nothing_of_it,
     stands_aside,
 )
 from visual_servo_epipolar.core.servo.phases.bounds import (
@@ -88,7 +87,7 @@ def _holding(state: ServoState, measurement: Measurement, settings: ServoSetting
 
 
 def _orienting(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
-    if state.settled < settings.align_frames or sees_nothing_of_it(measurement):
+    if state.settled < settings.align_frames:
         return Event.NOTHING
     if is_at_goal(state, measurement, settings):
         return Event.MATCHED
@@ -150,8 +149,6 @@ def _matching(state: ServoState, measurement: Measurement, settings: ServoSettin
     if is_untrusted(measurement, settings):
         return Event.LOST
     if state.settled < _looks(state, measurement, settings) * settings.arrival_frames:
-        return Event.NOTHING
-    if sees_nothing_of_it(measurement):
         return Event.NOTHING
     attempts_remain = state.attempts < settings.max_attempts
     repeats = settings.options.new_attempts and attempts_remain
