@@ -31,7 +31,7 @@ def exchanged(view: FloatArray, across: FloatArray) -> Bearings | None:
     """
     Return the bearings of a ``view``, (5,), whose place and wall have changed parts.
 
-    ``across``, (2,), is m of an upright wall, right and ahead. None at the goal, or without a wall.
+    ``across``, (2,), is m of an upright wall, right and ahead. None at the goal, or without one.
     """
     place = view[:2]
     if not float(place @ place) > 0.0 or not float(across @ across) > 0.0:

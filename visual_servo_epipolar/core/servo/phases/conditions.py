@@ -81,10 +81,27 @@ def _backs_off(measurement: Measurement, settings: ServoSettings, least_ratio: f
 
 def is_far_enough(measurement: Measurement, settings: ServoSettings) -> bool:
     """Return whether there is room for step 1; a memory of views needs less of it."""
-    known = measurement.offset is not None and measurement.deviation <= KNOWN
-    if measurement.offset is not None and known and measurement.offset[1] <= -ROOM:
+    if measurement.offset is not None and measurement.offset[1] <= -ROOM and is_known(measurement):
         return True
     return measurement.difference <= -settings.retreat_difference
+
+
+def is_known(measurement: Measurement) -> bool:
+    """Return whether a memory of views knows where the goal is, and not only that it is near."""
+    return measurement.offset is not None and measurement.deviation <= KNOWN
+
+
+def has_run_up(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
+    """
+    Return whether a retreat after a miss has led as far as that asks for.
+
+    Who missed twice and still does not know where the goal is has seen too little of it from
+    there: before a wall, straight back, a short way tells hardly what is aside.
+    """
+    misses = state.attempts - 1
+    if misses < 2 or is_known(measurement):
+        return True
+    return measurement.difference <= -misses * settings.retreat_difference
 
 
 def is_behind(bearings: Bearings) -> bool:

@@ -19,6 +19,7 @@ from visual_servo_epipolar.core.servo.phases.bounds import (
 from visual_servo_epipolar.core.servo.phases.conditions import (
     astray,
     escape_bound,
+    has_run_up,
     has_turned,
     is_far_enough,
     is_off_course,
@@ -102,6 +103,8 @@ def _orienting(state: ServoState, measurement: Measurement, settings: ServoSetti
 def _retreating(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
     if is_untrusted(measurement, settings):
         return Event.LOST
+    if not has_run_up(state, measurement, settings):
+        return Event.NOTHING
     if leads_home(measurement, settings):
         return Event.ALIGNED
     if measurement.bearings is None or not is_far_enough(measurement, settings):
