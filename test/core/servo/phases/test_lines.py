@@ -102,3 +102,21 @@ def test_a_memory_of_views_needs_less_room() -> None:
     unknown = replace(at(0.0, -0.5), offset=None)
     assert not is_far_enough(unknown, SETTINGS)
     assert is_far_enough(replace(unknown, difference=-SETTINGS.retreat_difference), SETTINGS)
+
+
+def test_who_missed_twice_takes_a_longer_run_up() -> None:
+    def event(measurement: Measurement, attempts: int) -> Event:
+        state = in_phase(Phase.RETREATING, measurement=measurement, attempts=attempts)
+        return classify(state, SETTINGS)
+
+    unsure = replace(
+        at(0.001, -0.5), deviation=2.0 * KNOWN, difference=-1.5 * SETTINGS.retreat_difference
+    )
+    assert [event(unsure, attempts) for attempts in (1, 2, 3)] == [
+        Event.ALIGNED,
+        Event.ALIGNED,
+        Event.NOTHING,
+    ]
+    farther = replace(unsure, difference=-2.5 * SETTINGS.retreat_difference)
+    assert event(farther, 3) is Event.ALIGNED
+    assert event(farther, 4) is Event.NOTHING

@@ -32,7 +32,7 @@ LEADING_AWAY = 1.5  # what a law without retreat may drive backward, in that of 
 LEAST_FIRST = 0.5  # distance that a ratio of distances refers to at least [m]
 TURNED = 1.0  # more than a robot turns between two images, or while it stands [rad]
 ROOM = 0.18  # behind a goal whose place is known, to begin step 1 [m]
-KNOWN = 0.012  # deviation of its bearing from there [rad]
+KNOWN = 0.009  # deviation of its bearing from there [rad]
 LEAST_RATIO = 1e-9  # part of the distance that a law without retreat keeps
 
 
@@ -95,13 +95,11 @@ def has_run_up(state: ServoState, measurement: Measurement, settings: ServoSetti
     """
     Return whether a retreat after a miss has led as far as that asks for.
 
-    Who missed twice and still does not know where the goal is has seen too little of it from
-    there: before a wall, straight back, a short way tells hardly what is aside.
+    Who missed twice knows less of where the goal is than it believes: before a wall, straight
+    back, a short way tells hardly what is aside.
     """
     misses = state.attempts - 1
-    if misses < 2 or is_known(measurement):
-        return True
-    return measurement.difference <= -misses * settings.retreat_difference
+    return misses < 2 or measurement.difference <= -misses * settings.retreat_difference
 
 
 def is_behind(bearings: Bearings) -> bool:
