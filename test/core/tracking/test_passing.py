@@ -20,20 +20,10 @@ from visual_servo_epipolar.core.tracking.passing import (
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
 LIMIT = 20
 SETTINGS = TrackerSettings(passing_features=LIMIT)
 NOWHERE = np.empty((0, 2))
-
-
-@pytest.fixture(scope='module')
-def world() -> CameraSimulator:
-    return CameraSimulator(
-        CameraSettings(
-            width=640, height=480, focal_length=384.6, principal_u=319.5, principal_v=239.5
-        )
-    )
 
 
 @pytest.fixture(scope='module')

@@ -9,18 +9,8 @@ from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, integrate, 
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
-from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
 SETTINGS = TrackerSettings()
-
-
-@pytest.fixture(scope='module')
-def world() -> CameraSimulator:
-    return CameraSimulator(
-        CameraSettings(
-            width=640, height=480, focal_length=384.6, principal_u=319.5, principal_v=239.5
-        )
-    )
 
 
 @pytest.fixture(scope='module')

@@ -155,9 +155,7 @@ class ViewMemory:
         """Return the memory after a view that is held against its geometry."""
         rows = self.window.rows_of(sightings.ids)
         known = rows >= 0
-        # Of what the photograph does not show one view tells no place.
-        placed = self.window.shown | (self.window.seen.sum(0) > 1)
-        known[known] = (geometry.trusted & placed)[rows[known]]
+        known[known] = (geometry.trusted & self.window.placed)[rows[known]]
         count = int(known.sum())
         if count < MIN_SIGHTINGS:
             reason = f'{count} remembered features in view, {MIN_SIGHTINGS} needed'

@@ -46,6 +46,11 @@ class Window:
         return np.asarray(self.photograph_noise < FREE)
 
     @cached_property
+    def placed(self) -> BoolArray:
+        """Which features have a place, (N,): shown by the photograph, or by two views."""
+        return np.asarray(self.shown | (self.seen.sum(0) > 1))
+
+    @cached_property
     def tangents(self) -> FloatArray:
         """Two directions across the photograph's rays, as long as their noise, (2, 3, N)."""
         return sides_of(self.photograph, 1.0 / self.photograph_noise)

@@ -80,15 +80,11 @@ def _backs_off(measurement: Measurement, settings: ServoSettings, least_ratio: f
 
 
 def is_far_enough(measurement: Measurement, settings: ServoSettings) -> bool:
-    """Return whether there is room for step 1; a memory of views needs less of it."""
-    if measurement.offset is not None and measurement.offset[1] <= -ROOM and is_known(measurement):
+    """Return whether there is room for step 1; who remembers where the goal is needs less."""
+    known = measurement.deviation <= KNOWN
+    if measurement.offset is not None and measurement.offset[1] <= -ROOM and known:
         return True
     return measurement.difference <= -settings.retreat_difference
-
-
-def is_known(measurement: Measurement) -> bool:
-    """Return whether a memory of views knows where the goal is, and not only that it is near."""
-    return measurement.offset is not None and measurement.deviation <= KNOWN
 
 
 def has_run_up(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
