@@ -52,3 +52,15 @@ def test_a_base_that_follows_teaches_none(name, base) -> None:
     summary, state = driven(name, base, {})
     assert summary['outcome'] == 'arrived', summary['reason']
     assert state.dead_band.linear.value == state.dead_band.angular.value == 0.0
+
+
+@pytest.mark.parametrize(
+    ('name', 'zone'), [('nominal', 0.04), ('flat', 0.04), ('realistic', 0.025)]
+)
+def test_a_dead_band_that_is_told_does_not_keep_from_the_goals_heading(name, zone) -> None:
+    base = {'dead_zone_linear': zone, 'dead_zone_angular': zone}
+    told = {'dead_band_linear': 1.25 * zone, 'dead_band_angular': 1.25 * zone}
+    summary, _ = driven(name, base, told)
+    assert summary['outcome'] == 'arrived', summary['reason']
+    # Equal pulses of 0.16 or 0.26 deg end anywhere within half of that.
+    assert abs(float(str(summary['heading_error_deg']))) < 0.04

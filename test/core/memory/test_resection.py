@@ -16,6 +16,7 @@ from visual_servo_epipolar.core.memory.resection import (
     resected,
     Seen,
 )
+from visual_servo_epipolar.core.memory.shrinkage import NOTHING
 from visual_servo_epipolar.core.memory.sightings import sides_of
 
 
@@ -39,7 +40,7 @@ def last(exact_drive, exact):
 def test_the_exact_pose_is_met(exact_drive, last) -> None:
     geometry, anchors, seen = last
     fit = fitted(anchors, seen, exact_drive.views[13])
-    found = resected(geometry, anchors, seen, fit)
+    found = resected(geometry, anchors, seen, fit, NOTHING)
     assert found.pose == pytest.approx(exact_drive.views[14], abs=1e-5)
     assert found.inliers.all()
 
@@ -47,7 +48,7 @@ def test_the_exact_pose_is_met(exact_drive, last) -> None:
 def test_it_is_as_sure_as_all_views_together(exact_drive, last) -> None:
     geometry, anchors, seen = last
     fit = fitted(anchors, seen, exact_drive.views[14])
-    covariance = resected(geometry, anchors, seen, fit).covariance
+    covariance = resected(geometry, anchors, seen, fit, NOTHING).covariance
     least = bound(exact_drive)
     # Noise is taken to be as large along a ray's meridian as across: that costs a few percent.
     assert np.sqrt(np.diag(covariance) / np.diag(least)) == pytest.approx(1.0, abs=0.06)
@@ -58,7 +59,7 @@ def test_features_as_if_independent_would_be_too_sure(exact_drive, last) -> None
     geometry, anchors, seen = last
     far = np.array([0.3, -2.5, 0.0, 0.0, 0.0])
     fit = fitted(anchors, seen, exact_drive.views[14])._replace(pose=far)
-    assert resected(geometry, anchors, seen, fit).covariance[1, 1] > (0.04 * 2.5) ** 2
+    assert resected(geometry, anchors, seen, fit, NOTHING).covariance[1, 1] > (0.04 * 2.5) ** 2
 
 
 def test_own_noise_is_what_views_draw_anew(exact_drive, last) -> None:
@@ -76,16 +77,22 @@ def test_own_noise_is_what_views_draw_anew(exact_drive, last) -> None:
         noise = 1.0 / np.sqrt((seen.sides[0] ** 2).sum(0))
         noisy = replace(seen, rays=rays, sides=sides_of(rays.T, noise))
         poses.append(
-            resected(geometry, anchors, noisy, fitted(anchors, noisy, exact_drive.views[14])).pose
+            resected(
+                geometry, anchors, noisy, fitted(anchors, noisy, exact_drive.views[14]), NOTHING
+            ).pose
         )
-    own = resected(geometry, anchors, seen, fitted(anchors, seen, exact_drive.views[14])).own
+    own = resected(
+        geometry, anchors, seen, fitted(anchors, seen, exact_drive.views[14]), NOTHING
+    ).own
     drawn = np.std(poses, axis=0)[:3]
     assert drawn / np.sqrt(np.diag(own)[:3]) == pytest.approx(1.0, abs=0.15)
 
 
 def test_own_noise_is_a_part_of_the_whole(drive, memory) -> None:
     anchors, seen = seen_by(drive, memory.geometry, 14)
-    found = resected(memory.geometry, anchors, seen, fitted(anchors, seen, drive.views[13]))
+    found = resected(
+        memory.geometry, anchors, seen, fitted(anchors, seen, drive.views[13]), NOTHING
+    )
     rest = found.covariance - found.own
     scale = np.sqrt(np.diag(found.covariance))
     assert np.linalg.eigvalsh(rest / np.outer(scale, scale)).min() > -1e-6
@@ -115,7 +122,7 @@ def test_what_the_floor_can_do_bounds_what_is_not_known_of_the_attitude(last) ->
     few = Seen(seen.rows[rows], seen.rays[:, rows], seen.sides[..., rows] * 1e-3)
     chosen = anchors.of(rows)
     fit = fitted(chosen, few, geometry.unknowns.views[-1])
-    deviations = np.sqrt(np.diag(resected(geometry, chosen, few, fit).covariance)[3:])
+    deviations = np.sqrt(np.diag(resected(geometry, chosen, few, fit, NOTHING).covariance)[3:])
     assert deviations == pytest.approx(anchors.deviation, rel=0.05)
 
 
@@ -124,7 +131,9 @@ def test_wrong_sightings_do_not_pull(exact_drive, last) -> None:
     rays, sides = seen.rays.copy(), seen.sides.copy()
     rays[:, :9], sides[..., :9] = seen.rays[:, 9:18], seen.sides[..., 9:18]
     wrong = replace(seen, rays=rays, sides=sides)
-    found = resected(geometry, anchors, wrong, fitted(anchors, wrong, exact_drive.views[13]))
+    found = resected(
+        geometry, anchors, wrong, fitted(anchors, wrong, exact_drive.views[13]), NOTHING
+    )
     assert not found.inliers[:9].any()
     assert found.inliers[9:].all()
     deviations = np.sqrt(np.diag(found.covariance))

@@ -6,6 +6,7 @@ features share (errors of keyframes) does not average out over them.
 """
 
 from dataclasses import dataclass
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +27,7 @@ from visual_servo_epipolar.core.memory.projection import (
     Structure,
 )
 from visual_servo_epipolar.core.memory.refinement import Geometry
+from visual_servo_epipolar.core.memory.shrinkage import Shrinkage, shrinkage_of
 from visual_servo_epipolar.core.memory.window import HEADING, MOUNT, SHARED, TILT, VIEW
 
 STEPS = 8
@@ -34,6 +36,7 @@ FAR = 1e3  # squared, likewise, from which slopes are taken anew
 USUAL_MEDIAN = 1.3863  # of squares of two coordinates
 LEAST_NEARNESS = 1e-6  # information of what no feature shows [1/m^2]
 DIAGONAL = np.diag_indices(VIEW)
+OFFSETS = slice(5, 7)
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +86,8 @@ class Resection(NamedTuple):
     """
     Pose of a view, (5,), its covariance, (5, 5), and ``inliers``, (n,).
 
-    ``own`` is the part of the covariance that is this view's alone, and averages out over views.
+    ``own`` is the part of the covariance that is this view's alone, and averages out over views;
+    ``shrinkage`` is that of the photograph's corrections, with what this view tells of it.
     """
 
     pose: FloatArray
@@ -91,6 +95,7 @@ class Resection(NamedTuple):
     own: FloatArray
     inliers: BoolArray
     squares: FloatArray
+    shrinkage: Shrinkage
 
 
 def anchors_of(geometry: Geometry) -> Anchors:
@@ -160,28 +165,48 @@ def _times(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
     return np.asarray(product)
 
 
-def resected(geometry: Geometry, anchors: Anchors, seen: Seen, fit: Fit) -> Resection:
-    """Return the pose and its covariance, after one step with the whole structure's errors."""
+def resected(
+    geometry: Geometry, anchors: Anchors, seen: Seen, fit: Fit, shrinkage: Shrinkage
+) -> Resection:
+    """
+    Return the pose and its covariance, after one step with the whole structure's errors.
+
+    ``shrinkage`` is what was known of it before this view: it is one more unknown of the step.
+    """
     view, sides = fit.pose[None], seen.sides[None]
     projection = projected(anchors.structure, view, sides)
     found = slopes(anchors.structure, view, sides, projection)[0]
-    # Rows: by the five unknowns of the view and the residual; by errors of the window.
-    own = np.concatenate([found[BY_VIEW], projection.residuals]).transpose(2, 1, 0)
+    # Rows: by the five unknowns of the view and the shrinkage, and the residual; by errors of the
+    # window.
+    withdrawing = -(found[OFFSETS] * geometry.unknowns.offsets[:, None, seen.rows]).sum(0)
+    columns = [found[BY_VIEW], withdrawing[None], projection.residuals]
+    own = np.concatenate(columns).transpose(2, 1, 0)
     whitening, shared = _whitening(geometry, seen, found, fit)
-    beside, by_mount = _attitude_rows(geometry, fit.pose)
+    beside, by_mount = _prior_rows(geometry, fit.pose, shrinkage)
     rows = np.concatenate([whitening.rows(own), beside])
     shared = np.concatenate([whitening.rows(shared), by_mount])
     joint = shared.T @ shared
     joint.ravel()[:: len(joint) + 1] += 1.0  # errors of the window, one deviation each
     left = rows - shared @ np.linalg.solve(joint, shared.T @ rows)
-    matrix = rows[:, :VIEW].T @ left[:, :VIEW]
+    matrix = rows[:, :-1].T @ left[:, :-1]
     matrix[DIAGONAL] += LEAST_NEARNESS
     covariance = np.linalg.inv(matrix)
-    gain = covariance @ left[:, :VIEW].T
-    noise = np.concatenate([whitening.columns(gain[:, :-2]), gain[:, -2:]], axis=1)
-    pose = fit.pose - gain @ rows[:, VIEW]
+    gain = covariance @ left[:, :-1].T
     covariance = 0.5 * (covariance + covariance.T)
-    return Resection(pose, covariance, noise @ noise.T, fit.inliers, fit.squares)
+    after, pose = _stepped(fit.pose, gain @ rows[:, -1], covariance)
+    gain, count = gain[:VIEW], len(beside)
+    noise = np.concatenate([whitening.columns(gain[:, :-count]), gain[:, -count:]], axis=1)
+    covariance = covariance[:VIEW, :VIEW]
+    return Resection(pose, covariance, noise @ noise.T, fit.inliers, fit.squares, after)
+
+
+def _stepped(
+    pose: FloatArray, step: FloatArray, covariance: FloatArray
+) -> tuple[Shrinkage, FloatArray]:
+    """Return the shrinkage after a ``step``, (6,), and the pose with what is withdrawn by it."""
+    after = shrinkage_of(-float(step[VIEW]), float(covariance[VIEW, VIEW]))
+    by_share = covariance[:VIEW, VIEW] / covariance[VIEW, VIEW]
+    return after, pose - step[:VIEW] + by_share * (after.withdrawn + step[VIEW])
 
 
 class _Whitening(NamedTuple):
@@ -229,13 +254,19 @@ def _whitening(
     return _Whitening(weight / np.sqrt(a), -ratio * rest, rest), shared
 
 
-def _attitude_rows(geometry: Geometry, pose: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return rows of tilt and roll: off those of the mount by what the floor does."""
+def _prior_rows(
+    geometry: Geometry, pose: FloatArray, shrinkage: Shrinkage
+) -> tuple[FloatArray, FloatArray]:
+    """Return rows of tilt and roll, off those of the mount by the floor, and of the shrinkage."""
     jitter = max(geometry.evaluation.factors.mount.jitter, LEAST_JITTER)
-    rows = np.zeros((2, VIEW + 1))
+    rows = np.zeros((3, VIEW + 2))
     rows[0, TILT] = rows[1, TILT + 1] = 1.0 / jitter
-    rows[:, VIEW] = (pose[TILT:] - geometry.unknowns.shared[MOUNT]) / jitter
-    return rows, -geometry.root[-2:] / jitter
+    rows[:2, -1] = (pose[TILT:] - geometry.unknowns.shared[MOUNT]) / jitter
+    deviation = math.sqrt(shrinkage.variance)
+    rows[2, VIEW], rows[2, -1] = 1.0 / deviation, -shrinkage.share / deviation
+    shared = np.zeros((3, len(geometry.root)))
+    shared[:2] = -geometry.root[-2:] / jitter
+    return rows, shared
 
 
 def nearest_view(anchors: Anchors, seen: Seen, views: FloatArray) -> FloatArray:

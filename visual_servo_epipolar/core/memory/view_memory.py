@@ -33,6 +33,7 @@ from visual_servo_epipolar.core.memory.selection import (
     kept_features,
     with_keyframe,
 )
+from visual_servo_epipolar.core.memory.shrinkage import NOTHING, Shrinkage
 from visual_servo_epipolar.core.memory.sightings import MemorySettings, sides_of, Sightings
 from visual_servo_epipolar.core.memory.window import EMPTY, Window
 
@@ -42,6 +43,7 @@ MIN_SHARE = 0.5  # of the remembered features in view that agree
 COLLECTED_PARALLAX = 20.0  # in deviations of the noise, that collected views differ by at least
 MOST_COLLECTED = 4  # views to begin with: more cost more time, and are passed soon
 MOST_REFUSED = 3  # keyframes in a row that do not fit: then the geometry is wrong, not they
+ALIKE = 0.05  # of the depth: how near the goal views look as the photograph does
 MOST_STARTS = 2  # that are tried at one view
 
 
@@ -67,6 +69,7 @@ class ViewMemory:
     trial: Geometry | None = None
     refused: int = 0
     last: Sightings | None = None
+    shrinkage: Shrinkage = NOTHING
 
     @property
     def wrong(self) -> tuple[int, ...]:
@@ -169,9 +172,9 @@ class ViewMemory:
         if agree < max(MIN_SIGHTINGS, MIN_SHARE * count):
             reason = f'{agree} of {count} remembered features agree with one place'
             return self, Recollection(reason, ids=self.window.ids)
-        resection = resected(geometry, chosen, seen, fit)
+        resection = resected(geometry, chosen, seen, fit, self._shrinkage_at(geometry, fit))
         said = recollected(geometry, anchors, resection, known)
-        memory = replace(self, pose=resection.pose)
+        memory = replace(self, pose=resection.pose, shrinkage=resection.shrinkage)
         if not learns:
             return memory, said
         new = int(((rows < 0) & sightings.shown).sum())
@@ -185,6 +188,11 @@ class ViewMemory:
             return fit
         again = fitted(anchors, seen, nearest_view(anchors, seen, views))
         return again if again.inliers.sum() > fit.inliers.sum() else fit
+
+    def _shrinkage_at(self, geometry: Geometry, fit: Fit) -> Shrinkage:
+        """Return what is known of the shrinkage where a view looks as the photograph does."""
+        is_alike = float(np.hypot(*fit.pose[:2])) < ALIKE * geometry.depth
+        return self.shrinkage.later if is_alike else NOTHING
 
     def _grown(
         self, geometry: Geometry, sightings: Sightings, resection: Resection, new: int

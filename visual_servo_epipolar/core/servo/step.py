@@ -37,6 +37,7 @@ from visual_servo_epipolar.core.servo.phases.timing import (
 )
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.trimming import trimmed, trims
 from visual_servo_epipolar.core.servo.update import updated
 from visual_servo_epipolar.core.servo.values import changed
 
@@ -153,6 +154,8 @@ def _beyond_dead_band(
     thresholds = {'linear': settings.dead_band_linear, 'angular': settings.dead_band_angular}
     # Where the aim is fulfilled, a small command made larger would only undo it.
     mode = 'zero' if state.settled else settings.dead_band_mode
+    if mode == 'pulse' and trims(state, settings):
+        return trimmed(limited, state, settings)
     if mode == 'pulse':
         return pulsed(limited, state.dead_band_residual, **thresholds)
     return beyond_dead_band(limited, mode=mode, **thresholds), STANDSTILL

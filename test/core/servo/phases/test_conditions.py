@@ -86,7 +86,21 @@ def test_nobody_is_asked_for_less_than_the_base_can_move(mode, frames) -> None:
     assert matched_bound(exact, banded, slowly) == pytest.approx(frames * 0.2 * 0.05 * 0.06)
     turning = replace(banded, dead_band_angular=0.05)
     sure = replace(exact, heading_deviation=0.0)
-    assert facing_bound(sure, turning, slowly) == pytest.approx(frames * 0.2 * 0.05)
+    impatient = slowly._replace(lingered=PATIENCE_S + 0.1)
+    assert facing_bound(sure, turning, impatient) == pytest.approx(frames * 0.2 * 0.05)
+    # Pulses that are stretched to lead onto the heading end finer than equal ones.
+    finer = 0.15 if mode == 'pulse' else frames
+    assert facing_bound(sure, turning, slowly) == pytest.approx(finer * 0.2 * 0.05)
+
+
+def test_whose_pulses_are_trimmed_lingers_within_two_of_them() -> None:
+    banded = replace(SETTINGS, dead_band_angular=0.05)
+    known = sight(offset=(0.0, 0.0), heading_deviation=0.0)
+    for hops, lingers in ((1.9, True), (2.1, False)):
+        turned = replace(known, heading_error=hops * 0.1 * 0.05)
+        assert is_close(in_phase(Phase.ORIENTING, measurement=turned), banded) == lingers
+        by_two_views = replace(turned, offset=None)
+        assert not is_close(in_phase(Phase.ORIENTING, measurement=by_two_views), banded)
 
 
 def test_who_lingers_at_the_goal_is_asked_for_no_more_than_usual() -> None:

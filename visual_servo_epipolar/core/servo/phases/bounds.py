@@ -17,6 +17,7 @@ from visual_servo_epipolar.core.servo.state import ServoState
 ENGAGE_DEVIATIONS, RELEASE_DEVIATIONS, NOISE_DEVIATIONS = 1.0, 4.0, 2.0
 LEAST_OFFSET, LEAST_HEADING = 4e-5, 2e-5  # that a memory of views bothers about [m], [rad]
 NEGLIGIBLE = 0.3  # deviations of what a memory says: more would be a bias of who comes from behind
+TRIMMED = 0.15  # of a hop, by which stretched pulses miss: a base slips
 PATIENCE_S = 4.0  # within the usual bounds, after which they are enough
 
 
@@ -55,7 +56,25 @@ def facing_bound(measurement: Measurement, settings: ServoSettings, trial: Trial
     bound = settings.arrival_heading
     if measurement.offset is not None and trial.lingered <= PATIENCE_S:
         bound = min(max(NEGLIGIBLE * measurement.heading_deviation, LEAST_HEADING), bound)
+    if is_trimmed(measurement, settings, trial):
+        return max(bound, TRIMMED * trial.frame_s * settings.dead_band_angular)
     return max(bound, _hop(settings.dead_band_angular, settings, trial))
+
+
+def is_trimmed(measurement: Measurement, settings: ServoSettings, trial: Trial) -> bool:
+    """Return whether turns end finer than by equal pulses: see ``servo.trimming``."""
+    known, pulses = measurement.offset is not None, settings.dead_band_mode == 'pulse'
+    return known and pulses and settings.dead_band_angular > 0.0 and trial.lingered <= PATIENCE_S
+
+
+def trimming_bound(
+    measurement: Measurement, settings: ServoSettings, trial: Trial = FIRST
+) -> float:
+    """Return the heading error [rad] within which patience is spent: two hops, if trimmed."""
+    usual = facing_bound(measurement, settings, trial._replace(lingered=math.inf))
+    if not is_trimmed(measurement, settings, trial):
+        return usual
+    return max(usual, 2.0 * trial.frame_s * settings.dead_band_angular)
 
 
 def matched_bound(

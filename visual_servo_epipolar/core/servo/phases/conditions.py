@@ -19,6 +19,7 @@ from visual_servo_epipolar.core.servo.phases.bounds import (
     release_bound,
     Trial,
     trial_of,
+    trimming_bound,
 )
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -206,6 +207,9 @@ def is_close(state: ServoState, settings: ServoSettings) -> bool:
     measurement = state.measurement
     if measurement is None or state.phase not in (Phase.ORIENTING, Phase.MATCHING_FEATURES):
         return False
+    if state.phase is Phase.ORIENTING:
+        bound = trimming_bound(measurement, settings, trial_of(state))
+        return abs(measurement.heading_error) <= bound
     return _is_within(state, measurement, settings, trial_of(state, spent=True))
 
 
