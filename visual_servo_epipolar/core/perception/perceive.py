@@ -149,7 +149,7 @@ def usual_matches(observation: Observation, estimate: ValidatedEstimate) -> Bool
     if estimate.estimate is not None:
         return estimate.estimate.inliers
     wrong = estimate.memory.wrong
-    if observation.ids is None or not len(wrong):
+    if observation.ids is None or not wrong:
         return np.ones(len(observation), bool)
     return np.asarray(~np.isin(observation.ids, wrong))
 

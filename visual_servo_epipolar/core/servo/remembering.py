@@ -38,6 +38,11 @@ class Remembered:
     few_s: float = 0.0
     is_over: bool = False
 
+    def learnt(self) -> 'Remembered':
+        """Return what is remembered after the views have learnt from the last one."""
+        views = None if self.views is None else self.views.learnt()
+        return self if views is self.views else replace(self, views=views)
+
 
 def remembered(
     before: Remembered,
