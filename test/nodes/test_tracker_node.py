@@ -9,7 +9,7 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.tracking.tracker import Tracker, TrackerSettings
 from visual_servo_epipolar.messages import read, write
-from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes import qos, tracker_node
 from visual_servo_epipolar.nodes.complaints import Complaints
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 
@@ -363,3 +363,17 @@ def test_the_same_photograph_again_changes_nothing(rig, photograph, view) -> Non
     rig.bench.settle()
     assert rig.track(view, STAMP_NS + 1).ages.max() == 1
     assert read.goal(rig.clouds[-1]) == goal
+
+
+def test_the_process_of_the_tracker_takes_one_thread_of_opencv(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    threads, during = cv2.getNumThreads(), []
+    monkeypatch.setattr(tracker_node, 'spin', lambda _: during.append(cv2.getNumThreads()))
+    cv2.setNumThreads(2)
+    try:
+        with pytest.raises(SystemExit):
+            tracker_node.main()
+    finally:
+        cv2.setNumThreads(threads)
+    assert during == [1]

@@ -44,6 +44,15 @@ def packed(array: NDArray[Any]) -> NDArray[Any]:
     return np.asarray(array, order='C')
 
 
+def are_among(ids: IntArray, others: IntArray) -> BoolArray:
+    """Return which of ``ids``, shape (N,), are among ``others``, (M,): a quarter of np.isin."""
+    if not len(others):
+        return np.zeros(len(ids), bool)
+    ascending = np.sort(others)
+    places = np.minimum(np.searchsorted(ascending, ids), len(ascending) - 1)
+    return np.asarray(ascending[places] == ids)
+
+
 def median_of_sorted(values: FloatArray) -> FloatArray:
     """Return the median of ``values``, shape (..., N), ascending along the last axis: (...,)."""
     count = values.shape[-1]

@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.step import step
+from visual_servo_epipolar.core.servo.step import decided
 from visual_servo_epipolar.core.stamps import NOT_ADVANCING
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import event_log, read
@@ -192,7 +192,7 @@ class ServoNode(ManagedNode):
             self._warn(other_goal)
         observation = observe(features, camera, read.stamp_ns(message.header))
         age = self._commands.age
-        state = step(self._state, observation, self._settings, since_command=age)
+        state = decided(self._state, observation, self._settings, since_command=age)
         self._run.advance(state, observation.stamp_ns, message.header.frame_id)
         self._camera.check(observation, self._state, self._settings)
 

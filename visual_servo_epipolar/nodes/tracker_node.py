@@ -4,6 +4,7 @@ from dataclasses import replace
 import sys
 from typing import Any
 
+import cv2
 from rclpy.duration import Duration
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from std_srvs.srv import Trigger
@@ -238,7 +239,13 @@ class TrackerNode(ManagedNode):
 
 
 def main() -> None:
-    """Run the node."""
+    """
+    Run the node.
+
+    On one thread of OpenCV: a frame has too little work for more, and where other processes have
+    the cores it waits for its threads.
+    """
+    cv2.setNumThreads(1)
     sys.exit(spin(TrackerNode))
 
 

@@ -66,7 +66,7 @@ def test_where_the_memory_fails_two_views_are_estimated_at_once(driven) -> None:
     assert after.measurement is not None
     assert after.measurement.bearings is not None
     assert not after.measurement.remembered
-    assert (after.memory.spared, after.memory.wrong) == (0, ())
+    assert (after.memory.spared, after.memory.wrong) == (0, None)
 
 
 def test_where_the_memory_is_unsure_two_views_are_asked(driven, monkeypatch) -> None:

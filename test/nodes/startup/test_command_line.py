@@ -89,6 +89,17 @@ def test_an_interrupt_before_the_node_is_there_ends_quietly() -> None:
     assert (ended.returncode, ended.stderr) == (130, '')
 
 
+@pytest.mark.parametrize(('told', 'kept'), [({}, '1'), ({'OPENBLAS_NUM_THREADS': '3'}, '3')])
+def test_small_products_are_not_shared_among_threads_unless_somebody_says_so(told, kept) -> None:
+    code = 'import os\nfrom visual_servo_epipolar.nodes.startup import executables\n'
+    code += 'def show(name): sys.exit("threads: " + os.environ["OPENBLAS_NUM_THREADS"])\n'
+    code += 'executables.import_module = show\nassert "numpy" not in sys.modules\n'
+    environment = {'OPENBLAS_NUM_THREADS': '', **told}
+    code += '' if told else 'del os.environ["OPENBLAS_NUM_THREADS"]\n'
+    ended = run(code + 'executables.servo_node()', **environment)
+    assert ended.stderr == f'threads: {kept}\n'
+
+
 @pytest.mark.parametrize('node', NODES)
 def test_without_ros_an_executable_says_so_in_one_line(node) -> None:
     ended = run(f'sys.modules["rclpy"] = None\n{executable(node)}')

@@ -126,7 +126,7 @@ def times_of(settings: StudySettings, rounds: int) -> dict[str, dict[str, float]
     sightings, told = drive.sightings(k), two_views(drive, k - 2)
     memory = remembered(drive)
     while memory.geometry is not None and not memory.geometry.converged:
-        memory, _ = memory.after(drive.sightings(k - 1))
+        memory = memory.after(drive.sightings(k - 1))[0].learnt()
     prior = Prior(told.attitude or drive.mount, told.bearings[0], mount=drive.mount)
     before = drive.sightings(k - 2)
     rng = np.random.default_rng(0)
@@ -136,8 +136,8 @@ def times_of(settings: StudySettings, rounds: int) -> dict[str, dict[str, float]
 
     still, moved = (_with_spread(memory, spread) for spread in (9.0, 1e-6))
     calls: dict[str, Callable[[], Any]] = {
-        'a view': lambda: still.after(sightings),
-        'a view that becomes a keyframe': lambda: moved.after(sightings),
+        'a view': lambda: still.after(sightings)[0].learnt(),
+        'a view that becomes a keyframe': lambda: moved.after(sightings)[0].learnt(),
         TWO_VIEWS: two,
     }
     times: dict[str, list[float]] = {name: [] for name in calls}

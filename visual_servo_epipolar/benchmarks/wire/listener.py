@@ -6,11 +6,11 @@ import time
 
 import rclpy
 from rclpy.context import Context
-from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from visual_servo_epipolar.benchmarks.wire.processes import DOMAIN, only_this_machine
 from visual_servo_epipolar.core.errors import VisualServoError
+from visual_servo_epipolar.nodes.startup.executor import MessageExecutor
 
 START_S, LOOK_S = 60.0, 0.05
 
@@ -25,7 +25,9 @@ class Listener:
         stack.callback(context.try_shutdown)
         self.node: Node = rclpy.create_node(name, context=context)
         stack.callback(self.node.destroy_node)
-        self._executor = SingleThreadedExecutor(context=context)
+        self._executor = MessageExecutor(
+            context=context
+        )  # rclpy's own would be felt in what it times
         self._executor.add_node(self.node)
 
     def spin_for(self, seconds: float) -> None:

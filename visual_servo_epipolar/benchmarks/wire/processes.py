@@ -10,6 +10,7 @@ import subprocess
 import sys
 from typing import Any
 
+from visual_servo_epipolar.nodes.startup.executables import ONE_THREAD
 from visual_servo_epipolar.nodes.startup.transport import discovery_range, tune_transport
 
 # Its own among benchmarks that run at a time, and above those that people use.
@@ -96,7 +97,8 @@ def _started(
     stack: ExitStack, name: str, arguments: Sequence[str], folder: Path, *, logs: bool
 ) -> Process:
     module = name if '.' in name else f'{NODES}.{name}'
-    environment = {**os.environ, 'ROS_DOMAIN_ID': str(DOMAIN), 'PYTHONPATH': _import_path()}
+    own = {'ROS_DOMAIN_ID': str(DOMAIN), 'PYTHONPATH': _import_path()}
+    environment = {**ONE_THREAD, **os.environ, **own}  # as executables do
     said: Any = subprocess.DEVNULL
     if logs:
         environment['ROS_LOG_DIR'] = str(folder)

@@ -81,7 +81,9 @@ def fit_rotations(current: FloatArray, desired: FloatArray) -> RotationFits:
         carried = rotation @ source
         weights = _squared(target - carried)
         scale = np.maximum(4.0 * median_of_sorted(np.sort(weights, axis=-1)), SMALLEST)
-        weights = (1.0 + weights / scale[..., None]) ** 2
+        weights /= scale[..., None]
+        weights += 1.0
+        weights *= weights
         rotation = _turned(rotation, (target / weights[..., None, :]) @ carried.swapaxes(-1, -2))
     ordered = np.sort(_squared(target - rotation @ source), axis=-1)
     kept = max(MIN_POINTS, int(TRUSTED_SHARE * count))
@@ -96,7 +98,7 @@ def fit_rotations(current: FloatArray, desired: FloatArray) -> RotationFits:
 
 def _squared(offset: FloatArray) -> FloatArray:
     """Return the squared lengths of columns, shape (..., 3, N): (..., N)."""
-    return np.asarray((offset * offset).sum(axis=-2))
+    return np.asarray(np.add.reduce(offset * offset, axis=-2))
 
 
 def _kabsch(product: FloatArray) -> FloatArray:

@@ -19,6 +19,7 @@ CROSS = np.zeros((3, 9))
 CROSS[0, [5, 7]] = CROSS[1, [6, 2]] = CROSS[2, [1, 3]] = -1.0, 1.0
 LEVI_CIVITA = -CROSS.reshape(3, 3, 3)
 IDENTITY = np.eye(3).ravel()
+DIAGONAL, RIDGES = np.arange(6), RIDGE * np.eye(6)
 # What turns A into the matrix of (A c) x t, and m into that of (m x t) x c, by products c t.
 LEVER = np.einsum('kij,lm->ilkmj', LEVI_CIVITA, np.eye(3)).reshape(9, 27)
 PULL = np.einsum('kij,ipq->pkjq', LEVI_CIVITA, LEVI_CIVITA).reshape(3, 27)
@@ -51,9 +52,9 @@ def fundamental_of_small_baseline(
         scale = np.maximum(4.0 * median_of_sorted(np.sort(squared, axis=1)), SMALLEST)[:, None]
         weighted = jacobian / ((1.0 + squared / scale) ** 2)[:, None]
         normal = weighted @ jacobian.swapaxes(1, 2)
-        size = np.trace(normal, axis1=1, axis2=2)[:, None, None]
+        size = normal[:, DIAGONAL, DIAGONAL].sum(axis=1)[:, None, None]
         right = weighted @ distances[..., None]
-        normal += RIDGE * size * np.eye(6)
+        normal += size * RIDGES
         normal[:, :3, :3] += size * motion[:, :, None] * motion[:, None, :]  # keeps its length
         change = -np.linalg.solve(normal, right)[..., 0]
         motion = motion + change[:, :3]

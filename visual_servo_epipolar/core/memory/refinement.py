@@ -92,6 +92,11 @@ class Geometry:
         freedom = 2.0 * weight.sum() - counted.sum() - 5 * len(self.window)
         return math.sqrt(squares / freedom) if freedom > 0.0 else math.inf
 
+    def prepare(self) -> None:
+        """Compute what the next view will ask for, while nobody waits."""
+        for value in (self.feature_covariance, self.depth, self.noise_ratio):
+            assert value is not None
+
 
 def refined(
     start: Evaluation, steps: int, damping: float = DAMPING, system: System | None = None

@@ -7,6 +7,9 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, frozen, IntArray
 from visual_servo_epipolar.core.geometry.rays import tangents
+from visual_servo_epipolar.core.geometry.rotation import fit_rotation, MIN_POINTS
+
+COLLECTED_PARALLAX = 20.0  # in deviations of the noise, that collected views differ by at least
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,3 +109,12 @@ class MemorySettings:
 def sides_of(rays: FloatArray, noise: FloatArray) -> FloatArray:
     """Return two vectors across rays, (N, 3), one over the noise (N,) long: shape (2, 3, N)."""
     return np.asarray(np.array(tangents(*rays.T)) / noise)
+
+
+def differ(last: Sightings, now: Sightings) -> bool:
+    """Whether two views differ by more than a turn."""
+    _, first, other = np.intersect1d(last.ids, now.ids, assume_unique=True, return_indices=True)
+    if len(first) < MIN_POINTS:
+        return True
+    parallax = fit_rotation(now.current[other], last.current[first]).parallax
+    return parallax > COLLECTED_PARALLAX * float(np.median(now.noise[:, 0]))

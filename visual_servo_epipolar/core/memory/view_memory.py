@@ -8,13 +8,13 @@ twice: it is held against what was known before it.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.geometry.rotation import fit_rotation, MIN_POINTS
 from visual_servo_epipolar.core.memory.initialization import initial, is_sound, Start
 from visual_servo_epipolar.core.memory.recollection import recollected, Recollection
 from visual_servo_epipolar.core.memory.refinement import Geometry, refined
@@ -34,17 +34,29 @@ from visual_servo_epipolar.core.memory.selection import (
     with_keyframe,
 )
 from visual_servo_epipolar.core.memory.shrinkage import NOTHING, Shrinkage
-from visual_servo_epipolar.core.memory.sightings import MemorySettings, sides_of, Sightings
+from visual_servo_epipolar.core.memory.sightings import (
+    differ,
+    MemorySettings,
+    sides_of,
+    Sightings,
+)
 from visual_servo_epipolar.core.memory.window import EMPTY, Window
 
 MIN_SIGHTINGS = 5  # of remembered features that agree
 MIN_COLLECTED = 8  # features of a view to begin with
 MIN_SHARE = 0.5  # of the remembered features in view that agree
-COLLECTED_PARALLAX = 20.0  # in deviations of the noise, that collected views differ by at least
 MOST_COLLECTED = 4  # views to begin with: more cost more time, and are passed soon
 MOST_REFUSED = 3  # keyframes in a row that do not fit: then the geometry is wrong, not they
 ALIKE = 0.05  # of the depth: how near the goal views look as the photograph does
 MOST_STARTS = 2  # that are tried at one view
+
+
+class Unlearnt(NamedTuple):
+    """View that was resected, with so many ``new`` features that are not remembered."""
+
+    sightings: Sightings
+    resection: Resection
+    new: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,6 +69,8 @@ class ViewMemory:
     where the camera is by the way that was told [m]; ``pose``, (5,), that of the last view.
     ``trial`` is the geometry with one more keyframe, half refined: the other half is for the next
     view, so that none takes the time of both. ``refused`` counts unsound trials in a row.
+    ``unlearnt`` is the last view while nothing was learnt from it, and ``begins`` that a geometry
+    is yet to be looked for: what is said of a view does not wait for that.
     """
 
     mount: Attitude
@@ -70,6 +84,8 @@ class ViewMemory:
     refused: int = 0
     last: Sightings | None = None
     shrinkage: Shrinkage = NOTHING
+    unlearnt: Unlearnt | None = None
+    begins: bool = False
 
     @property
     def wrong(self) -> tuple[int, ...]:
@@ -88,7 +104,7 @@ class ViewMemory:
         learns: bool = True,
     ) -> 'tuple[ViewMemory, Recollection]':
         """
-        Return the memory after one more view, and what it says of that.
+        Return the memory after one more view, yet to be ``learnt``, and what it says of that.
 
         Parameters
         ----------
@@ -106,15 +122,28 @@ class ViewMemory:
             Whether the view may become a keyframe; else it is held against what is remembered.
 
         """
-        heading = 0.0 if self.pose is None else float(self.pose[2])
+        before = self.learnt()
+        heading = 0.0 if before.pose is None else float(before.pose[2])
         way = np.zeros(2) if motion is None else np.asarray(motion, np.float64)
-        memory = replace(self, place=self.place + _turned(way, heading))
+        memory = replace(before, place=before.place + _turned(way, heading))
         if memory.geometry is not None:
             return memory._remembered(memory.geometry, sightings, learns)
         if not learns:
             return memory, Recollection('nothing is remembered to hold the view against')
         shown = sightings.take(sightings.shown)
         return memory._collected(shown, bearings, attitude or self.mount)
+
+    def learnt(self) -> 'ViewMemory':
+        """Return the memory with what the last view adds: the first geometry, or a better one."""
+        if self.begins:
+            memory = replace(self, begins=False)._begun()
+        elif self.unlearnt is not None and self.geometry is not None:
+            memory = replace(self, unlearnt=None)._grown(self.geometry, *self.unlearnt)
+        else:
+            return self
+        if memory.geometry is not None:
+            memory.geometry.prepare()
+        return memory
 
     def _collected(
         self, sightings: Sightings, bearings: Sequence[Bearings], attitude: Attitude
@@ -128,17 +157,20 @@ class ViewMemory:
             return self, Recollection('two views show no baseline to begin with')
         pose = np.array([0.0, 0.0, bearings[0].heading_error, attitude.tilt, attitude.roll])
         memory = replace(self, pose=pose)
-        if self.last is not None and not _differ(self.last, sightings):
+        if self.last is not None and not differ(self.last, sightings):
             return memory, Recollection('views are too alike to begin with')
         memory = memory._with_collected(sightings, bearings, attitude)
         if len(memory.window) < 2:
             return memory, Recollection('one view is collected, two are needed')
-        geometry = initial(memory.window, memory.starts, self.mount, self.settings.scale_deviation)
+        return replace(memory, begins=True), Recollection('the geometry may begin with this view')
+
+    def _begun(self) -> 'ViewMemory':
+        """Return the memory with the first geometry, if one fits the views that are collected."""
+        geometry = initial(self.window, self.starts, self.mount, self.settings.scale_deviation)
         if geometry is None:
-            return memory, Recollection('no geometry fits the views that are collected')
-        found = replace(memory, geometry=geometry, window=geometry.window, starts=(), last=None)
-        found = replace(found, pose=geometry.unknowns.views[-1])
-        return found, Recollection('the geometry begins with this view')
+            return self
+        pose, window = geometry.unknowns.views[-1], geometry.window
+        return replace(self, geometry=geometry, window=window, starts=(), last=None, pose=pose)
 
     def _with_collected(
         self, sightings: Sightings, bearings: Sequence[Bearings], attitude: Attitude
@@ -174,11 +206,12 @@ class ViewMemory:
             return self, Recollection(reason, ids=self.window.ids)
         resection = resected(geometry, chosen, seen, fit, self._shrinkage_at(geometry, fit))
         said = recollected(geometry, anchors, resection, known)
-        memory = replace(self, pose=resection.pose, shrinkage=resection.shrinkage)
-        if not learns:
-            return memory, said
         new = int(((rows < 0) & sightings.shown).sum())
-        return memory._grown(geometry, sightings, resection, new), said
+        unlearnt = Unlearnt(sightings, resection, new) if learns else None
+        after = replace(
+            self, pose=resection.pose, shrinkage=resection.shrinkage, unlearnt=unlearnt
+        )
+        return after, said
 
     def _fit(self, geometry: Geometry, anchors: Anchors, seen: Seen) -> Fit:
         """Return the pose by the last one, or by the keyframe most alike if that does not fit."""
@@ -239,12 +272,3 @@ def _turned(motion: FloatArray, heading: float) -> FloatArray:
 def _earlier(starts: tuple[Start, ...]) -> tuple[Start, ...]:
     """Return the starts after the first view is gone."""
     return tuple(start._replace(view=start.view - 1) for start in starts if start.view > 0)
-
-
-def _differ(last: Sightings, now: Sightings) -> bool:
-    """Whether two views differ by more than a turn."""
-    _, first, other = np.intersect1d(last.ids, now.ids, assume_unique=True, return_indices=True)
-    if len(first) < MIN_POINTS:
-        return True
-    parallax = fit_rotation(now.current[other], last.current[first]).parallax
-    return parallax > COLLECTED_PARALLAX * float(np.median(now.noise[:, 0]))

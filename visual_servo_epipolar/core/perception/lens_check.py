@@ -49,7 +49,9 @@ def looked_at(
     if not due or measurement.bearings is None or known.bearings is None:
         return before
     memory = before.memory or replace(known, lens=unknown_lens(UNKNOWN))
-    memory = replace(memory, bearings=known.bearings, consecutive_rejections=0, spared=0, wrong=())
+    memory = replace(
+        memory, bearings=known.bearings, consecutive_rejections=0, spared=0, wrong=None
+    )
     memory = perceive(observation, _uncalibrated(settings), frame, memory).memory
     off, deviation = memory.lens.log_ratio, memory.lens.ratio_deviation
     if abs(off) < max(CONTRADICTION * deviation, LEAST):

@@ -69,7 +69,7 @@ def difference_deviation(
     # Of |p_a|^2 - |p_d|^2, on the average of the features that are counted: 4 |p|^2 noise^2 each,
     # and of 2 (1 - z) 4 sin^2 noise^2.
     slopes = _squares(desired)
-    if np.any(wide):
+    if _any(wide):
         z = desired[..., 2]
         slopes = np.where(np.asarray(wide)[..., None], 1.0 - z * z, slopes)
     squares = np.where(counted, slopes, 0.0).sum(axis=-1)
@@ -105,7 +105,7 @@ def view_margins(
     may turn without end.
     """
     counts = counted.sum(axis=-1)
-    keep = np.minimum(keep, counts)
+    keep = np.asarray(np.minimum(keep, counts))
     bearings = np.arctan2(packed(current[..., 0]), packed(current[..., 2]))
     ordered = np.sort(np.where(counted, bearings, np.inf), axis=-1)
     # A left turn moves features to the right.
@@ -120,7 +120,8 @@ def view_margins(
 
 def _taken(values: FloatArray, place: IntArray) -> FloatArray:
     """Return the element at ``place``, shape (...), of ``values``, shape (..., N)."""
-    return np.asarray(np.take_along_axis(values, np.asarray(place)[..., None], axis=-1)[..., 0])
+    rows = values.reshape(-1, values.shape[-1])
+    return np.asarray(rows[np.arange(len(rows)), place.ravel()].reshape(place.shape))
 
 
 def _difference(
@@ -128,7 +129,7 @@ def _difference(
 ) -> FloatArray:
     """Return D over the features that are ``counted``, (..., N), shape (...); nan of none."""
     change = _squares(current) - _squares(desired)
-    if np.any(wide):
+    if _any(wide):
         chords = 2.0 * (desired[..., 2] - current[..., 2])
         change = np.where(np.asarray(wide)[..., None], chords, change)
     squares = np.where(counted, change, 0.0)
@@ -144,7 +145,12 @@ def _count(counted: BoolArray) -> FloatArray:
 def _counted(current: FloatArray, desired: FloatArray, wide: BoolArray | bool) -> BoolArray:
     """Return which features count for D, shape (..., N): those in front, of a wide lens all."""
     in_front = np.minimum(current[..., 2], desired[..., 2]) > IN_FRONT
-    return np.asarray(in_front | np.asarray(wide)[..., None] if np.any(wide) else in_front)
+    return np.asarray(in_front | np.asarray(wide)[..., None] if _any(wide) else in_front)
+
+
+def _any(wide: BoolArray | bool) -> bool:
+    """Return whether any lens is wide; of one robot it is a bool, which costs nothing to ask."""
+    return wide if isinstance(wide, bool) else bool(np.any(wide))
 
 
 def _squares(rays: FloatArray) -> FloatArray:

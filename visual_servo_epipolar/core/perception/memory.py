@@ -27,7 +27,8 @@ class PerceptionMemory:
     ``noise`` the deviation of a tracked coordinate [px] as the residuals show it;
     ``consecutive_rejections`` counts estimates in a row that contradict ``bearings``; ``lens``
     is what was learnt of the camera matrix. ``spared`` is how many views to come need no estimate,
-    since a memory of views knows their geometry, and which ``wrong`` matches it found, by id.
+    since a memory of views knows their geometry, and which ``wrong`` matches it found, by id; None
+    where it does not.
     """
 
     attitude: Attitude
@@ -36,7 +37,7 @@ class PerceptionMemory:
     consecutive_rejections: int = 0
     lens: Lens = CALIBRATED
     spared: int = 0
-    wrong: tuple[int, ...] = ()
+    wrong: tuple[int, ...] | None = None
 
 
 def fresh_memory(settings: PerceptionSettings) -> PerceptionMemory:

@@ -10,7 +10,12 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, median_of_sorted
+from visual_servo_epipolar.core.arrays import (
+    are_among,
+    BoolArray,
+    FloatArray,
+    median_of_sorted,
+)
 from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
 from visual_servo_epipolar.core.geometry.epipolar import rotations_desired_current
 from visual_servo_epipolar.core.geometry.lens import change, for_wrong_rays, spurious_parallax
@@ -149,9 +154,9 @@ def usual_matches(observation: Observation, estimate: ValidatedEstimate) -> Bool
     if estimate.estimate is not None:
         return estimate.estimate.inliers
     wrong = estimate.memory.wrong
-    if observation.ids is None or not len(wrong):
+    if observation.ids is None or not wrong:
         return np.ones(len(observation), bool)
-    return np.asarray(~np.isin(observation.ids, wrong))
+    return np.asarray(~are_among(observation.ids, np.array(wrong)))
 
 
 def _parallax(

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, IntArray
+from visual_servo_epipolar.core.arrays import are_among, BoolArray, IntArray
 from visual_servo_epipolar.core.memory.reading import Reading, reading_of
 from visual_servo_epipolar.core.memory.recollection import Recollection
 from visual_servo_epipolar.core.memory.sightings import Sightings
@@ -37,6 +37,11 @@ class Remembered:
     place: Place | None = None
     few_s: float = 0.0
     is_over: bool = False
+
+    def learnt(self) -> 'Remembered':
+        """Return what is remembered after the views have learnt from the last one."""
+        views = None if self.views is None else self.views.learnt()
+        return self if views is self.views else replace(self, views=views)
 
 
 def remembered(
@@ -93,7 +98,7 @@ def sightings_of(observation: Observation, noise_px: float) -> Sightings:
     ids = np.arange(len(observation)) if observation.ids is None else observation.ids
     if passing is None:
         return Sightings(ids, current, desired, noise)
-    new = ~np.isin(passing.ids, ids)
+    new = ~are_among(passing.ids, ids)
     own = np.maximum(max(noise_px, DRIFT_PX) * passing.resolution[new], LEAST_NOISE)
     return Sightings(
         np.concatenate([ids, passing.ids[new]]),
@@ -107,7 +112,7 @@ def _carries(said: Recollection, ids: IntArray, place: Place | None, motion: Mot
     """Return whether few features, of ``ids`` (N,), show the robot where it has driven to."""
     if said.reason or place is None:
         return False
-    known = np.isin(ids, said.ids) & ~np.isin(ids, said.dropped)
+    known = are_among(ids, said.ids) & ~are_among(ids, said.dropped)
     if int(said.inliers.sum()) < max(LEAST_CARRIED, CARRIED_SHARE * int(known.sum())):
         return False
     return agrees(said, place.after(motion))
@@ -178,7 +183,7 @@ def reading_in_view(said: Recollection, observation: Observation) -> Reading | N
     if said.reason or observation.ids is None:
         return None
     counted = _counted(said)
-    in_view = counted & np.isin(said.ids, observation.ids)
+    in_view = counted & are_among(said.ids, observation.ids)
     counted = in_view if in_view.any() else counted
     desired, nearness = said.photograph[counted], said.nearness[counted]
     return reading_of(said, desired, nearness, wide=observation.wide)
@@ -186,4 +191,4 @@ def reading_in_view(said: Recollection, observation: Observation) -> Reading | N
 
 def _counted(said: Recollection) -> BoolArray:
     """Return which remembered features, (M,), are the photograph's, and no wrong matches."""
-    return np.asarray(said.shown & ~np.isin(said.ids, said.dropped))
+    return np.asarray(said.shown & ~are_among(said.ids, said.dropped))

@@ -22,13 +22,22 @@ def spared_after(
     """Return what perception carries on, after a ``measurement`` that may be by a ``reading``."""
     by_two = measurement.bearings is not None and not measurement.remembered
     if reading is None or by_two or views.views is None:
-        return replace(memory, spared=0, wrong=()) if memory.spared or memory.wrong else memory
+        known = memory.spared or memory.wrong is not None
+        return replace(memory, spared=0, wrong=None) if known else memory
     return replace(
         memory,
         bearings=reading.bearings if measurement.remembered else memory.bearings,
         spared=memory.spared - 1 if memory.spared else SPARED,
         wrong=views.views.wrong,
     )
+
+
+def learnt_after(memory: PerceptionMemory | None, views: Remembered) -> PerceptionMemory | None:
+    """Return what perception carries on, with wrong matches as ``views`` have learnt them."""
+    if memory is None or memory.wrong is None or views.views is None:
+        return memory
+    wrong = views.views.wrong
+    return memory if wrong == memory.wrong else replace(memory, wrong=wrong)
 
 
 def is_missed(perception: Perception, measurement: Measurement, settings: ServoSettings) -> bool:
@@ -41,5 +50,5 @@ def looked_again(state: ServoState, perception: Perception, settings: ServoSetti
     """Return a ``perception`` whose estimate was spared with one."""
     if perception.observation is None:
         return perception
-    memory = replace(perception.memory, spared=0, wrong=())
+    memory = replace(perception.memory, spared=0, wrong=None)
     return perceive(perception.observation, settings, state.frame, memory)

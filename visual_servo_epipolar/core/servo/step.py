@@ -1,11 +1,11 @@
 """
 Control step: from an observation and the state to the next state, with its command.
 
-The live node, the replay of a bag and the simulation in memory all call ``step``. An observation
-is perceived (estimated, validated, measured: ``perception.perceive``), the measurement updates the
-state (``update``), it becomes an event (``phases.events``), the event a phase
-(``phases.table``), the phase a nominal velocity (``phases.commands``), which is then limited to
-what the base can follow.
+The replay of a bag and the simulation in memory call ``step``; the live node calls its two halves,
+``decided`` and ``learnt``, and sends the command in between. An observation is perceived
+(estimated, validated, measured: ``perception.perceive``), the measurement updates the state
+(``update``), it becomes an event (``phases.events``), the event a phase (``phases.table``), the
+phase a nominal velocity (``phases.commands``), which is then limited to what the base can follow.
 """
 
 from dataclasses import replace
@@ -36,6 +36,7 @@ from visual_servo_epipolar.core.servo.phases.timing import (
     USUAL_STEP_S,
 )
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.sparing import learnt_after
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.trimming import trimmed, trims
 from visual_servo_epipolar.core.servo.update import updated
@@ -56,11 +57,34 @@ def step(
     """
     Return the state after an ``observation``; its ``command`` is for the base.
 
+    See ``decided``.
+    """
+    return learnt(decided(state, observation, settings, since_command=since_command))
+
+
+def decided(
+    state: ServoState,
+    observation: Observation,
+    settings: ServoSettings,
+    *,
+    since_command: float = math.nan,
+) -> ServoState:
+    """
+    Return the state with the ``command`` after an ``observation``, which has yet to be ``learnt``.
+
     ``since_command`` is the time since the last command went out, by the clock of who sends it
     [s]; nan where it goes by the stamps of the images.
     """
     perception = perceive(observation, settings, state.frame, state.memory)
     return advance(state, perception, settings, since_command=since_command)
+
+
+def learnt(state: ServoState) -> ServoState:
+    """Return the state after what no command waits for: the memory of views takes in the last."""
+    views = state.views.learnt()
+    if views is state.views:
+        return state
+    return changed(state, views=views, memory=learnt_after(state.memory, views))
 
 
 def advance(
@@ -70,7 +94,7 @@ def advance(
     *,
     since_command: float = math.nan,
 ) -> ServoState:
-    """Return the state after a ``perception``: the part of the step that needs no features."""
+    """Return the state after a ``perception``: the part of ``decided`` that needs no features."""
     last_twist, measurement, usual_s = state.twist, perception.measurement, usual_step(state)
     leapt = leap(state, measurement.stamp_ns, settings)
     dt = _time_step(state, measurement, leapt)

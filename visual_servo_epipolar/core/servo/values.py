@@ -5,7 +5,7 @@ from typing import Any, TypeVar
 ValueT = TypeVar('ValueT')
 
 
-def changed(value: ValueT, **changes: Any) -> ValueT:
+def changed(value: ValueT, /, **changes: Any) -> ValueT:
     """
     Return a copy of a frozen dataclass with fields changed: ``replace``, several times as fast.
 

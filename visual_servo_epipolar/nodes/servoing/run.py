@@ -8,6 +8,7 @@ from visual_servo_epipolar.core.control.command import HALT
 from visual_servo_epipolar.core.servo.interruptions import interrupted, Interruption
 from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
 from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.step import learnt
 from visual_servo_epipolar.nodes.servoing.commands import Commands
 from visual_servo_epipolar.nodes.servoing.freshness import Freshness
 from visual_servo_epipolar.nodes.servoing.reports import Reports
@@ -45,12 +46,13 @@ class Run:
         return self._reports.silence
 
     def advance(self, state: ServoState, stamp_ns: int, frame_id: str) -> None:
-        """Follow a step: command the base, and report."""
+        """Follow a step: command the base, report, and learn for the next."""
         before = self.state
         self.freshness.step()
         self.follow(state)
         self._commands.answer(before, self.state, stamp_ns)  # nobody drives by what follows
         self._reports.step(self.state, stamp_ns, frame_id)
+        self.state = learnt(self.state)
 
     def follow(self, state: ServoState) -> None:
         """Take over a new state, and log what is new of it."""

@@ -1,6 +1,7 @@
 """Executables of the nodes: they import ROS only when they run, and say it if there is none."""
 
 from importlib import import_module
+import os
 import signal
 import sys
 
@@ -12,6 +13,9 @@ from visual_servo_epipolar.nodes.startup.table import PACKAGE
 # What nodes import beside ROS 2.
 PIP_PACKAGES = ('cv2', 'matplotlib', 'mcap', 'numpy', 'rosbags', 'yaml')
 INTERRUPTED = 130
+# Read when numpy is loaded. Matrices here are small, and a node whose products are shared among
+# threads waits for a core for each of them where other processes have the cores.
+ONE_THREAD = {'OPENBLAS_NUM_THREADS': '1'}
 
 
 def run(node: str) -> int:
@@ -20,6 +24,8 @@ def run(node: str) -> int:
     if code is not None:
         return code
     on_ending(lambda number: _leave(node, number))
+    for name, value in ONE_THREAD.items():
+        os.environ.setdefault(name, value)
     try:
         main = import_module(f'{PACKAGE}.nodes.{node}').main
     except ImportError as error:

@@ -25,14 +25,18 @@ class Repetition:
 
     def see(self, image: Image | None) -> int:
         """Take the next image, None if it could not be read, and return the count."""
-        again = image is not None and self._last is not None and np.array_equal(image, self._last)
-        self._last, self.count = image, self.count + 1 if again else 0
         known = None if image is None else _fingerprint(image)
+        again = bool(self._kept) and known == self._kept[0] and self._is_last(image)
+        self._last, self.count = image, self.count + 1 if again else 0
         self.back = 0
         if known is not None and known in self._kept:
             self.back = self._kept.index(known) + 1
         self._kept.appendleft(known)
         return self.count
+
+    def _is_last(self, image: Image | None) -> bool:
+        """Return whether an image is the last one, pixel by pixel."""
+        return image is not None and self._last is not None and np.array_equal(image, self._last)
 
 
 def _fingerprint(image: Image) -> tuple[tuple[int, ...], int]:

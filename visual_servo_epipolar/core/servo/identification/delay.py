@@ -6,7 +6,7 @@ one whose turns fit those that are seen best is that of the base, be its wheels 
 begins late may have been held; who ends late as well obeys late.
 """
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 import math
 
 import numpy as np
@@ -16,6 +16,7 @@ from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.commands_sent import CommandsSent
 from visual_servo_epipolar.core.servo.identification.curvature import heading_deviation
 from visual_servo_epipolar.core.servo.settings import ServoSettings, with_learnt
+from visual_servo_epipolar.core.servo.values import changed
 from visual_servo_epipolar.core.stamps import seconds_between
 
 DELAYS: FloatArray = np.arange(31, dtype=np.float64) * 0.05  # [s]
@@ -36,7 +37,7 @@ def _zeros() -> FloatArray:
     return np.zeros(len(DELAYS))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)  # without slots: ``values.changed``
 class Delay:
     """
     Delay ``value`` [s], 0 until it is known.
@@ -66,7 +67,7 @@ class Delay:
             return self
         now_ns, heading = measurement.stamp_ns, measurement.heading_error
         by_memory = measurement.offset is not None
-        began = replace(self, since_ns=now_ns, heading=heading, by_memory=by_memory)
+        began = changed(self, since_ns=now_ns, heading=heading, by_memory=by_memory)
         if math.isnan(self.heading) or by_memory is not self.by_memory:
             return began
         gap = seconds_between(self.since_ns, now_ns)
@@ -81,7 +82,7 @@ class Delay:
             return began
         keep = math.exp(-largest * largest / FADING)
         change = np.abs(turns) - abs(turns[_usual(told)[-1]])
-        after = replace(
+        after = changed(
             began,
             seen=keep * self.seen + turn * turns,
             power=keep * self.power + turns * turns,
@@ -89,7 +90,7 @@ class Delay:
             longer=keep * self.longer + np.maximum(change, 0.0) ** 2,
             energy=keep * self.energy + turn * turn,
         )
-        return replace(after, value=after._told(told))
+        return changed(after, value=after._told(told))
 
     def _told(self, told: ServoSettings) -> float:
         """Return the delay that turns tell, the one before where they tell none for certain."""
