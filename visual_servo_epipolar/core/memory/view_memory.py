@@ -68,6 +68,10 @@ class ViewMemory:
     refused: int = 0
     last: Sightings | None = None
 
+    def by(self, settings: MemorySettings) -> 'ViewMemory':
+        """Return the memory with ``settings`` for what comes."""
+        return self if settings is self.settings else replace(self, settings=settings)
+
     @property
     def wrong(self) -> tuple[int, ...]:
         """The ids of wrong matches, of the features that are remembered."""

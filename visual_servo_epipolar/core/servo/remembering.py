@@ -9,7 +9,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, IntArray
 from visual_servo_epipolar.core.memory.reading import Reading, reading_of
 from visual_servo_epipolar.core.memory.recollection import Recollection
-from visual_servo_epipolar.core.memory.sightings import Sightings
+from visual_servo_epipolar.core.memory.sightings import MemorySettings, Sightings
 from visual_servo_epipolar.core.memory.view_memory import ViewMemory
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
@@ -21,6 +21,7 @@ PREFERENCE = 3.0  # deviations of two views that one of the memory may have
 LEAST_NOISE = 1e-9  # of the angle of a ray [rad]: a memory weighs by it
 # Of views that show too little for two: what must agree with one place, which is where they drove.
 LEAST_CARRIED, CARRIED_SHARE = 6, 0.6
+BY_COMMANDS, BY_ODOMETRY = MemorySettings(), MemorySettings(scale_deviation=0.03)
 DRIFT_PX = 1.0  # deviation of what nothing anchors
 
 
@@ -56,7 +57,9 @@ def remembered(
     observation = perception.observation
     if not settings.remembers:
         return Remembered(), None
-    views = before.views or ViewMemory(settings.mount)
+    views = (before.views or ViewMemory(settings.mount)).by(
+        BY_ODOMETRY if motion.measured else BY_COMMANDS
+    )
     if observation is None or observation.ids is None:
         return Remembered(views), None
     is_few = perception.measurement.features < settings.min_features

@@ -4,6 +4,7 @@ from dataclasses import replace
 import math
 
 from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
+from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.geometry.mount import at_axle, offset_at_axle
 from visual_servo_epipolar.core.memory.reading import Reading
 from visual_servo_epipolar.core.perception.measurement import Measurement
@@ -51,7 +52,13 @@ def updated(
     previous, stamp_ns = state.measurement, perception.measurement.stamp_ns
     obeyed = as_obeyed(state, stamp_ns, dt, settings)
     driven = way.driven(obeyed, dt, settings)
-    motion = Motion(driven, obeyed.twist.angular * dt)
+    odometry, motion = state.odometry.checked(
+        _odometry_pose(perception, settings),
+        Motion(driven, obeyed.twist.angular * dt),
+        dt,
+        settings,
+    )
+    driven = motion.way
     views, reading = remembered(
         state.views, perception, motion, settings, dt=dt if state.phase in RUNNING else 0.0
     )
@@ -74,6 +81,9 @@ def updated(
     if state.phase is Phase.MATCHING_FEATURES:
         straight, extrinsics = straight_on(state.straight, reading, driven, extrinsics)
     measurement = _of_the_axle(measurement, extrinsics)
+    odometry = odometry.judged(measurement)
+    if odometry.has_misled and not state.odometry.refuted:
+        views = Remembered()  # all that it knows is as large as ways were told
     bias = _rotation_bias(state, measurement)
     measurement = _without_bias(measurement, bias)
     if extrinsics.believed != (state.extrinsics is not None and state.extrinsics.believed):
@@ -103,12 +113,19 @@ def updated(
         measurement=measurement,
         memory=memory,
         views=views,
+        odometry=odometry,
         straight=straight,
         trusted_heading=_trusted_heading(state, measurement, settings),
     )
     if is_close(state, settings):
         state = changed(state, lingered=state.lingered + dt)
     return with_settled(state, perception, previous, settings)
+
+
+def _odometry_pose(perception: Perception, settings: ServoSettings) -> Pose | None:
+    """Return where the wheels say that the base is; None where nobody says, or shall."""
+    observation = perception.observation
+    return observation.odometry if settings.odometry and observation is not None else None
 
 
 def _disproved(perception: Perception, settings: ServoSettings) -> Perception:

@@ -1,0 +1,247 @@
+"""
+Odometry: whether the wheels tell the truth, by what is seen and by what was commanded.
+
+They know way and turn between two images better than commands do; but an encoder may be unplugged,
+a driver repeat its last pose, a frame be mirrored. Images tell the turn, and the way as far as a
+memory of views knows its scale; commands say what a base does at most. Until odometry has agreed
+once it is not used, and no more in this run once it has been contradicted several times.
+"""
+
+from dataclasses import dataclass, replace
+import math
+
+from visual_servo_epipolar.core.geometry.motion import motion_between, Pose
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.identification.curvature import heading_deviation
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.steadying import Motion
+
+MOST_CONTRADICTIONS = 3  # less the times that it agreed since
+LEAP_SPEEDS, LEAP_WAY, LEAP_TURN = 2.0, 0.03, 0.05  # over the largest speeds, and beyond [m, rad]
+SEEN_TURN, SEEN_WAY = 0.12, 0.3  # motion after which it is held against images [rad, m]
+MOST_DEVIATION = 0.02  # of a heading that tells a turn [rad]
+DEVIATIONS = 5.0  # of a turn that is seen
+# What wheels may differ by from what is seen: of a turn, of a way, by unequal wheels [rad/m], and
+# by what a view has [rad, m].
+TURN_SHARE, WAY_SHARE, TURN_OF_WAY, LEAST_TURN, LEAST_WAY = 0.15, 0.1, 0.12, 0.01, 0.003
+BETTER = 0.5  # of its error, that commands must have: else they are wrong as well
+TOLD_WAY = 0.4  # commanded, after which it is held against that [m]
+# Of a way commanded: no base drives farther, but for what it obeys late [m]; many drive less.
+FASTER, SLOWER, LATE, LATER = 1.25, 0.5, 0.15, 0.19
+MISLED_SHARE, MISLED_WAY = 0.15, 0.03  # of a way that was used and should not have been [m]
+NO_LONGER = 'it is not used any more in this run, which goes on by commands'
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """What an image shows of where the robot is; ``place`` and its deviation by a memory alone."""
+
+    heading: float
+    deviation: float
+    place: tuple[float, float] | None = None
+    place_deviation: float = math.nan
+
+
+@dataclass(frozen=True, slots=True)
+class Stretch:
+    """Motion by odometry, and as ``commanded``, since an image that had ``seen`` the robot."""
+
+    seen: Seen
+    motion: Motion = Motion()
+    commanded: Motion = Motion()
+
+    def after(self, motion: Motion, commanded: Motion) -> 'Stretch':
+        """Return the stretch with one more motion."""
+        return Stretch(self.seen, _sum(self.motion, motion), _sum(self.commanded, commanded))
+
+    @property
+    def is_long(self) -> bool:
+        """Whether it is long enough for a verdict."""
+        turn = max(abs(self.motion.turn), abs(self.commanded.turn))
+        return turn >= SEEN_TURN or max(abs(self.motion.way), abs(self.commanded.way)) >= SEEN_WAY
+
+
+@dataclass(frozen=True, slots=True)
+class Odometry:
+    """
+    Odometry: its ``pose`` at the last image, None where there was none, and what it is worth.
+
+    ``stretch`` is held against images, ``driven`` and ``told`` [m] are the way by odometry and by
+    commands. ``proven`` says whether it has agreed, ``contradictions`` counts how often it did
+    not, less how often it did, ``refuted`` why it is not used any more. ``used`` is the way that
+    was taken for true, ``instead`` what was commanded meanwhile, without signs [m].
+    """
+
+    pose: Pose | None = None
+    stretch: Stretch | None = None
+    driven: float = 0.0
+    told: float = 0.0
+    proven: bool = False
+    contradictions: int = 0
+    refuted: str = ''
+    used: float = 0.0
+    instead: float = 0.0
+
+    @property
+    def has_misled(self) -> bool:
+        """Whether what was ranged by it until it was refuted is too large, or too small."""
+        off = abs(self.used - self.instead)
+        return bool(self.refuted) and off > MISLED_SHARE * self.instead + MISLED_WAY
+
+    def checked(
+        self, pose: Pose | None, commanded: Motion, dt: float, settings: ServoSettings
+    ) -> tuple['Odometry', Motion]:
+        """
+        Return what is known with the ``pose`` at an image ``dt`` [s] later, and the motion.
+
+        A pose that no base comes to in this time is a leap: the motion is then that ``commanded``.
+        """
+        if self.refuted:
+            return replace(self, pose=pose), commanded
+        if self.pose is None or pose is None or dt == 0.0:
+            return replace(self, pose=pose, stretch=None), commanded
+        motion = Motion(*motion_between(self.pose, pose), measured=True)
+        trouble = _leap(motion, dt, settings)
+        if trouble:
+            return replace(self, pose=pose, stretch=None)._contradicted(trouble), commanded
+        stretch = None if self.stretch is None else self.stretch.after(motion, commanded)
+        driven, told = self.driven + motion.way, self.told + commanded.way
+        after = replace(self, pose=pose, stretch=stretch, driven=driven, told=told)
+        if not self.proven:
+            return after, commanded
+        used, instead = self.used + abs(motion.way), self.instead + abs(commanded.way)
+        return replace(after, used=used, instead=instead), motion
+
+    def judged(self, measurement: Measurement) -> 'Odometry':
+        """Return what is known after it was held against a ``measurement``, and commands."""
+        if self.refuted or self.pose is None:
+            return self
+        seen = Seen(
+            measurement.heading_error,
+            heading_deviation(measurement),
+            measurement.offset,
+            measurement.offset_deviation,
+        )
+        return self._against_commands(seen)._against_images(seen)
+
+    def _against_images(self, seen: Seen) -> 'Odometry':
+        if self.refuted or not seen.deviation <= MOST_DEVIATION:
+            return self
+        begun, stretch = replace(self, stretch=Stretch(seen)), self.stretch
+        if stretch is None or (seen.place is None) != (stretch.seen.place is None):
+            return begun
+        turn, way = _turn_errors(stretch, seen), _way_errors(stretch, seen)
+        for errors, words in ((turn, _turn_words), (way, _way_words)):
+            if errors.contradicts:
+                return begun._contradicted(words(stretch, errors))
+        if not stretch.is_long:
+            return self
+        if not (turn.fits and way.fits):
+            return begun  # nor do commands: it is the image, or somebody pushed the robot
+        return begun._agreed(proves=abs(stretch.motion.turn) >= 0.5 * SEEN_TURN)
+
+    def _against_commands(self, seen: Seen) -> 'Odometry':
+        side = math.copysign(1.0, self.told)
+        driven, told = side * self.driven, side * self.told
+        begun = replace(self, driven=0.0, told=0.0)
+        too_far = driven > FASTER * told + LATE
+        if not too_far and told < TOLD_WAY:
+            return self
+        if not too_far and driven >= SLOWER * told - LATER:
+            return begun._agreed()
+        if not too_far and self.stretch is not None and _stands(self.stretch, seen):
+            return begun
+        return begun._contradicted(
+            f'odometry says {self.driven:.2f} m where {self.told:.2f} m were commanded; look at '
+            'the wheel encoders and at the scale of odom'
+        )
+
+    def _agreed(self, *, proves: bool = True) -> 'Odometry':
+        fewer = max(self.contradictions - 1, 0)
+        return replace(self, contradictions=fewer, proven=self.proven or proves)
+
+    def _contradicted(self, trouble: str) -> 'Odometry':
+        count = self.contradictions + 1
+        refuted = f'{trouble}; {NO_LONGER}' if count >= MOST_CONTRADICTIONS else ''
+        return replace(self, contradictions=count, refuted=refuted)
+
+
+@dataclass(frozen=True, slots=True)
+class Errors:
+    """What odometry and commands differ by from what is ``seen``, and what odometry may."""
+
+    seen: float
+    odometry: float = 0.0
+    commanded: float = 0.0
+    bound: float = math.inf
+
+    @property
+    def fits(self) -> bool:
+        """Whether odometry is right."""
+        return self.odometry <= self.bound
+
+    @property
+    def contradicts(self) -> bool:
+        """Whether it is wrong, and commands know better."""
+        return not self.fits and self.commanded < BETTER * self.odometry
+
+
+def _turn_errors(stretch: Stretch, seen: Seen) -> Errors:
+    before, turn = stretch.seen, stretch.motion.turn
+    change = math.remainder(seen.heading - before.heading, 2.0 * math.pi)
+    bound = TURN_SHARE * max(abs(change), abs(turn)) + TURN_OF_WAY * abs(stretch.motion.way)
+    bound += DEVIATIONS * math.hypot(before.deviation, seen.deviation) + LEAST_TURN
+    off, told = (
+        abs(math.remainder(each - change, 2.0 * math.pi))
+        for each in (turn, stretch.commanded.turn)
+    )
+    return Errors(change, off, told, bound)
+
+
+def _way_errors(stretch: Stretch, seen: Seen) -> Errors:
+    """Return the errors of ways ahead; none where no memory knows the places."""
+    before = stretch.seen
+    if before.place is None or seen.place is None:
+        return Errors(math.nan)
+    heading = before.heading + 0.5 * stretch.motion.turn
+    right, ahead = seen.place[0] - before.place[0], seen.place[1] - before.place[1]
+    way = ahead * math.cos(heading) - right * math.sin(heading)
+    bound = WAY_SHARE * max(abs(way), abs(stretch.motion.way)) + LEAST_WAY
+    bound += max(seen.place_deviation, before.place_deviation)
+    return Errors(way, abs(stretch.motion.way - way), abs(stretch.commanded.way - way), bound)
+
+
+def _stands(stretch: Stretch, seen: Seen) -> bool:
+    """Return whether a memory sees no more of a way than odometry says, whatever is commanded."""
+    errors = _way_errors(stretch, seen)
+    return math.isfinite(errors.bound) and errors.fits
+
+
+def _leap(motion: Motion, dt: float, settings: ServoSettings) -> str:
+    """Return that no base moves so far in ``dt`` [s]; or ''."""
+    most_way = LEAP_SPEEDS * settings.max_linear * dt + LEAP_WAY
+    most_turn = LEAP_SPEEDS * settings.max_angular * dt + LEAP_TURN
+    if abs(motion.way) <= most_way and abs(motion.turn) <= most_turn:
+        return ''
+    return (
+        f'odometry leaps by {motion.way:.2f} m and {motion.turn:.2f} rad in {dt:.2f} s, at most '
+        f'{most_way:.2f} m and {most_turn:.2f} rad can be; look who else publishes or resets odom'
+    )
+
+
+def _turn_words(stretch: Stretch, errors: Errors) -> str:
+    return (
+        f'odometry says a turn of {stretch.motion.turn:.2f} rad where {errors.seen:.2f} rad are '
+        'seen; look at the wheel encoders, and whether yaw of odom grows to the left'
+    )
+
+
+def _way_words(stretch: Stretch, errors: Errors) -> str:
+    return (
+        f'odometry says {stretch.motion.way:.3f} m where {errors.seen:.3f} m are seen; look at '
+        'the wheel encoders'
+    )
+
+
+def _sum(one: Motion, other: Motion) -> Motion:
+    return Motion(one.way + other.way, one.turn + other.turn)
