@@ -52,6 +52,24 @@ class Motion:
         return MEASURED if self.measured else COMMANDED
 
 
+class Driven(NamedTuple):
+    """What was driven between two views, ``commanded`` and by ``wheels``; whether these count."""
+
+    commanded: Motion
+    wheels: Motion
+    trusted: bool = False
+
+    @property
+    def motion(self) -> Motion:
+        """That which counts."""
+        return self.wheels if self.trusted else self.commanded
+
+    @property
+    def other(self) -> Motion:
+        """That which does not."""
+        return self.commanded if self.trusted else self.wheels
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Place:
     """

@@ -51,16 +51,12 @@ def updated(
     """
     previous, stamp_ns = state.measurement, perception.measurement.stamp_ns
     obeyed = as_obeyed(state, stamp_ns, dt, settings)
-    driven = way.driven(obeyed, dt, settings)
-    odometry, motion = state.odometry.checked(
-        _odometry_pose(perception, settings),
-        Motion(driven, obeyed.twist.angular * dt),
-        dt,
-        settings,
-    )
-    driven = motion.way
+    commanded = Motion(way.driven(obeyed, dt, settings), obeyed.twist.angular * dt)
+    pose = _odometry_pose(perception, settings)
+    odometry, both = state.odometry.checked(pose, commanded, dt, settings)
+    driven = both.motion.way
     views, reading = remembered(
-        state.views, perception, motion, settings, dt=dt if state.phase in RUNNING else 0.0
+        state.views, perception, both, settings, dt=dt if state.phase in RUNNING else 0.0
     )
     measurement = measured(perception, reading, views, settings)
     if is_missed(perception, measurement, settings):
@@ -82,8 +78,6 @@ def updated(
         straight, extrinsics = straight_on(state.straight, reading, driven, extrinsics)
     measurement = _of_the_axle(measurement, extrinsics)
     odometry = odometry.judged(measurement)
-    if odometry.has_misled and not state.odometry.refuted:
-        views = Remembered()  # all that it knows is as large as ways were told
     bias = _rotation_bias(state, measurement)
     measurement = _without_bias(measurement, bias)
     if extrinsics.believed != (state.extrinsics is not None and state.extrinsics.believed):
@@ -114,7 +108,8 @@ def updated(
         memory=memory,
         views=views,
         odometry=odometry,
-        straight=straight,
+        # Another scale is another place: a leg cannot go on from one to the other.
+        straight=straight if odometry.trusted is state.odometry.trusted else None,
         trusted_heading=_trusted_heading(state, measurement, settings),
     )
     if is_close(state, settings):

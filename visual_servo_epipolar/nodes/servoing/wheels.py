@@ -15,9 +15,11 @@ from visual_servo_epipolar.core.docking.path import (
 )
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 
 AHEAD_S = 0.1  # by which an image may be newer than odometry: the base goes on as it did
 MEANWHILE = 'the servo goes by its commands meanwhile'
@@ -25,20 +27,24 @@ MEANWHILE = 'the servo goes by its commands meanwhile'
 
 class Wheels:
     """
-    Odometry of the base of ``node``, where it ``listens``; what is wrong with it is told ``warn``.
+    Odometry of the base of ``node``, where ``settings`` ask for it.
 
-    Any odometry that is late or lost is none. Only where time itself ``waits`` for nodes it is
-    always there, and may not be lost.
+    What is wrong with it is said by ``warn``. A message of it may be lost, but not where time
+    itself waits for the servo (no watchdog).
     """
 
     def __init__(
-        self, node: Node, warn: Callable[[str], None], *, listens: bool, waits: bool
+        self,
+        node: Node,
+        settings: ServoSettings,
+        node_settings: ServoNodeSettings,
+        warn: Callable[[str], None],
     ) -> None:
-        self._warn, self._listens = warn, listens
+        self._warn, self._listens = warn, settings.odometry
         self._topic = node.resolve_topic_name('odom')
         self.begin_anew()
-        if listens:
-            profile = qos.STREAM if waits else qos.ODOMETRY
+        if self._listens:
+            profile = qos.ODOMETRY if node_settings.watchdog else qos.STREAM
             node.create_subscription(Odometry, 'odom', self._take, profile)
 
     def begin_anew(self) -> None:

@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.geometry.motion import motion_between, Pose
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.identification.curvature import heading_deviation
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.steadying import Motion
+from visual_servo_epipolar.core.servo.steadying import Driven, Motion
 
 MOST_CONTRADICTIONS = 3  # less the times that it agreed since
 LEAP_SPEEDS, LEAP_WAY, LEAP_TURN = 2.0, 0.03, 0.05  # over the largest speeds, and beyond [m, rad]
@@ -28,7 +28,6 @@ BETTER = 0.5  # of its error, that commands must have: else they are wrong as we
 TOLD_WAY = 0.4  # commanded, after which it is held against that [m]
 # Of a way commanded: no base drives farther, but for what it obeys late [m]; many drive less.
 FASTER, SLOWER, LATE, LATER = 1.25, 0.5, 0.15, 0.19
-MISLED_SHARE, MISLED_WAY = 0.15, 0.03  # of a way that was used and should not have been [m]
 NO_LONGER = 'it is not used any more in this run, which goes on by commands'
 
 
@@ -67,9 +66,9 @@ class Odometry:
     Odometry: its ``pose`` at the last image, None where there was none, and what it is worth.
 
     ``stretch`` is held against images, ``driven`` and ``told`` [m] are the way by odometry and by
-    commands. ``proven`` says whether it has agreed, ``contradictions`` counts how often it did
-    not, less how often it did, ``refuted`` why it is not used any more. ``used`` is the way that
-    was taken for true, ``instead`` what was commanded meanwhile, without signs [m].
+    commands. ``proven`` says whether it has agreed, ``unseen`` and ``untold`` count how often it
+    did not with images and with commands, less how often it did: a memory whose scale is that of
+    odometry forgives no way that was not commanded. ``refuted`` says why it is not used any more.
     """
 
     pose: Pose | None = None
@@ -77,40 +76,41 @@ class Odometry:
     driven: float = 0.0
     told: float = 0.0
     proven: bool = False
-    contradictions: int = 0
+    unseen: int = 0
+    untold: int = 0
     refuted: str = ''
-    used: float = 0.0
-    instead: float = 0.0
 
     @property
-    def has_misled(self) -> bool:
-        """Whether what was ranged by it until it was refuted is too large, or too small."""
-        off = abs(self.used - self.instead)
-        return bool(self.refuted) and off > MISLED_SHARE * self.instead + MISLED_WAY
+    def trusted(self) -> bool:
+        """Whether it counts."""
+        return self.proven and not self.refuted
 
     def checked(
         self, pose: Pose | None, commanded: Motion, dt: float, settings: ServoSettings
-    ) -> tuple['Odometry', Motion]:
+    ) -> tuple['Odometry', Driven]:
         """
-        Return what is known with the ``pose`` at an image ``dt`` [s] later, and the motion.
+        Return what is known with the ``pose`` at an image ``dt`` [s] later, and what was driven.
 
         A pose that no base comes to in this time is a leap: the motion is then that ``commanded``.
         """
+        told = Driven(commanded, commanded, self.trusted)
         if self.refuted:
-            return replace(self, pose=pose), commanded
+            return replace(self, pose=pose), told
         if self.pose is None or pose is None or dt == 0.0:
-            return replace(self, pose=pose, stretch=None), commanded
+            return replace(self, pose=pose, stretch=None), told
         motion = Motion(*motion_between(self.pose, pose), measured=True)
         trouble = _leap(motion, dt, settings)
         if trouble:
-            return replace(self, pose=pose, stretch=None)._contradicted(trouble), commanded
+            return replace(self, pose=pose, stretch=None)._unseen(trouble), told
         stretch = None if self.stretch is None else self.stretch.after(motion, commanded)
-        driven, told = self.driven + motion.way, self.told + commanded.way
-        after = replace(self, pose=pose, stretch=stretch, driven=driven, told=told)
-        if not self.proven:
-            return after, commanded
-        used, instead = self.used + abs(motion.way), self.instead + abs(commanded.way)
-        return replace(after, used=used, instead=instead), motion
+        after = replace(
+            self,
+            pose=pose,
+            stretch=stretch,
+            driven=self.driven + motion.way,
+            told=self.told + commanded.way,
+        )
+        return after, Driven(commanded, motion, self.trusted)
 
     def judged(self, measurement: Measurement) -> 'Odometry':
         """Return what is known after it was held against a ``measurement``, and commands."""
@@ -133,12 +133,16 @@ class Odometry:
         turn, way = _turn_errors(stretch, seen), _way_errors(stretch, seen)
         for errors, words in ((turn, _turn_words), (way, _way_words)):
             if errors.contradicts:
-                return begun._contradicted(words(stretch, errors))
+                return begun._unseen(words(stretch, errors))
         if not stretch.is_long:
             return self
-        if not (turn.fits and way.fits):
-            return begun  # nor do commands: it is the image, or somebody pushed the robot
-        return begun._agreed(proves=abs(stretch.motion.turn) >= 0.5 * SEEN_TURN)
+        turned = abs(stretch.motion.turn) >= 0.5 * SEEN_TURN
+        if not (turn.fits and way.fits) or not (turned or seen.place):
+            # Nor do commands fit: it is the image, or somebody pushed the robot. Or it drove
+            # straight ahead, of which two views do not tell how far.
+            return begun
+        begun = replace(begun, unseen=max(self.unseen - 1, 0))
+        return begun._proven() if turned else begun
 
     def _against_commands(self, seen: Seen) -> 'Odometry':
         side = math.copysign(1.0, self.told)
@@ -148,22 +152,26 @@ class Odometry:
         if not too_far and told < TOLD_WAY:
             return self
         if not too_far and driven >= SLOWER * told - LATER:
-            return begun._agreed()
+            return replace(begun, untold=max(self.untold - 1, 0))._proven()
         if not too_far and self.stretch is not None and _stands(self.stretch, seen):
             return begun
-        return begun._contradicted(
+        return replace(begun, untold=self.untold + 1)._refuted(
+            self.untold + 1,
             f'odometry says {self.driven:.2f} m where {self.told:.2f} m were commanded; look at '
-            'the wheel encoders and at the scale of odom'
+            'the wheel encoders and at the scale of odom',
         )
 
-    def _agreed(self, *, proves: bool = True) -> 'Odometry':
-        fewer = max(self.contradictions - 1, 0)
-        return replace(self, contradictions=fewer, proven=self.proven or proves)
+    def _proven(self) -> 'Odometry':
+        """Return what is known after it agreed where a lie would not."""
+        return replace(self, proven=self.proven or not (self.unseen or self.untold))
 
-    def _contradicted(self, trouble: str) -> 'Odometry':
-        count = self.contradictions + 1
-        refuted = f'{trouble}; {NO_LONGER}' if count >= MOST_CONTRADICTIONS else ''
-        return replace(self, contradictions=count, refuted=refuted)
+    def _unseen(self, trouble: str) -> 'Odometry':
+        return replace(self, unseen=self.unseen + 1)._refuted(self.unseen + 1, trouble)
+
+    def _refuted(self, contradictions: int, trouble: str) -> 'Odometry':
+        if contradictions < MOST_CONTRADICTIONS:
+            return self
+        return replace(self, refuted=f'{trouble}; {NO_LONGER}')
 
 
 @dataclass(frozen=True, slots=True)
