@@ -15,10 +15,9 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation, MIN_POINTS
-from visual_servo_epipolar.core.memory.factors import factors_of
 from visual_servo_epipolar.core.memory.initialization import initial, is_sound, Start
 from visual_servo_epipolar.core.memory.recollection import recollected, Recollection
-from visual_servo_epipolar.core.memory.refinement import Geometry, refined
+from visual_servo_epipolar.core.memory.refinement import Geometry, refined, rescaled
 from visual_servo_epipolar.core.memory.resection import (
     Anchors,
     anchors_of,
@@ -83,13 +82,10 @@ class ViewMemory:
         )
         if self.geometry is None:
             return memory
-        before, deviation = self.geometry.evaluation, settings.scale_deviation
-        factors = factors_of(before.factors.mount, memory.window, deviation)
-        ratio, pose = factors.ratio(before.unknowns), self.pose
-        if pose is not None:
-            pose = np.concatenate([ratio * pose[:HEADING], pose[HEADING:]])
-        start = replace(before, window=memory.window, factors=factors)
-        geometry = refined(start, 0, self.geometry.damping)
+        geometry, ratio = rescaled(self.geometry, memory.window, settings.scale_deviation)
+        if self.pose is None:
+            return replace(memory, geometry=geometry)
+        pose = np.concatenate([ratio * self.pose[:HEADING], self.pose[HEADING:]])
         return replace(memory, geometry=geometry, pose=pose)
 
     @property

@@ -43,7 +43,7 @@ class Remembered:
 def remembered(
     before: Remembered,
     perception: Perception,
-    driven: Driven | Motion,
+    driven: Driven,
     settings: ServoSettings,
     *,
     dt: float = 0.0,
@@ -54,7 +54,6 @@ def remembered(
     The way that was ``driven`` since the last view gives the scale. A lens that is being learnt
     would move the rays that keyframes hold: with one nothing is remembered.
     """
-    driven = Driven(driven, driven) if isinstance(driven, Motion) else driven
     observation, motion = perception.observation, driven.motion
     if not settings.remembers:
         return Remembered(), None
