@@ -110,9 +110,9 @@ def test_a_turn_that_is_not_seen_refutes_it(true: Twist, wheels: Twist) -> None:
         drive.drive(true, wheels=wheels)
         assert 'odometry says a turn of' in drive.refuted
         assert drive.refuted.endswith(NO_LONGER)
-        assert drive.step(true, wheels=wheels).motion == Motion(
-            true.linear * DT, true.angular * DT
-        )
+        told = Motion(true.linear * DT, true.angular * DT)
+        assert drive.step(true, wheels=wheels).motion == told
+        assert not drive.driven.trusted
 
 
 @pytest.mark.parametrize(
@@ -194,6 +194,11 @@ def test_who_agrees_in_between_is_forgiven() -> None:
     assert not drive.refuted
 
 
+def test_two_views_of_a_straight_way_forgive_nothing() -> None:
+    drive = proven().step(AHEAD, wheels=BEGIN).drive(AHEAD, 30)
+    assert drive.odometry.unseen == 1
+
+
 def test_an_image_without_a_pose_is_driven_by_commands_and_so_is_the_next() -> None:
     drive, told = proven(), Motion(0.1, 0.2)
     without, driven = drive.odometry.checked(None, told, DT, SETTINGS)
@@ -220,6 +225,7 @@ def test_a_memory_of_the_same_scale_forgives_no_way_that_was_not_commanded() -> 
 def test_a_heading_that_nobody_is_sure_of_says_nothing() -> None:
     unsure = {'wheels': Twist(0.0, 0.0), 'heading_deviation': 0.03}
     assert not proven().drive(LEFT, **unsure).contradictions
+    assert not Drive().drive(LEFT, heading_deviation=0.03).odometry.proven
 
 
 def test_two_views_and_a_memory_may_differ_in_their_headings() -> None:
@@ -227,6 +233,7 @@ def test_two_views_and_a_memory_may_differ_in_their_headings() -> None:
     drive.true = replace(drive.true, theta=drive.true.theta + 0.1)  # the memory takes over
     drive.remembers = True
     assert not drive.step(LEFT).contradictions
+    assert drive.odometry.stretch.seen.place  # from here on ways are seen as well
 
 
 def test_the_motion_between_two_poses_needs_no_common_frame() -> None:
