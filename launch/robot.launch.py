@@ -42,7 +42,8 @@ def generate_launch_description():
             DeclareLaunchArgument(
                 'odom',
                 default_value='odom',
-                description="Topic of the base's odometry, which the dock node takes metres from",
+                description="Topic of the base's odometry: for the dock node, which takes metres "
+                'from it, and for a servo with odometry: true',
             ),
             DeclareLaunchArgument(
                 'desired_image',
@@ -118,7 +119,11 @@ def controller(context):
                 *given(value, autostart=bool, use_sim_time=bool),
                 *managed(value),
             ],
-            remappings=[('camera_info', value['camera_info']), ('cmd_vel', value['cmd_vel'])],
+            remappings=[
+                ('camera_info', value['camera_info']),
+                ('cmd_vel', value['cmd_vel']),
+                ('odom', value['odom']),
+            ],
             output='screen',
         ),
     ]

@@ -186,10 +186,12 @@ def test_own_parameters_reach_those_alone_whom_they_are_meant_for() -> None:
 @pytest.mark.parametrize('name', ['simulation.launch.py', 'robot.launch.py'])
 def test_topics_go_where_they_are_sent(name) -> None:
     topics = {'image': '/cam/image', 'camera_info': '/cam/info', 'cmd_vel': '/base/cmd'}
-    nodes = by_name(Launch(name, namespace='r', **topics))
+    odometry = {'odom': '/base/odom'} if name == 'robot.launch.py' else {}
+    nodes = by_name(Launch(name, namespace='r', **topics, **odometry))
     image, info = ('image_raw', '/cam/image'), ('camera_info', '/cam/info')
     assert nodes['tracker_node'].remappings == [image, info]
-    assert nodes['servo_node'].remappings == [info, ('cmd_vel', '/base/cmd')]
+    expected = [info, ('cmd_vel', '/base/cmd'), *odometry.items()]
+    assert nodes['servo_node'].remappings == expected
     if 'camera_node' in nodes:
         assert nodes['camera_node'].remappings == [image, info]
         assert nodes['unicycle_node'].remappings == [('cmd_vel', '/base/cmd')]

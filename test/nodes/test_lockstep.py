@@ -3,11 +3,14 @@
 from dataclasses import replace
 import os
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.run_log import RunLog, summarise
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.step import step
 from visual_servo_epipolar.nodes import lockstep
 from visual_servo_epipolar.nodes.lockstep import Lockstep, LockstepError
 from visual_servo_epipolar.nodes.observer_node import ObserverNode
@@ -94,6 +97,22 @@ def test_nodes_are_disturbed_and_miscalibrated_as_the_loop_in_memory() -> None:
     scenario = replace(short(**camera), disturbances=passing).seeded(2)
     settings = scenario.loop(CLOSE, 2)
     assert repr(drive(scenario, settings)) == repr(simulate(scenario, settings))
+
+
+def test_nodes_hear_the_same_wheels_as_the_loop_in_memory() -> None:
+    scenario = short(jitter=0.002).with_servo({'odometry': True}).seeded(3)
+    settings = replace(scenario.loop(CLOSE, 3), max_duration=3.0)
+    states: list[ServoState] = []
+    view, camera = view_of(scenario, 'images', 3), scenario.camera.nominal_camera
+
+    def control(*args: Any) -> ServoState:
+        states.append(step(*args))
+        return states[-1]
+
+    expected = closed_loop.run(settings, view, camera, control=control)
+    assert repr(drive(scenario, settings)) == repr(expected)
+    assert all(state.odometry.pose is not None for state in states)
+    assert states[-1].odometry.proven
 
 
 def test_a_camera_without_distortion_coefficients_runs() -> None:

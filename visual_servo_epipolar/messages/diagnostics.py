@@ -22,6 +22,7 @@ def diagnosis(state: ServoState, stamp_ns: int, *, name: str) -> DiagnosticArray
         'phase': state.phase.value,
         'reason': state.reason,
         'warning': state.warning,
+        'odometry': state.odometry.refuted,
     }
     if state.measurement is not None:
         values['untrusted_because'] = state.measurement.reason
@@ -31,6 +32,9 @@ def diagnosis(state: ServoState, stamp_ns: int, *, name: str) -> DiagnosticArray
     if state.measurement is not None and state.measurement.carried:
         level = max(level, DiagnosticStatus.WARN)
         summary = f'{summary}; {carried_on(state.measurement.features)}'
+    if state.odometry.refuted:
+        level = max(level, DiagnosticStatus.WARN)
+        summary = f'{summary}; {state.odometry.refuted}'
     return write.diagnostics(
         name,
         level=level,

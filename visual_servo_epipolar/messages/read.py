@@ -5,6 +5,7 @@ Every function raises ValueError for a message that cannot be used.
 """
 
 from collections.abc import Mapping
+import math
 from typing import Any
 
 import numpy as np
@@ -102,6 +103,18 @@ def pose(message: Any) -> Pose:
     position, turn = message.pose.pose.position, message.pose.pose.orientation
     yaw = yaw_from_quaternion(turn.x, turn.y, turn.z, turn.w)
     return Pose(float(position.x), float(position.y), yaw)
+
+
+def odometry(message: Any) -> Pose:
+    """Return the pose in the plane that wheels tell by a nav_msgs/Odometry."""
+    turn = message.pose.pose.orientation
+    length = math.hypot(turn.x, turn.y, turn.z, turn.w)
+    if not abs(length - 1.0) < UNIT:
+        raise ValueError(
+            f'the orientation of odom must be a quaternion of length 1, got length {length:g}; '
+            'mend who publishes it'
+        )
+    return pose(message)
 
 
 def transform(message: Any) -> tuple[FloatArray, FloatArray]:

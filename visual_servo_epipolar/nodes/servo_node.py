@@ -27,6 +27,7 @@ from visual_servo_epipolar.nodes.servoing.rivals import Rivals
 from visual_servo_epipolar.nodes.servoing.run import Run
 from visual_servo_epipolar.nodes.servoing.stop_button import PRESSED, StopButton
 from visual_servo_epipolar.nodes.servoing.watch import Watch
+from visual_servo_epipolar.nodes.servoing.wheels import Wheels
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 
 WARN_PERIOD_S = 5.0
@@ -59,6 +60,8 @@ class ServoNode(ManagedNode):
         self._pending_tracks: PointCloud2 | None = None
         self.received = 0  # sets of tracks
         self._camera = ServoCamera(self, self._node_settings, self._warn)
+        # Before tracks: where both have come, the pose is taken first.
+        self._wheels = Wheels(self, self._settings, self._node_settings, self._warn)
         self._commands, self._reports = Commands(self, self._node_settings), Reports(self)
         self._run = Run(self, self._warn, self._commands, self._reports, self._standstill)
         rivals = Rivals(self)
@@ -71,6 +74,7 @@ class ServoNode(ManagedNode):
 
     def activate(self) -> None:
         """Wait for tracks, or for ~/start."""
+        self._wheels.begin_anew()
         self._run.active = self._begins
         self._reports.phase(self._state)
         self._announce()
@@ -190,7 +194,7 @@ class ServoNode(ManagedNode):
         if other_goal:
             features = Features()
             self._warn(other_goal)
-        observation = observe(features, camera, read.stamp_ns(message.header))
+        observation = self._wheels.told(observe(features, camera, read.stamp_ns(message.header)))
         age = self._commands.age
         state = decided(self._state, observation, self._settings, since_command=age)
         self._run.advance(state, observation.stamp_ns, message.header.frame_id)

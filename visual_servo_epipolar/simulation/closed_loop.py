@@ -1,6 +1,7 @@
 """One run in memory: world, tracker and servo in one loop, without ROS and without a clock."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -57,7 +58,9 @@ class Loop:
 
     def robot_view(self, observation: Observation) -> RobotView:
         """Return what is to be perceived."""
-        return RobotView(observation, self._servo, self._state.frame, self._state.memory)
+        return RobotView(
+            self._reckoned(observation), self._servo, self._state.frame, self._state.memory
+        )
 
     def decide(self, perception: Perception) -> None:
         """Take in what was perceived."""
@@ -67,7 +70,13 @@ class Loop:
         """Look, and let ``control`` take it in."""
         features = self.view.observe(self.pose, self.frame)
         observation = observe(features, self.camera, self.now_ns)
-        self._state = control(self._state, observation, self._servo)
+        self._state = control(self._state, self._reckoned(observation), self._servo)
+
+    def _reckoned(self, observation: Observation) -> Observation:
+        """Return ``observation`` with where the wheels say that the base is, if they are asked."""
+        if not self._servo.odometry:
+            return observation
+        return replace(observation, odometry=published(self._base.odometry))
 
     def record(self) -> Sample:
         """Note the step that was decided."""

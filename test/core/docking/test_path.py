@@ -68,6 +68,17 @@ def test_commands_are_obeyed_until_the_next_one_or_the_timeout() -> None:
     assert path.at(7 * S, predict=True).pose == pytest.approx([0.25, 0.0, 0.5])
 
 
+def test_odometry_goes_on_as_it_did_for_a_while() -> None:
+    path, twist = Path(command_timeout=0.1), Twist(0.4, 0.5)
+    for k in range(3):
+        path.add_pose(k * S // 20, integrate(Pose(1.0, 2.0, 3.0), twist, k / 20))
+    after = integrate(Pose(1.0, 2.0, 3.0), twist, 0.15)
+    predicted = path.at(3 * S // 20, predict=True).pose
+    assert predicted[:2] == pytest.approx([after.x, after.y])
+    assert math.cos(predicted[2] - after.theta) == pytest.approx(1.0)
+    assert path.at(3 * S // 20) is None
+
+
 def test_old_places_are_forgotten() -> None:
     path = Path()
     for k in range(1000):

@@ -88,3 +88,23 @@ def test_nothing_said_is_nothing_known() -> None:
     _, place = steadied(said(np.zeros(3)), None, STILL)
     lost = Recollection('too few features')
     assert steadied(lost, place, STILL) == (lost, None)
+
+
+@pytest.mark.parametrize('motion', [Motion(0.02, 0.0), Motion(0.0, 0.05), Motion(0.02, 0.05)])
+def test_wheels_know_better_than_commands_where_a_robot_is(motion: Motion) -> None:
+    before = Place(np.zeros(3), OWN[:3, :3])
+    told, measured = (
+        before.after(Motion(motion.way, motion.turn, measured=it)) for it in (False, True)
+    )
+    assert measured.mean == pytest.approx(told.mean)
+    grown, less = (np.diag(it.covariance - before.covariance) for it in (told, measured))
+    assert less.sum() < 0.5 * grown.sum()
+
+
+def test_wheels_are_a_random_walk_and_do_not_come_late() -> None:
+    step, before = Motion(0.01, 0.0, measured=True), Place(np.zeros(3), np.zeros((3, 3)))
+    after = before.after(step)
+    ahead = 0.0075**2 * 0.01 + (0.05 * 0.01) ** 2
+    assert after.covariance[1, 1] == pytest.approx(ahead)
+    stands = Motion(measured=True)
+    assert after.after(stands).covariance == pytest.approx(after.covariance)

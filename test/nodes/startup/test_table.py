@@ -14,6 +14,7 @@ from visual_servo_epipolar.nodes.startup.table import NODES, owner_of, settings_
 ROOT = Path(__file__).parents[3]
 OF_EVERY_NODE = {'/parameter_events', '/rosout'}
 # Of a sixth package of messages, which need not be there.
+ASKED_FOR = {'servo_node': {'odometry': True}}  # topics that are heard on demand
 OPTIONAL = re.compile('/tf(_static)?')
 
 
@@ -25,7 +26,7 @@ def kind_of(node):
 @pytest.fixture(params=NODES)
 def node(request, bench, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)  # the recorder begins a bag where it is started
-    return bench.start(kind_of(request.param))
+    return bench.start(kind_of(request.param), **ASKED_FOR.get(request.param, {}))
 
 
 def test_every_node_with_a_main_function_has_a_row() -> None:

@@ -8,12 +8,14 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.control.command import Command
-from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist, wrap_angle
-from visual_servo_epipolar.simulation.bases.dead_reckoning import (
-    DeadReckoning,
+from visual_servo_epipolar.core.geometry.motion import (
+    integrate,
     motion_between,
-    world_to_odometry,
+    Pose,
+    Twist,
+    wrap_angle,
 )
+from visual_servo_epipolar.simulation.bases.dead_reckoning import DeadReckoning, world_to_odometry
 from visual_servo_epipolar.simulation.bases.pioneer import Pioneer, PioneerSettings
 
 SETTINGS = PioneerSettings(command_timeout=0.0, odometry_noise=0.02)

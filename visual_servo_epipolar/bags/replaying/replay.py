@@ -35,7 +35,7 @@ from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import step
-from visual_servo_epipolar.core.servo.telemetry import SINCE_COMMAND, telemetry
+from visual_servo_epipolar.core.servo.telemetry import odometry_of, SINCE_COMMAND, telemetry
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
@@ -117,8 +117,10 @@ def replay(bag: Bag, run: Recording, plan: Plan, *, watch: Watch | None = None) 
             tracked = replace(tracked, features=Features(), warning=camera_changed(camera))
         if goal.is_other(tracked.goal, state):
             tracked = replace(tracked, features=Features(), warning=GOAL_CHANGED)
+        recorded = run.telemetry.get(tracked.key, {})
+        since_command = recorded.get(SINCE_COMMAND, math.nan)
         observation = observe(tracked.features, camera, tracked.key[0])
-        since_command = run.telemetry.get(tracked.key, {}).get(SINCE_COMMAND, math.nan)
+        observation = replace(observation, odometry=odometry_of(recorded))
         settings = value_at(plan.servo, tracked.key[0])
         state = step(state, observation, settings, since_command=since_command)
         outcome = Step(tracked.key, tracked.log_ns, state.phase, state.reason, telemetry(state))

@@ -8,7 +8,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.docking.planar import between
-from visual_servo_epipolar.core.geometry.motion import arc, Pose, STANDSTILL, Twist
+from visual_servo_epipolar.core.geometry.motion import arc, motion_between, Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
 
 KEPT_S = 3.0  # of the path: no image is older
@@ -82,6 +82,10 @@ class Path:
         if not self._places:
             self._places = [Place(stamp_ns, here, epoch=self.epoch)]
             return
+        last = self._places[-1]
+        dt = seconds_between(last.stamp_ns, stamp_ns)
+        way, turn = motion_between(Pose(*last.pose.tolist()), pose)
+        self._twist = Twist(way / dt, turn / dt)
         self._append(stamp_ns, here)
 
     def add_twist(self, stamp_ns: int, twist: Twist) -> None:
@@ -95,7 +99,12 @@ class Path:
         self._twist = twist
 
     def at(self, stamp_ns: int, *, predict: bool = False) -> Place | None:
-        """Return the place at a stamp, None where the path does not reach."""
+        """
+        Return the place at a stamp, None where the path does not reach.
+
+        It may ``predict`` beyond its end that the base goes on as it does, until a command is too
+        old.
+        """
         if not self._places or stamp_ns < self._places[0].stamp_ns:
             return None
         after = bisect_right(self._places, stamp_ns, key=lambda place: place.stamp_ns)

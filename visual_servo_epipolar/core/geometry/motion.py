@@ -88,6 +88,15 @@ def arc(
     )
 
 
+def motion_between(before: Pose, after: Pose) -> tuple[float, float]:
+    """Return the arc from one pose to the next: its length [m], backwards negative, and turn."""
+    turn = wrap_angle(after.theta - before.theta)
+    half = 0.5 * turn
+    middle = before.theta + half
+    chord = (after.x - before.x) * math.cos(middle) + (after.y - before.y) * math.sin(middle)
+    return chord * (half / math.sin(half) if abs(half) > 1e-8 else 1.0), turn
+
+
 def saturate(twist: Twist, *, max_linear: float, max_angular: float) -> Twist:
     """
     Scale both velocities by one common factor until they obey the limits [m/s, rad/s].

@@ -83,10 +83,12 @@ class Factors:
 
     def at_scale(self, unknowns: Unknowns) -> Unknowns:
         """Return the same geometry as large as the way that was told: images cannot tell."""
+        return unknowns.scaled(self.ratio(unknowns))
+
+    def ratio(self, unknowns: Unknowns) -> float:
+        """Return how many times as large the geometry is by the way that was told."""
         residual, _, whole = self._scale(unknowns)
-        if not whole > LEAST_WAY:
-            return unknowns
-        return unknowns.scaled(math.exp(-residual * self.scale_deviation))
+        return math.exp(-residual * self.scale_deviation) if whole > LEAST_WAY else 1.0
 
     def cost(self, unknowns: Unknowns) -> float:
         """Return the sum of squares, in deviations."""

@@ -13,6 +13,7 @@ from visual_servo_epipolar.core.memory.equations import (
     System,
     system_of,
 )
+from visual_servo_epipolar.core.memory.factors import factors_of
 from visual_servo_epipolar.core.memory.projection import projected, squares_of
 from visual_servo_epipolar.core.memory.window import Unknowns, Window
 
@@ -123,6 +124,18 @@ def refined(
         if converged:
             break
     return Geometry(judged(at), converged, damping)
+
+
+def rescaled(geometry: Geometry, window: Window, deviation: float) -> tuple[Geometry, float]:
+    """
+    Return the geometry by another account of the way, and how many times as large it is.
+
+    ``window`` is its own, but for that account; ``deviation`` is that of the scale.
+    """
+    before = geometry.evaluation
+    factors = factors_of(before.factors.mount, window, deviation)
+    start = replace(before, window=window, factors=factors)
+    return refined(start, 0, geometry.damping), factors.ratio(before.unknowns)
 
 
 def _stepped(at: Evaluation, system: System, damping: float) -> Evaluation:

@@ -93,14 +93,18 @@ def located(sightings: Sightings, pose: FloatArray, geometry: Geometry) -> Sight
 def with_keyframe(
     geometry: Geometry,
     sightings: Sightings,
-    place: FloatArray,
+    places: tuple[FloatArray, FloatArray],
     pose: FloatArray,
     settings: MemorySettings,
 ) -> Evaluation:
-    """Return the window with one more keyframe at ``pose``, and with what is too much let go."""
+    """
+    Return the window with one more keyframe at ``pose``, and with what is too much let go.
+
+    ``places``, (2,) each, are where it is by the way that was told, and by the other account.
+    """
     before, trusted = geometry.unknowns, geometry.trusted
     sightings = located(sightings, pose, geometry)
-    window = geometry.window.with_view(sightings, place)
+    window = geometry.window.with_view(sightings, *places)
     more = len(window.ids) - len(trusted)
     unknowns = Unknowns(
         np.vstack([before.views, pose]),

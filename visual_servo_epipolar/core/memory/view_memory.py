@@ -17,7 +17,7 @@ from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.memory.initialization import initial, is_sound, Start
 from visual_servo_epipolar.core.memory.recollection import recollected, Recollection
-from visual_servo_epipolar.core.memory.refinement import Geometry, refined
+from visual_servo_epipolar.core.memory.refinement import Geometry, refined, rescaled
 from visual_servo_epipolar.core.memory.resection import (
     Anchors,
     anchors_of,
@@ -40,7 +40,7 @@ from visual_servo_epipolar.core.memory.sightings import (
     sides_of,
     Sightings,
 )
-from visual_servo_epipolar.core.memory.window import EMPTY, Window
+from visual_servo_epipolar.core.memory.window import EMPTY, HEADING, Window
 
 MIN_SIGHTINGS = 5  # of remembered features that agree
 MIN_COLLECTED = 8  # features of a view to begin with
@@ -66,7 +66,8 @@ class ViewMemory:
 
     ``mount`` is the belief of the camera's attitude; ``window`` the keyframes, ``geometry`` their
     geometry once there is one; ``starts`` what two views told of collected ones; ``place``, (2,),
-    where the camera is by the way that was told [m]; ``pose``, (5,), that of the last view.
+    where the camera is by the way that was told [m], ``instead``, (2,), by the other account of
+    it; ``pose``, (5,), that of the last view.
     ``trial`` is the geometry with one more keyframe, half refined: the other half is for the next
     view, so that none takes the time of both. ``refused`` counts unsound trials in a row.
     ``unlearnt`` is the last view while nothing was learnt from it, and ``begins`` that a geometry
@@ -79,6 +80,7 @@ class ViewMemory:
     geometry: Geometry | None = None
     starts: tuple[Start, ...] = ()
     place: FloatArray = field(default_factory=lambda: np.zeros(2))
+    instead: FloatArray = field(default_factory=lambda: np.zeros(2))
     pose: FloatArray | None = None
     trial: Geometry | None = None
     refused: int = 0
@@ -86,6 +88,25 @@ class ViewMemory:
     shrinkage: Shrinkage = NOTHING
     unlearnt: Unlearnt | None = None
     begins: bool = False
+
+    def swapped(self, settings: MemorySettings) -> 'ViewMemory':
+        """Return the same memory, of who believes the other account of the way: another scale."""
+        before = self.learnt()
+        memory = replace(
+            before,
+            settings=settings,
+            window=before.window.swapped,
+            trial=None,
+            place=before.instead,
+            instead=before.place,
+        )
+        if before.geometry is None:
+            return memory
+        geometry, ratio = rescaled(before.geometry, memory.window, settings.scale_deviation)
+        if before.pose is None:
+            return replace(memory, geometry=geometry)
+        pose = np.concatenate([ratio * before.pose[:HEADING], before.pose[HEADING:]])
+        return replace(memory, geometry=geometry, pose=pose)
 
     @property
     def wrong(self) -> tuple[int, ...]:
@@ -99,6 +120,7 @@ class ViewMemory:
         sightings: Sightings,
         motion: FloatArray | None = None,
         *,
+        instead: FloatArray | None = None,
         bearings: Sequence[Bearings] = (),
         attitude: Attitude | None = None,
         learns: bool = True,
@@ -113,6 +135,8 @@ class ViewMemory:
         motion : array, shape (2,)
             Way of the camera since the last view, right and ahead in its axes then [m], as
             commanded or measured; nan where nobody knows. It counts for the scale alone.
+        instead : array, shape (2,), optional
+            The same by the other account, which may be believed later; that motion if nothing.
         bearings : sequence of Bearings
             What two views (photograph and this one) say, with the alternative if there is one.
             Needed to begin with.
@@ -125,7 +149,12 @@ class ViewMemory:
         before = self.learnt()
         heading = 0.0 if before.pose is None else float(before.pose[2])
         way = np.zeros(2) if motion is None else np.asarray(motion, np.float64)
-        memory = replace(before, place=before.place + _turned(way, heading))
+        other = way if instead is None else np.asarray(instead, np.float64)
+        memory = replace(
+            before,
+            place=before.place + _turned(way, heading),
+            instead=before.instead + _turned(other, heading),
+        )
         if memory.geometry is not None:
             return memory._remembered(memory.geometry, sightings, learns)
         if not learns:
@@ -179,7 +208,7 @@ class ViewMemory:
         if len(window) >= MOST_COLLECTED:
             window, starts = window.without_view(0), _earlier(starts)
         new = [Start(len(window), each, attitude) for each in bearings[:MOST_STARTS]]
-        window = window.with_view(sightings, self.place)
+        window = window.with_view(sightings, self.place, self.instead)
         everything = np.ones(len(window.ids), bool)
         window = window.of_features(kept_features(window, everything, self.settings.features))
         return replace(self, window=window, starts=(*starts, *new), last=sightings)
@@ -241,7 +270,8 @@ class ViewMemory:
             new=new,
             settings=settings,
         ):
-            start = with_keyframe(geometry, sightings, self.place, resection.pose, settings)
+            places = self.place, self.instead
+            start = with_keyframe(geometry, sightings, places, resection.pose, settings)
             return replace(self, trial=refined(start, settings.steps // 2, geometry.damping))
         if geometry.converged:
             return self
@@ -256,7 +286,7 @@ class ViewMemory:
             return replace(self._with(trial), trial=None, refused=0)
         if self.refused + 1 < MOST_REFUSED:
             return replace(self, trial=None, refused=self.refused + 1)
-        return ViewMemory(self.mount, self.settings, place=self.place)
+        return ViewMemory(self.mount, self.settings, place=self.place, instead=self.instead)
 
     def _with(self, geometry: Geometry) -> 'ViewMemory':
         return replace(self, window=geometry.window, geometry=geometry)

@@ -26,7 +26,7 @@ class Window:
     ``sides``, (K, 2, 3, N), are two vectors across each ray, one over its noise long, where
     ``seen``, (K, N); ``photograph``, (N, 3), the photograph's rays and ``photograph_noise``, (N,)
     [rad]. ``travelled``, (K, 2), is where the views are by the way that was told [m]; it counts
-    for the scale alone.
+    for the scale alone. ``instead``, (K, 2), is where they are if somebody else is to be believed.
     """
 
     ids: IntArray
@@ -36,6 +36,7 @@ class Window:
     rays: FloatArray
     seen: BoolArray
     travelled: FloatArray
+    instead: FloatArray
 
     def __len__(self) -> int:
         return len(self.travelled)
@@ -73,8 +74,16 @@ class Window:
         order = np.argsort(self.ids, kind='stable')
         return order, self.ids[order]
 
-    def with_view(self, sightings: Sightings, travelled: FloatArray) -> 'Window':
+    @property
+    def swapped(self) -> 'Window':
+        """The same window for who believes the other account of the way."""
+        return replace(self, travelled=self.instead, instead=self.travelled)
+
+    def with_view(
+        self, sightings: Sightings, travelled: FloatArray, instead: FloatArray | None = None
+    ) -> 'Window':
         """Return the window with one more keyframe, and with the features that are new in it."""
+        instead = travelled if instead is None else instead
         rows = self.rows_of(sightings.ids)
         wider = self._with_features(sightings, rows < 0)
         rows = wider.rows_of(sightings.ids)
@@ -89,6 +98,7 @@ class Window:
             rays=np.concatenate([wider.rays, rays]),
             seen=np.concatenate([wider.seen, seen[None] > 0.0]),
             travelled=np.concatenate([wider.travelled, travelled[None]]),
+            instead=np.concatenate([wider.instead, instead[None]]),
         )
 
     def _with_features(self, sightings: Sightings, new: BoolArray) -> 'Window':
@@ -112,6 +122,7 @@ class Window:
             rays=np.delete(self.rays, k, axis=0),
             seen=np.delete(self.seen, k, axis=0),
             travelled=np.delete(self.travelled, k, axis=0),
+            instead=np.delete(self.instead, k, axis=0),
         )
 
     def of_features(self, kept: BoolArray) -> 'Window':
@@ -134,6 +145,7 @@ EMPTY = Window(
     np.empty((0, 2, 3, 0)),
     np.empty((0, 3, 0)),
     np.empty((0, 0), bool),
+    np.empty((0, 2)),
     np.empty((0, 2)),
 )
 

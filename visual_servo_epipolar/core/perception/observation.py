@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.core.geometry.camera import LEAST_FORWARD
 from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.lens import corrected, Lens
-from visual_servo_epipolar.core.geometry.motion import HALF_PI
+from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose
 from visual_servo_epipolar.core.tracking.features import Features, Passing
 
 
@@ -37,7 +37,8 @@ class Observation:
     without distortion. ``focal`` [px] only turns pixel thresholds into angles and back. ``edges``
     are the bearings of the left and the right edge of the image [rad], right positive. ``dropped``
     is the number of features left out, for the lens cannot say where they are. ``wide`` is a lens
-    that sees farther off its axis than a plane can hold. ``passing`` does not count.
+    that sees farther off its axis than a plane can hold. ``passing`` does not count. ``odometry``
+    is where the wheels say that the base was then, in any frame; None where they do not say.
     """
 
     stamp_ns: int
@@ -50,6 +51,7 @@ class Observation:
     wide: bool = False
     ids: IntArray | None = None
     passing: PassingRays | None = None
+    odometry: Pose | None = None
 
     @property
     def resolution(self) -> FloatArray:

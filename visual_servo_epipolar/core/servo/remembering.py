@@ -9,18 +9,19 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import are_among, BoolArray, IntArray
 from visual_servo_epipolar.core.memory.reading import Reading, reading_of
 from visual_servo_epipolar.core.memory.recollection import Recollection
-from visual_servo_epipolar.core.memory.sightings import Sightings
+from visual_servo_epipolar.core.memory.sightings import MemorySettings, Sightings
 from visual_servo_epipolar.core.memory.view_memory import ViewMemory
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import of_few, Perception
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.servo.steadying import agrees, Motion, Place, steadied
+from visual_servo_epipolar.core.servo.steadying import agrees, Driven, Motion, Place, steadied
 
 PREFERENCE = 3.0  # deviations of two views that one of the memory may have
 LEAST_NOISE = 1e-9  # of the angle of a ray [rad]: a memory weighs by it
 # Of views that show too little for two: what must agree with one place, which is where they drove.
 LEAST_CARRIED, CARRIED_SHARE = 6, 0.6
+BY_COMMANDS, BY_WHEELS = MemorySettings(), MemorySettings(scale_deviation=0.03)
 DRIFT_PX = 1.0  # deviation of what nothing anchors
 
 
@@ -47,7 +48,7 @@ class Remembered:
 def remembered(
     before: Remembered,
     perception: Perception,
-    motion: Motion,
+    driven: Driven,
     settings: ServoSettings,
     *,
     dt: float = 0.0,
@@ -55,13 +56,16 @@ def remembered(
     """
     Return the memory ``dt`` [s] after the last view, and what it reads of this; None if nothing.
 
-    The way of the ``motion`` since the last view gives the scale. A lens that is being learnt
+    The way that was ``driven`` since the last view gives the scale. A lens that is being learnt
     would move the rays that keyframes hold: with one nothing is remembered.
     """
-    observation = perception.observation
+    observation, motion = perception.observation, driven.motion
     if not settings.remembers:
         return Remembered(), None
-    views = before.views or ViewMemory(settings.mount)
+    views = before.views or ViewMemory(settings.mount, BY_COMMANDS)
+    if driven.trusted is not (views.settings is BY_WHEELS):
+        views = views.swapped(BY_WHEELS if driven.trusted else BY_COMMANDS)
+        before = replace(before, place=None)  # it was of another scale
     if observation is None or observation.ids is None:
         return Remembered(views), None
     is_few = perception.measurement.features < settings.min_features
@@ -72,6 +76,7 @@ def remembered(
     after, said = views.after(
         sightings,
         np.array([0.0, motion.way]),
+        instead=np.array([0.0, driven.other.way]),
         bearings=() if bearings is None else (bearings,),
         attitude=perception.memory.attitude,
         learns=not is_few,

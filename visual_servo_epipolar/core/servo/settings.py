@@ -63,6 +63,11 @@ class ServoSettings(PerceptionSettings, ControlSettings):
         high=1.0,
         read_only=True,
     )
+    odometry: bool = setting(
+        False,
+        'Take the way between images from odom, not from commands, while nothing contradicts it',
+        read_only=True,
+    )
     autostart: bool = setting(
         False, 'Start by itself once there are tracks; false: on ~/start', read_only=True
     )

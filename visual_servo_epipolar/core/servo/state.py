@@ -14,6 +14,7 @@ from visual_servo_epipolar.core.servo.identification.curvature import Curvature
 from visual_servo_epipolar.core.servo.identification.dead_band import DeadBand
 from visual_servo_epipolar.core.servo.identification.delay import Delay
 from visual_servo_epipolar.core.servo.identification.extrinsics import Extrinsics
+from visual_servo_epipolar.core.servo.identification.odometry import Odometry
 from visual_servo_epipolar.core.servo.identification.ranging import Leg
 from visual_servo_epipolar.core.servo.identification.slope import Slope
 from visual_servo_epipolar.core.servo.identification.straight_leg import StraightLeg
@@ -54,7 +55,8 @@ class ServoState:
     which the phase began; ``last_linear``, the speed of the command before the last [m/s];
     ``curvature`` that the base adds to commands, ``slope`` of D in step 2; ``dead_band``, what
     the base was seen not to follow; ``delay``, how late it obeys the commands ``sent``;
-    ``straight``, the leg of step 2 by the memory of views, None without.
+    ``straight``, the leg of step 2 by the memory of views, None without; ``odometry``, and whether
+    it tells the truth.
 
     Settling: ``settled``, frames in a row that fulfil the aim of the phase; ``settled_parallax``,
     the root mean square of the parallax over them [rad]; ``settled_aside``, the mean by which
@@ -88,6 +90,7 @@ class ServoState:
     delay: Delay = Delay()
     sent: CommandsSent = CommandsSent()
     straight: StraightLeg | None = None
+    odometry: Odometry = Odometry()
     since_command: float = math.nan
     dead_band_residual: Twist = STANDSTILL
     trusted_heading: float = math.nan

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -10,19 +11,63 @@ from visual_servo_epipolar.core.memory.recollection import Recollection
 from visual_servo_epipolar.core.memory.window import HEADING
 
 PLACE = HEADING + 1  # unknowns of a place: right and ahead [m], heading error [rad]
-WAY_SHARE, TURN_SHARE = 0.3, 0.5  # by which a base may drive or turn otherwise than it is told
 TURN_OF_WAY, SLIP = 0.1, 0.05  # turn that a way may add [rad/m], and its share to the side
-FADING = 0.6  # of what was driven, from view to view: a base obeys late
 SURPRISE = 16.0  # square of a leap, in deviations, after which what was known counts no more
 LEAST_DEVIATION = 1e-9  # [m], [rad]
 
 
+class Doubt(NamedTuple):
+    """
+    What a motion is uncertain by: shares of its way and of its turn.
+
+    It goes on for views after it, ``fading`` from one to the next, where it comes late. ``noise``
+    is the deviation of a random walk, after a metre and after a radian.
+    """
+
+    way: float
+    turn: float
+    fading: float = 0.0
+    noise: float = 0.0
+
+
+# A base may drive or turn otherwise than it is told, and obeys late; wheels slip.
+COMMANDED, MEASURED = Doubt(0.3, 0.5, fading=0.6), Doubt(0.05, 0.05, noise=0.0075)
+
+
 @dataclass(frozen=True, slots=True)
 class Motion:
-    """What was driven between two views: ahead [m], and the turn, left positive [rad]."""
+    """
+    What was driven between two views: ahead [m], and the turn, left positive [rad].
+
+    It was commanded, or ``measured`` by odometry.
+    """
 
     way: float = 0.0
     turn: float = 0.0
+    measured: bool = False
+
+    @property
+    def doubt(self) -> Doubt:
+        """What it is uncertain by."""
+        return MEASURED if self.measured else COMMANDED
+
+
+class Driven(NamedTuple):
+    """What was driven between two views, ``commanded`` and by ``wheels``; whether these count."""
+
+    commanded: Motion
+    wheels: Motion
+    trusted: bool = False
+
+    @property
+    def motion(self) -> Motion:
+        """That which counts."""
+        return self.wheels if self.trusted else self.commanded
+
+    @property
+    def other(self) -> Motion:
+        """That which does not."""
+        return self.commanded if self.trusted else self.wheels
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,19 +84,23 @@ class Place:
     lately: Motion = Motion()
 
     def after(self, motion: Motion) -> 'Place':
-        """Return the place after a ``motion``, as far as a base obeys."""
+        """Return the place after a ``motion``, as far as a base obeys, or its wheels grip."""
+        share = motion.doubt
         heading = float(self.mean[HEADING]) + 0.5 * motion.turn
         step = [-motion.way * math.sin(heading), motion.way * math.cos(heading), motion.turn]
-        way = max(abs(motion.way), FADING * self.lately.way)
-        turn = max(abs(motion.turn), FADING * self.lately.turn)
+        way = max(abs(motion.way), share.fading * self.lately.way)
+        turn = max(abs(motion.turn), share.fading * self.lately.turn)
         doubt = np.array(
             [
-                way * (WAY_SHARE * abs(math.sin(heading)) + turn + SLIP),
-                WAY_SHARE * way,
-                TURN_SHARE * turn + TURN_OF_WAY * way,
+                way * (share.way * abs(math.sin(heading)) + turn + SLIP),
+                share.way * way,
+                share.turn * turn + TURN_OF_WAY * way,
             ]
         )
         covariance = self.covariance + np.diag(doubt * doubt)
+        if share.noise:
+            walk = np.array([way * abs(math.sin(heading)), way, way + turn])
+            covariance += share.noise**2 * np.diag(walk)
         return Place(self.mean + step, covariance, Motion(way, turn))
 
 

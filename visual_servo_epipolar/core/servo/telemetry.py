@@ -10,7 +10,9 @@ from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.servo.state import ServoState
 
-SINCE_COMMAND = 'since_command_s'  # a replay ramps by it
+# A replay ramps by the first, and drives by the others.
+SINCE_COMMAND = 'since_command_s'
+ODOMETRY = 'odometry_x_m', 'odometry_y_m', 'odometry_yaw_rad'
 
 
 def telemetry(state: ServoState) -> dict[str, float]:
@@ -50,7 +52,20 @@ def telemetry(state: ServoState) -> dict[str, float]:
         'dead_band_linear_m_s': state.dead_band.linear.value,
         'dead_band_angular_rad_s': state.dead_band.angular.value,
         'delay_s': state.delay.value,
+        **_odometry(state.odometry.pose),
     }
+
+
+def _odometry(pose: Pose | None) -> dict[str, float]:
+    """Return the pose of the wheels at the image, in their own frame."""
+    values = (math.nan,) * 3 if pose is None else (pose.x, pose.y, pose.theta)
+    return dict(zip(ODOMETRY, values, strict=True))
+
+
+def odometry_of(values: Mapping[str, float]) -> Pose | None:
+    """Return the pose of the wheels that a telemetry has; None without one."""
+    x, y, theta = (values.get(name, math.nan) for name in ODOMETRY)
+    return None if math.isnan(x + y + theta) else Pose(x, y, theta)
 
 
 def _epipoles(measurement: Measurement) -> dict[str, float]:

@@ -4,6 +4,7 @@ from dataclasses import replace
 import math
 
 from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
+from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.geometry.mount import at_axle, offset_at_axle
 from visual_servo_epipolar.core.memory.reading import Reading
 from visual_servo_epipolar.core.perception.measurement import Measurement
@@ -50,10 +51,12 @@ def updated(
     """
     previous, stamp_ns = state.measurement, perception.measurement.stamp_ns
     obeyed = as_obeyed(state, stamp_ns, dt, settings)
-    driven = way.driven(obeyed, dt, settings)
-    motion = Motion(driven, obeyed.twist.angular * dt)
+    commanded = Motion(way.driven(obeyed, dt, settings), obeyed.twist.angular * dt)
+    pose = _odometry_pose(perception, settings)
+    odometry, both = state.odometry.checked(pose, commanded, dt, settings)
+    driven = both.motion.way
     views, reading = remembered(
-        state.views, perception, motion, settings, dt=dt if state.phase in RUNNING else 0.0
+        state.views, perception, both, settings, dt=dt if state.phase in RUNNING else 0.0
     )
     measurement = measured(perception, reading, views, settings)
     if is_missed(perception, measurement, settings):
@@ -74,6 +77,7 @@ def updated(
     if state.phase is Phase.MATCHING_FEATURES:
         straight, extrinsics = straight_on(state.straight, reading, driven, extrinsics)
     measurement = _of_the_axle(measurement, extrinsics)
+    odometry = odometry.judged(measurement)
     bias = _rotation_bias(state, measurement)
     measurement = _without_bias(measurement, bias)
     if extrinsics.believed != (state.extrinsics is not None and state.extrinsics.believed):
@@ -103,12 +107,20 @@ def updated(
         measurement=measurement,
         memory=memory,
         views=views,
-        straight=straight,
+        odometry=odometry,
+        # Another scale is another place: a leg cannot go on from one to the other.
+        straight=straight if odometry.trusted is state.odometry.trusted else None,
         trusted_heading=_trusted_heading(state, measurement, settings),
     )
     if is_close(state, settings):
         state = changed(state, lingered=state.lingered + dt)
     return with_settled(state, perception, previous, settings)
+
+
+def _odometry_pose(perception: Perception, settings: ServoSettings) -> Pose | None:
+    """Return where the wheels say that the base is; None where nobody says, or shall."""
+    observation = perception.observation
+    return observation.odometry if settings.odometry and observation is not None else None
 
 
 def _disproved(perception: Perception, settings: ServoSettings) -> Perception:

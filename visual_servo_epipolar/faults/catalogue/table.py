@@ -9,6 +9,7 @@ from visual_servo_epipolar.faults.catalogue import (
     clocks,
     images,
     nodes,
+    odometry,
     orders,
     scenes,
     streams,
@@ -16,7 +17,7 @@ from visual_servo_epipolar.faults.catalogue import (
 )
 from visual_servo_epipolar.faults.catalogue.fault import Fault
 
-GROUPS = (streams, images, scenes, tracks, calibration, clocks, orders, base, nodes)
+GROUPS = (streams, images, scenes, tracks, calibration, clocks, orders, base, nodes, odometry)
 FAULTS: Mapping[str, Fault] = MappingProxyType(
     {'none': Fault(what='nothing is wrong')}
     | {name: fault for group in GROUPS for name, fault in group.FAULTS.items()}

@@ -62,6 +62,8 @@ class Run:
             self._logger.info(f'{before.phase.value} -> {state.phase.value} ({state.reason})')
         if state.warning and state.warning != before.warning:
             self._logger.warning(state.warning)  # once: no other may keep it from the log
+        if state.odometry.refuted and not before.odometry.refuted:
+            self._logger.warning(state.odometry.refuted)
 
     def refuse(self, trouble: str) -> None:
         """Take no step by tracks: hold a robot that drives, and say why."""

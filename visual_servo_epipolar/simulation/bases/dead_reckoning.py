@@ -6,7 +6,13 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist, wrap_angle
+from visual_servo_epipolar.core.geometry.motion import (
+    motion_between,
+    Pose,
+    STANDSTILL,
+    Twist,
+    wrap_angle,
+)
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 
 
@@ -45,15 +51,6 @@ class DeadReckoning:
             _propagated(self.pose_covariance, self.pose, pose, variances),
             np.diag(variances / dt**2),
         )
-
-
-def motion_between(before: Pose, after: Pose) -> tuple[float, float]:
-    """Return the arc from one pose to the next: its length [m], backwards negative, and turn."""
-    turn = wrap_angle(after.theta - before.theta)
-    half = 0.5 * turn
-    middle = before.theta + half
-    chord = (after.x - before.x) * math.cos(middle) + (after.y - before.y) * math.sin(middle)
-    return chord * (half / math.sin(half) if abs(half) > 1e-8 else 1.0), turn
 
 
 def world_to_odometry(truth: Pose, odometry: Pose) -> Pose:

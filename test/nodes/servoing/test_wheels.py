@@ -1,0 +1,201 @@
+"""The wheels: where odometry had the base at an image, and what is said where it had it not."""
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+from nav_msgs.msg import Odometry
+import pytest
+from servo_rig import PERIOD_NS, Rig
+
+from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
+from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.messages import write
+from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes.servoing.wheels import MEANWHILE, Wheels
+from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
+
+S = 10**9
+BEGIN, TWIST = Pose(4.0, -2.0, 3.1), Twist(0.4, 0.5)
+RATE = 20  # [Hz]
+
+
+class Stand(SimpleNamespace):
+    """A node that remembers its subscription."""
+
+    def __init__(self) -> None:
+        super().__init__(profile=None)
+
+    def resolve_topic_name(self, name: str) -> str:
+        return f'/robot/{name}'
+
+    def create_subscription(self, kind: type, topic: str, callback: Any, profile: Any) -> None:
+        assert (kind, topic) == (Odometry, 'odom')
+        self.profile = profile
+
+
+class Bed:
+    """Wheels that hear odometry, message by message, and are asked where they were."""
+
+    def __init__(self, *, odometry: bool = True, watchdog: bool = True) -> None:
+        self.node, self.said = Stand(), list[str]()
+        self.wheels = Wheels(
+            self.node,
+            ServoSettings(odometry=odometry),
+            ServoNodeSettings(watchdog=watchdog),
+            self.said.append,
+        )
+        self.frame, self.number = 'odom', 0
+
+    def hear(self, pose: Pose, stamp_ns: int, **orientation: float) -> None:
+        message = write.odometry(pose, STANDSTILL, stamp_ns, self.frame, 'base_link')
+        for name, value in orientation.items():
+            setattr(message.pose.pose.orientation, name, value)
+        self.wheels._take(message)
+
+    def drive(self, seconds: float) -> 'Bed':
+        for _ in range(round(seconds * RATE)):
+            self.hear(self.true(self.number / RATE), self.number * S // RATE)
+            self.number += 1
+        return self
+
+    @staticmethod
+    def true(seconds: float) -> Pose:
+        return integrate(BEGIN, TWIST, seconds)
+
+    def at(self, seconds: float) -> Pose | None:
+        seen = Observation(round(seconds * S), *2 * [None], 700.0)
+        return self.wheels.told(seen).odometry
+
+
+def off(pose: Pose | None, expected: Pose) -> float:
+    assert pose is not None
+    turn = math.remainder(pose.theta - expected.theta, 2.0 * math.pi)
+    return math.hypot(pose.x - expected.x, pose.y - expected.y) + abs(turn)
+
+
+@pytest.mark.parametrize('seconds', [0.5, 0.512, 0.549, 0.95])
+def test_between_two_messages_the_base_is_between_them(seconds: float) -> None:
+    bed = Bed().drive(1.0)
+    assert off(bed.at(seconds), bed.true(seconds)) < 2e-4
+    assert not bed.said
+
+
+@pytest.mark.parametrize('seconds', [0.96, 1.04])
+def test_an_image_that_is_newer_finds_the_base_where_it_goes(seconds: float) -> None:
+    bed = Bed().drive(1.0)  # the last is of 0.95 s
+    assert off(bed.at(seconds), bed.true(seconds)) < 1e-6
+
+
+def test_the_pose_of_the_very_stamp_is_that_of_the_message() -> None:
+    bed = Bed(watchdog=False)
+    bed.hear(Pose(1.0, 2.0, 0.5), S)
+    pose = bed.at(1.0)
+    assert (pose.x, pose.y) == (1.0, 2.0)
+
+
+def test_who_is_not_to_listen_does_not() -> None:
+    bed = Bed(odometry=False)
+    assert bed.node.profile is None
+    assert bed.at(1.0) is None
+    assert not bed.said
+
+
+@pytest.mark.parametrize(('watchdog', 'profile'), [(True, qos.ODOMETRY), (False, qos.STREAM)])
+def test_a_driver_of_any_quality_is_heard(watchdog: bool, profile: Any) -> None:
+    assert Bed(watchdog=watchdog).node.profile is profile
+
+
+@pytest.mark.parametrize(
+    ('lasted', 'seconds', 'words'),
+    [
+        (0.0, 1.0, 'nothing usable came on /robot/odom'),
+        (1.0, 1.2, 'odometry is 0.25 s older than the image, at most 0.1 s can be'),
+        (8.0, 1.0, 'odometry does not reach back to the image, expected 3 s of it'),
+    ],
+    ids=['silent', 'stale', 'of another clock'],
+)
+def test_where_nobody_knows_there_is_none(lasted: float, seconds: float, words: str) -> None:
+    bed = Bed().drive(lasted)
+    assert bed.at(seconds) is None
+    assert [text for text in bed.said if words in text]
+    assert all(text.endswith(MEANWHILE) for text in bed.said)
+
+
+@pytest.mark.parametrize(
+    ('pose', 'orientation', 'words'),
+    [
+        (BEGIN, {'w': 0.0, 'z': 0.0}, 'must be a quaternion of length 1, got length 0'),
+        (BEGIN, {'w': math.nan}, 'must be a quaternion of length 1, got length nan'),
+        (BEGIN, {'w': 5.0}, 'must be a quaternion of length 1, got length'),
+    ],
+)
+def test_a_pose_that_is_none_is_refused(pose: Pose, orientation: Any, words: str) -> None:
+    bed = Bed()
+    bed.hear(pose, S, **orientation)
+    assert words in bed.said[0]
+    assert bed.said[0].startswith('odometry refused: ')
+    assert bed.at(1.0) is None
+
+
+def test_a_place_that_is_no_number_is_refused() -> None:
+    bed = Bed()
+    message = write.odometry(BEGIN, STANDSTILL, S, 'odom', 'base_link')
+    message.pose.pose.position.x = math.inf
+    bed.wheels._take(message)
+    assert 'a pose must be finite' in bed.said[0]
+
+
+@pytest.mark.parametrize(
+    ('stamp_ns', 'pose'),
+    [
+        (S // 2, BEGIN),
+        (S - S // RATE, BEGIN),
+        (3 * S, BEGIN),
+        (S, Pose(0.0, 0.0, 0.0)),
+    ],
+    ids=['back', 'again', 'gap', 'reset'],
+)
+def test_after_a_leap_one_image_has_none(stamp_ns: int, pose: Pose) -> None:
+    """Two poses are not of one frame: between them nobody drove."""
+    bed = Bed().drive(1.0)
+    assert bed.at(0.9) is not None
+    bed.hear(pose, stamp_ns)
+    bed.hear(pose, stamp_ns + S // RATE)
+    assert [text for text in bed.said if text.startswith('odometry leaps, expected stamps')]
+    assert bed.at(stamp_ns / S) is None
+    assert bed.at(stamp_ns / S + 0.01) is not None
+
+
+def test_another_frame_is_a_leap_as_well() -> None:
+    bed = Bed().drive(1.0)
+    bed.frame = 'map'
+    bed.drive(0.1)
+    assert 'odometry is in the frame map, was in odom before' in bed.said[0]
+    assert bed.at(1.0) is None
+    assert bed.at(1.05) is not None
+
+
+def test_who_is_activated_anew_knows_nothing_of_before() -> None:
+    bed = Bed().drive(1.0)
+    bed.wheels.begin_anew()
+    assert bed.at(0.9) is None
+
+
+def test_the_servo_hears_odometry_and_says_that_none_comes(bench) -> None:
+    tell = bench.talk(Odometry, 'odom')
+    rig = Rig(bench, odometry=True, stale_timeout=60.0)
+    rig.see()
+    bench.until(lambda: bool(bench.logged('nothing usable came on /odom')), 'the complaint')
+    assert rig.node._state.odometry.pose is None
+    for stamp_ns in (rig.stamp_ns - PERIOD_NS // 2, rig.stamp_ns + PERIOD_NS // 2):
+        tell(write.odometry(BEGIN, STANDSTILL, stamp_ns, 'odom', 'base_link'))
+    bench.settle()
+    rig.see()
+    assert off(rig.node._state.odometry.pose, BEGIN) < 1e-9
+
+
+def test_a_servo_that_is_not_asked_for_it_subscribes_to_no_odometry(bench) -> None:
+    rig = Rig(bench)
+    assert 'odom' not in {item.topic_name.strip('/') for item in rig.node.subscriptions}
