@@ -207,8 +207,8 @@ def _blurred(image: Image, sigma_u: float, sigma_v: float) -> Image:
         return image
     size = (2 * math.ceil(3.0 * sigma_u) + 1, 2 * math.ceil(3.0 * sigma_v) + 1)
     # OpenCV reads a sigma of 0 as "choose one"; a kernel of one tap ignores it.
-    sigmas = max(sigma_u, 0.1), max(sigma_v, 0.1)
-    blurred = cv2.GaussianBlur(image, size, *sigmas, borderType=cv2.BORDER_REPLICATE)
+    sigmas = {'sigmaX': max(sigma_u, 0.1), 'sigmaY': max(sigma_v, 0.1)}
+    blurred = cv2.GaussianBlur(image, size, **sigmas, borderType=cv2.BORDER_REPLICATE)
     return np.asarray(blurred, dtype=np.uint8)
 
 
