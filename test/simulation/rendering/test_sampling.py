@@ -7,8 +7,14 @@ from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
-from visual_servo_epipolar.simulation.rendering.raster import _subdivisions, rasterize, View
+from visual_servo_epipolar.simulation.rendering.raster import rasterize, View
 from visual_servo_epipolar.simulation.rendering.sampling import _areas, _average, _cover
+from visual_servo_epipolar.simulation.rendering.strips import (
+    _blurred_area,
+    _footprint,
+    _subdivisions,
+    MAX_SKEW,
+)
 from visual_servo_epipolar.simulation.rendering.surfaces import SHARPEST
 from visual_servo_epipolar.simulation.rooms.scene import room
 
@@ -23,9 +29,16 @@ def long_pixel(length: float, breadth: float) -> tuple[np.ndarray, np.ndarray]:
     return slopes[None], np.array([length * breadth])
 
 
-def test_a_slanted_sliver_is_cut_along_its_length() -> None:
-    columns, rows = _subdivisions(*long_pixel(16.0, 2.0))
-    assert (columns[0], rows[0]) == (1, 4)
+@pytest.mark.parametrize('turned', (False, True))
+def test_a_slanted_sliver_is_cut_along_its_length_until_it_is_blurred_little(
+    turned: bool,
+) -> None:
+    slopes, area = long_pixel(16.0, 2.0)
+    slopes = slopes[:, :, ::-1] if turned else slopes
+    columns, rows = _subdivisions(slopes, area)
+    assert (columns[0], rows[0]) == ((3, 1) if turned else (1, 3))
+    blurred = _blurred_area(_footprint(slopes, columns, rows)) * columns * rows
+    assert blurred[0] < 1.1 * MAX_SKEW * area[0]
 
 
 @pytest.mark.parametrize('length', (0.5, 1.0, SHARPEST))

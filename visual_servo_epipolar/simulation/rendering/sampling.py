@@ -8,7 +8,8 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.simulation.rendering.edges import smooth_edges
-from visual_servo_epipolar.simulation.rendering.raster import Box, MAX_SUBDIVISION, Raster, View
+from visual_servo_epipolar.simulation.rendering.raster import Box, Raster, View
+from visual_servo_epipolar.simulation.rendering.strips import MAX_SUBDIVISION
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 
 FLAGS = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
