@@ -46,7 +46,8 @@ def sampling(scene: Scene, shown: IntArray, maps: FloatArray, parts: Parts) -> l
     middles = np.add.reduceat(corners, starts) / sizes[:, None]
     corners = corners + (1.0 - SPREAD) * (np.repeat(middles, sizes, axis=0) - corners)
     slopes = _slopes(scene, shown, maps, np.repeat(owners, sizes), corners)
-    area = np.add.reduceat(np.abs(np.linalg.det(slopes)), starts) / sizes
+    across = slopes[:, 0, 0] * slopes[:, 1, 1] - slopes[:, 0, 1] * slopes[:, 1, 0]
+    area = np.add.reduceat(np.abs(across), starts) / sizes
     slopes = np.sqrt(np.add.reduceat(slopes**2, starts) / sizes[:, None, None])
     columns, rows = _subdivisions(slopes, np.maximum(area, 1e-12))
     footprint = _footprint(slopes, columns, rows)
@@ -71,7 +72,7 @@ def _slopes(
     maps, (x, y) = maps[owners], pixels.T[:, :, None]
     homogeneous = maps[:, :, 0] * x + maps[:, :, 1] * y + maps[:, :, 2]
     ab, w = homogeneous[:, :2] / homogeneous[:, 2:], homogeneous[:, 2]
-    shapes = np.array([scene.surfaces[k].texture.image.shape[::-1] for k in shown])[owners]
+    shapes = scene.texture_sizes[shown[owners]]
     shifts = maps[:, :2, :2] - ab[:, :, None] * maps[:, 2:, :2]
     return np.asarray(shifts * (shapes / w[:, None])[:, :, None])
 

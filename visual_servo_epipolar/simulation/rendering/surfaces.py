@@ -130,6 +130,12 @@ class Scene:
         return Scene(tuple(replace(surface, texture=blank) for surface in self.surfaces))
 
     @cached_property
+    def texture_sizes(self) -> IntArray:
+        """Width and height of the texture of each surface, shape (N, 2) [texel]."""
+        shapes = [surface.texture.image.shape[::-1] for surface in self.surfaces]
+        return np.array(shapes, np.int64)
+
+    @cached_property
     def bodies(self) -> IntArray:
         """Number of the body of each surface, shape (N,); the room is 0."""
         names = [ROOM, *sorted({s.body for s in self.surfaces} - {ROOM})]
