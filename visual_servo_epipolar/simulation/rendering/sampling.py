@@ -13,7 +13,7 @@ from visual_servo_epipolar.simulation.rendering.strips import MAX_SUBDIVISION
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 
 FLAGS = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-WASTE = 8000  # samples beside a strip that cost no more than to look closer
+WASTE = 12000  # samples beside a strip that cost no more than to look closer
 CACHE_LINE = 64  # bytes that memory gives at a time
 TEXELS_AHEAD = 12  # a box of more texels a sample is mostly not sampled
 

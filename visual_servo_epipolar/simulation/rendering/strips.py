@@ -78,9 +78,9 @@ def _slopes(
 
 
 def _footprint(slopes: FloatArray, columns: IntArray, rows: IntArray) -> FloatArray:
-    """Return how many texels a part of a pixel spans along u and v, shape (K, 2)."""
+    """Return how many texels a part of a pixel spans along u and v, shape (..., K, 2)."""
     return np.asarray(
-        np.hypot(slopes[:, :, 0] / columns[:, None], slopes[:, :, 1] / rows[:, None])
+        np.hypot(slopes[:, :, 0] / columns[..., None], slopes[:, :, 1] / rows[..., None])
     )
 
 
@@ -92,14 +92,13 @@ def _subdivisions(slopes: FloatArray, area: FloatArray) -> tuple[IntArray, IntAr
     be blurred far beyond it; its parts are less skewed. Where copies could not be much sharper,
     because the texture is magnified, pixels stay whole.
     """
-    columns, rows = np.repeat(SUBDIVISIONS.T, len(slopes)).reshape(2, -1)
-    footprints = _footprint(np.tile(slopes, (len(SUBDIVISIONS), 1, 1)), columns, rows)
-    blurred = (_blurred_area(footprints) * columns * rows).reshape(len(SUBDIVISIONS), -1)
+    columns, rows = SUBDIVISIONS.T[:, :, None]
+    blurred = _blurred_area(_footprint(slopes, columns, rows)) * columns * rows
     skew = np.maximum(blurred, MAX_SKEW * np.maximum(area, SHARPEST**2))
     fewest = np.argmax(skew <= skew.min(axis=0) / WORTHWHILE, axis=0)
     return SUBDIVISIONS[fewest, 0], SUBDIVISIONS[fewest, 1]
 
 
 def _blurred_area(footprint: FloatArray) -> FloatArray:
-    """Return the area [texel^2] that the copy for a footprint, shape (K, 2), blurs."""
-    return np.asarray(np.maximum(footprint, SHARPEST).prod(axis=1))
+    """Return the area [texel^2] that the copy for a footprint, shape (..., K, 2), blurs."""
+    return np.asarray(np.maximum(footprint, SHARPEST).prod(axis=-1))
