@@ -9,7 +9,7 @@ from visual_servo_epipolar.simulation.rendering.surfaces import Scene, SHARPEST
 
 MAX_SKEW = 1.5  # area blurred by texture copies over area of a pixel, before it is subdivided
 MAX_SUBDIVISION = 8
-WORTHWHILE = 0.85  # more parts must reduce the blurred area to so much of it
+WORTHWHILE = 0.93  # more parts must reduce the blurred area to so much of it
 # Into how many columns and rows a pixel may be cut, the fewest first, shape (N, 2).
 SUBDIVISIONS = np.array(
     [(1, 1), *(pair for n in range(2, MAX_SUBDIVISION + 1) for pair in ((1, n), (n, 1)))]
