@@ -7,8 +7,21 @@ from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
-from visual_servo_epipolar.simulation.rendering.raster import _subdivisions, rasterize, View
-from visual_servo_epipolar.simulation.rendering.sampling import _areas, _average, _cover
+from visual_servo_epipolar.simulation.rendering.raster import rasterize, View
+from visual_servo_epipolar.simulation.rendering.sampling import (
+    _areas,
+    _average,
+    _cache_lines,
+    _cover,
+    _sources,
+    CACHE_LINE,
+)
+from visual_servo_epipolar.simulation.rendering.strips import (
+    _blurred_area,
+    _footprint,
+    _subdivisions,
+    MAX_SKEW,
+)
 from visual_servo_epipolar.simulation.rendering.surfaces import SHARPEST
 from visual_servo_epipolar.simulation.rooms.scene import room
 
@@ -23,9 +36,16 @@ def long_pixel(length: float, breadth: float) -> tuple[np.ndarray, np.ndarray]:
     return slopes[None], np.array([length * breadth])
 
 
-def test_a_slanted_sliver_is_cut_along_its_length() -> None:
-    columns, rows = _subdivisions(*long_pixel(16.0, 2.0))
-    assert (columns[0], rows[0]) == (1, 4)
+@pytest.mark.parametrize('turned', (False, True))
+def test_a_slanted_sliver_is_cut_along_its_length_until_it_is_blurred_little(
+    turned: bool,
+) -> None:
+    slopes, area = long_pixel(16.0, 2.0)
+    slopes = slopes[:, :, ::-1] if turned else slopes
+    columns, rows = _subdivisions(slopes, area)
+    assert (columns[0], rows[0]) == ((3, 1) if turned else (1, 3))
+    blurred = _blurred_area(_footprint(slopes, columns, rows)) * columns * rows
+    assert blurred[0] < 1.1 * MAX_SKEW * area[0]
 
 
 @pytest.mark.parametrize('length', (0.5, 1.0, SHARPEST))
@@ -75,3 +95,23 @@ def test_the_mean_of_the_parts_is_rounded_once(columns: int, rows: int) -> None:
     assert np.abs(mean[:, 3:16] - exact).max() <= 0.5
     assert not mean[:, :3].any()
     assert not mean[:, 16:].any()
+
+
+@pytest.mark.parametrize('pose', (DESIRED_POSE, Pose(0.7, -3.0, 1.2)))
+def test_the_lines_read_ahead_hold_what_is_sampled(pose: Pose) -> None:
+    scene, rig = room(0), FixedRig(CAMERA, CameraMount(tilt=0.1, roll=0.05))
+    R_world_camera, centre = rig.camera_pose(pose)
+    raster = rasterize(scene, View(320, 240, CAMERA.matrix, centre, R_world_camera))
+    areas = list(_areas(raster))
+    pictures, maps = _sources(scene, raster, areas)
+    lines = _cache_lines(raster, areas, pictures, maps)
+    for area, matrix, ahead in zip(areas, maps, lines, strict=True):
+        strip, picture = raster.strips[area.number - 1], pictures[area.number - 1]
+        width, height = np.subtract(area.box[2:], area.box[:2]) * (strip.columns, strip.rows)
+        x, y, w = matrix @ [(width - 1) // 2, (height - 1) // 2, 1.0]
+        column, row = np.clip((x / w, y / w), 0, np.array(picture.shape[::-1]) - 1).astype(int)
+        start = ahead.__array_interface__['data'][0] - picture.__array_interface__['data'][0]
+        top, left = divmod(start, picture.shape[1])
+        assert not ahead.size or top <= row < top + len(ahead)
+        assert not ahead.size or left <= column < left + CACHE_LINE * ahead.shape[1]
+    assert np.mean([line.size > 0 for line in lines]) > 0.5

@@ -1,6 +1,6 @@
 """Image sensor: noise, a drifting gain, blur."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 import math
 
@@ -13,12 +13,12 @@ from visual_servo_epipolar.core.settings import setting, Settings
 DESIRED_FRAME = -1  # frame index of the desired photograph
 DRIFT_PERIOD = 97.0  # frames in one slow wave of the gain
 SPARE = 64  # how far the noise field may be shifted [px]
-# By whether rows and columns are mirrored.
-MIRRORINGS: Mapping[tuple[int, ...], Callable[[Image], Image]] = {
-    (0, 0): lambda image: image,
-    (0, 1): lambda image: np.asarray(cv2.flip(image, 1), dtype=np.uint8),
-    (1, 0): lambda image: np.asarray(cv2.flip(image, 0), dtype=np.uint8),
-    (1, 1): lambda image: np.asarray(cv2.flip(image, -1), dtype=np.uint8),
+# Codes of cv2.flip for how a field of noise may be mirrored: rows, columns.
+MIRRORINGS: Mapping[tuple[int, ...], int | None] = {
+    (0, 0): None,
+    (0, 1): 1,
+    (1, 0): 0,
+    (1, 1): -1,
 }
 
 
@@ -53,8 +53,12 @@ class Sensor:
         shape = (size[1] + SPARE, size[0] + SPARE)
         field = np.rint(settings.noise * rng.standard_normal(shape, dtype=np.float32))
         # Apart, as bytes: OpenCV adds and subtracts those ten times as fast as signed numbers.
-        self._brighter: Image = np.clip(field, 0.0, 255.0).astype(np.uint8)
-        self._darker: Image = np.clip(-field, 0.0, 255.0).astype(np.uint8)
+        brighter: Image = np.clip(field, 0.0, 255.0).astype(np.uint8)
+        darker: Image = np.clip(-field, 0.0, 255.0).astype(np.uint8)
+        self._noise = {
+            mirroring: (_mirrored(brighter, code), _mirrored(darker, code))
+            for mirroring, code in MIRRORINGS.items()
+        }
 
     def capture(self, image: Image, frame_index: int) -> Image:
         """Return ``image``, shape (H, W), as frame ``frame_index`` of the sensor: -1, 0, 1, ..."""
@@ -81,12 +85,18 @@ class Sensor:
 
     def _noisy(self, image: Image, rng: np.random.Generator) -> Image:
         """Return ``image`` with a part of the field of noise, shifted and mirrored by chance."""
-        (height, width), (down, right) = self._shape, rng.integers(0, SPARE + 1, 2)
+        (height, width), start = self._shape, rng.integers(0, SPARE + 1, 2)
+        mirrored = rng.integers(0, 2, 2)
+        down, right = np.where(mirrored, SPARE - start, start).tolist()
         part = np.s_[down : down + height, right : right + width]
-        mirrored = MIRRORINGS[tuple(rng.integers(0, 2, 2).tolist())]
-        noisy: Image = np.asarray(cv2.add(image, mirrored(self._brighter[part])), dtype=np.uint8)
-        cv2.subtract(noisy, mirrored(self._darker[part]), dst=noisy)
+        brighter, darker = self._noise[tuple(mirrored.tolist())]
+        noisy: Image = np.asarray(cv2.add(image, brighter[part]), dtype=np.uint8)
+        cv2.subtract(noisy, darker[part], dst=noisy)
         return noisy
+
+
+def _mirrored(image: Image, code: int | None) -> Image:
+    return image if code is None else np.asarray(cv2.flip(image, code), dtype=np.uint8)
 
 
 PERFECT = SensorSettings(noise=0.0)

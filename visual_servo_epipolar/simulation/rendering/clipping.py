@@ -15,21 +15,30 @@ SECTIONS = (-0.33, 0.33)  # x / z at which the strips of floor and ceiling are c
 
 def clipped(polygon: Polygon, plane: Plane) -> Polygon:
     """Return what of a convex polygon has a x + b y + c z + d >= 0."""
+    return split(polygon, plane)[0]
+
+
+def split(polygon: Polygon, plane: Plane) -> tuple[Polygon, Polygon]:
+    """Return what of a convex polygon has a x + b y + c z + d >= 0, and what has less."""
     a, b, c, d = plane
     sides = [a * x + b * y + c * z + d for x, y, z in polygon]
     if min(sides) >= 0.0:
-        return polygon
-    corners: Polygon = []
+        return polygon, []
+    if max(sides) < 0.0:
+        return [], polygon
+    inside: Polygon = []
+    outside: Polygon = []
     before, side_before = polygon[-1], sides[-1]
     for point, side in zip(polygon, sides, strict=True):
         if (side >= 0.0) != (side_before >= 0.0):
             t = side_before / (side_before - side)
             (x0, y0, z0), (x1, y1, z1) = before, point
-            corners.append((x0 + t * (x1 - x0), y0 + t * (y1 - y0), z0 + t * (z1 - z0)))
-        if side >= 0.0:
-            corners.append(point)
+            corner = x0 + t * (x1 - x0), y0 + t * (y1 - y0), z0 + t * (z1 - z0)
+            inside.append(corner)
+            outside.append(corner)
+        (inside if side >= 0.0 else outside).append(point)
         before, side_before = point, side
-    return corners
+    return inside, outside
 
 
 def strips(polygon: Polygon, *, sections: bool) -> Iterator[tuple[int, Polygon]]:
@@ -41,27 +50,23 @@ def strips(polygon: Polygon, *, sections: bool) -> Iterator[tuple[int, Polygon]]
     depths = [z for _, _, z in polygon]
     first = math.floor(math.log(min(depths), STRIP_RATIO) + 1e-9)
     last = math.ceil(math.log(max(depths), STRIP_RATIO) - 1e-9)
-    for k in range(first, max(last, first + 1)):
-        strip = polygon
-        if k > first:
-            strip = clipped(strip, (0.0, 0.0, 1.0, -(STRIP_RATIO**k)))
-        if k < last - 1 and strip:
-            strip = clipped(strip, (0.0, 0.0, -1.0, STRIP_RATIO ** (k + 1)))
+    for k in range(first + 1, last):
+        polygon, strip = split(polygon, (0.0, 0.0, 1.0, -(STRIP_RATIO**k)))
         if len(strip) > 2:
             yield from _sections(strip) if sections else ((0, strip),)
+    if len(polygon) > 2:
+        yield from _sections(polygon) if sections else ((0, polygon),)
 
 
 def _sections(strip: Polygon) -> Iterator[tuple[int, Polygon]]:
-    slopes = [x / z for x, _, z in strip]
-    low, high = min(slopes), max(slopes)
-    for left, right in zip((-math.inf, *SECTIONS), (*SECTIONS, math.inf), strict=True):
-        part = strip
-        if left > low:
-            part = clipped(part, (1.0, 0.0, -left, 0.0))
-        if right < high and part:
-            part = clipped(part, (-1.0, 0.0, right, 0.0))
-        if left < high and right > low and len(part) > 2:
-            yield (left >= 0.0) - (right <= 0.0), part
+    for side, slope in zip((-1, 0), SECTIONS, strict=True):
+        if not strip:
+            return
+        strip, part = split(strip, (1.0, 0.0, -slope, 0.0))
+        if len(part) > 2:
+            yield side, part
+    if len(strip) > 2:
+        yield 1, strip
 
 
 def breadth(outline: Outline) -> float:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -11,17 +11,14 @@ from numpy.typing import NDArray
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.simulation.rendering import clipping
 from visual_servo_epipolar.simulation.rendering.clipping import Outline, Plane, Polygon
-from visual_servo_epipolar.simulation.rendering.surfaces import Scene, SHARPEST
+from visual_servo_epipolar.simulation.rendering.strips import Parts, sampling, Strip
+from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 
 NEAR = 0.05  # nothing nearer than this is seen [m]
 THINNEST = 0.02  # narrower slivers are left out [px]
 THIN = 3.0  # edges of narrower surfaces may share a pixel [px]
 MARGIN = 4.0  # how far outside of the image polygons are cut off [px]
 SUBPIXEL_BITS = 6
-MAX_SKEW = 1.5  # area blurred by texture copies over area of a pixel, before it is subdivided
-MAX_SUBDIVISION = 8
-WORTHWHILE = 0.75  # a subdivision must reduce the blurred area to so much of it
-SPREAD = 0.7  # a part is judged at its corners, drawn in to its middle so much
 
 Ids: TypeAlias = NDArray[np.uint8] | NDArray[np.uint16]
 Box: TypeAlias = tuple[int, int, int, int]
@@ -64,17 +61,6 @@ class View:
         return [(fx * x / z + cx, fy * y / z + cy) for x, y, z in polygon]
 
 
-class Strip(NamedTuple):
-    """A part of a surface that is sampled in one way."""
-
-    surface: int
-    side: int  # of the image: -1, 0, 1
-    p: int  # copy (p, q) of the texture
-    q: int
-    columns: int  # subdivisions of a pixel
-    rows: int
-
-
 @dataclass(frozen=True, eq=False)
 class Raster:
     """The number of the strip seen at each pixel; 0 is none, strips[k - 1] is k."""
@@ -87,23 +73,13 @@ class Raster:
     maps: FloatArray  # their maps from pixels to (a w, b w, w) of origin + a u + b v, (S, 3, 3)
 
 
-class Parts(NamedTuple):
-    """Parts of surfaces, each sampled in one way: corners [px], shape (C, 2), one by one."""
-
-    owners: IntArray  # index into the surfaces shown, shape (P,)
-    sides: list[int]  # of the image
-    corners: FloatArray
-    starts: IntArray  # of each part in the corners, shape (P,)
-    sizes: IntArray  # how many corners it has, shape (P,)
-
-
 def rasterize(scene: Scene, view: View) -> Raster:
     """Paint the numbers of the strips of all surfaces from back to front."""
     shown, polygons, thin = _polygons(scene, view)
     maps = _unprojections(scene, view, shown)
     level = np.abs(scene.normals[shown, 2]) > 0.5
     parts = _parts(view, polygons, level.tolist(), thin.tolist())
-    keys = _sampling(scene, shown, maps, parts)
+    keys = sampling(scene, shown, maps, parts)
     numbers = {key: number for number, key in enumerate(dict.fromkeys(keys), start=1)}
     shape = (view.height, view.width)
     ids: Ids = np.zeros(shape, np.uint8) if len(numbers) < 256 else np.zeros(shape, np.uint16)
@@ -167,79 +143,6 @@ def _unprojections(scene: Scene, view: View, shown: IntArray) -> FloatArray:
     origin = corners[:, 0]
     frames = np.stack([corners[:, 1] - origin, corners[:, 3] - origin, origin], axis=-1)
     return np.asarray(np.linalg.inv(frames) @ np.linalg.inv(view.intrinsics))
-
-
-def _sampling(scene: Scene, shown: IntArray, maps: FloatArray, parts: Parts) -> list[Strip]:
-    """Choose how each part of a surface is sampled: for the mean over its corners."""
-    owners, sides, corners, starts, sizes = parts
-    if not len(owners):
-        return []
-    middles = np.add.reduceat(corners, starts) / sizes[:, None]
-    corners = corners + (1.0 - SPREAD) * (np.repeat(middles, sizes, axis=0) - corners)
-    slopes = _slopes(scene, shown, maps, np.repeat(owners, sizes), corners)
-    area = np.add.reduceat(np.abs(np.linalg.det(slopes)), starts) / sizes
-    slopes = np.sqrt(np.add.reduceat(slopes**2, starts) / sizes[:, None, None])
-    columns, rows = _subdivisions(slopes, np.maximum(area, 1e-12))
-    footprint = _footprint(slopes, columns, rows)
-    copies = np.rint(2.0 * np.log2(np.maximum(footprint, 1.0))).astype(int)
-    return [
-        Strip(surface, side, p, q, nx, ny)
-        for surface, side, (p, q), nx, ny in zip(
-            shown[owners].tolist(),
-            sides,
-            copies.tolist(),
-            columns.tolist(),
-            rows.tolist(),
-            strict=True,
-        )
-    ]
-
-
-def _slopes(
-    scene: Scene, shown: IntArray, maps: FloatArray, owners: IntArray, pixels: FloatArray
-) -> FloatArray:
-    """Return by how many texels along u, v one moves for a pixel in x, y; shape (K, 2, 2)."""
-    maps, (x, y) = maps[owners], pixels.T[:, :, None]
-    homogeneous = maps[:, :, 0] * x + maps[:, :, 1] * y + maps[:, :, 2]
-    ab, w = homogeneous[:, :2] / homogeneous[:, 2:], homogeneous[:, 2]
-    shapes = np.array([scene.surfaces[k].texture.image.shape[::-1] for k in shown])[owners]
-    shifts = maps[:, :2, :2] - ab[:, :, None] * maps[:, 2:, :2]
-    return np.asarray(shifts * (shapes / w[:, None])[:, :, None])
-
-
-def _footprint(slopes: FloatArray, columns: IntArray, rows: IntArray) -> FloatArray:
-    """Return how many texels a part of a pixel spans along u and v, shape (K, 2)."""
-    return np.asarray(
-        np.hypot(slopes[:, :, 0] / columns[:, None], slopes[:, :, 1] / rows[:, None])
-    )
-
-
-def _subdivisions(slopes: FloatArray, area: FloatArray) -> tuple[IntArray, IntArray]:
-    """
-    Return into how many columns and rows pixels are cut before they are sampled.
-
-    Texture copies are blurred along u and v. A pixel that is a skewed sliver on the texture would
-    be blurred far beyond it; its parts are less skewed. Where copies could not be much sharper,
-    because the texture is magnified, pixels stay whole.
-    """
-    columns, rows = np.ones(len(slopes), np.int64), np.ones(len(slopes), np.int64)
-    for _ in range(MAX_SUBDIVISION.bit_length() - 1):
-        here, wider, higher = (
-            _footprint(slopes, n, m)
-            for n, m in ((columns, rows), (2 * columns, rows), (columns, 2 * rows))
-        )
-        skewed = here.prod(axis=1) * columns * rows > MAX_SKEW * area
-        across = wider.prod(axis=1) < higher.prod(axis=1)
-        sharper = _blurred_area(np.where(across[:, None], wider, higher))
-        useful = skewed & (sharper < WORTHWHILE * _blurred_area(here))
-        columns[useful & across] *= 2
-        rows[useful & ~across] *= 2
-    return columns, rows
-
-
-def _blurred_area(footprint: FloatArray) -> FloatArray:
-    """Return the area [texel^2] that the copy for a footprint, shape (K, 2), blurs."""
-    return np.asarray(np.maximum(footprint, SHARPEST).prod(axis=1))
 
 
 def _shortened(outline: Outline) -> Outline:

@@ -8,11 +8,14 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.simulation.rendering.edges import smooth_edges
-from visual_servo_epipolar.simulation.rendering.raster import Box, MAX_SUBDIVISION, Raster, View
+from visual_servo_epipolar.simulation.rendering.raster import Box, Raster, View
+from visual_servo_epipolar.simulation.rendering.strips import MAX_SUBDIVISION
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 
 FLAGS = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-WASTE = 8000  # samples beside a strip that cost no more than to look closer
+WASTE = 12000  # samples beside a strip that cost no more than to look closer
+CACHE_LINE = 64  # bytes that memory gives at a time
+TEXELS_AHEAD = 12  # a box of more texels a sample is mostly not sampled
 
 
 class Area(NamedTuple):
@@ -26,18 +29,22 @@ class Area(NamedTuple):
 def shade(scene: Scene, view: View, raster: Raster) -> Image:
     """Return the image, shape (H, W), of what the raster shows; black where it shows nothing."""
     image: Image = np.zeros((view.height, view.width), dtype=np.uint8)
-    if not raster.strips:
-        return image
     areas = list(_areas(raster))
+    if not areas:
+        return image
     pictures, texels = _sources(scene, raster, areas)
+    lines = _cache_lines(raster, areas, pictures, texels)
     means: Image = np.empty(image.size, np.uint8)
     samples: Image = np.empty(MAX_SUBDIVISION * image.size, np.uint8)
-    for (number, (left, top, right, bottom), mask), matrix in zip(areas, texels, strict=True):
+    for area, matrix, ahead in zip(areas, texels, lines, strict=True):
+        number, (left, top, right, bottom), mask = area
         target, strip = image[top:bottom, left:right], raster.strips[number - 1]
         whole = strip.columns == strip.rows == 1
         mean = target if mask is None else means[: target.size].reshape(target.shape)
         size = (right - left) * strip.columns, (bottom - top) * strip.rows
         parts = mean if whole else samples[: size[0] * size[1]].reshape(size[::-1])
+        # Read for the cache alone: line by line is faster than in the order of the samples.
+        ahead.max(initial=0)
         cv2.warpPerspective(pictures[number - 1], matrix, size, parts, FLAGS, cv2.BORDER_REPLICATE)
         if not whole:
             _average(parts, mean)
@@ -48,10 +55,10 @@ def shade(scene: Scene, view: View, raster: Raster) -> Image:
 
 def _areas(raster: Raster) -> Iterator[Area]:
     """Yield areas that hold all pixels of every strip, and few others."""
-    sizes = np.array(
-        [(right - left) * (bottom - top) for left, top, right, bottom in raster.boxes]
-    )
-    masks: Image = np.empty(int(np.maximum(sizes, 0).sum()), np.uint8)
+    sizes = [
+        max(right - left, 0) * max(bottom - top, 0) for left, top, right, bottom in raster.boxes
+    ]
+    masks: Image = np.empty(sum(sizes), np.uint8)
     for number, (strip, box) in enumerate(zip(raster.strips, raster.boxes, strict=True), start=1):
         left, top, right, bottom = box
         if left >= right or top >= bottom:
@@ -121,6 +128,36 @@ def _sources(scene: Scene, raster: Raster, areas: list[Area]) -> tuple[list[Imag
     first = corners[:, None] + 0.5 / parts - 0.5
     origin = (maps[:, :, :2] * first).sum(axis=2) + maps[:, :, 2]
     return pictures, np.concatenate([maps[:, :, :2] / parts, origin[:, :, None]], axis=2)
+
+
+def _cache_lines(
+    raster: Raster, areas: list[Area], pictures: list[Image], maps: FloatArray
+) -> list[Image]:
+    """
+    Return for each area a texel of every cache line that its samples are taken from.
+
+    There are none where the box around these texels is mostly not sampled or ends beyond the
+    horizon. ``maps`` are those of the areas, shape (A, 3, 3), from parts of pixels to texels.
+    """
+    numbers = [area.number - 1 for area in areas]
+    strips = np.array([(strip.columns, strip.rows) for strip in raster.strips])[numbers]
+    boxes = np.array([area.box for area in areas])
+    width, height = ((boxes[:, 2:] - boxes[:, :2]) * strips).T
+    zero = np.zeros(len(areas))
+    corners = np.array([[zero, width, zero, width], [zero, zero, height, height]])
+    ends = np.einsum('aij,jka->ika', maps[:, :, :2], corners) + maps.T[2][:, None]
+    ahead = ends[2] > 0.0
+    limits = np.array([picture.shape[::-1] for picture in pictures])[numbers].T
+    texels = np.clip(ends[:2] / np.where(ahead, ends[2], np.inf), 0.0, limits[:, None])
+    low, high = texels.min(axis=1).astype(int), texels.max(axis=1).astype(int) + 2
+    sampled = (high - low).prod(axis=0) < TEXELS_AHEAD * width * height
+    high = np.where(sampled & ahead.all(axis=0), high, low)
+    return [
+        pictures[number][top:bottom, left:right:CACHE_LINE]
+        for number, (left, top), (right, bottom) in zip(
+            numbers, low.T.tolist(), high.T.tolist(), strict=True
+        )
+    ]
 
 
 def _average(parts: Image, mean: Image) -> None:

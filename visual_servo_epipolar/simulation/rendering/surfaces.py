@@ -130,6 +130,12 @@ class Scene:
         return Scene(tuple(replace(surface, texture=blank) for surface in self.surfaces))
 
     @cached_property
+    def texture_sizes(self) -> IntArray:
+        """Width and height of the texture of each surface, shape (N, 2) [texel]."""
+        shapes = [surface.texture.image.shape[::-1] for surface in self.surfaces]
+        return np.array(shapes, np.int64)
+
+    @cached_property
     def bodies(self) -> IntArray:
         """Number of the body of each surface, shape (N,); the room is 0."""
         names = [ROOM, *sorted({s.body for s in self.surfaces} - {ROOM})]
@@ -207,8 +213,8 @@ def _blurred(image: Image, sigma_u: float, sigma_v: float) -> Image:
         return image
     size = (2 * math.ceil(3.0 * sigma_u) + 1, 2 * math.ceil(3.0 * sigma_v) + 1)
     # OpenCV reads a sigma of 0 as "choose one"; a kernel of one tap ignores it.
-    sigmas = max(sigma_u, 0.1), max(sigma_v, 0.1)
-    blurred = cv2.GaussianBlur(image, size, *sigmas, borderType=cv2.BORDER_REPLICATE)
+    sigmas = {'sigmaX': max(sigma_u, 0.1), 'sigmaY': max(sigma_v, 0.1)}
+    blurred = cv2.GaussianBlur(image, size, **sigmas, borderType=cv2.BORDER_REPLICATE)
     return np.asarray(blurred, dtype=np.uint8)
 
 
