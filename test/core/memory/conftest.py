@@ -11,10 +11,10 @@ from visual_servo_epipolar.benchmarks.memory.study import (
     Trial,
     trial,
 )
-from visual_servo_epipolar.core.memory.equations import Evaluation
-from visual_servo_epipolar.core.memory.factors import factors_of
+from visual_servo_epipolar.core.memory.adjustment.equations import Evaluation
+from visual_servo_epipolar.core.memory.adjustment.factors import factors_of
+from visual_servo_epipolar.core.memory.adjustment.window import EMPTY, Unknowns
 from visual_servo_epipolar.core.memory.view_memory import ViewMemory
-from visual_servo_epipolar.core.memory.window import EMPTY, Unknowns
 
 
 def at_truth(drive: Trial, views: int = 14) -> Evaluation:

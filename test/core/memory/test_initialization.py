@@ -10,6 +10,8 @@ from visual_servo_epipolar.benchmarks.memory.study import StudySettings, trial
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.memory import initialization
+from visual_servo_epipolar.core.memory.adjustment.refinement import Geometry
+from visual_servo_epipolar.core.memory.adjustment.window import EMPTY
 from visual_servo_epipolar.core.memory.initialization import (
     held_views,
     initial,
@@ -21,8 +23,6 @@ from visual_servo_epipolar.core.memory.initialization import (
     Start,
     triangulated,
 )
-from visual_servo_epipolar.core.memory.refinement import Geometry
-from visual_servo_epipolar.core.memory.window import EMPTY
 
 
 def start_at(view: np.ndarray, k: int, off: float = 0.0) -> Start:

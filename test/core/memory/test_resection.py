@@ -7,15 +7,15 @@ import pytest
 
 from visual_servo_epipolar.benchmarks.memory.bound import bound
 from visual_servo_epipolar.benchmarks.memory.study import Trial
-from visual_servo_epipolar.core.memory.refinement import Geometry
-from visual_servo_epipolar.core.memory.resection import (
+from visual_servo_epipolar.core.memory.adjustment.refinement import Geometry
+from visual_servo_epipolar.core.memory.fitting import (
     Anchors,
     anchors_of,
     fitted,
     nearest_view,
-    resected,
     Seen,
 )
+from visual_servo_epipolar.core.memory.resection import resected
 from visual_servo_epipolar.core.memory.shrinkage import NOTHING
 from visual_servo_epipolar.core.memory.sightings import sides_of
 

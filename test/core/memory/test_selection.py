@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.memory.refinement import Geometry
+from visual_servo_epipolar.core.memory.adjustment.refinement import Geometry
 from visual_servo_epipolar.core.memory.selection import (
     crowded,
     is_keyframe,

@@ -86,4 +86,4 @@ def test_it_stays_within_its_range_and_fades() -> None:
     beyond = shrinkage_of(1.3, 0.0)
     assert beyond.share == 1.0
     assert beyond.variance > 0.0
-    assert beyond.later.variance > beyond.variance
+    assert beyond.before(0.1, 5.0).variance > beyond.variance

@@ -18,11 +18,11 @@ from visual_servo_epipolar.benchmarks.memory.study import (
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.memory import view_memory
+from visual_servo_epipolar.core.memory.adjustment.refinement import Geometry
+from visual_servo_epipolar.core.memory.adjustment.window import LENS, SHARED
 from visual_servo_epipolar.core.memory.recollection import Recollection
-from visual_servo_epipolar.core.memory.refinement import Geometry
 from visual_servo_epipolar.core.memory.sightings import MemorySettings, Sightings
 from visual_servo_epipolar.core.memory.view_memory import MOST_REFUSED, ViewMemory
-from visual_servo_epipolar.core.memory.window import LENS, SHARED
 
 DEVIATIONS = 4.0
 

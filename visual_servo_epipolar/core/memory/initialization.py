@@ -10,18 +10,16 @@ from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.rotation import MIN_POINTS
-from visual_servo_epipolar.core.memory.equations import Evaluation, OUTLIER, system_of
-from visual_servo_epipolar.core.memory.factors import factors_of, LEAST_JITTER
-from visual_servo_epipolar.core.memory.projection import (
+from visual_servo_epipolar.core.memory.adjustment.equations import Evaluation, OUTLIER, system_of
+from visual_servo_epipolar.core.memory.adjustment.factors import factors_of, LEAST_JITTER
+from visual_servo_epipolar.core.memory.adjustment.projection import (
     points_of,
     projected,
     structure_of,
     turns_of,
 )
-from visual_servo_epipolar.core.memory.refinement import Geometry, refined
-from visual_servo_epipolar.core.memory.resection import Anchors, fitted, Seen, USUAL_MEDIAN
-from visual_servo_epipolar.core.memory.twin import twin_bearings
-from visual_servo_epipolar.core.memory.window import (
+from visual_servo_epipolar.core.memory.adjustment.refinement import Geometry, refined
+from visual_servo_epipolar.core.memory.adjustment.window import (
     MOUNT,
     PHOTOGRAPH,
     SHARED,
@@ -29,6 +27,8 @@ from visual_servo_epipolar.core.memory.window import (
     VIEW,
     Window,
 )
+from visual_servo_epipolar.core.memory.fitting import Anchors, fitted, Seen, USUAL_MEDIAN
+from visual_servo_epipolar.core.memory.twin import twin_bearings
 
 STEPS, MORE_STEPS, ROUNDS = 2, 6, 6
 ALMOST = 1.5  # times the usual squares: as good as there

@@ -7,8 +7,8 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.memory.adjustment.window import HEADING, X, Y
 from visual_servo_epipolar.core.memory.recollection import Recollection
-from visual_servo_epipolar.core.memory.window import HEADING, X, Y
 
 LEAST_AHEAD = 0.1  # cosine off the axis, below which a feature has no image point
 

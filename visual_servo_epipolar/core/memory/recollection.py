@@ -8,10 +8,11 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.memory.projection import points_of, Structure, turns_of
-from visual_servo_epipolar.core.memory.refinement import Geometry
-from visual_servo_epipolar.core.memory.resection import Anchors, Resection
-from visual_servo_epipolar.core.memory.window import HEADING, VIEW, X, Y
+from visual_servo_epipolar.core.memory.adjustment.projection import points_of, Structure, turns_of
+from visual_servo_epipolar.core.memory.adjustment.refinement import Geometry
+from visual_servo_epipolar.core.memory.adjustment.window import HEADING, VIEW, X, Y
+from visual_servo_epipolar.core.memory.fitting import Anchors
+from visual_servo_epipolar.core.memory.resection import Resection
 
 LEAST_DISTANCE = 1e-9  # [m] of a baseline that has a direction
 

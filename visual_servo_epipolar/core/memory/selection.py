@@ -7,13 +7,20 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.geometry.rays import normalised
-from visual_servo_epipolar.core.memory.equations import Evaluation
-from visual_servo_epipolar.core.memory.factors import factors_of
+from visual_servo_epipolar.core.memory.adjustment.equations import Evaluation
+from visual_servo_epipolar.core.memory.adjustment.factors import factors_of
+from visual_servo_epipolar.core.memory.adjustment.projection import turns_of
+from visual_servo_epipolar.core.memory.adjustment.refinement import Geometry
+from visual_servo_epipolar.core.memory.adjustment.window import (
+    FREE,
+    PHOTOGRAPH,
+    Unknowns,
+    Window,
+    X,
+    Y,
+)
 from visual_servo_epipolar.core.memory.initialization import triangulated
-from visual_servo_epipolar.core.memory.projection import turns_of
-from visual_servo_epipolar.core.memory.refinement import Geometry
 from visual_servo_epipolar.core.memory.sightings import MemorySettings, Sightings
-from visual_servo_epipolar.core.memory.window import FREE, PHOTOGRAPH, Unknowns, Window, X, Y
 
 NEW_SHARE = 0.1  # of the sightings of a view that are of features not remembered
 FEWEST_NEW = 3

@@ -10,6 +10,7 @@ any where there is noise alone.
 
 from dataclasses import dataclass
 
+ALIKE = 0.05  # of the depth: how near the goal views look as the photograph does
 DRIFT = 0.04  # of the share, from view to view: what looks alike changes with the distance
 LEAST_VARIANCE = 1e-6
 # Shares up to which nothing, and from which all is withdrawn: noise alone makes some hundredths,
@@ -29,9 +30,10 @@ class Shrinkage:
         """Return the share that is withdrawn, from 0 to 1."""
         return min(max((self.share - CHANCE) / (ALL - CHANCE), 0.0), 1.0)
 
-    @property
-    def later(self) -> 'Shrinkage':
-        """Return it as it is known before the next view."""
+    def before(self, distance: float, depth: float) -> 'Shrinkage':
+        """Return what is known before the next view, at a ``distance`` from the goal [m]."""
+        if not distance < ALIKE * depth:
+            return NOTHING
         return Shrinkage(self.share, min(self.variance + DRIFT * DRIFT, 1.0))
 
 

@@ -13,9 +13,9 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.memory.projection import structure_of
-from visual_servo_epipolar.core.memory.refinement import Geometry
-from visual_servo_epipolar.core.memory.window import HEADING
+from visual_servo_epipolar.core.memory.adjustment.projection import structure_of
+from visual_servo_epipolar.core.memory.adjustment.refinement import Geometry
+from visual_servo_epipolar.core.memory.adjustment.window import HEADING
 
 LEAST_ON_PLANE = 3  # features that a plane is fitted to, at least
 

@@ -15,22 +15,27 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.memory.initialization import initial, is_sound, Start
-from visual_servo_epipolar.core.memory.recollection import recollected, Recollection
-from visual_servo_epipolar.core.memory.refinement import Geometry, refined, rescaled
-from visual_servo_epipolar.core.memory.resection import (
+from visual_servo_epipolar.core.memory.adjustment.refinement import Geometry, refined, rescaled
+from visual_servo_epipolar.core.memory.adjustment.window import EMPTY, HEADING, Window
+from visual_servo_epipolar.core.memory.collecting import (
+    starts_of,
+    unusable,
+    with_collected,
+    with_room,
+)
+from visual_servo_epipolar.core.memory.fitting import (
     Anchors,
     anchors_of,
     Fit,
     fitted,
     nearest_view,
-    resected,
-    Resection,
     Seen,
 )
+from visual_servo_epipolar.core.memory.initialization import initial, is_sound, Start
+from visual_servo_epipolar.core.memory.recollection import recollected, Recollection
+from visual_servo_epipolar.core.memory.resection import resected, Resection
 from visual_servo_epipolar.core.memory.selection import (
     is_keyframe,
-    kept_features,
     with_keyframe,
 )
 from visual_servo_epipolar.core.memory.shrinkage import NOTHING, Shrinkage
@@ -40,15 +45,10 @@ from visual_servo_epipolar.core.memory.sightings import (
     sides_of,
     Sightings,
 )
-from visual_servo_epipolar.core.memory.window import EMPTY, HEADING, Window
 
 MIN_SIGHTINGS = 5  # of remembered features that agree
-MIN_COLLECTED = 8  # features of a view to begin with
 MIN_SHARE = 0.5  # of the remembered features in view that agree
-MOST_COLLECTED = 4  # views to begin with: more cost more time, and are passed soon
 MOST_REFUSED = 3  # keyframes in a row that do not fit: then the geometry is wrong, not they
-ALIKE = 0.05  # of the depth: how near the goal views look as the photograph does
-MOST_STARTS = 2  # that are tried at one view
 
 
 class Unlearnt(NamedTuple):
@@ -178,18 +178,19 @@ class ViewMemory:
         self, sightings: Sightings, bearings: Sequence[Bearings], attitude: Attitude
     ) -> 'tuple[ViewMemory, Recollection]':
         """Return the memory with the view collected, with a geometry if that is found."""
-        if len(sightings) < MIN_COLLECTED:
-            return self, Recollection(
-                f'{len(sightings)} features, {MIN_COLLECTED} needed to begin'
-            )
-        if not bearings:
-            return self, Recollection('two views show no baseline to begin with')
+        reason = unusable(sightings, bearings)
+        if reason:
+            return self, Recollection(reason)
         pose = np.array([0.0, 0.0, bearings[0].heading_error, attitude.tilt, attitude.roll])
         memory = replace(self, pose=pose)
         if self.last is not None and not differ(self.last, sightings):
             return memory, Recollection('views are too alike to begin with')
-        memory = memory._with_collected(sightings, bearings, attitude)
-        if len(memory.window) < 2:
+        window, starts = with_room(self.window, self.starts)
+        starts = (*starts, *starts_of(len(window), bearings, attitude))
+        places = self.place, self.instead
+        window = with_collected(window, sightings, places, self.settings.features)
+        memory = replace(memory, window=window, starts=starts, last=sightings)
+        if len(window) < 2:
             return memory, Recollection('one view is collected, two are needed')
         return replace(memory, begins=True), Recollection('the geometry may begin with this view')
 
@@ -200,18 +201,6 @@ class ViewMemory:
             return self
         pose, window = geometry.unknowns.views[-1], geometry.window
         return replace(self, geometry=geometry, window=window, starts=(), last=None, pose=pose)
-
-    def _with_collected(
-        self, sightings: Sightings, bearings: Sequence[Bearings], attitude: Attitude
-    ) -> 'ViewMemory':
-        window, starts = self.window, self.starts
-        if len(window) >= MOST_COLLECTED:
-            window, starts = window.without_view(0), _earlier(starts)
-        new = [Start(len(window), each, attitude) for each in bearings[:MOST_STARTS]]
-        window = window.with_view(sightings, self.place, self.instead)
-        everything = np.ones(len(window.ids), bool)
-        window = window.of_features(kept_features(window, everything, self.settings.features))
-        return replace(self, window=window, starts=(*starts, *new), last=sightings)
 
     def _remembered(
         self, geometry: Geometry, sightings: Sightings, learns: bool
@@ -233,7 +222,8 @@ class ViewMemory:
         if agree < max(MIN_SIGHTINGS, MIN_SHARE * count):
             reason = f'{agree} of {count} remembered features agree with one place'
             return self, Recollection(reason, ids=self.window.ids)
-        resection = resected(geometry, chosen, seen, fit, self._shrinkage_at(geometry, fit))
+        shrinkage = self.shrinkage.before(float(np.hypot(*fit.pose[:2])), geometry.depth)
+        resection = resected(geometry, chosen, seen, fit, shrinkage)
         said = recollected(geometry, anchors, resection, known)
         new = int(((rows < 0) & sightings.shown).sum())
         unlearnt = Unlearnt(sightings, resection, new) if learns else None
@@ -250,11 +240,6 @@ class ViewMemory:
             return fit
         again = fitted(anchors, seen, nearest_view(anchors, seen, views))
         return again if again.inliers.sum() > fit.inliers.sum() else fit
-
-    def _shrinkage_at(self, geometry: Geometry, fit: Fit) -> Shrinkage:
-        """Return what is known of the shrinkage where a view looks as the photograph does."""
-        is_alike = float(np.hypot(*fit.pose[:2])) < ALIKE * geometry.depth
-        return self.shrinkage.later if is_alike else NOTHING
 
     def _grown(
         self, geometry: Geometry, sightings: Sightings, resection: Resection, new: int
@@ -297,8 +282,3 @@ def _turned(motion: FloatArray, heading: float) -> FloatArray:
     cosine, sine = np.cos(heading), np.sin(heading)
     right, ahead = motion
     return np.array([cosine * right - sine * ahead, sine * right + cosine * ahead])
-
-
-def _earlier(starts: tuple[Start, ...]) -> tuple[Start, ...]:
-    """Return the starts after the first view is gone."""
-    return tuple(start._replace(view=start.view - 1) for start in starts if start.view > 0)

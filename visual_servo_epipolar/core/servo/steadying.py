@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.memory.adjustment.window import HEADING
 from visual_servo_epipolar.core.memory.recollection import Recollection
-from visual_servo_epipolar.core.memory.window import HEADING
 
 PLACE = HEADING + 1  # unknowns of a place: right and ahead [m], heading error [rad]
 TURN_OF_WAY, SLIP = 0.1, 0.05  # turn that a way may add [rad/m], and its share to the side

@@ -8,7 +8,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimators.base import Attitude
-from visual_servo_epipolar.core.memory.window import (
+from visual_servo_epipolar.core.memory.adjustment.window import (
     LENS,
     MOUNT,
     PHOTOGRAPH,

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.memory import projection
-from visual_servo_epipolar.core.memory.equations import (
+from visual_servo_epipolar.core.memory.adjustment import projection
+from visual_servo_epipolar.core.memory.adjustment.equations import (
     LEAST_INFORMATION,
     LEAST_OFFSET,
     OUTLIER,
@@ -14,8 +14,8 @@ from visual_servo_epipolar.core.memory.equations import (
     robust_weight,
     system_of,
 )
-from visual_servo_epipolar.core.memory.refinement import Geometry
-from visual_servo_epipolar.core.memory.window import Unknowns
+from visual_servo_epipolar.core.memory.adjustment.refinement import Geometry
+from visual_servo_epipolar.core.memory.adjustment.window import Unknowns
 
 
 def moved(exact, seed=0):

@@ -7,8 +7,8 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
+from visual_servo_epipolar.core.memory.adjustment.window import EMPTY, Unknowns
 from visual_servo_epipolar.core.memory.sightings import MemorySettings, sides_of, Sightings
-from visual_servo_epipolar.core.memory.window import EMPTY, Unknowns
 
 RAYS = np.random.default_rng(1).normal(size=(40, 3))
 RAYS /= np.linalg.norm(RAYS, axis=1)[:, None]

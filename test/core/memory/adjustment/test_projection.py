@@ -9,9 +9,9 @@ import pytest
 
 from visual_servo_epipolar.core.geometry.attitude import rotation_level_camera
 from visual_servo_epipolar.core.geometry.epipolar import rotation_desired_current
-from visual_servo_epipolar.core.memory import projection
+from visual_servo_epipolar.core.memory.adjustment import projection
+from visual_servo_epipolar.core.memory.adjustment.window import Unknowns
 from visual_servo_epipolar.core.memory.sightings import sides_of
-from visual_servo_epipolar.core.memory.window import Unknowns
 
 STEP = 1e-6
 ANGLE = st.floats(-0.5, 0.5)

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.memory.equations import Evaluation, system_of
-from visual_servo_epipolar.core.memory.refinement import (
+from visual_servo_epipolar.core.memory.adjustment.equations import Evaluation, system_of
+from visual_servo_epipolar.core.memory.adjustment.refinement import (
     FEW_VIEWS,
     judged,
     NEAREST,
@@ -15,8 +15,8 @@ from visual_servo_epipolar.core.memory.refinement import (
     WRONG_OFFSET,
     WRONG_SHARE,
 )
+from visual_servo_epipolar.core.memory.adjustment.window import Unknowns
 from visual_servo_epipolar.core.memory.sightings import sides_of
-from visual_servo_epipolar.core.memory.window import Unknowns
 
 
 def disturbed(exact: Evaluation) -> Evaluation:

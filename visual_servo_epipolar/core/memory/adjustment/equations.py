@@ -6,16 +6,22 @@ from typing import NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
-from visual_servo_epipolar.core.memory import projection
-from visual_servo_epipolar.core.memory.factors import Factors
-from visual_servo_epipolar.core.memory.projection import (
+from visual_servo_epipolar.core.memory.adjustment import projection
+from visual_servo_epipolar.core.memory.adjustment.factors import Factors
+from visual_servo_epipolar.core.memory.adjustment.projection import (
     BY_FEATURE,
     BY_SHARED,
     BY_VIEW,
     Projection,
     Structure,
 )
-from visual_servo_epipolar.core.memory.window import MOUNT, SHARED, Unknowns, VIEW, Window
+from visual_servo_epipolar.core.memory.adjustment.window import (
+    MOUNT,
+    SHARED,
+    Unknowns,
+    VIEW,
+    Window,
+)
 
 OUTLIER = 9.0  # square from which residuals count less, as one in a hundred true ones does
 LEAST_INFORMATION = 1e-4  # of an inverse depth that nothing shows [m^2]

@@ -7,15 +7,15 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, median
-from visual_servo_epipolar.core.memory.equations import (
+from visual_servo_epipolar.core.memory.adjustment.equations import (
     Evaluation,
     OUTLIER,
     System,
     system_of,
 )
-from visual_servo_epipolar.core.memory.factors import factors_of
-from visual_servo_epipolar.core.memory.projection import projected, squares_of
-from visual_servo_epipolar.core.memory.window import Unknowns, Window
+from visual_servo_epipolar.core.memory.adjustment.factors import factors_of
+from visual_servo_epipolar.core.memory.adjustment.projection import projected, squares_of
+from visual_servo_epipolar.core.memory.adjustment.window import Unknowns, Window
 
 DAMPING = 1e-4
 LEAST_GAIN = 0.05  # of the cost, below which nothing changes that matters

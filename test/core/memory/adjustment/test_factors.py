@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.estimators.base import Attitude
-from visual_servo_epipolar.core.memory.equations import Evaluation
-from visual_servo_epipolar.core.memory.factors import Factors, factors_of, LAG
-from visual_servo_epipolar.core.memory.refinement import Geometry, refined
+from visual_servo_epipolar.core.memory.adjustment.equations import Evaluation
+from visual_servo_epipolar.core.memory.adjustment.factors import Factors, factors_of, LAG
+from visual_servo_epipolar.core.memory.adjustment.refinement import Geometry, refined
 from visual_servo_epipolar.core.memory.view_memory import ViewMemory
 
 

@@ -1,0 +1,1 @@
+"""Bundle adjustment of the window: keyframes, features and what all views share, in one system."""
