@@ -14,7 +14,11 @@ from visual_servo_epipolar.core.servo.identification.ranging import (
 )
 from visual_servo_epipolar.core.servo.phases.conditions import is_far_enough, KNOWN, ROOM
 from visual_servo_epipolar.core.servo.phases.events import classify
-from visual_servo_epipolar.core.servo.phases.lines import leads_home, line_look_ahead
+from visual_servo_epipolar.core.servo.phases.lines import (
+    LAST_LOOK_AHEAD,
+    leads_home,
+    line_look_ahead,
+)
 from visual_servo_epipolar.core.servo.phases.table import Event, Phase
 
 STATE = in_phase(Phase.RETREATING)
@@ -78,8 +82,15 @@ def test_who_does_not_know_the_offset_does_not_know_the_line() -> None:
 def test_the_look_ahead_is_shorter_where_the_offset_is_known() -> None:
     near = in_phase(Phase.MATCHING_FEATURES, range=0.1)
     assert line_look_ahead(near, sight(), SETTINGS) == LEAST_LOOK_AHEAD
-    assert line_look_ahead(near, at(0.0, -0.1), SETTINGS) == LEAST_REMEMBERED
-    assert line_look_ahead(near, at(0.0, 0.05), SETTINGS) == LEAST_REMEMBERED
+    assert line_look_ahead(near, at(0.0, -0.3), SETTINGS) == LEAST_REMEMBERED
+    assert line_look_ahead(near, at(0.0, -0.1), SETTINGS) == pytest.approx(0.05)
+    assert line_look_ahead(near, at(0.0, -0.01), SETTINGS) == LAST_LOOK_AHEAD
+    assert line_look_ahead(near, at(0.0, 0.05), SETTINGS) == LAST_LOOK_AHEAD
+    # No sharp turns for an offset that is large, or hardly known.
+    assert line_look_ahead(near, at(0.002, -0.01), SETTINGS) == pytest.approx(0.04)
+    assert line_look_ahead(near, at(0.01, -0.01), SETTINGS) == LEAST_REMEMBERED
+    doubtful = replace(at(0.0, -0.01), offset_deviation=0.003)
+    assert line_look_ahead(near, doubtful, SETTINGS) == pytest.approx(0.06)
     assert line_look_ahead(near, at(0.0, -9.0), SETTINGS) == SETTINGS.look_ahead
 
 

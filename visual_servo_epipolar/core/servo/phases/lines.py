@@ -9,20 +9,32 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 
 RESIDUAL_OFFSET = 5e-4  # that line following may leave [m]
+LAST_SHARE, LAST_LOOK_AHEAD = 0.5, 0.03  # of the way that is left, and at least [m]
+LAST_TURN = 0.05  # that it may take [rad]
 MOST_ASIDE = 0.5  # offset in look-aheads: more would turn features out of view
 MOST_TURNED = 0.35  # heading error to begin with [rad]
 
 
 def line_look_ahead(state: ServoState, measurement: Measurement, settings: ServoSettings) -> float:
-    """Return the look-ahead of line following [m]: shorter where the offset is known."""
+    """
+    Return the look-ahead of line following [m]: shorter where the offset is known.
+
+    What only the last decimetres show of that is undone there, within half of the way that is
+    left; the turn that it takes is small, and undone at the goal.
+    """
     if measurement.offset is None:
         return look_ahead(state.range, settings.look_ahead)
-    return _remembered_look_ahead(measurement.offset[1], settings)
+    x, y = measurement.offset
+    gentle = max(abs(x), measurement.offset_deviation) / LAST_TURN
+    least = min(max(-LAST_SHARE * y, LAST_LOOK_AHEAD, gentle), LEAST_REMEMBERED)
+    return _remembered_look_ahead(y, settings, least)
 
 
-def _remembered_look_ahead(y: float, settings: ServoSettings) -> float:
+def _remembered_look_ahead(
+    y: float, settings: ServoSettings, least: float = LEAST_REMEMBERED
+) -> float:
     """Return the look-ahead [m] where a memory of views has the robot ``y`` ahead of the goal."""
-    return look_ahead(max(-y, LEAST_REMEMBERED), settings.look_ahead, least=LEAST_REMEMBERED)
+    return look_ahead(max(-y, LEAST_REMEMBERED), settings.look_ahead, least=least)
 
 
 def leads_home(measurement: Measurement, settings: ServoSettings) -> bool:
