@@ -1,5 +1,6 @@
 """The place near the goal: averaged over views, as far as the robot obeys and nobody pushes it."""
 
+from dataclasses import replace
 import math
 
 import numpy as np
@@ -55,6 +56,16 @@ def test_a_place_moves_as_the_robot(
     assert after.mean - before.mean == pytest.approx(step, abs=1e-12)
     assert (np.diag(after.covariance) >= np.diag(before.covariance)).all()
     assert after.covariance.trace() > before.covariance.trace()
+
+
+def test_what_the_shrinkage_shifts_shifts_the_views_before_as_well() -> None:
+    place, shift = None, np.array([0.002, -0.001, 0.0003, 0.0, 0.0])
+    for _ in range(20):
+        now, place = steadied(said(np.zeros(3)), place, STILL)
+    assert now.pose[:3] == pytest.approx(np.zeros(3))
+    moved = said(shift[:3])
+    now, place = steadied(replace(moved, shift=shift), place, STILL)
+    assert now.pose[:3] == pytest.approx(shift[:3])
 
 
 def test_a_robot_that_drives_fast_is_where_it_is_seen() -> None:

@@ -78,7 +78,7 @@ class Path:
         """Take in odometry."""
         here = np.array([pose.x, pose.y, pose.theta])
         if self._places and self._leaps(stamp_ns, here):
-            self.epoch, self._places = self.epoch + 1, []
+            self.epoch, self._places, self._twist = self.epoch + 1, [], STANDSTILL
         if not self._places:
             self._places = [Place(stamp_ns, here, epoch=self.epoch)]
             return

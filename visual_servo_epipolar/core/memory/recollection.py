@@ -29,7 +29,8 @@ class Recollection:
     ``pose``, (5,), is that of the camera in the plane of the photograph's: x (right) and y (ahead)
     [m, as far as the scale is known], heading error (left positive), tilt and roll [rad], with its
     ``covariance``, (5, 5); ``own``, (5, 5), is the part of that which the noise of this view makes
-    alone and which averages out over views. ``inliers``, (N,), are the sightings that agree;
+    alone and which averages out over views; ``shift``, (5,), the part of the pose that the
+    shrinkage makes. ``inliers``, (N,), are the sightings that agree;
     ``dropped`` the ids of wrong matches. Of all features remembered: ``ids``, (M,), ``nearness``,
     inverse depths along the photograph's rays [1/m], and ``nearness_variance``; ``rays``, (M, 3),
     is where this view would see them, ``photograph``, (M, 3), those of the photograph, which has
@@ -41,6 +42,7 @@ class Recollection:
     pose: FloatArray = field(default_factory=lambda: np.full(VIEW, np.nan))
     covariance: FloatArray = field(default_factory=_nothing)
     own: FloatArray = field(default_factory=_nothing)
+    shift: FloatArray = field(default_factory=lambda: np.zeros(VIEW))
     inliers: BoolArray = field(default_factory=lambda: np.zeros(0, bool))
     dropped: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
     ids: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
@@ -118,6 +120,7 @@ def recollected(
         pose=resection.pose,
         covariance=resection.covariance,
         own=resection.own,
+        shift=resection.shift,
         inliers=inliers,
         dropped=geometry.window.ids[~geometry.trusted],
         ids=geometry.window.ids,

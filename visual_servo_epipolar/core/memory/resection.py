@@ -39,7 +39,8 @@ class Resection(NamedTuple):
     Pose of a view, (5,), its covariance, (5, 5), and ``inliers``, (n,).
 
     ``own`` is the part of the covariance that is this view's alone, and averages out over views;
-    ``shrinkage`` is that of the photograph's corrections, with what this view tells of it.
+    ``shrinkage`` is that of the photograph's corrections, with what this view tells of it, and
+    ``shift``, (5,), what of the pose is due to what is withdrawn.
     """
 
     pose: FloatArray
@@ -48,6 +49,7 @@ class Resection(NamedTuple):
     inliers: BoolArray
     squares: FloatArray
     shrinkage: Shrinkage
+    shift: FloatArray
 
 
 def resected(
@@ -78,20 +80,21 @@ def resected(
     covariance = np.linalg.inv(matrix)
     gain = covariance @ left[:, :-1].T
     covariance = 0.5 * (covariance + covariance.T)
-    after, pose = _stepped(fit.pose, gain @ rows[:, -1], covariance)
+    after, pose, shift = _stepped(fit.pose, gain @ rows[:, -1], covariance)
     gain, count = gain[:VIEW], len(beside)
     noise = np.concatenate([whitening.columns(gain[:, :-count]), gain[:, -count:]], axis=1)
     covariance = covariance[:VIEW, :VIEW]
-    return Resection(pose, covariance, noise @ noise.T, fit.inliers, fit.squares, after)
+    return Resection(pose, covariance, noise @ noise.T, fit.inliers, fit.squares, after, shift)
 
 
 def _stepped(
     pose: FloatArray, step: FloatArray, covariance: FloatArray
-) -> tuple[Shrinkage, FloatArray]:
-    """Return the shrinkage after a ``step``, (6,), and the pose with what is withdrawn by it."""
+) -> tuple[Shrinkage, FloatArray, FloatArray]:
+    """Return the shrinkage after a ``step``, (6,), the pose, and its shift by that."""
     after = shrinkage_of(-float(step[VIEW]), float(covariance[VIEW, VIEW]))
     by_share = covariance[:VIEW, VIEW] / covariance[VIEW, VIEW]
-    return after, pose - step[:VIEW] + by_share * (after.withdrawn + step[VIEW])
+    shift = after.withdrawn * by_share
+    return after, pose - step[:VIEW] + step[VIEW] * by_share + shift, shift
 
 
 class _Whitening(NamedTuple):

@@ -63,7 +63,7 @@ def remembered(
     if not settings.remembers:
         return Remembered(), None
     views = before.views or ViewMemory(settings.mount, BY_COMMANDS)
-    if driven.trusted is not (views.settings is BY_WHEELS):
+    if driven.trusted != (views.settings == BY_WHEELS):
         views = views.swapped(BY_WHEELS if driven.trusted else BY_COMMANDS)
         before = replace(before, place=None)  # it was of another scale
     if observation is None or observation.ids is None:
@@ -86,7 +86,8 @@ def remembered(
         carries = _carries(said, sightings.ids, before.place, motion)
         if is_over or not carries:
             place = None if before.place is None else before.place.after(motion)
-            unseen = replace(after, pose=views.pose)  # who seems to be elsewhere was not seen
+            # Who seems to be elsewhere was not seen.
+            unseen = replace(after, pose=views.pose, shrinkage=views.shrinkage)
             return Remembered(unseen, place, few_s, is_over and carries), None
     said, place = steadied(said, before.place, motion)
     reading = reading_in_view(said, observation)

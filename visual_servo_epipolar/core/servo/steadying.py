@@ -75,6 +75,7 @@ class Place:
     """
     Where the camera is, (3,): right and ahead of the goal's [m], heading error [rad].
 
+    But for the shift of the shrinkage, which is that of the last view for all before it as well.
     ``covariance``, (3, 3), is that of the noise which each view has for itself; ``lately`` how
     much was driven before the last view, fading.
     """
@@ -116,7 +117,7 @@ def steadied(
     """
     if said.reason:
         return said, None
-    mean, own = said.pose[:PLACE], said.own[:PLACE, :PLACE]
+    mean, own = said.pose[:PLACE] - said.shift[:PLACE], said.own[:PLACE, :PLACE]
     own = own + LEAST_DEVIATION**2 * np.eye(PLACE)
     if place is None:
         return said, Place(mean, own, Motion(abs(motion.way), abs(motion.turn)))
@@ -129,7 +130,7 @@ def steadied(
     pose, covariance, own = said.pose.copy(), said.covariance.copy(), said.own.copy()
     covariance[:PLACE, :PLACE] += now.covariance - own[:PLACE, :PLACE]
     own[:PLACE, :PLACE] = now.covariance
-    pose[:PLACE] = now.mean
+    pose[:PLACE] = now.mean + said.shift[:PLACE]
     return replace(said, pose=pose, covariance=covariance, own=own), now
 
 
@@ -146,7 +147,7 @@ def agrees(said: Recollection, place: Place) -> bool:
 
 def _change(said: Recollection, place: Place) -> FloatArray:
     """Return where a recollection is, (3,), less a ``place``."""
-    change = said.pose[:PLACE] - place.mean
+    change = said.pose[:PLACE] - said.shift[:PLACE] - place.mean
     change[HEADING] = math.remainder(change[HEADING], 2.0 * math.pi)
     return np.asarray(change)
 

@@ -11,13 +11,13 @@ import math
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.servo.anticipation import anticipated
-from visual_servo_epipolar.core.servo.phases.bounds import is_trimmed, trial_of
+from visual_servo_epipolar.core.servo.phases.bounds import facing_bound, is_trimmed, trial_of
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.phases.timing import usual_step
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 
-SEEN_S = 0.6  # after which a pulse has acted and was seen, of a base and images somewhat late
+SEEN_S = 0.6  # after which a pulse has acted and was seen, of a base that obeys in time
 
 
 def trims(state: ServoState, settings: ServoSettings) -> bool:
@@ -30,29 +30,36 @@ def trims(state: ServoState, settings: ServoSettings) -> bool:
 
 def trimmed(wanted: Twist, state: ServoState, settings: ServoSettings) -> tuple[Twist, Twist]:
     """
-    Return the turn to command for the one ``wanted``, and the residual, both [rad/s].
+    Return the twist to command for the one ``wanted``, and the residual.
 
-    What is below the dead band adds up to a pulse, and one is seen before the next.
+    What is below the dead band adds up to a pulse, for as long as the one before takes to be seen.
+    Who will be on the heading when all has acted stands. None turns away from it where that would
+    lead features out of view.
     """
     threshold, measurement = settings.dead_band_angular, anticipated(state, settings).measurement
-    if measurement is None or abs(wanted.angular) >= threshold:
+    if measurement is None or wanted.linear or abs(wanted.angular) >= threshold:
         return wanted, STANDSTILL
-    frame_s = usual_step(state)
-    added = max(abs(wanted.angular), threshold * frame_s / SEEN_S)
-    residual = abs(state.dead_band_residual.angular) + added
+    turn, frame_s = -measurement.heading_error, usual_step(state)
+    if abs(turn) <= facing_bound(measurement, settings, trial_of(state)):
+        return STANDSTILL, STANDSTILL
+    waits_s = max(SEEN_S, settings.latency + SEEN_S / 2.0)
+    residual = abs(state.dead_band_residual.angular) + threshold * frame_s / waits_s
     if residual < threshold:
-        return STANDSTILL, Twist(0.0, residual)
-    pulse = pulse_to(-measurement.heading_error, threshold, frame_s)
-    return Twist(0.0, pulse), STANDSTILL
+        return STANDSTILL, Twist(0.0, math.copysign(residual, turn))
+    pulse = pulse_to(turn, threshold, frame_s, most=settings.max_angular)
+    left, right = measurement.view_margins
+    leads_out = pulse * turn < 0.0 and threshold * frame_s > (left if pulse > 0.0 else right)
+    return STANDSTILL if leads_out else Twist(0.0, pulse), STANDSTILL
 
 
-def pulse_to(turn: float, threshold: float, frame_s: float) -> float:
+def pulse_to(turn: float, threshold: float, frame_s: float, *, most: float = math.inf) -> float:
     """
     Return the rate [rad/s] for one frame, of those that lead to ``turn`` [rad].
 
-    It is the ``threshold`` at least. A turn of less than a hop takes two: the first leads away.
+    It is the ``threshold`` at least, and ``most`` at most. A turn of less than a hop takes two
+    pulses: the first leads away.
     """
     hops = math.floor(abs(turn) / (threshold * frame_s))
     if not hops:
         return math.copysign(threshold, -turn)
-    return turn / (hops * frame_s)
+    return math.copysign(min(abs(turn) / (hops * frame_s), most), turn)

@@ -215,6 +215,25 @@ def test_stamps_that_leap_give_no_motion() -> None:
     assert drive.odometry.checked(drive.wheels, told, 0.0, SETTINGS)[1].motion is told
 
 
+def test_who_was_carried_while_no_images_came_is_told_no_lie() -> None:
+    drive, told = proven(), Motion()
+    far = replace(drive.wheels, x=drive.wheels.x + 4.0)
+    after, driven = drive.odometry.checked(far, told, 1.0, SETTINGS)
+    assert (driven.motion, after.pose) == (told, far)
+    assert after.unseen == drive.odometry.unseen
+    assert drive.odometry.checked(far, told, 0.5, SETTINGS)[0].unseen == 1
+
+
+def test_what_was_seen_by_another_scale_is_held_against_nothing() -> None:
+    drive, before = Drive(remembers=True), None
+    for _ in range(IMAGES):
+        if drive.odometry.proven:
+            break
+        before = drive.step(LEFT).odometry.stretch
+    assert drive.odometry.proven
+    assert before is None
+
+
 def test_a_memory_of_the_same_scale_forgives_no_way_that_was_not_commanded() -> None:
     drive, twice = proven(), Twist(0.6, 0.0)
     drive.remembers = True

@@ -25,6 +25,7 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.steadying import Driven, Motion
 
 MOST_CONTRADICTIONS = 3  # less the times that it agreed since
+GAP_S = 1.0  # without images, over which anybody may have moved the robot
 LEAP_SPEEDS, LEAP_WAY, LEAP_TURN = 2.0, 0.03, 0.05  # over the largest speeds, and beyond [m, rad]
 MOST_DEVIATION = 0.02  # of a heading that tells a turn [rad]
 TOLD_WAY = 0.4  # commanded, after which it is held against that [m]
@@ -69,7 +70,7 @@ class Odometry:
         told = Driven(commanded, commanded, self.trusted)
         if self.refuted:
             return replace(self, pose=pose), told
-        if self.pose is None or pose is None or dt == 0.0:
+        if self.pose is None or pose is None or not 0.0 < dt < GAP_S:
             return replace(self, pose=pose, stretch=None), told
         motion = Motion(*motion_between(self.pose, pose), measured=True)
         trouble = _leap(motion, dt, settings)
@@ -136,7 +137,9 @@ class Odometry:
 
     def _proven(self) -> 'Odometry':
         """Return what is known after it agreed where a lie would not."""
-        return replace(self, proven=self.proven or not (self.unseen or self.untold))
+        if self.proven or self.unseen or self.untold:
+            return self
+        return replace(self, proven=True, stretch=None)  # the memory will be of another scale
 
     def _unseen(self, trouble: str) -> 'Odometry':
         return replace(self, unseen=self.unseen + 1)._refuted(self.unseen + 1, trouble)
