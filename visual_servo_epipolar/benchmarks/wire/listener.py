@@ -25,9 +25,8 @@ class Listener:
         stack.callback(context.try_shutdown)
         self.node: Node = rclpy.create_node(name, context=context)
         stack.callback(self.node.destroy_node)
-        self._executor = MessageExecutor(
-            context=context
-        )  # rclpy's own would be felt in what it times
+        # rclpy's own would be felt in what it times.
+        self._executor = MessageExecutor(context=context)
         self._executor.add_node(self.node)
 
     def spin_for(self, seconds: float) -> None:

@@ -148,7 +148,7 @@ class ControlSettings(Settings):
     dead_band_mode: str = setting(
         'pulse',
         'What becomes of slower commands: raise (the paper), zero, pulse (now and then the '
-        'threshold, so that the average is right)',
+        'threshold or more, so that the average is right)',
         choices=('raise', 'zero', 'pulse'),
     )
 
