@@ -36,7 +36,7 @@ NO_CAMERA = 'no usable camera_info yet; tracks wait for it, the robot stands'
 
 class ServoNode(ManagedNode):
     """
-    Hosts ``core.servo.step`` in its two halves: one command for each set of tracks in a run, silence outside.
+    Hosts both halves of ``core.servo.step``: a command for each set of tracks in a run, else silence.
 
     A watchdog on the steady clock stops the robot when tracks stay away, or repeat their stamp.
     A node that is activated begins a run as ``autostart`` says, but not after a stop.

@@ -24,6 +24,8 @@ def in_memory(
     """
     Return the medians [ms] of tracker and servo: ``tracker_ms``, ``servo_ms``.
 
+    Of the servo what a twist waits for; what it learns after that is not counted.
+
     Parameters
     ----------
     photograph : array, shape (H, W)
