@@ -36,7 +36,9 @@ NO_CAMERA = 'no usable camera_info yet; tracks wait for it, the robot stands'
 
 class ServoNode(ManagedNode):
     """
-    Hosts both halves of ``core.servo.step``: a command for each set of tracks in a run, else silence.
+    Hosts both halves of ``core.servo.step``: one command for each set of tracks in a run.
+
+    Outside of runs it is silent.
 
     A watchdog on the steady clock stops the robot when tracks stay away, or repeat their stamp.
     A node that is activated begins a run as ``autostart`` says, but not after a stop.
