@@ -156,6 +156,13 @@ def test_who_stands_whatever_is_commanded_is_seen_to_stand() -> None:
     assert proven().drive(stands, told=told).refuted
 
 
+def test_a_memory_that_cannot_tell_how_far_it_is_sees_nobody_stand() -> None:
+    """What is commanded fits as well as what the wheels say."""
+    drive = proven(remembers=True)
+    drive.drive(AHEAD, wheels=Twist(0.0, 0.0), offset_deviation=0.9)
+    assert 'were commanded' in drive.refuted
+
+
 @pytest.mark.parametrize('remembers', [False, True])
 def test_what_neither_wheels_nor_commands_explain_is_somebody_who_pushes(remembers: bool) -> None:
     drive = proven(remembers=remembers)

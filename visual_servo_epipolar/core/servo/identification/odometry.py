@@ -153,7 +153,7 @@ class Odometry:
 def _stands(stretch: Stretch, seen: Seen) -> bool:
     """Return whether a memory sees no more of a way than odometry says, whatever is commanded."""
     errors = way_errors(stretch, seen)
-    return math.isfinite(errors.bound) and errors.fits
+    return errors.bound < TOLD_WAY and errors.fits  # else it does not know that way either
 
 
 def _leap(motion: Motion, dt: float, settings: ServoSettings) -> str:
