@@ -79,6 +79,14 @@ def test_odometry_goes_on_as_it_did_for_a_while() -> None:
     assert path.at(3 * S // 20) is None
 
 
+def test_what_it_did_before_a_leap_says_nothing_of_after() -> None:
+    path = Path()
+    for k in range(5):
+        path.add_pose(k * S // 10, Pose(0.1 * k, 0.0, 0.0))
+    path.add_pose(S // 2, Pose(50.0, 0.0, 0.0))
+    assert path.at(S // 2 + S // 20, predict=True).pose == pytest.approx([50.0, 0.0, 0.0])
+
+
 def test_old_places_are_forgotten() -> None:
     path = Path()
     for k in range(1000):

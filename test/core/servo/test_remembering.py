@@ -7,6 +7,10 @@ import numpy as np
 import pytest
 from servo_states import in_phase, reading
 
+from visual_servo_epipolar.benchmarks.memory.study import (
+    remembered as after_drive,
+)
+from visual_servo_epipolar.benchmarks.memory.study import StudySettings, trial
 from visual_servo_epipolar.core.control.command import Command
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Twist
@@ -18,9 +22,15 @@ from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.phases.arrival import ARRIVAL_OFFSET, has_parallax
 from visual_servo_epipolar.core.servo.phases.table import Phase
-from visual_servo_epipolar.core.servo.remembering import reading_in_view, sharpened
+from visual_servo_epipolar.core.servo.remembering import (
+    reading_in_view,
+    Remembered,
+    remembered,
+    sharpened,
+)
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.steadying import Driven, Motion
 from visual_servo_epipolar.core.servo.update import lateral_offset, updated
 
 SETTINGS = ServoSettings()
@@ -127,3 +137,20 @@ def test_a_wrong_match_has_no_part_in_d() -> None:
     found = reading_in_view(said, seen)
     assert found is not None
     assert found.difference_slope == pytest.approx(2.0 * 0.01 * 0.2 * math.sqrt(1.01), rel=1e-6)
+
+
+def test_a_view_of_few_features_that_does_not_count_teaches_nothing() -> None:
+    drive = trial(StudySettings(), 3)  # ends near the goal
+    memory = after_drive(drive)
+    seen = drive.sightings(len(drive.views) - 1)
+    few = seen.take(np.arange(len(seen)) % 7 == 0)
+    assert memory.after(few, learns=False)[0].shrinkage != memory.shrinkage
+    observation = Observation(0, few.current, few.desired, 769.0, ids=few.ids)
+    perception = Perception(
+        Measurement(0, len(few), 769.0, 0.2), fresh_memory(SETTINGS), observation=observation
+    )
+    nowhere = Driven(Motion(), Motion())
+    after, said = remembered(Remembered(memory), perception, nowhere, SETTINGS)
+    assert said is None
+    assert after.views.shrinkage == memory.shrinkage
+    assert after.views.pose is memory.pose

@@ -47,6 +47,11 @@ def test_no_pulse_is_faster_than_the_robot_may_turn() -> None:
     assert pulse_to(-1.9 * HOP, THRESHOLD, FRAME_S, most=0.03) == -0.03
 
 
+def test_pulses_obey_the_limit_of_the_settings() -> None:
+    slow = replace(BANDED, max_angular=1.2 * THRESHOLD)
+    assert min(commanded(turned(1.9), 12, slow)) == -1.2 * THRESHOLD
+
+
 def turned(hops: float, **changes: object) -> Measurement:
     return sight(
         heading_error=hops * HOP,
