@@ -77,7 +77,7 @@ def inspect(folder: Path, current: str, *more: str) -> tuple[int, dict]:
     return code, json.loads(result.read_text()) if result.exists() else {}
 
 
-@pytest.mark.parametrize(('current', 'tolerance'), [('current', 0.2), ('half', 0.6)])
+@pytest.mark.parametrize(('current', 'tolerance'), [('current', 0.2), ('half', 0.8)])
 def test_the_bearings_are_those_of_the_true_poses(
     photographs: Path, current: str, tolerance: float
 ) -> None:
@@ -85,7 +85,8 @@ def test_the_bearings_are_those_of_the_true_poses(
     truth = Bearings.from_pose(Pose.from_start(*START))
     assert code == 0
     assert result['trusted']
-    # 0.1 px of 385 px are 0.015 deg; a baseline of 3 m makes ten times that of it.
+    # 0.1 px of 385 px are 0.015 deg; a baseline of 3 m makes ten times that of it. Of an image
+    # halved it is 0.2 px of 192: 0.3 deg, of which two and a half may be.
     assert result['bearing_current_deg'] == pytest.approx(
         math.degrees(truth.current), abs=tolerance
     )
