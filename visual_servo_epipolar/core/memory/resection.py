@@ -17,6 +17,7 @@ from visual_servo_epipolar.core.memory.adjustment.projection import (
     BY_FEATURE,
     BY_SHARED,
     BY_VIEW,
+    NEARNESS,
     projected,
     slopes,
 )
@@ -31,7 +32,7 @@ from visual_servo_epipolar.core.memory.fitting import (
 )
 from visual_servo_epipolar.core.memory.shrinkage import Shrinkage, shrinkage_of
 
-OFFSETS = slice(5, 7)  # of the slopes by a feature's unknowns
+OFFSETS = slice(BY_FEATURE.start, NEARNESS)  # of the slopes by a feature's unknowns
 
 
 class Resection(NamedTuple):
@@ -90,7 +91,7 @@ def resected(
 def _stepped(
     pose: FloatArray, step: FloatArray, covariance: FloatArray
 ) -> tuple[Shrinkage, FloatArray, FloatArray]:
-    """Return the shrinkage after a ``step``, (6,), the pose, and its shift by that."""
+    """Return the shrinkage after a ``step``, (6,), the pose, and what withdrawing moves it by."""
     after = shrinkage_of(-float(step[VIEW]), float(covariance[VIEW, VIEW]))
     by_share = covariance[:VIEW, VIEW] / covariance[VIEW, VIEW]
     shift = after.withdrawn * by_share
