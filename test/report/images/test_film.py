@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.report.images.film import filmed
 from visual_servo_epipolar.report.images.map_view import Bounds
 from visual_servo_epipolar.report.images.picture import picture
-from visual_servo_epipolar.report.images.video import VideoWriter
+from visual_servo_epipolar.report.images.video import VideoWriter, view_size
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
 SETTINGS = CameraSettings(
@@ -49,10 +49,11 @@ def test_the_film_is_the_video_of_one_process(tmp_path) -> None:
     with filmed(tmp_path / 'film.mp4', FPS, bounds=BOUNDS, camera=CAMERA) as (add, advice):
         for number in range(STEPS):
             add(*step(number))
-    with VideoWriter(tmp_path / 'a.mp4', FPS, image_size=(160, 128), bounds=BOUNDS) as video:
+    size = view_size((160, 128))
+    with VideoWriter(tmp_path / 'a.mp4', FPS, image_size=size, bounds=BOUNDS) as video:
         for number in range(STEPS):
             image, features, sample = step(number)
-            video.add(picture(image, features, sample, CAMERA), sample)
+            video.add(picture(image, features, sample, CAMERA, size), sample)
     assert advice == video.advice
     assert (tmp_path / 'film.mp4').read_bytes() == (tmp_path / 'a.mp4').read_bytes()
 
@@ -79,7 +80,7 @@ def test_a_film_that_cannot_be_written_is_refused_before_the_run(tmp_path) -> No
 def test_what_the_writer_refuses_comes_out_of_the_block(tmp_path) -> None:
     image, features, sample = step(0)
     with (
-        pytest.raises(ValueError, match='overlay must be'),
+        pytest.raises(ValueError, match='images must have 160x128'),
         filmed(tmp_path / 'film.mp4', FPS, bounds=BOUNDS, camera=CAMERA) as (add, _),
     ):
         add(image[::2], features, sample)

@@ -8,6 +8,8 @@ from pathlib import Path
 import signal
 from typing import Any
 
+import cv2
+
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
@@ -16,7 +18,7 @@ from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.report.images.background import background
 from visual_servo_epipolar.report.images.map_view import Bounds
 from visual_servo_epipolar.report.images.picture import picture
-from visual_servo_epipolar.report.images.video import part_of, VideoWriter
+from visual_servo_epipolar.report.images.video import part_of, VideoWriter, view_size
 
 END_S = 60.0  # for the encoder to write what it holds
 
@@ -89,14 +91,21 @@ def _answer(here: Connection) -> str:
 def _draw(there: Connection, path: Path, fps: float, bounds: Bounds, camera: CameraModel) -> None:
     """Write the video of the steps that come; an end without a word means that there is none."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's
+    cv2.setNumThreads(1)  # the run needs the other core
+    size = view_size((camera.width, camera.height))
     try:
-        size = (camera.width, camera.height)
         with VideoWriter(path, fps, image_size=size, bounds=bounds) as video:
             there.send(video.advice)
             step: Any
             while (step := there.recv()) is not None:
                 image, features, sample = step
-                video.add(picture(image, features, sample, camera), sample)
+                if image.shape != (camera.height, camera.width):
+                    raise ValueError(
+                        f'images must have {camera.width}x{camera.height} px as the camera has, '
+                        f'got {image.shape[1]}x{image.shape[0]}; check width and height of the '
+                        'CameraInfo'
+                    )
+                video.add(picture(image, features, sample, camera, size), sample)
         there.send('')
     except (EOFError, BrokenPipeError):  # the parent's end is closed
         return

@@ -21,6 +21,7 @@ from visual_servo_epipolar.report.images.drawing import (
     SHIFT,
     text_size,
 )
+from visual_servo_epipolar.report.images.resized import Resized
 from visual_servo_epipolar.report.style import phase_colour, phase_label
 
 RED: BGR = (60, 50, 255)
@@ -47,6 +48,7 @@ def draw_overlay(
     horizon: float | None = None,
     fundamental: FloatArray | None = None,
     passing_pixels: FloatArray | None = None,
+    size: tuple[int, int] | None = None,
 ) -> Image:
     """
     Return a colour picture of the features drawn over a grey image.
@@ -69,10 +71,12 @@ def draw_overlay(
         features are drawn. They belong to the current image.
     passing_pixels : array, shape (M, 2), optional
         Features (u, v) in pixels that the photograph does not show: small squares.
+    size : (int, int), optional
+        Width and height of the picture: the image's if not given. All pixels above are the image's.
 
     Returns
     -------
-    array of uint8, shape (H, W, 3)
+    array of uint8, shape (height, width, 3)
         Blue, green, red, as OpenCV has them.
 
     Raises
@@ -83,17 +87,22 @@ def draw_overlay(
     """
     gray = as_gray(image)
     current, desired = _matched(current_pixels, desired_pixels)
-    picture: Image = np.asarray(cv2.cvtColor(gray, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
-    unit = _unit(gray)
+    errors = np.linalg.norm(current - desired, axis=1)
+    shown = Resized((gray.shape[1], gray.shape[0]), size)
+    current, desired = shown.points(current), shown.points(desired)
+    small = shown.image(gray)
+    picture: Image = np.asarray(cv2.cvtColor(small, cv2.COLOR_GRAY2BGR), dtype=np.uint8)
+    unit = _unit(picture)
     if fundamental is not None:
-        _draw_epipolar_lines(picture, fundamental, desired, unit)
+        _draw_epipolar_lines(picture, shown.fundamental(fundamental), desired, unit)
     if passing_pixels is not None:
-        _draw_passing(picture, as_points(passing_pixels, 'passing_pixels'), unit)
+        passing = as_points(passing_pixels, 'passing_pixels')
+        _draw_passing(picture, shown.points(passing), unit)
     _draw_features(picture, current, desired, unit)
     if epipole_current is not None and 0.0 <= epipole_current < gray.shape[1]:
         row = 0.5 * gray.shape[0] if horizon is None else horizon
-        _draw_epipole(picture, np.array([epipole_current, row]), unit)
-    _draw_header(picture, phase, np.linalg.norm(current - desired, axis=1), unit)
+        _draw_epipole(picture, shown.points(np.array([[epipole_current, row]]))[0], unit)
+    _draw_header(picture, phase, errors, unit)
     return picture
 
 

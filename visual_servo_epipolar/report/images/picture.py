@@ -16,11 +16,18 @@ from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.report.images.overlay import draw_overlay
 
 
-def picture(image: Image, features: Features, sample: Sample, camera: CameraModel) -> Image:
+def picture(
+    image: Image,
+    features: Features,
+    sample: Sample,
+    camera: CameraModel,
+    size: tuple[int, int] | None = None,
+) -> Image:
     """
     Return ``image``, grey of shape (H, W), with features, epipole and epipolar lines.
 
-    Only a pinhole has epipolar lines that are straight: of others they are left out.
+    Only a pinhole has epipolar lines that are straight: of others they are left out. ``size`` is
+    that of the picture, width and height [px]; if not given, the image's.
     """
     has_bearing = bool(np.isfinite(sample.bearing_current))
     u, v = epipole(sample, camera) if has_bearing else (None, None)
@@ -35,6 +42,7 @@ def picture(image: Image, features: Features, sample: Sample, camera: CameraMode
         epipole_current=u,
         horizon=v,
         fundamental=lines,
+        size=size,
     )
 
 
