@@ -88,7 +88,7 @@ setup(
     },
     entry_points={
         'console_scripts': [
-            f'visual_servo = {NAME}.commands.main:main',
+            f'visual_servo = {NAME}.commands.entry:main',
             *(f'{node} = {NAME}.nodes.startup.executables:{node}' for node in NODES),
         ],
     },

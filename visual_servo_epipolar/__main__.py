@@ -2,6 +2,6 @@
 
 import sys
 
-from visual_servo_epipolar.commands.main import main
+from visual_servo_epipolar.commands.entry import main
 
 sys.exit(main())

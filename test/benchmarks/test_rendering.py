@@ -76,14 +76,14 @@ def test_threads_are_given_back_when_it_fails(threads: int) -> None:
 def test_the_stages_draw_what_the_camera_sees() -> None:
     simulator = CameraSimulator(replace(CAMERA, noise=0.0))
     drawn: list[np.ndarray] = []
-    shade = rendering.shade
+    mix_edges = rendering.mix_edges
 
-    def keep(*given: Any) -> np.ndarray:
-        drawn.append(shade(*given))
-        return drawn[-1]
+    def keep(image: np.ndarray, *given: Any) -> None:
+        mix_edges(image, *given)
+        drawn.append(image)
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(rendering, 'shade', keep)
+        patch.setattr(rendering, 'mix_edges', keep)
         rendering.Stages(simulator).seconds(DESIRED_POSE, 0)
     np.testing.assert_array_equal(drawn[0], simulator.capture(DESIRED_POSE, 0))
 

@@ -105,7 +105,9 @@ def _drive(
 
         progress.say('starting four nodes ...')
         open_to = 'LOCALHOST' if options.visible else 'OFF'
-        lockstep = stack.enter_context(Lockstep(scenario, settings, open_to=open_to))
+        lockstep = stack.enter_context(
+            Lockstep(scenario, settings, open_to=open_to, assisted=True)
+        )
         lockstep.add(
             ObserverNode(monitor, watch, with_images=draw is not None, context=lockstep.context)
         )

@@ -21,6 +21,7 @@ from visual_servo_epipolar.nodes.transforms.broadcaster import TransformBroadcas
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.disturbances.image import DisturbanceSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.rendering.assistant import Assistant
 from visual_servo_epipolar.simulation.run_monitor import period_ns
 
 WARN_PERIOD_S = 2.0
@@ -53,6 +54,10 @@ class CameraNode(Node):
         self._tf = TransformBroadcaster(self, static=True)
         self._tf.send([self._mounted()])
         self._desired_pub.publish(self._message(self._simulator.photograph(), 0))
+
+    def assisted_by(self, assistant: Assistant) -> None:
+        """Let another process draw a part of each image, where it has the scene."""
+        self._simulator.renderer.assistant = assistant
 
     def _mounted(self) -> TransformStamped:
         """Return where the camera sits on the base; the floor's jitter is not known to anybody."""

@@ -1,13 +1,16 @@
 """Lockstep: all nodes in one process, deterministic, and as fast as the machine allows."""
 
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, ExitStack
 from dataclasses import asdict, fields
+from functools import partial
+import os
 from pathlib import Path
 import time
 from typing import Any, TYPE_CHECKING
 
+import cv2
 import rclpy
 from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
@@ -23,6 +26,8 @@ from visual_servo_epipolar.nodes.startup.transport import discovery_range, tune_
 from visual_servo_epipolar.nodes.startup.waiting import hand_out
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
+from visual_servo_epipolar.simulation.rendering.assistant import Assistant
+from visual_servo_epipolar.simulation.rooms.scene import room
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings
 from visual_servo_epipolar.simulation.scenario import Scenario
 
@@ -44,13 +49,26 @@ class Lockstep(AbstractContextManager['Lockstep']):
     The four nodes in one context, each with simulated time, isolated from other processes.
 
     Isolation matters: this publishes cmd_vel, and there may be a robot in the room. ``open_to``
-    LOCALHOST or SUBNET lets tools such as RViz look on.
+    LOCALHOST or SUBNET lets tools such as RViz look on. ``assisted``: where there is a second core
+    a process of its own draws half of each image, which takes it a second or two to begin with.
     """
 
-    def __init__(self, scenario: Scenario, loop: LoopSettings, *, open_to: str = 'OFF') -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        loop: LoopSettings,
+        *,
+        open_to: str = 'OFF',
+        assisted: bool = False,
+    ) -> None:
         tune_transport()
-        self._isolation = ExitStack()
-        self._isolation.enter_context(discovery_range(open_to))
+        self._around = ExitStack()
+        self._around.enter_context(discovery_range(open_to))
+        self._assistant: Assistant | None = None
+        if assisted and len(os.sched_getaffinity(0)) > 1:
+            camera = scenario.camera
+            build = partial(room, camera.scene_seed, camera.scene)
+            self._assistant = self._around.enter_context(Assistant(build))
         self.context = Context()
         rclpy.init(args=[], context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)
@@ -74,6 +92,8 @@ class Lockstep(AbstractContextManager['Lockstep']):
         self.tracker = self._add(TrackerNode, scenario.tracker, {'camera_reliability': 'reliable'})
         self.unicycle = self._add(UnicycleNode, scenario.base, base, simulated_time=False)
         self.camera = self._add(CameraNode, scenario.camera, asdict(scenario.disturbances))
+        if self._assistant is not None:
+            self.camera.assisted_by(self._assistant)
 
     def add(self, node: Node) -> None:
         """Let ``node``, made in ``context``, take part."""
@@ -110,9 +130,22 @@ class Lockstep(AbstractContextManager['Lockstep']):
         """
         self._spin_until(self._connected, 'every node to find its peers and the photograph')
         self.unicycle.begin()
-        self._spin_until(done, 'the run to end')
+        self._spin_until(lambda: self.unicycle.steps > 0 or done(), 'the first step')
+        with self._cores_shared():
+            self._spin_until(done, 'the run to end')
         if self.recorder is not None:
             self._finish(self.recorder)
+
+    @contextmanager
+    def _cores_shared(self) -> Iterator[None]:
+        """Leave the other cores to the assistant, after images that were matched as a whole."""
+        threads = cv2.getNumThreads()
+        if self._assistant is not None:
+            cv2.setNumThreads(1)
+        try:
+            yield
+        finally:
+            cv2.setNumThreads(threads)
 
     def _finish(self, recorder: 'RecorderNode') -> None:
         """Let the last step run out, and complete the bag."""
@@ -133,7 +166,7 @@ class Lockstep(AbstractContextManager['Lockstep']):
             node.destroy_node()
         self.executor.shutdown()
         self.context.try_shutdown()
-        self._isolation.close()
+        self._around.close()
 
     def _add(
         self,

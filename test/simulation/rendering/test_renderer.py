@@ -14,7 +14,8 @@ from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
 from visual_servo_epipolar.simulation.rendering.raster import rasterize, View
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
 from visual_servo_epipolar.simulation.rendering.sampling import shade
-from visual_servo_epipolar.simulation.rendering.surfaces import Scene, Surface, Texture
+from visual_servo_epipolar.simulation.rendering.surfaces import Scene, Surface
+from visual_servo_epipolar.simulation.rendering.textures import Texture
 from visual_servo_epipolar.simulation.rooms.scene import room
 
 CAMERA = Camera(640, 480, 385.0, 385.0, 317.5, 240.0)

@@ -11,10 +11,9 @@ from visual_servo_epipolar.simulation.rendering.raster import rasterize, View
 from visual_servo_epipolar.simulation.rendering.sampling import (
     _areas,
     _average,
-    _cache_lines,
     _cover,
     _sources,
-    CACHE_LINE,
+    _texel_boxes,
 )
 from visual_servo_epipolar.simulation.rendering.strips import (
     _blurred_area,
@@ -22,7 +21,7 @@ from visual_servo_epipolar.simulation.rendering.strips import (
     _subdivisions,
     MAX_SKEW,
 )
-from visual_servo_epipolar.simulation.rendering.surfaces import SHARPEST
+from visual_servo_epipolar.simulation.rendering.textures import SHARPEST
 from visual_servo_epipolar.simulation.rooms.scene import room
 
 CAMERA = Camera(320, 240, 192.0, 192.0, 159.5, 119.5)
@@ -79,7 +78,7 @@ def test_the_areas_show_each_pixel_of_each_strip_once(pose: Pose) -> None:
     R_world_camera, centre = rig.camera_pose(pose)
     raster = rasterize(scene, View(320, 240, CAMERA.matrix, centre, R_world_camera))
     painted = np.zeros_like(raster.ids)
-    for number, (left, top, right, bottom), mask in _areas(raster):
+    for number, (left, top, right, bottom), mask in _areas(raster, None):
         shown = np.ones((bottom - top, right - left), bool) if mask is None else mask > 0
         assert not painted[top:bottom, left:right][shown].any()
         painted[top:bottom, left:right][shown] = number
@@ -98,20 +97,29 @@ def test_the_mean_of_the_parts_is_rounded_once(columns: int, rows: int) -> None:
 
 
 @pytest.mark.parametrize('pose', (DESIRED_POSE, Pose(0.7, -3.0, 1.2)))
-def test_the_lines_read_ahead_hold_what_is_sampled(pose: Pose) -> None:
+def test_the_boxes_of_texels_hold_what_is_sampled(pose: Pose) -> None:
     scene, rig = room(0), FixedRig(CAMERA, CameraMount(tilt=0.1, roll=0.05))
     R_world_camera, centre = rig.camera_pose(pose)
     raster = rasterize(scene, View(320, 240, CAMERA.matrix, centre, R_world_camera))
-    areas = list(_areas(raster))
-    pictures, maps = _sources(scene, raster, areas)
-    lines = _cache_lines(raster, areas, pictures, maps)
-    for area, matrix, ahead in zip(areas, maps, lines, strict=True):
-        strip, picture = raster.strips[area.number - 1], pictures[area.number - 1]
+    areas = list(_areas(raster, None))
+    sheets, maps = _sources(scene, raster, areas)
+    boxes = list(_texel_boxes(raster, areas, sheets, maps))
+    whole = 0
+    for area, matrix, (box, _) in zip(areas, maps, boxes, strict=True):
+        strip, (rows, columns) = raster.strips[area.number - 1], sheets[area.number - 1].shape
         width, height = np.subtract(area.box[2:], area.box[:2]) * (strip.columns, strip.rows)
-        x, y, w = matrix @ [(width - 1) // 2, (height - 1) // 2, 1.0]
-        column, row = np.clip((x / w, y / w), 0, np.array(picture.shape[::-1]) - 1).astype(int)
-        start = ahead.__array_interface__['data'][0] - picture.__array_interface__['data'][0]
-        top, left = divmod(start, picture.shape[1])
-        assert not ahead.size or top <= row < top + len(ahead)
-        assert not ahead.size or left <= column < left + CACHE_LINE * ahead.shape[1]
-    assert np.mean([line.size > 0 for line in lines]) > 0.5
+        assert 0 <= box[0] < box[2] <= columns
+        assert 0 <= box[1] < box[3] <= rows
+        whole += box == (0, 0, columns, rows)
+        x, y = np.meshgrid((0, width - 1), (0, height - 1))
+        u, v, w = matrix @ [x.ravel(), y.ravel(), np.ones(4)]
+        if (w <= 0.0).any():
+            assert box == (0, 0, columns, rows)
+            continue
+        # Bilinear sampling reads the texel before and the one after.
+        for at, low, high, end in ((u / w, *box[::2], columns), (v / w, *box[1::2], rows)):
+            at = np.clip(at, 0.0, end - 1.0)
+            assert (np.floor(at) >= low).all()
+            assert (np.minimum(np.floor(at) + 1, end - 1) < high).all()
+    assert whole < 0.5 * len(areas)
+    assert np.mean([dense for _, dense in boxes]) > 0.5

@@ -12,7 +12,7 @@ from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
 from visual_servo_epipolar.simulation.rendering.raster import rasterize, View
 from visual_servo_epipolar.simulation.rendering.sampling import shade
-from visual_servo_epipolar.simulation.rendering.surfaces import LENS_SIGMA
+from visual_servo_epipolar.simulation.rendering.textures import LENS_SIGMA
 from visual_servo_epipolar.simulation.rooms.scene import room
 
 CAMERA = Camera(320, 240, 192.3, 192.3, 158.6, 119.9)

@@ -13,6 +13,9 @@ from visual_servo_epipolar.bags.recording.writer import BagWriter, DiskFullError
 from visual_servo_epipolar.bags.storage import FAULTS, Topic
 from visual_servo_epipolar.core.errors import InputError
 
+PAUSE_S = 0.05  # that messages may wait for others to be written with them
+BATCH_BYTES = 1 << 20  # that do not wait for others
+
 Item = tuple[Topic, int, bytes | None]  # without bytes: add the topic
 
 
@@ -32,6 +35,8 @@ class Recorder:
     Recorder of a bag: ``put`` does not wait for the disk, a thread of its own writes.
 
     What came in more than ``flush_period`` ago survives a kill -9, as long as the disk keeps up.
+    The thread writes what came in since it last looked, some twenty times a second: woken for
+    each message it would keep its own process from going on.
     When it fails, or is nearly full, the bag is ended as it is and ``status().error`` says why.
 
     Parameters
@@ -53,7 +58,7 @@ class Recorder:
         self._waiting_bytes, self._files = 0, 1
         self._written: Counter[str] = Counter()
         self._dropped: Counter[str] = Counter()
-        self._error, self._closing, self._open = '', False, False
+        self._error, self._closing, self._open, self._held_up = '', False, False, False
         self._changed = threading.Condition()
         self._thread = threading.Thread(target=self._run, name='recorder', daemon=True)
         self._thread.start()
@@ -73,14 +78,18 @@ class Recorder:
     def put(self, topic: Topic, stamp_ns: int, data: bytes) -> bool:
         """Queue a serialized message of an added topic; return False if it had to be dropped."""
         with self._changed:
-            if self._settings.when_full == 'wait':
+            if self._settings.when_full == 'wait' and not self._fits_queue(len(data)):
+                self._held_up = True
+                self._changed.notify_all()
                 self._changed.wait_for(lambda: self._fits_queue(len(data)) or not self._open)
+                self._held_up = False
             if not (self._open and self._fits_queue(len(data))):
                 self._dropped[topic.name] += 1
                 return False
             self._queue.append((topic, stamp_ns, data))
             self._waiting_bytes += len(data)
-            self._changed.notify_all()
+            if self._is_urgent():
+                self._changed.notify_all()
         return True
 
     def status(self) -> RecordingStatus:
@@ -106,6 +115,11 @@ class Recorder:
         """Return whether a message fits; the first does, however large."""
         limit = self._settings.queue_size * MB
         return self._waiting_bytes == 0 or self._waiting_bytes + size <= limit
+
+    def _is_urgent(self) -> bool:
+        """Return whether to write at once, and not wait for more."""
+        enough = min(BATCH_BYTES, 0.5 * self._settings.queue_size * MB)
+        return self._closing or self._held_up or self._waiting_bytes >= enough
 
     def _run(self) -> None:
         """Run the thread: write until closed, or until the disk fails."""
@@ -139,9 +153,11 @@ class Recorder:
                 due = time.monotonic() + period
 
     def _next(self, due: float) -> Item | None:
-        """Return the next item to write; None when a flush is due before it comes."""
+        """Return the next item to write; None where there is none, or a flush is due."""
         with self._changed:
-            self._changed.wait_for(lambda: self._queue or self._closing, due - time.monotonic())
+            if not self._queue:
+                pause = min(PAUSE_S, due - time.monotonic())
+                self._changed.wait_for(self._is_urgent, max(pause, 0.0))
             return self._queue[0] if self._queue else None
 
     def _write(self, writer: BagWriter, topic: Topic, stamp_ns: int, data: bytes | None) -> None:
@@ -155,7 +171,8 @@ class Recorder:
             if data is not None:
                 self._written[topic.name] += 1
                 self._waiting_bytes -= len(data)
-            self._changed.notify_all()
+            if self._held_up:
+                self._changed.notify_all()
 
     def _set_open(self, *, is_open: bool) -> None:
         with self._changed:

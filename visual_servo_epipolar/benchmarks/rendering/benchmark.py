@@ -16,13 +16,14 @@ import numpy as np
 
 from visual_servo_epipolar.benchmarks.rendering.table import figures, table
 from visual_servo_epipolar.benchmarks.tracking.world import approach, start_of
-from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
-from visual_servo_epipolar.simulation.rendering.edges import smooth_edges
-from visual_servo_epipolar.simulation.rendering.raster import rasterize, View
-from visual_servo_epipolar.simulation.rendering.sampling import shade
+from visual_servo_epipolar.simulation.rendering.edges import crossed, smooth_edges
+from visual_servo_epipolar.simulation.rendering.raster import Raster, rasterize, View
+from visual_servo_epipolar.simulation.rendering.sampling import textured
+from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 
 __all__ = ['figures', 'run', 'table']
 
@@ -98,9 +99,15 @@ class Stages:
         intrinsics = camera.camera.matrix
         view = View(camera.width, camera.height, intrinsics, centre, R_world_camera)
         raster, polygons = timed(rasterize, scene, view)
-        image, shaded = timed(shade, scene, view, raster)
-        _, edges = timed(smooth_edges, image, scene, view, raster)
-        return {'polygons': polygons, 'textures': shaded - edges, 'edges': edges}
+        image: Image = np.zeros((camera.height, camera.width), np.uint8)
+        _, textures = timed(textured, scene, raster, image)
+        _, edges = timed(mix_edges, image, scene, view, raster)
+        return {'polygons': polygons, 'textures': textures, 'edges': edges}
+
+
+def mix_edges(image: Image, scene: Scene, view: View, raster: Raster) -> None:
+    """Smooth the edges of ``image``, shape (H, W)."""
+    smooth_edges(image, raster, crossed(scene, view, raster))
 
 
 def timed(work: Callable[..., Any], *given: Any) -> tuple[Any, float]:

@@ -1,7 +1,6 @@
 """Executables of the nodes: they import ROS only when they run, and say it if there is none."""
 
 from importlib import import_module
-import os
 import signal
 import sys
 
@@ -9,13 +8,11 @@ from visual_servo_epipolar.nodes.startup.command_line import answer, USAGE_ERROR
 from visual_servo_epipolar.nodes.startup.missing import NO_ROS, remedy
 from visual_servo_epipolar.nodes.startup.signals import on_ending
 from visual_servo_epipolar.nodes.startup.table import PACKAGE
+from visual_servo_epipolar.threads import one_thread
 
 # What nodes import beside ROS 2.
 PIP_PACKAGES = ('cv2', 'matplotlib', 'mcap', 'numpy', 'rosbags', 'yaml')
 INTERRUPTED = 130
-# Read when numpy is loaded. Matrices here are small, and a node whose products are shared among
-# threads waits for a core for each of them where other processes have the cores.
-ONE_THREAD = {'OPENBLAS_NUM_THREADS': '1'}
 
 
 def run(node: str) -> int:
@@ -24,8 +21,7 @@ def run(node: str) -> int:
     if code is not None:
         return code
     on_ending(lambda number: _leave(node, number))
-    for name, value in ONE_THREAD.items():
-        os.environ.setdefault(name, value)
+    one_thread()
     try:
         main = import_module(f'{PACKAGE}.nodes.{node}').main
     except ImportError as error:

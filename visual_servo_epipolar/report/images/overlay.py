@@ -72,7 +72,8 @@ def draw_overlay(
     passing_pixels : array, shape (M, 2), optional
         Features (u, v) in pixels that the photograph does not show: small squares.
     size : (int, int), optional
-        Width and height of the picture: the image's if not given. All pixels above are the image's.
+        Width and height of the picture [px]: the image's if not given. What is above is in pixels
+        of the image.
 
     Returns
     -------

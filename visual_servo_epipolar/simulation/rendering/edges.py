@@ -21,33 +21,35 @@ class Crossings(NamedTuple):
     owners: IntArray  # the surface whose edge it is
 
 
-def smooth_edges(image: Image, scene: Scene, view: View, raster: Raster) -> Image:
+def smooth_edges(image: Image, raster: Raster, crossings: Crossings) -> None:
     """
-    Return ``image``, shape (H, W), with pixels cut by an edge mixed by covered area.
+    Mix the pixels of ``image``, shape (H, W), that an edge cuts, by covered area.
 
     Where the edge of a surface crosses a pixel and the surface is seen on its inner side, the
     pixel takes as much of either side as the edge leaves it. Pixels that were painted although
     they lie wholly outside of the edge are taken from their neighbour.
     """
-    crossings = _crossings(scene, view, raster.shown)
     pixels, inwards, shares, owners = crossings
-    flat, result, surface_at = image.ravel(), image.flatten(), _surfaces(raster)
+    flat, surface_at = image.reshape(-1), _surfaces(raster)
     beside = surface_at(pixels - inwards)
     cut = np.flatnonzero((surface_at(pixels + inwards) == owners) & (beside != owners))
     at, step, owner = pixels[cut], inwards[cut], owners[cut]
     here = surface_at(at)
     inside = flat.take(np.where(here == owner, at, at + step)).astype(np.float64)
     outside = flat.take(np.where(here == beside[cut], at, at - step))
-    result[at] = np.rint(outside + shares[cut] * (inside - outside))
     over = np.flatnonzero(beside == owners)
     over = over[surface_at(pixels[over]) == owners[over]]
-    at, step = pixels[over] - inwards[over], inwards[over]
-    wrong = surface_at(at - step) != owners[over]
-    result[at[wrong]] = flat[(at - step)[wrong]]
+    stuck, step = pixels[over] - inwards[over], inwards[over]
+    wrong = surface_at(stuck - step) != owners[over]
+    taken = flat[(stuck - step)[wrong]]
+    slivers = None
     if raster.thin.any():
-        at, grey = _slivers(crossings, flat, surface_at, raster.shown[raster.thin])
-        result[at] = grey
-    return result.reshape(image.shape)
+        slivers = _slivers(crossings, flat, surface_at, raster.shown[raster.thin])
+    # All is read before anything is written.
+    flat[at] = np.rint(outside + shares[cut] * (inside - outside))
+    flat[stuck[wrong]] = taken
+    if slivers is not None:
+        flat[slivers[0]] = slivers[1]
 
 
 def _surfaces(raster: Raster) -> Callable[[IntArray], IntArray]:
@@ -84,9 +86,9 @@ def _slivers(
     return at[valid], np.rint(mixed[valid])
 
 
-def _crossings(scene: Scene, view: View, shown: IntArray) -> Crossings:
-    """Walk along all edges of the surfaces ``shown``."""
-    ends, owners = _edges(scene, view, shown)
+def crossed(scene: Scene, view: View, raster: Raster) -> Crossings:
+    """Walk along all edges of the surfaces in view."""
+    ends, owners = _edges(scene, view, raster.shown)
     delta = ends[:, 1] - ends[:, 0]
     steep = np.abs(delta[:, 1]) > np.abs(delta[:, 0])
     # Corners go clockwise on screen, so the inside is to the right of an edge.

@@ -8,8 +8,9 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.geometry.cameras.equidistant import Equidistant
 from visual_servo_epipolar.simulation.mounts.rig import CameraPose
-from visual_servo_epipolar.simulation.rendering.raster import rasterize, View
-from visual_servo_epipolar.simulation.rendering.sampling import shade
+from visual_servo_epipolar.simulation.rendering.assistant import Assistant
+from visual_servo_epipolar.simulation.rendering.drawing import draw
+from visual_servo_epipolar.simulation.rendering.raster import View
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 
 BORDER = 5.0  # beyond what is shown: the sampling reaches four pixels out [px]
@@ -53,14 +54,14 @@ class Faces:
             if (nearest == k).any()
         ]
 
-    def render(self, scene: Scene, pose: CameraPose) -> Image:
+    def render(self, scene: Scene, pose: CameraPose, assistant: Assistant | None = None) -> Image:
         """Return the image, shape (H, W); black where the lens sees nothing."""
         image: Image = np.zeros((self._camera.height, self._camera.width), dtype=np.uint8)
         for face in self._faces:
             view = View(
                 *face.size, face.intrinsics, pose.centre, pose.R_world_camera @ face.R_camera_face
             )
-            ideal = shade(scene, view, rasterize(scene, view))
+            ideal = draw(scene, view, assistant)
             part = cv2.remap(ideal, *face.maps, cv2.INTER_LANCZOS4)
             left, top, width, height = face.box
             cv2.copyTo(part, face.shown, image[top : top + height, left : left + width])

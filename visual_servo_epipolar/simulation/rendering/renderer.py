@@ -12,9 +12,10 @@ from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCam
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.simulation.mounts.rig import CameraPose, CameraRig
+from visual_servo_epipolar.simulation.rendering.assistant import Assistant
+from visual_servo_epipolar.simulation.rendering.drawing import draw
 from visual_servo_epipolar.simulation.rendering.faces import Faces
-from visual_servo_epipolar.simulation.rendering.raster import NEAR, rasterize, View
-from visual_servo_epipolar.simulation.rendering.sampling import shade
+from visual_servo_epipolar.simulation.rendering.raster import NEAR, View
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 
 Map: TypeAlias = NDArray[np.float32]
@@ -28,18 +29,20 @@ class Renderer:
     Images of ``scene`` through the camera of a robot; equal inputs give equal bits.
 
     ``rig`` may be replaced by another with an equal camera. ``pose`` is the robot's, and ``frame``
-    that for which the rig is asked where the camera is.
+    that for which the rig is asked where the camera is. An ``assistant`` with the same scene may
+    help.
     """
 
     def __init__(self, scene: Scene, rig: CameraRig) -> None:
         self.scene, self.camera, self.rig = scene, rig.camera, rig
+        self.assistant: Assistant | None = None
         self._drawing = (
             _Canvas(rig.camera) if isinstance(rig.camera, Camera) else Faces(rig.camera)
         )
 
     def render(self, pose: Pose, frame: int | None = None) -> Image:
         """Return the image taken from ``pose``, shape (H, W)."""
-        return self._drawing.render(self.scene, self.rig.camera_pose(pose, frame))
+        return self._drawing.render(self.scene, self.rig.camera_pose(pose, frame), self.assistant)
 
     def project(
         self, points: FloatArray, pose: Pose, frame: int | None = None
@@ -112,10 +115,10 @@ class _Canvas:
     def __init__(self, camera: Camera) -> None:
         self._size, self._intrinsics, self._maps = _canvas_of(camera)
 
-    def render(self, scene: Scene, pose: CameraPose) -> Image:
+    def render(self, scene: Scene, pose: CameraPose, assistant: Assistant | None = None) -> Image:
         """Return the image, shape (H, W)."""
         view = View(*self._size, self._intrinsics, pose.centre, pose.R_world_camera)
-        image = shade(scene, view, rasterize(scene, view))
+        image = draw(scene, view, assistant)
         if self._maps is None:
             return image
         # Cubic sampling would shift details by 0.03 px, Lanczos' by less than 0.01 px.

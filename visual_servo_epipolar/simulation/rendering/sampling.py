@@ -7,8 +7,9 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
-from visual_servo_epipolar.simulation.rendering.edges import smooth_edges
+from visual_servo_epipolar.simulation.rendering.edges import crossed, smooth_edges
 from visual_servo_epipolar.simulation.rendering.raster import Box, Raster, View
+from visual_servo_epipolar.simulation.rendering.sheets import Sheet
 from visual_servo_epipolar.simulation.rendering.strips import MAX_SUBDIVISION
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 
@@ -29,39 +30,48 @@ class Area(NamedTuple):
 def shade(scene: Scene, view: View, raster: Raster) -> Image:
     """Return the image, shape (H, W), of what the raster shows; black where it shows nothing."""
     image: Image = np.zeros((view.height, view.width), dtype=np.uint8)
-    areas = list(_areas(raster))
+    textured(scene, raster, image)
+    smooth_edges(image, raster, crossed(scene, view, raster))
+    return image
+
+
+def textured(
+    scene: Scene, raster: Raster, image: Image, numbers: frozenset[int] | None = None
+) -> None:
+    """Sample the textures of the strips ``numbers``, from 1, or of all, into ``image``, (H, W)."""
+    areas = list(_areas(raster, numbers))
     if not areas:
-        return image
-    pictures, texels = _sources(scene, raster, areas)
-    lines = _cache_lines(raster, areas, pictures, texels)
+        return
+    sheets, texels = _sources(scene, raster, areas)
+    boxes = _texel_boxes(raster, areas, sheets, texels)
     means: Image = np.empty(image.size, np.uint8)
     samples: Image = np.empty(MAX_SUBDIVISION * image.size, np.uint8)
-    for area, matrix, ahead in zip(areas, texels, lines, strict=True):
+    for area, matrix, (box, dense) in zip(areas, texels, boxes, strict=True):
         number, (left, top, right, bottom), mask = area
+        picture = sheets[number - 1].made(box)
         target, strip = image[top:bottom, left:right], raster.strips[number - 1]
         whole = strip.columns == strip.rows == 1
         mean = target if mask is None else means[: target.size].reshape(target.shape)
         size = (right - left) * strip.columns, (bottom - top) * strip.rows
         parts = mean if whole else samples[: size[0] * size[1]].reshape(size[::-1])
-        # Read for the cache alone: line by line is faster than in the order of the samples.
-        ahead.max(initial=0)
-        cv2.warpPerspective(pictures[number - 1], matrix, size, parts, FLAGS, cv2.BORDER_REPLICATE)
+        if dense:  # for the cache alone: line by line is faster than in the order of the samples
+            picture[box[1] : box[3], box[0] : box[2] : CACHE_LINE].max(initial=0)
+        cv2.warpPerspective(picture, matrix, size, parts, FLAGS, cv2.BORDER_REPLICATE)
         if not whole:
             _average(parts, mean)
         if mask is not None:
             cv2.copyTo(mean, mask, target)
-    return smooth_edges(image, scene, view, raster)
 
 
-def _areas(raster: Raster) -> Iterator[Area]:
-    """Yield areas that hold all pixels of every strip, and few others."""
+def _areas(raster: Raster, numbers: frozenset[int] | None) -> Iterator[Area]:
+    """Yield areas that hold all pixels of the strips ``numbers``, or of all, and few others."""
     sizes = [
         max(right - left, 0) * max(bottom - top, 0) for left, top, right, bottom in raster.boxes
     ]
     masks: Image = np.empty(sum(sizes), np.uint8)
     for number, (strip, box) in enumerate(zip(raster.strips, raster.boxes, strict=True), start=1):
         left, top, right, bottom = box
-        if left >= right or top >= bottom:
+        if left >= right or top >= bottom or (numbers is not None and number not in numbers):
             continue
         shape = bottom - top, right - left
         mask = masks[: shape[0] * shape[1]].reshape(shape)
@@ -101,22 +111,22 @@ def _cover(mask: Image, waste: int) -> Iterator[tuple[Box, bool]]:
             remaining += [(left, top, right, middle), (left, middle, right, bottom)]
 
 
-def _sources(scene: Scene, raster: Raster, areas: list[Area]) -> tuple[list[Image], FloatArray]:
+def _sources(scene: Scene, raster: Raster, areas: list[Area]) -> tuple[list[Sheet], FloatArray]:
     """
-    Return for each strip the picture to sample, and for each area the map to its texels.
+    Return for each strip the sheet to sample, and for each area the map to its texels.
 
     The maps, shape (A, 3, 3), are from parts of pixels, counted from the upper left of the area.
     """
     place = {surface: k for k, surface in enumerate(raster.shown.tolist())}
-    pictures, scales = [], []
+    sheets, scales = [], []
     for strip in raster.strips:
         texture = scene.surfaces[strip.surface].texture
-        picture, i, j = texture.filtered(strip.p, strip.q)
+        sheet, i, j = texture.filtered(strip.p, strip.q)
         rows, columns = texture.image.shape
         scales.append(
             (columns / 2**i, rows / 2**j, strip.columns, strip.rows, place[strip.surface])
         )
-        pictures.append(picture)
+        sheets.append(sheet)
     strips = np.array(scales)[[area.number - 1 for area in areas]]
     corners = np.array([area.box[:2] for area in areas]).reshape(-1, 2)
     maps = raster.maps[strips[:, 4].astype(np.int64)]
@@ -127,17 +137,17 @@ def _sources(scene: Scene, raster: Raster, areas: list[Area]) -> tuple[list[Imag
     parts = strips[:, None, 2:4]
     first = corners[:, None] + 0.5 / parts - 0.5
     origin = (maps[:, :, :2] * first).sum(axis=2) + maps[:, :, 2]
-    return pictures, np.concatenate([maps[:, :, :2] / parts, origin[:, :, None]], axis=2)
+    return sheets, np.concatenate([maps[:, :, :2] / parts, origin[:, :, None]], axis=2)
 
 
-def _cache_lines(
-    raster: Raster, areas: list[Area], pictures: list[Image], maps: FloatArray
-) -> list[Image]:
+def _texel_boxes(
+    raster: Raster, areas: list[Area], sheets: list[Sheet], maps: FloatArray
+) -> Iterator[tuple[Box, bool]]:
     """
-    Return for each area a texel of every cache line that its samples are taken from.
+    Return for each area the box of texels that its samples are taken from, and if most of it is.
 
-    There are none where the box around these texels is mostly not sampled or ends beyond the
-    horizon. ``maps`` are those of the areas, shape (A, 3, 3), from parts of pixels to texels.
+    That box is the whole sheet for an area that ends beyond the horizon. ``maps`` are those of
+    the areas, shape (A, 3, 3), from parts of pixels to texels.
     """
     numbers = [area.number - 1 for area in areas]
     strips = np.array([(strip.columns, strip.rows) for strip in raster.strips])[numbers]
@@ -147,17 +157,15 @@ def _cache_lines(
     corners = np.array([[zero, width, zero, width], [zero, zero, height, height]])
     ends = np.einsum('aij,jka->ika', maps[:, :, :2], corners) + maps.T[2][:, None]
     ahead = ends[2] > 0.0
-    limits = np.array([picture.shape[::-1] for picture in pictures])[numbers].T
+    limits = np.array([sheet.shape[::-1] for sheet in sheets])[numbers].T
     texels = np.clip(ends[:2] / np.where(ahead, ends[2], np.inf), 0.0, limits[:, None])
-    low, high = texels.min(axis=1).astype(int), texels.max(axis=1).astype(int) + 2
-    sampled = (high - low).prod(axis=0) < TEXELS_AHEAD * width * height
-    high = np.where(sampled & ahead.all(axis=0), high, low)
-    return [
-        pictures[number][top:bottom, left:right:CACHE_LINE]
-        for number, (left, top), (right, bottom) in zip(
-            numbers, low.T.tolist(), high.T.tolist(), strict=True
-        )
-    ]
+    seen = ahead.all(axis=0)
+    low = np.where(seen, np.maximum(texels.min(axis=1).astype(int) - 1, 0), 0)
+    high = np.where(seen, np.minimum(texels.max(axis=1).astype(int) + 3, limits), limits)
+    # A sample beside the sheet takes the nearest texel: there is one in every box.
+    low = np.minimum(low, limits - 1)
+    dense = seen & ((high - low).prod(axis=0) < TEXELS_AHEAD * width * height)
+    return zip(map(tuple, np.concatenate([low, high]).T.tolist()), dense.tolist(), strict=True)
 
 
 def _average(parts: Image, mean: Image) -> None:

@@ -5,7 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, IntArray
-from visual_servo_epipolar.simulation.rendering.surfaces import Scene, SHARPEST
+from visual_servo_epipolar.simulation.rendering.surfaces import Scene
+from visual_servo_epipolar.simulation.rendering.textures import SHARPEST
 
 MAX_SKEW = 1.5  # area blurred by texture copies over area of a pixel, before it is subdivided
 MAX_SUBDIVISION = 8

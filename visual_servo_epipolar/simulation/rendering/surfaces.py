@@ -1,68 +1,15 @@
-"""Textured rectangles, their prefiltered copies, and the order in which to paint them."""
+"""Textured rectangles, and the order in which to paint them."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-import math
 
-import cv2
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import (
-    as_gray,
-    BoolArray,
-    FloatArray,
-    frozen,
-    Image,
-    IntArray,
-)
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, frozen, IntArray
+from visual_servo_epipolar.simulation.rendering.textures import Texture
 
-# Blur of the imaginary lens and pixel together [px]. Less aliases, more looks out of focus: at
-# 0.42 px a contrast of 42 % is left at the Nyquist frequency and 6 % at the pixel frequency.
-LENS_SIGMA = 0.42
-# What a copy is blurred already, drawn or reduced, and by bilinear sampling [texel^2].
-TEXEL_VARIANCE = 0.5
-DOUBLED_VARIANCE = 1.6
-# The sharpest copy, the doubled one, is blurred as if a pixel spanned so many texels.
-SHARPEST = math.sqrt(DOUBLED_VARIANCE) / (2.0 * LENS_SIGMA)
 ROOM = 'room'
-
-
-class Texture:
-    """
-    A grey picture and its copies, blurred and reduced along rows and columns separately.
-
-    Copies are counted in half octaves (p, q): copy (p, q) is fit to be sampled bilinearly where
-    one pixel of the image spans 2^(p/2) texels along a row and 2^(q/2) along a column. They are
-    made when first asked for, and keep two to three texels a pixel: bilinear sampling of fewer
-    would shift details by some hundredths of a pixel. The original is doubled if it has fewer.
-    """
-
-    def __init__(self, image: Image) -> None:
-        self.image: Image = frozen(as_gray(image, 'texture'))
-        self._reduced: dict[tuple[int, int], Image] = {(0, 0): self.image}
-        self._filtered: dict[tuple[int, int], Image] = {}
-
-    def filtered(self, p: int, q: int) -> tuple[Image, int, int]:
-        """Return copy (p, q), shape (H, W), and how often its columns and rows were halved."""
-        i, j = (p - 2) // 2, (q - 2) // 2
-        if (p, q) not in self._filtered:
-            sigmas = _sigma(2.0 ** (p / 2 - i), i), _sigma(2.0 ** (q / 2 - j), j)
-            self._filtered[p, q] = _blurred(self._level(i, j), *sigmas)
-        return self._filtered[p, q], i, j
-
-    def _level(self, i: int, j: int) -> Image:
-        """Return the picture with columns halved i times and rows j times; -1 is doubled."""
-        if (i, j) not in self._reduced:
-            if i > 0:
-                image = _halved(self._level(i - 1, j).T).T
-            elif j > 0:
-                image = _halved(self._level(i, j - 1))
-            else:
-                scales = {'fx': 2.0**-i, 'fy': 2.0**-j}
-                image = cv2.resize(self.image, None, interpolation=cv2.INTER_CUBIC, **scales)
-            self._reduced[i, j] = np.ascontiguousarray(image)
-        return self._reduced[i, j]
 
 
 @dataclass(frozen=True, eq=False)
@@ -199,30 +146,3 @@ class Scene:
             order += free
             remaining = [k for k in remaining if k not in free]
         return order
-
-
-def _sigma(texels_a_pixel: float, halvings: int) -> float:
-    """Return the blur [texels] still missing where a pixel spans ``texels_a_pixel``."""
-    variance = DOUBLED_VARIANCE if halvings < 0 else TEXEL_VARIANCE
-    return math.sqrt(max(0.0, (LENS_SIGMA * texels_a_pixel) ** 2 - variance))
-
-
-def _blurred(image: Image, sigma_u: float, sigma_v: float) -> Image:
-    """Blur columns and rows by their own Gaussian; a sigma of 0 leaves them alone."""
-    if sigma_u == 0.0 and sigma_v == 0.0:
-        return image
-    size = (2 * math.ceil(3.0 * sigma_u) + 1, 2 * math.ceil(3.0 * sigma_v) + 1)
-    # OpenCV reads a sigma of 0 as "choose one"; a kernel of one tap ignores it.
-    sigmas = {'sigmaX': max(sigma_u, 0.1), 'sigmaY': max(sigma_v, 0.1)}
-    blurred = cv2.GaussianBlur(image, size, **sigmas, borderType=cv2.BORDER_REPLICATE)
-    return np.asarray(blurred, dtype=np.uint8)
-
-
-def _halved(image: Image) -> Image:
-    """Halve the rows of ``image`` by (1 3 3 1) / 8; the last one is repeated if they are odd."""
-    if len(image) % 2:
-        image = np.concatenate([image, image[-1:]])
-    padded = np.concatenate([image[:1], image, image[-1:]]).astype(np.uint16)
-    middle = 3 * (padded[1:-1:2] + padded[2:-1:2])
-    halved = (middle + padded[:-2:2] + padded[3::2] + 4) >> 3
-    return np.asarray(halved, dtype=np.uint8)

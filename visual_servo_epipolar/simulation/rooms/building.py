@@ -7,7 +7,8 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.simulation.rendering.surfaces import ROOM, Surface, Texture
+from visual_servo_epipolar.simulation.rendering.surfaces import ROOM, Surface
+from visual_servo_epipolar.simulation.rendering.textures import Texture
 from visual_servo_epipolar.simulation.rooms.textures import fractal_grain, Sheet
 
 LEFT, RIGHT, REAR, HEIGHT = -5.5, 5.5, -13.0, 2.8  # the shell [m]

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.simulation.rendering.surfaces import _blurred
+from visual_servo_epipolar.simulation.rendering.sheets import Sheet
+from visual_servo_epipolar.simulation.rendering.textures import _blurred
 
 
 def variances(image: np.ndarray) -> tuple[float, float]:
@@ -18,7 +19,10 @@ def variances(image: np.ndarray) -> tuple[float, float]:
 def test_each_axis_is_blurred_by_its_own_gaussian(sigma_u: float, sigma_v: float) -> None:
     block = np.zeros((101, 101), np.uint8)
     block[40:61, 40:61] = 250
-    before, after = variances(block), variances(_blurred(block, sigma_u, sigma_v))
+    before, after = (
+        variances(block),
+        variances(_blurred(Sheet.of(block), sigma_u, sigma_v).whole()),
+    )
     # A kernel ends at three deviations, and grey levels are rounded.
     assert after[0] - before[0] == pytest.approx(sigma_u**2, rel=0.05, abs=0.02)
     assert after[1] - before[1] == pytest.approx(sigma_v**2, rel=0.05, abs=0.02)

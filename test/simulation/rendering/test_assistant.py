@@ -1,0 +1,112 @@
+"""A second process draws a part of each image; no bit depends on whether it does."""
+
+from functools import partial
+import multiprocessing
+import os
+import signal
+
+import numpy as np
+import pytest
+
+from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.mounts.registry import new_rig
+from visual_servo_epipolar.simulation.rendering import drawing
+from visual_servo_epipolar.simulation.rendering.assistant import Assistant
+from visual_servo_epipolar.simulation.rendering.raster import rasterize, View
+from visual_servo_epipolar.simulation.rendering.renderer import Renderer
+from visual_servo_epipolar.simulation.rendering.sharing import Sharing
+from visual_servo_epipolar.simulation.rooms.scene import room
+
+SMALL = {'width': 320, 'height': 256, 'focal_length': 190.0, 'principal_u': 158.0}
+PINHOLE = CameraSettings(**SMALL, principal_v=128.0)
+BARREL = CameraSettings(**SMALL, principal_v=128.0, distortion=(-0.2, 0.05, 0.0, 0.0, 0.0))
+FISHEYE = CameraSettings(
+    **SMALL | {'focal_length': 90.0},
+    principal_v=128.0,
+    distortion_model='equidistant',
+    distortion=(0.01, 0.0, 0.0, 0.0),
+)
+POSES = [Pose.from_start(0.3, -2.5 + 0.2 * k, 4.0 * k) for k in range(4)]
+build = partial(room, 1, 'plain')
+
+
+def renderer(settings: CameraSettings) -> Renderer:
+    return Renderer(build(), new_rig(settings))
+
+
+def started(before):
+    return [it for it in multiprocessing.active_children() if it not in before]
+
+
+@pytest.fixture(scope='module')
+def assistant():
+    with Assistant(build) as assistant:
+        assert assistant.wait()
+        yield assistant
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """Collect which strips are drawn here."""
+    numbers, textured = [], drawing.textured
+
+    def watched(scene, raster, image, which):
+        numbers.append((len(raster.strips), which))
+        textured(scene, raster, image, which)
+
+    monkeypatch.setattr(drawing, 'textured', watched)
+    return numbers
+
+
+@pytest.mark.parametrize('settings', [PINHOLE, BARREL, FISHEYE], ids=['pinhole', 'barrel', 'eye'])
+def test_images_are_the_same_with_and_without(assistant, settings, drawn) -> None:
+    alone, together = renderer(settings), renderer(settings)
+    together.assistant = assistant
+    for pose in POSES:
+        np.testing.assert_array_equal(together.render(pose), alone.render(pose))
+    assert len(drawn) >= len(POSES)
+    assert sum(len(which) for _, which in drawn) < 0.9 * sum(count for count, _ in drawn)
+
+
+def test_an_image_is_drawn_alone_where_the_assistant_has_died(drawn) -> None:
+    alone, together = renderer(PINHOLE), renderer(PINHOLE)
+    before = multiprocessing.active_children()
+    with Assistant(build) as mortal:
+        assert mortal.wait()
+        together.assistant = mortal
+        together.render(POSES[0])
+        assert len(drawn) == 1
+        (process,) = started(before)
+        os.kill(process.pid, signal.SIGKILL)
+        for pose in POSES:
+            np.testing.assert_array_equal(together.render(pose), alone.render(pose))
+    assert not process.is_alive()
+
+
+def test_its_end_is_the_end_of_its_process() -> None:
+    before = multiprocessing.active_children()
+    with Assistant(build) as short:
+        (process,) = started(before)
+        assert process.is_alive()
+        assert short.wait()
+    assert process.exitcode == 0
+
+
+def test_a_surface_stays_with_who_has_it_and_work_is_even() -> None:
+    scene, sharing = build(), Sharing()
+    kept = changed = 0
+    owners: dict[int, int] = {}
+    for pose in POSES:
+        axes, centre = new_rig(PINHOLE).camera_pose(pose)
+        raster = rasterize(scene, View(320, 256, PINHOLE.camera.matrix, centre, axes))
+        shares = sharing.shares(raster, 0.0)
+        assert shares[0] | shares[1] == set(range(1, len(raster.strips) + 1))
+        assert not shares[0] & shares[1]
+        for who, numbers in enumerate(shares):
+            assert numbers
+            for surface in {raster.strips[number - 1].surface for number in numbers}:
+                kept += owners.get(surface) == who
+                changed += owners.get(surface, who) != who
+                owners[surface] = who
+    assert changed < 0.2 * kept

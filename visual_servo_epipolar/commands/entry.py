@@ -1,0 +1,11 @@
+"""Where the command ``visual_servo`` begins: numpy is loaded by what comes after."""
+
+from visual_servo_epipolar.threads import one_thread
+
+
+def main() -> int:
+    """Run the command line and return its exit code."""
+    one_thread()
+    from visual_servo_epipolar.commands.main import main as run
+
+    return run()

@@ -1,0 +1,13 @@
+"""How many threads libraries take: to be said before they are loaded."""
+
+import os
+
+# Matrices here are small, and who shares their products among threads waits for a core for each
+# of them where others have the cores; the threads themselves keep a core busy by waiting.
+ONE_THREAD = {'OPENBLAS_NUM_THREADS': '1'}
+
+
+def one_thread() -> None:
+    """Let numpy, which is not loaded yet, take one thread, unless the environment says more."""
+    for name, value in ONE_THREAD.items():
+        os.environ.setdefault(name, value)
