@@ -1,12 +1,15 @@
 """The four nodes in lockstep: they arrive, and they are the loop in memory to the last digit."""
 
+from collections.abc import Callable
 from dataclasses import replace
 import os
 from pathlib import Path
 from typing import Any
 
+import cv2
 import pytest
 
+from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.run_log import RunLog, summarise
 from visual_servo_epipolar.core.servo.state import ServoState
@@ -16,6 +19,7 @@ from visual_servo_epipolar.nodes.lockstep import Lockstep, LockstepError
 from visual_servo_epipolar.nodes.observer_node import ObserverNode
 from visual_servo_epipolar.simulation import closed_loop
 from visual_servo_epipolar.simulation.disturbances.image import DisturbanceSettings
+from visual_servo_epipolar.simulation.rendering.assistant import Assistant
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings, RunMonitor
 from visual_servo_epipolar.simulation.scenario import from_document, load, Scenario
 from visual_servo_epipolar.simulation.views import view_of
@@ -24,10 +28,10 @@ SMALL = load(Path(__file__).parents[2] / 'config/scenarios/small.yaml')
 CLOSE = (0.3, -2.2, 0.0)
 
 
-def drive(scenario: Scenario, settings: LoopSettings) -> RunLog:
+def drive(scenario: Scenario, settings: LoopSettings, *, assisted: bool = False) -> RunLog:
     """Let the nodes drive."""
     monitor = RunMonitor(settings)
-    with Lockstep(scenario, settings) as nodes:
+    with Lockstep(scenario, settings, assisted=assisted) as nodes:
         observer = ObserverNode(monitor, lambda *_: None, with_images=False, context=nodes.context)
         nodes.add(observer)
         nodes.run(lambda: monitor.done)
@@ -120,6 +124,29 @@ def test_a_camera_without_distortion_coefficients_runs() -> None:
     assert len(drive(scenario, scenario.loop(CLOSE, 0)).samples) >= 10
 
 
+@pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason='needs a second core')
+def test_a_process_that_helps_to_draw_changes_nothing(monkeypatch) -> None:
+    scenario, helped, finish = short(), [], Assistant.finish
+
+    def watched(self: Assistant, image: Image) -> bool:
+        helped.append(finish(self, image))
+        return helped[-1]
+
+    def ready(self: Lockstep, done: Callable[[], bool]) -> None:
+        assert self._assistant is not None
+        assert self._assistant.wait()
+        run(self, done)
+
+    run, threads = Lockstep.run, cv2.getNumThreads()
+    alone = drive(scenario, scenario.loop(CLOSE, 0))
+    monkeypatch.setattr(Assistant, 'finish', watched)
+    monkeypatch.setattr(Lockstep, 'run', ready)
+    assert drive(scenario, scenario.loop(CLOSE, 0), assisted=True) == alone
+    assert len(helped) >= 10
+    assert all(helped)
+    assert cv2.getNumThreads() == threads
+
+
 def test_a_chain_that_stands_still_is_reported(monkeypatch) -> None:
     scenario = short()
     with Lockstep(scenario, scenario.loop(CLOSE, 0)) as nodes:
@@ -131,7 +158,7 @@ def test_a_chain_that_stands_still_is_reported(monkeypatch) -> None:
 
         nodes.unicycle.begin = begin_impatiently
         nodes.servo._commands.send = lambda *_: None
-        with pytest.raises(LockstepError, match=r'after 0 steps, waiting for the run to end'):
+        with pytest.raises(LockstepError, match=r'after 0 steps, waiting for the first step'):
             nodes.run(lambda: False)
 
 

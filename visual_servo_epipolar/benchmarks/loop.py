@@ -2,7 +2,8 @@
 The whole demo in lockstep against real time: the command as it is called, from start to end.
 
 And while it drives: what a long drive has more than a short one, of simulated and of wall time, so
-that imports, the room and the figures do not count.
+that imports, the room and the figures do not count. Modules are compiled before, as they are after
+a first start.
 """
 
 from collections.abc import Callable, Mapping
