@@ -13,9 +13,10 @@ from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettin
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.rendering import drawing
 from visual_servo_epipolar.simulation.rendering.assistant import Assistant
-from visual_servo_epipolar.simulation.rendering.raster import rasterize, View
+from visual_servo_epipolar.simulation.rendering.raster import Raster, rasterize, View
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
-from visual_servo_epipolar.simulation.rendering.sharing import Sharing
+from visual_servo_epipolar.simulation.rendering.sharing import Sharing, STRIP
+from visual_servo_epipolar.simulation.rendering.strips import Strip
 from visual_servo_epipolar.simulation.rooms.scene import room
 
 SMALL = {'width': 320, 'height': 256, 'focal_length': 190.0, 'principal_u': 158.0}
@@ -93,20 +94,27 @@ def test_its_end_is_the_end_of_its_process() -> None:
     assert process.exitcode == 0
 
 
-def test_a_surface_stays_with_who_has_it_and_work_is_even() -> None:
+def cost(raster: Raster, number: int) -> int:
+    strip, (left, top, right, bottom) = raster.strips[number - 1], raster.boxes[number - 1]
+    return STRIP + (right - left) * (bottom - top) * strip.columns * strip.rows
+
+
+def test_strips_stay_with_who_has_them_and_work_is_as_told() -> None:
     scene, sharing = build(), Sharing()
     kept = changed = 0
-    owners: dict[int, int] = {}
-    for pose in POSES:
+    owners: dict[Strip, int] = {}
+    for spared, pose in zip((0.0, 0.0, 0.0, 0.6), POSES, strict=True):
         axes, centre = new_rig(PINHOLE).camera_pose(pose)
         raster = rasterize(scene, View(320, 256, PINHOLE.camera.matrix, centre, axes))
-        shares = sharing.shares(raster, 0.0)
+        shares = sharing.shares(raster, spared)
         assert shares[0] | shares[1] == set(range(1, len(raster.strips) + 1))
         assert not shares[0] & shares[1]
+        before, owners = owners, {}
         for who, numbers in enumerate(shares):
-            assert numbers
-            for surface in {raster.strips[number - 1].surface for number in numbers}:
-                kept += owners.get(surface) == who
-                changed += owners.get(surface, who) != who
-                owners[surface] = who
-    assert changed < 0.2 * kept
+            for strip in (raster.strips[number - 1] for number in numbers):
+                kept += before.get(strip) == who
+                changed += before.get(strip, who) != who
+                owners[strip] = who
+        work = [sum(cost(raster, number) for number in numbers) for numbers in shares]
+        assert work[0] / sum(work) == pytest.approx(0.5 - 0.5 * spared, abs=0.1)
+    assert changed < 0.3 * kept

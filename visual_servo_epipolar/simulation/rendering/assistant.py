@@ -8,6 +8,7 @@ from multiprocessing.shared_memory import SharedMemory
 from multiprocessing.synchronize import Semaphore
 import signal
 from time import perf_counter
+from typing import Any
 
 import cv2
 import numpy as np
@@ -18,8 +19,8 @@ from visual_servo_epipolar.simulation.rendering.sampling import textured
 from visual_servo_epipolar.simulation.rendering.sharing import ASSISTANT, Numbers, Sharing
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 
-SPARED, MOST_SPARED, CHANGE = 0.06, 0.4, 0.01  # share of the work that the main process is spared
-WAIT_S = 2e-4  # that it may wait for the assistant, which is the better one of the two to wait
+SPARED, MOST_SPARED = 0.06, 0.5  # of the work, that the main process has less
+GAIN = 0.25  # of what was uneven in one image that is mended in the next
 LOOK_S = 1.0  # time between looks whether the other process lives
 END_S = 10.0  # for the process to end
 
@@ -38,12 +39,13 @@ class Assistant(AbstractContextManager['Assistant']):
         there, self._here = spawn.Pipe()
         # A pipe would wake the process on this core, where there is work to go on with.
         self._asked, self._drawn = spawn.Semaphore(0), spawn.Semaphore(0)
-        given = there, self._asked, self._drawn, build
+        self._drawn_s: Any = spawn.Value('d', lock=False)  # when it was ready
+        given = there, self._asked, self._drawn, self._drawn_s, build
         self._process = spawn.Process(target=_assist, args=given, name='assistant', daemon=True)
         self._process.start()
         there.close()
         self._ready, self._memory = False, _Memory()
-        self._sharing, self._spared = Sharing(), SPARED
+        self._sharing, self._spared, self._begun_s = Sharing(), SPARED, 0.0
 
     def __exit__(self, *_: object) -> None:
         self._here.close()
@@ -67,6 +69,7 @@ class Assistant(AbstractContextManager['Assistant']):
             self._here.send((name, view, self._spared))
         except OSError:
             return self._lost()
+        self._begun_s = perf_counter()
         self._asked.release()
         return True
 
@@ -76,11 +79,12 @@ class Assistant(AbstractContextManager['Assistant']):
 
     def finish(self, image: Image) -> bool:
         """Add its share to ``image``, black there; return whether there is one: it may be dead."""
-        began = perf_counter()
+        ready_s = perf_counter()
         if not self._awaited():
             return self._lost()
-        change = -CHANGE if perf_counter() - began > WAIT_S else CHANGE
-        self._spared = min(max(self._spared + change, -MOST_SPARED), MOST_SPARED)
+        late = (self._drawn_s.value - ready_s) / (ready_s - self._begun_s)
+        spared = self._spared - GAIN * min(max(late, -1.0), 1.0)
+        self._spared = min(max(spared, -MOST_SPARED), MOST_SPARED)
         cv2.bitwise_or(image, self._memory.image(image.shape), dst=image)
         return True
 
@@ -122,7 +126,11 @@ class _Memory:
 
 
 def _assist(
-    there: Connection, asked: Semaphore, drawn: Semaphore, build: Callable[[], Scene]
+    there: Connection,
+    asked: Semaphore,
+    drawn: Semaphore,
+    drawn_s: Any,
+    build: Callable[[], Scene],
 ) -> None:
     """Draw what is asked for, until the other end is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's
@@ -143,6 +151,7 @@ def _assist(
         image[:] = 0
         textured(scene, raster, image, sharing.shares(raster, spared)[ASSISTANT])
         del image  # or the memory could not be closed
+        drawn_s.value = perf_counter()
         drawn.release()
 
 
