@@ -22,7 +22,6 @@ from visual_servo_epipolar.report.images.map_view import Bounds
 from visual_servo_epipolar.report.images.picture import picture
 from visual_servo_epipolar.report.images.video import part_of, VideoWriter, view_size
 
-NICENESS = 10  # the run goes first: each step of it waits for all before, the film for none
 WAITING = 8  # images that may wait
 LOOK_S = 0.5  # time between looks whether the process lives
 END_S = 60.0  # for the encoder to write what it holds
@@ -132,7 +131,8 @@ def _draw(
 ) -> None:
     """Write the video of the steps that come; an end without a word means that there is none."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's
-    os.nice(NICENESS)
+    # The run goes first, at once: each step of it waits for all before, the film for none.
+    os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
     cv2.setNumThreads(1)
     memory = SharedMemory(name)
     size = view_size((camera.width, camera.height))
