@@ -2,13 +2,15 @@
 Time of the camera simulator per image, beside one full-frame remap of OpenCV in the same run.
 
 It is the processor's time on one thread: what else the machine does meanwhile counts only where
-it shares caches. The remap is bilinear, from two float maps: the last step of any renderer.
+it shares caches. The remap is bilinear, from two float maps: the last step of any renderer. Beside
+it the time that passes where a second process draws half, as in ``visual_servo demo``.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 import math
-from time import process_time
+from time import perf_counter, process_time
 from typing import Any
 
 import cv2
@@ -20,10 +22,12 @@ from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.rendering.assistant import Assistant
 from visual_servo_epipolar.simulation.rendering.edges import crossed, smooth_edges
 from visual_servo_epipolar.simulation.rendering.raster import Raster, rasterize, View
 from visual_servo_epipolar.simulation.rendering.sampling import textured
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
+from visual_servo_epipolar.simulation.rooms.scene import room
 
 __all__ = ['figures', 'run', 'table']
 
@@ -79,10 +83,38 @@ def _camera(
         image, whole = timed(simulator.capture, pose, frame)
         _, bare = timed(cv2.remap, image, *maps, cv2.INTER_LINEAR)
         seconds.append({'image': whole, 'remap': bare, **stages.seconds(pose, frame)})
+    say(f'{size[0]}x{size[1]}: with a second process')
+    for row, passed in zip(seconds, _shared(simulator, poses, maps), strict=True):
+        row.update(passed)
     milliseconds = {name: [1e3 * row[name] for row in seconds] for name in seconds[0]}
     figures = {name: spread(values) for name, values in milliseconds.items()}
-    ratios = np.array(milliseconds['image']) / np.array(milliseconds['remap'])
-    return {'size': list(size), 'ms': figures, 'ratio': spread(ratios.tolist())}
+    return {
+        'size': list(size),
+        'ms': figures,
+        'ratio': _ratio(milliseconds, 'image', 'remap'),
+        'shared_ratio': _ratio(milliseconds, 'shared', 'remap_passed'),
+    }
+
+
+def _ratio(of: Mapping[str, Sequence[float]], above: str, below: str) -> dict[str, float]:
+    return spread((np.array(of[above]) / np.array(of[below])).tolist())
+
+
+def _shared(
+    simulator: CameraSimulator, poses: Sequence[Pose], maps: tuple[FloatArray, FloatArray]
+) -> Iterator[dict[str, float]]:
+    """Yield the time that passes for each image of two processes, and for its remap [s]."""
+    settings = simulator.settings
+    with Assistant(partial(room, settings.scene_seed, settings.scene)) as assistant:
+        assistant.wait()
+        simulator.renderer.assistant = assistant
+        for pose in poses:  # it makes textures of its own
+            simulator.capture(pose, 0)
+        for frame, pose in enumerate(poses):
+            image, shared = timed(simulator.capture, pose, frame, clock=perf_counter)
+            _, bare = timed(cv2.remap, image, *maps, cv2.INTER_LINEAR, clock=perf_counter)
+            yield {'shared': shared, 'remap_passed': bare}
+        simulator.renderer.assistant = None
 
 
 class Stages:
@@ -110,11 +142,14 @@ def mix_edges(image: Image, scene: Scene, view: View, raster: Raster) -> None:
     smooth_edges(image, raster, crossed(scene, view, raster))
 
 
-def timed(work: Callable[..., Any], *given: Any) -> tuple[Any, float]:
-    """Return what ``work`` returns for what is ``given``, and its processor time [s]."""
-    began = process_time()
+def timed(
+    work: Callable[..., Any], *given: Any, clock: Callable[[], float] | None = None
+) -> tuple[Any, float]:
+    """Return what ``work`` returns for what is ``given``, and its time [s]: the processor's."""
+    clock = clock or process_time
+    began = clock()
     result = work(*given)
-    return result, process_time() - began
+    return result, clock() - began
 
 
 def turned(size: tuple[int, int], angle: float) -> tuple[FloatArray, FloatArray]:
