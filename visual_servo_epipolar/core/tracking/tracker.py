@@ -6,7 +6,6 @@ image, so that small errors do not add up to drift. Lost features are predicted 
 and when too few remain the whole image is matched anew.
 """
 
-from dataclasses import replace
 from zlib import crc32
 
 import numpy as np
@@ -165,15 +164,18 @@ class Tracker:
         before = self._tracked.warps.current.astype(np.float32)
         follow = coarse_flow if self._aligns_now else checked_flow
         after, valid = follow(self._previous, frame, before, settings=self.settings)
-        warps = replace(self._tracked.warps, current=after.astype(np.float64))
-        valid &= inside_border(warps.current, frame.image.shape, BORDER)
-        return replace(self._tracked, warps=warps, ages=self._tracked.ages + 1).take(valid)
+        last, current = self._tracked, after.astype(np.float64)
+        warps = Warps(last.warps.ids, last.warps.desired, current, last.warps.affine)
+        valid &= inside_border(current, frame.image.shape, BORDER)
+        return Tracks(warps, last.ages + 1, last.residuals).take(valid)
 
     def _on_common_motion(self, tracked: Tracks) -> Tracks:
         """Drop outliers of the motion since the last frame; propagate the predictions by it."""
         last, current = self._tracked.warps, tracked.warps.current
-        # Both lists are in the order of the last frame; lost features are missing in the second.
-        before = last.current[contained(last.ids, tracked.warps.ids)]
+        before = last.current
+        if len(tracked) < len(last):
+            # Both are in the order of the last frame; lost features are missing in the second.
+            before = before[contained(last.ids, tracked.warps.ids)]
         motion = fit_motion(before, current)
         self._predicted = self._predicted.propagated(motion, tracked.warps.ids)
         if motion is None:
@@ -198,7 +200,10 @@ class Tracker:
         if not len(ids):
             return tracked
         warps = reacquire(self._predicted.select(ids), tracked.warps, self._anchor, image)
-        joined = tracked.joined(self._aligned(Tracks.detected(warps), image, FIRST_ITERATIONS))
+        found = self._aligned(Tracks.detected(warps), image, FIRST_ITERATIONS)
+        if not len(found):
+            return tracked
+        joined = tracked.joined(found)
         if len(joined) <= self.settings.max_features:
             return joined
         return self._limited(joined, tracked)
