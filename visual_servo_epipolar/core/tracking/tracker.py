@@ -252,7 +252,8 @@ class Tracker:
 
     def _features(self, passing: Passing) -> Features:
         warps, ages, residuals = self._tracked.warps, self._tracked.ages, self._tracked.residuals
-        return Features(warps.ids, warps.current, warps.desired, ages, residuals, passing)
+        # The border of the image is where every position was tested: all are finite.
+        return Features.owning(warps.ids, warps.current, warps.desired, ages, residuals, passing)
 
 
 def goal_of(image: Image) -> int:
