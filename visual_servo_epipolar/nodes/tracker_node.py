@@ -166,6 +166,7 @@ class TrackerNode(ManagedNode):
         self._stamp_ns, self._frame_id = read.stamp_ns(message.header), message.header.frame_id
         self._publish(tracking.features)
         # The servo waits for nothing of what follows.
+        self._tracker.prepare()
         self._latest = tracking.image
         self._photographer.see(tracking.image)
         self._report(tracking)

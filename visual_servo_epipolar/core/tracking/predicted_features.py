@@ -67,6 +67,33 @@ class PredictedFeatures:
         return PredictedFeatures(self.warps.take(rows), self.unseen.take(rows))
 
 
+class Predictions:
+    """Predictions of a tracker, which follow the last motion not before somebody needs them."""
+
+    def __init__(self) -> None:
+        self._features = PredictedFeatures.empty()
+        self._motion: tuple[ImageMotion | None, IntArray] | None = None  # to be followed yet
+
+    def follow(self, motion: 'ImageMotion | None', tracked: IntArray) -> None:
+        """Follow the ``motion`` of a frame, without the features ``tracked``, shape (M,)."""
+        self._catch_up()
+        self._motion = motion, tracked
+
+    def correct(self, tracked: Warps) -> None:
+        """Replace or add the predictions of ``tracked`` features."""
+        self._catch_up()
+        self._features = self._features.corrected(tracked)
+
+    def select(self, ids: IntArray) -> PredictedFeatures:
+        """Return the predictions of the features ``ids``, shape (M,)."""
+        self._catch_up()
+        return self._features.select(ids)
+
+    def _catch_up(self) -> None:
+        if self._motion is not None:
+            self._features, self._motion = self._features.propagated(*self._motion), None
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ImageMotion:
     """

@@ -27,7 +27,7 @@ from visual_servo_epipolar.core.tracking.matching import (
     Matches,
 )
 from visual_servo_epipolar.core.tracking.passing import PassingFeatures
-from visual_servo_epipolar.core.tracking.predicted_features import fit_motion, PredictedFeatures
+from visual_servo_epipolar.core.tracking.predicted_features import fit_motion, Predictions
 from visual_servo_epipolar.core.tracking.reacquisition import reacquire
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracks import Tracks
@@ -56,7 +56,7 @@ class Tracker:
         self._previous: Frame | None = None
         self._tracked = Tracks.empty()
         self._candidates: Candidates | None = None
-        self._predicted = PredictedFeatures.empty()
+        self._predictions, self._is_prepared = Predictions(), True
         self._passing = PassingFeatures()
         self._frame = 0
         self.goal = NO_GOAL
@@ -90,7 +90,7 @@ class Tracker:
             self.reason = 'the photograph was not looked for yet'
         self._previous, self._tracked, self._match_frame = None, Tracks.empty(), None
         self._candidates = None if self._view is None else Candidates(self._view)
-        self._predicted = PredictedFeatures.empty()
+        self._predictions, self._is_prepared = Predictions(), True
         self._passing.forget()
 
     def track(self, image: Image) -> Features:
@@ -113,6 +113,7 @@ class Tracker:
                 f'image must have the size of the desired one, {_size(self._view.image)}, got '
                 f'{_size(image)}; take both with the same camera and resolution'
             )
+        self.prepare()
         self._frame += 1
         try:
             frame = Frame(image)
@@ -123,9 +124,14 @@ class Tracker:
             self.redetect()
             self.reason = f'the image could not be tracked in: {" ".join(str(error).split())}'
             return Features()
-        self._previous = frame
-        self._predicted = self._predicted.corrected(self._tracked.warps)
+        self._previous, self._is_prepared = frame, False
         return self._features(passing)
+
+    def prepare(self) -> None:
+        """Prepare for the next image, while there is time; ``track`` does what was not done."""
+        if not self._is_prepared:
+            self._predictions.correct(self._tracked.warps)
+            self._is_prepared = True
 
     def _tracked_in(self, frame: Frame) -> Tracks:
         """Return the tracks in ``frame``, by matching all of it where few are left."""
@@ -170,14 +176,14 @@ class Tracker:
         return Tracks(warps, last.ages + 1, last.residuals).take(valid)
 
     def _on_common_motion(self, tracked: Tracks) -> Tracks:
-        """Drop outliers of the motion since the last frame; propagate the predictions by it."""
+        """Drop outliers of the motion since the last frame, which the predictions follow."""
         last, current = self._tracked.warps, tracked.warps.current
         before = last.current
         if len(tracked) < len(last):
             # Both are in the order of the last frame; lost features are missing in the second.
             before = before[contained(last.ids, tracked.warps.ids)]
         motion = fit_motion(before, current)
-        self._predicted = self._predicted.propagated(motion, tracked.warps.ids)
+        self._predictions.follow(motion, tracked.warps.ids)
         if motion is None:
             return tracked
         return tracked.take(~motion.outliers(before, current, OUTLIER_PX))
@@ -199,7 +205,7 @@ class Tracker:
         )
         if not len(ids):
             return tracked
-        warps = reacquire(self._predicted.select(ids), tracked.warps, self._anchor, image)
+        warps = reacquire(self._predictions.select(ids), tracked.warps, self._anchor, image)
         found = self._aligned(Tracks.detected(warps), image, FIRST_ITERATIONS)
         if not len(found):
             return tracked
@@ -221,7 +227,7 @@ class Tracker:
         detected = self._aligned(Tracks.detected(warps), float_image(image), FIRST_ITERATIONS)
         joined = tracked.joined(detected).without_epipolar_outliers()
         self._candidates.remember(joined.warps.ids, self.settings.candidates)
-        self._predicted = self._predicted.corrected(joined.warps)
+        self._predictions.correct(joined.warps)
         return self._limited(joined, tracked)
 
     def _matched(self, image: Image) -> Matches:
