@@ -36,6 +36,10 @@ FIRST_NS, LAST_NS = -(2**31) * NANOSECONDS, 2**31 * NANOSECONDS - 1
 UNMEASURED = 1e6  # variance of an axis that nothing measures, by the custom of ROS
 X, Y, YAW = 0, 1, 5  # rows and columns of a covariance: x, y, z, then turns about them
 POINT_TYPES = {'<u4': PointField.UINT32, '<f8': PointField.FLOAT64}
+TRACK_FIELDS = tuple(
+    {'name': name, 'offset': int(item[1]), 'datatype': POINT_TYPES[item[0].str], 'count': 1}
+    for name, item in (TRACK_LAYOUT.fields or {}).items()
+)
 
 
 def stamp(stamp_ns: int) -> Time:
@@ -140,22 +144,19 @@ def features(
     ``repeats``: how many images in a row have been the very same; ``back``: how many images ago
     it came last, 0 if it is new.
     """
-    shown, passing = len(value), value.passing
-    rows = np.empty(shown + len(passing), TRACK_LAYOUT)
-    rows['id'][:shown], rows['age'][:shown] = value.ids, value.ages
-    rows['u'][:shown], rows['v'][:shown] = value.current.T
-    rows['desired_u'][:shown], rows['desired_v'][:shown] = value.desired.T
-    rows['error'][:shown] = value.errors
-    rows['id'][shown:], rows['age'][shown:] = passing.ids, passing.ages
-    rows['u'][shown:], rows['v'][shown:] = passing.current.T
-    for name in ('desired_u', 'desired_v', 'error'):
-        rows[name][shown:] = np.nan
+    passing = value.passing
+    rows = np.empty(len(value) + len(passing), TRACK_LAYOUT)
+    shown, unshown = rows[: len(value)], rows[len(value) :]
+    shown['id'], shown['age'], shown['error'] = value.ids, value.ages, value.errors
+    shown['u'], shown['v'] = value.current.T
+    shown['desired_u'], shown['desired_v'] = value.desired.T
+    if len(passing):
+        unshown['id'], unshown['age'] = passing.ids, passing.ages
+        unshown['u'], unshown['v'] = passing.current.T
+        unshown['desired_u'] = unshown['desired_v'] = unshown['error'] = np.nan
     rows['goal'], rows['repeats'], rows['back'] = goal, repeats, back
     message = PointCloud2(header=header(stamp_ns, frame_id), height=1, width=len(rows))
-    message.fields = [
-        PointField(name=name, offset=int(item[1]), datatype=POINT_TYPES[item[0].str], count=1)
-        for name, item in (TRACK_LAYOUT.fields or {}).items()
-    ]
+    message.fields = [PointField(**field) for field in TRACK_FIELDS]
     message.is_dense, message.point_step = not len(passing), TRACK_LAYOUT.itemsize
     message.row_step = message.point_step * len(rows)
     message.data.frombytes(rows.tobytes())

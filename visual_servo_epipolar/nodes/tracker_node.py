@@ -159,35 +159,42 @@ class TrackerNode(ManagedNode):
         tracking = validation.track(
             self._tracker, message, self._camera or self._unusable, self._reader
         )
-        self._latest = tracking.image
-        self._photographer.see(tracking.image)
         self._repetition.see(tracking.image)
         foreign = self._photographer.complaint(self._camera)
         if foreign:
             tracking = replace(tracking, features=Features(), warning=foreign)
-        self._stamp_ns = read.stamp_ns(message.header)
-        self._publish(tracking.features, message)
-        age_s = self._lateness.age_s(self._stamp_ns)
-        behind = self._lateness.complaint(age_s)
-        for complaint in filter(None, (tracking.warning, behind)):
-            self._warn(complaint)
-        features = len(tracking.features)
-        self._reports.diagnose(tracking.warning, behind, features, self._stamp_ns, age_s)
+        self._stamp_ns, self._frame_id = read.stamp_ns(message.header), message.header.frame_id
+        self._publish(tracking.features)
+        # The servo waits for nothing of what follows.
+        self._tracker.prepare()
+        self._latest = tracking.image
+        self._photographer.see(tracking.image)
+        self._report(tracking)
 
-    def _publish(self, features: Features, image: Image | CompressedImage) -> None:
-        stamp_ns, frame_id = read.stamp_ns(image.header), image.header.frame_id
-        self._frame_id = frame_id
+    def _publish(self, features: Features) -> None:
+        assert self._stamp_ns is not None
         tracks = write.features(
             features,
-            stamp_ns,
-            frame_id,
+            self._stamp_ns,
+            self._frame_id,
             self._tracker.goal,
             repeats=self._repetition.count,
             back=self._repetition.back,
         )
         self._tracks_pub.publish(tracks)
+
+    def _report(self, tracking: validation.TrackingResult) -> None:
+        assert self._stamp_ns is not None
+        age_s = self._lateness.age_s(self._stamp_ns)
+        behind = self._lateness.complaint(age_s)
         if self._settings.overlay:
-            self._reports.overlay(self._latest, features, stamp_ns, frame_id)
+            self._reports.overlay(
+                tracking.image, tracking.features, self._stamp_ns, self._frame_id
+            )
+        for complaint in filter(None, (tracking.warning, behind)):
+            self._warn(complaint)
+        features = len(tracking.features)
+        self._reports.diagnose(tracking.warning, behind, features, self._stamp_ns, age_s)
 
     def _on_desired(self, message: Image | CompressedImage) -> None:
         try:

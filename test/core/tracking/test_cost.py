@@ -48,9 +48,9 @@ def test_an_alignment_ends_when_nothing_moves(monkeypatch: pytest.MonkeyPatch) -
     counts: list[int] = []
     sample = sampling.PatchGrid.sample
 
-    def counted(self, image, centre, local):
-        counts.append(len(centre))
-        return sample(self, image, centre, local)
+    def counted(self, image, maps):
+        counts.append(len(maps))
+        return sample(self, image, maps)
 
     monkeypatch.setattr(sampling.PatchGrid, 'sample', counted)
     anchor, image = Anchor(scene()), float_image(scene(SHIFT))

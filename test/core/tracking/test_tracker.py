@@ -139,6 +139,19 @@ def test_the_same_images_give_the_same_features(world, approach) -> None:
         assert np.array_equal(first.track(image).current, second.track(image).current)
 
 
+@pytest.mark.parametrize('changes', [{}, {'anchor_period': 5}])
+def test_to_prepare_between_images_changes_no_feature(world, approach, changes) -> None:
+    prepared, at_once = tracker(world, **changes), tracker(world, **changes)
+    for number, (_, image) in enumerate(approach):
+        if 10 <= number < 13:  # and what is lost is found again alike
+            image = image.copy()
+            image[:, :400] = 128
+        prepared.prepare()
+        pair = prepared.track(image), at_once.track(image)
+        for name in ('ids', 'current', 'ages', 'errors'):
+            np.testing.assert_array_equal(*(getattr(features, name) for features in pair))
+
+
 def test_without_anchoring_features_are_checked_backward(world, approach) -> None:
     tracking = tracker(world, anchor_period=0)
     for pose, image in approach[:10]:  # noqa: B007

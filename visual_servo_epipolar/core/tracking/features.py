@@ -102,18 +102,19 @@ class Features:
         desired: FloatArray,
         ages: IntArray,
         errors: FloatArray,
+        passing: Passing = NOTHING_PASSING,
     ) -> 'Features':
         """
-        Return features of columns that fit and that nobody else holds: neither copied nor checked.
+        Return features of columns that fit and that nobody will write: neither copied nor checked.
 
-        For simulations, where checks and copies would take longer than to make the features.
+        For the tracker and simulations, whose columns are right as they are made.
         """
         features = object.__new__(cls)
         columns = (ids, current, desired, ages, errors)
         for name, column in zip(cls.__slots__[: len(columns)], columns, strict=True):
             column.setflags(write=False)
             object.__setattr__(features, name, column)
-        object.__setattr__(features, 'passing', NOTHING_PASSING)
+        object.__setattr__(features, 'passing', passing)
         return features
 
     def __len__(self) -> int:

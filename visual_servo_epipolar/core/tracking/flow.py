@@ -34,7 +34,8 @@ class Frame:
     @cached_property
     def brightness(self) -> float:
         """The mean of every eighth pixel."""
-        return float(self.image[::8, ::8].mean())
+        few = np.ascontiguousarray(self.image[::8, ::8])
+        return float(cv2.sumElems(few)[0]) / few.size
 
 
 def flow(

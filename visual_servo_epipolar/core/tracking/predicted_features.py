@@ -11,7 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray, median
-from visual_servo_epipolar.core.tracking.alignment.warps import contained, Warps
+from visual_servo_epipolar.core.tracking.alignment.warps import (
+    contained,
+    numbers,
+    squared_lengths,
+    Warps,
+)
 
 STALE_FRAMES = 100  # added to the age of a prediction by a frame without a motion to follow
 MAX_UNSEEN = 40  # frames for which a prediction is followed
@@ -36,10 +41,10 @@ class PredictedFeatures:
 
     def corrected(self, tracked: Warps) -> 'PredictedFeatures':
         """Return the predictions with those of ``tracked`` features replaced or added."""
-        untracked = ~contained(self.warps.ids, tracked.ids)
+        untracked = numbers(~contained(self.warps.ids, tracked.ids))
         return PredictedFeatures(
             self.warps.take(untracked).joined(tracked),
-            np.concatenate([self.unseen[untracked], np.zeros(len(tracked), np.int64)]),
+            np.concatenate([self.unseen.take(untracked), np.zeros(len(tracked), np.int64)]),
         )
 
     def propagated(self, motion: 'ImageMotion | None', tracked: IntArray) -> 'PredictedFeatures':
@@ -51,15 +56,42 @@ class PredictedFeatures:
         """
         if motion is None:
             return replace(self, unseen=self.unseen + STALE_FRAMES)
-        lost = ~contained(self.warps.ids, tracked) & (self.unseen <= MAX_UNSEEN)
+        lost = numbers(~contained(self.warps.ids, tracked) & (self.unseen <= MAX_UNSEEN))
         current = self.warps.current.copy()
-        current[lost] = motion.applied(current[lost])
+        current[lost] = motion.applied(current.take(lost, axis=0))
         return PredictedFeatures(replace(self.warps, current=current), self.unseen + 1)
 
     def select(self, ids: IntArray) -> 'PredictedFeatures':
         """Return the predictions of the features ``ids``, shape (M,)."""
-        rows = contained(self.warps.ids, ids)
-        return PredictedFeatures(self.warps.take(rows), self.unseen[rows])
+        rows = numbers(contained(self.warps.ids, ids))
+        return PredictedFeatures(self.warps.take(rows), self.unseen.take(rows))
+
+
+class Predictions:
+    """Predictions of a tracker, which follow the last motion not before somebody needs them."""
+
+    def __init__(self) -> None:
+        self._features = PredictedFeatures.empty()
+        self._motion: tuple[ImageMotion | None, IntArray] | None = None  # to be followed yet
+
+    def follow(self, motion: 'ImageMotion | None', tracked: IntArray) -> None:
+        """Follow the ``motion`` of a frame, without the features ``tracked``, shape (M,)."""
+        self._catch_up()
+        self._motion = motion, tracked
+
+    def correct(self, tracked: Warps) -> None:
+        """Replace or add the predictions of ``tracked`` features."""
+        self._catch_up()
+        self._features = self._features.corrected(tracked)
+
+    def select(self, ids: IntArray) -> PredictedFeatures:
+        """Return the predictions of the features ``ids``, shape (M,)."""
+        self._catch_up()
+        return self._features.select(ids)
+
+    def _catch_up(self) -> None:
+        if self._motion is not None:
+            self._features, self._motion = self._features.propagated(*self._motion), None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,9 +113,9 @@ class ImageMotion:
 
         The affine map, plus the mean of the residuals under weights 1 / (distance^2 + NEAR_PX^2).
         """
-        squared = -2.0 * (pixels @ self.support.T)
-        squared += (pixels**2).sum(axis=1)[:, None] + ((self.support**2).sum(axis=1) + NEAR_PX**2)
-        weight = 1.0 / squared
+        squared = pixels @ (-2.0 * self.support.T)
+        squared += squared_lengths(pixels)[:, None] + (squared_lengths(self.support) + NEAR_PX**2)
+        weight = np.divide(1.0, squared, out=squared)
         local = (weight @ self.residuals) / weight.sum(axis=1, keepdims=True)
         return np.asarray(_homogeneous(pixels) @ self.affine + local)
 
@@ -95,7 +127,7 @@ class ImageMotion:
         than ``limit`` [px] plus OUTLIER_MEDIANS medians.
         """
         off = after - _homogeneous(before) @ self.affine
-        residual = np.sqrt((off**2).sum(axis=1))
+        residual = np.sqrt(squared_lengths(off))
         return np.asarray(residual > limit + OUTLIER_MEDIANS * median(residual))
 
 
@@ -112,7 +144,7 @@ def fit_motion(before: FloatArray, after: FloatArray) -> ImageMotion | None:
     for _ in range(ROUNDS):
         weighted = rows.T * (weight * weight)
         affine = np.linalg.solve(weighted @ rows + RIDGE, weighted @ after)
-        residual = np.sqrt(((after - rows @ affine) ** 2).sum(axis=1))
+        residual = np.sqrt(squared_lengths(after - rows @ affine))
         weight = 1.0 / (1.0 + (residual / (2.0 * median(residual) + 0.1)) ** 2)
     residuals: FloatArray = (after - rows @ affine) * weight[:, None]
     affine[2] -= centre @ affine[:2]

@@ -5,6 +5,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import cross_matrix
+from visual_servo_epipolar.core.tracking.alignment.warps import squared_lengths
 
 EPIPOLAR_PX = 2.0  # largest distance of an inlier from its epipolar line
 AGREEMENT_PX = 1.0  # less: a fit by least squares bends towards an outlier
@@ -37,19 +38,21 @@ def agree_on_one_geometry(current: FloatArray, desired: FloatArray) -> bool:
         return False
     fundamental = np.linalg.eigh(moments)[1][:, 0].reshape(3, 3)
     across_current, across_desired = columns @ fundamental.T, rows @ fundamental
-    residual = (across_current * rows).sum(axis=1)
-    gradient = (across_current[:, :2] ** 2 + across_desired[:, :2] ** 2).sum(axis=1)
+    x, y, one = (across_current * rows).T
+    residual = x + y + one
+    gradient = squared_lengths(across_current[:, :2]) + squared_lengths(across_desired[:, :2])
     return bool((residual**2 <= (scale * AGREEMENT_PX) ** 2 * gradient).all())
 
 
 def _normalised(current: FloatArray, desired: FloatArray) -> tuple[FloatArray, FloatArray, float]:
     """Return both as rows (x, y, 1) about their means, with the one scale that makes them one."""
-    pixels = np.stack([current, desired])
-    pixels -= pixels.mean(axis=1, keepdims=True)
-    spread = float(np.sqrt((pixels**2).mean()))
-    scale = 1.0 / spread if spread > 0.0 else 1.0
     rows = np.ones((2, len(current), 3))
-    rows[:, :, :2] = pixels * scale
+    pixels = rows[:, :, :2]
+    pixels[0], pixels[1] = current, desired
+    pixels -= pixels.mean(axis=1, keepdims=True)
+    spread = float(np.sqrt((pixels * pixels).mean()))
+    scale = 1.0 / spread if spread > 0.0 else 1.0
+    pixels *= scale
     return rows[0], rows[1], scale
 
 

@@ -6,7 +6,6 @@ image, so that small errors do not add up to drift. Lost features are predicted 
 and when too few remain the whole image is matched anew.
 """
 
-from dataclasses import replace
 from zlib import crc32
 
 import numpy as np
@@ -28,7 +27,7 @@ from visual_servo_epipolar.core.tracking.matching import (
     Matches,
 )
 from visual_servo_epipolar.core.tracking.passing import PassingFeatures
-from visual_servo_epipolar.core.tracking.predicted_features import fit_motion, PredictedFeatures
+from visual_servo_epipolar.core.tracking.predicted_features import fit_motion, Predictions
 from visual_servo_epipolar.core.tracking.reacquisition import reacquire
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracks import Tracks
@@ -57,7 +56,7 @@ class Tracker:
         self._previous: Frame | None = None
         self._tracked = Tracks.empty()
         self._candidates: Candidates | None = None
-        self._predicted = PredictedFeatures.empty()
+        self._predictions, self._is_prepared = Predictions(), True
         self._passing = PassingFeatures()
         self._frame = 0
         self.goal = NO_GOAL
@@ -91,7 +90,7 @@ class Tracker:
             self.reason = 'the photograph was not looked for yet'
         self._previous, self._tracked, self._match_frame = None, Tracks.empty(), None
         self._candidates = None if self._view is None else Candidates(self._view)
-        self._predicted = PredictedFeatures.empty()
+        self._predictions, self._is_prepared = Predictions(), True
         self._passing.forget()
 
     def track(self, image: Image) -> Features:
@@ -114,6 +113,7 @@ class Tracker:
                 f'image must have the size of the desired one, {_size(self._view.image)}, got '
                 f'{_size(image)}; take both with the same camera and resolution'
             )
+        self.prepare()
         self._frame += 1
         try:
             frame = Frame(image)
@@ -124,9 +124,14 @@ class Tracker:
             self.redetect()
             self.reason = f'the image could not be tracked in: {" ".join(str(error).split())}'
             return Features()
-        self._previous = frame
-        self._predicted = self._predicted.corrected(self._tracked.warps)
+        self._previous, self._is_prepared = frame, False
         return self._features(passing)
+
+    def prepare(self) -> None:
+        """Prepare for the next image, while there is time; ``track`` does what was not done."""
+        if not self._is_prepared:
+            self._predictions.correct(self._tracked.warps)
+            self._is_prepared = True
 
     def _tracked_in(self, frame: Frame) -> Tracks:
         """Return the tracks in ``frame``, by matching all of it where few are left."""
@@ -165,17 +170,20 @@ class Tracker:
         before = self._tracked.warps.current.astype(np.float32)
         follow = coarse_flow if self._aligns_now else checked_flow
         after, valid = follow(self._previous, frame, before, settings=self.settings)
-        warps = replace(self._tracked.warps, current=after.astype(np.float64))
-        valid &= inside_border(warps.current, frame.image.shape, BORDER)
-        return replace(self._tracked, warps=warps, ages=self._tracked.ages + 1).take(valid)
+        last, current = self._tracked, after.astype(np.float64)
+        warps = Warps(last.warps.ids, last.warps.desired, current, last.warps.affine)
+        valid &= inside_border(current, frame.image.shape, BORDER)
+        return Tracks(warps, last.ages + 1, last.residuals).take(valid)
 
     def _on_common_motion(self, tracked: Tracks) -> Tracks:
-        """Drop outliers of the motion since the last frame; propagate the predictions by it."""
+        """Drop outliers of the motion since the last frame, which the predictions follow."""
         last, current = self._tracked.warps, tracked.warps.current
-        # Both lists are in the order of the last frame; lost features are missing in the second.
-        before = last.current[contained(last.ids, tracked.warps.ids)]
+        before = last.current
+        if len(tracked) < len(last):
+            # Both are in the order of the last frame; lost features are missing in the second.
+            before = before[contained(last.ids, tracked.warps.ids)]
         motion = fit_motion(before, current)
-        self._predicted = self._predicted.propagated(motion, tracked.warps.ids)
+        self._predictions.follow(motion, tracked.warps.ids)
         if motion is None:
             return tracked
         return tracked.take(~motion.outliers(before, current, OUTLIER_PX))
@@ -197,8 +205,11 @@ class Tracker:
         )
         if not len(ids):
             return tracked
-        warps = reacquire(self._predicted.select(ids), tracked.warps, self._anchor, image)
-        joined = tracked.joined(self._aligned(Tracks.detected(warps), image, FIRST_ITERATIONS))
+        warps = reacquire(self._predictions.select(ids), tracked.warps, self._anchor, image)
+        found = self._aligned(Tracks.detected(warps), image, FIRST_ITERATIONS)
+        if not len(found):
+            return tracked
+        joined = tracked.joined(found)
         if len(joined) <= self.settings.max_features:
             return joined
         return self._limited(joined, tracked)
@@ -216,7 +227,7 @@ class Tracker:
         detected = self._aligned(Tracks.detected(warps), float_image(image), FIRST_ITERATIONS)
         joined = tracked.joined(detected).without_epipolar_outliers()
         self._candidates.remember(joined.warps.ids, self.settings.candidates)
-        self._predicted = self._predicted.corrected(joined.warps)
+        self._predictions.correct(joined.warps)
         return self._limited(joined, tracked)
 
     def _matched(self, image: Image) -> Matches:
@@ -247,7 +258,8 @@ class Tracker:
 
     def _features(self, passing: Passing) -> Features:
         warps, ages, residuals = self._tracked.warps, self._tracked.ages, self._tracked.residuals
-        return Features(warps.ids, warps.current, warps.desired, ages, residuals, passing)
+        # The border of the image is where every position was tested: all are finite.
+        return Features.owning(warps.ids, warps.current, warps.desired, ages, residuals, passing)
 
 
 def goal_of(image: Image) -> int:

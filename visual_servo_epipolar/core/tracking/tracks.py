@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray, median
-from visual_servo_epipolar.core.tracking.alignment.warps import keeps_all, Warps
+from visual_servo_epipolar.core.tracking.alignment.warps import keeps_all, numbers, Warps
 from visual_servo_epipolar.core.tracking.robust_geometry import (
     agree_on_one_geometry,
     epipolar_inliers,
@@ -40,7 +40,8 @@ class Tracks:
         """Return the rows chosen by index, shape (M,), or mask, shape (N,)."""
         if keeps_all(rows):
             return self
-        return Tracks(self.warps.take(rows), self.ages[rows], self.residuals[rows])
+        rows = numbers(rows)
+        return Tracks(self.warps.take(rows), self.ages.take(rows), self.residuals.take(rows))
 
     def joined(self, more: 'Tracks') -> 'Tracks':
         """Return these tracks followed by ``more``."""

@@ -1,7 +1,7 @@
 """Sampling: patches of images by bilinear interpolation."""
 
 import math
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import cv2
 import numpy as np
@@ -30,14 +30,13 @@ def float_image(image: Image) -> FloatImage:
     return np.asarray(image.astype(np.float32))
 
 
-def bilinear(image: FloatImage, x: NDArray[Any], y: NDArray[Any]) -> FloatImage:
+def bilinear(image: FloatImage, x: FloatImage, y: FloatImage) -> FloatImage:
     """
-    Sample ``image``, float32 of shape (H, W), at ``x`` and ``y`` [px], shape (M, P) each.
+    Sample ``image``, float32 of shape (H, W), at ``x`` and ``y`` [px], float32 of shape (M, P).
 
     Points outside take the value of the border. OpenCV 5 interpolates float images exactly; of
     8-bit ones it rounds the result, which costs a hundredth of a pixel.
     """
-    x, y = x.astype(np.float32, copy=False), y.astype(np.float32, copy=False)
     sampled = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(sampled, dtype=np.float32)
 
@@ -52,14 +51,21 @@ class PatchGrid:
         homogeneous = np.column_stack([self.offsets, np.ones(len(self.offsets))])
         self._rows = homogeneous.T.astype(np.float32)
 
-    def sample(self, image: FloatImage, centre: FloatArray, local: FloatArray) -> FloatImage:
+    def sample(self, image: FloatImage, maps: FloatArray) -> FloatImage:
         """
-        Return the patches of ``image`` around N ``centre``, shape (N, 2) [px], shape (N, P).
+        Return N patches of ``image``, shape (N, P).
 
-        ``local``, shape (N, 2, 2), maps offsets in the patch to those in the image.
+        ``maps``, shape (N, 2, 3), are the affine maps of offsets in a patch to pixels: the linear
+        part, and in the last column the centre [px].
         """
         # One product for all of them: the rows of x, then those of y.
-        maps = np.empty((2, len(centre), 3), np.float32)
-        maps[:, :, :2], maps[:, :, 2] = local.transpose(1, 0, 2), centre.T
-        x, y = (maps.reshape(-1, 3) @ self._rows).reshape(2, len(centre), -1)
-        return bilinear(image, x, y)
+        rows = maps.transpose(1, 0, 2).astype(np.float32, order='C').reshape(-1, 3)
+        pixels = rows @ self._rows
+        return bilinear(image, pixels[: len(maps)], pixels[len(maps) :])
+
+
+def affine_maps(linear: FloatArray, centre: FloatArray) -> FloatArray:
+    """Return affine maps, (N, 2, 3), of their ``linear`` parts, (N, 2, 2), and centres, (N, 2)."""
+    maps = np.empty((len(centre), 2, 3))
+    maps[:, :, :2], maps[:, :, 2] = linear, centre
+    return maps

@@ -5,12 +5,14 @@ Inverse-compositional affine alignment (Baker and Matthews 2004) of all features
 gain and bias of the light.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+import math
 
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, Image
 from visual_servo_epipolar.core.tracking.alignment.sampling import (
+    affine_maps,
     FloatImage,
     patch_radius,
     PatchGrid,
@@ -22,13 +24,13 @@ from visual_servo_epipolar.core.tracking.alignment.templates import (
     scales,
     Templates,
 )
-from visual_servo_epipolar.core.tracking.alignment.warps import Warps
+from visual_servo_epipolar.core.tracking.alignment.warps import squared_lengths, Warps
 
 MAX_CORRECTION = 4.0  # of one alignment from the position by flow or matching [px]
 LEAST_SCALE = 1e-3  # determinant below which a step of the alignment is not taken
 CONVERGED = 0.02  # motion by a step after which none follows [px]
 AFFINE_REACH = 0.5  # of the radius: where the motion by its linear part is judged
-ADJUGATE, ADJUGATE_SIGNS = [5, 3, 4, 2], np.array([1.0, -1.0, -1.0, 1.0])
+ADJUGATE, ADJUGATE_SIGNS = np.array([5, 3, 4, 2]), np.array([1.0, -1.0, -1.0, 1.0])
 IDENTITY = np.array([1.0, 0.0, 0.0, 1.0])
 
 
@@ -77,7 +79,7 @@ class Anchor:
         """
         if reach not in self._grids:
             self._grids[reach] = PatchGrid(reach)
-        sampled = self._grids[reach].sample(image, centre[None], local[None])
+        sampled = self._grids[reach].sample(image, affine_maps(local[None], centre[None]))
         return sampled.reshape(2 * reach + 1, -1)
 
     def align(self, warps: Warps, image: FloatImage, *, iterations: int) -> Alignment:
@@ -93,52 +95,50 @@ class Anchor:
         levels = levels_of(warps.affine)
         templates = self._templates.stacked(warps.ids, warps.desired, levels)
         scale = scales(levels)[:, None, None]
-        local, centre = warps.affine / scale, warps.current.copy()
-        correlation, deviation = self._descended(templates, image, local, centre, iterations)
-        correction = np.sqrt(((centre - warps.current) ** 2).sum(axis=1))
+        maps = affine_maps(warps.affine / scale, warps.current)
+        correlation, deviation = self._descended(templates, image, maps, iterations)
+        centre, affine = maps[:, :, 2].copy(), maps[:, :, :2] * scale
+        correction = np.sqrt(squared_lengths(centre - warps.current))
         # A comparison with nan is false: what diverged stays where it was.
-        stays = ~(correction <= MAX_CORRECTION) | ~np.isfinite(local).all(axis=(1, 2))
-        correlation[stays] = 0.0
+        stays = ~((correction <= MAX_CORRECTION) & np.isfinite(maps).all(axis=(1, 2)))
+        if stays.any():
+            correlation[stays] = 0.0
+            centre[stays], affine[stays] = warps.current[stays], warps.affine[stays]
         residual = deviation * np.sqrt(np.maximum(2.0 - 2.0 * correlation, 0.0))
-        centre[stays], affine = warps.current[stays], local * scale
-        affine[stays] = warps.affine[stays]
-        return Alignment(replace(warps, current=centre, affine=affine), correlation, residual)
+        aligned = Warps(warps.ids, warps.desired, centre, affine)
+        return Alignment(aligned, correlation, residual)
 
     def _descended(
-        self,
-        templates: FloatImage,
-        image: FloatImage,
-        local: FloatArray,
-        centre: FloatArray,
-        iterations: int,
+        self, templates: FloatImage, image: FloatImage, maps: FloatArray, iterations: int
     ) -> tuple[FloatArray, FloatArray]:
         """
-        Move ``local``, (N, 2, 2), and ``centre``, (N, 2), in place to where the patches agree.
+        Move ``maps``, (N, 2, 3), from template to image in place to where the patches agree.
 
         Returns correlations and deviations, shape (N,), up to CONVERGED those of the end.
         """
-        moving = np.arange(len(centre))
-        correlation, deviation = np.empty(len(centre)), np.empty(len(centre))
-        for left in range(iterations, -1, -1):
-            current, map_ = centre[moving], local[moving]
-            step, deviation[moving] = _compared(templates, self._grid.sample(image, current, map_))
-            correlation[moving] = step[:, PARAMETERS]
-            if not left:
-                break
-            local[moving], centre[moving] = _composed(map_, current, step)
-            goes_on = self._moves(step)
-            if not goes_on.all():
-                moving, templates = moving[goes_on], templates[goes_on]
-            if not len(moving):
-                break
+        moving, current = np.arange(len(maps)), maps
+        correlation, deviation = np.empty(len(maps)), np.empty(len(maps))
+        with np.errstate(invalid='ignore', over='ignore', divide='ignore'):  # of what diverges
+            for left in range(iterations, -1, -1):
+                step, deviation[moving] = _compared(templates, self._grid.sample(image, current))
+                correlation[moving] = step[:, PARAMETERS]
+                if not left:
+                    break
+                maps[moving] = current = _composed(current, step)
+                goes_on = self._moves(step)
+                if not goes_on.all():
+                    moving = moving[goes_on]
+                    if not len(moving):
+                        break
+                    current, templates = current[goes_on], templates[goes_on]
         return correlation, deviation
 
     def _moves(self, step: FloatArray) -> BoolArray:
         """Return which of the steps, shape (N, 7), move a pixel of the patch noticeably, (N,)."""
-        motion = (np.abs(step[:, :PARAMETERS]) * self._reaches).max(axis=1)
         # In a small image there is little to average over: the last hundredths count.
         converged = CONVERGED if self.radius == RADIUS else 0.0
-        return np.asarray(~(motion < converged))  # nan goes on, and is not taken in the end
+        still = np.abs(step[:, :PARAMETERS]) < converged / self._reaches
+        return np.asarray(~still.all(axis=1))  # nan goes on, and is not taken in the end
 
 
 def _compared(templates: FloatImage, patches: FloatImage) -> tuple[FloatArray, FloatArray]:
@@ -147,22 +147,26 @@ def _compared(templates: FloatImage, patches: FloatImage) -> tuple[FloatArray, F
 
     And their deviations, shape (N,) [grey levels]. ``patches`` are used up.
     """
-    patches -= patches.mean(axis=1, keepdims=True)
+    # The mean: numpy's own method takes as long again to be called.
+    patches -= np.add.reduce(patches, axis=1, keepdims=True) / np.float32(patches.shape[1])
     norm = np.sqrt(np.einsum('np,np->n', patches, patches).astype(np.float64))
     # A template's own patch has no step: the product of the current one is that of the residual.
-    product = (templates @ patches[:, :, None])[:, :, 0].astype(np.float64)
-    product /= np.where(norm > 0.0, norm, 1.0)[:, None]
-    return product, norm / np.sqrt(patches.shape[1])
+    product = (templates @ patches[:, :, None])[:, :, 0]
+    step = product / np.where(norm > 0.0, norm, 1.0)[:, None]
+    return step, norm / math.sqrt(patches.shape[1])
 
 
-def _composed(
-    local: FloatArray, centre: FloatArray, step: FloatArray
-) -> tuple[FloatArray, FloatArray]:
-    """Return the linear part and centre of W o dW^-1, dW the ``step``, shape (N, 6) or more."""
-    adjugate = step[:, ADJUGATE] * ADJUGATE_SIGNS + IDENTITY
-    with np.errstate(invalid='ignore', over='ignore', divide='ignore'):
-        scale = adjugate[:, 0] * adjugate[:, 3] - adjugate[:, 1] * adjugate[:, 2]
-        inverse = adjugate / scale[:, None]
-    inverse[~(np.abs(scale) >= LEAST_SCALE)] = IDENTITY  # a diverging step is not taken
-    composed = local @ inverse.reshape(-1, 2, 2)
-    return composed, centre - (composed @ step[:, :2, None])[:, :, 0]
+def _composed(maps: FloatArray, step: FloatArray) -> FloatArray:
+    """Return W o dW^-1 of ``maps`` W, (N, 2, 3), and the steps dW, shape (N, 6) or more."""
+    inverse = step.take(ADJUGATE, axis=1)
+    inverse *= ADJUGATE_SIGNS
+    inverse += IDENTITY  # the adjugate yet
+    scale = inverse[:, 0] * inverse[:, 3] - inverse[:, 1] * inverse[:, 2]
+    inverse /= scale[:, None]
+    is_taken = np.abs(scale) >= LEAST_SCALE
+    if not is_taken.all():  # a diverging step is not
+        inverse[~is_taken] = IDENTITY
+    composed = np.empty_like(maps)
+    composed[:, :, :2] = linear = maps[:, :, :2] @ inverse.reshape(-1, 2, 2)
+    composed[:, :, 2] = maps[:, :, 2] - (linear @ step[:, :2, None])[:, :, 0]
+    return composed

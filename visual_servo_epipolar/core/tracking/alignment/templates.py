@@ -12,6 +12,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image, IntArray
 from visual_servo_epipolar.core.tracking.alignment.sampling import (
+    affine_maps,
     float_image,
     FloatImage,
     PatchGrid,
@@ -19,6 +20,7 @@ from visual_servo_epipolar.core.tracking.alignment.sampling import (
 
 LEVELS_PER_OCTAVE = 2
 LEVELS = 8  # down to 1 / 11 of the size in the desired image
+SCALES = 2.0 ** (-np.arange(LEVELS) / LEVELS_PER_OCTAVE)  # of the current image at each level
 PIXEL_BLUR = 0.5  # standard deviation of what one pixel integrates over [px]
 DAMPING = 1e-3  # of the Hessian, over its mean eigenvalue (Levenberg)
 PARAMETERS = 6  # of an affine step: shift along x and y, then the linear part row by row
@@ -38,12 +40,12 @@ class Templates:
     """
 
     def __init__(self, image: Image, grid: PatchGrid) -> None:
-        self._grid, self._wide = grid, PatchGrid(grid.reach + 1)
+        self._wide, self._descent = PatchGrid(grid.reach + 1), SteepestDescent(grid)
         self._images = [_blurred(image, level) for level in range(LEVELS)]
         self._rows: dict[Key, int] = {}
         shape = FIRST_CAPACITY, PARAMETERS + 1, len(grid.offsets)
         self._stored = np.empty(shape, np.float32)
-        self._stacks: dict[tuple[int, ...], FloatImage] = {}
+        self._stacks: dict[bytes, tuple[list[int], FloatImage]] = {}
 
     def stacked(self, ids: IntArray, points: FloatArray, levels: IntArray) -> FloatImage:
         """
@@ -51,17 +53,25 @@ class Templates:
 
         Shapes (N,), (N, 2), (N,). Mostly they are those of the last frame, and already stacked.
         """
+        wanted = ids.tobytes() + levels.tobytes()
+        stack = self._stacks.pop(wanted, None) or self._newly_stacked(ids, points, levels)
+        self._stacks[wanted] = stack  # the last one
+        if len(self._stacks) > STACKS:
+            del self._stacks[next(iter(self._stacks))]
+        return stack[1]
+
+    def _newly_stacked(
+        self, ids: IntArray, points: FloatArray, levels: IntArray
+    ) -> tuple[list[int], FloatImage]:
+        """Return the rows of templates, made where they are missing, and their stack."""
         keys = list(zip(ids.tolist(), levels.tolist(), strict=True))
         missing = [number for number, key in enumerate(keys) if key not in self._rows]
-        self._make_room(len(missing), keys)
+        if missing:
+            self._make_room(len(missing), keys)
         for number in missing:
             self._add(keys[number], points[number])
-        chosen = tuple(self._rows[key] for key in keys)
-        stack = self._stacks.pop(chosen, None)
-        self._stacks[chosen] = self._stored[list(chosen)] if stack is None else stack
-        if len(self._stacks) > STACKS:
-            del self._stacks[next(iter(self._stacks))]  # the oldest
-        return self._stacks[chosen]
+        rows = [self._rows[key] for key in keys]
+        return rows, self._stored.take(rows, axis=0)
 
     def patch(self, feature: int, point: FloatArray, level: int) -> FloatImage:
         """Return the patch of the feature at ``point``, (2,), zero mean, unit norm, (P,)."""
@@ -73,9 +83,9 @@ class Templates:
 
     def _make_room(self, count: int, keys: Sequence[Key]) -> None:
         """Drop what was not used lately, but none of ``keys``, where ``count`` are too many."""
-        if not count or len(self._rows) + count <= MOST:
+        if len(self._rows) + count <= MOST:
             return
-        recent, wanted = {row for chosen in self._stacks for row in chosen}, set(keys)
+        recent, wanted = {row for rows, _ in self._stacks.values() for row in rows}, set(keys)
         kept = {key: row for key, row in self._rows.items() if row in recent or key in wanted}
         self._stored[: len(kept)] = self._stored[list(kept.values())]
         self._rows = {key: number for number, key in enumerate(kept)}
@@ -88,22 +98,57 @@ class Templates:
         self._stored[row], self._rows[key] = self._made(point, key[1]), row
 
     def _made(self, point: FloatArray, level: int) -> FloatImage:
-        stride = 1.0 / float(scales(np.array([level]))[0])
-        wide = self._wide.sample(self._images[level], point[None], stride * np.eye(2)[None])
+        stride = 1.0 / float(SCALES[level])
+        map_ = affine_maps(stride * np.eye(2)[None], point[None])
         side = 2 * self._wide.reach + 1
-        square = wide.reshape(side, side)
+        square = self._wide.sample(self._images[level], map_).reshape(side, side)
         patch, deviation = normalised(square[1:-1, 1:-1].reshape(1, -1))
         template = np.zeros((PARAMETERS + 1, patch.size), np.float32)
         if deviation[0] > 0.0:
             norm = float(deviation[0]) * np.sqrt(patch.size)
-            update = _update_matrix(_slopes(square), self._grid.offsets, patch[0], norm)
-            template[:-1], template[-1] = update, patch[0]
+            template[:-1] = self._descent.update_matrix(square, patch[0], norm)
+            template[-1] = patch[0]
         return template
+
+
+class SteepestDescent:
+    """Steepest descent of a patch: how its pixels change with the parameters of a step."""
+
+    def __init__(self, grid: PatchGrid) -> None:
+        self._x, self._y = np.ascontiguousarray(grid.offsets.T)
+        # One unit of each parameter moves pixels by one.
+        self._scale = np.array([1.0, 1.0, *[1.0 / grid.offsets.max()] * 4])[:, None]
+
+    def update_matrix(self, square: FloatImage, patch: FloatImage, norm: float) -> FloatImage:
+        """
+        Return the map of a unit residual patch to the six parameters, H^-1 J^T, shape (6, P).
+
+        Of ``patch``, (P,), with ``norm``, from a ``square`` that is one pixel wider.
+        """
+        slope_x = (0.5 * (square[1:-1, 2:] - square[1:-1, :-2])).ravel().astype(np.float64)
+        slope_y = (0.5 * (square[2:, 1:-1] - square[:-2, 1:-1])).ravel().astype(np.float64)
+        descent = np.empty((PARAMETERS, patch.size))
+        descent[0], descent[1] = slope_x, slope_y
+        rest = iter(descent[2:])
+        for slope in (slope_x, slope_y):
+            for offset in (self._x, self._y):
+                np.multiply(slope, offset, out=next(rest))
+        # Gain and bias of the light must not look like motion: project both out.
+        descent -= descent.mean(axis=1, keepdims=True)
+        descent -= np.outer(descent @ patch, patch)
+        descent *= self._scale
+        hessian = descent @ descent.T
+        trace = float(np.trace(hessian))
+        if not trace > 0.0:  # stripes of a pixel: contrast without a slope
+            return np.zeros(descent.shape, np.float32)
+        hessian += DAMPING * trace / PARAMETERS * np.eye(PARAMETERS)
+        update = self._scale * (np.linalg.solve(hessian, descent) * norm)
+        return np.asarray(update.astype(np.float32))
 
 
 def scales(levels: IntArray) -> FloatArray:
     """Return the size in the current over that in the desired image at ``levels``, (N,)."""
-    return np.asarray(2.0 ** (-levels / LEVELS_PER_OCTAVE))
+    return np.asarray(SCALES[levels])
 
 
 def levels_of(affine: FloatArray) -> IntArray:
@@ -124,36 +169,8 @@ def normalised(patches: FloatImage) -> tuple[FloatImage, FloatArray]:
 
 def _blurred(image: Image, level: int) -> FloatImage:
     """Return ``image`` as float32, blurred as a view at the scale of ``level``."""
-    enlargement = 1.0 / float(scales(np.array([level]))[0])
+    enlargement = 1.0 / float(SCALES[level])
     deviation = PIXEL_BLUR * np.sqrt(enlargement**2 - 1.0)
     if deviation == 0.0:
         return float_image(image)
     return np.asarray(cv2.GaussianBlur(float_image(image), (0, 0), float(deviation)))
-
-
-def _slopes(square: FloatImage) -> FloatArray:
-    """Return the derivatives of a patch along x and y, (2, P), of ``square`` one pixel wider."""
-    along_x = square[1:-1, 2:] - square[1:-1, :-2]
-    along_y = square[2:, 1:-1] - square[:-2, 1:-1]
-    return np.asarray(0.5 * np.stack([along_x.ravel(), along_y.ravel()]), dtype=np.float64)
-
-
-def _update_matrix(
-    slope: FloatArray, grid: FloatArray, patch: FloatImage, norm: float
-) -> FloatImage:
-    """Return the map of a unit residual patch to the six parameters, H^-1 J^T, shape (6, P)."""
-    x, y = grid.T
-    descent = np.stack(
-        [slope[0], slope[1], slope[0] * x, slope[0] * y, slope[1] * x, slope[1] * y]
-    )
-    # Gain and bias of the light must not look like motion: project both out.
-    descent -= descent.mean(axis=1, keepdims=True)
-    descent -= np.outer(descent @ patch, patch)
-    scale = np.array([1.0, 1.0, *[1.0 / grid.max()] * 4])  # one unit each moves pixels by one
-    descent = descent * scale[:, None]
-    hessian = descent @ descent.T
-    if not np.trace(hessian) > 0.0:  # stripes of a pixel: contrast without a slope
-        return np.zeros((6, len(grid)), np.float32)
-    hessian += DAMPING * np.trace(hessian) / 6.0 * np.eye(6)
-    update = scale[:, None] * (np.linalg.solve(hessian, descent) * norm)
-    return np.asarray(update.astype(np.float32))

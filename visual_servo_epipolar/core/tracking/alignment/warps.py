@@ -34,7 +34,13 @@ class Warps:
         """Return the rows chosen by index, shape (M,), or mask, shape (N,)."""
         if keeps_all(rows):
             return self
-        return Warps(self.ids[rows], self.desired[rows], self.current[rows], self.affine[rows])
+        rows = numbers(rows)
+        return Warps(
+            self.ids.take(rows),
+            self.desired.take(rows, axis=0),
+            self.current.take(rows, axis=0),
+            self.affine.take(rows, axis=0),
+        )
 
     def joined(self, more: 'Warps') -> 'Warps':
         """Return these warps followed by ``more``."""
@@ -49,6 +55,17 @@ class Warps:
 def keeps_all(rows: IntArray | BoolArray) -> bool:
     """Return whether ``rows`` is a mask that drops nothing, as it is in most frames."""
     return rows.dtype == np.bool_ and bool(rows.all())
+
+
+def numbers(rows: IntArray | BoolArray) -> IntArray:
+    """Return the numbers of rows, (M,), chosen by them or by a mask, which takes twice as long."""
+    return np.flatnonzero(rows) if rows.dtype == np.bool_ else np.asarray(rows)
+
+
+def squared_lengths(vectors: FloatArray) -> FloatArray:
+    """Return the squared lengths, (N,), of ``vectors``, (N, 2): a third of the time of a sum."""
+    squares = vectors * vectors
+    return np.asarray(squares[:, 0] + squares[:, 1])
 
 
 def contained(ids: IntArray, among: IntArray) -> BoolArray:
