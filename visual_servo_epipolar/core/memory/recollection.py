@@ -21,7 +21,7 @@ def _nothing() -> FloatArray:
     return np.full((VIEW, VIEW), np.nan)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)  # without slots: ``values.changed``
 class Recollection:
     """
     What the memory says of one view: nothing, and the ``reason`` why, where that is not empty.

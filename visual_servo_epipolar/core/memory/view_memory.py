@@ -45,6 +45,7 @@ from visual_servo_epipolar.core.memory.sightings import (
     sides_of,
     Sightings,
 )
+from visual_servo_epipolar.core.values import changed
 
 MIN_SIGHTINGS = 5  # of remembered features that agree
 MIN_SHARE = 0.5  # of the remembered features in view that agree
@@ -59,7 +60,7 @@ class Unlearnt(NamedTuple):
     new: int
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)  # without slots: ``values.changed``
 class ViewMemory:
     """
     What is remembered of the views so far; a new photograph needs a new memory.
@@ -150,7 +151,7 @@ class ViewMemory:
         heading = 0.0 if before.pose is None else float(before.pose[2])
         way = np.zeros(2) if motion is None else np.asarray(motion, np.float64)
         other = way if instead is None else np.asarray(instead, np.float64)
-        memory = replace(
+        memory = changed(
             before,
             place=before.place + _turned(way, heading),
             instead=before.instead + _turned(other, heading),
@@ -167,7 +168,7 @@ class ViewMemory:
         if self.begins:
             memory = replace(self, begins=False)._begun()
         elif self.unlearnt is not None and self.geometry is not None:
-            memory = replace(self, unlearnt=None)._grown(self.geometry, *self.unlearnt)
+            memory = changed(self, unlearnt=None)._grown(self.geometry, *self.unlearnt)
         else:
             return self
         if memory.geometry is not None:
@@ -227,7 +228,7 @@ class ViewMemory:
         said = recollected(geometry, anchors, resection, known)
         new = int(((rows < 0) & sightings.shown).sum())
         unlearnt = Unlearnt(sightings, resection, new) if learns else None
-        after = replace(
+        after = changed(
             self, pose=resection.pose, shrinkage=resection.shrinkage, unlearnt=unlearnt
         )
         return after, said

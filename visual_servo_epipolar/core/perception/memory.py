@@ -18,7 +18,7 @@ INFORMATIVE_PARALLAX = 12.0  # in deviations of the noise: bearings to about thr
 IDENTITY = np.eye(2)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)  # without slots: ``values.changed``
 class PerceptionMemory:
     """
     What perception carries from frame to frame.

@@ -1,7 +1,7 @@
 """Validated estimates: the geometry of one pair of views, or why there is none to act on."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
@@ -25,6 +25,7 @@ from visual_servo_epipolar.core.perception.validation import (
     rolled_over,
     turned_otherwise,
 )
+from visual_servo_epipolar.core.values import changed
 
 SPARED = 'a memory of views knows the epipoles'
 NOISE_ADAPTION = 0.1
@@ -102,7 +103,7 @@ def without_baseline(
         fundamental = fundamental_of_small_baseline(rotation, current, desired)
         residual = median_residual(fundamental, current, desired, observation.resolution)
         noise = _noise(float(residual), observation, memory.noise, settings.pixel_noise)
-        memory = replace(memory, noise=noise)
+        memory = changed(memory, noise=noise)
     return ValidatedEstimate(memory, reason)
 
 

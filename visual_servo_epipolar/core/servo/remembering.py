@@ -16,6 +16,7 @@ from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import of_few, Perception
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.steadying import agrees, Driven, Motion, Place, steadied
+from visual_servo_epipolar.core.values import changed
 
 PREFERENCE = 3.0  # deviations of two views that one of the memory may have
 LEAST_NOISE = 1e-9  # of the angle of a ray [rad]: a memory weighs by it
@@ -166,7 +167,7 @@ def sharpened(
             'remembered': True,
             'reason': '',
         }
-    return replace(
+    return changed(
         measurement,
         **bearings,
         heading_error=reading.heading_error,

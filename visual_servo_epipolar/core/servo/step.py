@@ -40,7 +40,7 @@ from visual_servo_epipolar.core.servo.sparing import learnt_after
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.trimming import trimmed, trims
 from visual_servo_epipolar.core.servo.update import updated
-from visual_servo_epipolar.core.servo.values import changed
+from visual_servo_epipolar.core.values import changed
 
 MAX_START_STEPS = 1.5  # usual times between two images that a robot speeds up at first
 LATE_S = 0.02  # by which a command may go out late of its image, and the next in time

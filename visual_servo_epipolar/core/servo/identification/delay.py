@@ -16,8 +16,8 @@ from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.commands_sent import CommandsSent
 from visual_servo_epipolar.core.servo.identification.curvature import heading_deviation
 from visual_servo_epipolar.core.servo.settings import ServoSettings, with_learnt
-from visual_servo_epipolar.core.servo.values import changed
 from visual_servo_epipolar.core.stamps import seconds_between
+from visual_servo_epipolar.core.values import changed
 
 DELAYS: FloatArray = np.arange(31, dtype=np.float64) * 0.05  # [s]
 BORNE = 0.25  # up to which laws bear a delay as it is [s]
