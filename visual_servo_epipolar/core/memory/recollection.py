@@ -34,8 +34,8 @@ class Recollection:
     ``dropped`` the ids of wrong matches. Of all features remembered: ``ids``, (M,), ``nearness``,
     inverse depths along the photograph's rays [1/m], and ``nearness_variance``; ``rays``, (M, 3),
     is where this view would see them, ``photograph``, (M, 3), those of the photograph, which has
-    ``shown`` some, (M,). ``depth`` is the median one [m], ``noise_ratio`` the
-    deviation of the window's residuals over what was expected.
+    ``shown`` some, (M,); those ``counted``, (M,), are no wrong matches either. ``depth`` is the
+    median one [m], ``noise_ratio`` the deviation of the window's residuals over what was expected.
     """
 
     reason: str = ''
@@ -51,6 +51,7 @@ class Recollection:
     rays: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     photograph: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     shown: BoolArray = field(default_factory=lambda: np.zeros(0, bool))
+    counted: BoolArray = field(default_factory=lambda: np.zeros(0, bool))
     depth: float = math.nan
     noise_ratio: float = math.nan
 
@@ -122,13 +123,14 @@ def recollected(
         own=resection.own,
         shift=resection.shift,
         inliers=inliers,
-        dropped=geometry.window.ids[~geometry.trusted],
+        dropped=geometry.wrong,
         ids=geometry.window.ids,
         nearness=geometry.unknowns.nearness,
         nearness_variance=geometry.feature_covariance[2, 2],
         rays=seen_rays(anchors.structure, resection.pose),
         photograph=geometry.window.photograph,
         shown=geometry.window.shown,
+        counted=geometry.counted,
         depth=geometry.depth,
         noise_ratio=geometry.noise_ratio,
     )

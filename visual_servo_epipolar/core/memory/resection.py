@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.core.memory.adjustment.equations import robust_weight
 from visual_servo_epipolar.core.memory.adjustment.factors import LEAST_JITTER
 from visual_servo_epipolar.core.memory.adjustment.projection import (
@@ -35,6 +35,25 @@ from visual_servo_epipolar.core.memory.shrinkage import Shrinkage, shrinkage_of
 OFFSETS = slice(BY_FEATURE.start, NEARNESS)  # of the slopes by a feature's unknowns
 
 
+class Errors(NamedTuple):
+    """
+    Errors of n features: ``own`` roots, (n, 3, 3), and what those of keyframes make, (n, 3, D).
+
+    Their ``offsets``, (2, 1, n), are those that keyframes gave the photograph's rays, in
+    deviations.
+    """
+
+    own: FloatArray
+    shared: FloatArray
+    offsets: FloatArray
+
+
+def errors_of(geometry: Geometry, rows: IntArray) -> Errors:
+    """Return the errors of the features in ``rows``, (n,), of a geometry."""
+    offsets = geometry.unknowns.offsets[:, None, rows]
+    return Errors(geometry.system.roots[rows], geometry.feature_roots[rows], offsets)
+
+
 class Resection(NamedTuple):
     """
     Pose of a view, (5,), its covariance, (5, 5), and ``inliers``, (n,).
@@ -54,22 +73,30 @@ class Resection(NamedTuple):
 
 
 def resected(
-    geometry: Geometry, anchors: Anchors, seen: Seen, fit: Fit, shrinkage: Shrinkage
+    geometry: Geometry,
+    anchors: Anchors,
+    seen: Seen,
+    fit: Fit,
+    shrinkage: Shrinkage,
+    *,
+    errors: Errors | None = None,
 ) -> Resection:
     """
     Return the pose and its covariance, after one step with the whole structure's errors.
 
     ``shrinkage`` is what was known of it before this view: it is one more unknown of the step.
+    ``errors`` are those of the features that are seen, where somebody has looked them up.
     """
+    errors = errors_of(geometry, seen.rows) if errors is None else errors
     view, sides = fit.pose[None], seen.sides[None]
     projection = projected(anchors.structure, view, sides)
     found = slopes(anchors.structure, view, sides, projection)[0]
     # Rows: by the five unknowns of the view and the shrinkage, and the residual; by errors of the
     # window.
-    withdrawing = -(found[OFFSETS] * geometry.unknowns.offsets[:, None, seen.rows]).sum(0)
+    withdrawing = -(found[OFFSETS] * errors.offsets).sum(0)
     columns = [found[BY_VIEW], withdrawing[None], projection.residuals]
     own = np.concatenate(columns).transpose(2, 1, 0)
-    whitening, shared = _whitening(geometry, seen, found, fit)
+    whitening, shared = _whitening(geometry, errors, found, fit)
     beside, by_mount = _prior_rows(geometry, fit.pose, shrinkage)
     rows = np.concatenate([whitening.rows(own), beside])
     shared = np.concatenate([whitening.rows(shared), by_mount])
@@ -123,7 +150,7 @@ class _Whitening(NamedTuple):
 
 
 def _whitening(
-    geometry: Geometry, seen: Seen, found: FloatArray, fit: Fit
+    geometry: Geometry, errors: Errors, found: FloatArray, fit: Fit
 ) -> tuple[_Whitening, FloatArray]:
     """
     Return what makes residuals of each feature independent, and errors of the window.
@@ -131,14 +158,14 @@ def _whitening(
     Those are slopes of residuals by errors of keyframes and the shared attitude, (n, 2, D).
     """
     own = found[BY_FEATURE].transpose(2, 1, 0)
-    alone = own @ geometry.system.roots[seen.rows]
+    alone = own @ errors.own
     first, other = alone[:, 0], alone[:, 1]
     a, b, c = 1.0 + (first * first).sum(1), (first * other).sum(1), (other * other).sum(1)
     weight = np.sqrt(robust_weight(fit.squares / fit.widening))
     # The inverted root of [[a, b], [b, 1 + c]].
     ratio = b / a
     rest = weight / np.sqrt(1.0 + c - b * ratio)
-    shared = own @ geometry.feature_roots[seen.rows]
+    shared = own @ errors.shared
     shared += found[BY_SHARED].transpose(2, 1, 0) @ geometry.root[-SHARED:-2]
     return _Whitening(weight / np.sqrt(a), -ratio * rest, rest), shared
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, median
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray, median
 from visual_servo_epipolar.core.memory.adjustment.equations import (
     Evaluation,
     OUTLIER,
@@ -51,6 +51,16 @@ class Geometry:
         return self.evaluation.trusted
 
     @cached_property
+    def wrong(self) -> IntArray:
+        """The ids of wrong matches."""
+        return np.asarray(self.window.ids[~self.trusted])
+
+    @cached_property
+    def counted(self) -> BoolArray:
+        """Which features are the photograph's, and no wrong matches, shape (N,)."""
+        return np.asarray(self.trusted & self.window.shown)
+
+    @cached_property
     def system(self) -> System:
         """Normal equations at the best unknowns."""
         return system_of(self.evaluation)
@@ -86,7 +96,7 @@ class Geometry:
     @cached_property
     def noise_ratio(self) -> float:
         """Deviation of residuals over what was expected of the noise."""
-        counted = self.trusted & self.window.shown
+        counted = self.counted
         weight = self.evaluation.weight * counted
         squares = float((weight * self.evaluation.squares).sum())
         squares += float((self.unknowns.offsets**2).sum(0) @ counted)
@@ -95,7 +105,7 @@ class Geometry:
 
     def prepare(self) -> None:
         """Compute what the next view will ask for, while nobody waits."""
-        for value in (self.feature_covariance, self.depth, self.noise_ratio):
+        for value in (self.feature_covariance, self.depth, self.noise_ratio, self.wrong):
             assert value is not None
 
 
