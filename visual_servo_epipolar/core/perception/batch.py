@@ -242,15 +242,18 @@ def _measures(stack: _Stack, estimates: Sequence[ValidatedEstimate]) -> list[Mea
     )
     noise = np.array([estimate.memory.noise for estimate in estimates])
     focal = np.array([view.observation.focal for view in stack.views])
+    deviations = measures.difference_deviation(
+        stack.current, stack.desired, noise / focal, _wide(stack)
+    )
+    # As ``perceive``: a memory of views knows D.
+    spared = np.array([estimate.memory.spared > 0 for estimate in estimates])
     distances = np.sort(measures.distances(stack.current, stack.desired), axis=1)
     columns = (
         _parallaxes(stack, estimates, headings).tolist(),
         headings.tolist(),
         stack.rotations.heading_error.tolist(),
-        _differences(stack, headings, counted).tolist(),
-        measures.difference_deviation(
-            stack.current, stack.desired, noise / focal, _wide(stack)
-        ).tolist(),
+        np.where(spared, np.nan, _differences(stack, headings, counted)).tolist(),
+        np.where(spared, np.nan, deviations).tolist(),
         median_of_sorted(distances).tolist(),
         _view_margins(stack, counted),
     )

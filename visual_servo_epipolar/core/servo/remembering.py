@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.memory.sightings import MemorySettings, Sighting
 from visual_servo_epipolar.core.memory.view_memory import ViewMemory
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
-from visual_servo_epipolar.core.perception.perceive import of_few, Perception
+from visual_servo_epipolar.core.perception.perceive import of_few, Perception, with_difference
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.steadying import agrees, Driven, Motion, Place, steadied
 from visual_servo_epipolar.core.values import changed
@@ -131,6 +131,8 @@ def measured(
     """Return the measurement of a view, by two views, or by what is remembered ``after`` it."""
     measurement = perception.measurement
     if measurement.features >= settings.min_features or not settings.remembers:
+        if reading is None:
+            return with_difference(perception, settings)
         return sharpened(measurement, reading, settings)
     if reading is not None:
         few = of_few(perception, settings, reading.view_rays)

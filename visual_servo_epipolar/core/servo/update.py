@@ -9,7 +9,7 @@ from visual_servo_epipolar.core.geometry.mount import at_axle, offset_at_axle
 from visual_servo_epipolar.core.memory.reading import Reading
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
-from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.perception.perceive import Perception, with_difference
 from visual_servo_epipolar.core.servo import way
 from visual_servo_epipolar.core.servo.anticipation import as_obeyed, longest_obeyed
 from visual_servo_epipolar.core.servo.identification.dead_band import DeadBand, learns
@@ -126,7 +126,7 @@ def _odometry_pose(perception: Perception, settings: ServoSettings) -> Pose | No
 def _disproved(perception: Perception, settings: ServoSettings) -> Perception:
     """Return ``perception`` without a geometry that driving disproves, and what led to it."""
     measurement = replace(
-        perception.measurement,
+        with_difference(perception, settings),
         bearings=None,
         deviation=math.nan,
         covariance=UNKNOWN_COVARIANCE,

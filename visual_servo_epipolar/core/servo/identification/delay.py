@@ -7,6 +7,7 @@ begins late may have been held; who ends late as well obeys late.
 """
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 import math
 
 import numpy as np
@@ -130,4 +131,9 @@ def felt_latency(settings: ServoSettings) -> float:
 
 def _usual(told: ServoSettings) -> range:
     """Return the places of the delays that need not be learnt."""
-    return range(int(np.count_nonzero(max(told.latency, BORNE) >= DELAYS)))
+    return _up_to(max(told.latency, BORNE))
+
+
+@lru_cache(maxsize=16)
+def _up_to(delay: float) -> range:
+    return range(int(np.count_nonzero(delay >= DELAYS)))
