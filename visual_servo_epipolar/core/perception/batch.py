@@ -31,6 +31,7 @@ from visual_servo_epipolar.core.perception.validated import (
     concluded,
     lesson_of,
     no_baseline,
+    noise_learnt,
     prior_of,
     SPARED,
     ValidatedEstimate,
@@ -91,7 +92,7 @@ def perceive_each(views: Sequence[RobotView]) -> list[Perception]:
     for k, view in enumerate(views):
         settings, count = view.settings, len(view.observation)
         if count < settings.min_features:
-            memory = view.memory or fresh_memory(settings)
+            memory = noise_learnt(view.memory or fresh_memory(settings))
             perceptions[k] = blank(view.observation, settings, memory)
         else:
             alike.setdefault((count, settings.estimator, settings.calibrated), []).append(k)
@@ -119,7 +120,7 @@ def _perceive_stack(views: Sequence[RobotView]) -> list[Perception]:
 
 
 def _known(view: RobotView) -> _Known:
-    memory = view.memory or fresh_memory(view.settings)
+    memory = noise_learnt(view.memory or fresh_memory(view.settings))
     observation = view.observation.corrected(memory.lens)
     return _Known(observation, view.settings, view.frame, memory)
 

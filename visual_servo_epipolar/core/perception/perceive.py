@@ -26,6 +26,7 @@ from visual_servo_epipolar.core.perception.memory import fresh_memory, Perceptio
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.perception.validated import (
+    noise_learnt,
     SPARED,
     validated_estimate,
     ValidatedEstimate,
@@ -68,7 +69,7 @@ def perceive(
         What was known before, None before the first view.
 
     """
-    memory = memory or fresh_memory(settings)
+    memory = noise_learnt(memory or fresh_memory(settings))
     if len(observation) < settings.min_features:
         return blank(observation, settings, memory)
     observation = observation.corrected(memory.lens)
