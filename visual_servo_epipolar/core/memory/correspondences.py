@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 from visual_servo_epipolar.core.arrays import BoolArray, IntArray
 from visual_servo_epipolar.core.memory.adjustment.refinement import Geometry
+from visual_servo_epipolar.core.memory.errors import Errors, errors_of
 from visual_servo_epipolar.core.memory.fitting import Anchors, anchors_of
-from visual_servo_epipolar.core.memory.resection import Errors, errors_of
 
 
 @dataclass(frozen=True, eq=False)

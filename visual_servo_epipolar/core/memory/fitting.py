@@ -29,6 +29,7 @@ from visual_servo_epipolar.core.memory.adjustment.window import HEADING, MOUNT, 
 STEPS = 8
 LEAST_STEP = 0.1  # squared, in deviations, below which the last step does the rest
 FAR = 1e3  # squared, likewise, from which slopes are taken anew
+NEAR = 1e2  # squared, likewise, up to which slopes are those of the last step as well
 USUAL_MEDIAN = 1.3863  # of squares of two coordinates
 LEAST_NEARNESS = 1e-6  # information of what no feature shows [1/m^2]
 DIAGONAL = np.diag_indices(VIEW)
@@ -65,11 +66,16 @@ class Anchors:
 
 
 class Fit(NamedTuple):
-    """Pose of a view, (5,), squared residuals, (n,), and how many times wider they are."""
+    """
+    Pose of a view, (5,), squared residuals, (n,), and how many times wider they are.
+
+    ``slopes``, (11, 2, n), of residuals are those near the pose, None if it has moved far since.
+    """
 
     pose: FloatArray
     squares: FloatArray
     widening: float
+    slopes: FloatArray | None = None
 
     @property
     def inliers(self) -> BoolArray:
@@ -92,6 +98,7 @@ def anchors_of(geometry: Geometry) -> Anchors:
 class _Slopes(NamedTuple):
     """Slopes of residuals by the view, (5, 2, n), and what those tell, at some pose."""
 
+    every: FloatArray  # by all unknowns, (11, 2, n)
     own: FloatArray
     told: FloatArray  # inverted covariances of residuals, (2, 2, n)
     weighted: FloatArray  # slopes times those
@@ -100,19 +107,21 @@ class _Slopes(NamedTuple):
 def _slopes(anchors: Anchors, seen: Seen, pose: FloatArray, projection: Projection) -> _Slopes:
     found = slopes(anchors.structure, pose[None], seen.sides[None], projection)[0]
     told = _information(found[BY_FEATURE], anchors.covariance)
-    return _Slopes(found[BY_VIEW], told, _times(told, found[BY_VIEW]))
+    return _Slopes(found, found[BY_VIEW], told, _times(told, found[BY_VIEW]))
 
 
 def fitted(anchors: Anchors, seen: Seen, start: FloatArray) -> Fit:
     """Return the pose that fits best, from ``start``, (5,), by features as if independent."""
     pose, widening, squares = start, 1.0, np.zeros(len(seen.rows))
     at: _Slopes | None = None
+    farthest = 0.0  # since slopes were taken
     known = anchors.deviation**-2
     ridge = np.concatenate([np.zeros(TILT), known]) + LEAST_NEARNESS
     for _ in range(STEPS):
         projection = projected(anchors.structure, pose[None], seen.sides[None])
         residuals = projection.residuals[0]
-        at = _slopes(anchors, seen, pose, projection) if at is None else at
+        if at is None:
+            at, farthest = _slopes(anchors, seen, pose, projection), 0.0
         ahead = is_ahead(projection, seen.rays[None])[0]
         squares = np.where(ahead, (_times(at.told, residuals) * residuals).sum(0), OPPOSITE)
         widening = max(1.0, median(squares) / USUAL_MEDIAN)
@@ -123,11 +132,13 @@ def fitted(anchors: Anchors, seen: Seen, start: FloatArray) -> Fit:
         vector[TILT:] += known * (pose[TILT:] - anchors.attitude)
         step = np.linalg.solve(matrix, vector)
         pose = pose - step
-        moved = step @ vector
+        moved = float(step @ vector)
+        farthest = max(farthest, moved)
         if moved < LEAST_STEP * widening:
             break
         at = at if moved < FAR else None
-    return Fit(pose, squares, widening)
+    near = at is not None and farthest < NEAR
+    return Fit(pose, squares, widening, at.every if at is not None and near else None)
 
 
 def _information(own: FloatArray, covariance: FloatArray) -> FloatArray:
