@@ -33,6 +33,7 @@ NEAR = 1e2  # squared, likewise, up to which slopes are those of the last step a
 USUAL_MEDIAN = 1.3863  # of squares of two coordinates
 LEAST_NEARNESS = 1e-6  # information of what no feature shows [1/m^2]
 DIAGONAL = np.diag_indices(VIEW)
+EVERY = VIEW + 1  # element of a matrix, (5, 5), is one of its diagonal
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,7 +128,7 @@ def fitted(anchors: Anchors, seen: Seen, start: FloatArray) -> Fit:
         widening = max(1.0, median(squares) / USUAL_MEDIAN)
         rows = (at.weighted * robust_weight(squares / widening)).reshape(VIEW, -1)
         matrix = rows @ at.own.reshape(VIEW, -1).T
-        matrix[DIAGONAL] += ridge
+        matrix.ravel()[::EVERY] += ridge
         vector = rows @ residuals.ravel()
         vector[TILT:] += known * (pose[TILT:] - anchors.attitude)
         step = np.linalg.solve(matrix, vector)
@@ -146,7 +147,11 @@ def _information(own: FloatArray, covariance: FloatArray) -> FloatArray:
     turned = (covariance[:, :, None] * own[None]).sum(1)  # (3, 2, n)
     spread = (own[:, :, None] * turned[:, None]).sum(0)  # (2, 2, n)
     a, b, c = spread[0, 0] + 1.0, spread[0, 1], spread[1, 1] + 1.0
-    return np.asarray(np.array([[c, -b], [-b, a]]) / (a * c - b * b))
+    determinant = a * c - b * b
+    inverse = np.empty(spread.shape)
+    inverse[0, 0], inverse[1, 1] = c / determinant, a / determinant
+    inverse[0, 1] = inverse[1, 0] = -b / determinant
+    return inverse
 
 
 def _times(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
