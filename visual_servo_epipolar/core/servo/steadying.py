@@ -124,8 +124,10 @@ def steadied(
         return said, Place(mean, own, Motion(abs(motion.way), abs(motion.turn)))
     before = place.after(motion)
     change = _change(said, before)
-    gain = np.linalg.solve(before.covariance + own, before.covariance).T
-    if change @ np.linalg.solve(before.covariance + own, change) > SURPRISE:
+    both = np.column_stack([before.covariance, change])
+    solved = np.linalg.solve(before.covariance + own, both)
+    gain = solved[:, :PLACE].T
+    if change @ solved[:, PLACE] > SURPRISE:
         return said, Place(mean, own, before.lately)
     now = Place(before.mean + gain @ change, _symmetric(own @ gain.T), before.lately)
     pose, covariance, own = said.pose.copy(), said.covariance.copy(), said.own.copy()

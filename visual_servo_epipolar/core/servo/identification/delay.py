@@ -26,6 +26,7 @@ INTERVAL = 0.095  # between two headings that tell a turn, at least [s]
 FADING = 0.15  # sum of squared turns in which what was seen falls to 1/e: it may be a push [rad^2]
 MOST_DEVIATION = 0.01  # of a heading that tells a turn [rad]
 LEAST_TURN = 2e-3  # in an interval, seen or commanded [rad]
+CERTAINLY_LESS = 0.999  # of it: by more than rounding
 PUSHED = 1.5  # times the largest turn that may be commanded: it was not the base
 LEAST_POWER = 0.01  # sum of squared turns that tells a delay [rad^2]
 LEAST_CHANGE = 1e-3  # of squares that a delay adds, and takes away, in beginnings and ends [rad^2]
@@ -76,6 +77,8 @@ class Delay:
             return self
         turn = math.remainder(heading - self.heading, 2.0 * math.pi)
         if not 0.0 < gap <= told.stale_timeout or abs(turn) > PUSHED * told.max_angular * gap:
+            return began
+        if max(abs(turn), gap * sent.fastest_turn) < CERTAINLY_LESS * LEAST_TURN:
             return began
         turns = sent.turns(self.since_ns, now_ns, DELAYS)
         largest = max(abs(turn), float(np.abs(turns).max()))
