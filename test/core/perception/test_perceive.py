@@ -22,6 +22,7 @@ from visual_servo_epipolar.core.perception.measures import (
     difference_deviation,
     feature_difference,
     IN_FRONT,
+    margins_of_view,
     turned,
     view_margins,
 )
@@ -288,6 +289,17 @@ def test_a_camera_that_sees_all_round_may_turn_without_end() -> None:
     everything = np.ones(30, bool)
     margins = view_margins(current, everything, np.array([-math.pi, math.pi]), 20)
     assert [float(margin) for margin in margins] == [math.inf, math.inf]
+
+
+@pytest.mark.parametrize('keep', [1, 7, 100])
+@pytest.mark.parametrize('edge', [0.6, 2.5, math.pi])
+@pytest.mark.parametrize('share', [0.0, 0.5, 1.0])
+def test_margins_of_one_view_are_those_of_many(keep: int, edge: float, share: float) -> None:
+    current, _ = panorama(BEHIND, count=30)
+    counted = np.arange(30) < 30 * share
+    many = view_margins(current[None], counted[None], np.array([[-edge, edge]]), np.array([keep]))
+    one = margins_of_view(current, counted, (-edge, edge), keep)
+    assert list(one) == [float(margin[0]) for margin in many]
 
 
 @pytest.mark.parametrize('turn', [0.0, 1.0, 2.0, math.pi])

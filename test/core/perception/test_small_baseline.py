@@ -14,6 +14,7 @@ from visual_servo_epipolar.core.perception.batch import perceive_each, RobotView
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive
+from visual_servo_epipolar.core.perception.validated import noise_learnt
 from visual_servo_epipolar.core.perception.validation import median_residual
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 
@@ -48,6 +49,18 @@ def learnt(pose: Pose, noise_px: float, settings: ServoSettings = SETTINGS) -> P
 @pytest.mark.parametrize('noise_px', [0.1, 0.3, 0.6])
 def test_the_noise_is_learnt_where_there_is_no_baseline(pose: Pose, noise_px: float) -> None:
     assert learnt(pose, noise_px).noise == pytest.approx(noise_px, rel=0.3)  # 1.03 to 1.25 times
+
+
+def test_no_twist_waits_for_the_noise() -> None:
+    view = seen(POSES[0], 1.0, 0)
+    first = perceive(view, SETTINGS, 0)
+    assert first.measurement.noise_px == first.memory.noise == SETTINGS.pixel_noise
+    memory = noise_learnt(first.memory)
+    assert memory.noise > SETTINGS.pixel_noise
+    assert noise_learnt(memory) is memory
+    # Who did not learn after the twist does so before the next.
+    later = [perceive(view, SETTINGS, 1, each).measurement for each in (first.memory, memory)]
+    assert [each.noise_px for each in later] == [memory.noise] * 2
 
 
 def test_through_an_unknown_lens_nothing_is_learnt_of_a_turn() -> None:

@@ -131,6 +131,7 @@ def test_a_wrong_match_has_no_part_in_d() -> None:
         nearness=np.array([0.2, 0.2, 0.2, 500.0]),
         photograph=rays,
         shown=np.ones(4, bool),
+        counted=ids < 3,
         depth=5.0,
     )
     seen = Observation(0, rays, rays, 769.0, ids=ids)

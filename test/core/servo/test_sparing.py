@@ -9,11 +9,12 @@ from servo_states import MEMORY, reading, sight
 from visual_servo_epipolar.commands.files.resources import scenario_path
 from visual_servo_epipolar.core.memory.view_memory import ViewMemory
 from visual_servo_epipolar.core.perception import validated
+from visual_servo_epipolar.core.perception.batch import perceive_each, RobotView
 from visual_servo_epipolar.core.perception.lens_check import LensCheck, looked_at, UNKNOWN
 from visual_servo_epipolar.core.perception.observation import Observation
-from visual_servo_epipolar.core.perception.perceive import perceive
+from visual_servo_epipolar.core.perception.perceive import perceive, with_difference
 from visual_servo_epipolar.core.servo import update
-from visual_servo_epipolar.core.servo.remembering import Remembered
+from visual_servo_epipolar.core.servo.remembering import measured, Remembered
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.sparing import SPARED, spared_after
 from visual_servo_epipolar.core.servo.state import ServoState
@@ -123,3 +124,19 @@ def test_the_next_estimate_begins_where_the_memory_is() -> None:
     assert spared_after(MEMORY, seen, reading(), VIEWS).bearings == reading().bearings
     near = sight(bearings=None, offset=(0.0, -0.5))
     assert spared_after(MEMORY, near, reading(), VIEWS).bearings == MEMORY.bearings
+
+
+def test_d_is_left_out_where_a_memory_is_expected_to_know_it(driven) -> None:
+    state, seen, servo = next(each for each in driven if each[0].memory and each[0].memory.spared)
+    found = perceive(seen, servo, state.frame, state.memory)
+    beside = perceive_each([RobotView(seen, servo, state.frame, state.memory)])[0]
+    for each in (found, beside):
+        assert np.isnan(each.measurement.difference)
+        after = with_difference(each, servo)
+        whole = perceive(seen, servo, state.frame, replace(state.memory, spared=0))
+        # The heading of two views is another than that of the best rotation.
+        assert after.difference == pytest.approx(whole.measurement.difference, abs=0.05)
+        assert after.difference_deviation == pytest.approx(
+            whole.measurement.difference_deviation, rel=0.1
+        )
+    assert measured(found, None, VIEWS, servo).difference == after.difference

@@ -17,8 +17,8 @@ SMALLEST = 1e-3  # z that is divided by
 def dot(first: FloatArray, other: FloatArray) -> FloatArray:
     """Return the scalar products of vectors, shape (..., 3) each: (...)."""
     # By components: numpy sums over so short an axis several times slower.
-    x, y, z = (first[..., k] * other[..., k] for k in range(3))
-    return np.asarray(x + y + z)
+    product = first * other
+    return np.asarray(product[..., 0] + product[..., 1] + product[..., 2])
 
 
 def normalised(vectors: FloatArray) -> FloatArray:

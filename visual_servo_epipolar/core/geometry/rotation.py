@@ -80,8 +80,7 @@ def fit_rotations(current: FloatArray, desired: FloatArray) -> RotationFits:
     for _ in range(ITERATIONS - 1):
         carried = rotation @ source
         weights = _squared(target - carried)
-        scale = np.maximum(4.0 * median_of_sorted(np.sort(weights, axis=-1)), SMALLEST)
-        weights /= scale[..., None]
+        weights /= _scale(weights)
         weights += 1.0
         weights *= weights
         rotation = _turned(rotation, (target / weights[..., None, :]) @ carried.swapaxes(-1, -2))
@@ -101,11 +100,40 @@ def _squared(offset: FloatArray) -> FloatArray:
     return np.asarray(np.add.reduce(offset * offset, axis=-2))
 
 
+def _scale(squared: FloatArray) -> FloatArray | float:
+    """Return what squared distances, (..., N), are taken in units of: a number of one view."""
+    ordered = squared.copy()
+    ordered.sort(axis=-1)
+    median = median_of_sorted(ordered)
+    if not median.ndim:
+        return max(4.0 * float(median), SMALLEST)
+    return np.asarray(np.maximum(4.0 * median, SMALLEST)[..., None])
+
+
 def _kabsch(product: FloatArray) -> FloatArray:
     """Return R that maximises tr(R^T ``product``), the sum of w target source^T, (..., 3, 3)."""
     u, _, vt = np.linalg.svd(product)
-    u[..., 2] *= np.sign(np.linalg.det(u @ vt))[..., None]
+    nearest = np.asarray(u @ vt)
+    mirrored = [_determinant(*each) < 0.0 for each in nearest.reshape(-1, 9).tolist()]
+    if not any(mirrored):
+        return nearest
+    u[..., 2] *= np.where(np.reshape(mirrored, product.shape[:-2]), -1.0, 1.0)[..., None]
     return np.asarray(u @ vt)
+
+
+def _determinant(
+    xx: float,
+    xy: float,
+    xz: float,
+    yx: float,
+    yy: float,
+    yz: float,
+    zx: float,
+    zy: float,
+    zz: float,
+) -> float:
+    """Return the determinant of a matrix for its entries, row by row: numbers, for speed."""
+    return xx * (yy * zz - yz * zy) - xy * (yx * zz - yz * zx) + xz * (yx * zy - yy * zx)
 
 
 def _turned(rotation: FloatArray, product: FloatArray) -> FloatArray:

@@ -29,9 +29,11 @@ from visual_servo_epipolar.core.memory.adjustment.window import HEADING, MOUNT, 
 STEPS = 8
 LEAST_STEP = 0.1  # squared, in deviations, below which the last step does the rest
 FAR = 1e3  # squared, likewise, from which slopes are taken anew
+NEAR = 1e2  # squared, likewise, up to which slopes are those of the last step as well
 USUAL_MEDIAN = 1.3863  # of squares of two coordinates
 LEAST_NEARNESS = 1e-6  # information of what no feature shows [1/m^2]
 DIAGONAL = np.diag_indices(VIEW)
+EVERY = VIEW + 1  # element of a matrix, (5, 5), is one of its diagonal
 
 
 @dataclass(frozen=True, eq=False)
@@ -65,11 +67,16 @@ class Anchors:
 
 
 class Fit(NamedTuple):
-    """Pose of a view, (5,), squared residuals, (n,), and how many times wider they are."""
+    """
+    Pose of a view, (5,), squared residuals, (n,), and how many times wider they are.
+
+    ``slopes``, (11, 2, n), of residuals are those near the pose, None if it has moved far since.
+    """
 
     pose: FloatArray
     squares: FloatArray
     widening: float
+    slopes: FloatArray | None = None
 
     @property
     def inliers(self) -> BoolArray:
@@ -92,6 +99,7 @@ def anchors_of(geometry: Geometry) -> Anchors:
 class _Slopes(NamedTuple):
     """Slopes of residuals by the view, (5, 2, n), and what those tell, at some pose."""
 
+    every: FloatArray  # by all unknowns, (11, 2, n)
     own: FloatArray
     told: FloatArray  # inverted covariances of residuals, (2, 2, n)
     weighted: FloatArray  # slopes times those
@@ -100,34 +108,38 @@ class _Slopes(NamedTuple):
 def _slopes(anchors: Anchors, seen: Seen, pose: FloatArray, projection: Projection) -> _Slopes:
     found = slopes(anchors.structure, pose[None], seen.sides[None], projection)[0]
     told = _information(found[BY_FEATURE], anchors.covariance)
-    return _Slopes(found[BY_VIEW], told, _times(told, found[BY_VIEW]))
+    return _Slopes(found, found[BY_VIEW], told, _times(told, found[BY_VIEW]))
 
 
 def fitted(anchors: Anchors, seen: Seen, start: FloatArray) -> Fit:
     """Return the pose that fits best, from ``start``, (5,), by features as if independent."""
     pose, widening, squares = start, 1.0, np.zeros(len(seen.rows))
     at: _Slopes | None = None
+    farthest = 0.0  # since slopes were taken
     known = anchors.deviation**-2
     ridge = np.concatenate([np.zeros(TILT), known]) + LEAST_NEARNESS
     for _ in range(STEPS):
         projection = projected(anchors.structure, pose[None], seen.sides[None])
         residuals = projection.residuals[0]
-        at = _slopes(anchors, seen, pose, projection) if at is None else at
+        if at is None:
+            at, farthest = _slopes(anchors, seen, pose, projection), 0.0
         ahead = is_ahead(projection, seen.rays[None])[0]
         squares = np.where(ahead, (_times(at.told, residuals) * residuals).sum(0), OPPOSITE)
         widening = max(1.0, median(squares) / USUAL_MEDIAN)
         rows = (at.weighted * robust_weight(squares / widening)).reshape(VIEW, -1)
         matrix = rows @ at.own.reshape(VIEW, -1).T
-        matrix[DIAGONAL] += ridge
+        matrix.ravel()[::EVERY] += ridge
         vector = rows @ residuals.ravel()
         vector[TILT:] += known * (pose[TILT:] - anchors.attitude)
         step = np.linalg.solve(matrix, vector)
         pose = pose - step
-        moved = step @ vector
+        moved = float(step @ vector)
+        farthest = max(farthest, moved)
         if moved < LEAST_STEP * widening:
             break
         at = at if moved < FAR else None
-    return Fit(pose, squares, widening)
+    near = at is not None and farthest < NEAR
+    return Fit(pose, squares, widening, at.every if at is not None and near else None)
 
 
 def _information(own: FloatArray, covariance: FloatArray) -> FloatArray:
@@ -135,7 +147,11 @@ def _information(own: FloatArray, covariance: FloatArray) -> FloatArray:
     turned = (covariance[:, :, None] * own[None]).sum(1)  # (3, 2, n)
     spread = (own[:, :, None] * turned[:, None]).sum(0)  # (2, 2, n)
     a, b, c = spread[0, 0] + 1.0, spread[0, 1], spread[1, 1] + 1.0
-    return np.asarray(np.array([[c, -b], [-b, a]]) / (a * c - b * b))
+    determinant = a * c - b * b
+    inverse = np.empty(spread.shape)
+    inverse[0, 0], inverse[1, 1] = c / determinant, a / determinant
+    inverse[0, 1] = inverse[1, 0] = -b / determinant
+    return inverse
 
 
 def _times(matrices: FloatArray, vectors: FloatArray) -> FloatArray:

@@ -21,7 +21,7 @@ def _nothing() -> FloatArray:
     return np.full((VIEW, VIEW), np.nan)
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)  # without slots: ``values.changed``
 class Recollection:
     """
     What the memory says of one view: nothing, and the ``reason`` why, where that is not empty.
@@ -32,10 +32,11 @@ class Recollection:
     alone and which averages out over views; ``shift``, (5,), the part of the pose that the
     shrinkage makes. ``inliers``, (N,), are the sightings that agree;
     ``dropped`` the ids of wrong matches. Of all features remembered: ``ids``, (M,), ``nearness``,
-    inverse depths along the photograph's rays [1/m], and ``nearness_variance``; ``rays``, (M, 3),
-    is where this view would see them, ``photograph``, (M, 3), those of the photograph, which has
-    ``shown`` some, (M,). ``depth`` is the median one [m], ``noise_ratio`` the
-    deviation of the window's residuals over what was expected.
+    inverse depths along the photograph's rays [1/m], and ``nearness_variance``; ``photograph``,
+    (M, 3), are those rays. The photograph has ``shown`` some, (M,), of which those ``counted``,
+    (M,), are no wrong matches. ``depth`` is the median one [m], ``noise_ratio`` the deviation of
+    the window's residuals over what was expected; ``seen`` is what the view looks at, and the
+    pose, (5,), from which.
     """
 
     reason: str = ''
@@ -48,11 +49,12 @@ class Recollection:
     ids: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
     nearness: FloatArray = field(default_factory=lambda: np.empty(0))
     nearness_variance: FloatArray = field(default_factory=lambda: np.empty(0))
-    rays: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     photograph: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     shown: BoolArray = field(default_factory=lambda: np.zeros(0, bool))
+    counted: BoolArray = field(default_factory=lambda: np.zeros(0, bool))
     depth: float = math.nan
     noise_ratio: float = math.nan
+    seen: tuple[Structure, FloatArray] | None = None
 
     def __bool__(self) -> bool:
         return not self.reason
@@ -99,6 +101,11 @@ class Recollection:
         """Angle by which the offset moves a feature of median depth [rad]."""
         return self.distance / self.depth
 
+    @property
+    def rays(self) -> FloatArray:
+        """Where this view would see the features, (M, 3): hardly ever asked for."""
+        return np.empty((0, 3)) if self.seen is None else seen_rays(*self.seen)
+
     def pixels(self, camera: CameraModel) -> FloatArray:
         """Return where ``camera`` would see the features, (M, 2) [px]; nan where it would not."""
         return camera.pixels(self.rays)
@@ -122,13 +129,14 @@ def recollected(
         own=resection.own,
         shift=resection.shift,
         inliers=inliers,
-        dropped=geometry.window.ids[~geometry.trusted],
+        dropped=geometry.wrong,
         ids=geometry.window.ids,
         nearness=geometry.unknowns.nearness,
         nearness_variance=geometry.feature_covariance[2, 2],
-        rays=seen_rays(anchors.structure, resection.pose),
         photograph=geometry.window.photograph,
         shown=geometry.window.shown,
+        counted=geometry.counted,
         depth=geometry.depth,
         noise_ratio=geometry.noise_ratio,
+        seen=(anchors.structure, resection.pose),
     )

@@ -15,14 +15,14 @@ from visual_servo_epipolar.core.memory.adjustment.equations import robust_weight
 from visual_servo_epipolar.core.memory.adjustment.factors import LEAST_JITTER
 from visual_servo_epipolar.core.memory.adjustment.projection import (
     BY_FEATURE,
-    BY_SHARED,
     BY_VIEW,
     NEARNESS,
     projected,
     slopes,
 )
 from visual_servo_epipolar.core.memory.adjustment.refinement import Geometry
-from visual_servo_epipolar.core.memory.adjustment.window import MOUNT, SHARED, TILT, VIEW
+from visual_servo_epipolar.core.memory.adjustment.window import MOUNT, TILT, VIEW
+from visual_servo_epipolar.core.memory.errors import Errors, errors_of
 from visual_servo_epipolar.core.memory.fitting import (
     Anchors,
     DIAGONAL,
@@ -54,23 +54,33 @@ class Resection(NamedTuple):
 
 
 def resected(
-    geometry: Geometry, anchors: Anchors, seen: Seen, fit: Fit, shrinkage: Shrinkage
+    geometry: Geometry,
+    anchors: Anchors,
+    seen: Seen,
+    fit: Fit,
+    shrinkage: Shrinkage,
+    *,
+    errors: Errors | None = None,
 ) -> Resection:
     """
     Return the pose and its covariance, after one step with the whole structure's errors.
 
     ``shrinkage`` is what was known of it before this view: it is one more unknown of the step.
+    ``errors`` are those of the features that are seen, where somebody has looked them up.
     """
+    errors = errors_of(geometry, seen.rows) if errors is None else errors
     view, sides = fit.pose[None], seen.sides[None]
     projection = projected(anchors.structure, view, sides)
-    found = slopes(anchors.structure, view, sides, projection)[0]
+    found = fit.slopes
+    if found is None:
+        found = slopes(anchors.structure, view, sides, projection)[0]
     # Rows: by the five unknowns of the view and the shrinkage, and the residual; by errors of the
     # window.
-    withdrawing = -(found[OFFSETS] * geometry.unknowns.offsets[:, None, seen.rows]).sum(0)
+    withdrawing = -(found[OFFSETS] * errors.offsets).sum(0)
     columns = [found[BY_VIEW], withdrawing[None], projection.residuals]
     own = np.concatenate(columns).transpose(2, 1, 0)
-    whitening, shared = _whitening(geometry, seen, found, fit)
-    beside, by_mount = _prior_rows(geometry, fit.pose, shrinkage)
+    whitening, shared = _whitening(errors, found, fit)
+    beside, by_mount = _prior_rows(geometry, errors, fit.pose, shrinkage)
     rows = np.concatenate([whitening.rows(own), beside])
     shared = np.concatenate([whitening.rows(shared), by_mount])
     joint = shared.T @ shared
@@ -122,29 +132,25 @@ class _Whitening(NamedTuple):
         return columns
 
 
-def _whitening(
-    geometry: Geometry, seen: Seen, found: FloatArray, fit: Fit
-) -> tuple[_Whitening, FloatArray]:
+def _whitening(errors: Errors, found: FloatArray, fit: Fit) -> tuple[_Whitening, FloatArray]:
     """
     Return what makes residuals of each feature independent, and errors of the window.
 
-    Those are slopes of residuals by errors of keyframes and the shared attitude, (n, 2, D).
+    Those are slopes of residuals by errors of keyframes and the shared attitude, (n, 2, r).
     """
-    own = found[BY_FEATURE].transpose(2, 1, 0)
-    alone = own @ geometry.system.roots[seen.rows]
+    slopes = found[BY_FEATURE.start :].transpose(2, 1, 0)  # of the feature, then of what all share
+    alone = slopes[..., :3] @ errors.own
     first, other = alone[:, 0], alone[:, 1]
     a, b, c = 1.0 + (first * first).sum(1), (first * other).sum(1), (other * other).sum(1)
     weight = np.sqrt(robust_weight(fit.squares / fit.widening))
     # The inverted root of [[a, b], [b, 1 + c]].
     ratio = b / a
     rest = weight / np.sqrt(1.0 + c - b * ratio)
-    shared = own @ geometry.feature_roots[seen.rows]
-    shared += found[BY_SHARED].transpose(2, 1, 0) @ geometry.root[-SHARED:-2]
-    return _Whitening(weight / np.sqrt(a), -ratio * rest, rest), shared
+    return _Whitening(weight / np.sqrt(a), -ratio * rest, rest), slopes @ errors.shared
 
 
 def _prior_rows(
-    geometry: Geometry, pose: FloatArray, shrinkage: Shrinkage
+    geometry: Geometry, errors: Errors, pose: FloatArray, shrinkage: Shrinkage
 ) -> tuple[FloatArray, FloatArray]:
     """Return rows of tilt and roll, off those of the mount by the floor, and of the shrinkage."""
     jitter = max(geometry.evaluation.factors.mount.jitter, LEAST_JITTER)
@@ -153,6 +159,6 @@ def _prior_rows(
     rows[:2, -1] = (pose[TILT:] - geometry.unknowns.shared[MOUNT]) / jitter
     deviation = math.sqrt(shrinkage.variance)
     rows[2, VIEW], rows[2, -1] = 1.0 / deviation, -shrinkage.share / deviation
-    shared = np.zeros((3, len(geometry.root)))
-    shared[:2] = -geometry.root[-2:] / jitter
+    shared = np.zeros((3, errors.attitude.shape[1]))
+    np.negative(errors.attitude, out=shared[:2])
     return rows, shared

@@ -47,6 +47,17 @@ class Sightings:
                 'pass the deviation of the angle of each ray [rad]'
             )
 
+    @classmethod
+    def owning(
+        cls, ids: IntArray, current: FloatArray, desired: FloatArray, noise: FloatArray
+    ) -> 'Sightings':
+        """Return sightings of columns that fit and that nobody changes: not copied nor checked."""
+        sightings = object.__new__(cls)
+        columns = (ids, current, desired, noise)
+        for name, values in zip(cls.__slots__, columns, strict=True):
+            object.__setattr__(sightings, name, values)
+        return sightings
+
     def __len__(self) -> int:
         return len(self.ids)
 
@@ -108,7 +119,11 @@ class MemorySettings:
 
 def sides_of(rays: FloatArray, noise: FloatArray) -> FloatArray:
     """Return two vectors across rays, (N, 3), one over the noise (N,) long: shape (2, 3, N)."""
-    return np.asarray(np.array(tangents(*rays.T)) / noise)
+    sides = np.empty((2, 3, len(rays)))
+    for side, parts in zip(sides, tangents(*rays.T), strict=True):
+        for row, part in zip(side, parts, strict=True):
+            np.divide(part, noise, out=row)
+    return sides
 
 
 def differ(last: Sightings, now: Sightings) -> bool:

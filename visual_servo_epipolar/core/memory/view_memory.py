@@ -23,9 +23,12 @@ from visual_servo_epipolar.core.memory.collecting import (
     with_collected,
     with_room,
 )
+from visual_servo_epipolar.core.memory.correspondences import (
+    Correspondences,
+    correspondences_of,
+)
 from visual_servo_epipolar.core.memory.fitting import (
     Anchors,
-    anchors_of,
     Fit,
     fitted,
     nearest_view,
@@ -45,6 +48,7 @@ from visual_servo_epipolar.core.memory.sightings import (
     sides_of,
     Sightings,
 )
+from visual_servo_epipolar.core.values import changed
 
 MIN_SIGHTINGS = 5  # of remembered features that agree
 MIN_SHARE = 0.5  # of the remembered features in view that agree
@@ -52,14 +56,19 @@ MOST_REFUSED = 3  # keyframes in a row that do not fit: then the geometry is wro
 
 
 class Unlearnt(NamedTuple):
-    """View that was resected, with so many ``new`` features that are not remembered."""
+    """View that was resected, by its ``correspondences`` with the geometry before it."""
 
     sightings: Sightings
     resection: Resection
-    new: int
+    correspondences: Correspondences
+
+    @property
+    def new(self) -> int:
+        """Number of the photograph's features that are not remembered."""
+        return int(np.count_nonzero((self.correspondences.rows < 0) & self.sightings.shown))
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)  # without slots: ``values.changed``
 class ViewMemory:
     """
     What is remembered of the views so far; a new photograph needs a new memory.
@@ -70,6 +79,7 @@ class ViewMemory:
     it; ``pose``, (5,), that of the last view.
     ``trial`` is the geometry with one more keyframe, half refined: the other half is for the next
     view, so that none takes the time of both. ``refused`` counts unsound trials in a row.
+    ``correspondences`` are those of the last view that was held against it.
     ``unlearnt`` is the last view while nothing was learnt from it, and ``begins`` that a geometry
     is yet to be looked for: what is said of a view does not wait for that.
     """
@@ -87,6 +97,7 @@ class ViewMemory:
     last: Sightings | None = None
     shrinkage: Shrinkage = NOTHING
     unlearnt: Unlearnt | None = None
+    correspondences: Correspondences | None = None
     begins: bool = False
 
     def swapped(self, settings: MemorySettings) -> 'ViewMemory':
@@ -113,7 +124,7 @@ class ViewMemory:
         """The ids of wrong matches, of the features that are remembered."""
         if self.geometry is None:
             return ()
-        return tuple(self.geometry.window.ids[~self.geometry.trusted].tolist())
+        return tuple(self.geometry.wrong.tolist())
 
     def after(
         self,
@@ -150,7 +161,7 @@ class ViewMemory:
         heading = 0.0 if before.pose is None else float(before.pose[2])
         way = np.zeros(2) if motion is None else np.asarray(motion, np.float64)
         other = way if instead is None else np.asarray(instead, np.float64)
-        memory = replace(
+        memory = changed(
             before,
             place=before.place + _turned(way, heading),
             instead=before.instead + _turned(other, heading),
@@ -167,12 +178,16 @@ class ViewMemory:
         if self.begins:
             memory = replace(self, begins=False)._begun()
         elif self.unlearnt is not None and self.geometry is not None:
-            memory = replace(self, unlearnt=None)._grown(self.geometry, *self.unlearnt)
+            memory = changed(self, unlearnt=None)._grown(self.geometry, self.unlearnt)
         else:
             return self
-        if memory.geometry is not None:
-            memory.geometry.prepare()
-        return memory
+        geometry, before = memory.geometry, memory.correspondences
+        if geometry is None:
+            return memory
+        geometry.prepare()
+        if before is None or before.geometry is geometry:
+            return memory
+        return changed(memory, correspondences=correspondences_of(geometry, before.ids))
 
     def _collected(
         self, sightings: Sightings, bearings: Sequence[Bearings], attitude: Attitude
@@ -206,29 +221,29 @@ class ViewMemory:
         self, geometry: Geometry, sightings: Sightings, learns: bool
     ) -> 'tuple[ViewMemory, Recollection]':
         """Return the memory after a view that is held against its geometry."""
-        rows = self.window.rows_of(sightings.ids)
-        known = rows >= 0
-        known[known] = (geometry.trusted & self.window.placed)[rows[known]]
-        count = int(known.sum())
+        it = self.correspondences
+        if it is None or not it.are_of(geometry, sightings.ids):
+            it = correspondences_of(geometry, sightings.ids)
+        count = len(it.chosen)
         if count < MIN_SIGHTINGS:
             reason = f'{count} remembered features in view, {MIN_SIGHTINGS} needed'
             return self, Recollection(reason, ids=self.window.ids)
-        sides = sides_of(sightings.current[known], sightings.noise[known, 0])
-        seen = Seen(rows[known], sightings.current[known].T, sides)
-        anchors = anchors_of(geometry)
-        chosen = anchors.of(seen.rows)
-        fit = self._fit(geometry, chosen, seen)
+        rays = sightings.current[it.known]
+        seen = Seen(it.chosen, rays.T, sides_of(rays, sightings.noise[it.known, 0]))
+        fit = self._fit(geometry, it.anchors, seen)
         agree = int(fit.inliers.sum())
         if agree < max(MIN_SIGHTINGS, MIN_SHARE * count):
             reason = f'{agree} of {count} remembered features agree with one place'
             return self, Recollection(reason, ids=self.window.ids)
         shrinkage = self.shrinkage.before(float(np.hypot(*fit.pose[:2])), geometry.depth)
-        resection = resected(geometry, chosen, seen, fit, shrinkage)
-        said = recollected(geometry, anchors, resection, known)
-        new = int(((rows < 0) & sightings.shown).sum())
-        unlearnt = Unlearnt(sightings, resection, new) if learns else None
-        after = replace(
-            self, pose=resection.pose, shrinkage=resection.shrinkage, unlearnt=unlearnt
+        resection = resected(geometry, it.anchors, seen, fit, shrinkage, errors=it.errors)
+        said = recollected(geometry, it.everything, resection, it.known)
+        after = changed(
+            self,
+            pose=resection.pose,
+            shrinkage=resection.shrinkage,
+            correspondences=it,
+            unlearnt=Unlearnt(sightings, resection, it) if learns else None,
         )
         return after, said
 
@@ -241,22 +256,20 @@ class ViewMemory:
         again = fitted(anchors, seen, nearest_view(anchors, seen, views))
         return again if again.inliers.sum() > fit.inliers.sum() else fit
 
-    def _grown(
-        self, geometry: Geometry, sightings: Sightings, resection: Resection, new: int
-    ) -> 'ViewMemory':
+    def _grown(self, geometry: Geometry, view: Unlearnt) -> 'ViewMemory':
         """Return the memory with the view as a keyframe where it is one, or refined."""
-        settings = self.settings
+        settings, sightings, pose = self.settings, view.sightings, view.resection.pose
         if self.trial is not None:
             return self._tried(self.trial)
         if is_keyframe(
             geometry,
-            resection.pose,
+            pose,
             sightings=int(sightings.shown.sum()),
-            new=new,
+            new=view.new,
             settings=settings,
         ):
             places = self.place, self.instead
-            start = with_keyframe(geometry, sightings, places, resection.pose, settings)
+            start = with_keyframe(geometry, sightings, places, pose, settings)
             return replace(self, trial=refined(start, settings.steps // 2, geometry.damping))
         if geometry.converged:
             return self

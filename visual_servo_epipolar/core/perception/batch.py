@@ -31,6 +31,7 @@ from visual_servo_epipolar.core.perception.validated import (
     concluded,
     lesson_of,
     no_baseline,
+    noise_learnt,
     prior_of,
     SPARED,
     ValidatedEstimate,
@@ -91,7 +92,7 @@ def perceive_each(views: Sequence[RobotView]) -> list[Perception]:
     for k, view in enumerate(views):
         settings, count = view.settings, len(view.observation)
         if count < settings.min_features:
-            memory = view.memory or fresh_memory(settings)
+            memory = noise_learnt(view.memory or fresh_memory(settings))
             perceptions[k] = blank(view.observation, settings, memory)
         else:
             alike.setdefault((count, settings.estimator, settings.calibrated), []).append(k)
@@ -119,7 +120,7 @@ def _perceive_stack(views: Sequence[RobotView]) -> list[Perception]:
 
 
 def _known(view: RobotView) -> _Known:
-    memory = view.memory or fresh_memory(view.settings)
+    memory = noise_learnt(view.memory or fresh_memory(view.settings))
     observation = view.observation.corrected(memory.lens)
     return _Known(observation, view.settings, view.frame, memory)
 
@@ -242,15 +243,18 @@ def _measures(stack: _Stack, estimates: Sequence[ValidatedEstimate]) -> list[Mea
     )
     noise = np.array([estimate.memory.noise for estimate in estimates])
     focal = np.array([view.observation.focal for view in stack.views])
+    deviations = measures.difference_deviation(
+        stack.current, stack.desired, noise / focal, _wide(stack)
+    )
+    # As ``perceive``: a memory of views knows D.
+    spared = np.array([estimate.memory.spared > 0 for estimate in estimates])
     distances = np.sort(measures.distances(stack.current, stack.desired), axis=1)
     columns = (
         _parallaxes(stack, estimates, headings).tolist(),
         headings.tolist(),
         stack.rotations.heading_error.tolist(),
-        _differences(stack, headings, counted).tolist(),
-        measures.difference_deviation(
-            stack.current, stack.desired, noise / focal, _wide(stack)
-        ).tolist(),
+        np.where(spared, np.nan, _differences(stack, headings, counted)).tolist(),
+        np.where(spared, np.nan, deviations).tolist(),
         median_of_sorted(distances).tolist(),
         _view_margins(stack, counted),
     )

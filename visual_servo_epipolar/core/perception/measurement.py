@@ -8,7 +8,7 @@ from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)  # without slots: ``values.changed``
 class Measurement:
     """
     What one observation tells about the goal.

@@ -118,6 +118,23 @@ def view_margins(
     return np.where(all_round, np.inf, left), np.where(all_round, np.inf, right)
 
 
+def margins_of_view(
+    current: FloatArray, counted: BoolArray, edges: tuple[float, float], keep: int
+) -> tuple[float, float]:
+    """Return what ``view_margins`` does of one view: rays (N, 3), ``counted`` (N,), in numbers."""
+    left, right = edges
+    if right - left >= FULL_CIRCLE:
+        return np.inf, np.inf
+    bearings = np.arctan2(packed(current[:, 0]), packed(current[:, 2]))
+    ordered = bearings if counted.all() else bearings[counted]
+    ordered.sort()
+    keep = min(keep, len(ordered))
+    if keep == 0:
+        return 0.0, 0.0
+    first, last = float(ordered[keep - 1]), float(ordered[len(ordered) - keep])
+    return max(right - first, 0.0), max(last - left, 0.0)
+
+
 def _taken(values: FloatArray, place: IntArray) -> FloatArray:
     """Return the element at ``place``, shape (...), of ``values``, shape (..., N)."""
     rows = values.reshape(-1, values.shape[-1])

@@ -1,7 +1,7 @@
 """What perception carries from frame to frame: the camera's attitude, noise, the last bearings."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +10,7 @@ from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.estimators.base import Attitude, Estimate
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.lens import CALIBRATED, learnt, Lens, unknown_lens
+from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 
 KNOWN_DEVIATION = 1.7e-3  # of tilt and roll: the floor moved the desired camera, too [rad]
@@ -18,7 +19,15 @@ INFORMATIVE_PARALLAX = 12.0  # in deviations of the noise: bearings to about thr
 IDENTITY = np.eye(2)
 
 
-@dataclass(frozen=True, slots=True)
+class Still(NamedTuple):
+    """View without a baseline, its best ``rotation``, (3, 3), and the noise to begin with [px]."""
+
+    observation: Observation
+    rotation: FloatArray
+    first_noise: float
+
+
+@dataclass(frozen=True)  # without slots: ``values.changed``
 class PerceptionMemory:
     """
     What perception carries from frame to frame.
@@ -28,7 +37,7 @@ class PerceptionMemory:
     ``consecutive_rejections`` counts estimates in a row that contradict ``bearings``; ``lens``
     is what was learnt of the camera matrix. ``spared`` is how many views to come need no estimate,
     since a memory of views knows their geometry, and which ``wrong`` matches it found, by id; None
-    where it does not.
+    where it does not. ``unlearnt`` is the last view, if its noise is yet to be learnt.
     """
 
     attitude: Attitude
@@ -38,6 +47,7 @@ class PerceptionMemory:
     lens: Lens = CALIBRATED
     spared: int = 0
     wrong: tuple[int, ...] | None = None
+    unlearnt: Still | None = field(default=None, compare=False)
 
 
 def fresh_memory(settings: PerceptionSettings) -> PerceptionMemory:

@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.arrays import (
     are_among,
     BoolArray,
     FloatArray,
-    median_of_sorted,
+    median,
 )
 from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
 from visual_servo_epipolar.core.geometry.epipolar import rotations_desired_current
@@ -25,7 +25,13 @@ from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory, PerceptionMemory
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
-from visual_servo_epipolar.core.perception.validated import validated_estimate, ValidatedEstimate
+from visual_servo_epipolar.core.perception.validated import (
+    noise_learnt,
+    SPARED,
+    validated_estimate,
+    ValidatedEstimate,
+)
+from visual_servo_epipolar.core.values import changed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,7 +69,7 @@ def perceive(
         What was known before, None before the first view.
 
     """
-    memory = memory or fresh_memory(settings)
+    memory = noise_learnt(memory or fresh_memory(settings))
     if len(observation) < settings.min_features:
         return blank(observation, settings, memory)
     observation = observation.corrected(memory.lens)
@@ -102,9 +108,9 @@ def of_few(
     if observation is None:
         return blank.measurement
     if rays is not None:
-        edges, every = np.array(observation.edges), np.ones(len(rays), bool)
-        left, right = measures.view_margins(rays, every, edges, settings.keep_features)
-        return replace(blank.measurement, view_margins=(float(left), float(right)))
+        every, keep = np.ones(len(rays), bool), settings.keep_features
+        margins = measures.margins_of_view(rays, every, observation.edges, keep)
+        return replace(blank.measurement, view_margins=margins)
     nothing = ValidatedEstimate(memory, blank.measurement.reason)
     rotation = fit_rotation(observation.current, observation.desired)
     measured = _measures(observation, rotation, nothing, settings)
@@ -133,19 +139,39 @@ def _measures(
     current, desired = observation.current, observation.desired
     bearings = estimate.bearings
     heading_error = rotation.heading_error if bearings is None else bearings.heading_error
-    noise = estimate.memory.noise / observation.focal
     counted = usual_matches(observation, estimate)
-    left, right = measures.view_margins(
-        current, counted, np.array(observation.edges), settings.keep_features
-    )
+    difference, deviation = math.nan, math.nan
+    if not estimate.memory.spared:
+        difference = _difference(observation, rotation, heading_error, counted, settings)
+        deviation = _deviation(observation, estimate.memory)
     return Measures(
         _parallax(observation, rotation, heading_error, estimate.memory, settings),
         heading_error,
         rotation.heading_error,
-        _difference(observation, rotation, heading_error, counted, settings),
-        float(measures.difference_deviation(current, desired, noise, observation.wide)),
-        float(median_of_sorted(np.sort(measures.distances(current, desired)))),
-        (float(left), float(right)),
+        difference,
+        deviation,
+        median(measures.distances(current, desired)),
+        measures.margins_of_view(current, counted, observation.edges, settings.keep_features),
+    )
+
+
+def with_difference(perception: Perception, settings: PerceptionSettings) -> Measurement:
+    """
+    Return the measurement of a ``perception`` with D, which it may be without.
+
+    A memory of views that knows the geometry knows D as well: where one is expected to, it is only
+    computed when that has nothing to say.
+    """
+    measurement, observation = perception.measurement, perception.observation
+    if observation is None or not perception.memory.spared:
+        return measurement
+    rotation = fit_rotation(observation.current, observation.desired)
+    counted = usual_matches(observation, ValidatedEstimate(perception.memory, SPARED))
+    heading_error = measurement.heading_error
+    return changed(
+        measurement,
+        difference=_difference(observation, rotation, heading_error, counted, settings),
+        difference_deviation=_deviation(observation, perception.memory),
     )
 
 
@@ -171,6 +197,13 @@ def _parallax(
         return rotation.parallax
     spurious = float(spurious_parallax(observation.desired, heading_error, memory.lens.root))
     return math.sqrt(max(rotation.parallax * rotation.parallax - spurious * spurious, 0.0))
+
+
+def _deviation(observation: Observation, memory: PerceptionMemory) -> float:
+    """Return the deviation of D."""
+    current, desired = observation.current, observation.desired
+    noise = memory.noise / observation.focal
+    return float(measures.difference_deviation(current, desired, noise, observation.wide))
 
 
 def _difference(

@@ -1,7 +1,7 @@
 """Validated estimates: the geometry of one pair of views, or why there is none to act on."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
@@ -13,6 +13,7 @@ from visual_servo_epipolar.core.geometry.small_baseline import fundamental_of_sm
 from visual_servo_epipolar.core.perception.memory import (
     Lesson,
     PerceptionMemory,
+    Still,
     updated_memories,
 )
 from visual_servo_epipolar.core.perception.observation import Observation
@@ -25,6 +26,7 @@ from visual_servo_epipolar.core.perception.validation import (
     rolled_over,
     turned_otherwise,
 )
+from visual_servo_epipolar.core.values import changed
 
 SPARED = 'a memory of views knows the epipoles'
 NOISE_ADAPTION = 0.1
@@ -92,18 +94,31 @@ def without_baseline(
     reason: str,
 ) -> ValidatedEstimate:
     """
-    Return no estimate, for a ``reason``, and a memory that has learnt the noise all the same.
+    Return no estimate, for a ``reason``, and a memory that has the noise yet to learn.
 
     What counts as arrived is measured in noise: a guess of it, or one that a wrong lens made
     larger far away, would let the robot stop too early.
     """
     if settings.calibrated:  # through an unknown lens a turn alone leaves more than noise
-        current, desired = observation.current, observation.desired
-        fundamental = fundamental_of_small_baseline(rotation, current, desired)
-        residual = median_residual(fundamental, current, desired, observation.resolution)
-        noise = _noise(float(residual), observation, memory.noise, settings.pixel_noise)
-        memory = replace(memory, noise=noise)
+        still = Still(observation, rotation, settings.pixel_noise)
+        memory = changed(memory, unlearnt=still)
     return ValidatedEstimate(memory, reason)
+
+
+def noise_learnt(memory: PerceptionMemory) -> PerceptionMemory:
+    """
+    Return the ``memory`` with the noise that the last view showed, had it no baseline.
+
+    It follows slowly: one view later is soon enough, and no twist waits for it.
+    """
+    if memory.unlearnt is None:
+        return memory
+    observation, rotation, first = memory.unlearnt
+    current, desired = observation.current, observation.desired
+    fundamental = fundamental_of_small_baseline(rotation, current, desired)
+    residual = median_residual(fundamental, current, desired, observation.resolution)
+    noise = _noise(float(residual), observation, memory.noise, first)
+    return changed(memory, noise=noise, unlearnt=None)
 
 
 def prior_of(memory: PerceptionMemory, settings: PerceptionSettings) -> Prior:

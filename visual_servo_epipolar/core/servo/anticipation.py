@@ -17,8 +17,8 @@ from visual_servo_epipolar.core.servo.identification.delay import is_late
 from visual_servo_epipolar.core.servo.phases.table import DRIVING
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.values import changed
 from visual_servo_epipolar.core.stamps import NANOSECONDS
+from visual_servo_epipolar.core.values import changed
 
 
 def as_obeyed(state: ServoState, stamp_ns: int, dt: float, settings: ServoSettings) -> ServoState:

@@ -44,6 +44,11 @@ class CommandsSent:
         ended = min(stamp_ns - 1, self.stamps[-1] + round(WITHDRAWN_S * NANOSECONDS))
         return replace(self, withdrawn=False).after(ended, STANDSTILL)
 
+    @property
+    def fastest_turn(self) -> float:
+        """Largest angular velocity that was commanded, to either side [rad/s]."""
+        return max((abs(twist.angular) for twist in self.twists), default=0.0)
+
     def turns(self, begin_ns: int, end_ns: int, delays: FloatArray) -> FloatArray:
         """Return the turns commanded between two times less each of ``delays`` [s]: (N,) [rad]."""
         if not self.stamps:

@@ -17,7 +17,7 @@ from visual_servo_epipolar.core.servo.phases.conditions import discordant_bearin
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.values import changed
+from visual_servo_epipolar.core.values import changed
 
 NEARLY_ZERO = 2.0  # bearing of an e_du that counts as zero, in landings
 USUAL_RATE = 11.0  # before two images have come [Hz]

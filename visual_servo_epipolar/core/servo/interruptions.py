@@ -8,7 +8,7 @@ from visual_servo_epipolar.core.control.command import HALT
 from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
 from visual_servo_epipolar.core.servo.phases.table import Event, next_phase, Phase, RUNNING
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.values import changed
+from visual_servo_epipolar.core.values import changed
 
 Camera = TypeVar('Camera', bound=CameraModel)
 GOAL_CHANGED = (

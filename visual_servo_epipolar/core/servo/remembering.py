@@ -6,16 +6,17 @@ from typing import Any
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import are_among, BoolArray, IntArray
+from visual_servo_epipolar.core.arrays import are_among, IntArray
 from visual_servo_epipolar.core.memory.reading import Reading, reading_of
 from visual_servo_epipolar.core.memory.recollection import Recollection
 from visual_servo_epipolar.core.memory.sightings import MemorySettings, Sightings
 from visual_servo_epipolar.core.memory.view_memory import ViewMemory
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
-from visual_servo_epipolar.core.perception.perceive import of_few, Perception
+from visual_servo_epipolar.core.perception.perceive import of_few, Perception, with_difference
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.steadying import agrees, Driven, Motion, Place, steadied
+from visual_servo_epipolar.core.values import changed
 
 PREFERENCE = 3.0  # deviations of two views that one of the memory may have
 LEAST_NOISE = 1e-9  # of the angle of a ray [rad]: a memory weighs by it
@@ -93,7 +94,7 @@ def remembered(
     reading = reading_in_view(said, observation)
     agree = int(said.inliers[: len(observation)].sum())
     if reading is not None and is_few and agree < LEAST_CARRIED:
-        reading = replace(reading, view_rays=said.rays[_counted(said)])
+        reading = replace(reading, view_rays=said.rays[said.counted])
     return Remembered(after, place, few_s), reading
 
 
@@ -103,10 +104,10 @@ def sightings_of(observation: Observation, noise_px: float) -> Sightings:
     current, desired, passing = observation.current, observation.desired, observation.passing
     ids = np.arange(len(observation)) if observation.ids is None else observation.ids
     if passing is None:
-        return Sightings(ids, current, desired, noise)
+        return Sightings.owning(ids, current, desired, noise)
     new = ~are_among(passing.ids, ids)
     own = np.maximum(max(noise_px, DRIFT_PX) * passing.resolution[new], LEAST_NOISE)
-    return Sightings(
+    return Sightings.owning(
         np.concatenate([ids, passing.ids[new]]),
         np.concatenate([current, passing.current[new]]),
         np.concatenate([desired, np.full((int(new.sum()), 3), np.nan)]),
@@ -130,6 +131,8 @@ def measured(
     """Return the measurement of a view, by two views, or by what is remembered ``after`` it."""
     measurement = perception.measurement
     if measurement.features >= settings.min_features or not settings.remembers:
+        if reading is None:
+            return with_difference(perception, settings)
         return sharpened(measurement, reading, settings)
     if reading is not None:
         few = of_few(perception, settings, reading.view_rays)
@@ -166,7 +169,7 @@ def sharpened(
             'remembered': True,
             'reason': '',
         }
-    return replace(
+    return changed(
         measurement,
         **bearings,
         heading_error=reading.heading_error,
@@ -188,13 +191,8 @@ def reading_in_view(said: Recollection, observation: Observation) -> Reading | N
     """
     if said.reason or observation.ids is None:
         return None
-    counted = _counted(said)
+    counted = said.counted
     in_view = counted & are_among(said.ids, observation.ids)
     counted = in_view if in_view.any() else counted
     desired, nearness = said.photograph[counted], said.nearness[counted]
     return reading_of(said, desired, nearness, wide=observation.wide)
-
-
-def _counted(said: Recollection) -> BoolArray:
-    """Return which remembered features, (M,), are the photograph's, and no wrong matches."""
-    return np.asarray(said.shown & ~are_among(said.ids, said.dropped))

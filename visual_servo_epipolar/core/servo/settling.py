@@ -10,8 +10,8 @@ from visual_servo_epipolar.core.servo.phases.conditions import is_settled
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.values import changed
 from visual_servo_epipolar.core.stamps import seconds_between
+from visual_servo_epipolar.core.values import changed
 
 LAST_PHASES = (Phase.MATCHING_FEATURES, Phase.ORIENTING)
 

@@ -1,7 +1,5 @@
 """Sparing: two views are not estimated where the memory of views knows better."""
 
-from dataclasses import replace
-
 from visual_servo_epipolar.core.memory.reading import Reading
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
@@ -9,6 +7,7 @@ from visual_servo_epipolar.core.perception.perceive import perceive, Perception
 from visual_servo_epipolar.core.servo.remembering import Remembered
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.values import changed
 
 SPARED = 3  # views between two that are estimated all the same: noise and attitude may change
 
@@ -23,8 +22,8 @@ def spared_after(
     by_two = measurement.bearings is not None and not measurement.remembered
     if reading is None or by_two or views.views is None:
         known = memory.spared or memory.wrong is not None
-        return replace(memory, spared=0, wrong=None) if known else memory
-    return replace(
+        return changed(memory, spared=0, wrong=None) if known else memory
+    return changed(
         memory,
         bearings=reading.bearings if measurement.remembered else memory.bearings,
         spared=memory.spared - 1 if memory.spared else SPARED,
@@ -37,7 +36,7 @@ def learnt_after(memory: PerceptionMemory | None, views: Remembered) -> Percepti
     if memory is None or memory.wrong is None or views.views is None:
         return memory
     wrong = views.views.wrong
-    return memory if wrong == memory.wrong else replace(memory, wrong=wrong)
+    return memory if wrong == memory.wrong else changed(memory, wrong=wrong)
 
 
 def is_missed(perception: Perception, measurement: Measurement, settings: ServoSettings) -> bool:
@@ -50,5 +49,5 @@ def looked_again(state: ServoState, perception: Perception, settings: ServoSetti
     """Return a ``perception`` whose estimate was spared with one."""
     if perception.observation is None:
         return perception
-    memory = replace(perception.memory, spared=0, wrong=None)
+    memory = changed(perception.memory, spared=0, wrong=None)
     return perceive(perception.observation, settings, state.frame, memory)

@@ -1,6 +1,6 @@
 """Steadying: where the robot is near the goal, averaged over views by what it drove meanwhile."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 import math
 from typing import NamedTuple
 
@@ -9,6 +9,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.memory.adjustment.window import HEADING
 from visual_servo_epipolar.core.memory.recollection import Recollection
+from visual_servo_epipolar.core.values import changed
 
 PLACE = HEADING + 1  # unknowns of a place: right and ahead [m], heading error [rad]
 TURN_OF_WAY, SLIP = 0.1, 0.05  # turn that a way may add [rad/m], and its share to the side
@@ -123,15 +124,17 @@ def steadied(
         return said, Place(mean, own, Motion(abs(motion.way), abs(motion.turn)))
     before = place.after(motion)
     change = _change(said, before)
-    gain = np.linalg.solve(before.covariance + own, before.covariance).T
-    if change @ np.linalg.solve(before.covariance + own, change) > SURPRISE:
+    both = np.column_stack([before.covariance, change])
+    solved = np.linalg.solve(before.covariance + own, both)
+    gain = solved[:, :PLACE].T
+    if change @ solved[:, PLACE] > SURPRISE:
         return said, Place(mean, own, before.lately)
     now = Place(before.mean + gain @ change, _symmetric(own @ gain.T), before.lately)
     pose, covariance, own = said.pose.copy(), said.covariance.copy(), said.own.copy()
     covariance[:PLACE, :PLACE] += now.covariance - own[:PLACE, :PLACE]
     own[:PLACE, :PLACE] = now.covariance
     pose[:PLACE] = now.mean + said.shift[:PLACE]
-    return replace(said, pose=pose, covariance=covariance, own=own), now
+    return changed(said, pose=pose, covariance=covariance, own=own), now
 
 
 def agrees(said: Recollection, place: Place) -> bool:

@@ -23,6 +23,7 @@ from visual_servo_epipolar.core.geometry.motion import (
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive, Perception
+from visual_servo_epipolar.core.perception.validated import noise_learnt
 from visual_servo_epipolar.core.servo.anticipation import anticipated
 from visual_servo_epipolar.core.servo.phases.commands import curvature_compensated, nominal_twist
 from visual_servo_epipolar.core.servo.phases.events import classify
@@ -40,7 +41,7 @@ from visual_servo_epipolar.core.servo.sparing import learnt_after
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.trimming import trimmed, trims
 from visual_servo_epipolar.core.servo.update import updated
-from visual_servo_epipolar.core.servo.values import changed
+from visual_servo_epipolar.core.values import changed
 
 MAX_START_STEPS = 1.5  # usual times between two images that a robot speeds up at first
 LATE_S = 0.02  # by which a command may go out late of its image, and the next in time
@@ -80,11 +81,14 @@ def decided(
 
 
 def learnt(state: ServoState) -> ServoState:
-    """Return the state after what no command waits for: the memory of views takes in the last."""
+    """Return the state after what no command waits for: what the last view adds to memories."""
     views = state.views.learnt()
-    if views is state.views:
+    memory = None if state.memory is None else noise_learnt(state.memory)
+    if views is not state.views:
+        memory = learnt_after(memory, views)
+    elif memory is state.memory:
         return state
-    return changed(state, views=views, memory=learnt_after(state.memory, views))
+    return changed(state, views=views, memory=memory)
 
 
 def advance(

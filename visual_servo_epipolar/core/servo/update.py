@@ -9,7 +9,7 @@ from visual_servo_epipolar.core.geometry.mount import at_axle, offset_at_axle
 from visual_servo_epipolar.core.memory.reading import Reading
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
-from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.perception.perceive import Perception, with_difference
 from visual_servo_epipolar.core.servo import way
 from visual_servo_epipolar.core.servo.anticipation import as_obeyed, longest_obeyed
 from visual_servo_epipolar.core.servo.identification.dead_band import DeadBand, learns
@@ -31,7 +31,7 @@ from visual_servo_epipolar.core.servo.settling import with_settled
 from visual_servo_epipolar.core.servo.sparing import is_missed, looked_again, spared_after
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.steadying import Motion
-from visual_servo_epipolar.core.servo.values import changed
+from visual_servo_epipolar.core.values import changed
 
 BIAS_SMOOTHING = 0.2  # weight of the newest value in an exponential mean
 MANY_RESTARTS = 4  # of step 1: something is wrong, as after an attempt that missed
@@ -126,7 +126,7 @@ def _odometry_pose(perception: Perception, settings: ServoSettings) -> Pose | No
 def _disproved(perception: Perception, settings: ServoSettings) -> Perception:
     """Return ``perception`` without a geometry that driving disproves, and what led to it."""
     measurement = replace(
-        perception.measurement,
+        with_difference(perception, settings),
         bearings=None,
         deviation=math.nan,
         covariance=UNKNOWN_COVARIANCE,
@@ -144,11 +144,11 @@ def _of_the_axle(measurement: Measurement, extrinsics: Extrinsics) -> Measuremen
         return measurement
     if measurement.offset is not None:
         offset = offset_at_axle(measurement.offset, measurement.heading_error, mount)
-        measurement = replace(measurement, offset=offset)
+        measurement = changed(measurement, offset=offset)
     if measurement.bearings is None:
         return measurement
     bearings = at_axle(measurement.bearings, mount, extrinsics.distance)
-    return replace(measurement, bearings=bearings, camera_bearings=measurement.bearings)
+    return changed(measurement, bearings=bearings, camera_bearings=measurement.bearings)
 
 
 def _rotation_bias(state: ServoState, measurement: Measurement) -> float:
@@ -173,7 +173,7 @@ def _without_bias(measurement: Measurement, bias: float) -> Measurement:
     if math.isnan(bias):
         return measurement
     heading = math.remainder(measurement.rotation_heading + bias, 2.0 * math.pi)
-    return replace(measurement, heading_error=heading)
+    return changed(measurement, heading_error=heading)
 
 
 def _trusted_heading(
@@ -202,7 +202,7 @@ def _slope(state: ServoState, measurement: Measurement, dt: float) -> Slope:
     A memory of views knows it: of the features that are in view, which come and go.
     """
     if measurement.difference_slope > 0.0:
-        return replace(state.slope, value=measurement.difference_slope)
+        return Slope(measurement.difference_slope, state.slope.weight)
     if state.phase is not Phase.MATCHING_FEATURES or state.measurement is None:
         return state.slope
     return state.slope.updated(

@@ -196,7 +196,7 @@ def gauss_newton_step(problem: Problem, parameters: FloatArray, width: FloatArra
     information = normal[..., 1:, 1:] + problem.ridge
     change = _solved(information, normal[..., 1:, 0] + _pull(prior, deviation))
     length = np.maximum.reduce(np.abs(change), axis=-1)
-    if np.any(length > LARGEST_STEP):
+    if (length > LARGEST_STEP).any():
         change = np.clip(change, -LARGEST_STEP, LARGEST_STEP)
     return Step(parameters - change, information, squared, deviation, length)
 

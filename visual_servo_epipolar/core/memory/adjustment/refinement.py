@@ -6,20 +6,21 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, median
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray, median
 from visual_servo_epipolar.core.memory.adjustment.equations import (
     Evaluation,
     OUTLIER,
     System,
     system_of,
 )
-from visual_servo_epipolar.core.memory.adjustment.factors import factors_of
+from visual_servo_epipolar.core.memory.adjustment.factors import factors_of, LEAST_JITTER
 from visual_servo_epipolar.core.memory.adjustment.projection import projected, squares_of
-from visual_servo_epipolar.core.memory.adjustment.window import Unknowns, Window
+from visual_servo_epipolar.core.memory.adjustment.window import SHARED, Unknowns, Window
 
 DAMPING = 1e-4
 LEAST_GAIN = 0.05  # of the cost, below which nothing changes that matters
 LEAST_NEARNESS = 1e-6  # [1/m]
+NEGLIGIBLE = 1e-2  # square of what an error of keyframes does to all features, in deviations
 WRONG_SHARE = 0.4  # of the sightings that are outliers, from which the whole feature is one
 WRONG_OFFSET = 16.0  # square of what the photograph's ray is off by, in deviations
 # Times nearer than the median feature, by so few views: wrong matches near the photograph are.
@@ -51,6 +52,16 @@ class Geometry:
         return self.evaluation.trusted
 
     @cached_property
+    def wrong(self) -> IntArray:
+        """The ids of wrong matches."""
+        return np.asarray(self.window.ids[~self.trusted])
+
+    @cached_property
+    def counted(self) -> BoolArray:
+        """Which features are the photograph's, and no wrong matches, shape (N,)."""
+        return np.asarray(self.trusted & self.window.shown)
+
+    @cached_property
     def system(self) -> System:
         """Normal equations at the best unknowns."""
         return system_of(self.evaluation)
@@ -72,6 +83,32 @@ class Geometry:
         return np.asarray(-(system.roots @ coupled.reshape(-1, 3, size)))
 
     @cached_property
+    def spread(self) -> FloatArray:
+        """
+        Root of the covariance, (D, r), but for directions in which it shows nowhere.
+
+        In those an error of the keyframes displaces no feature by what it could be told from. The
+        root is taken along axes of what it does to all features, in deviations of their own; of
+        75 directions 30 are left, and a view is resected on as many unknowns less.
+        """
+        window, root = self.window, self.root
+        placed = self.trusted & window.placed
+        shown = self.system.coupled[placed].reshape(-1, len(root)) @ root
+        count, noise = max(2 * int(placed.sum()), 1), float(window.photograph_noise.min())
+        photograph = root[-SHARED:-2] * (math.sqrt(count) / noise)
+        mount = root[-2:] / max(self.evaluation.factors.mount.jitter, LEAST_JITTER)
+        rows = np.concatenate([shown, photograph, mount])
+        squares, axes = np.linalg.eigh(rows.T @ rows)
+        return np.asarray(root @ axes[:, squares > NEGLIGIBLE])
+
+    @cached_property
+    def feature_spread(self) -> FloatArray:
+        """What the errors of ``spread`` make of features, (N, 3, r)."""
+        size, count = self.spread.shape
+        coupled = self.system.coupled.reshape(-1, size) @ self.spread
+        return np.asarray(-(self.system.roots @ coupled.reshape(-1, 3, count)))
+
+    @cached_property
     def feature_covariance(self) -> FloatArray:
         """Covariance of two offsets and the inverse depth of each feature, (3, 3, N)."""
         roots = np.concatenate([self.system.roots, self.feature_roots], axis=-1)
@@ -86,7 +123,7 @@ class Geometry:
     @cached_property
     def noise_ratio(self) -> float:
         """Deviation of residuals over what was expected of the noise."""
-        counted = self.trusted & self.window.shown
+        counted = self.counted
         weight = self.evaluation.weight * counted
         squares = float((weight * self.evaluation.squares).sum())
         squares += float((self.unknowns.offsets**2).sum(0) @ counted)
@@ -95,7 +132,8 @@ class Geometry:
 
     def prepare(self) -> None:
         """Compute what the next view will ask for, while nobody waits."""
-        for value in (self.feature_covariance, self.depth, self.noise_ratio):
+        several = self.feature_covariance, self.feature_spread, self.wrong
+        for value in (*several, self.depth, self.noise_ratio):
             assert value is not None
 
 

@@ -59,12 +59,11 @@ class Threshold:
             return Threshold(self.value)
         lasted = self.lasted + dt if side else 0.0
         if lasted <= LATE_S or math.isnan(self.origin):
-            return replace(
-                Threshold(self.value, side, min(lasted, LATE_S), position), stood=self.stood
-            )
+            lasted = min(lasted, LATE_S)
+            return Threshold(self.value, side, lasted, position, stood=self.stood)
         asked, power = self.asked + velocity * dt, self.power + velocity * velocity * dt
         if lasted < PATIENCE_S or abs(asked) < max(LEAST_ASKED, DEVIATIONS * deviation):
-            return replace(self, side=side, lasted=lasted, asked=asked, power=power)
+            return Threshold(self.value, side, lasted, self.origin, asked, power, self.stood)
         again = Threshold(self.value, side, LATE_S, position)
         least = OF_PULSES if self.value else STANDING
         if abs(position - self.origin) >= least * abs(asked):

@@ -7,6 +7,7 @@ begins late may have been held; who ends late as well obeys late.
 """
 
 from dataclasses import dataclass, field
+from functools import lru_cache
 import math
 
 import numpy as np
@@ -16,8 +17,8 @@ from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.commands_sent import CommandsSent
 from visual_servo_epipolar.core.servo.identification.curvature import heading_deviation
 from visual_servo_epipolar.core.servo.settings import ServoSettings, with_learnt
-from visual_servo_epipolar.core.servo.values import changed
 from visual_servo_epipolar.core.stamps import seconds_between
+from visual_servo_epipolar.core.values import changed
 
 DELAYS: FloatArray = np.arange(31, dtype=np.float64) * 0.05  # [s]
 BORNE = 0.25  # up to which laws bear a delay as it is [s]
@@ -25,6 +26,7 @@ INTERVAL = 0.095  # between two headings that tell a turn, at least [s]
 FADING = 0.15  # sum of squared turns in which what was seen falls to 1/e: it may be a push [rad^2]
 MOST_DEVIATION = 0.01  # of a heading that tells a turn [rad]
 LEAST_TURN = 2e-3  # in an interval, seen or commanded [rad]
+CERTAINLY_LESS = 0.999  # of it: by more than rounding
 PUSHED = 1.5  # times the largest turn that may be commanded: it was not the base
 LEAST_POWER = 0.01  # sum of squared turns that tells a delay [rad^2]
 LEAST_CHANGE = 1e-3  # of squares that a delay adds, and takes away, in beginnings and ends [rad^2]
@@ -75,6 +77,8 @@ class Delay:
             return self
         turn = math.remainder(heading - self.heading, 2.0 * math.pi)
         if not 0.0 < gap <= told.stale_timeout or abs(turn) > PUSHED * told.max_angular * gap:
+            return began
+        if max(abs(turn), gap * sent.fastest_turn) < CERTAINLY_LESS * LEAST_TURN:
             return began
         turns = sent.turns(self.since_ns, now_ns, DELAYS)
         largest = max(abs(turn), float(np.abs(turns).max()))
@@ -130,4 +134,9 @@ def felt_latency(settings: ServoSettings) -> float:
 
 def _usual(told: ServoSettings) -> range:
     """Return the places of the delays that need not be learnt."""
-    return range(int(np.count_nonzero(max(told.latency, BORNE) >= DELAYS)))
+    return _up_to(max(told.latency, BORNE))
+
+
+@lru_cache(maxsize=16)
+def _up_to(delay: float) -> range:
+    return range(int(np.count_nonzero(delay >= DELAYS)))

@@ -68,6 +68,8 @@ class Odometry:
         A pose that no base comes to in this time is a leap: the motion is then that ``commanded``.
         """
         told = Driven(commanded, commanded, self.trusted)
+        if pose is None and self.pose is None and self.stretch is None:
+            return self, told
         if self.refuted:
             return replace(self, pose=pose), told
         if self.pose is None or pose is None or not 0.0 < dt < GAP_S:

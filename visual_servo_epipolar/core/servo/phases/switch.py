@@ -13,8 +13,8 @@ from visual_servo_epipolar.core.servo.phases.conditions import (
 from visual_servo_epipolar.core.servo.phases.table import Event, next_phase, Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.values import changed
 from visual_servo_epipolar.core.stamps import seconds_between
+from visual_servo_epipolar.core.values import changed
 
 
 def switched(

@@ -10,8 +10,8 @@ from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase, RUNNING
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.values import changed
 from visual_servo_epipolar.core.stamps import NANOSECONDS, NOT_ADVANCING, seconds_between
+from visual_servo_epipolar.core.values import changed
 
 MAX_STEP_S = 1.0  # a longer gap between two images is not integrated over
 USUAL_STEP_S = 0.1  # between two images, where no others came before
