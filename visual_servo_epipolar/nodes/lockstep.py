@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 STALL_S = 60.0
 SPIN_S = 0.05
+LARGEST_VIEW = 4  # of a lens that distorts, in images: what no view needs takes no memory
 TURNS_A_LOOK, LOOK_SPINS = 32, 3  # at timers and services
 QUIET_SPINS = 6  # without a message: everything has arrived
 
@@ -68,7 +69,8 @@ class Lockstep(AbstractContextManager['Lockstep']):
         if assisted and len(os.sched_getaffinity(0)) > 1:
             camera = scenario.camera
             build = partial(room, camera.scene_seed, camera.scene)
-            self._assistant = self._around.enter_context(Assistant(build))
+            pixels = LARGEST_VIEW * camera.width * camera.height
+            self._assistant = self._around.enter_context(Assistant(build, pixels))
         self.context = Context()
         rclpy.init(args=[], context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)

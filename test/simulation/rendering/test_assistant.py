@@ -29,6 +29,7 @@ FISHEYE = CameraSettings(
     distortion=(0.01, 0.0, 0.0, 0.0),
 )
 POSES = [Pose.from_start(0.3, -2.5 + 0.2 * k, 4.0 * k) for k in range(4)]
+PIXELS = 4 * 320 * 256
 build = partial(room, 1, 'plain')
 
 
@@ -42,7 +43,7 @@ def started(before):
 
 @pytest.fixture(scope='module')
 def assistant():
-    with Assistant(build) as assistant:
+    with Assistant(build, PIXELS) as assistant:
         assert assistant.wait()
         yield assistant
 
@@ -73,7 +74,7 @@ def test_images_are_the_same_with_and_without(assistant, settings, drawn) -> Non
 def test_an_image_is_drawn_alone_where_the_assistant_has_died(drawn) -> None:
     alone, together = renderer(PINHOLE), renderer(PINHOLE)
     before = multiprocessing.active_children()
-    with Assistant(build) as mortal:
+    with Assistant(build, PIXELS) as mortal:
         assert mortal.wait()
         together.assistant = mortal
         together.render(POSES[0])
@@ -85,9 +86,18 @@ def test_an_image_is_drawn_alone_where_the_assistant_has_died(drawn) -> None:
     assert not process.is_alive()
 
 
+def test_a_view_that_is_too_large_is_drawn_alone(drawn) -> None:
+    alone, together = renderer(PINHOLE), renderer(PINHOLE)
+    with Assistant(build, 320 * 256 - 1) as small:
+        assert small.wait()
+        together.assistant = small
+        np.testing.assert_array_equal(together.render(POSES[0]), alone.render(POSES[0]))
+    assert not drawn
+
+
 def test_its_end_is_the_end_of_its_process() -> None:
     before = multiprocessing.active_children()
-    with Assistant(build) as short:
+    with Assistant(build, PIXELS) as short:
         (process,) = started(before)
         assert process.is_alive()
         assert short.wait()

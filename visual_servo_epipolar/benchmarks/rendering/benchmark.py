@@ -105,7 +105,8 @@ def _shared(
 ) -> Iterator[dict[str, float]]:
     """Yield the time that passes for each image of two processes, and for its remap [s]."""
     settings = simulator.settings
-    with Assistant(partial(room, settings.scene_seed, settings.scene)) as assistant:
+    build = partial(room, settings.scene_seed, settings.scene)
+    with Assistant(build, settings.width * settings.height) as assistant:
         assistant.wait()
         simulator.renderer.assistant = assistant
         for pose in poses:  # it makes textures of its own

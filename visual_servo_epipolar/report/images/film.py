@@ -4,11 +4,11 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
-from multiprocessing.shared_memory import SharedMemory
 from multiprocessing.synchronize import Semaphore
 import os
 from pathlib import Path
 import signal
+from typing import Any
 
 import cv2
 import numpy as np
@@ -53,9 +53,10 @@ def filmed(
     """
     spawn = get_context('spawn')
     there, here = spawn.Pipe()
-    memory = SharedMemory(create=True, size=WAITING * camera.width * camera.height)
+    # Unlike named memory it is gone with both processes, however they end.
+    pixels: Any = spawn.RawArray('B', WAITING * camera.width * camera.height)
     free = spawn.Semaphore(WAITING)
-    given = there, memory.name, free, path, fps, bounds, camera
+    given = there, pixels, free, path, fps, bounds, camera
     process = spawn.Process(target=_draw, args=given, name='film', daemon=True)
     process.start()
     there.close()
@@ -71,7 +72,7 @@ def filmed(
         while not free.acquire(timeout=LOOK_S):
             if not process.is_alive():
                 _answer(here)
-        _images(memory, camera)[count % WAITING] = image
+        _images(pixels, camera)[count % WAITING] = image
         _send(here, (features, sample))
         count += 1
 
@@ -85,14 +86,12 @@ def filmed(
         here.close()  # which ends it, with an unfinished file or without
         process.join(END_S)
         process.kill()
-        memory.close()
-        memory.unlink()
         part_of(path).unlink(missing_ok=True)
 
 
-def _images(memory: SharedMemory, camera: CameraModel) -> Image:
+def _images(pixels: Any, camera: CameraModel) -> Image:
     """Return the images that wait, shape (WAITING, H, W)."""
-    return np.ndarray((WAITING, camera.height, camera.width), np.uint8, memory.buf)
+    return np.frombuffer(pixels, np.uint8).reshape(WAITING, camera.height, camera.width)
 
 
 def _send(here: Connection, step: tuple[Features, Sample] | None) -> None:
@@ -122,7 +121,7 @@ def _answer(here: Connection) -> str:
 
 def _draw(
     there: Connection,
-    name: str,
+    pixels: Any,
     free: Semaphore,
     path: Path,
     fps: float,
@@ -134,16 +133,14 @@ def _draw(
     # The run goes first, at once: each step of it waits for all before, the film for none.
     os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
     cv2.setNumThreads(1)
-    memory = SharedMemory(name)
     size = view_size((camera.width, camera.height))
     try:
         with VideoWriter(path, fps, image_size=size, bounds=bounds) as video:
             there.send(video.advice)
             while (step := there.recv()) is not None:
                 features, sample = step
-                image = _images(memory, camera)[video.frames % WAITING]
+                image = _images(pixels, camera)[video.frames % WAITING]
                 drawn = picture(image, features, sample, camera, size)
-                del image  # or the memory could not be closed
                 free.release()
                 video.add(drawn, sample)
         there.send('')
@@ -151,5 +148,3 @@ def _draw(
         pass
     except (VisualServoError, ValueError, OSError) as error:
         there.send(error)
-    finally:
-        memory.close()

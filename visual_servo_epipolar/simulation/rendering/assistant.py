@@ -4,7 +4,6 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from multiprocessing import get_context, parent_process
 from multiprocessing.connection import Connection
-from multiprocessing.shared_memory import SharedMemory
 from multiprocessing.synchronize import Semaphore
 import signal
 from time import perf_counter
@@ -31,28 +30,29 @@ class Assistant(AbstractContextManager['Assistant']):
 
     ``build`` must be picklable, and make the scene that is drawn here. Whether it helps changes no
     bit of an image: it helps as soon as it has made its scene, and where it dies it is done
-    without. A thread would do the same, were it not for all the Python in between.
+    without, as for views of more than ``pixels``. A thread would do the same, were it not for all
+    the Python in between.
     """
 
-    def __init__(self, build: Callable[[], Scene]) -> None:
+    def __init__(self, build: Callable[[], Scene], pixels: int) -> None:
         spawn = get_context('spawn')
         there, self._here = spawn.Pipe()
         # A pipe would wake the process on this core, where there is work to go on with.
         self._asked, self._drawn = spawn.Semaphore(0), spawn.Semaphore(0)
         self._drawn_s: Any = spawn.Value('d', lock=False)  # when it was ready
-        given = there, self._asked, self._drawn, self._drawn_s, build
+        # Unlike named memory it is gone with both processes, however they end.
+        self._pixels: Any = spawn.RawArray('B', pixels)
+        given = there, self._asked, self._drawn, self._drawn_s, self._pixels, build
         self._process = spawn.Process(target=_assist, args=given, name='assistant', daemon=True)
         self._process.start()
         there.close()
-        self._ready, self._memory = False, _Memory()
-        self._sharing, self._spared, self._begun_s = Sharing(), SPARED, 0.0
+        self._ready, self._sharing, self._spared, self._begun_s = False, Sharing(), SPARED, 0.0
 
     def __exit__(self, *_: object) -> None:
         self._here.close()
         self._asked.release()  # what it is asked then is nothing, which ends it
         self._process.join(END_S)
         self._process.kill()
-        self._memory.close()
 
     def wait(self) -> bool:
         """Wait until it has made its scene; return False if it has died instead."""
@@ -62,11 +62,10 @@ class Assistant(AbstractContextManager['Assistant']):
     def begin(self, view: View) -> bool:
         """Let the process draw its share of ``view``; return whether it does."""
         self._ready = self._ready or self._drawn.acquire(block=False)
-        if not self._ready:
+        if not self._ready or view.width * view.height > len(self._pixels):
             return False
         try:
-            name = self._memory.of(view.width * view.height)
-            self._here.send((name, view, self._spared))
+            self._here.send((view, self._spared))
         except OSError:
             return self._lost()
         self._begun_s = perf_counter()
@@ -85,7 +84,7 @@ class Assistant(AbstractContextManager['Assistant']):
         late = (self._drawn_s.value - ready_s) / (ready_s - self._begun_s)
         spared = self._spared - GAIN * min(max(late, -1.0), 1.0)
         self._spared = min(max(spared, -MOST_SPARED), MOST_SPARED)
-        cv2.bitwise_or(image, self._memory.image(image.shape), dst=image)
+        cv2.bitwise_or(image, _image(self._pixels, image.shape), dst=image)
         return True
 
     def _awaited(self) -> bool:
@@ -100,59 +99,35 @@ class Assistant(AbstractContextManager['Assistant']):
         return False
 
 
-class _Memory:
-    """Memory shared by both processes, as much as the largest image so far needed."""
-
-    def __init__(self) -> None:
-        self._shared: SharedMemory | None = None
-
-    def of(self, size: int) -> str:
-        """Return the name of memory of at least ``size`` bytes."""
-        if self._shared is None or self._shared.size < size:
-            self.close()
-            self._shared = SharedMemory(create=True, size=size)
-        return self._shared.name
-
-    def image(self, shape: tuple[int, ...]) -> Image:
-        """Return what the process has drawn."""
-        assert self._shared is not None
-        return np.ndarray(shape, np.uint8, self._shared.buf)
-
-    def close(self) -> None:
-        """Give the memory back."""
-        if self._shared is not None:
-            self._shared.close()
-            self._shared.unlink()
-
-
 def _assist(
     there: Connection,
     asked: Semaphore,
     drawn: Semaphore,
     drawn_s: Any,
+    pixels: Any,
     build: Callable[[], Scene],
 ) -> None:
     """Draw what is asked for, until the other end is closed."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's
     cv2.setNumThreads(1)
     scene, sharing = build(), Sharing()
-    memory: SharedMemory | None = None
     drawn.release()
     while _is_asked(asked):
         try:
-            name, view, spared = there.recv()
+            view, spared = there.recv()
         except (EOFError, OSError):
             return
-        if memory is None or memory.name != name:
-            memory = SharedMemory(name)
         raster = rasterize(scene, view)
-        shape = view.height, view.width
-        image: Image = np.ndarray(shape, np.uint8, memory.buf)
+        image = _image(pixels, (view.height, view.width))
         image[:] = 0
         textured(scene, raster, image, sharing.shares(raster, spared)[ASSISTANT])
-        del image  # or the memory could not be closed
         drawn_s.value = perf_counter()
         drawn.release()
+
+
+def _image(pixels: Any, shape: tuple[int, ...]) -> Image:
+    """Return the image in shared memory."""
+    return np.frombuffer(pixels, np.uint8, shape[0] * shape[1]).reshape(shape)
 
 
 def _is_asked(asked: Semaphore) -> bool:
