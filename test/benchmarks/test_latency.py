@@ -25,8 +25,8 @@ def test_images_are_answered_by_nodes_and_echo(document) -> None:
         assert 0.0 < it['p50'] <= it['p99'] <= it['p99.9']
     assert row['nodes']['moving'] > 0.0
     assert row['echo']['moving'] == 0.0
-    floor = row['floor']
-    assert floor['sum_ms'] == floor['echo_ms'] + floor['tracker_ms'] + floor['servo_ms']
+    for floor in (row['floor'], row['paced_floor']):
+        assert floor['sum_ms'] == floor['echo_ms'] + floor['tracker_ms'] + floor['servo_ms']
 
 
 def test_the_cost_of_each_process_is_counted(document) -> None:
@@ -42,6 +42,7 @@ def test_the_document_is_json_and_a_table(document) -> None:
     assert '640x480, 60 Hz' in text and 'servo_node' in text
     assert set(latency.figures(document)) == {
         '640x480 p50 over floor',
+        '640x480 p50 over floor at the rate',
         '640x480 p99 [ms]',
         '640x480 drops',
     }

@@ -2,7 +2,8 @@
 Latency benchmark: from an image on the wire to the twist on the wire.
 
 The floor beside it, in the same run by turns: an echo node that answers each image of the same
-size by an empty twist, and what tracker and servo take for the same images in memory.
+size by an empty twist, and what tracker and servo take for the same images in memory: one upon the
+other, and at the rate at which they come.
 """
 
 from collections.abc import Callable
@@ -107,6 +108,8 @@ def _measured(
     count = round(min(FRAMES_IN_MEMORY, seconds * rate))
     cycle = [images[number % len(images)] for number in range(count)]
     floor = in_memory(photograph, cycle, simulator.camera, rate)
+    say(f'{title}: tracker and servo in memory ...')
+    paced = in_memory(photograph, cycle, simulator.camera, rate, paced=True)
     with TemporaryDirectory(prefix='visual_servo_') as scratch, ExitStack() as stack:
         say(f'{title}: starting nodes ...')
         started = ECHO if nodes == FOUR else {**ECHO, **TRACKER_AND_SERVO}
@@ -119,8 +122,14 @@ def _measured(
         chain.wait_for_answers()
         loop.wait_for_listeners(1, to_echo=True)
         row = _by_turns(chain, loop, rate, seconds, lambda text: say(f'{title}: {text}'))
-    parts = {'echo_ms': row['echo']['p50'], **floor}
-    return {'size': size, 'rate': rate, 'floor': {**parts, 'sum_ms': sum(parts.values())}, **row}
+    echo = row['echo']['p50']
+    floors = {'floor': _floor(echo, floor), 'paced_floor': _floor(echo, paced)}
+    return {'size': size, 'rate': rate, **floors, **row}
+
+
+def _floor(echo_ms: float, in_memory_ms: dict[str, float]) -> dict[str, float]:
+    parts = {'echo_ms': echo_ms, **in_memory_ms}
+    return {**parts, 'sum_ms': sum(parts.values())}
 
 
 def _by_turns(

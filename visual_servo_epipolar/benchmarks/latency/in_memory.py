@@ -1,7 +1,7 @@
 """What tracker and servo take for the same images in memory: no message, no wire, no process."""
 
 from collections.abc import Sequence
-from time import perf_counter
+from time import perf_counter, sleep
 
 import numpy as np
 
@@ -19,12 +19,19 @@ WARM_UP = 10  # images that are not counted: the photograph is found, memory is 
 
 
 def in_memory(
-    photograph: Image, images: Sequence[Image], camera: CameraModel, rate: float
+    photograph: Image,
+    images: Sequence[Image],
+    camera: CameraModel,
+    rate: float,
+    *,
+    paced: bool = False,
 ) -> dict[str, float]:
     """
     Return the medians [ms] of tracker and servo: ``tracker_ms``, ``servo_ms``.
 
-    What a twist waits for; what prepares for the next image after that is not counted.
+    What a twist waits for; what prepares for the next image after that is not counted. If
+    ``paced``, images come at their rate, and not one upon the other: a processor that has slept
+    in between finds little in its caches, as in the nodes.
 
     Parameters
     ----------
@@ -41,7 +48,10 @@ def in_memory(
     tracker, settings, state = Tracker(TrackerSettings()), ServoSettings(), ServoState()
     tracker.set_desired(photograph)
     times = []
+    first = perf_counter()
     for number, image in enumerate(images):
+        if paced:
+            sleep(max(first + number / rate - perf_counter(), 0.0))
         began = perf_counter()
         features = tracker.track(image)
         tracked = perf_counter()

@@ -12,7 +12,7 @@ def table(document: Mapping[str, Any]) -> str:
         '',
         f'{"size and rate":<20}{"p50":>7}{"p99":>7}{"p99.9":>7}{"images":>8}{"drops":>7}'
         f'{"moving":>8}{"echo p50":>10}{"p99":>6}{"tracker":>9}{"servo":>7}{"floor":>7}'
-        f'{"ratio":>7}',
+        f'{"ratio":>7}{"tracker, servo at the rate":>28}{"floor":>7}{"ratio":>7}',
     ]
     lines += [_row(row) for row in document['rows']]
     lines += [
@@ -30,18 +30,23 @@ def figures(document: Mapping[str, Any]) -> dict[str, float]:
     for row in document['rows']:
         size = 'x'.join(map(str, row['size']))
         rows[f'{size} p50 over floor'] = row['nodes']['p50'] / row['floor']['sum_ms']
+        rows[f'{size} p50 over floor at the rate'] = (
+            row['nodes']['p50'] / row['paced_floor']['sum_ms']
+        )
         rows[f'{size} p99 [ms]'] = row['nodes']['p99']
         rows[f'{size} drops'] = float(row['nodes']['drops'])
     return rows
 
 
 def _row(row: Mapping[str, Any]) -> str:
-    nodes, echo, floor = row['nodes'], row['echo'], row['floor']
+    nodes, echo, floor, paced = (row[it] for it in ('nodes', 'echo', 'floor', 'paced_floor'))
+    both = f'{paced["tracker_ms"]:.1f}, {paced["servo_ms"]:.1f}'
     return (
         f'{_title(row):<20}{nodes["p50"]:7.1f}{nodes["p99"]:7.1f}{nodes["p99.9"]:7.1f}'
         f'{nodes["images"]:8d}{nodes["drops"]:7d}{nodes["moving"]:8.0%}'
         f'{echo["p50"]:10.1f}{echo["p99"]:6.1f}{floor["tracker_ms"]:9.1f}{floor["servo_ms"]:7.1f}'
         f'{floor["sum_ms"]:7.1f}{nodes["p50"] / floor["sum_ms"]:7.2f}'
+        f'{both:>28}{paced["sum_ms"]:7.1f}{nodes["p50"] / paced["sum_ms"]:7.2f}'
     )
 
 
