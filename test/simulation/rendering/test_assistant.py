@@ -95,6 +95,19 @@ def test_a_view_that_is_too_large_is_drawn_alone(drawn) -> None:
     assert not drawn
 
 
+def test_a_share_that_nobody_fetched_is_not_taken_for_another(drawn, monkeypatch) -> None:
+    alone, together = renderer(PINHOLE), renderer(PINHOLE)
+    with Assistant(build, PIXELS) as once:
+        assert once.wait()
+        together.assistant = once
+        with monkeypatch.context() as patch, pytest.raises(KeyError):
+            patch.setattr(drawing, 'crossed', lambda *_: {}['interrupted'])
+            together.render(POSES[0])
+        for pose in POSES[1:]:
+            np.testing.assert_array_equal(together.render(pose), alone.render(pose))
+    assert len(drawn) == 1
+
+
 def test_its_end_is_the_end_of_its_process() -> None:
     before = multiprocessing.active_children()
     with Assistant(build, PIXELS) as short:

@@ -160,6 +160,19 @@ def _times(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
     return np.asarray(product)
 
 
+def fitted_near(views: FloatArray, anchors: Anchors, seen: Seen, last: FloatArray | None) -> Fit:
+    """
+    Return the pose by the ``last`` one, (5,), or by the view most alike if that does not fit.
+
+    ``views``, (K, 5), are those of the keyframes; the newest is tried where there is no last pose.
+    """
+    fit = fitted(anchors, seen, views[-1] if last is None else last)
+    if 2 * int(fit.inliers.sum()) > len(seen.rows):
+        return fit
+    again = fitted(anchors, seen, nearest_view(anchors, seen, views))
+    return again if again.inliers.sum() > fit.inliers.sum() else fit
+
+
 def nearest_view(anchors: Anchors, seen: Seen, views: FloatArray) -> FloatArray:
     """
     Return of ``views``, (K, 5), the one from which features look most alike, turned to fit.

@@ -23,24 +23,12 @@ from visual_servo_epipolar.core.memory.collecting import (
     with_collected,
     with_room,
 )
-from visual_servo_epipolar.core.memory.correspondences import (
-    Correspondences,
-    correspondences_of,
-)
-from visual_servo_epipolar.core.memory.fitting import (
-    Anchors,
-    Fit,
-    fitted,
-    nearest_view,
-    Seen,
-)
+from visual_servo_epipolar.core.memory.correspondences import Correspondences, correspondences_of
+from visual_servo_epipolar.core.memory.fitting import fitted_near, Seen
 from visual_servo_epipolar.core.memory.initialization import initial, is_sound, Start
 from visual_servo_epipolar.core.memory.recollection import recollected, Recollection
 from visual_servo_epipolar.core.memory.resection import resected, Resection
-from visual_servo_epipolar.core.memory.selection import (
-    is_keyframe,
-    with_keyframe,
-)
+from visual_servo_epipolar.core.memory.selection import is_keyframe, with_keyframe
 from visual_servo_epipolar.core.memory.shrinkage import NOTHING, Shrinkage
 from visual_servo_epipolar.core.memory.sightings import (
     differ,
@@ -230,7 +218,7 @@ class ViewMemory:
             return self, Recollection(reason, ids=self.window.ids)
         rays = sightings.current[it.known]
         seen = Seen(it.chosen, rays.T, sides_of(rays, sightings.noise[it.known, 0]))
-        fit = self._fit(geometry, it.anchors, seen)
+        fit = fitted_near(geometry.unknowns.views, it.anchors, seen, self.pose)
         agree = int(fit.inliers.sum())
         if agree < max(MIN_SIGHTINGS, MIN_SHARE * count):
             reason = f'{agree} of {count} remembered features agree with one place'
@@ -246,15 +234,6 @@ class ViewMemory:
             unlearnt=Unlearnt(sightings, resection, it) if learns else None,
         )
         return after, said
-
-    def _fit(self, geometry: Geometry, anchors: Anchors, seen: Seen) -> Fit:
-        """Return the pose by the last one, or by the keyframe most alike if that does not fit."""
-        views = geometry.unknowns.views
-        fit = fitted(anchors, seen, views[-1] if self.pose is None else self.pose)
-        if 2 * int(fit.inliers.sum()) > len(seen.rows):
-            return fit
-        again = fitted(anchors, seen, nearest_view(anchors, seen, views))
-        return again if again.inliers.sum() > fit.inliers.sum() else fit
 
     def _grown(self, geometry: Geometry, view: Unlearnt) -> 'ViewMemory':
         """Return the memory with the view as a keyframe where it is one, or refined."""

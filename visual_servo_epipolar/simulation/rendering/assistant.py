@@ -46,7 +46,8 @@ class Assistant(AbstractContextManager['Assistant']):
         self._process = spawn.Process(target=_assist, args=given, name='assistant', daemon=True)
         self._process.start()
         there.close()
-        self._ready, self._sharing, self._spared, self._begun_s = False, Sharing(), SPARED, 0.0
+        self._ready = self._lost = self._asks = False
+        self._sharing, self._spared, self._begun_s = Sharing(), SPARED, 0.0
 
     def __exit__(self, *_: object) -> None:
         self._here.close()
@@ -61,14 +62,19 @@ class Assistant(AbstractContextManager['Assistant']):
 
     def begin(self, view: View) -> bool:
         """Let the process draw its share of ``view``; return whether it does."""
+        # Of a view that was never finished, what comes next would be taken for this one's.
+        self._lost = self._lost or self._asks
+        if self._lost or view.width * view.height > len(self._pixels):
+            return False
         self._ready = self._ready or self._drawn.acquire(block=False)
-        if not self._ready or view.width * view.height > len(self._pixels):
+        if not self._ready:
             return False
         try:
             self._here.send((view, self._spared))
         except OSError:
-            return self._lost()
-        self._begun_s = perf_counter()
+            self._lost = True
+            return False
+        self._asks, self._begun_s = True, perf_counter()
         self._asked.release()
         return True
 
@@ -78,9 +84,10 @@ class Assistant(AbstractContextManager['Assistant']):
 
     def finish(self, image: Image) -> bool:
         """Add its share to ``image``, black there; return whether there is one: it may be dead."""
-        ready_s = perf_counter()
+        ready_s, self._asks = perf_counter(), False
         if not self._awaited():
-            return self._lost()
+            self._lost = True
+            return False
         late = (self._drawn_s.value - ready_s) / (ready_s - self._begun_s)
         spared = self._spared - GAIN * min(max(late, -1.0), 1.0)
         self._spared = min(max(spared, -MOST_SPARED), MOST_SPARED)
@@ -93,10 +100,6 @@ class Assistant(AbstractContextManager['Assistant']):
             if not self._process.is_alive():
                 return False
         return True
-
-    def _lost(self) -> bool:
-        self._ready = False
-        return False
 
 
 def _assist(
