@@ -1,7 +1,8 @@
 """Rotation between two views without a baseline, and the parallax that it leaves unexplained."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -13,6 +14,8 @@ MIN_POINTS = 3
 TRUSTED_SHARE = 0.6  # of the matches that make the parallax: the worst may be outliers
 SMALLEST = 1e-18  # squared distance by which weights are scaled at least [rad^2]
 RIDGE = 1e-12  # keeps the equations of a turn regular where all matches coincide
+
+Entries: TypeAlias = Sequence[float]  # nine, of a matrix of 3 x 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -114,25 +117,16 @@ def _kabsch(product: FloatArray) -> FloatArray:
     """Return R that maximises tr(R^T ``product``), the sum of w target source^T, (..., 3, 3)."""
     u, _, vt = np.linalg.svd(product)
     nearest = np.asarray(u @ vt)
-    mirrored = [_determinant(*each) < 0.0 for each in nearest.reshape(-1, 9).tolist()]
+    mirrored = [_determinant(each) < 0.0 for each in nearest.reshape(-1, 9).tolist()]
     if not any(mirrored):
         return nearest
     u[..., 2] *= np.where(np.reshape(mirrored, product.shape[:-2]), -1.0, 1.0)[..., None]
     return np.asarray(u @ vt)
 
 
-def _determinant(
-    xx: float,
-    xy: float,
-    xz: float,
-    yx: float,
-    yy: float,
-    yz: float,
-    zx: float,
-    zy: float,
-    zz: float,
-) -> float:
+def _determinant(entries: Entries) -> float:
     """Return the determinant of a matrix for its entries, row by row: numbers, for speed."""
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = entries
     return xx * (yy * zz - yz * zy) - xy * (yx * zz - yz * zx) + xz * (yx * zy - yy * zx)
 
 
@@ -143,22 +137,13 @@ def _turned(rotation: FloatArray, product: FloatArray) -> FloatArray:
     ``product`` is the sum of w target (R source)^T, symmetric at the best R. A step leaves an
     error of the square of its length or less: new weights turn R by little, then less and less.
     """
-    steps = [_step(*each) for each in product.reshape(-1, 9).tolist()]
+    steps = [_step(each) for each in product.reshape(-1, 9).tolist()]
     return np.asarray(np.array(steps).reshape(product.shape) @ rotation)
 
 
-def _step(
-    xx: float,
-    xy: float,
-    xz: float,
-    yx: float,
-    yy: float,
-    yz: float,
-    zx: float,
-    zy: float,
-    zz: float,
-) -> list[float]:
+def _step(entries: Entries) -> list[float]:
     """Return the turn of a step for the entries of a product, row by row: numbers, for speed."""
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = entries
     pull_x, pull_y, pull_z = zy - yz, xz - zx, yx - xy  # the sum of w (R source) x target
     size = (1.0 + RIDGE) * (xx + yy + zz)
     a, b, c = size - xx, size - yy, size - zz

@@ -5,7 +5,6 @@ from typing import NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, IntArray
-from visual_servo_epipolar.core.memory.adjustment.factors import LEAST_JITTER
 from visual_servo_epipolar.core.memory.adjustment.refinement import Geometry
 from visual_servo_epipolar.core.memory.adjustment.window import SHARED
 
@@ -30,7 +29,7 @@ def errors_of(geometry: Geometry, rows: IntArray) -> Errors:
     spread, count = geometry.spread, len(rows)
     shared = np.empty((count, 6, spread.shape[1]))
     shared[:, :3], shared[:, 3:] = geometry.feature_spread[rows], spread[-SHARED:-2]
-    jitter = max(geometry.evaluation.factors.mount.jitter, LEAST_JITTER)
+    jitter = geometry.evaluation.factors.jitter
     return Errors(
         geometry.system.roots[rows],
         shared,

@@ -11,7 +11,6 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray, median
 from visual_servo_epipolar.core.memory.adjustment.equations import OUTLIER, robust_weight
-from visual_servo_epipolar.core.memory.adjustment.factors import LEAST_JITTER
 from visual_servo_epipolar.core.memory.adjustment.projection import (
     BY_FEATURE,
     BY_VIEW,
@@ -86,7 +85,7 @@ class Fit(NamedTuple):
 
 def anchors_of(geometry: Geometry) -> Anchors:
     """Return the features of a refined window as anchors."""
-    jitter = max(geometry.evaluation.factors.mount.jitter, LEAST_JITTER)
+    jitter = geometry.evaluation.factors.jitter
     spread = (geometry.root[-2:] ** 2).sum(1)
     return Anchors(
         geometry.evaluation.structure,

@@ -12,7 +12,6 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.memory.adjustment.equations import robust_weight
-from visual_servo_epipolar.core.memory.adjustment.factors import LEAST_JITTER
 from visual_servo_epipolar.core.memory.adjustment.projection import (
     BY_FEATURE,
     BY_VIEW,
@@ -153,7 +152,7 @@ def _prior_rows(
     geometry: Geometry, errors: Errors, pose: FloatArray, shrinkage: Shrinkage
 ) -> tuple[FloatArray, FloatArray]:
     """Return rows of tilt and roll, off those of the mount by the floor, and of the shrinkage."""
-    jitter = max(geometry.evaluation.factors.mount.jitter, LEAST_JITTER)
+    jitter = geometry.evaluation.factors.jitter
     rows = np.zeros((3, VIEW + 2))
     rows[0, TILT] = rows[1, TILT + 1] = 1.0 / jitter
     rows[:2, -1] = (pose[TILT:] - geometry.unknowns.shared[MOUNT]) / jitter

@@ -45,12 +45,17 @@ class Factors:
     scale_deviation: float
     lens_deviation: float = LENS_DEVIATION
 
+    @property
+    def jitter(self) -> float:
+        """Deviation of the attitude of a view from the mount's, by what the floor does [rad]."""
+        return max(self.mount.jitter, LEAST_JITTER)
+
     @cached_property
     def information(self) -> FloatArray:
         """Information of all attitudes, (5 K + 5, 5 K + 5), and hardly any of places."""
         size = VIEW * self.views + SHARED
         matrix = LEAST_PLACE * np.eye(size)
-        jitter = max(self.mount.jitter, LEAST_JITTER) ** -2
+        jitter = self.jitter**-2
         attitudes = [*range(TILT, size - SHARED, VIEW), size - SHARED]
         for axis in range(2):
             mount = size - 2 + axis

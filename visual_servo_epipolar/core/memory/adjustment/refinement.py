@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.memory.adjustment.equations import (
     System,
     system_of,
 )
-from visual_servo_epipolar.core.memory.adjustment.factors import factors_of, LEAST_JITTER
+from visual_servo_epipolar.core.memory.adjustment.factors import factors_of
 from visual_servo_epipolar.core.memory.adjustment.projection import projected, squares_of
 from visual_servo_epipolar.core.memory.adjustment.window import SHARED, Unknowns, Window
 
@@ -77,10 +77,7 @@ class Geometry:
     @cached_property
     def feature_roots(self) -> FloatArray:
         """What the errors of views make of features, (N, 3, D): covariance by the transpose."""
-        system = self.system
-        size = len(self.root)
-        coupled = system.coupled.reshape(-1, size) @ self.root
-        return np.asarray(-(system.roots @ coupled.reshape(-1, 3, size)))
+        return self._of_features(self.root)
 
     @cached_property
     def spread(self) -> FloatArray:
@@ -96,7 +93,7 @@ class Geometry:
         shown = self.system.coupled[placed].reshape(-1, len(root)) @ root
         count, noise = max(2 * int(placed.sum()), 1), float(window.photograph_noise.min())
         photograph = root[-SHARED:-2] * (math.sqrt(count) / noise)
-        mount = root[-2:] / max(self.evaluation.factors.mount.jitter, LEAST_JITTER)
+        mount = root[-2:] / self.evaluation.factors.jitter
         rows = np.concatenate([shown, photograph, mount])
         squares, axes = np.linalg.eigh(rows.T @ rows)
         return np.asarray(root @ axes[:, squares > NEGLIGIBLE])
@@ -104,8 +101,12 @@ class Geometry:
     @cached_property
     def feature_spread(self) -> FloatArray:
         """What the errors of ``spread`` make of features, (N, 3, r)."""
-        size, count = self.spread.shape
-        coupled = self.system.coupled.reshape(-1, size) @ self.spread
+        return self._of_features(self.spread)
+
+    def _of_features(self, root: FloatArray) -> FloatArray:
+        """Return what errors of views and shared unknowns, (D, r), make of features, (N, 3, r)."""
+        size, count = root.shape
+        coupled = self.system.coupled.reshape(-1, size) @ root
         return np.asarray(-(self.system.roots @ coupled.reshape(-1, 3, count)))
 
     @cached_property
