@@ -45,6 +45,11 @@ class RunListener(Listener):
         self._listen()
 
     @property
+    def hears_all(self) -> bool:
+        """Whether everybody whom it hears has been found."""
+        return all(item.get_publisher_count() for item in self._subscriptions)
+
+    @property
     def moving(self) -> bool:
         """Whether the robot moves."""
         return bool(self.record.truths) and moving(self.record.truths[-1].twist)
@@ -91,14 +96,14 @@ class RunListener(Listener):
         return record
 
     def _listen(self) -> None:
-        for kind, topic, hear, profile in (
+        heard = (
             (Odometry, 'ground_truth', self._on_truth, DEEP),
             (PointCloud2, 'tracks', self._on_tracks, DEEP),
             (TwistMessage, 'cmd_vel', self._on_command, DEEP),
             (String, 'phase', self._on_phase, qos.LATCHED),
             (DiagnosticArray, '/diagnostics', self._on_diagnostics, DEEP),
-        ):
-            self.node.create_subscription(kind, topic, hear, profile)
+        )
+        self._subscriptions = [self.node.create_subscription(*each) for each in heard]
 
     def _on_truth(self, message: Any) -> None:
         time_s = read.stamp_ns(message.header) / NANOSECONDS

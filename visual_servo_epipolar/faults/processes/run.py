@@ -34,7 +34,7 @@ def run(name: str, fault: ProcessFault, seed: int) -> dict[str, Any]:
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         listener = RunListener(stack)
-        harmed = _team(stack, folder, seed, start, fault)[fault.node]
+        harmed = _team(stack, folder, seed, start, fault, listener)[fault.node]
         listener.wait(lambda: listener.moving, 'no robot has moved', START_S)
         listener.spin_for(after_s)
         logs = {node: folder / f'{node}.log' for node in NODES}
@@ -65,11 +65,17 @@ def run(name: str, fault: ProcessFault, seed: int) -> dict[str, Any]:
 
 
 def _team(
-    stack: ExitStack, folder: Path, seed: int, start: list[float], fault: ProcessFault
+    stack: ExitStack,
+    folder: Path,
+    seed: int,
+    start: list[float],
+    fault: ProcessFault,
+    listener: RunListener,
 ) -> dict[str, Process]:
     """
     Start the four nodes; they end with the stack.
 
+    The camera comes last: a robot that drives before the tracks are heard would be judged blind.
     The base stops by itself only where nobody else can stop it.
     """
     camera = small_camera(seed)
@@ -86,7 +92,10 @@ def _team(
     if fault.signal in (*signals.ENDING, signal.SIGTSTP):
         # What this process ignores, as nohup has it, its children would ignore as well.
         stack.callback(signal.signal, fault.signal, signal.signal(fault.signal, signal.SIG_DFL))
-    return started(stack, arguments, folder, logs=True)
+    camera_arguments = {'camera_node': arguments.pop('camera_node')}
+    processes = started(stack, arguments, folder, logs=True)
+    listener.wait(lambda: listener.hears_all, 'not every node is heard', START_S)
+    return {**processes, **started(stack, camera_arguments, folder, logs=True)}
 
 
 def _bounds() -> Bounds:
