@@ -1,7 +1,7 @@
 """``visual_servo demo``: the four real nodes in lockstep; leaves result, figures, video, bag."""
 
 import argparse
-from contextlib import AbstractContextManager, closing, ExitStack
+from contextlib import closing, ExitStack
 from pathlib import Path
 import re
 import shutil
@@ -23,12 +23,13 @@ from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.nodes.startup.missing import require
+from visual_servo_epipolar.report.beside import Draughtsman
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings, RunMonitor, verdict
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 if TYPE_CHECKING:
-    from visual_servo_epipolar.report.images.film import Add
+    from visual_servo_epipolar.report.images.film import Film
 
 DEFAULT_START = (1.0, -3.5, 8.0)
 DEFAULT_FOLDER = 'demo_out'
@@ -75,58 +76,62 @@ def demo(options: argparse.Namespace) -> int:
     scenario = scenario_of(options)
     settings = scenario.loop(tuple(options.start), options.seed)
     folder = output_folder(options.out)
-    log = _drive(scenario, settings, folder, options)
-    result = verdict(log, new_rig(scenario.camera))
-    written = write_run(log, scenario, folder)
+    bag = _cleared(folder / BAG)
+    with ExitStack() as stack:
+        draughtsman = stack.enter_context(Draughtsman())
+        progress = stack.enter_context(closing(Progress()))
+        film = None if options.no_video else stack.enter_context(_film(scenario, settings, folder))
+        log = _drive(scenario, settings, bag, options, film, progress)
+        result = verdict(log, new_rig(scenario.camera))
+        progress.say('drawing figures ...' if film is None else 'finishing figures and video ...')
+        written = write_run(log, scenario, folder, draw=draughtsman.draw)
     written += [VIDEO] * (not options.no_video) + [BAG] * (options.bag != 'none')
+    if film is not None and film.advice:
+        print(f'visual_servo demo: {film.advice}', file=sys.stderr)
     publish(result, f'{summary(result)}\n{written_to(folder, written)}', options.json)
     return 0 if log.outcome == 'arrived' else 1
 
 
 def _drive(
-    scenario: Scenario, settings: LoopSettings, folder: Path, options: argparse.Namespace
+    scenario: Scenario,
+    settings: LoopSettings,
+    bag: Path,
+    options: argparse.Namespace,
+    film: 'Film | None',
+    progress: Progress,
 ) -> RunLog:
     from visual_servo_epipolar.nodes.lockstep import Lockstep
     from visual_servo_epipolar.nodes.observer_node import ObserverNode
 
     monitor = RunMonitor(settings)
-    bag = _cleared(folder / BAG)
-    (folder / VIDEO).unlink(missing_ok=True)  # of an earlier run
-    with ExitStack() as stack:
-        progress = stack.enter_context(closing(Progress()))
-        draw, advice = None, ''
-        if not options.no_video:
-            draw, advice = stack.enter_context(_film(scenario, settings, folder))
 
-        def watch(sample: Sample, image: Image | None, features: Features | None) -> None:
-            progress(sample)
-            if draw is not None and image is not None and features is not None:
-                draw(image, features, sample)
+    def watch(sample: Sample, image: Image | None, features: Features | None) -> None:
+        progress(sample)
+        if film is not None and image is not None and features is not None:
+            film.add(image, features, sample)
 
-        progress.say('starting four nodes ...')
-        open_to = 'LOCALHOST' if options.visible else 'OFF'
-        lockstep = stack.enter_context(
-            Lockstep(scenario, settings, open_to=open_to, assisted=True)
-        )
+    progress.say('starting four nodes ...')
+    open_to = 'LOCALHOST' if options.visible else 'OFF'
+    with Lockstep(scenario, settings, open_to=open_to, assisted=True) as lockstep:
         lockstep.add(
-            ObserverNode(monitor, watch, with_images=draw is not None, context=lockstep.context)
+            ObserverNode(monitor, watch, with_images=film is not None, context=lockstep.context)
         )
         if options.bag != 'none':
             lockstep.record(bag, exclude=EXCLUDED[options.bag])
+        if film is not None:
+            _ = film.advice  # or why there can be no film, before anything moves
         lockstep.run(lambda: monitor.done)
-        progress.say('finishing the video ...')
-    if advice:
-        print(f'visual_servo demo: {advice}', file=sys.stderr)
+    if film is not None:
+        film.end()
     return monitor.log()
 
 
-def _film(
-    scenario: Scenario, settings: LoopSettings, folder: Path
-) -> AbstractContextManager[tuple['Add', str]]:
-    from visual_servo_epipolar.report.images.film import filmed
+def _film(scenario: Scenario, settings: LoopSettings, folder: Path) -> 'Film':
+    from visual_servo_epipolar.report.images.film import Film
     from visual_servo_epipolar.report.images.map_view import Bounds
 
-    return filmed(
+    (folder / VIDEO).unlink(missing_ok=True)  # of an earlier run
+    return Film(
         folder / VIDEO,
         scenario.camera.frame_rate,
         bounds=Bounds.around(Pose.from_start(*settings.start)),

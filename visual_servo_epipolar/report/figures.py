@@ -112,6 +112,22 @@ def save(figure: Figure, path: Path | str) -> Path:
     return path
 
 
+def save_all(log: RunLog, folder: Path) -> list[Path]:
+    """
+    Draw both figures of a run into ``folder`` and return their paths.
+
+    Raises
+    ------
+    ValueError
+        If the run has no samples.
+
+    """
+    return [
+        save(trajectory(log), folder / 'trajectory.png'),
+        save(signals(log), folder / 'signals.png'),
+    ]
+
+
 def _check(log: RunLog) -> None:
     if not log.samples:
         raise ValueError('a run must have samples to be drawn, got none; record it first')

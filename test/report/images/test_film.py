@@ -12,7 +12,8 @@ from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.report.images.film import filmed
+from visual_servo_epipolar.report.images import film as film_of_runs
+from visual_servo_epipolar.report.images.film import Film
 from visual_servo_epipolar.report.images.map_view import Bounds
 from visual_servo_epipolar.report.images.picture import picture
 from visual_servo_epipolar.report.images.video import VideoWriter, view_size
@@ -45,25 +46,29 @@ def step(number: int) -> tuple[np.ndarray, Features, Sample]:
     return image, Features(), sample
 
 
-def test_the_film_is_the_video_of_one_process(tmp_path) -> None:
-    with filmed(tmp_path / 'film.mp4', FPS, bounds=BOUNDS, camera=CAMERA) as (add, advice):
+@pytest.mark.parametrize('waiting', [2, 256])
+def test_the_film_is_the_video_of_one_process(waiting, tmp_path, monkeypatch) -> None:
+    for limit in ('LEAST_WAITING', 'MOST_WAITING'):
+        monkeypatch.setattr(film_of_runs, limit, waiting)
+    with Film(tmp_path / 'film.mp4', FPS, bounds=BOUNDS, camera=CAMERA) as film:
         for number in range(STEPS):
-            add(*step(number))
+            film.add(*step(number))
+        film.end()
     size = view_size((160, 128))
     with VideoWriter(tmp_path / 'a.mp4', FPS, image_size=size, bounds=BOUNDS) as video:
         for number in range(STEPS):
             image, features, sample = step(number)
             video.add(picture(image, features, sample, CAMERA, size), sample)
-    assert advice == video.advice
+    assert film.advice == video.advice
     assert (tmp_path / 'film.mp4').read_bytes() == (tmp_path / 'a.mp4').read_bytes()
 
 
 def test_a_run_that_breaks_leaves_no_file_and_no_process(tmp_path) -> None:
     with (
         pytest.raises(KeyboardInterrupt),
-        filmed(tmp_path / 'film.mp4', FPS, bounds=BOUNDS, camera=CAMERA) as (add, _),
+        Film(tmp_path / 'film.mp4', FPS, bounds=BOUNDS, camera=CAMERA) as film,
     ):
-        add(*step(0))
+        film.add(*step(0))
         raise KeyboardInterrupt
     assert not list(tmp_path.iterdir())
     assert not multiprocessing.active_children()
@@ -72,28 +77,28 @@ def test_a_run_that_breaks_leaves_no_file_and_no_process(tmp_path) -> None:
 def test_a_film_that_cannot_be_written_is_refused_before_the_run(tmp_path) -> None:
     with (
         pytest.raises(InputError, match='must end in'),
-        filmed(tmp_path / 'film.txt', FPS, bounds=BOUNDS, camera=CAMERA),
+        Film(tmp_path / 'film.txt', FPS, bounds=BOUNDS, camera=CAMERA) as film,
     ):
-        pytest.fail('the run has begun')
+        pytest.fail(f'the run begins, with {film.advice!r}')
 
 
 def test_what_the_writer_refuses_comes_out_of_the_block(tmp_path) -> None:
     image, features, sample = step(0)
     with (
         pytest.raises(ValueError, match='images must have 160x128'),
-        filmed(tmp_path / 'film.mp4', FPS, bounds=BOUNDS, camera=CAMERA) as (add, _),
+        Film(tmp_path / 'film.mp4', FPS, bounds=BOUNDS, camera=CAMERA) as film,
     ):
-        add(image[::2], features, sample)
+        film.add(image[::2], features, sample)
     assert not list(tmp_path.iterdir())
 
 
 def test_a_process_that_is_killed_is_told_of(tmp_path) -> None:
     with (
         pytest.raises(VisualServoError, match='died'),
-        filmed(tmp_path / 'film.mp4', FPS, bounds=BOUNDS, camera=CAMERA) as (add, _),
+        Film(tmp_path / 'film.mp4', FPS, bounds=BOUNDS, camera=CAMERA) as film,
     ):
         (process,) = multiprocessing.active_children()
         os.kill(process.pid, signal.SIGKILL)
         process.join(30.0)
         for number in range(STEPS):
-            add(*step(number))
+            film.add(*step(number))

@@ -1,6 +1,6 @@
 """Folder of a run: result.json, run.json with every sample, and figures."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, fields
 from importlib import metadata
 from pathlib import Path
@@ -14,22 +14,34 @@ from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.run_monitor import verdict
 from visual_servo_epipolar.simulation.scenario import Scenario
 
+Draw = Callable[[RunLog, Path], list[Path]]
+
 LIBRARIES = ('opencv-python-headless', 'opencv-python', 'matplotlib', 'rclpy', 'rosbags')
 
 
-def write_run(log: RunLog, scenario: Scenario, folder: Path) -> list[str]:
-    """Write result, samples and figures into ``folder``, which must exist; return their names."""
-    from visual_servo_epipolar.report import figures
+def write_run(
+    log: RunLog, scenario: Scenario, folder: Path, *, draw: Draw | None = None
+) -> list[str]:
+    """
+    Write result, samples and figures into ``folder``, which must exist; return their names.
 
+    ``draw`` writes the figures; by default they are drawn here.
+    """
     result = verdict(log, new_rig(scenario.camera))
     write_json(result, str(folder / 'result.json'))
     written = [
         folder / 'result.json',
         save_run(RunFile(log, settings_of(scenario), versions()), folder),
-        figures.save(figures.trajectory(log), folder / 'trajectory.png'),
-        figures.save(figures.signals(log), folder / 'signals.png'),
+        *(draw or _drawn)(log, folder),
     ]
     return [path.name for path in written]
+
+
+def _drawn(log: RunLog, folder: Path) -> list[Path]:
+    # Only here: matplotlib takes a third of a second.
+    from visual_servo_epipolar.report import figures
+
+    return figures.save_all(log, folder)
 
 
 def settings_of(scenario: Scenario) -> Mapping[str, Mapping[str, Any]]:

@@ -1,13 +1,13 @@
 """Film of a run while it runs: drawn and encoded by a process of its own."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, suppress
+import fcntl
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from multiprocessing.synchronize import Semaphore
-import os
 from pathlib import Path
 import signal
+from types import TracebackType
 from typing import Any
 
 import cv2
@@ -21,106 +21,146 @@ from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.report.images.map_view import Bounds
 from visual_servo_epipolar.report.images.picture import picture
 from visual_servo_epipolar.report.images.video import part_of, VideoWriter, view_size
+from visual_servo_epipolar.report.priority import hurry, yield_to_others
 
-WAITING = 8  # images that may wait
+# Images that may wait: where a run is faster than its film, the film catches up at the end.
+WAITING_BYTES, LEAST_WAITING, MOST_WAITING = 1 << 27, 8, 256
+PIPE_BYTES = 1 << 20  # of what belongs to images that wait
 LOOK_S = 0.5  # time between looks whether the process lives
 END_S = 60.0  # for the encoder to write what it holds
 
-Add = Callable[[Image, Features, Sample], None]
 
-
-@contextmanager
-def filmed(
-    path: Path, fps: float, *, bounds: Bounds, camera: CameraModel
-) -> Iterator[tuple[Add, str]]:
+class Film(AbstractContextManager['Film']):
     """
-    Give what adds a control step to the video ``path``, and the writer's advice on players.
+    Writer of the video ``path``, one frame a control step, which draws and encodes beside the run.
 
     A thread would do the same, but each of its hundreds of calls into OpenCV takes Python away
     from the run, for up to 5 ms; images pass by shared memory for the same reason. The file
-    appears at the end of the block; if that ends by an exception, or this process dies, there is
-    none.
+    appears at the end of the ``with`` block; if that ends by an exception, or this process dies,
+    there is none.
 
     Raises
     ------
     InputError
-        If no encoder here can write such a file there, or the disk is full.
-    ValueError
-        If an image has not the size of the camera.
+        From any call, if no encoder here can write such a file there, or the disk is full.
     VisualServoError
-        If the process dies.
+        From any call, if the process has died.
 
     """
-    spawn = get_context('spawn')
-    there, here = spawn.Pipe()
-    # Unlike named memory it is gone with both processes, however they end.
-    pixels: Any = spawn.RawArray('B', WAITING * camera.width * camera.height)
-    free = spawn.Semaphore(WAITING)
-    given = there, pixels, free, path, fps, bounds, camera
-    process = spawn.Process(target=_draw, args=given, name='film', daemon=True)
-    process.start()
-    there.close()
-    count = 0
 
-    def add(image: Image, features: Features, sample: Sample) -> None:
-        nonlocal count
+    def __init__(self, path: Path, fps: float, *, bounds: Bounds, camera: CameraModel) -> None:
+        self._path, self._camera = path, camera
+        spawn = get_context('spawn')
+        there, self._here = spawn.Pipe()
+        steps, self._steps = spawn.Pipe(duplex=False)
+        with suppress(OSError):  # of a user who has many large pipes: then steps wait here
+            fcntl.fcntl(self._steps.fileno(), fcntl.F_SETPIPE_SZ, PIPE_BYTES)
+        size = camera.width * camera.height
+        self._waiting = min(max(WAITING_BYTES // size, LEAST_WAITING), MOST_WAITING)
+        # Unlike named memory it is gone with both processes, however they end.
+        self._pixels: Any = spawn.RawArray('B', self._waiting * size)
+        self._free = spawn.Semaphore(self._waiting)
+        given = there, steps, self._pixels, self._free, path, fps, bounds, camera
+        self._process = spawn.Process(target=_draw, args=given, name='film', daemon=True)
+        self._process.start()
+        there.close()
+        steps.close()
+        self._count, self._ended = 0, False
+        self._advice: str | None = None
+
+    @property
+    def advice(self) -> str:
+        """What to install where no browser plays the video; waits until the file is open."""
+        if self._advice is None:
+            self._advice = self._answer()
+        return self._advice
+
+    def add(self, image: Image, features: Features, sample: Sample) -> None:
+        """
+        Add one control step: what the camera saw, shape (H, W), its features, what the servo did.
+
+        Raises
+        ------
+        ValueError
+            If the image has not the size of the camera.
+
+        """
+        camera = self._camera
         if image.shape != (camera.height, camera.width):
             raise ValueError(
                 f'images must have {camera.width}x{camera.height} px as the camera has, got '
                 f'{image.shape[1]}x{image.shape[0]}; check width and height of the CameraInfo'
             )
-        while not free.acquire(timeout=LOOK_S):
-            if not process.is_alive():
-                _answer(here)
-        _images(pixels, camera)[count % WAITING] = image
-        _send(here, (features, sample))
-        count += 1
+        while not self._free.acquire(timeout=LOOK_S):
+            if not self._process.is_alive():
+                self._answer()
+        _images(self._pixels, camera)[self._count % self._waiting] = image
+        self._send((features, sample))
+        self._count += 1
 
-    try:
-        yield add, _answer(here)
-        _send(here, None)
-        if not here.poll(END_S):
+    def end(self) -> None:
+        """Tell that there are no more steps; returns at once, the ``with`` block waits."""
+        if not self._ended:
+            self._ended = True
+            self._send(None)
+            hurry(self._process.pid)
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        try:
+            if kind is None:
+                self._complete()
+        finally:
+            self._steps.close()  # which ends it, with an unfinished file or without
+            self._here.close()
+            self._process.join(END_S)
+            self._process.kill()
+            part_of(self._path).unlink(missing_ok=True)
+
+    def _complete(self) -> None:
+        _ = self.advice
+        self.end()
+        if not self._here.poll(END_S):
             raise VisualServoError(f'the video is not finished after {END_S:g} s; run again')
-        _answer(here)
-    finally:
-        here.close()  # which ends it, with an unfinished file or without
-        process.join(END_S)
-        process.kill()
-        part_of(path).unlink(missing_ok=True)
+        self._answer()
+
+    def _send(self, step: tuple[Features, Sample] | None) -> None:
+        """Tell the process of a step, or of the end; raise what it has raised meanwhile."""
+        try:
+            if self._here.poll():
+                answer = self._answer()
+                self._advice = answer if self._advice is None else self._advice
+            self._steps.send(step)
+        except OSError:
+            self._answer()
+            raise
+
+    def _answer(self) -> str:
+        """Return what the process says, or raise what it has raised."""
+        try:
+            answer = self._here.recv()
+        except (EOFError, OSError):
+            raise VisualServoError(
+                'the process that draws the video died (killed, or out of memory?); run again, '
+                'or leave the video out by --no-video'
+            ) from None
+        if isinstance(answer, Exception):
+            raise answer
+        return str(answer)
 
 
 def _images(pixels: Any, camera: CameraModel) -> Image:
-    """Return the images that wait, shape (WAITING, H, W)."""
-    return np.frombuffer(pixels, np.uint8).reshape(WAITING, camera.height, camera.width)
-
-
-def _send(here: Connection, step: tuple[Features, Sample] | None) -> None:
-    """Tell the process of a step, or of the end; raise what it has raised meanwhile."""
-    try:
-        if here.poll():
-            _answer(here)
-        here.send(step)
-    except OSError:
-        _answer(here)
-        raise
-
-
-def _answer(here: Connection) -> str:
-    """Return what the process says, or raise what it has raised."""
-    try:
-        answer = here.recv()
-    except (EOFError, OSError):
-        raise VisualServoError(
-            'the process that draws the video died (killed, or out of memory?); run again, or '
-            'leave the video out by --no-video'
-        ) from None
-    if isinstance(answer, Exception):
-        raise answer
-    return str(answer)
+    """Return the images that wait, shape (waiting, H, W)."""
+    return np.frombuffer(pixels, np.uint8).reshape(-1, camera.height, camera.width)
 
 
 def _draw(
     there: Connection,
+    steps: Connection,
     pixels: Any,
     free: Semaphore,
     path: Path,
@@ -131,16 +171,15 @@ def _draw(
     """Write the video of the steps that come; an end without a word means that there is none."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's
     # The run goes first, at once: each step of it waits for all before, the film for none.
-    os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+    yield_to_others()
     cv2.setNumThreads(1)
-    size = view_size((camera.width, camera.height))
+    size, images = view_size((camera.width, camera.height)), _images(pixels, camera)
     try:
         with VideoWriter(path, fps, image_size=size, bounds=bounds) as video:
             there.send(video.advice)
-            while (step := there.recv()) is not None:
+            while (step := steps.recv()) is not None:
                 features, sample = step
-                image = _images(pixels, camera)[video.frames % WAITING]
-                drawn = picture(image, features, sample, camera, size)
+                drawn = picture(images[video.frames % len(images)], features, sample, camera, size)
                 free.release()
                 video.add(drawn, sample)
         there.send('')

@@ -1,0 +1,66 @@
+"""Figures of a run by a process of its own, which loads what draws them while the run lasts."""
+
+from contextlib import AbstractContextManager
+from multiprocessing import get_context
+from multiprocessing.connection import Connection
+from pathlib import Path
+import signal
+
+from visual_servo_epipolar.core.errors import VisualServoError
+from visual_servo_epipolar.core.servo.run_log import RunLog
+from visual_servo_epipolar.report.priority import hurry, yield_to_others
+
+END_S = 10.0  # for the process to end
+
+
+class Draughtsman(AbstractContextManager['Draughtsman']):
+    """
+    A process that loads matplotlib beside the run, and then draws its figures.
+
+    Where it dies the figures are drawn here: they are the same, only later.
+    """
+
+    def __init__(self) -> None:
+        spawn = get_context('spawn')
+        there, self._here = spawn.Pipe()
+        self._process = spawn.Process(target=_draw, args=(there,), name='draughtsman', daemon=True)
+        self._process.start()
+        there.close()
+
+    def __exit__(self, *_: object) -> None:
+        self._here.close()  # which ends it
+        self._process.join(END_S)
+        self._process.kill()
+
+    def draw(self, log: RunLog, folder: Path) -> list[Path]:
+        """
+        Write trajectory.png and signals.png into ``folder`` and return their paths.
+
+        Raises what ``figures.save_all`` raises.
+        """
+        hurry(self._process.pid)
+        try:
+            self._here.send((log, folder))
+            answer = self._here.recv()
+        except (EOFError, OSError):
+            from visual_servo_epipolar.report import figures
+
+            return figures.save_all(log, folder)
+        if isinstance(answer, Exception):
+            raise answer
+        return [Path(path) for path in answer]
+
+
+def _draw(there: Connection) -> None:
+    """Draw the run that comes; an end without a word means that there is none."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's
+    yield_to_others()  # the run goes first
+    from visual_servo_epipolar.report import figures
+
+    try:
+        log, folder = there.recv()
+        there.send(figures.save_all(log, folder))
+    except (EOFError, BrokenPipeError):  # the parent's end is closed
+        pass
+    except (VisualServoError, ValueError, OSError) as error:
+        there.send(error)
