@@ -83,6 +83,17 @@ def stand_still() -> None:
         pass
 
 
+def test_a_timer_that_is_always_due_keeps_no_message_from_its_turn(spun, monkeypatch) -> None:
+    for look_s in (3600.0, 0.0):  # a look is due when the timer is, and all the time
+        monkeypatch.setattr(module, 'LOOK_S', look_s)
+        heard = spun.listen(UInt32, TOPIC)
+        say = talk(spun)
+        timer = spun.probe.create_timer(0.001, stand_still)
+        say(0)
+        spun.until(lambda heard=heard: bool(heard), 'the message')
+        spun.probe.destroy_timer(timer)
+
+
 def test_what_was_due_before_a_message_comes_before_it(spun) -> None:
     order: list[str] = []
     spun.probe.create_subscription(UInt32, TOPIC, lambda _: order.append('message'), RELIABLE)

@@ -37,15 +37,15 @@ class MessageExecutor(SingleThreadedExecutor):
         super().__init__(**arguments)
         self._wait_set: Any = None
         self._sizes: list[int] = []
-        self._look_at = 0.0
+        self._look_at, self._looks = 0.0, False
 
     def spin_once(self, timeout_sec: float | None = None) -> None:
         """Run what is ready, or becomes so within ``timeout_sec`` [s], or until the next look."""
         wait_s = self._look_at - time.monotonic()
         if wait_s <= 0.0:
             self._look()
-            return
-        if timeout_sec is not None and timeout_sec >= 0.0:
+            wait_s = 0.0  # what it has run may be what somebody waits for
+        elif timeout_sec is not None and timeout_sec >= 0.0:
             wait_s = min(wait_s, timeout_sec)
         subscriptions, others = self._ready(wait_s)
         if others:
@@ -53,15 +53,25 @@ class MessageExecutor(SingleThreadedExecutor):
         for item in subscriptions:
             hand_out(item)
 
+    def can_execute(self, entity: Any) -> bool:
+        """Return whether to wait for ``entity``; for no message by rclpy, which takes longer."""
+        if self._looks and isinstance(entity, Subscription):
+            return False
+        return bool(super().can_execute(entity))
+
     def _look(self) -> None:
-        """Run all that is ready, by a wait set of rclpy's."""
-        while True:
-            try:
-                task, _, _ = self.wait_for_ready_callbacks(timeout_sec=0.0)
-            except (TimeoutException, ShutdownException):
-                break
-            task()
-            task.result()  # raises what it raised
+        """Run all that is ready but messages, once, by a wait set of rclpy's."""
+        self._looks = True
+        try:
+            while True:
+                try:
+                    task, _, _ = self.wait_for_ready_callbacks(timeout_sec=0.0)
+                except (TimeoutException, ShutdownException):
+                    break
+                task()
+                task.result()  # raises what it raised
+        finally:
+            self._looks = False
         self._look_at = time.monotonic() + (TASK_S if self._has_tasks() else LOOK_S)
 
     def _has_tasks(self) -> bool:
