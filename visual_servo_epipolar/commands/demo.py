@@ -77,6 +77,7 @@ def demo(options: argparse.Namespace) -> int:
     settings = scenario.loop(tuple(options.start), options.seed)
     folder = output_folder(options.out)
     bag = _cleared(folder / BAG)
+    (folder / VIDEO).unlink(missing_ok=True)  # of an earlier run
     with ExitStack() as stack:
         draughtsman = stack.enter_context(Draughtsman())
         progress = stack.enter_context(closing(Progress()))
@@ -130,7 +131,6 @@ def _film(scenario: Scenario, settings: LoopSettings, folder: Path) -> 'Film':
     from visual_servo_epipolar.report.images.film import Film
     from visual_servo_epipolar.report.images.map_view import Bounds
 
-    (folder / VIDEO).unlink(missing_ok=True)  # of an earlier run
     return Film(
         folder / VIDEO,
         scenario.camera.frame_rate,
