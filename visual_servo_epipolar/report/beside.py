@@ -10,8 +10,6 @@ from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.core.servo.run_log import RunLog
 from visual_servo_epipolar.report.priority import hurry, yield_to_others
 
-END_S = 10.0  # for the process to end
-
 
 class Draughtsman(AbstractContextManager['Draughtsman']):
     """
@@ -28,9 +26,9 @@ class Draughtsman(AbstractContextManager['Draughtsman']):
         there.close()
 
     def __exit__(self, *_: object) -> None:
-        self._here.close()  # which ends it
-        self._process.join(END_S)
-        self._process.kill()
+        self._here.close()
+        self._process.kill()  # whatever it still loads or draws, nobody waits for it
+        self._process.join()
 
     def draw(self, log: RunLog, folder: Path) -> list[Path]:
         """

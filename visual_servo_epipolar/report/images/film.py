@@ -115,8 +115,10 @@ class Film(AbstractContextManager['Film']):
             if kind is None:
                 self._complete()
         finally:
-            self._steps.close()  # which ends it, with an unfinished file or without
+            self._steps.close()  # which ends it
             self._here.close()
+            if kind is not None:  # an idle process may take its time
+                self._process.kill()
             self._process.join(END_S)
             self._process.kill()
             part_of(self._path).unlink(missing_ok=True)
