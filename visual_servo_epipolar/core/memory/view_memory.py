@@ -225,7 +225,7 @@ class ViewMemory:
             return self, Recollection(reason, ids=self.window.ids)
         shrinkage = self.shrinkage.before(float(np.hypot(*fit.pose[:2])), geometry.depth)
         resection = resected(geometry, it.anchors, seen, fit, shrinkage, errors=it.errors)
-        said = recollected(geometry, it.everything, resection, it.known)
+        said = recollected(resection, it)
         after = changed(
             self,
             pose=resection.pose,
