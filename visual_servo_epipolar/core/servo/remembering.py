@@ -43,7 +43,9 @@ class Remembered:
     def learnt(self) -> 'Remembered':
         """Return what is remembered after the views have learnt from the last one."""
         views = None if self.views is None else self.views.learnt()
-        return self if views is self.views else replace(self, views=views)
+        if views is self.views:
+            return self
+        return Remembered(views, self.place, self.few_s, self.is_over)
 
 
 def remembered(
@@ -77,7 +79,7 @@ def remembered(
     after, said = views.after(
         sightings,
         np.array([0.0, motion.way]),
-        instead=np.array([0.0, driven.other.way]),
+        instead=None if driven.other is motion else np.array([0.0, driven.other.way]),
         bearings=() if bearings is None else (bearings,),
         attitude=perception.memory.attitude,
         learns=not is_few,

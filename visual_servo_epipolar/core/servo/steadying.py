@@ -15,6 +15,7 @@ PLACE = HEADING + 1  # unknowns of a place: right and ahead [m], heading error [
 TURN_OF_WAY, SLIP = 0.1, 0.05  # turn that a way may add [rad/m], and its share to the side
 SURPRISE = 16.0  # square of a leap, in deviations, after which what was known counts no more
 LEAST_DEVIATION = 1e-9  # [m], [rad]
+LEAST = LEAST_DEVIATION**2 * np.eye(PLACE)
 
 
 class Doubt(NamedTuple):
@@ -99,10 +100,12 @@ class Place:
                 share.turn * turn + TURN_OF_WAY * way,
             ]
         )
-        covariance = self.covariance + np.diag(doubt * doubt)
+        covariance = self.covariance.copy()
+        diagonal = covariance.ravel()[:: PLACE + 1]
+        diagonal += doubt * doubt
         if share.noise:
             walk = np.array([way * abs(math.sin(heading)), way, way + turn])
-            covariance += share.noise**2 * np.diag(walk)
+            diagonal += share.noise**2 * walk
         return Place(self.mean + step, covariance, Motion(way, turn))
 
 
@@ -118,13 +121,13 @@ def steadied(
     """
     if said.reason:
         return said, None
-    mean, own = said.pose[:PLACE] - said.shift[:PLACE], said.own[:PLACE, :PLACE]
-    own = own + LEAST_DEVIATION**2 * np.eye(PLACE)
+    mean, own = said.pose[:PLACE] - said.shift[:PLACE], said.own[:PLACE, :PLACE] + LEAST
     if place is None:
         return said, Place(mean, own, Motion(abs(motion.way), abs(motion.turn)))
     before = place.after(motion)
     change = _change(said, before)
-    both = np.column_stack([before.covariance, change])
+    both = np.empty((PLACE, PLACE + 1))
+    both[:, :PLACE], both[:, PLACE] = before.covariance, change
     solved = np.linalg.solve(before.covariance + own, both)
     gain = solved[:, :PLACE].T
     if change @ solved[:, PLACE] > SURPRISE:
