@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray, median
+from visual_servo_epipolar.core.lapack import solved
 from visual_servo_epipolar.core.memory.adjustment.equations import OUTLIER, robust_weight
 from visual_servo_epipolar.core.memory.adjustment.projection import (
     BY_FEATURE,
@@ -138,7 +139,7 @@ def fitted(anchors: Anchors, seen: Seen, start: FloatArray) -> Fit:
         matrix.ravel()[::EVERY] += ridge
         vector = rows @ residuals.ravel()
         vector[TILT:] += known * (pose[TILT:] - anchors.attitude)
-        step = np.linalg.solve(matrix, vector)
+        step = solved(matrix, vector)
         pose = pose - step
         moved = float(step @ vector)
         farthest = max(farthest, moved)

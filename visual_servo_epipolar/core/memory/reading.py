@@ -58,11 +58,13 @@ def reading_of(
     ``desired``, (M, 3), are rays of the photograph whose features have inverse depths
     ``nearness``, (M,); ``wide`` is a lens whose D counts angles, not image points.
     """
-    return None if said.reason else reading_by(said, difference_slope(desired, nearness, wide=wide))
+    if said.reason:
+        return None
+    return reading_by(said, difference_slope(desired, nearness, wide=wide))
 
 
 def reading_by(said: Recollection, slope: float) -> Reading:
-    """Return what a recollection says, with the ``slope`` of D [1/m] by its longitudinal offset."""
+    """Return what a recollection says, where D has a ``slope`` by the longitudinal offset."""
     covariance = said.bearings_covariance
     own = said.own.ravel()[:: len(said.own) + 1][: HEADING + 1].tolist()
     lateral, longitudinal, heading_error = said.pose[: HEADING + 1].tolist()

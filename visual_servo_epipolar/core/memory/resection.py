@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+from visual_servo_epipolar.core.lapack import inverse, solved
 from visual_servo_epipolar.core.memory.adjustment.equations import robust_weight
 from visual_servo_epipolar.core.memory.adjustment.projection import (
     BY_FEATURE,
@@ -84,10 +85,10 @@ def resected(
     shared = np.concatenate([whitening.rows(shared), by_mount])
     joint = shared.T @ shared
     joint.ravel()[:: len(joint) + 1] += 1.0  # errors of the window, one deviation each
-    left = rows - shared @ np.linalg.solve(joint, shared.T @ rows)
+    left = rows - shared @ solved(joint, shared.T @ rows)
     matrix = rows[:, :-1].T @ left[:, :-1]
     matrix.ravel()[: VIEW * (VIEW + 2) : VIEW + 2] += LEAST_NEARNESS  # of the view
-    covariance = np.linalg.inv(matrix)
+    covariance = inverse(matrix)
     gain = covariance @ left[:, :-1].T
     covariance = 0.5 * (covariance + covariance.T)
     after, pose, shift = _stepped(fit.pose, gain @ rows[:, -1], covariance)

@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.lapack import solved
 from visual_servo_epipolar.core.memory.adjustment.window import HEADING
 from visual_servo_epipolar.core.memory.recollection import Recollection
 from visual_servo_epipolar.core.values import changed
@@ -128,9 +129,9 @@ def steadied(
     change = _change(said, before)
     both = np.empty((PLACE, PLACE + 1))
     both[:, :PLACE], both[:, PLACE] = before.covariance, change
-    solved = np.linalg.solve(before.covariance + own, both)
-    gain = solved[:, :PLACE].T
-    if change @ solved[:, PLACE] > SURPRISE:
+    shares = solved(before.covariance + own, both)
+    gain = shares[:, :PLACE].T
+    if change @ shares[:, PLACE] > SURPRISE:
         return said, Place(mean, own, before.lately)
     now = Place(before.mean + gain @ change, _symmetric(own @ gain.T), before.lately)
     pose, covariance, own = said.pose.copy(), said.covariance.copy(), said.own.copy()
@@ -148,7 +149,7 @@ def agrees(said: Recollection, place: Place) -> bool:
     """
     change = _change(said, place)
     covariance = said.own[:PLACE, :PLACE] + place.covariance
-    return float(change @ np.linalg.solve(covariance, change)) <= SURPRISE
+    return float(change @ solved(covariance, change)) <= SURPRISE
 
 
 def _change(said: Recollection, place: Place) -> FloatArray:

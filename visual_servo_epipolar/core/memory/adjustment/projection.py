@@ -13,8 +13,6 @@ from visual_servo_epipolar.core.memory.adjustment.window import (
     ROLL,
     TILT,
     Unknowns,
-    X,
-    Y,
 )
 
 # x, y, heading, tilt, roll; two offsets, nearness; tilt and roll of the photograph, lens.
