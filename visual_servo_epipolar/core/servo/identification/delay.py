@@ -79,7 +79,8 @@ class Delay:
         turn = math.remainder(heading - self.heading, 2.0 * math.pi)
         if not 0.0 < gap <= told.stale_timeout or abs(turn) > PUSHED * told.max_angular * gap:
             return began
-        if max(abs(turn), gap * sent.fastest_turn) < CERTAINLY_LESS * LEAST_TURN:
+        certain = CERTAINLY_LESS * LEAST_TURN
+        if abs(turn) < certain and gap * sent.fastest_turn < certain:
             return began
         turns = sent.turns(self.since_ns, now_ns, DELAYS)
         largest = max(abs(turn), float(np.abs(turns).max()))
