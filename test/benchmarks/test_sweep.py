@@ -16,7 +16,12 @@ def document() -> dict[str, Any]:
 
 @pytest.mark.long
 def test_a_run_is_the_same_in_every_batch(document: dict[str, Any]) -> None:
-    assert [it['identical'] for it in document['scenarios']] == [True, True]
+    assert [it['identical'] for it in document['scenarios']] == 3 * [True]
+
+
+def test_with_the_memory_and_without_it_are_measured() -> None:
+    remembers = {name: it.servo.remembers for name, it in sweep.SCENARIOS.items()}
+    assert remembers == {'nominal': True, 'rough': True, 'nominal, two views': False}
 
 
 def test_records_that_differ_are_told_apart() -> None:
@@ -44,5 +49,5 @@ def test_runs_of_the_nominal_world_arrive(document: dict[str, Any]) -> None:
 @pytest.mark.long
 def test_the_table_has_a_row_for_each_batch(document: dict[str, Any]) -> None:
     text = sweep.table(document)
-    assert len(re.findall(r'\d us', text)) == 2 * 2 * len(PARTS)
+    assert len(re.findall(r'\d us', text)) == 3 * 2 * len(PARTS)
     assert 'the same in every batch' in text

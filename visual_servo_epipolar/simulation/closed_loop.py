@@ -63,8 +63,8 @@ class Loop:
         )
 
     def decide(self, perception: Perception) -> None:
-        """Take in what was perceived."""
-        self._state = learnt(advance(self._state, perception, self._servo))
+        """Take in what was perceived; its noise is learnt with the next perception of all."""
+        self._state = learnt(advance(self._state, perception, self._servo), noise=False)
 
     def decide_by(self, control: Step) -> None:
         """Look, and let ``control`` take it in."""

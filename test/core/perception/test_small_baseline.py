@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.perception.batch import perceive_each, RobotView
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive
-from visual_servo_epipolar.core.perception.validated import noise_learnt
+from visual_servo_epipolar.core.perception.validated import noise_learnt, noises_learnt
 from visual_servo_epipolar.core.perception.validation import median_residual
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 
@@ -61,6 +61,17 @@ def test_no_twist_waits_for_the_noise() -> None:
     # Who did not learn after the twist does so before the next.
     later = [perceive(view, SETTINGS, 1, each).measurement for each in (first.memory, memory)]
     assert [each.noise_px for each in later] == [memory.noise] * 2
+
+
+def test_the_noise_of_many_robots_is_that_of_each_alone_to_the_last_bit() -> None:
+    views = [seen(pose, 0.3, frame) for frame, pose in enumerate([*POSES, *POSES])]
+    fewer = [replace(view, current=view.current[:70], desired=view.desired[:70]) for view in views]
+    memories = [perceive(view, SETTINGS, 0).memory for view in (*views, *fewer[:4])]
+    memories.append(noise_learnt(memories[0]))  # has nothing left to learn
+    alone = [noise_learnt(memory) for memory in memories]
+    assert noises_learnt(memories) == alone
+    assert len({memory.noise for memory in alone}) == len(views) + 4
+    assert noises_learnt([]) == []
 
 
 def test_through_an_unknown_lens_nothing_is_learnt_of_a_turn() -> None:

@@ -138,6 +138,8 @@ def test_a_wrong_match_has_no_part_in_d() -> None:
     found = reading_in_view(said, seen)
     assert found is not None
     assert found.difference_slope == pytest.approx(2.0 * 0.01 * 0.2 * math.sqrt(1.01), rel=1e-6)
+    again = reading_in_view(said, seen)
+    assert again is not None and again.difference_slope == found.difference_slope
 
 
 def test_a_view_of_few_features_that_does_not_count_teaches_nothing() -> None:

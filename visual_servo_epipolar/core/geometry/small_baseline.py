@@ -19,7 +19,7 @@ CROSS = np.zeros((3, 9))
 CROSS[0, [5, 7]] = CROSS[1, [6, 2]] = CROSS[2, [1, 3]] = -1.0, 1.0
 LEVI_CIVITA = -CROSS.reshape(3, 3, 3)
 IDENTITY = np.eye(3).ravel()
-DIAGONAL, RIDGES = np.arange(6), RIDGE * np.eye(6)
+RIDGES = RIDGE * np.eye(6)
 # What turns A into the matrix of (A c) x t, and m into that of (m x t) x c, by products c t.
 LEVER = np.einsum('kij,lm->ilkmj', LEVI_CIVITA, np.eye(3)).reshape(9, 27)
 PULL = np.einsum('kij,ipq->pkjq', LEVI_CIVITA, LEVI_CIVITA).reshape(3, 27)
@@ -29,7 +29,7 @@ def fundamental_of_small_baseline(
     rotation: FloatArray, current: FloatArray, desired: FloatArray
 ) -> FloatArray:
     """
-    Return F for rays, shape (3, 3), of a baseline that may be as small as the noise.
+    Return F for rays, shape (..., 3, 3), of a baseline that may be as small as the noise.
 
     Gauss-Newton on the direction of the motion and on the rotation, reweighted (Geman-McClure),
     from several directions. Where the direction is lost in the noise, distances from F are those
@@ -37,37 +37,57 @@ def fundamental_of_small_baseline(
 
     Parameters
     ----------
-    rotation : array, shape (3, 3)
+    rotation : array, shape (..., 3, 3)
         Best rotation, current -> desired, as ``fit_rotation`` has it.
-    current, desired : array, shape (N, 3)
+    current, desired : array, shape (..., N, 3)
         Unit rays, at least three.
 
     """
-    carried, target = rotation @ current.T, np.ascontiguousarray(desired.T)
-    pairs = _Pairs(target, (carried[:, None] * target).reshape(9, -1))
-    motion, turn = STARTS, np.zeros_like(STARTS)
+    carried = rotation @ current.swapaxes(-1, -2)
+    target = np.ascontiguousarray(desired.swapaxes(-1, -2))[..., None, :, :]
+    products = carried[..., :, None, :] * target
+    pairs = _Pairs(target, products.reshape(*products.shape[:-3], 1, 9, -1))
+    turn = np.zeros((*rotation.shape[:-2], *STARTS.shape))
+    motion = turn + STARTS
     for _ in range(ROUNDS):
         distances, jacobian = _linearised(motion, turn, pairs)
         squared = distances * distances
-        scale = np.maximum(4.0 * median_of_sorted(np.sort(squared, axis=1)), SMALLEST)[:, None]
-        weighted = jacobian / ((1.0 + squared / scale) ** 2)[:, None]
-        normal = weighted @ jacobian.swapaxes(1, 2)
-        size = normal[:, DIAGONAL, DIAGONAL].sum(axis=1)[:, None, None]
+        scale = np.maximum(4.0 * _median(squared), SMALLEST)[..., None]
+        weights = squared / scale
+        weights += 1.0
+        weights *= weights
+        weighted = jacobian / weights[..., None, :]
+        normal = weighted @ jacobian.swapaxes(-1, -2)
+        size = _trace(normal)[..., None, None]
         right = weighted @ distances[..., None]
         normal += size * RIDGES
-        normal[:, :3, :3] += size * motion[:, :, None] * motion[:, None, :]  # keeps its length
-        change = -np.linalg.solve(normal, right)[..., 0]
-        motion = motion + change[:, :3]
-        motion = motion / np.sqrt((motion * motion).sum(axis=1))[:, None]
-        turn = turn + change[:, 3:]
+        # Keeps the length of the motion.
+        normal[..., :3, :3] += size * motion[..., :, None] * motion[..., None, :]
+        change = np.linalg.solve(normal, right)[..., 0]
+        motion = motion - change[..., :3]
+        motion /= np.sqrt(np.add.reduce(motion * motion, axis=-1))[..., None]
+        turn = turn - change[..., 3:]
     distances, _ = _linearised(motion, turn, pairs)
-    best = int(np.argmin(median_of_sorted(np.sort(np.abs(distances), axis=1))))
-    turned = rotation + cross_matrix(turn[best]) @ rotation
-    return np.asarray(cross_matrix(motion[best]) @ turned)
+    best = _median(np.abs(distances)).argmin(axis=-1).ravel()
+    best += len(STARTS) * np.arange(len(best))
+    motion, turn = (each.reshape(-1, 3)[best] for each in (motion, turn))
+    crosses = cross_matrix(np.array([motion, turn])).reshape(2, *rotation.shape)
+    return np.asarray(crosses[0] @ (rotation + crosses[1] @ rotation))
+
+
+def _trace(matrices: FloatArray) -> FloatArray:
+    return np.asarray(np.add.reduce(matrices.reshape(*matrices.shape[:-2], 36)[..., ::7], axis=-1))
+
+
+def _median(values: FloatArray) -> FloatArray:
+    """Return the median of ``values``, (..., N), along the last axis: (...)."""
+    ordered = values.copy()
+    ordered.sort()
+    return median_of_sorted(ordered)
 
 
 class _Pairs(NamedTuple):
-    """Matches: rays that are turned, and the ``target``, (3, N); their ``products``, (9, N)."""
+    """Turned rays' ``target``, (..., 1, 3, N); their ``products`` with it, (..., 1, 9, N)."""
 
     target: FloatArray
     products: FloatArray
@@ -77,14 +97,17 @@ def _linearised(
     motion: FloatArray, turn: FloatArray, pairs: _Pairs
 ) -> tuple[FloatArray, FloatArray]:
     """
-    Return distances from the geometry [rad], (S, N), and their Jacobian, (S, 6, N).
+    Return distances from the geometry [rad], (..., S, N), and their Jacobian, (..., S, 6, N).
 
-    ``motion`` and ``turn``, (S, 3), are the direction and the rotation on top of the carried rays.
-    Both are linear in the products of coordinates: one matrix gives all columns.
+    ``motion`` and ``turn``, (..., S, 3), are the direction and the rotation on top of the carried
+    rays. Both are linear in the products of coordinates: one matrix gives all columns.
     """
-    normal = (motion @ CROSS).reshape(-1, 3, 3) @ pairs.target  # across the epipolar lines
-    length = np.sqrt(np.maximum((normal * normal).sum(axis=1), SHORTEST))[:, None]
-    by_motion = (IDENTITY + turn @ CROSS) @ LEVER
-    rows = np.concatenate([by_motion, motion @ PULL], axis=1).reshape(-1, 6, 9)
-    jacobian = (rows @ pairs.products) / length
-    return (jacobian[:, :3] * motion[..., None]).sum(axis=1), jacobian
+    starts = motion.shape[:-1]
+    across = (motion @ CROSS).reshape(*starts, 3, 3) @ pairs.target  # epipolar lines
+    across *= across
+    length = np.sqrt(np.maximum(np.add.reduce(across, axis=-2), SHORTEST))[..., None, :]
+    rows = np.empty((*starts, 54))
+    rows[..., :27], rows[..., 27:] = (IDENTITY + turn @ CROSS) @ LEVER, motion @ PULL
+    jacobian = rows.reshape(*starts, 6, 9) @ pairs.products
+    jacobian /= length
+    return np.add.reduce(jacobian[..., :3, :] * motion[..., None], axis=-2), jacobian

@@ -5,7 +5,7 @@ They are the same for all views of the same features, as most are of the one bef
 to them is looked up once.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from visual_servo_epipolar.core.arrays import BoolArray, IntArray
 from visual_servo_epipolar.core.memory.adjustment.refinement import Geometry
@@ -20,7 +20,9 @@ class Correspondences:
 
     ``rows``, (N,), of the features there, -1 for others; ``known``, (N,), says which are trusted
     and have a place. Of those, n, are ``chosen`` rows, (n,), ``anchors`` and ``errors``;
-    ``everything`` are the anchors of all features of the geometry.
+    ``everything`` are the anchors of all features of the geometry. ``slopes`` of D [1/m] are those
+    that readings of such views asked for, by the number of features that the photograph shows, and
+    whether the lens is wide.
     """
 
     geometry: Geometry
@@ -31,6 +33,7 @@ class Correspondences:
     everything: Anchors
     anchors: Anchors
     errors: Errors
+    slopes: dict[tuple[int, bool], float] = field(default_factory=dict)
 
     def are_of(self, geometry: Geometry, ids: IntArray) -> bool:
         """Return whether they are those of a view of features ``ids``, (N,)."""

@@ -5,11 +5,13 @@ A few steps, each with the features' own covariance; ``resection`` takes the las
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray, median
+from visual_servo_epipolar.core.lapack import solved
 from visual_servo_epipolar.core.memory.adjustment.equations import OUTLIER, robust_weight
 from visual_servo_epipolar.core.memory.adjustment.projection import (
     BY_FEATURE,
@@ -31,7 +33,7 @@ FAR = 1e3  # squared, likewise, from which slopes are taken anew
 NEAR = 1e2  # squared, likewise, up to which slopes are those of the last step as well
 USUAL_MEDIAN = 1.3863  # of squares of two coordinates
 LEAST_NEARNESS = 1e-6  # information of what no feature shows [1/m^2]
-DIAGONAL = np.diag_indices(VIEW)
+EMPTY = np.zeros(0)
 EVERY = VIEW + 1  # element of a matrix, (5, 5), is one of its diagonal
 
 
@@ -63,6 +65,12 @@ class Anchors:
         structure = Structure(rays[:, rows], by_unknowns[..., rows], nearness[rows], stretch)
         covariance = self.covariance[..., rows]
         return Anchors(structure, covariance, self.attitude, self.deviation)
+
+    @cached_property
+    def known(self) -> tuple[FloatArray, FloatArray]:
+        """Information of tilt and roll, (2,), and of all unknowns of a view, (5,)."""
+        told = self.deviation**-2
+        return told, np.concatenate([np.zeros(TILT), told]) + LEAST_NEARNESS
 
 
 class Fit(NamedTuple):
@@ -105,32 +113,33 @@ class _Slopes(NamedTuple):
 
 
 def _slopes(anchors: Anchors, seen: Seen, pose: FloatArray, projection: Projection) -> _Slopes:
-    found = slopes(anchors.structure, pose[None], seen.sides[None], projection)[0]
+    found = slopes(anchors.structure, pose, seen.sides, projection)
     told = _information(found[BY_FEATURE], anchors.covariance)
     return _Slopes(found, found[BY_VIEW], told, _times(told, found[BY_VIEW]))
 
 
 def fitted(anchors: Anchors, seen: Seen, start: FloatArray) -> Fit:
     """Return the pose that fits best, from ``start``, (5,), by features as if independent."""
-    pose, widening, squares = start, 1.0, np.zeros(len(seen.rows))
+    pose, widening, squares = start, 1.0, EMPTY
     at: _Slopes | None = None
     farthest = 0.0  # since slopes were taken
-    known = anchors.deviation**-2
-    ridge = np.concatenate([np.zeros(TILT), known]) + LEAST_NEARNESS
+    known, ridge = anchors.known
     for _ in range(STEPS):
-        projection = projected(anchors.structure, pose[None], seen.sides[None])
-        residuals = projection.residuals[0]
+        projection = projected(anchors.structure, pose, seen.sides)
+        residuals = projection.residuals
         if at is None:
             at, farthest = _slopes(anchors, seen, pose, projection), 0.0
-        ahead = is_ahead(projection, seen.rays[None])[0]
-        squares = np.where(ahead, (_times(at.told, residuals) * residuals).sum(0), OPPOSITE)
+        told = _times(at.told, residuals)
+        told *= residuals
+        squares = np.where(is_ahead(projection, seen.rays), told[0] + told[1], OPPOSITE)
         widening = max(1.0, median(squares) / USUAL_MEDIAN)
-        rows = (at.weighted * robust_weight(squares / widening)).reshape(VIEW, -1)
+        weight = robust_weight(squares if widening == 1.0 else squares / widening)
+        rows = (at.weighted * weight).reshape(VIEW, -1)
         matrix = rows @ at.own.reshape(VIEW, -1).T
         matrix.ravel()[::EVERY] += ridge
         vector = rows @ residuals.ravel()
         vector[TILT:] += known * (pose[TILT:] - anchors.attitude)
-        step = np.linalg.solve(matrix, vector)
+        step = solved(matrix, vector)
         pose = pose - step
         moved = float(step @ vector)
         farthest = max(farthest, moved)
@@ -143,19 +152,23 @@ def fitted(anchors: Anchors, seen: Seen, start: FloatArray) -> Fit:
 
 def _information(own: FloatArray, covariance: FloatArray) -> FloatArray:
     """Return inverted covariances, (2, 2, n), of residuals with slopes ``own``, (3, 2, n)."""
-    turned = (covariance[:, :, None] * own[None]).sum(1)  # (3, 2, n)
-    spread = (own[:, :, None] * turned[:, None]).sum(0)  # (2, 2, n)
-    a, b, c = spread[0, 0] + 1.0, spread[0, 1], spread[1, 1] + 1.0
+    turned = np.add.reduce(covariance[:, :, None] * own, axis=1)  # (3, 2, n)
+    # Of the first residual with both, and of the other with itself.
+    first, c = np.add.reduce(own[:, :1] * turned, axis=0), own[:, 1] * turned[:, 1]
+    a, b, c = first[0] + 1.0, first[1], np.add.reduce(c, axis=0) + 1.0
     determinant = a * c - b * b
-    inverse = np.empty(spread.shape)
-    inverse[0, 0], inverse[1, 1] = c / determinant, a / determinant
-    inverse[0, 1] = inverse[1, 0] = -b / determinant
+    inverse = np.empty((2, 2, own.shape[-1]))
+    np.divide(c, determinant, out=inverse[0, 0])
+    np.divide(a, determinant, out=inverse[1, 1])
+    np.divide(-b, determinant, out=inverse[0, 1])
+    inverse[1, 0] = inverse[0, 1]
     return inverse
 
 
 def _times(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
     """Return matrices, (2, 2, n), times vectors, (..., 2, n)."""
-    product = matrices[:, 0] * vectors[..., 0, None, :] + matrices[:, 1] * vectors[..., 1, None, :]
+    product = matrices[0] * vectors[..., :1, :]  # they are symmetric
+    product += matrices[1] * vectors[..., 1:, :]
     return np.asarray(product)
 
 

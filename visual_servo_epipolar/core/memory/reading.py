@@ -7,7 +7,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.memory.adjustment.window import HEADING, X, Y
+from visual_servo_epipolar.core.memory.adjustment.window import HEADING
 from visual_servo_epipolar.core.memory.recollection import Recollection
 
 LEAST_AHEAD = 0.1  # cosine off the axis, below which a feature has no image point
@@ -60,25 +60,31 @@ def reading_of(
     """
     if said.reason:
         return None
+    return reading_by(said, difference_slope(desired, nearness, wide=wide))
+
+
+def reading_by(said: Recollection, slope: float) -> Reading:
+    """Return what a recollection says, where D has a ``slope`` by the longitudinal offset."""
     covariance = said.bearings_covariance
-    slope = difference_slope(desired, nearness, wide=wide)
-    longitudinal = float(said.pose[Y])
+    own = said.own.ravel()[:: len(said.own) + 1][: HEADING + 1].tolist()
+    lateral, longitudinal, heading_error = said.pose[: HEADING + 1].tolist()
+    longitudinal_deviation = said.longitudinal_deviation
     return Reading(
         said.bearings,
         covariance,
         math.sqrt(max(covariance[0, 0], covariance[1, 1])),
-        float(said.pose[X]),
+        lateral,
         said.lateral_deviation,
         longitudinal,
-        said.longitudinal_deviation,
-        float(said.pose[HEADING]),
+        longitudinal_deviation,
+        heading_error,
         said.heading_deviation,
-        tuple(np.sqrt(np.diag(said.own)[: HEADING + 1]).tolist()),
+        (math.sqrt(own[0]), math.sqrt(own[1]), math.sqrt(own[2])),
         longitudinal / said.depth,
-        said.longitudinal_deviation / said.depth,
+        longitudinal_deviation / said.depth,
         said.parallax,
         slope * longitudinal,
-        slope * said.longitudinal_deviation,
+        slope * longitudinal_deviation,
         slope,
         int(np.count_nonzero(said.inliers)),
     )

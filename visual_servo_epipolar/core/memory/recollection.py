@@ -9,9 +9,8 @@ from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.memory.adjustment.projection import points_of, Structure, turns_of
-from visual_servo_epipolar.core.memory.adjustment.refinement import Geometry
 from visual_servo_epipolar.core.memory.adjustment.window import HEADING, VIEW, X, Y
-from visual_servo_epipolar.core.memory.fitting import Anchors
+from visual_servo_epipolar.core.memory.correspondences import Correspondences
 from visual_servo_epipolar.core.memory.resection import Resection
 
 LEAST_DISTANCE = 1e-9  # [m] of a baseline that has a direction
@@ -36,7 +35,7 @@ class Recollection:
     (M, 3), are those rays. The photograph has ``shown`` some, (M,), of which those ``counted``,
     (M,), are no wrong matches. ``depth`` is the median one [m], ``noise_ratio`` the deviation of
     the window's residuals over what was expected; ``seen`` is what the view looks at, and the
-    pose, (5,), from which.
+    pose, (5,), from which. ``slopes`` are those of its correspondences.
     """
 
     reason: str = ''
@@ -55,6 +54,7 @@ class Recollection:
     depth: float = math.nan
     noise_ratio: float = math.nan
     seen: tuple[Structure, FloatArray] | None = None
+    slopes: dict[tuple[int, bool], float] = field(default_factory=dict)
 
     def __bool__(self) -> bool:
         return not self.reason
@@ -76,9 +76,10 @@ class Recollection:
     @property
     def bearings_covariance(self) -> FloatArray:
         """Covariance of (psi, phi), (2, 2) [rad^2]: without bound towards the goal."""
-        x, y = self.pose[X], self.pose[Y]
+        x, y = self.pose[:HEADING].tolist()
         square = max(x * x + y * y, LEAST_DISTANCE**2)
-        slope = np.array([[-y / square, x / square, 0.0], [-y / square, x / square, -1.0]])
+        right, ahead = -y / square, x / square
+        slope = np.array([[right, ahead, 0.0], [right, ahead, -1.0]])
         return np.asarray(slope @ self.covariance[:3, :3] @ slope.T)
 
     @property
@@ -117,12 +118,10 @@ def seen_rays(structure: Structure, pose: FloatArray) -> FloatArray:
     return np.asarray((points / np.sqrt((points * points).sum(0))).T)
 
 
-def recollected(
-    geometry: Geometry, anchors: Anchors, resection: Resection, known: BoolArray
-) -> Recollection:
-    """Return what is remembered of a view that was resected by its ``known`` sightings."""
-    inliers = known.copy()
-    inliers[known] = resection.inliers
+def recollected(resection: Resection, by: Correspondences) -> Recollection:
+    """Return what is remembered of a view that was resected ``by`` its correspondences."""
+    geometry, inliers = by.geometry, by.known.copy()
+    inliers[by.known] = resection.inliers
     return Recollection(
         pose=resection.pose,
         covariance=resection.covariance,
@@ -138,5 +137,6 @@ def recollected(
         counted=geometry.counted,
         depth=geometry.depth,
         noise_ratio=geometry.noise_ratio,
-        seen=(anchors.structure, resection.pose),
+        seen=(by.everything.structure, resection.pose),
+        slopes=by.slopes,
     )

@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+from visual_servo_epipolar.core.lapack import inverse, solved
 from visual_servo_epipolar.core.memory.adjustment.equations import robust_weight
 from visual_servo_epipolar.core.memory.adjustment.projection import (
     BY_FEATURE,
@@ -24,7 +25,6 @@ from visual_servo_epipolar.core.memory.adjustment.window import MOUNT, TILT, VIE
 from visual_servo_epipolar.core.memory.errors import Errors, errors_of
 from visual_servo_epipolar.core.memory.fitting import (
     Anchors,
-    DIAGONAL,
     Fit,
     LEAST_NEARNESS,
     Seen,
@@ -68,26 +68,27 @@ def resected(
     ``errors`` are those of the features that are seen, where somebody has looked them up.
     """
     errors = errors_of(geometry, seen.rows) if errors is None else errors
-    view, sides = fit.pose[None], seen.sides[None]
-    projection = projected(anchors.structure, view, sides)
+    projection = projected(anchors.structure, fit.pose, seen.sides)
     found = fit.slopes
     if found is None:
-        found = slopes(anchors.structure, view, sides, projection)[0]
+        found = slopes(anchors.structure, fit.pose, seen.sides, projection)
     # Rows: by the five unknowns of the view and the shrinkage, and the residual; by errors of the
     # window.
-    withdrawing = -(found[OFFSETS] * errors.offsets).sum(0)
-    columns = [found[BY_VIEW], withdrawing[None], projection.residuals]
-    own = np.concatenate(columns).transpose(2, 1, 0)
+    own = np.empty((len(seen.rows), 2, VIEW + 2))
+    own[..., :VIEW] = found[BY_VIEW].T
+    withdrawing = np.add.reduce(found[OFFSETS] * errors.offsets, axis=0).T
+    np.negative(withdrawing, out=own[..., VIEW])
+    own[..., -1] = projection.residuals.T
     whitening, shared = _whitening(errors, found, fit)
     beside, by_mount = _prior_rows(geometry, errors, fit.pose, shrinkage)
     rows = np.concatenate([whitening.rows(own), beside])
     shared = np.concatenate([whitening.rows(shared), by_mount])
     joint = shared.T @ shared
     joint.ravel()[:: len(joint) + 1] += 1.0  # errors of the window, one deviation each
-    left = rows - shared @ np.linalg.solve(joint, shared.T @ rows)
+    left = rows - shared @ solved(joint, shared.T @ rows)
     matrix = rows[:, :-1].T @ left[:, :-1]
-    matrix[DIAGONAL] += LEAST_NEARNESS
-    covariance = np.linalg.inv(matrix)
+    matrix.ravel()[: VIEW * (VIEW + 2) : VIEW + 2] += LEAST_NEARNESS  # of the view
+    covariance = inverse(matrix)
     gain = covariance @ left[:, :-1].T
     covariance = 0.5 * (covariance + covariance.T)
     after, pose, shift = _stepped(fit.pose, gain @ rows[:, -1], covariance)
@@ -108,26 +109,22 @@ def _stepped(
 
 
 class _Whitening(NamedTuple):
-    """What makes residuals of each feature independent: [[first, 0], [mixed, other]], (n,)."""
+    """What makes residuals of a feature independent: [[first, 0], [mixed, other]], (n,) each."""
 
-    first: FloatArray
+    both: FloatArray  # first and other, (n, 2)
     mixed: FloatArray
-    other: FloatArray
 
     def rows(self, part: FloatArray) -> FloatArray:
-        """Return rows of residuals, (n, 2, C), independent: (2 n, C)."""
-        rows = np.empty(part.shape)
-        np.multiply(self.first[:, None], part[:, 0], out=rows[:, 0])
-        np.multiply(self.other[:, None], part[:, 1], out=rows[:, 1])
-        rows[:, 1] += self.mixed[:, None] * part[:, 0]
-        return rows.reshape(-1, part.shape[-1])
+        """Return rows of residuals, (n, 2, C), which become independent: (2 n, C)."""
+        mixed = self.mixed[:, None] * part[:, 0]
+        part *= self.both[..., None]
+        part[:, 1] += mixed
+        return part.reshape(-1, part.shape[-1])
 
     def columns(self, part: FloatArray) -> FloatArray:
         """Return columns, (C, 2 n), by residuals instead of what is independent."""
-        first, other = part[:, ::2], part[:, 1::2]
-        columns = np.empty(part.shape)
-        columns[:, ::2] = first * self.first + other * self.mixed
-        columns[:, 1::2] = other * self.other
+        columns = part * self.both.ravel()
+        columns[:, ::2] += part[:, 1::2] * self.mixed
         return columns
 
 
@@ -140,12 +137,17 @@ def _whitening(errors: Errors, found: FloatArray, fit: Fit) -> tuple[_Whitening,
     slopes = found[BY_FEATURE.start :].transpose(2, 1, 0)  # of the feature, then of what all share
     alone = slopes[..., :3] @ errors.own
     first, other = alone[:, 0], alone[:, 1]
-    a, b, c = 1.0 + (first * first).sum(1), (first * other).sum(1), (other * other).sum(1)
+    a, b, c = 1.0 + _dot(first, first), _dot(first, other), _dot(other, other)
     weight = np.sqrt(robust_weight(fit.squares / fit.widening))
     # The inverted root of [[a, b], [b, 1 + c]].
-    ratio = b / a
-    rest = weight / np.sqrt(1.0 + c - b * ratio)
-    return _Whitening(weight / np.sqrt(a), -ratio * rest, rest), slopes @ errors.shared
+    ratio, both = b / a, np.empty((len(a), 2))
+    rest = np.divide(weight, np.sqrt(1.0 + c - b * ratio), out=both[:, 1])
+    np.divide(weight, np.sqrt(a), out=both[:, 0])
+    return _Whitening(both, -ratio * rest), slopes @ errors.shared
+
+
+def _dot(first: FloatArray, other: FloatArray) -> FloatArray:
+    return np.asarray(np.add.reduce(first * other, axis=1))
 
 
 def _prior_rows(
@@ -153,11 +155,15 @@ def _prior_rows(
 ) -> tuple[FloatArray, FloatArray]:
     """Return rows of tilt and roll, off those of the mount by the floor, and of the shrinkage."""
     jitter = geometry.evaluation.factors.jitter
-    rows = np.zeros((3, VIEW + 2))
-    rows[0, TILT] = rows[1, TILT + 1] = 1.0 / jitter
-    rows[:2, -1] = (pose[TILT:] - geometry.unknowns.shared[MOUNT]) / jitter
-    deviation = math.sqrt(shrinkage.variance)
-    rows[2, VIEW], rows[2, -1] = 1.0 / deviation, -shrinkage.share / deviation
+    tilt, roll = ((pose[TILT:] - geometry.unknowns.shared[MOUNT]) / jitter).tolist()
+    certain, deviation = 1.0 / jitter, math.sqrt(shrinkage.variance)
+    rows = np.array(
+        [
+            [0.0, 0.0, 0.0, certain, 0.0, 0.0, tilt],
+            [0.0, 0.0, 0.0, 0.0, certain, 0.0, roll],
+            [0.0, 0.0, 0.0, 0.0, 0.0, 1.0 / deviation, -shrinkage.share / deviation],
+        ]
+    )
     shared = np.zeros((3, errors.attitude.shape[1]))
     np.negative(errors.attitude, out=shared[:2])
     return rows, shared

@@ -44,10 +44,11 @@ def is_keyframe(
     least = settings.spread * geometry.depth
     if float(np.hypot(offset[:, 0], offset[:, 1]).min()) > least:
         return True
+    enough = max(FEWEST_NEW, NEW_SHARE * sightings)
+    if new < enough or not math.hypot(pose[X], pose[Y]) > least:
+        return False
     settled = int(((geometry.window.seen.sum(0) > 1) & geometry.trusted).sum())
-    room = settings.features - settled
-    far = math.hypot(pose[X], pose[Y]) > least
-    return far and min(new, room) >= max(FEWEST_NEW, NEW_SHARE * sightings)
+    return settings.features - settled >= enough
 
 
 def crowded(places: FloatArray, seen: BoolArray, depth: float) -> int:

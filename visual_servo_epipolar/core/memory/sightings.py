@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, frozen, IntArray
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, frozen, IntArray, median
 from visual_servo_epipolar.core.geometry.rays import tangents
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation, MIN_POINTS
 
@@ -128,8 +128,15 @@ def sides_of(rays: FloatArray, noise: FloatArray) -> FloatArray:
 
 def differ(last: Sightings, now: Sightings) -> bool:
     """Whether two views differ by more than a turn."""
-    _, first, other = np.intersect1d(last.ids, now.ids, assume_unique=True, return_indices=True)
-    if len(first) < MIN_POINTS:
+    before, after = last.current, now.current
+    if not (len(before) == len(after) and _ascend_alike(last.ids, now.ids)):
+        common = np.intersect1d(last.ids, now.ids, assume_unique=True, return_indices=True)
+        before, after = before[common[1]], after[common[2]]
+    if len(before) < MIN_POINTS:
         return True
-    parallax = fit_rotation(now.current[other], last.current[first]).parallax
-    return parallax > COLLECTED_PARALLAX * float(np.median(now.noise[:, 0]))
+    return fit_rotation(after, before).parallax > COLLECTED_PARALLAX * median(now.noise[:, 0])
+
+
+def _ascend_alike(ids: IntArray, others: IntArray) -> bool:
+    """Return whether the same ``ids``, (N,), stand in both, each after a smaller one."""
+    return bool((ids == others).all()) and bool((ids[1:] > ids[:-1]).all())

@@ -147,13 +147,9 @@ class ViewMemory:
         """
         before = self.learnt()
         heading = 0.0 if before.pose is None else float(before.pose[2])
-        way = np.zeros(2) if motion is None else np.asarray(motion, np.float64)
-        other = way if instead is None else np.asarray(instead, np.float64)
-        memory = changed(
-            before,
-            place=before.place + _turned(way, heading),
-            instead=before.instead + _turned(other, heading),
-        )
+        way = _turned(np.zeros(2) if motion is None else motion, heading)
+        other = way if instead is None else _turned(instead, heading)
+        memory = changed(before, place=before.place + way, instead=before.instead + other)
         if memory.geometry is not None:
             return memory._remembered(memory.geometry, sightings, learns)
         if not learns:
@@ -225,7 +221,7 @@ class ViewMemory:
             return self, Recollection(reason, ids=self.window.ids)
         shrinkage = self.shrinkage.before(float(np.hypot(*fit.pose[:2])), geometry.depth)
         resection = resected(geometry, it.anchors, seen, fit, shrinkage, errors=it.errors)
-        said = recollected(geometry, it.everything, resection, it.known)
+        said = recollected(resection, it)
         after = changed(
             self,
             pose=resection.pose,

@@ -32,6 +32,7 @@ from visual_servo_epipolar.core.perception.validated import (
     lesson_of,
     no_baseline,
     noise_learnt,
+    noises_learnt,
     prior_of,
     SPARED,
     ValidatedEstimate,
@@ -106,7 +107,8 @@ def perceive_each(views: Sequence[RobotView]) -> list[Perception]:
 
 def _perceive_stack(views: Sequence[RobotView]) -> list[Perception]:
     """Perceive views of equally many features by one estimator."""
-    known = [_known(view) for view in views]
+    memories = noises_learnt([view.memory or fresh_memory(view.settings) for view in views])
+    known = [_known(view, memory) for view, memory in zip(views, memories, strict=True)]
     stack = _stack_of(known)
     estimates = _validated_estimates(stack)
     stack = _corrected(stack, estimates)
@@ -119,8 +121,7 @@ def _perceive_stack(views: Sequence[RobotView]) -> list[Perception]:
     ]
 
 
-def _known(view: RobotView) -> _Known:
-    memory = noise_learnt(view.memory or fresh_memory(view.settings))
+def _known(view: RobotView, memory: PerceptionMemory) -> _Known:
     observation = view.observation.corrected(memory.lens)
     return _Known(observation, view.settings, view.frame, memory)
 

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import math
+from typing import Any
 
 import numpy as np
 
@@ -124,8 +125,12 @@ def observe_each(
     for count, left, stamp_ns, others in columns:
         both = slice(first, first + 2 * left)
         observations.append(
-            replace(
-                _observation(rays[both], resolution[both], camera, stamp_ns, count - left),
+            _observation(
+                rays[both],
+                resolution[both],
+                camera,
+                stamp_ns,
+                dropped=count - left,
                 ids=ids[first // 2 : first // 2 + left],
                 passing=others,
             )
@@ -161,7 +166,11 @@ def _for_both_views(whole: BoolArray, counts: Sequence[int]) -> BoolArray:
 
 
 def _observation(
-    rays: FloatArray, resolution: FloatArray, camera: CameraModel, stamp_ns: int, dropped: int
+    rays: FloatArray,
+    resolution: FloatArray,
+    camera: CameraModel,
+    stamp_ns: int,
+    **others: Any,
 ) -> Observation:
     """Return the observation of as many current rays as desired ones, one after the other."""
     count = len(rays) // 2
@@ -173,8 +182,8 @@ def _observation(
         camera.focal,
         camera.edges,
         angles,
-        dropped=dropped,
         wide=camera.wide,
+        **others,
     )
 
 

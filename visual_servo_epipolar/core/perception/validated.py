@@ -3,6 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior
@@ -111,13 +113,42 @@ def noise_learnt(memory: PerceptionMemory) -> PerceptionMemory:
 
     It follows slowly: one view later is soon enough, and no twist waits for it.
     """
-    if memory.unlearnt is None:
+    still = memory.unlearnt
+    if still is None:
         return memory
-    observation, rotation, first = memory.unlearnt
-    current, desired = observation.current, observation.desired
+    seen = still.observation
+    residual = _residual(still.rotation, seen.current, seen.desired, seen.resolution)
+    return _with_noise(memory, still, float(residual))
+
+
+def noises_learnt(memories: Sequence[PerceptionMemory]) -> list[PerceptionMemory]:
+    """Return ``memories`` with the noise learnt, to the last bit as each alone."""
+    alike: dict[int, list[tuple[int, Still]]] = {}
+    for k, memory in enumerate(memories):
+        if memory.unlearnt is not None:
+            alike.setdefault(len(memory.unlearnt.observation), []).append((k, memory.unlearnt))
+    after = list(memories)
+    for views in alike.values():
+        columns = [
+            (still.rotation, seen.current, seen.desired, seen.resolution)
+            for still, seen in ((still, still.observation) for _, still in views)
+        ]
+        residuals = _residual(*(np.array(column) for column in zip(*columns, strict=True)))
+        for (k, still), residual in zip(views, residuals.tolist(), strict=True):
+            after[k] = _with_noise(memories[k], still, residual)
+    return after
+
+
+def _residual(
+    rotation: FloatArray, current: FloatArray, desired: FloatArray, resolution: FloatArray
+) -> FloatArray:
+    """Return the median residual, (...) [px], of views without a baseline."""
     fundamental = fundamental_of_small_baseline(rotation, current, desired)
-    residual = median_residual(fundamental, current, desired, observation.resolution)
-    noise = _noise(float(residual), observation, memory.noise, first)
+    return median_residual(fundamental, current, desired, resolution)
+
+
+def _with_noise(memory: PerceptionMemory, still: Still, residual: float) -> PerceptionMemory:
+    noise = _noise(residual, still.observation, memory.noise, still.first_noise)
     return changed(memory, noise=noise, unlearnt=None)
 
 

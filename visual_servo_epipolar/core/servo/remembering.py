@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import are_among, IntArray
-from visual_servo_epipolar.core.memory.reading import Reading, reading_of
+from visual_servo_epipolar.core.memory.reading import difference_slope, Reading, reading_by
 from visual_servo_epipolar.core.memory.recollection import Recollection
 from visual_servo_epipolar.core.memory.sightings import MemorySettings, Sightings
 from visual_servo_epipolar.core.memory.view_memory import ViewMemory
@@ -43,7 +43,9 @@ class Remembered:
     def learnt(self) -> 'Remembered':
         """Return what is remembered after the views have learnt from the last one."""
         views = None if self.views is None else self.views.learnt()
-        return self if views is self.views else replace(self, views=views)
+        if views is self.views:
+            return self
+        return Remembered(views, self.place, self.few_s, self.is_over)
 
 
 def remembered(
@@ -77,7 +79,7 @@ def remembered(
     after, said = views.after(
         sightings,
         np.array([0.0, motion.way]),
-        instead=np.array([0.0, driven.other.way]),
+        instead=None if driven.other is motion else np.array([0.0, driven.other.way]),
         bearings=() if bearings is None else (bearings,),
         attitude=perception.memory.attitude,
         learns=not is_few,
@@ -191,8 +193,11 @@ def reading_in_view(said: Recollection, observation: Observation) -> Reading | N
     """
     if said.reason or observation.ids is None:
         return None
-    counted = said.counted
-    in_view = counted & are_among(said.ids, observation.ids)
-    counted = in_view if in_view.any() else counted
-    desired, nearness = said.photograph[counted], said.nearness[counted]
-    return reading_of(said, desired, nearness, wide=observation.wide)
+    which = len(observation), observation.wide
+    if which not in said.slopes:
+        counted = said.counted
+        in_view = counted & are_among(said.ids, observation.ids)
+        counted = in_view if in_view.any() else counted
+        desired, nearness = said.photograph[counted], said.nearness[counted]
+        said.slopes[which] = difference_slope(desired, nearness, wide=observation.wide)
+    return reading_by(said, said.slopes[which])

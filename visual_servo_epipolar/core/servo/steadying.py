@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.lapack import solved
 from visual_servo_epipolar.core.memory.adjustment.window import HEADING
 from visual_servo_epipolar.core.memory.recollection import Recollection
 from visual_servo_epipolar.core.values import changed
@@ -15,6 +16,7 @@ PLACE = HEADING + 1  # unknowns of a place: right and ahead [m], heading error [
 TURN_OF_WAY, SLIP = 0.1, 0.05  # turn that a way may add [rad/m], and its share to the side
 SURPRISE = 16.0  # square of a leap, in deviations, after which what was known counts no more
 LEAST_DEVIATION = 1e-9  # [m], [rad]
+LEAST = LEAST_DEVIATION**2 * np.eye(PLACE)
 
 
 class Doubt(NamedTuple):
@@ -99,10 +101,12 @@ class Place:
                 share.turn * turn + TURN_OF_WAY * way,
             ]
         )
-        covariance = self.covariance + np.diag(doubt * doubt)
+        covariance = self.covariance.copy()
+        diagonal = covariance.ravel()[:: PLACE + 1]
+        diagonal += doubt * doubt
         if share.noise:
             walk = np.array([way * abs(math.sin(heading)), way, way + turn])
-            covariance += share.noise**2 * np.diag(walk)
+            diagonal += share.noise**2 * walk
         return Place(self.mean + step, covariance, Motion(way, turn))
 
 
@@ -118,16 +122,16 @@ def steadied(
     """
     if said.reason:
         return said, None
-    mean, own = said.pose[:PLACE] - said.shift[:PLACE], said.own[:PLACE, :PLACE]
-    own = own + LEAST_DEVIATION**2 * np.eye(PLACE)
+    mean, own = said.pose[:PLACE] - said.shift[:PLACE], said.own[:PLACE, :PLACE] + LEAST
     if place is None:
         return said, Place(mean, own, Motion(abs(motion.way), abs(motion.turn)))
     before = place.after(motion)
     change = _change(said, before)
-    both = np.column_stack([before.covariance, change])
-    solved = np.linalg.solve(before.covariance + own, both)
-    gain = solved[:, :PLACE].T
-    if change @ solved[:, PLACE] > SURPRISE:
+    both = np.empty((PLACE, PLACE + 1))
+    both[:, :PLACE], both[:, PLACE] = before.covariance, change
+    shares = solved(before.covariance + own, both)
+    gain = shares[:, :PLACE].T
+    if change @ shares[:, PLACE] > SURPRISE:
         return said, Place(mean, own, before.lately)
     now = Place(before.mean + gain @ change, _symmetric(own @ gain.T), before.lately)
     pose, covariance, own = said.pose.copy(), said.covariance.copy(), said.own.copy()
@@ -145,7 +149,7 @@ def agrees(said: Recollection, place: Place) -> bool:
     """
     change = _change(said, place)
     covariance = said.own[:PLACE, :PLACE] + place.covariance
-    return float(change @ np.linalg.solve(covariance, change)) <= SURPRISE
+    return float(change @ solved(covariance, change)) <= SURPRISE
 
 
 def _change(said: Recollection, place: Place) -> FloatArray:

@@ -80,10 +80,15 @@ def decided(
     return advance(state, perception, settings, since_command=since_command)
 
 
-def learnt(state: ServoState) -> ServoState:
-    """Return the state after what no command waits for: what the last view adds to memories."""
-    views = state.views.learnt()
-    memory = None if state.memory is None else noise_learnt(state.memory)
+def learnt(state: ServoState, *, noise: bool = True) -> ServoState:
+    """
+    Return the state after what no command waits for: what the last view adds to memories.
+
+    Without ``noise`` that is left to the next perception, which many robots have in common.
+    """
+    views, memory = state.views.learnt(), state.memory
+    if noise and memory is not None:
+        memory = noise_learnt(memory)
     if views is not state.views:
         memory = learnt_after(memory, views)
     elif memory is state.memory:

@@ -13,14 +13,13 @@ from visual_servo_epipolar.core.memory.adjustment.window import (
     ROLL,
     TILT,
     Unknowns,
-    X,
-    Y,
 )
 
 # x, y, heading, tilt, roll; two offsets, nearness; tilt and roll of the photograph, lens.
 BY_VIEW, BY_FEATURE, BY_SHARED = slice(0, 5), slice(5, 8), slice(8, 11)
-NEARNESS, RAYS = 7, [5, 6, 8, 9, 10]
+OFFSETS, NEARNESS = slice(5, 7), 7
 UNKNOWNS = 11
+BACKWARD = np.array([-1.0, 1.0])
 OPPOSITE = 1e12  # square of a residual of what would lie behind its ray
 
 # d/dr Z(r)^T = LEAN @ Z^T, d/dt X(t)^T = NOD @ X^T.
@@ -44,10 +43,10 @@ class Structure(NamedTuple):
 
 class Projection(NamedTuple):
     """
-    Features in views: directions, (K, 3, N), at a length, (K, N), of points over their depths.
+    Features in views: directions, (..., 3, N), at a length, (..., N), of points over their depths.
 
-    ``residuals``, (K, 2, N), are in deviations; ``turns``, (K, 3, 3), lead from upright axes of
-    the photograph, in which points are ``upright``, (K, 3, N), to those of cameras, with the
+    ``residuals``, (..., 2, N), are in deviations; ``turns``, (..., 3, 3), lead from upright axes
+    of the photograph, in which points are ``upright``, (..., 3, N), to those of cameras, with the
     stretch of the image.
     """
 
@@ -92,29 +91,30 @@ def _turn(heading: float, tilt: float, roll: float) -> list[list[float]]:
 
 def turns_of(views: FloatArray, stretch: float = 1.0) -> FloatArray:
     """
-    Return what leads from upright axes of the photograph to those of cameras, (K, 3, 3).
+    Return what leads from upright axes of the photograph to those of ``views``, (..., 3, 3).
 
     Rotations, and the ``stretch`` of the image.
     """
-    each = [_turn(*attitude) for attitude in views[:, HEADING:].tolist()]
-    turns = np.array(each).reshape(-1, 3, 3)
-    turns[:, :2] *= stretch
+    each = [_turn(*attitude) for attitude in views[..., HEADING:].reshape(-1, 3).tolist()]
+    turns = np.array(each).reshape(*views.shape[:-1], 3, 3)
+    turns[..., :2, :] *= stretch
     return turns
 
 
 def points_of(structure: Structure, views: FloatArray) -> FloatArray:
-    """Return features over their depths as seen from views, but not turned, (K, 3, N)."""
-    places = np.zeros((len(views), 3, 1))
-    places[:, ::2, 0] = views[:, :HEADING]
+    """Return features over their depths as seen from views, but not turned, (..., 3, N)."""
+    places = np.zeros((*views.shape[:-1], 3, 1))
+    places[..., ::2, 0] = views[..., :HEADING]
     return np.asarray(structure.rays - places * structure.nearness)
 
 
 def projected(structure: Structure, views: FloatArray, sides: FloatArray) -> Projection:
-    """Project features into ``views``, (K, 5), whose rays have ``sides``, (K, 2, 3, N)."""
+    """Project features into ``views``, (..., 5), whose rays have ``sides``, (..., 2, 3, N)."""
     turns, upright = turns_of(views, structure.stretch), points_of(structure, views)
     points = turns @ upright
-    length = np.sqrt((points * points).sum(1))
-    residuals = (sides * points[:, None]).sum(2) / length[:, None]
+    length = np.sqrt(np.add.reduce(points * points, axis=-2))
+    residuals = np.add.reduce(sides * points[..., None, :, :], axis=-2)
+    residuals /= length[..., None, :]
     return Projection(points, length, residuals, turns, upright)
 
 
@@ -122,43 +122,53 @@ def slopes(
     structure: Structure, views: FloatArray, sides: FloatArray, projection: Projection
 ) -> FloatArray:
     """
-    Return the derivatives of residuals by the unknowns of each, (K, 11, 2, N).
+    Return the derivatives of residuals by the unknowns of each, (..., 11, 2, N).
 
     How a point moves is never written down: what it does to residuals is carried back to axes in
     which it moves by one component or two.
     """
     points, length, residuals, turns, upright = projection
     # Of a point to the direction in which it lies: only what is across counts.
-    inverse = (1.0 / length)[:, None]
-    across = sides - residuals[:, :, None] * (points * inverse)[:, None]
-    across *= inverse[:, None]
-    carried = turns.swapaxes(1, 2)[:, None] @ across  # in upright axes of the photograph
-    right, ahead = carried[:, :, 0], carried[:, :, 2]
-    found = np.empty((len(points), UNKNOWNS, 2, points.shape[-1]))
-    near = -structure.nearness
-    found[:, X], found[:, Y] = near * right, near * ahead
-    x, y = views[:, X, None, None], views[:, Y, None, None]
-    found[:, NEARNESS] = -x * right - y * ahead
-    found[:, HEADING] = right * upright[:, None, 2] - ahead * upright[:, None, 0]
-    a0, a1 = across[:, :, 0], across[:, :, 1]
-    p0, p1, p2 = points[:, None, 0], points[:, None, 1], points[:, None, 2]
-    c, s = np.cos(views[:, ROLL, None, None]), np.sin(views[:, ROLL, None, None])
-    stretch = structure.stretch
-    found[:, TILT] = (s * p0 + c * p1) / stretch * across[:, :, 2]
-    found[:, TILT] -= stretch * p2 * (s * a0 + c * a1)
-    found[:, ROLL] = a0 * p1 - a1 * p0
-    by_ray = np.einsum('kain,ijn->kjan', carried, structure.slopes)
-    by_ray[:, -1] += a0 * p0 + a1 * p1  # stretched
-    found[:, RAYS] = by_ray
+    inverse = (1.0 / length)[..., None, :]
+    across = residuals[..., None, :] * (points * inverse)[..., None, :, :]
+    np.subtract(sides, across, out=across)
+    across *= inverse[..., None, :]
+    # In upright axes of the photograph.
+    carried = turns.swapaxes(-1, -2)[..., None, :, :] @ across
+    found = np.empty((*points.shape[:-2], UNKNOWNS, 2, points.shape[-1]))
+    level = carried[..., ::2, :].swapaxes(-3, -2)  # right, ahead
+    np.multiply(level, -structure.nearness, out=found[..., :HEADING, :, :])
+    moved = level * (views[..., :HEADING] * BACKWARD)[..., None, None]
+    np.subtract(moved[..., 0, :, :], moved[..., 1, :, :], out=found[..., NEARNESS, :, :])
+    moved = level * upright[..., ::-2, None, :]
+    np.subtract(moved[..., 0, :, :], moved[..., 1, :, :], out=found[..., HEADING, :, :])
+    a0, a1 = across[..., 0, :], across[..., 1, :]
+    p0, p1 = points[..., :1, :], points[..., 1:2, :]
+    roll = views[..., ROLL, None, None]
+    c, s = np.cos(roll), np.sin(roll)
+    nodded = s * p0
+    nodded += c * p1
+    nodded /= structure.stretch
+    tilted = s * a0
+    tilted += c * a1
+    tilted *= structure.stretch * points[..., 2:, :]
+    np.subtract(nodded * across[..., 2, :], tilted, out=found[..., TILT, :, :])
+    np.subtract(a0 * p1, a1 * p0, out=found[..., ROLL, :, :])
+    by_ray = np.einsum('...ain,ijn->...jan', carried, structure.slopes)
+    stretched = a0 * p0
+    stretched += a1 * p1
+    by_ray[..., -1, :, :] += stretched
+    found[..., OFFSETS, :, :] = by_ray[..., :2, :, :]
+    found[..., BY_SHARED, :, :] = by_ray[..., 2:, :, :]
     return found
 
 
 def squares_of(projection: Projection, rays: FloatArray) -> FloatArray:
-    """Return squared residuals, (K, N), of what lies ahead of its ray; others count as far off."""
-    first, other = projection.residuals[:, 0], projection.residuals[:, 1]
+    """Return squared residuals, (..., N), of what lies ahead of its ray; others are far off."""
+    first, other = projection.residuals[..., 0, :], projection.residuals[..., 1, :]
     return np.where(is_ahead(projection, rays), first * first + other * other, OPPOSITE)
 
 
 def is_ahead(projection: Projection, rays: FloatArray) -> BoolArray:
-    """Return what lies on the side of its ray, (K, N): across it, opposite points look alike."""
-    return np.asarray((projection.points * rays).sum(1) > 0.0)
+    """Return what lies on the side of its ray, (..., N): across it, opposite points look alike."""
+    return np.asarray(np.add.reduce(projection.points * rays, axis=-2) > 0.0)

@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray, median
+from visual_servo_epipolar.core.lapack import solved
 from visual_servo_epipolar.core.memory.adjustment.equations import (
     Evaluation,
     OUTLIER,
@@ -75,9 +76,14 @@ class Geometry:
         return np.asarray(scale[:, None] * np.linalg.inv(lower).T)
 
     @cached_property
+    def _coupled(self) -> FloatArray:
+        """The coupling of features with errors of views in units of their own, (N, 3, D)."""
+        return _times(self.system.coupled, self.root)
+
+    @cached_property
     def feature_roots(self) -> FloatArray:
         """What the errors of views make of features, (N, 3, D): covariance by the transpose."""
-        return self._of_features(self.root)
+        return np.asarray(-(self.system.roots @ self._coupled))
 
     @cached_property
     def spread(self) -> FloatArray:
@@ -90,7 +96,7 @@ class Geometry:
         """
         window, root = self.window, self.root
         placed = self.trusted & window.placed
-        shown = self.system.coupled[placed].reshape(-1, len(root)) @ root
+        shown = self._coupled[placed].reshape(-1, len(root))
         count, noise = max(2 * int(placed.sum()), 1), float(window.photograph_noise.min())
         photograph = root[-SHARED:-2] * (math.sqrt(count) / noise)
         mount = root[-2:] / self.evaluation.factors.jitter
@@ -101,13 +107,7 @@ class Geometry:
     @cached_property
     def feature_spread(self) -> FloatArray:
         """What the errors of ``spread`` make of features, (N, 3, r)."""
-        return self._of_features(self.spread)
-
-    def _of_features(self, root: FloatArray) -> FloatArray:
-        """Return what errors of views and shared unknowns, (D, r), make of features, (N, 3, r)."""
-        size, count = root.shape
-        coupled = self.system.coupled.reshape(-1, size) @ root
-        return np.asarray(-(self.system.roots @ coupled.reshape(-1, 3, count)))
+        return np.asarray(-(self.system.roots @ _times(self.system.coupled, self.spread)))
 
     @cached_property
     def feature_covariance(self) -> FloatArray:
@@ -136,6 +136,12 @@ class Geometry:
         several = self.feature_covariance, self.feature_spread, self.wrong
         for value in (*several, self.depth, self.noise_ratio):
             assert value is not None
+
+
+def _times(coupled: FloatArray, root: FloatArray) -> FloatArray:
+    """Return the coupling of features, (N, 3, D), times a root, (D, r), in one product."""
+    size, count = root.shape
+    return np.asarray((coupled.reshape(-1, size) @ root).reshape(-1, 3, count))
 
 
 def refined(
@@ -181,7 +187,7 @@ def _stepped(at: Evaluation, system: System, damping: float) -> Evaluation:
     scale = 1.0 / np.sqrt(np.diag(system.matrix))
     matrix = system.matrix * scale * scale[:, None]
     matrix[np.diag_indices_from(matrix)] += damping
-    step = -scale * np.linalg.solve(matrix, scale * system.vector)
+    step = -scale * solved(matrix, scale * system.vector)
     return replace(at, unknowns=at.unknowns.moved(step, system.features(step)))
 
 

@@ -69,16 +69,18 @@ class Delay:
             return self
         now_ns, heading = measurement.stamp_ns, measurement.heading_error
         by_memory = measurement.offset is not None
-        began = changed(self, since_ns=now_ns, heading=heading, by_memory=by_memory)
-        if math.isnan(self.heading) or by_memory is not self.by_memory:
-            return began
+        goes_on = by_memory is self.by_memory and not math.isnan(self.heading)
         gap = seconds_between(self.since_ns, now_ns)
-        if 0.0 < gap < INTERVAL:
+        if goes_on and 0.0 < gap < INTERVAL:
             return self
+        began = changed(self, since_ns=now_ns, heading=heading, by_memory=by_memory)
+        if not goes_on:
+            return began
         turn = math.remainder(heading - self.heading, 2.0 * math.pi)
         if not 0.0 < gap <= told.stale_timeout or abs(turn) > PUSHED * told.max_angular * gap:
             return began
-        if max(abs(turn), gap * sent.fastest_turn) < CERTAINLY_LESS * LEAST_TURN:
+        certain = CERTAINLY_LESS * LEAST_TURN
+        if abs(turn) < certain and gap * sent.fastest_turn < certain:
             return began
         turns = sent.turns(self.since_ns, now_ns, DELAYS)
         largest = max(abs(turn), float(np.abs(turns).max()))
