@@ -101,7 +101,7 @@ def test_a_share_that_nobody_fetched_is_not_taken_for_another(drawn, monkeypatch
         assert once.wait()
         together.assistant = once
         with monkeypatch.context() as patch, pytest.raises(KeyError):
-            patch.setattr(drawing, 'crossed', lambda *_: {}['interrupted'])
+            patch.setattr(drawing, 'mixing', lambda *_: {}['interrupted'])
             together.render(POSES[0])
         for pose in POSES[1:]:
             np.testing.assert_array_equal(together.render(pose), alone.render(pose))

@@ -21,35 +21,68 @@ class Crossings(NamedTuple):
     owners: IntArray  # the surface whose edge it is
 
 
-def smooth_edges(image: Image, raster: Raster, crossings: Crossings) -> None:
+class Mixing(NamedTuple):
+    """What is mixed where, by indices into the flat image: all that the image does not decide."""
+
+    cut: IntArray  # pixels that an edge cuts
+    inside: IntArray  # where the surface is seen beside each of them, shape as ``cut``
+    outside: IntArray  # where what is behind it is seen, shape as ``cut``
+    shares: FloatArray  # how much of each the surface covers, shape as ``cut``
+    stuck: IntArray  # pixels painted although they lie wholly outside of an edge
+    sources: IntArray  # the neighbours that these are taken from
+    slivers: 'Slivers | None'
+
+
+class Slivers(NamedTuple):
+    """Pixels in which both edges of a thin surface lie, and what they are mixed from."""
+
+    pixels: IntArray
+    places: tuple[IntArray, IntArray, IntArray]  # where left, right and the surface are seen
+    shares: tuple[FloatArray, FloatArray, FloatArray]  # how much of each a pixel takes
+
+
+def mixing(scene: Scene, view: View, raster: Raster) -> Mixing:
     """
-    Mix the pixels of ``image``, shape (H, W), that an edge cuts, by covered area.
+    Choose the pixels that an edge cuts, and from what to mix them.
 
     Where the edge of a surface crosses a pixel and the surface is seen on its inner side, the
     pixel takes as much of either side as the edge leaves it. Pixels that were painted although
     they lie wholly outside of the edge are taken from their neighbour.
     """
+    crossings = crossed(scene, view, raster)
     pixels, inwards, shares, owners = crossings
-    flat, surface_at = image.reshape(-1), _surfaces(raster)
+    surface_at = _surfaces(raster)
     beside = surface_at(pixels - inwards)
-    cut = np.flatnonzero((surface_at(pixels + inwards) == owners) & (beside != owners))
+    sticks = beside == owners
+    cut = np.flatnonzero((surface_at(pixels + inwards) == owners) & ~sticks)
     at, step, owner = pixels[cut], inwards[cut], owners[cut]
     here = surface_at(at)
-    inside = flat.take(np.where(here == owner, at, at + step)).astype(np.float64)
-    outside = flat.take(np.where(here == beside[cut], at, at - step))
-    over = np.flatnonzero(beside == owners)
+    inside = np.where(here == owner, at, at + step)
+    outside = np.where(here == beside[cut], at, at - step)
+    over = np.flatnonzero(sticks)
     over = over[surface_at(pixels[over]) == owners[over]]
-    stuck, step = pixels[over] - inwards[over], inwards[over]
-    wrong = surface_at(stuck - step) != owners[over]
-    taken = flat[(stuck - step)[wrong]]
+    step, owner = inwards[over], owners[over]
+    stuck = pixels[over] - step
+    sources = stuck - step
+    wrong = surface_at(sources) != owner
     slivers = None
     if raster.thin.any():
-        slivers = _slivers(crossings, flat, surface_at, raster.shown[raster.thin])
+        slivers = _slivers(crossings, surface_at, raster.shown[raster.thin])
+    return Mixing(at, inside, outside, shares[cut], stuck[wrong], sources[wrong], slivers)
+
+
+def smooth_edges(image: Image, mixing: Mixing) -> None:
+    """Mix the pixels of ``image``, shape (H, W), that an edge cuts, by covered area."""
+    flat = image.reshape(-1)
+    inside = flat.take(mixing.inside).astype(np.float64)
+    outside = flat.take(mixing.outside)
+    taken = flat.take(mixing.sources)
+    mixed = None if mixing.slivers is None else _mixed(flat, mixing.slivers)
     # All is read before anything is written.
-    flat[at] = np.rint(outside + shares[cut] * (inside - outside))
-    flat[stuck[wrong]] = taken
-    if slivers is not None:
-        flat[slivers[0]] = slivers[1]
+    flat[mixing.cut] = np.rint(outside + mixing.shares * (inside - outside))
+    flat[mixing.stuck] = taken
+    if mixing.slivers is not None:
+        flat[mixing.slivers.pixels] = mixed
 
 
 def _surfaces(raster: Raster) -> Callable[[IntArray], IntArray]:
@@ -59,9 +92,9 @@ def _surfaces(raster: Raster) -> Callable[[IntArray], IntArray]:
 
 
 def _slivers(
-    crossings: Crossings, flat: Image, surface_at: Callable[[IntArray], IntArray], thin: IntArray
-) -> tuple[IntArray, FloatArray]:
-    """Return the pixels in which both edges of a thin surface lie, and their grey values."""
+    crossings: Crossings, surface_at: Callable[[IntArray], IntArray], thin: IntArray
+) -> Slivers:
+    """Return where both edges of one of the surfaces ``thin`` lie in a pixel."""
     is_thin = np.zeros(int(crossings.owners.max(initial=0)) + 1, bool)
     is_thin[thin[thin < len(is_thin)]] = True
     keep = np.flatnonzero(is_thin.take(crossings.owners))
@@ -69,10 +102,8 @@ def _slivers(
     order = np.lexsort((inwards, pixels, owners))
     one, two = order[:-1], order[1:]
     pairs = (pixels[one] == pixels[two]) & (owners[one] == owners[two])
-    one, two = (
-        one[pairs & (inwards[one] == -inwards[two])],
-        two[pairs & (inwards[one] == -inwards[two])],
-    )
+    pairs &= inwards[one] == -inwards[two]
+    one, two = one[pairs], two[pairs]
     at, step, owner = pixels[one], inwards[two], owners[one]
     # Edge one has the surface before it, edge two after it: one covers the rest from the far side.
     before, after = 1.0 - shares[two], 1.0 - shares[one]
@@ -81,9 +112,17 @@ def _slivers(
         inside = np.where(surface_at(place) == owner, place, inside)
     left = np.where(surface_at(at - step) == owner, at - 2 * step, at - step)
     right = np.where(surface_at(at + step) == owner, at + 2 * step, at + step)
-    mixed = before * flat[left] + after * flat[right] + (1.0 - before - after) * flat[inside]
     valid = (inside >= 0) & (before + after <= 1.0)
-    return at[valid], np.rint(mixed[valid])
+    rest = (1.0 - before - after)[valid]
+    places = left[valid], right[valid], inside[valid]
+    return Slivers(at[valid], places, (before[valid], after[valid], rest))
+
+
+def _mixed(flat: Image, slivers: Slivers) -> FloatArray:
+    """Return the grey values of ``slivers`` for the flat image, unless they are mixed yet."""
+    left, right, inside = (flat.take(places) for places in slivers.places)
+    before, after, rest = slivers.shares
+    return np.asarray(np.rint(before * left + after * right + rest * inside))
 
 
 def crossed(scene: Scene, view: View, raster: Raster) -> Crossings:

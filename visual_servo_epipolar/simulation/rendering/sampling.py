@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
-from visual_servo_epipolar.simulation.rendering.edges import crossed, smooth_edges
+from visual_servo_epipolar.simulation.rendering.edges import mixing, smooth_edges
 from visual_servo_epipolar.simulation.rendering.raster import Box, Raster, View
 from visual_servo_epipolar.simulation.rendering.sheets import Sheet
 from visual_servo_epipolar.simulation.rendering.strips import MAX_SUBDIVISION
@@ -31,7 +31,7 @@ def shade(scene: Scene, view: View, raster: Raster) -> Image:
     """Return the image, shape (H, W), of what the raster shows; black where it shows nothing."""
     image: Image = np.zeros((view.height, view.width), dtype=np.uint8)
     textured(scene, raster, image)
-    smooth_edges(image, raster, crossed(scene, view, raster))
+    smooth_edges(image, mixing(scene, view, raster))
     return image
 
 
