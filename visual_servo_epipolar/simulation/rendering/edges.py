@@ -77,12 +77,12 @@ def smooth_edges(image: Image, mixing: Mixing) -> None:
     inside = flat.take(mixing.inside).astype(np.float64)
     outside = flat.take(mixing.outside)
     taken = flat.take(mixing.sources)
-    mixed = None if mixing.slivers is None else _mixed(flat, mixing.slivers)
+    slivers = _mixed(flat, mixing.slivers) if mixing.slivers else None
     # All is read before anything is written.
     flat[mixing.cut] = np.rint(outside + mixing.shares * (inside - outside))
     flat[mixing.stuck] = taken
-    if mixing.slivers is not None:
-        flat[mixing.slivers.pixels] = mixed
+    if slivers is not None:
+        flat[slivers[0]] = slivers[1]
 
 
 def _surfaces(raster: Raster) -> Callable[[IntArray], IntArray]:
@@ -118,11 +118,11 @@ def _slivers(
     return Slivers(at[valid], places, (before[valid], after[valid], rest))
 
 
-def _mixed(flat: Image, slivers: Slivers) -> FloatArray:
-    """Return the grey values of ``slivers`` for the flat image, unless they are mixed yet."""
+def _mixed(flat: Image, slivers: Slivers) -> tuple[IntArray, FloatArray]:
+    """Return the pixels of slivers, and their grey values from the flat image."""
     left, right, inside = (flat.take(places) for places in slivers.places)
     before, after, rest = slivers.shares
-    return np.asarray(np.rint(before * left + after * right + rest * inside))
+    return slivers.pixels, np.rint(before * left + after * right + rest * inside)
 
 
 def crossed(scene: Scene, view: View, raster: Raster) -> Crossings:
