@@ -99,7 +99,10 @@ def _slivers(
     is_thin[thin[thin < len(is_thin)]] = True
     keep = np.flatnonzero(is_thin.take(crossings.owners))
     pixels, inwards, shares, owners = (values[keep] for values in crossings)
-    order = np.lexsort((inwards, pixels, owners))
+    reach, count = int(np.abs(inwards).max(initial=0)), int(pixels.max(initial=0)) + 1
+    # By owner, pixel and inwards: one key is sorted in half the time of three.
+    key = (owners * count + pixels) * (2 * reach + 1) + (inwards + reach)
+    order = np.argsort(key, kind='stable')
     one, two = order[:-1], order[1:]
     pairs = (pixels[one] == pixels[two]) & (owners[one] == owners[two])
     pairs &= inwards[one] == -inwards[two]
@@ -138,19 +141,26 @@ def crossed(scene: Scene, view: View, raster: Raster) -> Crossings:
     last = np.minimum(np.floor(along.max(axis=1)), length - 1.0).astype(np.int64)
     counts = np.maximum(last - first + 1, 0)
     slope = (across[:, 1] - across[:, 0]) / np.where(counts > 0, along[:, 1] - along[:, 0], 1.0)
+    # Whole numbers as floats: to convert some 20 000 of them takes as long as to add them.
     starts = np.cumsum(counts) - counts
-    position = np.arange(int(counts.sum())) - np.repeat(starts - first, counts)
-    crossing = np.repeat(slope, counts) * position
+    position = np.arange(float(counts.sum()))
+    position -= np.repeat((starts - first).astype(np.float64), counts)
+    crossing = np.repeat(slope, counts)
+    crossing *= position
     crossing += np.repeat(across[:, 0] - slope * along[:, 0], counts)
     farthest = np.where(steep, view.width, view.height) - 1.0 - REACH
     inside = np.flatnonzero((crossing > REACH) & (crossing < np.repeat(farthest, counts)))
     edge = np.repeat(np.arange(len(ends)), counts).take(inside)
     position, crossing = position.take(inside), crossing.take(inside)
     cell = np.rint(crossing)
+    crossing -= cell
+    crossing *= inward.astype(np.float64).take(edge)
     step, stride = np.where(steep, 1, view.width), np.where(steep, view.width, 1)
-    shares = 0.5 - inward.take(edge) * (crossing - cell)
-    pixels = cell.astype(np.int64) * step.take(edge) + position * stride.take(edge)
-    return Crossings(pixels, (inward * step).take(edge), shares, owners.take(edge))
+    cell *= step.astype(np.float64).take(edge)
+    position *= stride.astype(np.float64).take(edge)
+    cell += position
+    pixels = cell.astype(np.int64)
+    return Crossings(pixels, (inward * step).take(edge), 0.5 - crossing, owners.take(edge))
 
 
 def _edges(scene: Scene, view: View, shown: IntArray) -> tuple[FloatArray, IntArray]:
