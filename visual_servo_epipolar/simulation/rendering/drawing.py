@@ -16,10 +16,10 @@ def draw(scene: Scene, view: View, assistant: Assistant | None = None) -> Image:
     if assistant is None or not assistant.begin(view):
         return shade(scene, view, rasterize(scene, view))
     raster = rasterize(scene, view)
+    edges = mixing(scene, view, raster)  # first, while the raster is in the cache
     image: Image = np.zeros((view.height, view.width), dtype=np.uint8)
     numbers = assistant.shares(raster)
     textured(scene, raster, image, numbers[MAIN])
-    edges = mixing(scene, view, raster)
     if not assistant.finish(image):
         textured(scene, raster, image, numbers[ASSISTANT])
     smooth_edges(image, edges)

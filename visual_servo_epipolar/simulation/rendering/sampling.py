@@ -29,9 +29,10 @@ class Area(NamedTuple):
 
 def shade(scene: Scene, view: View, raster: Raster) -> Image:
     """Return the image, shape (H, W), of what the raster shows; black where it shows nothing."""
+    edges = mixing(scene, view, raster)  # first, while the raster is in the cache
     image: Image = np.zeros((view.height, view.width), dtype=np.uint8)
     textured(scene, raster, image)
-    smooth_edges(image, mixing(scene, view, raster))
+    smooth_edges(image, edges)
     return image
 
 
