@@ -4,6 +4,7 @@ from functools import partial
 import multiprocessing
 import os
 import signal
+import threading
 
 import numpy as np
 import pytest
@@ -86,6 +87,48 @@ def test_an_image_is_drawn_alone_where_the_assistant_has_died(drawn) -> None:
     assert not process.is_alive()
 
 
+@pytest.mark.parametrize('drawn_there', [False, True])
+def test_an_image_is_finished_alone_where_the_assistant_dies_on_the_way(
+    drawn_there: bool, drawn, monkeypatch
+) -> None:
+    """It dies with its share drawn or not, while edges are prepared here."""
+    alone, together = renderer(PINHOLE), renderer(PINHOLE)
+    before, mixing = multiprocessing.active_children(), drawing.mixing
+    with Assistant(build, PIXELS) as mortal:
+        assert mortal.wait()
+        together.assistant = mortal
+        (process,) = started(before)
+
+        def fatal(scene, view, raster):
+            if drawn_there:
+                assert mortal._drawn.acquire(timeout=10.0)
+            os.kill(process.pid, signal.SIGKILL)
+            process.join()
+            return mixing(scene, view, raster)
+
+        monkeypatch.setattr(drawing, 'mixing', fatal)
+        for pose in POSES:
+            np.testing.assert_array_equal(together.render(pose), alone.render(pose))
+    (count, here), (_, there) = drawn
+    assert here
+    assert here | there == set(range(1, count + 1))
+
+
+def test_an_image_waits_for_a_slow_assistant(drawn) -> None:
+    alone, together = renderer(PINHOLE), renderer(PINHOLE)
+    before = multiprocessing.active_children()
+    with Assistant(build, PIXELS) as slow:
+        assert slow.wait()
+        together.assistant = slow
+        (process,) = started(before)
+        os.kill(process.pid, signal.SIGSTOP)
+        timer = threading.Timer(0.5, os.kill, (process.pid, signal.SIGCONT))
+        timer.start()
+        np.testing.assert_array_equal(together.render(POSES[0]), alone.render(POSES[0]))
+        timer.join()
+    assert len(drawn) == 1
+
+
 def test_a_view_that_is_too_large_is_drawn_alone(drawn) -> None:
     alone, together = renderer(PINHOLE), renderer(PINHOLE)
     with Assistant(build, 320 * 256 - 1) as small:
@@ -101,7 +144,7 @@ def test_a_share_that_nobody_fetched_is_not_taken_for_another(drawn, monkeypatch
         assert once.wait()
         together.assistant = once
         with monkeypatch.context() as patch, pytest.raises(KeyError):
-            patch.setattr(drawing, 'crossed', lambda *_: {}['interrupted'])
+            patch.setattr(Assistant, 'finish', lambda *_: {}['interrupted'])
             together.render(POSES[0])
         for pose in POSES[1:]:
             np.testing.assert_array_equal(together.render(pose), alone.render(pose))

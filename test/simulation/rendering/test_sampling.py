@@ -105,8 +105,8 @@ def test_the_boxes_of_texels_hold_what_is_sampled(pose: Pose) -> None:
     sheets, maps = _sources(scene, raster, areas)
     boxes = list(_texel_boxes(raster, areas, sheets, maps))
     whole = 0
-    for area, matrix, (box, _) in zip(areas, maps, boxes, strict=True):
-        strip, (rows, columns) = raster.strips[area.number - 1], sheets[area.number - 1].shape
+    for area, sheet, matrix, (box, _) in zip(areas, sheets, maps, boxes, strict=True):
+        strip, (rows, columns) = raster.strips[area.number - 1], sheet.shape
         width, height = np.subtract(area.box[2:], area.box[:2]) * (strip.columns, strip.rows)
         assert 0 <= box[0] < box[2] <= columns
         assert 0 <= box[1] < box[3] <= rows

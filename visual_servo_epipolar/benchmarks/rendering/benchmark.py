@@ -23,7 +23,7 @@ from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.rendering.assistant import Assistant
-from visual_servo_epipolar.simulation.rendering.edges import crossed, smooth_edges
+from visual_servo_epipolar.simulation.rendering.edges import mixing, smooth_edges
 from visual_servo_epipolar.simulation.rendering.raster import Raster, rasterize, View
 from visual_servo_epipolar.simulation.rendering.sampling import textured
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
@@ -140,7 +140,7 @@ class Stages:
 
 def mix_edges(image: Image, scene: Scene, view: View, raster: Raster) -> None:
     """Smooth the edges of ``image``, shape (H, W)."""
-    smooth_edges(image, raster, crossed(scene, view, raster))
+    smooth_edges(image, mixing(scene, view, raster))
 
 
 def timed(

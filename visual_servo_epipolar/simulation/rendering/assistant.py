@@ -3,8 +3,8 @@
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from multiprocessing import get_context, parent_process
-from multiprocessing.connection import Connection
 from multiprocessing.synchronize import Semaphore
+import pickle
 import signal
 from time import perf_counter
 from typing import Any
@@ -22,6 +22,7 @@ SPARED, MOST_SPARED = 0.06, 0.5  # of the work, that the main process has less
 GAIN = 0.25  # of what was uneven in one image that is mended in the next
 LOOK_S = 1.0  # time between looks whether the other process lives
 END_S = 10.0  # for the process to end
+REQUEST = 4096  # room for what it is asked [byte]
 
 
 class Assistant(AbstractContextManager['Assistant']):
@@ -36,22 +37,20 @@ class Assistant(AbstractContextManager['Assistant']):
 
     def __init__(self, build: Callable[[], Scene], pixels: int) -> None:
         spawn = get_context('spawn')
-        there, self._here = spawn.Pipe()
         # A pipe would wake the process on this core, where there is work to go on with.
         self._asked, self._drawn = spawn.Semaphore(0), spawn.Semaphore(0)
         self._drawn_s: Any = spawn.Value('d', lock=False)  # when it was ready
         # Unlike named memory it is gone with both processes, however they end.
+        self._request: Any = spawn.RawArray('B', REQUEST)
         self._pixels: Any = spawn.RawArray('B', pixels)
-        given = there, self._asked, self._drawn, self._drawn_s, self._pixels, build
+        given = self._request, self._asked, self._drawn, self._drawn_s, self._pixels, build
         self._process = spawn.Process(target=_assist, args=given, name='assistant', daemon=True)
         self._process.start()
-        there.close()
         self._ready = self._lost = self._asks = False
         self._sharing, self._spared, self._begun_s = Sharing(), SPARED, 0.0
 
     def __exit__(self, *_: object) -> None:
-        self._here.close()
-        self._asked.release()  # what it is asked then is nothing, which ends it
+        self._ask(None)
         self._process.join(END_S)
         self._process.kill()
 
@@ -69,13 +68,11 @@ class Assistant(AbstractContextManager['Assistant']):
         self._ready = self._ready or self._drawn.acquire(block=False)
         if not self._ready:
             return False
-        try:
-            self._here.send((view, self._spared))
-        except OSError:
+        if not self._process.is_alive():
             self._lost = True
             return False
         self._asks, self._begun_s = True, perf_counter()
-        self._asked.release()
+        self._ask((view, self._spared))
         return True
 
     def shares(self, raster: Raster) -> Numbers:
@@ -94,6 +91,13 @@ class Assistant(AbstractContextManager['Assistant']):
         cv2.bitwise_or(image, _image(self._pixels, image.shape), dst=image)
         return True
 
+    def _ask(self, what: tuple[View, float] | None) -> None:
+        """Hand over ``what`` there is to draw, or None to end it."""
+        # As a whole: the order of a matrix in memory decides on the last bits of its products.
+        message = pickle.dumps(what)
+        memoryview(self._request).cast('B')[: len(message)] = message
+        self._asked.release()
+
     def _awaited(self) -> bool:
         """Wait for a sign of the process; return False if it has died."""
         while not self._drawn.acquire(timeout=LOOK_S):
@@ -103,23 +107,23 @@ class Assistant(AbstractContextManager['Assistant']):
 
 
 def _assist(
-    there: Connection,
+    request: Any,
     asked: Semaphore,
     drawn: Semaphore,
     drawn_s: Any,
     pixels: Any,
     build: Callable[[], Scene],
 ) -> None:
-    """Draw what is asked for, until the other end is closed."""
+    """Draw what is asked for, until that is nothing or nobody is there to ask."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's
     cv2.setNumThreads(1)
     scene, sharing = build(), Sharing()
     drawn.release()
     while _is_asked(asked):
-        try:
-            view, spared = there.recv()
-        except (EOFError, OSError):
+        what = pickle.loads(request)
+        if what is None:
             return
+        view, spared = what
         raster = rasterize(scene, view)
         image = _image(pixels, (view.height, view.width))
         image[:] = 0

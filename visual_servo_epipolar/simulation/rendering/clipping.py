@@ -21,7 +21,11 @@ def clipped(polygon: Polygon, plane: Plane) -> Polygon:
 def split(polygon: Polygon, plane: Plane) -> tuple[Polygon, Polygon]:
     """Return what of a convex polygon has a x + b y + c z + d >= 0, and what has less."""
     a, b, c, d = plane
-    sides = [a * x + b * y + c * z + d for x, y, z in polygon]
+    return _parted(polygon, [a * x + b * y + c * z + d for x, y, z in polygon])
+
+
+def _parted(polygon: Polygon, sides: list[float]) -> tuple[Polygon, Polygon]:
+    """Return what of a convex polygon, whose corners have ``sides``, has 0 or more, and less."""
     if min(sides) >= 0.0:
         return polygon, []
     if max(sides) < 0.0:
@@ -51,7 +55,8 @@ def strips(polygon: Polygon, *, sections: bool) -> Iterator[tuple[int, Polygon]]
     first = math.floor(math.log(min(depths), STRIP_RATIO) + 1e-9)
     last = math.ceil(math.log(max(depths), STRIP_RATIO) - 1e-9)
     for k in range(first + 1, last):
-        polygon, strip = split(polygon, (0.0, 0.0, 1.0, -(STRIP_RATIO**k)))
+        depth = STRIP_RATIO**k
+        polygon, strip = _parted(polygon, [z - depth for _, _, z in polygon])
         if len(strip) > 2:
             yield from _sections(strip) if sections else ((0, strip),)
     if len(polygon) > 2:
@@ -62,7 +67,7 @@ def _sections(strip: Polygon) -> Iterator[tuple[int, Polygon]]:
     for side, slope in zip((-1, 0), SECTIONS, strict=True):
         if not strip:
             return
-        strip, part = split(strip, (1.0, 0.0, -slope, 0.0))
+        strip, part = _parted(strip, [x - slope * z for x, _, z in strip])
         if len(part) > 2:
             yield side, part
     if len(strip) > 2:

@@ -21,33 +21,66 @@ class Crossings(NamedTuple):
     owners: IntArray  # the surface whose edge it is
 
 
-def smooth_edges(image: Image, raster: Raster, crossings: Crossings) -> None:
+class Mixing(NamedTuple):
+    """What is mixed where, by indices into the flat image: all that the image does not decide."""
+
+    cut: IntArray  # pixels that an edge cuts
+    inside: IntArray  # where the surface is seen beside each of them, shape as ``cut``
+    outside: IntArray  # where what is behind it is seen, shape as ``cut``
+    shares: FloatArray  # how much of each the surface covers, shape as ``cut``
+    stuck: IntArray  # pixels painted although they lie wholly outside of an edge
+    sources: IntArray  # the neighbours that these are taken from
+    slivers: 'Slivers | None'
+
+
+class Slivers(NamedTuple):
+    """Pixels in which both edges of a thin surface lie, and what they are mixed from."""
+
+    pixels: IntArray
+    places: tuple[IntArray, IntArray, IntArray]  # where left, right and the surface are seen
+    shares: tuple[FloatArray, FloatArray, FloatArray]  # how much of each a pixel takes
+
+
+def mixing(scene: Scene, view: View, raster: Raster) -> Mixing:
     """
-    Mix the pixels of ``image``, shape (H, W), that an edge cuts, by covered area.
+    Choose the pixels that an edge cuts, and from what to mix them.
 
     Where the edge of a surface crosses a pixel and the surface is seen on its inner side, the
     pixel takes as much of either side as the edge leaves it. Pixels that were painted although
     they lie wholly outside of the edge are taken from their neighbour.
     """
+    crossings = crossed(scene, view, raster)
     pixels, inwards, shares, owners = crossings
-    flat, surface_at = image.reshape(-1), _surfaces(raster)
+    surface_at = _surfaces(raster)
     beside = surface_at(pixels - inwards)
-    cut = np.flatnonzero((surface_at(pixels + inwards) == owners) & (beside != owners))
+    sticks = beside == owners
+    cut = np.flatnonzero((surface_at(pixels + inwards) == owners) & ~sticks)
     at, step, owner = pixels[cut], inwards[cut], owners[cut]
     here = surface_at(at)
-    inside = flat.take(np.where(here == owner, at, at + step)).astype(np.float64)
-    outside = flat.take(np.where(here == beside[cut], at, at - step))
-    over = np.flatnonzero(beside == owners)
+    inside = np.where(here == owner, at, at + step)
+    outside = np.where(here == beside[cut], at, at - step)
+    over = np.flatnonzero(sticks)
     over = over[surface_at(pixels[over]) == owners[over]]
-    stuck, step = pixels[over] - inwards[over], inwards[over]
-    wrong = surface_at(stuck - step) != owners[over]
-    taken = flat[(stuck - step)[wrong]]
+    step, owner = inwards[over], owners[over]
+    stuck = pixels[over] - step
+    sources = stuck - step
+    wrong = surface_at(sources) != owner
     slivers = None
     if raster.thin.any():
-        slivers = _slivers(crossings, flat, surface_at, raster.shown[raster.thin])
+        slivers = _slivers(crossings, surface_at, raster.shown[raster.thin])
+    return Mixing(at, inside, outside, shares[cut], stuck[wrong], sources[wrong], slivers)
+
+
+def smooth_edges(image: Image, mixing: Mixing) -> None:
+    """Mix the pixels of ``image``, shape (H, W), that an edge cuts, by covered area."""
+    flat = image.reshape(-1)
+    inside = flat.take(mixing.inside).astype(np.float64)
+    outside = flat.take(mixing.outside)
+    taken = flat.take(mixing.sources)
+    slivers = _mixed(flat, mixing.slivers) if mixing.slivers else None
     # All is read before anything is written.
-    flat[at] = np.rint(outside + shares[cut] * (inside - outside))
-    flat[stuck[wrong]] = taken
+    flat[mixing.cut] = np.rint(outside + mixing.shares * (inside - outside))
+    flat[mixing.stuck] = taken
     if slivers is not None:
         flat[slivers[0]] = slivers[1]
 
@@ -59,20 +92,21 @@ def _surfaces(raster: Raster) -> Callable[[IntArray], IntArray]:
 
 
 def _slivers(
-    crossings: Crossings, flat: Image, surface_at: Callable[[IntArray], IntArray], thin: IntArray
-) -> tuple[IntArray, FloatArray]:
-    """Return the pixels in which both edges of a thin surface lie, and their grey values."""
+    crossings: Crossings, surface_at: Callable[[IntArray], IntArray], thin: IntArray
+) -> Slivers:
+    """Return where both edges of one of the surfaces ``thin`` lie in a pixel."""
     is_thin = np.zeros(int(crossings.owners.max(initial=0)) + 1, bool)
     is_thin[thin[thin < len(is_thin)]] = True
     keep = np.flatnonzero(is_thin.take(crossings.owners))
     pixels, inwards, shares, owners = (values[keep] for values in crossings)
-    order = np.lexsort((inwards, pixels, owners))
+    reach, count = int(np.abs(inwards).max(initial=0)), int(pixels.max(initial=0)) + 1
+    # By owner, pixel and inwards: one key is sorted in half the time of three.
+    key = (owners * count + pixels) * (2 * reach + 1) + (inwards + reach)
+    order = np.argsort(key, kind='stable')
     one, two = order[:-1], order[1:]
     pairs = (pixels[one] == pixels[two]) & (owners[one] == owners[two])
-    one, two = (
-        one[pairs & (inwards[one] == -inwards[two])],
-        two[pairs & (inwards[one] == -inwards[two])],
-    )
+    pairs &= inwards[one] == -inwards[two]
+    one, two = one[pairs], two[pairs]
     at, step, owner = pixels[one], inwards[two], owners[one]
     # Edge one has the surface before it, edge two after it: one covers the rest from the far side.
     before, after = 1.0 - shares[two], 1.0 - shares[one]
@@ -81,9 +115,17 @@ def _slivers(
         inside = np.where(surface_at(place) == owner, place, inside)
     left = np.where(surface_at(at - step) == owner, at - 2 * step, at - step)
     right = np.where(surface_at(at + step) == owner, at + 2 * step, at + step)
-    mixed = before * flat[left] + after * flat[right] + (1.0 - before - after) * flat[inside]
     valid = (inside >= 0) & (before + after <= 1.0)
-    return at[valid], np.rint(mixed[valid])
+    rest = (1.0 - before - after)[valid]
+    places = left[valid], right[valid], inside[valid]
+    return Slivers(at[valid], places, (before[valid], after[valid], rest))
+
+
+def _mixed(flat: Image, slivers: Slivers) -> tuple[IntArray, FloatArray]:
+    """Return the pixels of slivers, and their grey values from the flat image."""
+    left, right, inside = (flat.take(places) for places in slivers.places)
+    before, after, rest = slivers.shares
+    return slivers.pixels, np.rint(before * left + after * right + rest * inside)
 
 
 def crossed(scene: Scene, view: View, raster: Raster) -> Crossings:
@@ -99,19 +141,26 @@ def crossed(scene: Scene, view: View, raster: Raster) -> Crossings:
     last = np.minimum(np.floor(along.max(axis=1)), length - 1.0).astype(np.int64)
     counts = np.maximum(last - first + 1, 0)
     slope = (across[:, 1] - across[:, 0]) / np.where(counts > 0, along[:, 1] - along[:, 0], 1.0)
+    # Whole numbers as floats: to convert some 20 000 of them takes as long as to add them.
     starts = np.cumsum(counts) - counts
-    position = np.arange(int(counts.sum())) - np.repeat(starts - first, counts)
-    crossing = np.repeat(slope, counts) * position
+    position = np.arange(float(counts.sum()))
+    position -= np.repeat((starts - first).astype(np.float64), counts)
+    crossing = np.repeat(slope, counts)
+    crossing *= position
     crossing += np.repeat(across[:, 0] - slope * along[:, 0], counts)
     farthest = np.where(steep, view.width, view.height) - 1.0 - REACH
     inside = np.flatnonzero((crossing > REACH) & (crossing < np.repeat(farthest, counts)))
     edge = np.repeat(np.arange(len(ends)), counts).take(inside)
     position, crossing = position.take(inside), crossing.take(inside)
     cell = np.rint(crossing)
+    crossing -= cell
+    crossing *= inward.astype(np.float64).take(edge)
     step, stride = np.where(steep, 1, view.width), np.where(steep, view.width, 1)
-    shares = 0.5 - inward.take(edge) * (crossing - cell)
-    pixels = cell.astype(np.int64) * step.take(edge) + position * stride.take(edge)
-    return Crossings(pixels, (inward * step).take(edge), shares, owners.take(edge))
+    cell *= step.astype(np.float64).take(edge)
+    position *= stride.astype(np.float64).take(edge)
+    cell += position
+    pixels = cell.astype(np.int64)
+    return Crossings(pixels, (inward * step).take(edge), 0.5 - crossing, owners.take(edge))
 
 
 def _edges(scene: Scene, view: View, shown: IntArray) -> tuple[FloatArray, IntArray]:

@@ -2,6 +2,8 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import compress
+from operator import not_
 from typing import TypeAlias
 
 import cv2
@@ -122,14 +124,15 @@ def _polygons(scene: Scene, view: View) -> tuple[IntArray, list[Polygon], BoolAr
     planes = np.array(frustum)
     corners = view.to_camera(scene.corners)
     inside = corners @ planes[:, :3].T + planes[:, 3] >= 0.0
-    within = inside.all(axis=1).tolist()
     candidates = np.nonzero(scene.facing(view.centre) & inside.any(axis=1).all(axis=1))[0]
     rank = np.argsort(scene.back_to_front(view.centre))[scene.bodies]
+    candidates = candidates[np.argsort(rank[candidates], kind='stable')]
+    within, places = inside[candidates].all(axis=1).tolist(), corners[candidates].tolist()
     shown, polygons, breadths = [], [], []
-    for k in candidates[np.argsort(rank[candidates], kind='stable')].tolist():
-        polygon: Polygon = list(map(tuple, corners[k].tolist()))
-        for plane, uncut in zip(frustum, within[k], strict=True):
-            polygon = polygon if uncut or not polygon else clipping.clipped(polygon, plane)
+    for k, uncut, place in zip(candidates.tolist(), within, places, strict=True):
+        polygon: Polygon = list(map(tuple, place))
+        for plane in () if all(uncut) else compress(frustum, map(not_, uncut)):
+            polygon = clipping.clipped(polygon, plane) if polygon else polygon
         breadth = clipping.breadth(view.outline(polygon)) if polygon else 0.0
         if breadth >= THINNEST:
             shown.append(k)

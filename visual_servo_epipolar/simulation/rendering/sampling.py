@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
-from visual_servo_epipolar.simulation.rendering.edges import crossed, smooth_edges
+from visual_servo_epipolar.simulation.rendering.edges import mixing, smooth_edges
 from visual_servo_epipolar.simulation.rendering.raster import Box, Raster, View
 from visual_servo_epipolar.simulation.rendering.sheets import Sheet
 from visual_servo_epipolar.simulation.rendering.strips import MAX_SUBDIVISION
@@ -29,9 +29,10 @@ class Area(NamedTuple):
 
 def shade(scene: Scene, view: View, raster: Raster) -> Image:
     """Return the image, shape (H, W), of what the raster shows; black where it shows nothing."""
+    edges = mixing(scene, view, raster)  # first, while the raster is in the cache
     image: Image = np.zeros((view.height, view.width), dtype=np.uint8)
     textured(scene, raster, image)
-    smooth_edges(image, raster, crossed(scene, view, raster))
+    smooth_edges(image, edges)
     return image
 
 
@@ -46,9 +47,9 @@ def textured(
     boxes = _texel_boxes(raster, areas, sheets, texels)
     means: Image = np.empty(image.size, np.uint8)
     samples: Image = np.empty(MAX_SUBDIVISION * image.size, np.uint8)
-    for area, matrix, (box, dense) in zip(areas, texels, boxes, strict=True):
+    for area, sheet, matrix, (box, dense) in zip(areas, sheets, texels, boxes, strict=True):
         number, (left, top, right, bottom), mask = area
-        picture = sheets[number - 1].made(box)
+        picture = sheet.made(box)
         target, strip = image[top:bottom, left:right], raster.strips[number - 1]
         whole = strip.columns == strip.rows == 1
         mean = target if mask is None else means[: target.size].reshape(target.shape)
@@ -113,21 +114,21 @@ def _cover(mask: Image, waste: int) -> Iterator[tuple[Box, bool]]:
 
 def _sources(scene: Scene, raster: Raster, areas: list[Area]) -> tuple[list[Sheet], FloatArray]:
     """
-    Return for each strip the sheet to sample, and for each area the map to its texels.
+    Return for each area the sheet to sample, and the map to its texels.
 
     The maps, shape (A, 3, 3), are from parts of pixels, counted from the upper left of the area.
     """
     place = {surface: k for k, surface in enumerate(raster.shown.tolist())}
-    sheets, scales = [], []
-    for strip in raster.strips:
+    sources = {}
+    for number in dict.fromkeys(area.number for area in areas):
+        strip = raster.strips[number - 1]
         texture = scene.surfaces[strip.surface].texture
         sheet, i, j = texture.filtered(strip.p, strip.q)
         rows, columns = texture.image.shape
-        scales.append(
-            (columns / 2**i, rows / 2**j, strip.columns, strip.rows, place[strip.surface])
-        )
-        sheets.append(sheet)
-    strips = np.array(scales)[[area.number - 1 for area in areas]]
+        scale = columns / 2**i, rows / 2**j, strip.columns, strip.rows, place[strip.surface]
+        sources[number] = sheet, scale
+    sheets = [sources[area.number][0] for area in areas]
+    strips = np.array([sources[area.number][1] for area in areas])
     corners = np.array([area.box[:2] for area in areas]).reshape(-1, 2)
     maps = raster.maps[strips[:, 4].astype(np.int64)]
     # Texel t of the original is texel (t + 1/2) / 2^i - 1/2 of a copy halved i times.
@@ -157,7 +158,7 @@ def _texel_boxes(
     corners = np.array([[zero, width, zero, width], [zero, zero, height, height]])
     ends = np.einsum('aij,jka->ika', maps[:, :, :2], corners) + maps.T[2][:, None]
     ahead = ends[2] > 0.0
-    limits = np.array([sheet.shape[::-1] for sheet in sheets])[numbers].T
+    limits = np.array([sheet.shape[::-1] for sheet in sheets]).T
     texels = np.clip(ends[:2] / np.where(ahead, ends[2], np.inf), 0.0, limits[:, None])
     seen = ahead.all(axis=0)
     low = np.where(seen, np.maximum(texels.min(axis=1).astype(int) - 1, 0), 0)

@@ -102,4 +102,5 @@ def _subdivisions(slopes: FloatArray, area: FloatArray) -> tuple[IntArray, IntAr
 
 def _blurred_area(footprint: FloatArray) -> FloatArray:
     """Return the area [texel^2] that the copy for a footprint, shape (..., K, 2), blurs."""
-    return np.asarray(np.maximum(footprint, SHARPEST).prod(axis=-1))
+    sides = np.maximum(footprint, SHARPEST)
+    return np.asarray(sides[..., 0] * sides[..., 1])
