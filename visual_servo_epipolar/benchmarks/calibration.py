@@ -18,7 +18,7 @@ SHIFT_PX = 10.0  # of the principal point, to the right and down
 REGIONS = ('front', 'beside')
 MOUNTS = {'above the axle': 0.0, '0.13 m ahead': 0.13}
 STARTS, FEW_STARTS, AHEAD_STARTS = 64, 16, 32
-QUICK_CELL = ('above the axle', 'front', 0.5)
+QUICK_CELL = ('above the axle', 'front', 0.25)
 WRONG_M, WRONG_DEG = 0.05, 2.0
 
 Result = dict[str, Any]
