@@ -53,15 +53,17 @@ def are_among(ids: IntArray, others: IntArray) -> BoolArray:
     return np.asarray(ascending[places] == ids)
 
 
-def median_of_sorted(values: FloatArray) -> FloatArray:
-    """Return the median of ``values``, shape (..., N), ascending along the last axis: (...,)."""
+def medians(values: FloatArray) -> FloatArray:
+    """Return the median of ``values``, shape (..., N), along the last axis: (...,); no nan."""
+    ordered = values.copy()
+    ordered.sort()
     count = values.shape[-1]
-    return np.asarray(0.5 * (values[..., (count - 1) // 2] + values[..., count // 2]))
+    return np.asarray(0.5 * (ordered[..., (count - 1) // 2] + ordered[..., count // 2]))
 
 
 def median(values: FloatArray) -> float:
     """Return the median of at least one of ``values``, shape (N,), none of them nan."""
-    return float(median_of_sorted(np.sort(values)))
+    return float(medians(values))
 
 
 def as_gray(image: Any, name: str = 'image') -> Image:

@@ -4,11 +4,10 @@ from contextlib import AbstractContextManager
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
-import signal
 
 from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.core.servo.run_log import RunLog
-from visual_servo_epipolar.report.priority import hurry, yield_to_others
+from visual_servo_epipolar.report.priority import hurry, work_beside
 
 
 class Draughtsman(AbstractContextManager['Draughtsman']):
@@ -51,8 +50,7 @@ class Draughtsman(AbstractContextManager['Draughtsman']):
 
 def _draw(there: Connection) -> None:
     """Draw the run that comes; an end without a word means that there is none."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's
-    yield_to_others()  # the run goes first
+    work_beside()  # the run goes first
     from visual_servo_epipolar.report import figures
 
     try:

@@ -2,10 +2,12 @@
 
 from contextlib import suppress
 import os
+import signal
 
 
-def yield_to_others() -> None:
-    """Let this process run only where no other wants the core."""
+def work_beside() -> None:
+    """Let this process run only where no other wants the core, and its parent end it by Ctrl-C."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
 
 

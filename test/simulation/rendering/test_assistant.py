@@ -1,5 +1,6 @@
 """A second process draws a part of each image; no bit depends on whether it does."""
 
+from contextlib import contextmanager
 from functools import partial
 import multiprocessing
 import os
@@ -42,6 +43,16 @@ def started(before):
     return [it for it in multiprocessing.active_children() if it not in before]
 
 
+@contextmanager
+def helped(settings: CameraSettings):
+    """Give a renderer that has an assistant of its own, and the process of that."""
+    before, together = multiprocessing.active_children(), renderer(settings)
+    with Assistant(build, PIXELS) as together.assistant:
+        assert together.assistant.wait()
+        (process,) = started(before)
+        yield together, process
+
+
 @pytest.fixture(scope='module')
 def assistant():
     with Assistant(build, PIXELS) as assistant:
@@ -73,14 +84,10 @@ def test_images_are_the_same_with_and_without(assistant, settings, drawn) -> Non
 
 
 def test_an_image_is_drawn_alone_where_the_assistant_has_died(drawn) -> None:
-    alone, together = renderer(PINHOLE), renderer(PINHOLE)
-    before = multiprocessing.active_children()
-    with Assistant(build, PIXELS) as mortal:
-        assert mortal.wait()
-        together.assistant = mortal
+    alone = renderer(PINHOLE)
+    with helped(PINHOLE) as (together, process):
         together.render(POSES[0])
         assert len(drawn) == 1
-        (process,) = started(before)
         os.kill(process.pid, signal.SIGKILL)
         for pose in POSES:
             np.testing.assert_array_equal(together.render(pose), alone.render(pose))
@@ -92,16 +99,12 @@ def test_an_image_is_finished_alone_where_the_assistant_dies_on_the_way(
     drawn_there: bool, drawn, monkeypatch
 ) -> None:
     """It dies with its share drawn or not, while edges are prepared here."""
-    alone, together = renderer(PINHOLE), renderer(PINHOLE)
-    before, mixing = multiprocessing.active_children(), drawing.mixing
-    with Assistant(build, PIXELS) as mortal:
-        assert mortal.wait()
-        together.assistant = mortal
-        (process,) = started(before)
+    alone, mixing = renderer(PINHOLE), drawing.mixing
+    with helped(PINHOLE) as (together, process):
 
         def fatal(scene, view, raster):
             if drawn_there:
-                assert mortal._drawn.acquire(timeout=10.0)
+                assert together.assistant._drawn.acquire(timeout=10.0)
             os.kill(process.pid, signal.SIGKILL)
             process.join()
             return mixing(scene, view, raster)
@@ -115,12 +118,8 @@ def test_an_image_is_finished_alone_where_the_assistant_dies_on_the_way(
 
 
 def test_an_image_waits_for_a_slow_assistant(drawn) -> None:
-    alone, together = renderer(PINHOLE), renderer(PINHOLE)
-    before = multiprocessing.active_children()
-    with Assistant(build, PIXELS) as slow:
-        assert slow.wait()
-        together.assistant = slow
-        (process,) = started(before)
+    alone = renderer(PINHOLE)
+    with helped(PINHOLE) as (together, process):
         os.kill(process.pid, signal.SIGSTOP)
         timer = threading.Timer(0.5, os.kill, (process.pid, signal.SIGCONT))
         timer.start()
@@ -139,10 +138,8 @@ def test_a_view_that_is_too_large_is_drawn_alone(drawn) -> None:
 
 
 def test_a_share_that_nobody_fetched_is_not_taken_for_another(drawn, monkeypatch) -> None:
-    alone, together = renderer(PINHOLE), renderer(PINHOLE)
-    with Assistant(build, PIXELS) as once:
-        assert once.wait()
-        together.assistant = once
+    alone = renderer(PINHOLE)
+    with helped(PINHOLE) as (together, _):
         with monkeypatch.context() as patch, pytest.raises(KeyError):
             patch.setattr(Assistant, 'finish', lambda *_: {}['interrupted'])
             together.render(POSES[0])

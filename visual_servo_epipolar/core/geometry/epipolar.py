@@ -85,11 +85,9 @@ class Bearings:
 
 
 def cross_matrix(vector: FloatArray) -> FloatArray:
-    """Return [v]x, shape (..., 3, 3), of vectors, (..., 3), such that [v]x w = v x w."""
-    each = [
-        [[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]] for x, y, z in vector.reshape(-1, 3).tolist()
-    ]
-    return np.array(each).reshape(*vector.shape, 3)
+    """Return [v]x, shape (3, 3), such that [v]x w = v x w."""
+    x, y, z = (float(component) for component in vector)
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def rotation_desired_current(heading_error: float) -> FloatArray:

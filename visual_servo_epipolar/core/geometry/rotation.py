@@ -6,7 +6,7 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray, median_of_sorted
+from visual_servo_epipolar.core.arrays import FloatArray, medians
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 
 ITERATIONS = 6
@@ -105,9 +105,7 @@ def _squared(offset: FloatArray) -> FloatArray:
 
 def _scale(squared: FloatArray) -> FloatArray | float:
     """Return what squared distances, (..., N), are taken in units of: a number of one view."""
-    ordered = squared.copy()
-    ordered.sort(axis=-1)
-    median = median_of_sorted(ordered)
+    median = medians(squared)
     if not median.ndim:
         return max(4.0 * float(median), SMALLEST)
     return np.asarray(np.maximum(4.0 * median, SMALLEST)[..., None])

@@ -4,8 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray, median_of_sorted
-from visual_servo_epipolar.core.geometry.epipolar import cross_matrix
+from visual_servo_epipolar.core.arrays import FloatArray, medians
 
 ROUNDS = 5
 SMALLEST = 1e-18  # squared distance by which weights are scaled at least [rad^2]
@@ -52,7 +51,7 @@ def fundamental_of_small_baseline(
     for _ in range(ROUNDS):
         distances, jacobian = _linearised(motion, turn, pairs)
         squared = distances * distances
-        scale = np.maximum(4.0 * _median(squared), SMALLEST)[..., None]
+        scale = np.maximum(4.0 * medians(squared), SMALLEST)[..., None]
         weights = squared / scale
         weights += 1.0
         weights *= weights
@@ -68,22 +67,20 @@ def fundamental_of_small_baseline(
         motion /= np.sqrt(np.add.reduce(motion * motion, axis=-1))[..., None]
         turn = turn - change[..., 3:]
     distances, _ = _linearised(motion, turn, pairs)
-    best = _median(np.abs(distances)).argmin(axis=-1).ravel()
+    best = medians(np.abs(distances)).argmin(axis=-1).ravel()
     best += len(STARTS) * np.arange(len(best))
-    motion, turn = (each.reshape(-1, 3)[best] for each in (motion, turn))
-    crosses = cross_matrix(np.array([motion, turn])).reshape(2, *rotation.shape)
-    return np.asarray(crosses[0] @ (rotation + crosses[1] @ rotation))
+    motion, turn = (_crossed(each.reshape(-1, 3)[best]) for each in (motion, turn))
+    turned = rotation + turn.reshape(rotation.shape) @ rotation
+    return np.asarray(motion.reshape(rotation.shape) @ turned)
+
+
+def _crossed(vectors: FloatArray) -> FloatArray:
+    """Return [v]x of vectors, (..., 3): (..., 3, 3)."""
+    return np.asarray((vectors @ CROSS).reshape(*vectors.shape, 3))
 
 
 def _trace(matrices: FloatArray) -> FloatArray:
     return np.asarray(np.add.reduce(matrices.reshape(*matrices.shape[:-2], 36)[..., ::7], axis=-1))
-
-
-def _median(values: FloatArray) -> FloatArray:
-    """Return the median of ``values``, (..., N), along the last axis: (...)."""
-    ordered = values.copy()
-    ordered.sort()
-    return median_of_sorted(ordered)
 
 
 class _Pairs(NamedTuple):
@@ -103,7 +100,7 @@ def _linearised(
     rays. Both are linear in the products of coordinates: one matrix gives all columns.
     """
     starts = motion.shape[:-1]
-    across = (motion @ CROSS).reshape(*starts, 3, 3) @ pairs.target  # epipolar lines
+    across = _crossed(motion) @ pairs.target  # epipolar lines
     across *= across
     length = np.sqrt(np.maximum(np.add.reduce(across, axis=-2), SHORTEST))[..., None, :]
     rows = np.empty((*starts, 54))

@@ -49,21 +49,7 @@ class Reading:
     view_rays: FloatArray | None = None
 
 
-def reading_of(
-    said: Recollection, desired: FloatArray, nearness: FloatArray, *, wide: bool = False
-) -> Reading | None:
-    """
-    Return a recollection as a reading, None where it says nothing.
-
-    ``desired``, (M, 3), are rays of the photograph whose features have inverse depths
-    ``nearness``, (M,); ``wide`` is a lens whose D counts angles, not image points.
-    """
-    if said.reason:
-        return None
-    return reading_by(said, difference_slope(desired, nearness, wide=wide))
-
-
-def reading_by(said: Recollection, slope: float) -> Reading:
+def reading_of(said: Recollection, slope: float) -> Reading:
     """Return what a recollection says, where D has a ``slope`` by the longitudinal offset."""
     covariance = said.bearings_covariance
     own = said.own.ravel()[:: len(said.own) + 1][: HEADING + 1].tolist()

@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, median_of_sorted
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, medians
 from visual_servo_epipolar.core.estimators.base import Estimate
 from visual_servo_epipolar.core.estimators.registry import estimates
 from visual_servo_epipolar.core.geometry.epipolar import rotations_desired_current
@@ -249,14 +249,14 @@ def _measures(stack: _Stack, estimates: Sequence[ValidatedEstimate]) -> list[Mea
     )
     # As ``perceive``: a memory of views knows D.
     spared = np.array([estimate.memory.spared > 0 for estimate in estimates])
-    distances = np.sort(measures.distances(stack.current, stack.desired), axis=1)
+    distances = measures.distances(stack.current, stack.desired)
     columns = (
         _parallaxes(stack, estimates, headings).tolist(),
         headings.tolist(),
         stack.rotations.heading_error.tolist(),
         np.where(spared, np.nan, _differences(stack, headings, counted)).tolist(),
         np.where(spared, np.nan, deviations).tolist(),
-        median_of_sorted(distances).tolist(),
+        medians(distances).tolist(),
         _view_margins(stack, counted),
     )
     return [Measures(*row) for row in zip(*columns, strict=True)]

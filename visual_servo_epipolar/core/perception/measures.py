@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.arrays import (
     BoolArray,
     FloatArray,
     IntArray,
-    median_of_sorted,
+    medians,
     packed,
 )
 from visual_servo_epipolar.core.geometry.rays import dot
@@ -48,7 +48,7 @@ def usual_difference(
     ``among``, shape (..., N), says which agree on one geometry: the others are not counted.
     """
     distance = distances(current, desired)
-    median = median_of_sorted(np.sort(distance, axis=-1))
+    median = medians(distance)
     usual = (distance <= APART * median[..., None] + NEGLIGIBLE) & among
     return _difference(current, desired, usual & _counted(current, desired, wide), wide)
 

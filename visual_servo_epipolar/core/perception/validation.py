@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, median_of_sorted
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, medians
 from visual_servo_epipolar.core.estimators.base import Estimate
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, sampson_distance
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
@@ -58,7 +58,7 @@ def median_residual(
     Unit rays have shape (..., N, 3), the angles of a pixel at them (..., N, 2).
     """
     distances = np.abs(sampson_distance(fundamental, current, desired, resolution))
-    return median_of_sorted(np.sort(distances, axis=-1))
+    return medians(distances)
 
 
 def angular_extent(rays: FloatArray, inliers: BoolArray) -> FloatArray:

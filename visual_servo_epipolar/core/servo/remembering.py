@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import are_among, IntArray
-from visual_servo_epipolar.core.memory.reading import difference_slope, Reading, reading_by
+from visual_servo_epipolar.core.memory.reading import difference_slope, Reading, reading_of
 from visual_servo_epipolar.core.memory.recollection import Recollection
 from visual_servo_epipolar.core.memory.sightings import MemorySettings, Sightings
 from visual_servo_epipolar.core.memory.view_memory import ViewMemory
@@ -200,4 +200,4 @@ def reading_in_view(said: Recollection, observation: Observation) -> Reading | N
         counted = in_view if in_view.any() else counted
         desired, nearness = said.photograph[counted], said.nearness[counted]
         said.slopes[which] = difference_slope(desired, nearness, wide=observation.wide)
-    return reading_by(said, said.slopes[which])
+    return reading_of(said, said.slopes[which])

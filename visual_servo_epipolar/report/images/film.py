@@ -6,8 +6,6 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from multiprocessing.synchronize import Semaphore
 from pathlib import Path
-import signal
-from types import TracebackType
 from typing import Any
 
 import cv2
@@ -21,7 +19,7 @@ from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.report.images.map_view import Bounds
 from visual_servo_epipolar.report.images.picture import picture
 from visual_servo_epipolar.report.images.video import part_of, VideoWriter, view_size
-from visual_servo_epipolar.report.priority import hurry, yield_to_others
+from visual_servo_epipolar.report.priority import hurry, work_beside
 
 # Images that may wait: where a run is faster than its film, the film catches up at the end.
 WAITING_BYTES, LEAST_WAITING, MOST_WAITING = 1 << 27, 8, 256
@@ -105,12 +103,7 @@ class Film(AbstractContextManager['Film']):
             self._send(None)
             hurry(self._process.pid)
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
         try:
             if kind is None:
                 self._complete()
@@ -124,7 +117,6 @@ class Film(AbstractContextManager['Film']):
             part_of(self._path).unlink(missing_ok=True)
 
     def _complete(self) -> None:
-        _ = self.advice
         self.end()
         if not self._here.poll(END_S):
             raise VisualServoError(f'the video is not finished after {END_S:g} s; run again')
@@ -132,10 +124,10 @@ class Film(AbstractContextManager['Film']):
 
     def _send(self, step: tuple[Features, Sample] | None) -> None:
         """Tell the process of a step, or of the end; raise what it has raised meanwhile."""
+        _ = self.advice
         try:
             if self._here.poll():
-                answer = self._answer()
-                self._advice = answer if self._advice is None else self._advice
+                self._answer()
             self._steps.send(step)
         except OSError:
             self._answer()
@@ -171,9 +163,8 @@ def _draw(
     camera: CameraModel,
 ) -> None:
     """Write the video of the steps that come; an end without a word means that there is none."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's
     # The run goes first, at once: each step of it waits for all before, the film for none.
-    yield_to_others()
+    work_beside()
     cv2.setNumThreads(1)
     size, images = view_size((camera.width, camera.height)), _images(pixels, camera)
     try:
