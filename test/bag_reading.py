@@ -1,7 +1,7 @@
 """Serialized messages to record, bags read back by rosbags, and a disk that ends."""
 
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 import os
 from pathlib import Path
 import resource
@@ -30,8 +30,12 @@ def read_back(folder: Path) -> list[tuple[str, int, bytes]]:
 
 
 def size_of(folder: Path) -> int:
-    """Return the bytes of all files below ``folder``."""
-    return sum(path.stat().st_size for path in folder.rglob('*') if path.is_file())
+    """Return the bytes of all files below ``folder``; who writes may remove one meanwhile."""
+    size = 0
+    for path in folder.rglob('*'):
+        with suppress(FileNotFoundError):  # such as a journal of SQLite
+            size += path.stat().st_size if path.is_file() else 0
+    return size
 
 
 def until(condition: Callable[[], bool], waiting_for: str, timeout_sec: float = 10.0) -> None:
