@@ -146,7 +146,7 @@ class Recorder:
             item = self._next(due)
             if item is not None:
                 self._write(writer, *item)
-            elif self._closing:
+            elif self._is_over():
                 return
             if time.monotonic() >= due:
                 writer.flush()
@@ -159,6 +159,13 @@ class Recorder:
                 pause = min(PAUSE_S, due - time.monotonic())
                 self._changed.wait_for(self._is_urgent, max(pause, 0.0))
             return self._queue[0] if self._queue else None
+
+    def _is_over(self) -> bool:
+        """Return whether all is written that came before the end; what comes now is dropped."""
+        with self._changed:  # as one: a message may come since the queue was found empty
+            over = self._closing and not self._queue
+            self._open = not over
+            return over
 
     def _write(self, writer: BagWriter, topic: Topic, stamp_ns: int, data: bytes | None) -> None:
         if data is None:
