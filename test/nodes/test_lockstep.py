@@ -1,6 +1,5 @@
 """The four nodes in lockstep: they arrive, and they are the loop in memory to the last digit."""
 
-from collections.abc import Callable
 from dataclasses import replace
 import os
 from pathlib import Path
@@ -18,6 +17,7 @@ from visual_servo_epipolar.nodes import lockstep
 from visual_servo_epipolar.nodes.lockstep import Lockstep, LockstepError
 from visual_servo_epipolar.nodes.observer_node import ObserverNode
 from visual_servo_epipolar.simulation import closed_loop
+from visual_servo_epipolar.simulation.camera_simulator import assistant_of
 from visual_servo_epipolar.simulation.disturbances.image import DisturbanceSettings
 from visual_servo_epipolar.simulation.rendering.assistant import Assistant
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings, RunMonitor
@@ -28,10 +28,12 @@ SMALL = load(Path(__file__).parents[2] / 'config/scenarios/small.yaml')
 CLOSE = (0.3, -2.2, 0.0)
 
 
-def drive(scenario: Scenario, settings: LoopSettings, *, assisted: bool = False) -> RunLog:
+def drive(
+    scenario: Scenario, settings: LoopSettings, assistant: Assistant | None = None
+) -> RunLog:
     """Let the nodes drive."""
     monitor = RunMonitor(settings)
-    with Lockstep(scenario, settings, assisted=assisted) as nodes:
+    with Lockstep(scenario, settings, assistant=assistant) as nodes:
         observer = ObserverNode(monitor, lambda *_: None, with_images=False, context=nodes.context)
         nodes.add(observer)
         nodes.run(lambda: monitor.done)
@@ -132,16 +134,13 @@ def test_a_process_that_helps_to_draw_changes_nothing(monkeypatch) -> None:
         helped.append(finish(self, image))
         return helped[-1]
 
-    def ready(self: Lockstep, done: Callable[[], bool]) -> None:
-        assert self._assistant is not None
-        assert self._assistant.wait()
-        run(self, done)
-
-    run, threads = Lockstep.run, cv2.getNumThreads()
+    threads = cv2.getNumThreads()
     alone = drive(scenario, scenario.loop(CLOSE, 0))
     monkeypatch.setattr(Assistant, 'finish', watched)
-    monkeypatch.setattr(Lockstep, 'run', ready)
-    assert drive(scenario, scenario.loop(CLOSE, 0), assisted=True) == alone
+    with assistant_of(scenario.camera) as assistant:
+        assert assistant is not None
+        assert assistant.wait()
+        assert drive(scenario, scenario.loop(CLOSE, 0), assistant) == alone
     assert len(helped) >= 10
     assert all(helped)
     assert cv2.getNumThreads() == threads

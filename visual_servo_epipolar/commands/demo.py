@@ -1,7 +1,7 @@
 """``visual_servo demo``: the four real nodes in lockstep; leaves result, figures, video, bag."""
 
 import argparse
-from contextlib import closing, ExitStack
+from contextlib import AbstractContextManager, closing, ExitStack
 from pathlib import Path
 import re
 import shutil
@@ -29,7 +29,9 @@ from visual_servo_epipolar.simulation.run_monitor import LoopSettings, RunMonito
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 if TYPE_CHECKING:
+    from visual_servo_epipolar.nodes.lockstep import Lockstep
     from visual_servo_epipolar.report.images.film import Film
+    from visual_servo_epipolar.simulation.rendering.assistant import Assistant
 
 DEFAULT_START = (1.0, -3.5, 8.0)
 DEFAULT_FOLDER = 'demo_out'
@@ -70,19 +72,24 @@ def add_to(kinds: Any) -> None:
 
 def demo(options: argparse.Namespace) -> int:
     """Run, write, print; return 0 if the robot arrived."""
-    require('rclpy', 'matplotlib')
-    if options.bag != 'none':
-        require('rosbags', 'mcap', otherwise='--bag none')
+    require('matplotlib')
     scenario = scenario_of(options)
     settings = scenario.loop(tuple(options.start), options.seed)
     folder = output_folder(options.out)
-    bag = _cleared(folder / BAG)
-    (folder / VIDEO).unlink(missing_ok=True)  # of an earlier run
     with ExitStack() as stack:
         draughtsman = stack.enter_context(Draughtsman())
         progress = stack.enter_context(closing(Progress()))
         film = None if options.no_video else stack.enter_context(_film(scenario, settings, folder))
-        log = _drive(scenario, settings, bag, options, film, progress)
+        progress.say('building the room ...')
+        assistant = stack.enter_context(_assistant(scenario))
+        require('rclpy')  # only now: it starts threads, and no process that has some is copied
+        if options.bag != 'none':
+            require('rosbags', 'mcap', otherwise='--bag none')
+        _clear(folder / BAG)
+        (folder / VIDEO).unlink(missing_ok=True)  # of an earlier run
+        progress.say('starting four nodes ...')
+        lockstep = _nodes(scenario, settings, options, assistant)
+        log = _drive(lockstep, settings, options, film, progress)
         result = verdict(log, new_rig(scenario.camera))
         progress.say('drawing figures ...' if film is None else 'finishing figures and video ...')
         written = write_run(log, scenario, folder, draw=draughtsman.draw)
@@ -93,15 +100,32 @@ def demo(options: argparse.Namespace) -> int:
     return 0 if log.outcome == 'arrived' else 1
 
 
-def _drive(
+def _assistant(scenario: Scenario) -> 'AbstractContextManager[Assistant | None]':
+    from visual_servo_epipolar.simulation.camera_simulator import assistant_of
+
+    return assistant_of(scenario.camera)
+
+
+def _nodes(
     scenario: Scenario,
     settings: LoopSettings,
-    bag: Path,
+    options: argparse.Namespace,
+    assistant: 'Assistant | None',
+) -> 'Lockstep':
+    from visual_servo_epipolar.nodes.lockstep import Lockstep
+
+    open_to = 'LOCALHOST' if options.visible else 'OFF'
+    return Lockstep(scenario, settings, open_to=open_to, assistant=assistant)
+
+
+def _drive(
+    nodes: 'Lockstep',
+    settings: LoopSettings,
     options: argparse.Namespace,
     film: 'Film | None',
     progress: Progress,
 ) -> RunLog:
-    from visual_servo_epipolar.nodes.lockstep import Lockstep
+    """Let ``nodes`` drive until the run is over; they end with it."""
     from visual_servo_epipolar.nodes.observer_node import ObserverNode
 
     monitor = RunMonitor(settings)
@@ -111,17 +135,15 @@ def _drive(
         if film is not None and image is not None and features is not None:
             film.add(image, features, sample)
 
-    progress.say('starting four nodes ...')
-    open_to = 'LOCALHOST' if options.visible else 'OFF'
-    with Lockstep(scenario, settings, open_to=open_to, assisted=True) as lockstep:
-        lockstep.add(
-            ObserverNode(monitor, watch, with_images=film is not None, context=lockstep.context)
+    with nodes:
+        nodes.add(
+            ObserverNode(monitor, watch, with_images=film is not None, context=nodes.context)
         )
         if options.bag != 'none':
-            lockstep.record(bag, exclude=EXCLUDED[options.bag])
+            nodes.record(Path(options.out) / BAG, exclude=EXCLUDED[options.bag])
         if film is not None:
             _ = film.advice  # or why there can be no film, before anything moves
-        lockstep.run(lambda: monitor.done)
+        nodes.run(lambda: monitor.done)
     if film is not None:
         film.end()
     return monitor.log()
@@ -139,7 +161,7 @@ def _film(scenario: Scenario, settings: LoopSettings, folder: Path) -> 'Film':
     )
 
 
-def _cleared(bag: Path) -> Path:
+def _clear(bag: Path) -> None:
     """Remove the bag of an earlier run, and nothing else."""
     if bag.is_dir():
         bag_file = re.compile(rf'metadata\.yaml|{bag.name}_\d+(\.mcap)?')
@@ -150,4 +172,3 @@ def _cleared(bag: Path) -> Path:
                 f'{", ".join(sorted(foreign))}; name another folder by --out'
             )
         shutil.rmtree(bag)
-    return bag

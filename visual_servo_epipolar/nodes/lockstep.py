@@ -4,8 +4,6 @@ from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, ExitStack
 from dataclasses import asdict, fields
-from functools import partial
-import os
 from pathlib import Path
 import time
 from typing import Any, TYPE_CHECKING
@@ -27,7 +25,6 @@ from visual_servo_epipolar.nodes.startup.waiting import hand_out
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
 from visual_servo_epipolar.simulation.rendering.assistant import Assistant
-from visual_servo_epipolar.simulation.rooms.scene import room
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings
 from visual_servo_epipolar.simulation.scenario import Scenario
 
@@ -36,7 +33,6 @@ if TYPE_CHECKING:
 
 STALL_S = 60.0
 SPIN_S = 0.05
-LARGEST_VIEW = 4  # of a lens that distorts, in images: what no view needs takes no memory
 TURNS_A_LOOK, LOOK_SPINS = 32, 3  # at timers and services
 QUIET_SPINS = 6  # without a message: everything has arrived
 
@@ -50,8 +46,7 @@ class Lockstep(AbstractContextManager['Lockstep']):
     The four nodes in one context, each with simulated time, isolated from other processes.
 
     Isolation matters: this publishes cmd_vel, and there may be a robot in the room. ``open_to``
-    LOCALHOST or SUBNET lets tools such as RViz look on. ``assisted``: where there is a second core
-    a process of its own draws half of each image, which takes it a second or two to begin with.
+    LOCALHOST or SUBNET lets tools such as RViz look on. An ``assistant`` draws half of each image.
     """
 
     def __init__(
@@ -60,17 +55,12 @@ class Lockstep(AbstractContextManager['Lockstep']):
         loop: LoopSettings,
         *,
         open_to: str = 'OFF',
-        assisted: bool = False,
+        assistant: Assistant | None = None,
     ) -> None:
         tune_transport()
         self._around = ExitStack()
         self._around.enter_context(discovery_range(open_to))
-        self._assistant: Assistant | None = None
-        if assisted and len(os.sched_getaffinity(0)) > 1:
-            camera = scenario.camera
-            build = partial(room, camera.scene_seed, camera.scene)
-            pixels = LARGEST_VIEW * camera.width * camera.height
-            self._assistant = self._around.enter_context(Assistant(build, pixels))
+        self._assistant = assistant
         self.context = Context()
         rclpy.init(args=[], context=self.context)
         self.executor = SingleThreadedExecutor(context=self.context)

@@ -1,12 +1,12 @@
 """Figures of a run by a process of its own, which loads what draws them while the run lasts."""
 
 from contextlib import AbstractContextManager
-from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from pathlib import Path
 
 from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.core.servo.run_log import RunLog
+from visual_servo_epipolar.processes import begun, context
 from visual_servo_epipolar.report.priority import hurry, work_beside
 
 
@@ -18,10 +18,9 @@ class Draughtsman(AbstractContextManager['Draughtsman']):
     """
 
     def __init__(self) -> None:
-        spawn = get_context('spawn')
-        there, self._here = spawn.Pipe()
-        self._process = spawn.Process(target=_draw, args=(there,), name='draughtsman', daemon=True)
-        self._process.start()
+        beside = context()
+        there, self._here = beside.Pipe()
+        self._process = begun(beside, 'draughtsman', _draw, (there,), ours=(self._here,))
         there.close()
 
     def __exit__(self, *_: object) -> None:

@@ -34,6 +34,7 @@ DOTS_PER_INCH = 150
 ZOOM = 0.1  # half the side of the close-up around the goal [m]
 WEDGE_REACH = 0.9  # [m]
 GREY = '#8C8C8C'
+LABELS_AT = -0.075  # left of the axes, of their width
 
 
 @rc_context(FIGURE_SETTINGS)
@@ -93,8 +94,8 @@ def signals(log: RunLog) -> Figure:
         if log.samples[-1].phase in ENDED:
             axes.axvline(end_s(log), color=INK, linewidth=0.9, linestyle='--')
         axes.tick_params(labelbottom=row == len(PANELS))
+        axes.yaxis.set_label_coords(LABELS_AT, 0.5)  # ``align_ylabels`` takes 0.15 s for seven
     figure.axes[-1].set_xlabel('time [s]')
-    figure.align_ylabels(figure.axes[1:])
     legend_outside(figure, phase_patches(spans), 'upper left', ncols=5)
     return figure
 

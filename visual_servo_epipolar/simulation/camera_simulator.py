@@ -1,5 +1,9 @@
 """Camera simulator: images of a room from the robot, through an imperfect sensor."""
 
+from contextlib import AbstractContextManager, nullcontext
+from functools import partial
+import os
+
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.tracking.features import Features
@@ -8,9 +12,12 @@ from visual_servo_epipolar.simulation.disturbances.image import Disturbances, Di
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME, Sensor, SensorSettings
+from visual_servo_epipolar.simulation.rendering.assistant import Assistant
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
 from visual_servo_epipolar.simulation.rooms.scene import room
 from visual_servo_epipolar.simulation.view import View
+
+LARGEST_VIEW = 4  # of a lens that distorts, in images: what no view needs takes no memory
 
 
 class CameraSimulator:
@@ -62,6 +69,18 @@ class CameraSimulator:
         if frame != DESIRED_FRAME:
             image = self._disturbances.apply(image, frame)
         return self._sensor.capture(image, frame)
+
+
+def assistant_of(settings: CameraSettings) -> AbstractContextManager[Assistant | None]:
+    """
+    Return a process that draws half of each image of such a camera; None without a second core.
+
+    Where libraries with threads are still to be loaded, it is ready at once.
+    """
+    if len(os.sched_getaffinity(0)) == 1:
+        return nullcontext()
+    build = partial(room, settings.scene_seed, settings.scene)
+    return Assistant(build, LARGEST_VIEW * settings.width * settings.height)
 
 
 class ImageView(View):

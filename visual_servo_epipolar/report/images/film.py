@@ -2,7 +2,6 @@
 
 from contextlib import AbstractContextManager, suppress
 import fcntl
-from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from multiprocessing.synchronize import Semaphore
 from pathlib import Path
@@ -16,6 +15,7 @@ from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
 from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.processes import begun, context
 from visual_servo_epipolar.report.images.map_view import Bounds
 from visual_servo_epipolar.report.images.picture import picture
 from visual_servo_epipolar.report.images.video import part_of, VideoWriter, view_size
@@ -48,19 +48,18 @@ class Film(AbstractContextManager['Film']):
 
     def __init__(self, path: Path, fps: float, *, bounds: Bounds, camera: CameraModel) -> None:
         self._path, self._camera = path, camera
-        spawn = get_context('spawn')
-        there, self._here = spawn.Pipe()
-        steps, self._steps = spawn.Pipe(duplex=False)
+        beside = context()
+        there, self._here = beside.Pipe()
+        steps, self._steps = beside.Pipe(duplex=False)
         with suppress(OSError):  # of a user who has many large pipes: then steps wait here
             fcntl.fcntl(self._steps.fileno(), fcntl.F_SETPIPE_SZ, PIPE_BYTES)
         size = camera.width * camera.height
         self._waiting = min(max(WAITING_BYTES // size, LEAST_WAITING), MOST_WAITING)
         # Unlike named memory it is gone with both processes, however they end.
-        self._pixels: Any = spawn.RawArray('B', self._waiting * size)
-        self._free = spawn.Semaphore(self._waiting)
+        self._pixels: Any = beside.RawArray('B', self._waiting * size)
+        self._free = beside.Semaphore(self._waiting)
         given = there, steps, self._pixels, self._free, path, fps, bounds, camera
-        self._process = spawn.Process(target=_draw, args=given, name='film', daemon=True)
-        self._process.start()
+        self._process = begun(beside, 'film', _draw, given, ours=(self._here, self._steps))
         there.close()
         steps.close()
         self._count, self._ended = 0, False

@@ -1,8 +1,9 @@
 """A second process that draws a part of each image, on another core."""
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager
-from multiprocessing import get_context, parent_process
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
+from functools import partial
+from multiprocessing import parent_process
 from multiprocessing.synchronize import Semaphore
 import pickle
 import signal
@@ -13,6 +14,7 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.processes import begun, context, is_forked
 from visual_servo_epipolar.simulation.rendering.raster import Raster, rasterize, View
 from visual_servo_epipolar.simulation.rendering.sampling import textured
 from visual_servo_epipolar.simulation.rendering.sharing import ASSISTANT, Numbers, Sharing
@@ -36,16 +38,18 @@ class Assistant(AbstractContextManager['Assistant']):
     """
 
     def __init__(self, build: Callable[[], Scene], pixels: int) -> None:
-        spawn = get_context('spawn')
-        # A pipe would wake the process on this core, where there is work to go on with.
-        self._asked, self._drawn = spawn.Semaphore(0), spawn.Semaphore(0)
-        self._drawn_s: Any = spawn.Value('d', lock=False)  # when it was ready
-        # Unlike named memory it is gone with both processes, however they end.
-        self._request: Any = spawn.RawArray('B', REQUEST)
-        self._pixels: Any = spawn.RawArray('B', pixels)
-        given = self._request, self._asked, self._drawn, self._drawn_s, self._pixels, build
-        self._process = spawn.Process(target=_assist, args=given, name='assistant', daemon=True)
-        self._process.start()
+        with _one_thread():
+            beside = context()
+            if is_forked(beside):  # with a scene that is made once for both
+                build = partial(_same, build())
+            # A pipe would wake the process on this core, where there is work to go on with.
+            self._asked, self._drawn = beside.Semaphore(0), beside.Semaphore(0)
+            self._drawn_s: Any = beside.Value('d', lock=False)  # when it was ready
+            # Unlike named memory it is gone with both processes, however they end.
+            self._request: Any = beside.RawArray('B', REQUEST)
+            self._pixels: Any = beside.RawArray('B', pixels)
+            given = self._request, self._asked, self._drawn, self._drawn_s, self._pixels, build
+            self._process = begun(beside, 'assistant', _assist, given)
         self._ready = self._lost = self._asks = False
         self._sharing, self._spared, self._begun_s = Sharing(), SPARED, 0.0
 
@@ -130,6 +134,21 @@ def _assist(
         textured(scene, raster, image, sharing.shares(raster, spared)[ASSISTANT])
         drawn_s.value = perf_counter()
         drawn.release()
+
+
+@contextmanager
+def _one_thread() -> Iterator[None]:
+    """End the threads of OpenCV, which a fork would miss; where they are needed it starts them."""
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        yield
+    finally:
+        cv2.setNumThreads(threads)
+
+
+def _same(scene: Scene) -> Scene:
+    return scene
 
 
 def _image(pixels: Any, shape: tuple[int, ...]) -> Image:

@@ -1,0 +1,93 @@
+"""Processes beside this one: copied where this has one thread, new ones otherwise."""
+
+import os
+from pathlib import Path
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from visual_servo_epipolar.processes import context, is_forked
+
+# In a process of its own: that of pytest may have threads.
+DRAWN = """
+import numpy as np
+
+from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.processes import context, is_forked
+from visual_servo_epipolar.simulation.camera_simulator import assistant_of, CameraSimulator
+from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+
+assert is_forked(context())
+settings, poses = CameraSettings(), [Pose.from_start(0.3, -2.2, turn) for turn in (4.0, 5.0)]
+simulator, helped = CameraSimulator(settings), []
+alone = [simulator.capture(*it) for it in zip(poses, (0, 1))]  # OpenCV has started threads by now
+with assistant_of(settings) as assistant:
+    finish = assistant.finish
+    assistant.finish = lambda image: helped.append(finish(image)) or helped[-1]
+    simulator.renderer.assistant = assistant
+    assert assistant.wait()
+    together = [simulator.capture(*it) for it in zip(poses, (0, 1))]
+assert helped == [True, True], helped
+assert np.array_equal(alone, together)
+"""
+HEARD = """
+from multiprocessing import active_children
+
+from visual_servo_epipolar.processes import begun, context, is_forked
+
+
+def listen(there):
+    try:
+        there.recv()
+    except EOFError:
+        print('closed', flush=True)
+
+
+beside = context()
+assert is_forked(beside)
+there, here = beside.Pipe()
+process = begun(beside, 'listener', listen, (there,), ours=(here,))
+there.close()
+here.close()
+process.join(20.0)
+assert process.exitcode == 0, process.exitcode
+"""
+
+forks = pytest.mark.skipif(not Path('/proc/self/task').is_dir(), reason='nothing is forked here')
+
+
+def run(program: str) -> str:
+    environment = {**os.environ, 'OPENBLAS_NUM_THREADS': '1'}
+    done = subprocess.run(
+        [sys.executable, '-c', program],
+        env=environment,
+        timeout=120.0,
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+@forks
+@pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason='needs a second core')
+def test_a_copy_draws_what_is_drawn_here() -> None:
+    run(DRAWN)
+
+
+@forks
+def test_a_copy_hears_when_its_pipe_is_closed_here() -> None:
+    assert run(HEARD) == 'closed\n'
+
+
+def test_a_process_with_threads_is_not_copied() -> None:
+    ended = threading.Event()
+    other = threading.Thread(target=ended.wait)
+    other.start()
+    try:
+        assert not is_forked(context())
+    finally:
+        ended.set()
+        other.join()
