@@ -3,12 +3,14 @@ Latency benchmark: from an image on the wire to the twist on the wire.
 
 The floor beside it, in the same run by turns: an echo node that answers each image of the same
 size by an empty twist, and what tracker and servo take for the same images in memory: one upon the
-other, and at the rate at which they come.
+other, and at the rate at which they come. Where the camera is this process, images are those of a
+run that the servo has driven before: it commands now as it did, and is as sure of where it is.
 """
 
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import replace
+import math
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Protocol
@@ -18,12 +20,10 @@ import numpy as np
 from visual_servo_epipolar.benchmarks.latency.four_nodes import FourNodes
 from visual_servo_epipolar.benchmarks.latency.in_memory import in_memory
 from visual_servo_epipolar.benchmarks.latency.table import figures, table
+from visual_servo_epipolar.benchmarks.wire.driven_run import are_same, driven, DrivenRun
 from visual_servo_epipolar.benchmarks.wire.loop import Drive, ECHO, Loop, TRACKER_AND_SERVO
-from visual_servo_epipolar.benchmarks.wire.processes import costs, Process, spent
-from visual_servo_epipolar.benchmarks.wire.views import views
-from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.benchmarks.wire.processes import costs, Process, spent, Stretch
 from visual_servo_epipolar.core.errors import VisualServoError
-from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
 __all__ = ['OPTIONS', 'figures', 'run', 'table']
@@ -44,8 +44,8 @@ CELLS = (
     FULL,
 )
 SECONDS, QUICK_SECONDS = 60.0, 4.0
-TURN_S = 20.0  # nodes and echo by turns: load from elsewhere hits both
-FRAMES_IN_MEMORY = 300
+TURN_S = 20.0  # at most, nodes and echo by turns: load from elsewhere hits both
+LEAD_RATE = 10.0  # of images before a run [Hz]
 ECHO_SHARE = 0.25  # of the time of the nodes
 QUANTILES = {'p50': 0.5, 'p99': 0.99, 'p99.9': 0.999}
 
@@ -55,28 +55,49 @@ class Chain(Protocol):
 
     processes: dict[str, Process]
 
+    @property
+    def as_driven(self) -> int | None:
+        """Twists that are those of the run in the images; None where no run is in them."""
+
     def wait_for_answers(self) -> None:
         """Wait until the servo answers to images."""
 
+    def begin(self) -> None:
+        """Be ready for a run from the start."""
+
     def turn(self, seconds: float) -> Drive:
-        """Begin a run anew, let it go on for ``seconds`` [s], and return the answers."""
+        """Let the run go on for ``seconds`` [s], and return the answers."""
 
 
 class Two:
     """Tracker and servo; their camera is this process."""
 
-    def __init__(self, loop: Loop, photograph: Image, rate: float) -> None:
-        self._loop, self._photograph, self._rate = loop, photograph, rate
+    def __init__(self, loop: Loop, run: DrivenRun) -> None:
+        self._loop, self._run = loop, run
         self.processes = {name: loop.processes[name] for name in TRACKER_AND_SERVO}
+        self.as_driven = 0
 
     def wait_for_answers(self) -> None:
         """Show the photograph, and images until they are answered."""
-        self._loop.show_goal(self._photograph)
+        self._loop.show_goal(self._run.photograph)
+
+    def begin(self) -> None:
+        """Show the start while the servo is stopped, and start it anew."""
+        self._loop.call('servo_node/stop')
+        self._loop.call('tracker_node/redetect')
+        first, *lead = self._run.lead
+        self._loop.show_each([first], LEAD_RATE)  # to find the photograph takes a while
+        self._loop.show_each(lead, LEAD_RATE)
+        for service in ('reset', 'start'):
+            self._loop.call(f'servo_node/{service}')
 
     def turn(self, seconds: float) -> Drive:
-        """Show images to a servo that begins anew."""
-        self._loop.call('servo_node/reset')
-        return self._loop.show(seconds, self._rate)
+        """Show the run from its start on, and to its end at most."""
+        run = self._run
+        drive = self._loop.show_each(run.images[: round(seconds * run.rate)], run.rate)
+        answers = zip(drive.numbers, drive.twists, strict=True)
+        self.as_driven += sum(are_same(twist, run.twists[number]) for number, twist in answers)
+        return drive
 
 
 def run(
@@ -101,24 +122,17 @@ def _measured(
 ) -> dict[str, Any]:
     """Return the row of one size: latencies, floor, drops, and what each process costs."""
     size, rate = [settings.width, settings.height], settings.frame_rate
-    title = f'{settings.width}x{settings.height} at {rate:g} Hz'
-    say(f'{title}: taking pictures ...')
-    simulator = CameraSimulator(settings)
-    images, photograph = views(simulator), simulator.photograph()
-    count = round(min(FRAMES_IN_MEMORY, seconds * rate))
-    cycle = [images[number % len(images)] for number in range(count)]
-    floor = in_memory(photograph, cycle, simulator.camera, rate)
-    say(f'{title}: tracker and servo in memory ...')
-    paced = in_memory(photograph, cycle, simulator.camera, rate, paced=True)
+    title, run_s = f'{size[0]}x{size[1]} at {rate:g} Hz', seconds / _turns(seconds)
     with TemporaryDirectory(prefix='visual_servo_') as scratch, ExitStack() as stack:
+        say(f'{title}: driving for {run_s:g} s ...')
+        run = driven(settings, run_s, Path(scratch))
+        say(f'{title}: tracker and servo in memory ...')
+        floor, paced = in_memory(run), in_memory(run, paced=True)
         say(f'{title}: starting nodes ...')
         started = ECHO if nodes == FOUR else {**ECHO, **TRACKER_AND_SERVO}
-        loop = Loop(stack, simulator.camera, images, Path(scratch), started)
+        loop = Loop(stack, run.camera, run.images, Path(scratch), started)
         chain: Chain
-        if nodes == FOUR:
-            chain = FourNodes(stack, settings, Path(scratch))
-        else:
-            chain = Two(loop, photograph, rate)
+        chain = FourNodes(stack, settings, Path(scratch)) if nodes == FOUR else Two(loop, run)
         chain.wait_for_answers()
         loop.wait_for_listeners(1, to_echo=True)
         row = _by_turns(chain, loop, rate, seconds, lambda text: say(f'{title}: {text}'))
@@ -132,22 +146,29 @@ def _floor(echo_ms: float, in_memory_ms: dict[str, float]) -> dict[str, float]:
     return {**parts, 'sum_ms': sum(parts.values())}
 
 
+def _turns(seconds: float) -> int:
+    return max(1, math.ceil(seconds / TURN_S))
+
+
 def _by_turns(
     chain: Chain, loop: Loop, rate: float, seconds: float, say: Callable[[str], None]
 ) -> dict[str, Any]:
     """Drive nodes and echo by turns, and return what both took."""
-    turns = max(1, round(seconds / TURN_S))
+    turns = _turns(seconds)
     nodes, echoes = Drive(), Drive()
-    before = costs(chain.processes)
+    stretches: list[Stretch] = []
     for turn in range(turns):
         say(f'turn {turn + 1} of {turns}, {seconds / turns:g} s and its echo ...')
+        chain.begin()
+        before = costs(chain.processes)
         nodes += chain.turn(seconds / turns)
+        stretches.append((before, costs(chain.processes)))
         echoes += loop.show(ECHO_SHARE * seconds / turns, rate, to_echo=True)
-    after = costs(chain.processes)
+    answers, same = _answers(nodes), chain.as_driven
     return {
-        'nodes': _answers(nodes),
+        'nodes': {**answers, 'as_driven': None if same is None else same / len(nodes.twists)},
         'echo': _answers(echoes),
-        'processes': spent(before, after, len(nodes.sent)),
+        'processes': spent(stretches, len(nodes.sent)),
     }
 
 

@@ -9,13 +9,13 @@ from typing import Any
 
 from sensor_msgs.msg import CameraInfo
 
+from visual_servo_epipolar.benchmarks.wire.driven_run import START
 from visual_servo_epipolar.benchmarks.wire.loop import Drive, TRACKER_AND_SERVO, TwistListener
 from visual_servo_epipolar.benchmarks.wire.processes import started
 from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
-START = '[1.0, -3.5, 8.0]'
 BASE_RATE = 100.0  # of ground truth [Hz]; more than images a second
 GEOMETRY = ('width', 'height', 'focal_length', 'principal_u', 'principal_v', 'seed', 'frame_rate')
 
@@ -28,10 +28,12 @@ class FourNodes(TwistListener):
     camera_info is heard.
     """
 
+    as_driven: int | None = None  # there is no other run of theirs
+
     def __init__(self, stack: ExitStack, settings: CameraSettings, folder: Path) -> None:
         super().__init__(stack, 'bench_listener')
         self.node.create_subscription(CameraInfo, 'camera_info', self._on_info, qos.STREAM)
-        base = ('-p', 'enable_stamped_cmd_vel:=true', '-p', f'start:={START}')
+        base = ('-p', 'enable_stamped_cmd_vel:=true', '-p', f'start:={list(START)}')
         nodes = {
             'unicycle_node': (*base, '-p', f'rate:={BASE_RATE}'),
             'camera_node': tuple(_parameters(settings)),
@@ -43,10 +45,13 @@ class FourNodes(TwistListener):
         """Wait until the servo answers to images."""
         self.wait(lambda: bool(self.drive.latencies), 'the servo has answered to no image')
 
-    def turn(self, seconds: float) -> Drive:
-        """Drive from the start anew for ``seconds`` [s], and return the answers."""
+    def begin(self) -> None:
+        """Begin a run from the start."""
         for node in ('unicycle_node', 'servo_node'):
             self.call(f'{node}/reset')
+
+    def turn(self, seconds: float) -> Drive:
+        """Drive for ``seconds`` [s], and return the answers."""
         self.drive = drive = Drive()
         self.spin_for(seconds)
         self.drive = Drive()  # an answer to the last image may be on its way

@@ -11,7 +11,7 @@ def table(document: Mapping[str, Any]) -> str:
         f'{document["seconds"]:g} s a row, [ms]',
         '',
         f'{"size and rate":<20}{"p50":>7}{"p99":>7}{"p99.9":>7}{"images":>8}{"drops":>7}'
-        f'{"moving":>8}{"echo p50":>10}{"p99":>6}{"tracker":>9}{"servo":>7}{"floor":>7}'
+        f'{"as driven":>11}{"echo p50":>10}{"p99":>6}{"tracker":>9}{"servo":>7}{"floor":>7}'
         f'{"ratio":>7}{"tracker, servo at the rate":>28}{"floor":>7}{"ratio":>7}',
     ]
     lines += [_row(row) for row in document['rows']]
@@ -40,10 +40,11 @@ def figures(document: Mapping[str, Any]) -> dict[str, float]:
 
 def _row(row: Mapping[str, Any]) -> str:
     nodes, echo, floor, paced = (row[it] for it in ('nodes', 'echo', 'floor', 'paced_floor'))
+    same = '-' if nodes['as_driven'] is None else f'{nodes["as_driven"]:.1%}'
     both = f'{paced["tracker_ms"]:.1f}, {paced["servo_ms"]:.1f}'
     return (
         f'{_title(row):<20}{nodes["p50"]:7.1f}{nodes["p99"]:7.1f}{nodes["p99.9"]:7.1f}'
-        f'{nodes["images"]:8d}{nodes["drops"]:7d}{nodes["moving"]:8.0%}'
+        f'{nodes["images"]:8d}{nodes["drops"]:7d}{same:>11}'
         f'{echo["p50"]:10.1f}{echo["p99"]:6.1f}{floor["tracker_ms"]:9.1f}{floor["servo_ms"]:7.1f}'
         f'{floor["sum_ms"]:7.1f}{nodes["p50"] / floor["sum_ms"]:7.2f}'
         f'{both:>28}{paced["sum_ms"]:7.1f}{nodes["p50"] / paced["sum_ms"]:7.2f}'

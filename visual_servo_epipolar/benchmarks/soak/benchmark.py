@@ -44,8 +44,7 @@ class Runs(FourNodes):
 
     def drive_until(self, deadline_s: float) -> tuple[Drive, str]:
         """Drive one run, to ``deadline_s`` [s] at the latest; return answers and last phase."""
-        for node in ('unicycle_node', 'servo_node'):
-            self.call(f'{node}/reset')
+        self.begin()
         self.wait(lambda: self._phase not in ENDS, 'the servo has begun no run')
         self.drive = drive = Drive()
         end_s = min(deadline_s, time.monotonic() + LONGEST_RUN_S)

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from itertools import cycle, islice
 from pathlib import Path
 import time
 from typing import Any
@@ -17,8 +18,10 @@ from visual_servo_epipolar.benchmarks.wire.processes import started
 from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.simulation.run_monitor import period_ns
 
 RELIABLE = ('-p', 'camera_reliability:=reliable')
 # A twist with a stamp is known to answer the image of that stamp.
@@ -38,13 +41,13 @@ class Drive:
 
     sent: dict[int, float] = field(default_factory=dict)  # by stamp [ns], on the steady clock [s]
     latencies: list[float] = field(default_factory=list)  # image sent to twist received [s]
-    moving: int = 0  # twists that are not zero
+    twists: list[Twist] = field(default_factory=list)
     answered: list[int] = field(default_factory=list)  # stamps of the images, as answers came [ns]
 
     def __iadd__(self, other: 'Drive') -> 'Drive':
         self.sent |= other.sent
         self.latencies += other.latencies
-        self.moving += other.moving
+        self.twists += other.twists
         self.answered += other.answered
         return self
 
@@ -55,7 +58,18 @@ class Drive:
         if sent is not None:
             self.answered.append(stamp_ns)
             self.latencies.append(time.monotonic() - sent)
-            self.moving += bool(message.twist.linear.x or message.twist.angular.z)
+            self.twists.append(read.twist(message))
+
+    @property
+    def moving(self) -> int:
+        """How many twists are not zero."""
+        return sum(twist != STANDSTILL for twist in self.twists)
+
+    @property
+    def numbers(self) -> list[int]:
+        """Which of the images were answered, as answers came: 0 is the first that was sent."""
+        order = {stamp_ns: number for number, stamp_ns in enumerate(self.sent)}
+        return [order[stamp_ns] for stamp_ns in self.answered]
 
 
 class TwistListener(Listener):
@@ -110,7 +124,7 @@ class Loop(TwistListener):
         nodes: Mapping[str, Sequence[str]],
     ) -> None:
         super().__init__(stack, 'bench_camera')
-        self._camera, self._images, self._count = camera, images, 0
+        self._camera, self._images, self._count = camera, cycle(images), 0
         self._image_pub = self.node.create_publisher(Image, 'image_raw', qos.STREAM)
         self._echo_pub = self.node.create_publisher(Image, echo.IMAGES, qos.STREAM)
         self._info_pub = self.node.create_publisher(CameraInfo, 'camera_info', qos.STREAM)
@@ -127,12 +141,17 @@ class Loop(TwistListener):
 
     def show(self, seconds: float, rate: float, *, to_echo: bool = False) -> Drive:
         """Publish images for ``seconds`` [s] at ``rate`` [Hz], and return the answers."""
+        images = list(islice(self._images, round(seconds * rate)))
+        return self.show_each(images, rate, to_echo=to_echo)
+
+    def show_each(self, images: Sequence[Pixels], rate: float, *, to_echo: bool = False) -> Drive:
+        """Publish these images at ``rate`` [Hz], stamped as they are due; return the answers."""
         publisher = self._echo_pub if to_echo else self._image_pub
         self.drive = drive = Drive()
-        begin = time.monotonic()
-        for number in range(round(seconds * rate)):
+        begin_ns, begin = self.node.get_clock().now().nanoseconds, time.monotonic()
+        for number, image in enumerate(images):
             self._spin_until(begin + number / rate)
-            self._publish(publisher)
+            self._publish(publisher, image, begin_ns + number * period_ns(rate))
         self.spin_for(SETTLE_S)
         return drive
 
@@ -144,9 +163,8 @@ class Loop(TwistListener):
             f'images have found no {count} listeners',
         )
 
-    def _publish(self, publisher: Any) -> None:
-        stamp_ns = self.node.get_clock().now().nanoseconds
-        image = self._images[self._count % len(self._images)].copy()
+    def _publish(self, publisher: Any, image: Pixels, stamp_ns: int) -> None:
+        image = image.copy()
         self._count += 1
         # No camera takes the very same image twice, and the servo does not drive by one.
         image[0, :COUNTER_BYTES] = list(self._count.to_bytes(COUNTER_BYTES, 'big'))

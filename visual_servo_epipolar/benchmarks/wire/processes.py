@@ -51,6 +51,9 @@ class Cost:
         return cls(ticks / os.sysconf('SC_CLK_TCK'), resident, peak, threads, handles)
 
 
+Stretch = tuple[Mapping[str, Cost], Mapping[str, Cost]]  # costs before and after it
+
+
 def started(
     stack: ExitStack, nodes: Mapping[str, Sequence[str]], folder: Path, *, logs: bool = False
 ) -> dict[str, Process]:
@@ -71,17 +74,24 @@ def costs(processes: Mapping[str, Process]) -> dict[str, Cost]:
     return {name: Cost.of(process) for name, process in processes.items()}
 
 
-def spent(
-    before: Mapping[str, Cost], after: Mapping[str, Cost], frames: int
-) -> dict[str, dict[str, Any]]:
-    """Return what ``frames`` cost each process: processor [ms a frame], memory [MB]."""
+def spent(stretches: Sequence[Stretch], frames: int) -> dict[str, dict[str, Any]]:
+    """
+    Return what ``frames`` cost each process: processor [ms a frame], memory [MB].
+
+    ``stretches`` are the costs before and after each stretch of time that counts.
+    """
+    first, last = stretches[0][0], stretches[-1][1]
+
+    def processor_s(name: str) -> float:
+        return sum(after[name].processor_s - it[name].processor_s for it, after in stretches)
+
     return {
         name: {
-            'processor_ms': 1e3 * (after[name].processor_s - it.processor_s) / max(frames, 1),
-            'memory_mb': [it.memory_mb, after[name].memory_mb],
-            'peak_mb': after[name].peak_mb,
+            'processor_ms': 1e3 * processor_s(name) / max(frames, 1),
+            'memory_mb': [it.memory_mb, last[name].memory_mb],
+            'peak_mb': last[name].peak_mb,
         }
-        for name, it in before.items()
+        for name, it in first.items()
     }
 
 
