@@ -38,6 +38,7 @@ class CameraSimulator:
             noise=settings.noise, gain_drift=settings.gain_drift, blur=settings.blur
         )
         self._sensor = Sensor((settings.width, settings.height), sensor, settings.seed)
+        self._last: tuple[bytes, Image] | None = None
         self.disturb(DisturbanceSettings() if disturbances is None else disturbances)
 
     @property
@@ -53,6 +54,7 @@ class CameraSimulator:
         """Disturb the images from now on as ``settings`` say."""
         size = self.settings.width, self.settings.height
         self._disturbances = Disturbances(size, settings, self.settings.seed)
+        self._is_disturbed = settings != DisturbanceSettings()
 
     @property
     def disturbances(self) -> DisturbanceSettings:
@@ -65,10 +67,20 @@ class CameraSimulator:
 
     def capture(self, pose: Pose, frame: int) -> Image:
         """Return frame number ``frame``, shape (H, W), taken from ``pose``."""
-        image = self.renderer.render(pose, frame)
-        if frame != DESIRED_FRAME:
+        image = self._rendered(pose, frame)
+        if frame != DESIRED_FRAME and self._is_disturbed:
             image = self._disturbances.apply(image, frame)
         return self._sensor.capture(image, frame)
+
+    def _rendered(self, pose: Pose, frame: int) -> Image:
+        """Return the image before the sensor: the last one, read-only, of a camera that stands."""
+        placed = self.renderer.rig.camera_pose(pose, frame)
+        place = placed.centre.tobytes() + placed.R_world_camera.tobytes()
+        if self._last is None or self._last[0] != place:
+            image = self.renderer.render(pose, frame)
+            image.setflags(write=False)
+            self._last = place, image
+        return self._last[1]
 
 
 def assistant_of(settings: CameraSettings) -> AbstractContextManager[Assistant | None]:

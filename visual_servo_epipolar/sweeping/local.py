@@ -14,8 +14,11 @@ from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.sweeping.chunk import Result, work
 from visual_servo_epipolar.sweeping.plan import Chunk, Plan
 
-# Read when numpy and OpenCV are loaded: workers are started afresh for that.
+# Read when a process starts, or loads numpy and OpenCV: workers are started afresh for that.
 THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
+# The GNU allocator keeps what is freed. The pyramids of a first match, 20 MB a level, come as new
+# pages otherwise, which takes a quarter of the match.
+MEMORY = {'MALLOC_MMAP_THRESHOLD_': str(32 << 20), 'MALLOC_TRIM_THRESHOLD_': str(1 << 30)}
 KEPT = 'what had ended is kept, and the same command goes on from there'
 
 
@@ -62,7 +65,7 @@ def worker_pool(jobs: int, remedy: str) -> Iterator[ProcessPoolExecutor]:
     """
     spawn = get_context('spawn')
     lifeline, parent_end = spawn.Pipe(duplex=False)
-    with _one_thread_each():
+    with _environment():
         pool = ProcessPoolExecutor(jobs, spawn, _live_by, (lifeline,))
         try:
             yield pool
@@ -93,10 +96,11 @@ def _end_with(lifeline: Connection) -> None:
 
 
 @contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Let processes that are started meanwhile have one thread each."""
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, '1'))
+def _environment() -> Iterator[None]:
+    """Let processes that are started meanwhile have one thread each, and keep their memory."""
+    changes = {**dict.fromkeys(THREADS, '1'), **MEMORY}
+    before = {name: os.environ.get(name) for name in changes}
+    os.environ.update(changes)
     try:
         yield
     finally:

@@ -32,15 +32,15 @@ class Texture:
     def __init__(self, image: Image) -> None:
         self.image: Image = frozen(as_gray(image, 'texture'))
         self._reduced: dict[tuple[int, int], Sheet] = {(0, 0): Sheet.of(self.image)}
-        self._filtered: dict[tuple[int, int], Sheet] = {}
+        self._filtered: dict[tuple[int, int], tuple[Sheet, int, int]] = {}
 
     def filtered(self, p: int, q: int) -> tuple[Sheet, int, int]:
         """Return copy (p, q), and how often its columns and rows were halved."""
-        i, j = (p - 2) // 2, (q - 2) // 2
         if (p, q) not in self._filtered:
+            i, j = (p - 2) // 2, (q - 2) // 2
             sigmas = _sigma(2.0 ** (p / 2 - i), i), _sigma(2.0 ** (q / 2 - j), j)
-            self._filtered[p, q] = _blurred(self._level(i, j), *sigmas)
-        return self._filtered[p, q], i, j
+            self._filtered[p, q] = _blurred(self._level(i, j), *sigmas), i, j
+        return self._filtered[p, q]
 
     def _level(self, i: int, j: int) -> Sheet:
         """Return the picture with columns halved i times and rows j times; -1 is doubled."""

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image, IntArray
+from visual_servo_epipolar.core.lapack import solved
 from visual_servo_epipolar.core.tracking.alignment.sampling import (
     affine_maps,
     float_image,
@@ -24,6 +25,7 @@ SCALES = 2.0 ** (-np.arange(LEVELS) / LEVELS_PER_OCTAVE)  # of the current image
 PIXEL_BLUR = 0.5  # standard deviation of what one pixel integrates over [px]
 DAMPING = 1e-3  # of the Hessian, over its mean eigenvalue (Levenberg)
 PARAMETERS = 6  # of an affine step: shift along x and y, then the linear part row by row
+IDENTITY = np.eye(PARAMETERS)
 STACKS = 2  # kept, the last used: of the tracked features, and of those found anew
 FIRST_CAPACITY = 64  # templates for which there is room, doubled when it is taken
 MOST = 2048  # templates kept, 25 MB: more than a run uses, but a robot may be up for weeks
@@ -134,15 +136,16 @@ class SteepestDescent:
             for offset in (self._x, self._y):
                 np.multiply(slope, offset, out=next(rest))
         # Gain and bias of the light must not look like motion: project both out.
-        descent -= descent.mean(axis=1, keepdims=True)
-        descent -= np.outer(descent @ patch, patch)
+        descent -= np.add.reduce(descent, axis=1, keepdims=True) / patch.size
+        wide = patch.astype(np.float64)
+        descent -= (descent @ wide)[:, None] * wide
         descent *= self._scale
         hessian = descent @ descent.T
-        trace = float(np.trace(hessian))
+        trace = float(hessian.trace())
         if not trace > 0.0:  # stripes of a pixel: contrast without a slope
             return np.zeros(descent.shape, np.float32)
-        hessian += DAMPING * trace / PARAMETERS * np.eye(PARAMETERS)
-        update = self._scale * (np.linalg.solve(hessian, descent) * norm)
+        hessian += DAMPING * trace / PARAMETERS * IDENTITY
+        update = self._scale * (solved(hessian, descent) * norm)
         return np.asarray(update.astype(np.float32))
 
 
