@@ -55,6 +55,30 @@ process.join(20.0)
 assert process.exitcode == 0, process.exitcode
 """
 
+COPIED = """
+import os
+import signal
+import sys
+
+from visual_servo_epipolar.processes import copied, may_fork
+
+
+def broken():
+    raise SystemExit(0)  # whatever it is that ends the work early
+
+
+assert may_fork()
+ends = [copied(lambda: print('worked', flush=True)), copied(broken)]
+assert [is_done() for is_done in ends] == [True, False]
+there, here = os.pipe()
+if os.fork() == 0:  # one that is killed while its copy works
+    copied(signal.pause)
+    os.kill(os.getpid(), signal.SIGKILL)
+os.close(here)
+os.wait()
+assert os.read(there, 1) == b''  # closed by all: the copy has ended
+"""
+
 forks = pytest.mark.skipif(not Path('/proc/self/task').is_dir(), reason='nothing is forked here')
 
 
@@ -80,6 +104,11 @@ def test_a_copy_draws_what_is_drawn_here() -> None:
 @forks
 def test_a_copy_hears_when_its_pipe_is_closed_here() -> None:
     assert run(HEARD) == 'closed\n'
+
+
+@forks
+def test_a_copy_tells_whether_its_work_was_done_and_ends_with_this_process() -> None:
+    assert run(COPIED) == 'worked\n'
 
 
 def test_a_process_with_threads_is_not_copied() -> None:

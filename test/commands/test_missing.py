@@ -153,6 +153,28 @@ def test_what_is_missing_is_said_before_anything_runs(
     assert not list(folder.rglob('*.json*'))
 
 
+def test_what_is_there_and_cannot_be_loaded_is_said_when_it_is_to_draw(folder: Path) -> None:
+    pytest.importorskip('rclpy')
+    (folder / 'broken').mkdir()
+    (folder / 'broken/matplotlib.py').write_text(
+        "raise ImportError('libfreetype.so: no such file')"
+    )
+    path = os.pathsep.join([str(folder / 'broken'), str(ROOT), os.environ.get('PYTHONPATH', '')])
+    ended = subprocess.run(
+        [sys.executable, '-m', 'visual_servo_epipolar', *DEMO, '--bag', 'none'],
+        cwd=folder,
+        env={**os.environ, 'PYTHONPATH': path},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert ended.returncode == 2, ended.stderr
+    said = 'visual_servo demo: libfreetype.so: no such file; install what it needs'
+    assert said in ended.stderr.splitlines()
+    assert 'Traceback' not in ended.stderr
+    assert (folder / 'out/run.json').is_file()
+
+
 @pytest.mark.parametrize('name', ['rclpy._rclpy_pybind11', 'sensor_msgs.msg', 'std_srvs'])
 def test_packages_of_ros_come_with_ros(name: str) -> None:
     error = ModuleNotFoundError('it is not there', name=name)

@@ -5,12 +5,15 @@ import multiprocessing
 import os
 from pathlib import Path
 import signal
+import subprocess
+import sys
 
 import pytest
 
 from visual_servo_epipolar.core.servo.run_log import RunLog
 from visual_servo_epipolar.report.beside import Draughtsman
 from visual_servo_epipolar.report.figures import save_all
+from visual_servo_epipolar.report.run_file import RunFile, save_run
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -59,3 +62,45 @@ def test_what_cannot_be_drawn_is_told_as_here(log: RunLog, there: Path) -> None:
         draughtsman.draw(replace(log, samples=()), there)
     with pytest.raises(OSError), Draughtsman() as draughtsman:
         draughtsman.draw(log, there / 'that is not there')
+
+
+# In a process of its own, whose copies have one thread: there each figure has a process.
+FAILED = """
+import os
+from pathlib import Path
+import sys
+
+from visual_servo_epipolar.processes import is_forked, context
+from visual_servo_epipolar.report import figures
+from visual_servo_epipolar.report.beside import Draughtsman
+from visual_servo_epipolar.report.run_file import load_run
+
+log, folder, failing = load_run(Path(sys.argv[1])).log, Path(sys.argv[1]), figures.save_one
+
+
+def save_one(name, *others):
+    (folder / f'{name}.{os.getpid()}').touch()
+    if len(list(folder.glob('trajectory.png.*'))) == 1 and name == 'trajectory.png':
+        raise MemoryError  # the first time it is drawn
+    return failing(name, *others)
+
+
+figures.save_one = save_one
+assert is_forked(context())
+with Draughtsman() as draughtsman:
+    assert len(draughtsman.draw(log, folder)) == 2
+"""
+
+
+@pytest.mark.skipif(not Path('/proc/self/task').is_dir(), reason='nothing is forked here')
+def test_a_figure_that_a_copy_fails_to_draw_is_drawn_again(
+    log: RunLog, there: Path, drawn_here
+) -> None:
+    save_run(RunFile(log, {}, {}), there)
+    environment = {**os.environ, 'OPENBLAS_NUM_THREADS': '1'}
+    given = [sys.executable, '-c', FAILED, str(there)]
+    subprocess.run(given, env=environment, check=True, timeout=120.0)
+    tries = [path.suffixes[-1] for path in there.glob('*.png.*')]
+    assert len(tries) == 3
+    assert len(set(tries)) == 2  # the copy, and the process it was made by
+    assert {name: (there / name).read_bytes() for name in drawn_here} == drawn_here

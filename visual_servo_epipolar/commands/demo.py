@@ -72,7 +72,7 @@ def add_to(kinds: Any) -> None:
 
 def demo(options: argparse.Namespace) -> int:
     """Run, write, print; return 0 if the robot arrived."""
-    require('matplotlib')
+    require('matplotlib', load=False)
     scenario = scenario_of(options)
     settings = scenario.loop(tuple(options.start), options.seed)
     folder = output_folder(options.out)

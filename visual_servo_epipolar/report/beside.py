@@ -1,18 +1,19 @@
 """Figures of a run by a process of its own, which loads what draws them while the run lasts."""
 
 from contextlib import AbstractContextManager
+from functools import partial
 from multiprocessing.connection import Connection
 from pathlib import Path
 
 from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.core.servo.run_log import RunLog
-from visual_servo_epipolar.processes import begun, context
+from visual_servo_epipolar.processes import begun, context, copied, may_fork
 from visual_servo_epipolar.report.priority import hurry, work_beside
 
 
 class Draughtsman(AbstractContextManager['Draughtsman']):
     """
-    A process that loads matplotlib beside the run, and then draws its figures.
+    A process that loads matplotlib beside the run, and then draws its figures on two cores.
 
     Where it dies the figures are drawn here: they are the same, only later.
     """
@@ -32,7 +33,7 @@ class Draughtsman(AbstractContextManager['Draughtsman']):
         """
         Write trajectory.png and signals.png into ``folder`` and return their paths.
 
-        Raises what ``figures.save_all`` raises.
+        Raises what ``figures.save_all`` raises, or ImportError where it cannot be loaded.
         """
         hurry(self._process.pid)
         try:
@@ -50,12 +51,28 @@ class Draughtsman(AbstractContextManager['Draughtsman']):
 def _draw(there: Connection) -> None:
     """Draw the run that comes; an end without a word means that there is none."""
     work_beside()  # the run goes first
-    from visual_servo_epipolar.report import figures
-
     try:
+        from visual_servo_epipolar.report import figures  # loaded while the run lasts
+
         log, folder = there.recv()
-        there.send(figures.save_all(log, folder))
+        there.send(_drawn(log, folder) if may_fork() else figures.save_all(log, folder))
     except (EOFError, BrokenPipeError):  # the parent's end is closed
         pass
-    except (VisualServoError, ValueError, OSError) as error:
+    except (VisualServoError, ValueError, OSError, ImportError) as error:
         there.send(error)
+
+
+def _drawn(log: RunLog, folder: Path) -> list[Path]:
+    """Draw each figure on a core of its own: all but the first by copies of this process."""
+    from visual_servo_epipolar.report import figures
+
+    first, *others = figures.FIGURES
+    waits = [copied(partial(figures.save_one, name, log, folder)) for name in others]
+    try:
+        written = [figures.save_one(first, log, folder)]
+    finally:
+        are_done = [wait() for wait in waits]
+    for name, is_done in zip(others, are_done, strict=True):
+        # What failed there is tried here, which tells why.
+        written.append(folder / name if is_done else figures.save_one(name, log, folder))
+    return written

@@ -1,8 +1,10 @@
 """Figures of a run, for paper and screen: its path seen from above, its signals over time."""
 
+from collections.abc import Callable, Mapping
 import math
 from pathlib import Path
 import textwrap
+from types import MappingProxyType
 
 from matplotlib import rc_context
 from matplotlib.axes import Axes
@@ -123,10 +125,17 @@ def save_all(log: RunLog, folder: Path) -> list[Path]:
         If the run has no samples.
 
     """
-    return [
-        save(trajectory(log), folder / 'trajectory.png'),
-        save(signals(log), folder / 'signals.png'),
-    ]
+    return [save_one(name, log, folder) for name in FIGURES]
+
+
+def save_one(name: str, log: RunLog, folder: Path) -> Path:
+    """Draw the figure ``name``, one of FIGURES, as ``save_all`` does all."""
+    return save(FIGURES[name](log), folder / name)
+
+
+FIGURES: Mapping[str, Callable[[RunLog], Figure]] = MappingProxyType(
+    {'signals.png': signals, 'trajectory.png': trajectory}
+)
 
 
 def _check(log: RunLog) -> None:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from importlib import import_module
+from importlib.util import find_spec
 import re
 from types import MappingProxyType
 
@@ -25,11 +26,22 @@ REMEDIES: Mapping[str, str] = MappingProxyType(
 )
 
 
-def require(*packages: str, otherwise: str = '') -> None:
-    """Import ``packages``; InputError names one that is missing, and what to do ``otherwise``."""
+def require(*packages: str, otherwise: str = '', load: bool = True) -> None:
+    """
+    Import ``packages``, or see that they are there if another process is to ``load`` them.
+
+    Raises
+    ------
+    InputError
+        If one is missing; it says what to do, or ``otherwise``.
+
+    """
     for package in packages:
         try:
-            import_module(package)
+            if load:
+                import_module(package)
+            elif find_spec(package) is None:
+                raise ModuleNotFoundError(name=package)
         except ImportError as error:
             alternative = f', or {otherwise}' if otherwise else ''
             raise InputError(f'{remedy(error)}{alternative}') from None

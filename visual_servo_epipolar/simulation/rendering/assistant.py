@@ -21,7 +21,8 @@ from visual_servo_epipolar.simulation.rendering.sharing import ASSISTANT, Number
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 
 SPARED, MOST_SPARED = 0.06, 0.5  # of the work, that the main process has less
-GAIN = 0.25  # of what was uneven in one image that is mended in the next
+GAIN = 0.1  # of what was uneven in one image that is mended in the next
+MOST_UNEVEN = 0.3  # that counts: whoever makes copies of textures is late this once
 LOOK_S = 1.0  # time between looks whether the other process lives
 END_S = 10.0  # for the process to end
 REQUEST = 4096  # room for what it is asked [byte]
@@ -90,7 +91,7 @@ class Assistant(AbstractContextManager['Assistant']):
             self._lost = True
             return False
         late = (self._drawn_s.value - ready_s) / (ready_s - self._begun_s)
-        spared = self._spared - GAIN * min(max(late, -1.0), 1.0)
+        spared = self._spared - GAIN * min(max(late, -MOST_UNEVEN), MOST_UNEVEN)
         self._spared = min(max(spared, -MOST_SPARED), MOST_SPARED)
         cv2.bitwise_or(image, _image(self._pixels, image.shape), dst=image)
         return True
