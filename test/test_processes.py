@@ -1,14 +1,14 @@
 """Processes beside this one: copied where this has one thread, new ones otherwise."""
 
 import os
-from pathlib import Path
 import subprocess
 import sys
 import threading
 
 import pytest
 
-from visual_servo_epipolar.processes import context, is_forked
+from visual_servo_epipolar.processes import context, is_forked, THREADS
+from visual_servo_epipolar.threads import ONE_THREAD
 
 # In a process of its own: that of pytest may have threads.
 DRAWN = """
@@ -28,13 +28,12 @@ with assistant_of(settings) as assistant:
     assistant.finish = lambda image: helped.append(finish(image)) or helped[-1]
     simulator.renderer.assistant = assistant
     assert assistant.wait()
+    assert type(assistant._process).__name__ == 'ForkProcess'
     together = [simulator.capture(*it) for it in zip(poses, (0, 1))]
 assert helped == [True, True], helped
 assert np.array_equal(alone, together)
 """
 HEARD = """
-from multiprocessing import active_children
-
 from visual_servo_epipolar.processes import begun, context, is_forked
 
 
@@ -79,11 +78,11 @@ os.wait()
 assert os.read(there, 1) == b''  # closed by all: the copy has ended
 """
 
-forks = pytest.mark.skipif(not Path('/proc/self/task').is_dir(), reason='nothing is forked here')
+forks = pytest.mark.skipif(not THREADS.is_dir(), reason='nothing is forked here')
 
 
 def run(program: str) -> str:
-    environment = {**os.environ, 'OPENBLAS_NUM_THREADS': '1'}
+    environment = {**os.environ, **ONE_THREAD}
     done = subprocess.run(
         [sys.executable, '-c', program],
         env=environment,

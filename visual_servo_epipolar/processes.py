@@ -13,6 +13,13 @@ THREADS = Path('/proc/self/task')  # of Linux
 PR_SET_PDEATHSIG = 1
 
 
+def cores() -> int:
+    """Return how many cores this process may use."""
+    if hasattr(os, 'sched_getaffinity'):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 def may_fork() -> bool:
     """Return whether this process has one thread: what others lock stays locked in a copy."""
     return THREADS.is_dir() and len(list(THREADS.iterdir())) == 1
@@ -27,9 +34,9 @@ def context() -> Any:
     return get_context('fork' if may_fork() else 'spawn')
 
 
-def is_forked(context: Any) -> bool:
-    """Return whether processes of ``context`` have what is loaded here."""
-    return bool(context.get_start_method() == 'fork')
+def is_forked(beside: Any) -> bool:
+    """Return whether processes of the context ``beside`` have what is loaded here."""
+    return bool(beside.get_start_method() == 'fork')
 
 
 def copied(work: Callable[[], object]) -> Callable[[], bool]:
@@ -40,7 +47,10 @@ def copied(work: Callable[[], object]) -> Callable[[], bool]:
     may be one of multiprocessing itself: those make no others.
     """
     parent = os.getpid()
-    pid = os.fork()
+    try:
+        pid = os.fork()
+    except OSError:  # too many processes, or too little memory
+        return lambda: False
     if pid:
         return lambda: os.waitpid(pid, 0)[1] == 0
     try:
@@ -53,25 +63,26 @@ def copied(work: Callable[[], object]) -> Callable[[], bool]:
 
 
 def begun(
-    context: Any,
+    beside: Any,
     name: str,
     target: Callable[..., None],
     args: Sequence[Any],
     ours: Sequence[Connection] = (),
 ) -> Any:
     """
-    Return a process that runs ``target(*args)``, and ends with this one at the latest.
+    Return a process of the context ``beside`` that runs ``target(*args)``, not longer than this.
 
-    ``ours`` are the ends of its pipes that stay here: no copy of them is left there, for it to
-    hear when they are closed.
+    ``ours`` are the ends of its pipes that stay here. It closes its copies, to hear when they are
+    closed here; copies of this process that are made later have them until they end.
     """
-    given = (ours if is_forked(context) else (), target, args)
-    process = context.Process(target=_run, args=given, name=name, daemon=True)
+    given = (ours if is_forked(beside) else (), target, args)
+    process = beside.Process(target=_run, args=given, name=name, daemon=True)
     process.start()
     return process
 
 
 def _run(theirs: Sequence[Connection], target: Callable[..., None], args: Sequence[Any]) -> None:
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)  # what a command does then is not for its copy
     for end in theirs:
         end.close()
     target(*args)

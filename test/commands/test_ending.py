@@ -1,6 +1,6 @@
 """Commands that are ended early: one line, nothing half written; a pipe that nobody reads."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 import json
 import os
 from pathlib import Path
@@ -68,8 +68,9 @@ def test_a_second_sigterm_does_not_cut_off_the_tidying_up() -> None:
     assert tidied
 
 
+@pytest.mark.parametrize('signalled', [os.kill, os.killpg], ids=['alone', 'with its processes'])
 def test_a_demo_that_is_terminated_closes_its_bag_and_leaves_no_half_video(
-    tmp_path: Path,
+    tmp_path: Path, signalled: Callable[[int, int], None]
 ) -> None:
     pytest.importorskip('rclpy')
     from bag_reading import read_back
@@ -82,6 +83,7 @@ def test_a_demo_that_is_terminated_closes_its_bag_and_leaves_no_half_video(
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
+        start_new_session=True,
     )
     bag = tmp_path / 'out/bag'
     try:
@@ -90,7 +92,7 @@ def test_a_demo_that_is_terminated_closes_its_bag_and_leaves_no_half_video(
             assert time.monotonic() < end, f'waited {TIMEOUT_SEC:g} s for a message in {bag}'
             assert process.poll() is None, process.stderr.read()
             time.sleep(0.02)
-        process.send_signal(signal.SIGTERM)
+        signalled(process.pid, signal.SIGTERM)
         output, errors = process.communicate(timeout=TIMEOUT_SEC)
     finally:
         process.kill()

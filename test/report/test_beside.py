@@ -11,9 +11,11 @@ import sys
 import pytest
 
 from visual_servo_epipolar.core.servo.run_log import RunLog
+from visual_servo_epipolar.processes import THREADS
 from visual_servo_epipolar.report.beside import Draughtsman
 from visual_servo_epipolar.report.figures import save_all
 from visual_servo_epipolar.report.run_file import RunFile, save_run
+from visual_servo_epipolar.threads import ONE_THREAD
 
 
 def contents(folder: Path) -> dict[str, bytes]:
@@ -92,12 +94,12 @@ with Draughtsman() as draughtsman:
 """
 
 
-@pytest.mark.skipif(not Path('/proc/self/task').is_dir(), reason='nothing is forked here')
+@pytest.mark.skipif(not THREADS.is_dir(), reason='nothing is forked here')
 def test_a_figure_that_a_copy_fails_to_draw_is_drawn_again(
     log: RunLog, there: Path, drawn_here
 ) -> None:
     save_run(RunFile(log, {}, {}), there)
-    environment = {**os.environ, 'OPENBLAS_NUM_THREADS': '1'}
+    environment = {**os.environ, **ONE_THREAD}
     given = [sys.executable, '-c', FAILED, str(there)]
     subprocess.run(given, env=environment, check=True, timeout=120.0)
     tries = [path.suffixes[-1] for path in there.glob('*.png.*')]

@@ -36,6 +36,17 @@ def test_a_camera_that_stands_takes_the_images_of_one_that_came(
         np.testing.assert_array_equal(camera.capture(pose, frame), expected)
 
 
+def test_a_camera_that_stands_draws_the_room_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    camera, drawn = CameraSimulator(SMALL), []
+    render = camera.renderer.render
+    monkeypatch.setattr(
+        camera.renderer, 'render', lambda *where: drawn.append(where) or render(*where)
+    )
+    for frame, pose in enumerate([HERE, HERE, HERE, THERE, HERE]):
+        camera.capture(pose, frame)
+    assert [pose for pose, _ in drawn] == [HERE, THERE, HERE]
+
+
 @pytest.mark.parametrize('noise', [0.0, 2.0])
 def test_who_writes_into_an_image_spoils_no_other(noise: float) -> None:
     settings = replace(SMALL, noise=noise)

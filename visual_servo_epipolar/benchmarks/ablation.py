@@ -5,8 +5,9 @@ from dataclasses import replace
 from typing import Any
 
 from visual_servo_epipolar.core.control.law_table import DEPARTURES, law_options
+from visual_servo_epipolar.processes import cores
 from visual_servo_epipolar.simulation.scenario import Scenario
-from visual_servo_epipolar.sweeping.local import cores, local_workers
+from visual_servo_epipolar.sweeping.local import local_workers
 from visual_servo_epipolar.sweeping.plan import Plan
 from visual_servo_epipolar.sweeping.provenance import commit
 from visual_servo_epipolar.sweeping.summary import summary_of

@@ -72,24 +72,27 @@ def add_to(kinds: Any) -> None:
 
 def demo(options: argparse.Namespace) -> int:
     """Run, write, print; return 0 if the robot arrived."""
-    require('matplotlib', load=False)
+    # Loaded later: matplotlib by the draughtsman, rclpy when no process is copied any more, for it
+    # starts threads.
+    require('rclpy', 'matplotlib', load=False)
+    if options.bag != 'none':
+        require('rosbags', 'mcap', otherwise='--bag none', load=False)
     scenario = scenario_of(options)
     settings = scenario.loop(tuple(options.start), options.seed)
     folder = output_folder(options.out)
+    _clear(folder / BAG)
+    (folder / VIDEO).unlink(missing_ok=True)  # of an earlier run
     with ExitStack() as stack:
         draughtsman = stack.enter_context(Draughtsman())
         progress = stack.enter_context(closing(Progress()))
         film = None if options.no_video else stack.enter_context(_film(scenario, settings, folder))
         progress.say('building the room ...')
         assistant = stack.enter_context(_assistant(scenario))
-        require('rclpy')  # only now: it starts threads, and no process that has some is copied
-        if options.bag != 'none':
-            require('rosbags', 'mcap', otherwise='--bag none')
-        _clear(folder / BAG)
-        (folder / VIDEO).unlink(missing_ok=True)  # of an earlier run
         progress.say('starting four nodes ...')
-        lockstep = _nodes(scenario, settings, options, assistant)
-        log = _drive(lockstep, settings, options, film, progress)
+        with _nodes(scenario, settings, options, assistant) as nodes:
+            log = _drive(nodes, settings, options, film, progress)
+        if film is not None:
+            film.end()
         result = verdict(log, new_rig(scenario.camera))
         progress.say('drawing figures ...' if film is None else 'finishing figures and video ...')
         written = write_run(log, scenario, folder, draw=draughtsman.draw)
@@ -125,7 +128,7 @@ def _drive(
     film: 'Film | None',
     progress: Progress,
 ) -> RunLog:
-    """Let ``nodes`` drive until the run is over; they end with it."""
+    """Let ``nodes`` drive until the run is over."""
     from visual_servo_epipolar.nodes.observer_node import ObserverNode
 
     monitor = RunMonitor(settings)
@@ -135,17 +138,12 @@ def _drive(
         if film is not None and image is not None and features is not None:
             film.add(image, features, sample)
 
-    with nodes:
-        nodes.add(
-            ObserverNode(monitor, watch, with_images=film is not None, context=nodes.context)
-        )
-        if options.bag != 'none':
-            nodes.record(Path(options.out) / BAG, exclude=EXCLUDED[options.bag])
-        if film is not None:
-            _ = film.advice  # or why there can be no film, before anything moves
-        nodes.run(lambda: monitor.done)
+    nodes.add(ObserverNode(monitor, watch, with_images=film is not None, context=nodes.context))
+    if options.bag != 'none':
+        nodes.record(Path(options.out) / BAG, exclude=EXCLUDED[options.bag])
     if film is not None:
-        film.end()
+        _ = film.advice  # or why there can be no film, before anything moves
+    nodes.run(lambda: monitor.done)
     return monitor.log()
 
 

@@ -13,7 +13,7 @@ from visual_servo_epipolar.commands.files.output import write_whole
 from visual_servo_epipolar.commands.sweep.command import count
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.nodes.startup.missing import require
-from visual_servo_epipolar.sweeping.local import cores
+from visual_servo_epipolar.processes import cores
 
 
 def add_to(kinds: Any) -> None:

@@ -2,12 +2,12 @@
 
 from contextlib import AbstractContextManager, nullcontext
 from functools import partial
-import os
 
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.tracker import Tracker
+from visual_servo_epipolar.processes import cores
 from visual_servo_epipolar.simulation.disturbances.image import Disturbances, DisturbanceSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
@@ -17,7 +17,7 @@ from visual_servo_epipolar.simulation.rendering.renderer import Renderer
 from visual_servo_epipolar.simulation.rooms.scene import room
 from visual_servo_epipolar.simulation.view import View
 
-LARGEST_VIEW = 4  # of a lens that distorts, in images: what no view needs takes no memory
+LARGEST_VIEW = 4  # of a lens that distorts, in images
 
 
 class CameraSimulator:
@@ -89,7 +89,7 @@ def assistant_of(settings: CameraSettings) -> AbstractContextManager[Assistant |
 
     Where libraries with threads are still to be loaded, it is ready at once.
     """
-    if len(os.sched_getaffinity(0)) == 1:
+    if cores() == 1:
         return nullcontext()
     build = partial(room, settings.scene_seed, settings.scene)
     return Assistant(build, LARGEST_VIEW * settings.width * settings.height)

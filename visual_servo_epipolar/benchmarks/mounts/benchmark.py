@@ -5,7 +5,8 @@ from typing import Any
 
 from visual_servo_epipolar.benchmarks.mounts import table as text
 from visual_servo_epipolar.benchmarks.mounts.cells import Cell, on_features
-from visual_servo_epipolar.sweeping.local import cores, local_workers
+from visual_servo_epipolar.processes import cores
+from visual_servo_epipolar.sweeping.local import local_workers
 from visual_servo_epipolar.sweeping.plan import Chunk, Plan
 from visual_servo_epipolar.sweeping.provenance import commit
 from visual_servo_epipolar.sweeping.summary import summary_of

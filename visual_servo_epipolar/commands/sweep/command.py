@@ -21,11 +21,12 @@ from visual_servo_epipolar.commands.files.output import write_whole
 from visual_servo_epipolar.commands.sweep.progress import SweepProgress
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.nodes.startup.missing import require
+from visual_servo_epipolar.processes import cores
 from visual_servo_epipolar.simulation.regions import REGIONS
 from visual_servo_epipolar.simulation.views import SOURCES
 from visual_servo_epipolar.sweeping.cluster import cluster_workers
 from visual_servo_epipolar.sweeping.drive import drive, Workers
-from visual_servo_epipolar.sweeping.local import cores, local_workers
+from visual_servo_epipolar.sweeping.local import local_workers
 from visual_servo_epipolar.sweeping.plan import Plan
 from visual_servo_epipolar.sweeping.provenance import digest
 from visual_servo_epipolar.sweeping.store import FILE, Store

@@ -41,7 +41,7 @@ def require(*packages: str, otherwise: str = '', load: bool = True) -> None:
             if load:
                 import_module(package)
             elif find_spec(package) is None:
-                raise ModuleNotFoundError(name=package)
+                raise ModuleNotFoundError(f'No module named {package!r}', name=package)
         except ImportError as error:
             alternative = f', or {otherwise}' if otherwise else ''
             raise InputError(f'{remedy(error)}{alternative}') from None
