@@ -8,7 +8,7 @@ from visual_servo_epipolar.core.tracking.alignment import sampling, template_ali
 from visual_servo_epipolar.core.tracking.alignment.sampling import float_image
 from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
 from visual_servo_epipolar.core.tracking.alignment.warps import contained, Warps
-from visual_servo_epipolar.core.tracking.candidates import Candidates, FULL_PERIOD
+from visual_servo_epipolar.core.tracking.candidates import Candidates, FULL_PERIOD, TRIES
 from visual_servo_epipolar.core.tracking.flow import checked_flow, coarse_flow, Frame
 from visual_servo_epipolar.core.tracking.matching import desired_view
 from visual_servo_epipolar.core.tracking.robust_geometry import agree_on_one_geometry
@@ -150,7 +150,23 @@ def test_with_enough_tracked_the_search_rests_in_most_frames() -> None:
     candidates.remember(np.arange(len(view.keypoints)), 100)
     sought = [len(candidates.next_missing(nothing, 8, 0)) for _ in range(2 * FULL_PERIOD)]
     assert [bool(count) for count in sought] == [False, False, True] * 2
-    assert all(len(candidates.next_missing(nothing, 8, 1)) == 8 for _ in range(3))
+    assert all(len(candidates.next_missing(nothing, 8, 60)) == 8 for _ in range(3))
+
+
+def test_what_few_features_are_missed_is_looked_for_in_several_frames() -> None:
+    view = desired_view(scene())
+    candidates, nothing = Candidates(view), Warps.empty()
+    candidates.remember(np.arange(len(view.keypoints)), 100)
+
+    def sought(enough: int, count: int = 8) -> int:
+        return len(candidates.next_missing(nothing, count, enough))
+
+    assert [sought(1) for _ in range(4)] == [TRIES] * 4  # one is missing, again and again
+    assert sought(2) == 2 * TRIES
+    # One was missing: the eight that are due for it are tried, though none is any more.
+    assert [sought(1), sought(0), sought(0)] == [TRIES, TRIES, 8 - 2 * TRIES]
+    assert sum(sought(0) > 0 for _ in range(2 * FULL_PERIOD)) == 2
+    assert [sought(1), sought(0, count=1), sought(60, count=0)] == [TRIES, 1, 0]
 
 
 def test_ids_are_contained_or_not() -> None:

@@ -10,6 +10,9 @@ from visual_servo_epipolar.core.tracking.matching import DesiredView
 INFORMATIVE_HEIGHT = 0.25  # of half the image: nearer to the horizon a feature counts for less
 FULL_SHARE = 4  # with a full set the search of a frame is divided by this
 FULL_PERIOD = 3  # and made once in so many frames
+TRIES = (
+    3  # in a frame for each feature that is missing from a full set: more take as long as a frame
+)
 SPARSE = 2  # features in a cell of the desired image that is hardly covered
 
 
@@ -21,6 +24,7 @@ class Candidates:
         self._cells = cells(view.keypoints.pixels, self.size)
         self._ids: IntArray = np.empty(0, np.int64)
         self._next, self._frames = 0, 0
+        self._due = 0  # candidates yet to be tried for what was missing
 
     @property
     def size(self) -> tuple[int, int]:
@@ -49,19 +53,26 @@ class Candidates:
 
     def next_missing(self, tracked: Warps, count: int, enough: int) -> IntArray:
         """
-        Return the next ``count`` candidates at most that are not ``tracked``, in turn, by id.
+        Return the next candidates that are not ``tracked``, in turn, by id, ``count`` at most.
 
-        With ``enough`` tracked only candidates in sparse cells of the desired image, fewer, and
-        not in every frame, for each of which this is called once.
+        This is called once a frame. Where few are missing from ``enough``, the ``count`` are
+        spread over several frames. After them, only candidates in sparse cells of the desired
+        image are tried, fewer, and not in every frame.
         """
         self._frames += 1
-        if len(tracked) >= enough and self._frames % FULL_PERIOD:
+        short = max(enough - len(tracked), 0)
+        self._due = count if short else min(self._due, count)
+        is_full = not (short or self._due)
+        if is_full and self._frames % FULL_PERIOD:
             return self._ids[:0]
         missing = self._ids[~contained(self._ids, tracked.ids)]
-        if len(tracked) >= enough:
+        if is_full:
             occupied = np.bincount(self._cells[tracked.ids], minlength=CELLS)
             missing = missing[occupied[self._cells[missing]] <= SPARSE]
             count = max(count // FULL_SHARE, 1)
+        else:
+            count = min(self._due, TRIES * max(short, 1))
+            self._due -= count
         count = min(count, len(missing))
         if count == 0:
             return missing[:0]
