@@ -4,6 +4,7 @@ from collections.abc import Iterator
 import os
 from pathlib import Path
 import shutil
+import signal
 import tempfile
 from typing import TYPE_CHECKING
 
@@ -25,6 +26,8 @@ settings.load_profile('repeatable')
 os.environ['ROS_PYTHON_CHECK_FIELDS'] = '1'  # a wrong type in a message is an error, not garbage
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'OFF'  # this process talks to itself alone
 os.environ['ROS_LOG_DIR'] = str(LOG_DIR)
+# A shell without a terminal lets what it starts by & ignore Ctrl-C, and so would what tests start.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_unconfigure() -> None:
