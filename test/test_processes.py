@@ -7,7 +7,7 @@ import threading
 
 import pytest
 
-from visual_servo_epipolar.processes import context, is_forked, THREADS
+from visual_servo_epipolar.processes import context, cores, is_forked, THREADS
 from visual_servo_epipolar.threads import ONE_THREAD
 
 # In a process of its own: that of pytest may have threads.
@@ -95,7 +95,7 @@ def run(program: str) -> str:
 
 
 @forks
-@pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason='needs a second core')
+@pytest.mark.skipif(cores() < 2, reason='needs a second core')
 def test_a_copy_draws_what_is_drawn_here() -> None:
     run(DRAWN)
 

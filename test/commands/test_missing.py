@@ -55,9 +55,16 @@ def without(
     packages: tuple[str, ...], folder: Path, *arguments: str
 ) -> subprocess.CompletedProcess[str]:
     """Run the command where ``packages`` cannot be imported."""
-    (folder / 'blocked').mkdir()
-    (folder / 'blocked/sitecustomize.py').write_text(BLOCKER.format(packages=packages))
-    path = [str(folder / 'blocked'), str(ROOT), os.environ.get('PYTHONPATH', '')]
+    return beside('sitecustomize', BLOCKER.format(packages=packages), folder, *arguments)
+
+
+def beside(
+    module: str, text: str, folder: Path, *arguments: str
+) -> subprocess.CompletedProcess[str]:
+    """Run the command where ``module`` is found before all others."""
+    (folder / 'first').mkdir()
+    (folder / f'first/{module}.py').write_text(text)
+    path = [str(folder / 'first'), str(ROOT), os.environ.get('PYTHONPATH', '')]
     return subprocess.run(
         [sys.executable, '-m', 'visual_servo_epipolar', *arguments],
         cwd=folder,
@@ -155,19 +162,8 @@ def test_what_is_missing_is_said_before_anything_runs(
 
 def test_what_is_there_and_cannot_be_loaded_is_said_when_it_is_to_draw(folder: Path) -> None:
     pytest.importorskip('rclpy')
-    (folder / 'broken').mkdir()
-    (folder / 'broken/matplotlib.py').write_text(
-        "raise ImportError('libfreetype.so: no such file')"
-    )
-    path = os.pathsep.join([str(folder / 'broken'), str(ROOT), os.environ.get('PYTHONPATH', '')])
-    ended = subprocess.run(
-        [sys.executable, '-m', 'visual_servo_epipolar', *DEMO, '--bag', 'none'],
-        cwd=folder,
-        env={**os.environ, 'PYTHONPATH': path},
-        capture_output=True,
-        text=True,
-        timeout=120,
-    )
+    broken = "raise ImportError('libfreetype.so: no such file')"
+    ended = beside('matplotlib', broken, folder, *DEMO, '--bag', 'none')
     assert ended.returncode == 2, ended.stderr
     said = 'visual_servo demo: libfreetype.so: no such file; install what it needs'
     assert said in ended.stderr.splitlines()

@@ -16,6 +16,7 @@ from visual_servo_epipolar.core.servo.step import step
 from visual_servo_epipolar.nodes import lockstep
 from visual_servo_epipolar.nodes.lockstep import Lockstep, LockstepError
 from visual_servo_epipolar.nodes.observer_node import ObserverNode
+from visual_servo_epipolar.processes import cores
 from visual_servo_epipolar.simulation import closed_loop
 from visual_servo_epipolar.simulation.camera_simulator import assistant_of
 from visual_servo_epipolar.simulation.disturbances.image import DisturbanceSettings
@@ -126,7 +127,7 @@ def test_a_camera_without_distortion_coefficients_runs() -> None:
     assert len(drive(scenario, scenario.loop(CLOSE, 0)).samples) >= 10
 
 
-@pytest.mark.skipif(len(os.sched_getaffinity(0)) < 2, reason='needs a second core')
+@pytest.mark.skipif(cores() < 2, reason='needs a second core')
 def test_a_process_that_helps_to_draw_changes_nothing(monkeypatch) -> None:
     scenario, helped, finish = short(), [], Assistant.finish
 

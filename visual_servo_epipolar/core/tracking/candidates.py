@@ -10,9 +10,8 @@ from visual_servo_epipolar.core.tracking.matching import DesiredView
 INFORMATIVE_HEIGHT = 0.25  # of half the image: nearer to the horizon a feature counts for less
 FULL_SHARE = 4  # with a full set the search of a frame is divided by this
 FULL_PERIOD = 3  # and made once in so many frames
-TRIES = (
-    3  # in a frame for each feature that is missing from a full set: more take as long as a frame
-)
+# Candidates tried in a frame for each feature that is missing: eight took as long as all else.
+TRIES = 3
 SPARSE = 2  # features in a cell of the desired image that is hardly covered
 
 

@@ -31,7 +31,9 @@ class TrackerSettings(Settings):
     candidates: int = setting(
         240, 'Features kept in mind, to be found again when they come into view', low=8, high=5000
     )
-    search_per_frame: int = setting(8, 'Lost features looked for in one frame', low=0, high=200)
+    search_per_frame: int = setting(
+        8, 'Most lost features looked for in one frame', low=0, high=200
+    )
     passing_features: int = setting(
         0, 'Features tracked that the photograph does not show, for the memory', low=0, high=1000
     )

@@ -6,10 +6,10 @@ from dataclasses import asdict, dataclass, replace
 from functools import partial
 import math
 import multiprocessing
-import os
 from typing import Any
 
 from visual_servo_epipolar.core.servo.run_log import summarise
+from visual_servo_epipolar.processes import cores
 from visual_servo_epipolar.reproduction.experiment.experiment import (
     experiment_scenario,
     FOCAL_PX,
@@ -80,7 +80,7 @@ def sensitivities(seeds: int = SEEDS) -> list[Sensitivity]:
     rows, seed_numbers = zip(*jobs, strict=True)
     # Not by fork: OpenCV and BLAS have threads of their own.
     spawn = multiprocessing.get_context('spawn')
-    with ProcessPoolExecutor(os.cpu_count(), mp_context=spawn) as pool:
+    with ProcessPoolExecutor(cores(), mp_context=spawn) as pool:
         results = list(pool.map(one, rows, seed_numbers))
     return [
         _row(ROWS[row][0], results[row * seeds : (row + 1) * seeds]) for row in range(len(ROWS))
