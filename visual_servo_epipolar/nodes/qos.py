@@ -1,5 +1,6 @@
 """Quality-of-service profiles, each with its reason."""
 
+from collections.abc import Callable
 from typing import Any
 
 from rclpy.event_handler import PublisherEventCallbacks
@@ -50,3 +51,55 @@ def report_publisher(node: Node, kind: Any, topic: str, profile: QoSProfile) -> 
     """
     silent = PublisherEventCallbacks(use_default_callbacks=False)
     return node.create_publisher(kind, topic, profile, event_callbacks=silent)
+
+
+class AdaptiveSubscription:
+    """
+    Subscription of ``node`` to ``topic`` as its publishers offer it, made anew where they change.
+
+    A reliable one never connects to a publisher that is best effort, a best-effort one loses large
+    images; what was published once and latched reaches late joiners only if they ask for it. A
+    ``reliability`` other than auto holds; ``adapt`` is to be called now and then.
+    """
+
+    def __init__(
+        self,
+        node: Node,
+        kind: Any,
+        topic: str,
+        callback: Callable[[Any], None],
+        reliability: str,
+    ) -> None:
+        self._node, self._kind, self._topic, self._callback = node, kind, topic, callback
+        self._told = reliability
+        self._profiles = {**IMAGES, 'latched': LATCHED}
+        self._subscribe('reliable' if reliability == 'auto' else reliability)
+
+    def adapt(self) -> None:
+        """Subscribe anew if the publishers that are there offer something else."""
+        fitting = self._fitting()
+        if fitting != self._offer:
+            self._node.destroy_subscription(self._subscription)
+            self._subscribe(fitting)
+            name = self._subscription.topic_name
+            self._node.get_logger().info(f'{name} is published as {fitting}, and so subscribed')
+
+    def _fitting(self) -> str:
+        """Return what suits all who publish messages of this type; as it is without any."""
+        expected = f'{self._kind.__module__.partition(".")[0]}/msg/{self._kind.__name__}'
+        publishers = self._node.get_publishers_info_by_topic(self._subscription.topic_name)
+        offered = [item.qos_profile for item in publishers if item.topic_type == expected]
+        if not offered:
+            return self._offer
+        if self._told == 'best_effort':  # which DDS hands nothing on that was said before
+            return self._told
+        reliable = all(item.reliability == ReliabilityPolicy.RELIABLE for item in offered)
+        if reliable and all(item.durability == LATCHED.durability for item in offered):
+            return 'latched'
+        return 'reliable' if reliable or self._told == 'reliable' else 'best_effort'
+
+    def _subscribe(self, offer: str) -> None:
+        self._offer = offer
+        self._subscription = self._node.create_subscription(
+            self._kind, self._topic, self._callback, self._profiles[offer]
+        )

@@ -124,8 +124,7 @@ class ServoNode(ManagedNode):
             self._run.stop(reason)
 
     def _create_subscriptions(self) -> None:
-        info = qos.IMAGES[self._node_settings.camera_reliability]
-        self.create_subscription(CameraInfo, 'camera_info', self._on_info, info)
+        self._camera.subscribe(self, self._node_settings, self._on_info)
         self.create_subscription(PointCloud2, 'tracks', self._on_tracks, qos.STREAM)
 
     def _create_services(self) -> None:

@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from sensor_msgs.msg import CameraInfo
 from servo_rig import CAMERA, Rig, tracks
 
 from visual_servo_epipolar.core.geometry.cameras.equidistant import Equidistant
@@ -12,6 +14,9 @@ from visual_servo_epipolar.core.perception.lens_check import LensCheck
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.messages import write
+from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes.servo_node import ServoNode
+from visual_servo_epipolar.nodes.servoing import camera as servo_camera
 from visual_servo_epipolar.nodes.servoing.camera import ServoCamera
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 
@@ -63,3 +68,32 @@ def test_a_focal_deviation_is_of_a_pinhole_alone(bench, camera, deviation, wrong
     settings = ServoSettings(focal_deviation=deviation)
     servo.hear(write.camera_info(camera, 0, 'camera'), ServoState(), settings)
     assert any('focal_deviation is of a pinhole' in text for text in said) == wrong
+
+
+@pytest.fixture
+def attentive(monkeypatch) -> None:
+    monkeypatch.setattr(servo_camera, 'LOOK_PERIOD_S', 0.02)
+
+
+@pytest.mark.parametrize('word', ['auto', 'reliable'])
+def test_a_camera_info_that_was_latched_before_is_heard(bench, attentive, word) -> None:
+    bench.talk(CameraInfo, 'camera_info', qos.LATCHED)(write.camera_info(CAMERA, 0, 'camera'))
+    node = bench.start(ServoNode, camera_reliability=word)
+    bench.until(lambda: node._camera.model is not None, 'the camera_info of before')
+
+
+@pytest.mark.parametrize(
+    'profile',
+    [QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT), qos.STREAM, qos.LATCHED],
+)
+def test_a_driver_that_comes_later_is_heard_in_the_way_it_offers(
+    bench, attentive, profile
+) -> None:
+    node = bench.start(ServoNode)
+    send = bench.talk(CameraInfo, 'camera_info', profile)
+
+    def heard() -> bool:
+        send(write.camera_info(CAMERA, 0, 'camera'))
+        return node._camera.model is not None
+
+    bench.until(heard, 'camera_info')

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, PointCloud2
 
@@ -17,9 +18,11 @@ from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import read, validation
+from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 from visual_servo_epipolar.nodes.transforms.static_mount import StaticMount
 
+LOOK_PERIOD_S = 0.5  # at how camera_info is published
 DISTRUST_S = 2.0  # after a word of another camera: where two speak in turns, nobody drives
 
 
@@ -42,6 +45,17 @@ class ServoCamera:
         self._begun_with: CalibratedCamera | None = None
         self._other: tuple[CalibratedCamera, int] | None = None  # heard in a run, and its stamp
         self._lens_check = LensCheck()
+
+    def subscribe(
+        self, node: Node, settings: ServoNodeSettings, callback: Callable[[CameraInfo], None]
+    ) -> None:
+        """Subscribe to camera_info as it is published: also to one that was latched before."""
+        info = qos.AdaptiveSubscription(
+            node, CameraInfo, 'camera_info', callback, settings.camera_reliability
+        )
+        if settings.watchdog:  # where time itself waits for the servo, nobody comes late
+            steady = Clock(clock_type=ClockType.STEADY_TIME)
+            node.create_timer(LOOK_PERIOD_S, info.adapt, clock=steady)
 
     def hear(self, message: CameraInfo, state: ServoState, settings: ServoSettings) -> str:
         """Take in a camera_info, and return why a run cannot go on with it, or ''."""

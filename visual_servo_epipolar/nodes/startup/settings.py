@@ -38,7 +38,7 @@ class ServoNodeSettings(LifecycleSettings):
     )
     camera_reliability: str = setting(
         'auto',
-        'Subscribe to camera_info as: auto and best_effort connect to every driver',
+        'Subscribe to camera_info as: auto finds out what the driver offers',
         choices=RELIABILITIES,
         read_only=True,
     )
