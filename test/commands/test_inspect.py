@@ -166,6 +166,64 @@ def test_a_hand_held_pair_falls_back_to_the_general_geometry(photographs: Path) 
     assert result['bearing_desired_deg'] == pytest.approx(math.degrees(truth.desired), abs=0.5)
 
 
+SQUARE = {
+    'width': 600,
+    'height': 600,
+    'focal_length': 384.6,
+    'principal_u': 299.5,
+    'principal_v': 299.5,
+}
+
+
+@pytest.fixture(scope='module', params=[0.0, 20.0], ids=['level', 'leaning'])
+def square_pair(request) -> tuple[np.ndarray, np.ndarray]:
+    world = CameraSimulator(CameraSettings(**SQUARE, tilt=math.radians(request.param)))
+    return world.photograph(), world.capture(Pose.from_start(*START), 0)
+
+
+def turned(image: np.ndarray, angle: float) -> np.ndarray:
+    """Return a square image turned counterclockwise by ``angle`` [deg]."""
+    height, width = image.shape
+    matrix = cv2.getRotationMatrix2D(((width - 1) / 2, (height - 1) / 2), angle, 1.0)
+    return cv2.warpAffine(image, matrix, (width, height))
+
+
+def inspect_square(folder: Path, desired: np.ndarray, current: np.ndarray) -> tuple[int, dict]:
+    cv2.imwrite(str(folder / 'desired.png'), desired)
+    cv2.imwrite(str(folder / 'current.png'), current)
+    camera = CAMERA.replace('640', '600').replace('480', '600')
+    (folder / 'camera.yaml').write_text(camera.replace('327', '299.5').replace('233', '299.5'))
+    return inspect(folder, 'current')
+
+
+@pytest.mark.parametrize('angle', [-135, -90, -45, 30, 45, 90, 180])
+def test_a_photograph_rolled_against_the_other_is_refused_and_the_roll_named(
+    tmp_path: Path, square_pair, angle: int
+) -> None:
+    desired, current = square_pair
+    code, result = inspect_square(tmp_path, desired, turned(current, angle))
+    assert code == 1
+    assert not result['trusted']
+    named = re.match(
+        r'the current photograph is rolled by (\d+) deg (counter)?clockwise', result['reason']
+    )
+    assert named, result['reason']
+    assert int(named[1]) == pytest.approx(abs(angle), abs=4)  # a turn of a leaning camera, too
+    assert abs(angle) == 180 or bool(named[2]) == (angle > 0)
+
+
+@pytest.mark.parametrize('angle', [-90, 30, 45, 90])
+def test_two_photographs_rolled_alike_are_refused_and_the_roll_named(
+    tmp_path: Path, square_pair, angle: int
+) -> None:
+    code, result = inspect_square(tmp_path, *(turned(image, angle) for image in square_pair))
+    assert code == 1
+    assert not result['trusted']
+    named = re.search(r'rolled by (?:some )?(-?\d+) deg', result['reason'])
+    assert named, result['reason']
+    assert abs(int(named[1])) == pytest.approx(abs(angle), abs=6)
+
+
 @pytest.mark.parametrize(
     ('current', 'words'),
     [('text', 'not an image'), ('cropped', 'aspect ratio'), ('missing', 'cannot be read')],

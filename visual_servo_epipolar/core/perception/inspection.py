@@ -17,7 +17,12 @@ from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
-from visual_servo_epipolar.core.perception.validation import MAX_JUMP
+from visual_servo_epipolar.core.perception.validation import (
+    MAX_JUMP,
+    on_its_side,
+    outside_mount,
+    rolled_between,
+)
 from visual_servo_epipolar.core.tracking.alignment.sampling import float_image
 from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
 from visual_servo_epipolar.core.tracking.alignment.warps import Warps
@@ -111,8 +116,13 @@ def inspect(
     share = found.inliers / len(rays_current)
     planar = share >= PLANAR_SHARE and seen.jump <= MAX_JUMP * settings.floor_jitter
     if planar:
-        return found
-    return _general(found, observation, current_camera, desired_camera)
+        return _refused(found, outside_mount(perception.memory.attitude, settings.mount))
+    return _general(found, observation, current_camera, desired_camera, settings.mount)
+
+
+def _refused(found: Inspection, reason: str) -> Inspection:
+    """Return what is ``found``, not to be trusted for a ``reason`` if there is one."""
+    return replace(found, trusted=False, reason=reason) if found.trusted and reason else found
 
 
 def _nearness(parallax_px: float) -> str:
@@ -170,6 +180,7 @@ def _general(
     observation: Observation,
     current_camera: CameraModel,
     desired_camera: CameraModel,
+    mount: Attitude,
 ) -> Inspection:
     """Return the five-point geometry (Nister 2004, by OpenCV) where motion is not planar."""
     threshold = GENERAL_PX / observation.focal
@@ -190,7 +201,7 @@ def _general(
     goal = -rotation.T @ centre
     current = math.atan2(goal[0], goal[2])
     count = int((inliers > 0).sum())
-    return replace(
+    general = replace(
         found,
         trusted=count >= PLANAR_SHARE * int(front.sum()),
         reason=f'{reason}: general epipolar geometry',
@@ -204,4 +215,7 @@ def _general(
         inliers=count,
         planar=False,
         fundamental=_in_pixels(essential, current_camera, desired_camera),
+    )
+    return _refused(
+        general, rolled_between(rotation, centre, mount) or on_its_side(rotation, centre)
     )

@@ -6,7 +6,8 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, medians
-from visual_servo_epipolar.core.estimators.base import Estimate
+from visual_servo_epipolar.core.estimators.base import Attitude, Estimate
+from visual_servo_epipolar.core.geometry.attitude import rotation_level_camera
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, sampson_distance
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
@@ -18,6 +19,12 @@ FEW_INLIERS, FEW_SHARE = 12, 0.8  # fewer may agree by chance, if they are not m
 MAX_JUMP = 12.0  # of tilt and roll between the views, in deviations of the floor's jitter
 TINY = 1e-30
 NEXT, AFTER = np.array([1, 2, 0]), np.array([2, 0, 1])  # of three axes: np.cross is slow
+MOUNT_DEVIATIONS = 2.0  # within which a camera is mounted as it is believed to be
+LEAST_PROMISED = math.radians(3.0)  # and within this of an attitude that is known
+MAX_LEANING = math.radians(20.0)  # change of the vertical that a hand makes between photographs
+LEAST_TURN = math.radians(2.0)  # of which an axis means anything
+ON_SIDE = math.radians(35.0)  # from the horizontal: the axis of a turn of cameras on their side
+IN_PLANE = math.radians(1.5)  # of the baseline and the plane of motion
 MAX_REJECTIONS = 3  # estimates in a row that contradict the past before the past is given up
 
 
@@ -133,6 +140,80 @@ def rolled_over(rotation: FloatArray) -> str:
         return ''
     roll = math.degrees(math.acos(max(float(rotation[1, 1]), -1.0)))
     return f'the image has rolled by {roll:.0f} deg, as if it were mirrored or upside down'
+
+
+def outside_mount(attitude: Attitude, mount: Attitude) -> str:
+    """Return how far ``attitude`` is from where the ``mount`` may be, in words, or ''."""
+    told, limits = (mount.tilt, mount.roll), mount_limits(mount)
+    pairs = zip(('tilted', 'rolled'), (attitude.tilt, attitude.roll), strict=True)
+    deviations = attitude.tilt_deviation, attitude.roll_deviation
+    for (word, angle), centre, limit, deviation in zip(
+        pairs, told, limits, deviations, strict=True
+    ):
+        if abs(angle - centre) > limit + deviation:
+            return (
+                f'the camera seems {word} by {math.degrees(angle):.0f} deg, outside '
+                f'{math.degrees(centre):.0f} +- {math.degrees(limit):.0f} deg'
+            )
+    return ''
+
+
+def mount_limits(mount: Attitude) -> tuple[float, float]:
+    """Return how far tilt and roll may be from those of the ``mount`` [rad]."""
+    tilt, roll = (
+        max(MOUNT_DEVIATIONS * deviation, LEAST_PROMISED)
+        for deviation in (mount.tilt_deviation, mount.roll_deviation)
+    )
+    return tilt, roll
+
+
+def rolled_between(rotation: FloatArray, baseline: FloatArray, mount: Attitude) -> str:
+    """
+    Return how ``rotation``, (3, 3), current -> desired, is none of a camera so mounted, or ''.
+
+    About whichever vertical the ``mount`` leaves possible, what is left of the rotation is a
+    change of tilt and roll between the views, what is left of the ``baseline``, (3,), a climb:
+    more than a hand makes is a photograph that was turned.
+    """
+    angle = math.atan2(rotation[0, 1] - rotation[1, 0], rotation[0, 0] + rotation[1, 1])
+    if abs(angle) < MAX_LEANING:
+        return ''
+    tilt, roll = mount_limits(mount)
+    verticals = np.array(
+        [
+            rotation_level_camera(a, b)[1]
+            for a in mount.tilt + tilt * np.linspace(-1.0, 1.0, 9)
+            for b in mount.roll + roll * np.linspace(-1.0, 1.0, 5)
+        ]
+    )
+    kept = ((verticals @ rotation.T) * verticals).sum(axis=1)
+    climb = verticals @ baseline / math.sqrt(float(baseline @ baseline))
+    if np.hypot(np.arccos(np.clip(kept, -1.0, 1.0)), np.arcsin(climb)).min() < MAX_LEANING:
+        return ''
+    way = 'clockwise' if angle > 0.0 else 'counterclockwise'
+    return (
+        f'the current photograph is rolled by {abs(math.degrees(angle)):.0f} deg {way} against '
+        'the desired one; turn it upright'
+    )
+
+
+def on_its_side(rotation: FloatArray, baseline: FloatArray) -> str:
+    """
+    Return how both photographs lie on their side, in words, or ''.
+
+    The motion of a camera on its side is planar about an axis across its own vertical: that of
+    its turn, ``rotation``, (3, 3), to which the ``baseline``, (3,), is perpendicular.
+    """
+    twice_sine = np.array([rotation[j, i] - rotation[i, j] for i, j in ((1, 2), (2, 0), (0, 1))])
+    size = float(np.sqrt(twice_sine @ twice_sine))
+    if size < 2.0 * math.sin(LEAST_TURN):
+        return ''
+    axis = twice_sine / size
+    along = abs(float(axis @ baseline)) / math.sqrt(float(baseline @ baseline))
+    if abs(axis[0]) < math.cos(ON_SIDE) or along > math.sin(IN_PLANE):
+        return ''
+    roll = 90.0 - math.degrees(math.asin(min(abs(float(axis[1])), 1.0)))
+    return f'both photographs lie on their side, rolled by some {roll:.0f} deg; turn both upright'
 
 
 def _contradiction(
