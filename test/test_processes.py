@@ -54,6 +54,41 @@ process.join(20.0)
 assert process.exitcode == 0, process.exitcode
 """
 
+STRUCK = """
+import os
+import signal
+
+from visual_servo_epipolar.processes import begun, context
+
+
+def tell():
+    blocked = signal.pthread_sigmask(signal.SIG_BLOCK, [])
+    print(signal.getsignal(signal.SIGINT).name, blocked, flush=True)
+
+
+class Struck:  # a context that presses Ctrl-C while a process is started, here and there
+    def __init__(self, beside):
+        self.get_start_method, self._beside = beside.get_start_method, beside
+
+    def Process(self, **given):
+        process = self._beside.Process(**given)
+        start = process.start
+        process.start = lambda: (os.kill(os.getpid(), signal.SIGINT), start())
+        os.register_at_fork(after_in_child=lambda: os.kill(os.getpid(), signal.SIGINT))
+        return process
+
+
+signal.signal(signal.SIGINT, signal.default_int_handler)
+try:
+    begun(Struck(context()), 'teller', tell, ()).join(20.0)
+    print('lost', flush=True)
+except KeyboardInterrupt:
+    from multiprocessing import active_children
+    for process in active_children():
+        process.join(20.0)
+    print('heard here', flush=True)
+"""
+
 COPIED = """
 import os
 import signal
@@ -103,6 +138,11 @@ def test_a_copy_draws_what_is_drawn_here() -> None:
 @forks
 def test_a_copy_hears_when_its_pipe_is_closed_here() -> None:
     assert run(HEARD) == 'closed\n'
+
+
+@forks
+def test_a_process_beside_leaves_ctrl_c_to_its_parent_from_its_first_moment() -> None:
+    assert run(STRUCK) == 'SIG_IGN set()\nheard here\n'
 
 
 @forks

@@ -1,8 +1,9 @@
 """Processes beside this one: copies of it where that is safe, otherwise new ones."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 import ctypes
-from multiprocessing import get_context
+from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection
 import os
 from pathlib import Path
@@ -62,6 +63,29 @@ def copied(work: Callable[[], object]) -> Callable[[], bool]:
         os._exit(1)
 
 
+@contextmanager
+def without_interrupts(*, forked: bool) -> Iterator[None]:
+    """
+    Hold SIGINT back, so that processes that are started meanwhile never end by it.
+
+    Ctrl-C is sent to them as well, and where they are still loading nobody would catch it. Each
+    calls ``ignore_interrupts`` then; this process gets what came when the block has ended.
+    """
+    if not forked:
+        resource_tracker.ensure_running()  # which lets SIGINT through when it starts by itself
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def ignore_interrupts() -> None:
+    """Leave Ctrl-C to the parent, as what this process starts will do unless it says otherwise."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+
+
 def begun(
     beside: Any,
     name: str,
@@ -72,16 +96,19 @@ def begun(
     """
     Return a process of the context ``beside`` that runs ``target(*args)``, not longer than this.
 
+    Ctrl-C is left to this process.
     ``ours`` are the ends of its pipes that stay here. It closes its copies, to hear when they are
     closed here; copies of this process that are made later have them until they end.
     """
     given = (ours if is_forked(beside) else (), target, args)
     process = beside.Process(target=_run, args=given, name=name, daemon=True)
-    process.start()
+    with without_interrupts(forked=is_forked(beside)):
+        process.start()
     return process
 
 
 def _run(theirs: Sequence[Connection], target: Callable[..., None], args: Sequence[Any]) -> None:
+    ignore_interrupts()
     signal.signal(signal.SIGTERM, signal.SIG_DFL)  # what a command does then is not for its copy
     for end in theirs:
         end.close()

@@ -105,6 +105,9 @@ def test_a_run_from_the_goal_itself_is_valid_json(capsys) -> None:
         (['a', '-3', '0'], "'a' is not a number"),
         (['1', 'nan', '0'], 'not finite'),
         (['1', '-3', '1e999'], 'not finite'),
+        (['1e9', '1', '1'], 'within 100 m and the heading within 360 deg of the goal, got 1e+09'),
+        (['1', '-101', '1'], 'got 1 -101 1'),
+        (['1', '-3', '-361'], 'got 1 -3 -361'),
         (['1', '-3'], 'expected 3 arguments'),
         (None, 'required: --start'),
     ],
@@ -177,6 +180,17 @@ def test_a_folder_that_cannot_be_made_is_refused(capsys, tmp_path) -> None:
 def subcommands() -> list[str]:
     action = next(item for item in parser()._actions if item.dest == 'command')
     return list(action.choices)
+
+
+@pytest.mark.parametrize('name', subcommands())
+def test_an_unknown_option_names_its_subcommand(capsys, name) -> None:
+    needed = {'simulate': START, 'sweep': ('--region', 'front', '--runs', '1')}
+    needed |= {'inspect': ('a', 'b', '--camera', 'c'), 'reproduce': ('all', '--out', 'o')}
+    needed |= {'replay': ('bag',), 'report': ('bag',)}
+    error = one_line(capsys, name, *needed.get(name, ()), '--colour')
+    assert error == (
+        f'visual_servo {name}: unrecognized arguments: --colour; see visual_servo {name} --help\n'
+    )
 
 
 @pytest.mark.parametrize('name', ['', *subcommands()])

@@ -1,6 +1,6 @@
 """Commands that are ended early: one line, nothing half written; a pipe that nobody reads."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 import json
 import os
 from pathlib import Path
@@ -11,10 +11,10 @@ import time
 
 import pytest
 
-from visual_servo_epipolar.commands import simulate
 from visual_servo_epipolar.commands.ending import terminable, Terminated
 from visual_servo_epipolar.commands.files.output import write_whole
 from visual_servo_epipolar.commands.main import main
+from visual_servo_epipolar.simulation import closed_loop
 
 ROOT = Path(__file__).parents[2]
 TIMEOUT_SEC = 120.0
@@ -47,13 +47,89 @@ def test_a_signal_ends_a_command_with_one_line(
     before = [signal.getsignal(signal.SIGTERM), signal.getsignal(signal.SIGINT)]
     signal.signal(signal.SIGINT, signal.default_int_handler)  # background shells ignore it
     try:
-        monkeypatch.setattr(simulate, 'run', signalled)
+        monkeypatch.setattr(closed_loop, 'run', signalled)
         assert main(['simulate', *START, '--out', str(tmp_path / 'out')]) == code
     finally:
         signal.signal(signal.SIGINT, before[1])
     assert signal.getsignal(signal.SIGTERM) == before[0]
     assert capsys.readouterr() == ('', 'visual_servo simulate: interrupted\n')
     assert list(tmp_path.iterdir()) == []
+
+
+class Struck:
+    def __del__(self) -> None:
+        os.kill(os.getpid(), signal.SIGINT)
+
+
+@pytest.fixture
+def hears_interrupts() -> Iterator[None]:
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+def test_an_interrupt_is_not_lost_in_a_destructor(
+    hears_interrupts: None, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(KeyboardInterrupt), terminable():
+        Struck()
+        time.sleep(TIMEOUT_SEC)
+    assert capfd.readouterr().err == ''
+
+
+@pytest.mark.parametrize('made', [ImportError('half loaded'), SystemExit(3), None])
+def test_whatever_a_library_makes_of_an_interrupt_the_command_ends_by_it(
+    hears_interrupts: None, made: BaseException | None
+) -> None:
+    with pytest.raises(KeyboardInterrupt), terminable():
+        try:
+            os.kill(os.getpid(), signal.SIGINT)
+            time.sleep(TIMEOUT_SEC)
+        except KeyboardInterrupt:
+            if made is not None:
+                raise made from None
+
+
+# Read by every Python that is started with its folder on PYTHONPATH.
+STRIKE = """
+import os, signal, sys
+class Striker:
+    def find_spec(self, name, path=None, target=None):
+        if name == {module!r}:
+            signal.pthread_sigmask(signal.SIG_UNBLOCK, [{number}])
+            os.kill(os.getpid(), {number})
+sys.meta_path.insert(0, Striker())
+"""
+LOADED_ON_THE_WAY = (
+    'visual_servo_epipolar.threads',
+    'visual_servo_epipolar.commands.main',
+    'visual_servo_epipolar.core.registry',
+    'numpy',
+    'numpy.linalg',
+    'cv2',
+    'visual_servo_epipolar.simulation.closed_loop',
+)
+
+
+@pytest.mark.parametrize('module', LOADED_ON_THE_WAY)
+@pytest.mark.parametrize(
+    ('number', 'code'), [(signal.SIGTERM, 143), (signal.SIGINT, 130)], ids=['TERM', 'INT']
+)
+def test_a_signal_while_modules_are_loaded_ends_a_command_with_one_line(
+    tmp_path: Path, module: str, number: signal.Signals, code: int
+) -> None:
+    (tmp_path / 'sitecustomize.py').write_text(STRIKE.format(module=module, number=int(number)))
+    path = os.pathsep.join([str(tmp_path), environment()['PYTHONPATH']])
+    ended = subprocess.run(
+        [*COMMAND, 'simulate', *START],
+        env=environment(PYTHONPATH=path),
+        capture_output=True,
+        text=True,
+        timeout=TIMEOUT_SEC,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL),
+    )
+    assert (ended.returncode, ended.stdout) == (code, '')
+    assert ended.stderr == 'visual_servo simulate: interrupted\n'
 
 
 def test_a_second_sigterm_does_not_cut_off_the_tidying_up() -> None:
@@ -165,7 +241,7 @@ def test_where_nothing_can_be_written_nothing_runs(
     capsys: pytest.CaptureFixture[str],
     option: str,
 ) -> None:
-    monkeypatch.setattr(simulate, 'run', lambda *_, **__: pytest.fail('it ran'))
+    monkeypatch.setattr(closed_loop, 'run', lambda *_, **__: pytest.fail('it ran'))
     (tmp_path / 'file').touch()
     target = str(tmp_path / 'file' / 'missing' / 'result')
     assert main(['simulate', *START, option, target]) == 2

@@ -6,14 +6,23 @@ import math
 import pytest
 import yaml
 
+from visual_servo_epipolar.commands.gains import command
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.control.gains import Circumstances, derive
 from visual_servo_epipolar.core.control.settling import longest_landing, longest_matching
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.core.settings import from_mapping
+from visual_servo_epipolar.core.settings import from_mapping, range_of
 
 CASE = ['--farthest', '12', '--nearest', '2', '--rate', '11', '--latency', '0.09']
 CIRCUMSTANCES = Circumstances(farthest=12.0, nearest=2.0, rate=11.0, latency=0.09)
+
+
+def test_help_knows_the_phase_timeout_of_the_servo() -> None:
+    limits = range_of(ServoSettings.__dataclass_fields__['phase_timeout'])
+    assert command.PHASE_TIMEOUT == ServoSettings.phase_timeout
+    assert command.PHASE_TIMEOUT_HELP == (
+        f'{limits.text}, {limits.low:g} to {limits.high:g} (default {command.PHASE_TIMEOUT:g})'
+    )
 
 
 def test_the_table_has_the_derived_gains_with_their_units(capsys: pytest.CaptureFixture) -> None:

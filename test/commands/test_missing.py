@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from visual_servo_epipolar.commands.main import main
+from visual_servo_epipolar.commands.main import main, parser
 from visual_servo_epipolar.nodes.startup.missing import remedy
 
 ROOT = Path(__file__).parents[2]
@@ -99,6 +99,16 @@ def test_the_demo_works_without_the_libraries_of_bags(folder: Path) -> None:
     assert ended.returncode == 1, ended.stderr
     assert 'not arrived within 1 s' in ended.stdout
     assert (folder / 'out/result.json').is_file()
+
+
+LIBRARIES = ('numpy', 'cv2', 'yaml', 'matplotlib', 'rclpy', 'dask', 'scipy', *BAGS)
+
+
+@pytest.mark.parametrize('name', ['', *parser().commands])
+def test_help_comes_at_once_for_it_loads_no_library(tmp_path: Path, name: str) -> None:
+    ended = without(LIBRARIES, tmp_path, *filter(None, [name]), '--help')
+    assert (ended.returncode, ended.stderr) == (0, '')
+    assert ended.stdout.startswith(f'usage: {" ".join(filter(None, ["visual_servo", name]))}')
 
 
 ROS_LINE = (

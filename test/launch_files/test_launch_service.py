@@ -43,7 +43,13 @@ def is_installed() -> bool:
     return hasattr(import_module('launch'), 'LaunchService')
 
 
-pytestmark = pytest.mark.skipif(not is_installed(), reason='launch is not installed')
+PREFIXES = 'AMENT_PREFIX_PATH'
+pytestmark = [
+    pytest.mark.skipif(not is_installed(), reason='launch is not installed'),
+    pytest.mark.skipif(
+        not os.environ.get(PREFIXES), reason=f'launch is there, but no ROS is sourced: {PREFIXES}'
+    ),
+]
 
 
 @pytest.fixture
@@ -70,7 +76,7 @@ def launched(prefix: Path, domain: int, name: str, *arguments: str) -> Iterator[
     environment = {
         **os.environ,
         'PYTHONPATH': os.pathsep.join([str(ROOT), os.environ.get('PYTHONPATH', '')]),
-        'AMENT_PREFIX_PATH': os.pathsep.join([str(prefix), os.environ['AMENT_PREFIX_PATH']]),
+        'AMENT_PREFIX_PATH': os.pathsep.join([str(prefix), os.environ[PREFIXES]]),
         'ROS_DOMAIN_ID': str(domain),
         'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
     }

@@ -7,15 +7,19 @@ import json
 import math
 from pathlib import Path
 import sys
-from typing import Any
+from typing import Any, TYPE_CHECKING
 
 from visual_servo_epipolar.commands.files.output import check_json, write_whole
 from visual_servo_epipolar.commands.files.resources import scenario_path
 from visual_servo_epipolar.core.control.law_table import law_options, LAWS
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.simulation.scenario import load, Scenario
+from visual_servo_epipolar.simulation.choices import SOURCES
+
+if TYPE_CHECKING:
+    from visual_servo_epipolar.simulation.scenario import Scenario
 
 MAX_SEED = 2**31 - 1
+FARTHEST, FULL_TURN = 100.0, 360.0  # start [m], [deg]: nothing drives home from farther
 
 
 def finite(text: str) -> float:
@@ -53,18 +57,44 @@ def law_expression(text: str) -> str:
     return text
 
 
+class Start(argparse.Action):
+    """Take a start that lies where a robot may be."""
+
+    def __call__(self, parser: Any, namespace: Any, values: Any, *_: object) -> None:
+        """Keep x [m], y [m], heading error [deg]; ArgumentError if they are too large."""
+        x, y, heading = values
+        if max(abs(x), abs(y)) > FARTHEST or abs(heading) > FULL_TURN:
+            raise argparse.ArgumentError(
+                self,
+                f'x and y must lie within {FARTHEST:g} m and the heading within {FULL_TURN:g} deg '
+                f'of the goal, got {x:g} {y:g} {heading:g}',
+            )
+        setattr(namespace, self.dest, values)
+
+
 def add_start(parser: argparse.ArgumentParser, default: tuple[float, float, float] | None) -> None:
     """Add --start."""
     default_text = '' if default is None else f' (default {" ".join(f"{v:g}" for v in default)})'
     parser.add_argument(
         '--start',
         nargs=3,
+        action=Start,
         type=finite,
         metavar=('X', 'Y', 'DEG'),
         required=default is None,
         default=default,
         help='start in the plane of the paper: x right and y ahead of the goal [m], so that '
         f'y is negative behind it; heading error [deg], left positive{default_text}',
+    )
+
+
+def add_source(parser: argparse.ArgumentParser) -> None:
+    """Add --source."""
+    parser.add_argument(
+        '--source',
+        choices=SOURCES,
+        default='features',
+        help='what the servo sees: noisy point features, or rendered images (default features)',
     )
 
 
@@ -90,8 +120,10 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def scenario_of(options: argparse.Namespace) -> Scenario:
+def scenario_of(options: argparse.Namespace) -> 'Scenario':
     """Return the scenario that the options ask for."""
+    from visual_servo_epipolar.simulation.scenario import load, Scenario
+
     scenario = Scenario() if options.scenario is None else load(scenario_path(options.scenario))
     changes = {
         name: getattr(options, name)

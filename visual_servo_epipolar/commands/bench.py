@@ -8,7 +8,6 @@ from pathlib import Path
 import sys
 from typing import Any
 
-from visual_servo_epipolar.benchmarks import history
 from visual_servo_epipolar.commands.arguments import duration, seed, write_json
 from visual_servo_epipolar.commands.console import Progress
 from visual_servo_epipolar.commands.files.output import check_json
@@ -75,6 +74,8 @@ def add_to(kinds: Any) -> None:
 
 def run(options: argparse.Namespace) -> int:
     """Run the benchmarks one after the other, print their tables; return 0."""
+    from visual_servo_epipolar.benchmarks import history
+
     if options.history == '-':
         raise InputError('--history appends to a file, - is none; name one')
     check_json(options.history)

@@ -1,4 +1,4 @@
-"""How a command ends early: SIGTERM as Ctrl-C does it, and output that nobody reads any more."""
+"""How a command ends early: by Ctrl-C or SIGTERM, or as nobody reads its output any more."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -7,32 +7,101 @@ import select
 import signal
 import sys
 import threading
-from typing import NoReturn, TextIO
+from typing import Any, NoReturn, TextIO
 
+INTERRUPTED, TERMINATED = 130, 143
+CODES = {signal.SIGINT: INTERRUPTED, signal.SIGTERM: TERMINATED}
 STREAMS = (1, 2)
+AGAIN_S = 0.001
 
 
 class Terminated(KeyboardInterrupt):
     """SIGTERM came: all ends as after Ctrl-C, with its own exit code."""
 
 
+def leave_at_once(who: str) -> None:
+    """
+    Let SIGINT and SIGTERM end this process from now on, by one line and their exit code.
+
+    That is for the time in which modules are loaded, and nothing has begun that is to be tidied
+    up: an exception within an import becomes whatever its module makes of it.
+    """
+
+    def leave(number: int, _: object) -> NoReturn:
+        os.write(STREAMS[1], f'{who}: interrupted\n'.encode())
+        os._exit(CODES[signal.Signals(number)])
+
+    for number in CODES:
+        if signal.getsignal(number) is not signal.SIG_IGN:  # of a shell's background
+            signal.signal(number, leave)
+
+
+def leave_no_more() -> None:
+    """Ignore SIGINT and SIGTERM from now on: all is done, and the exit code is known."""
+    for number in CODES:
+        signal.signal(number, signal.SIG_IGN)
+
+
 @contextmanager
 def terminable() -> Iterator[None]:
-    """Raise Terminated in the block at the first SIGTERM; those that follow change nothing."""
+    """
+    Raise KeyboardInterrupt in the block at SIGINT, and Terminated at the first SIGTERM.
+
+    SIGTERMs that follow change nothing: timeout(1) sends it twice, and the second one must not
+    cut off the tidying up. Whatever a library that was being loaded makes of the exception, and
+    where it is lost as in a destructor: the block ends by it.
+    """
     if threading.current_thread() is not threading.main_thread():
         yield  # signals are none of its business
         return
-    before = signal.signal(signal.SIGTERM, _terminate)
+    signals = _Signals()
     try:
         yield
+    except BaseException:
+        signals.end()
+        raise
     finally:
-        signal.signal(signal.SIGTERM, before)
+        signals.restore()
+    signals.end()
 
 
-def _terminate(*_: object) -> NoReturn:
-    # timeout(1) sends it twice, and the second one must not cut off the tidying up.
-    signal.signal(signal.SIGTERM, signal.SIG_IGN)
-    raise Terminated
+class _Signals:
+    """SIGINT and SIGTERM as exceptions, and which of them came."""
+
+    def __init__(self) -> None:
+        self._came: type[KeyboardInterrupt] | None = None
+        self._before: dict[int, Any] = {
+            number: signal.signal(number, self._raise)
+            for number in (*CODES, signal.SIGALRM)
+            if signal.getsignal(number) is not signal.SIG_IGN
+        }
+        self._hook, sys.unraisablehook = sys.unraisablehook, self._again
+
+    def restore(self) -> None:
+        """Leave the signals to whom they belonged."""
+        sys.unraisablehook = self._hook
+        for number, handler in self._before.items():
+            if handler is not None:  # of C, which cannot be set again
+                signal.signal(number, handler)
+
+    def end(self) -> None:
+        """Raise what came, if anything did."""
+        if self._came is not None:
+            raise self._came from None
+
+    def _raise(self, number: int, _: object) -> NoReturn:
+        if number == signal.SIGTERM:
+            signal.signal(number, signal.SIG_IGN)
+            self._came = Terminated
+        self._came = self._came or KeyboardInterrupt
+        raise self._came
+
+    def _again(self, lost: 'sys.UnraisableHookArgs') -> None:
+        """Raise once more what Python would print and forget: it was raised in a destructor."""
+        if issubclass(lost.exc_type, KeyboardInterrupt):
+            signal.setitimer(signal.ITIMER_REAL, AGAIN_S)
+        else:
+            self._hook(lost)
 
 
 def unread() -> bool:

@@ -1,40 +1,51 @@
 """The command ``visual_servo``: picks the subcommand, turns errors into exit codes."""
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 import re
 import sys
-from typing import NoReturn
+from typing import Any, NoReturn
 
 from visual_servo_epipolar import __version__
-from visual_servo_epipolar.commands import (
-    bench,
-    demo,
-    faults,
-    gains,
-    inspect,
-    reproduce,
-    simulate,
+from visual_servo_epipolar.commands import bench, faults, reproduce, simulate
+from visual_servo_epipolar.commands.demo import command as demo
+from visual_servo_epipolar.commands.ending import (
+    INTERRUPTED,
+    reader_left,
+    terminable,
+    TERMINATED,
+    Terminated,
+    unread,
 )
-from visual_servo_epipolar.commands.ending import reader_left, terminable, Terminated, unread
 from visual_servo_epipolar.commands.files.output import check_json, check_out
+from visual_servo_epipolar.commands.gains import command as gains
+from visual_servo_epipolar.commands.inspect import command as inspect
 from visual_servo_epipolar.commands.replay import command as replay
 from visual_servo_epipolar.commands.report import command as report
 from visual_servo_epipolar.commands.sweep import command as sweep
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
 from visual_servo_epipolar.nodes.startup.missing import remedy
 
-SUCCESS, FAILURE, BAD_INPUT, INTERRUPTED, UNREAD, TERMINATED = 0, 1, 2, 130, 141, 143
+SUCCESS, FAILURE, BAD_INPUT, UNREAD = 0, 1, 2, 141
 COMMANDS = (demo, simulate, sweep, inspect, replay, report, reproduce, bench, faults, gains)
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser that says what is wrong in one line."""
+    """A parser that says what is wrong in one line, by the name of the subcommand."""
+
+    commands: Mapping[str, argparse.ArgumentParser]
 
     def error(self, message: str) -> NoReturn:
         """Exit with code 2."""
         self.exit(BAD_INPUT, f'{self.prog}: {message}; see {self.prog} --help\n')
+
+    def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse all of ``args``; what nobody knows is an error of the subcommand."""
+        options, unknown = self.parse_known_args(args, namespace)
+        if unknown:
+            self.commands[options.command].error(f'unrecognized arguments: {" ".join(unknown)}')
+        return options
 
 
 def parser() -> Parser:
@@ -47,7 +58,8 @@ def parser() -> Parser:
     kinds = top.add_subparsers(dest='command', required=True, metavar='COMMAND')
     for module in COMMANDS:
         module.add_to(kinds)
-    for command in kinds.choices.values():
+    top.commands = kinds.choices
+    for command in top.commands.values():
         command.description = _plain(command.description or '')
     return top
 

@@ -6,18 +6,14 @@ from typing import Any
 
 from visual_servo_epipolar.commands.arguments import (
     add_run_options,
+    add_source,
     add_start,
     output_folder,
     publish,
     scenario_of,
 )
 from visual_servo_epipolar.commands.console import Progress, summary, written_to
-from visual_servo_epipolar.commands.files.run_folder import write_run
 from visual_servo_epipolar.nodes.startup.missing import require
-from visual_servo_epipolar.simulation.closed_loop import run
-from visual_servo_epipolar.simulation.mounts.registry import new_rig
-from visual_servo_epipolar.simulation.run_monitor import verdict
-from visual_servo_epipolar.simulation.views import SOURCES, view_of
 
 
 def add_to(kinds: Any) -> None:
@@ -26,12 +22,7 @@ def add_to(kinds: Any) -> None:
         'simulate', help='one closed loop in memory, without ROS', description=__doc__
     )
     add_start(parser, None)
-    parser.add_argument(
-        '--source',
-        choices=SOURCES,
-        default='features',
-        help='what the servo sees: noisy point features, or rendered images (default features)',
-    )
+    add_source(parser)
     parser.add_argument('--out', metavar='DIR', help='folder for result, samples and figures')
     add_run_options(parser)
     parser.set_defaults(run=simulate)
@@ -39,6 +30,12 @@ def add_to(kinds: Any) -> None:
 
 def simulate(options: argparse.Namespace) -> int:
     """Run, write, print; return 0 if the robot arrived."""
+    from visual_servo_epipolar.commands.files.run_folder import write_run
+    from visual_servo_epipolar.simulation import closed_loop
+    from visual_servo_epipolar.simulation.mounts.registry import new_rig
+    from visual_servo_epipolar.simulation.run_monitor import verdict
+    from visual_servo_epipolar.simulation.views import view_of
+
     if options.out is not None:
         require('matplotlib', otherwise='leave out --out')
     scenario = scenario_of(options)
@@ -46,7 +43,7 @@ def simulate(options: argparse.Namespace) -> int:
     with closing(Progress()) as progress:
         progress.say('preparing the world ...')
         view = view_of(scenario, options.source, options.seed)
-        log = run(settings, view, scenario.camera.nominal_camera, watch=progress)
+        log = closed_loop.run(settings, view, scenario.camera.nominal_camera, watch=progress)
     result = verdict(log, new_rig(scenario.camera))
     text = summary(result)
     if options.out is not None:

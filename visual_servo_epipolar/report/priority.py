@@ -2,12 +2,10 @@
 
 from contextlib import suppress
 import os
-import signal
 
 
 def work_beside() -> None:
-    """Let this process run only where no other wants the core, and its parent end it by Ctrl-C."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    """Let this process run only where no other wants the core."""
     os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
 
 

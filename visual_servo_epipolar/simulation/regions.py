@@ -11,6 +11,7 @@ from visual_servo_epipolar.core.errors import InputError, TrackingError
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.tracking.candidates import Candidates
 from visual_servo_epipolar.core.tracking.matching import desired_view
+from visual_servo_epipolar.simulation.choices import BOXES, REGIONS
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
@@ -22,13 +23,6 @@ from visual_servo_epipolar.simulation.views import points_of
 Start = tuple[float, float, float]
 Condition = Callable[[Pose], bool]
 
-# Least and largest x [m], y [m], heading error [deg].
-BOXES = {
-    'front': ((-1.5, -5.0, -15.0), (1.5, -2.0, 15.0)),
-    'beside': ((-1.5, -2.0, -15.0), (1.5, 1.5, 15.0)),
-    'anywhere': ((-6.0, -10.0, -180.0), (6.0, 4.0, 180.0)),
-}
-REGIONS = tuple(BOXES)
 LEAST_FEATURES = 40  # of the goal's, in view from a start anywhere
 DIGITS = 6  # of a start: nothing is lost when it is written down
 TRIES = 5000

@@ -10,11 +10,9 @@ from visual_servo_epipolar.simulation.point_world import PointWorld
 from visual_servo_epipolar.simulation.scenario import Scenario
 from visual_servo_epipolar.simulation.view import View
 
-SOURCES = ('features', 'images')
-
 
 def view_of(scenario: Scenario, source: str, seed: int) -> View:
-    """Return what stands between world and servo; ``source`` is one of SOURCES."""
+    """Return what stands between world and servo; ``source`` is one of choices.SOURCES."""
     if source == 'features':
         return points_of(scenario, seed)
     return ImageView(

@@ -4,13 +4,14 @@ from collections.abc import Iterator
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
-from multiprocessing import get_context
+from multiprocessing import active_children
 from multiprocessing.connection import Connection
+from multiprocessing.context import SpawnContext, SpawnProcess
 import os
-import signal
 import threading
 
 from visual_servo_epipolar.core.errors import VisualServoError
+from visual_servo_epipolar.processes import ignore_interrupts, without_interrupts
 from visual_servo_epipolar.sweeping.chunk import Result, work
 from visual_servo_epipolar.sweeping.plan import Chunk, Plan
 
@@ -57,7 +58,7 @@ def worker_pool(jobs: int, remedy: str) -> Iterator[ProcessPoolExecutor]:
         If one of them dies; ``remedy`` says what to do about it.
 
     """
-    spawn = get_context('spawn')
+    spawn = _Spawn()
     lifeline, parent_end = spawn.Pipe(duplex=False)
     with _environment():
         pool = ProcessPoolExecutor(jobs, spawn, _live_by, (lifeline,))
@@ -68,7 +69,9 @@ def worker_pool(jobs: int, remedy: str) -> Iterator[ProcessPoolExecutor]:
                 f'a worker process died (killed, or out of memory?); {remedy}'
             ) from None
         except BaseException:
-            parent_end.close()
+            for process in active_children():  # some may not hear of ``lifeline`` yet
+                if isinstance(process, _Worker):
+                    process.kill()
             raise
         finally:
             pool.shutdown(cancel_futures=True)
@@ -76,9 +79,24 @@ def worker_pool(jobs: int, remedy: str) -> Iterator[ProcessPoolExecutor]:
             lifeline.close()
 
 
+class _Worker(SpawnProcess):
+    """A new process that Ctrl-C does not end while it loads what it works with."""
+
+    def start(self) -> None:
+        """Start it; Ctrl-C is heard here when it has been started."""
+        with without_interrupts(forked=False):
+            super().start()
+
+
+class _Spawn(SpawnContext):
+    """The context of such processes."""
+
+    Process = _Worker
+
+
 def _live_by(lifeline: Connection) -> None:
     """Leave Ctrl-C to the parent, and end when the other end of ``lifeline`` is gone."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    ignore_interrupts()
     threading.Thread(target=_end_with, args=(lifeline,), daemon=True).start()
 
 

@@ -1,11 +1,9 @@
 """Sensitivity of the positioning error to each perturbation of the experiment, on points."""
 
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, replace
 from functools import partial
 import math
-import multiprocessing
 from typing import Any
 
 from visual_servo_epipolar.core.servo.run_log import summarise
@@ -20,6 +18,7 @@ from visual_servo_epipolar.reproduction.experiment.experiment import (
 from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.scenario import Scenario
 from visual_servo_epipolar.simulation.views import points_of
+from visual_servo_epipolar.sweeping.local import worker_pool
 
 SEEDS = 3
 LONGEST_RUN_S = 150.0  # most come to rest within 70 s
@@ -78,9 +77,7 @@ def sensitivities(seeds: int = SEEDS) -> list[Sensitivity]:
     """Run every row with every seed, on all processors."""
     jobs = [(row, seed) for row in range(len(ROWS)) for seed in range(seeds)]
     rows, seed_numbers = zip(*jobs, strict=True)
-    # Not by fork: OpenCV and BLAS have threads of their own.
-    spawn = multiprocessing.get_context('spawn')
-    with ProcessPoolExecutor(cores(), mp_context=spawn) as pool:
+    with worker_pool(cores(), 'run it again') as pool:
         results = list(pool.map(one, rows, seed_numbers))
     return [
         _row(ROWS[row][0], results[row * seeds : (row + 1) * seeds]) for row in range(len(ROWS))

@@ -6,7 +6,6 @@ from functools import partial
 from multiprocessing import parent_process
 from multiprocessing.synchronize import Semaphore
 import pickle
-import signal
 from time import perf_counter
 from typing import Any
 
@@ -120,7 +119,6 @@ def _assist(
     build: Callable[[], Scene],
 ) -> None:
     """Draw what is asked for, until that is nothing or nobody is there to ask."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is the parent's
     cv2.setNumThreads(1)
     scene, sharing = build(), Sharing()
     drawn.release()

@@ -1,9 +1,4 @@
-"""
-``visual_servo gains``: the gains of section IV-C from what is known before the robot moves.
-
-A table of the gains and of what they promise, and lines to paste into the file of servo_node. A
-warning where they need longer than a phase of the servo may last.
-"""
+"""Gains derived from circumstances: as a table, as YAML to paste, and as JSON."""
 
 import argparse
 from dataclasses import asdict, Field, fields
@@ -11,7 +6,7 @@ import math
 import sys
 from typing import Any
 
-from visual_servo_epipolar.commands.arguments import finite, publish
+from visual_servo_epipolar.commands.arguments import publish
 from visual_servo_epipolar.core.control.gains import Circumstances, derive, Gains
 from visual_servo_epipolar.core.control.settling import longest_landing, longest_matching
 from visual_servo_epipolar.core.errors import InputError
@@ -23,38 +18,7 @@ from visual_servo_epipolar.core.settings import range_of
 TIMEOUT = ServoSettings.__dataclass_fields__['phase_timeout']
 
 
-def add_to(kinds: Any) -> None:
-    """Add the subcommand."""
-    parser = kinds.add_parser(
-        'gains', help='gains derived from distance, rate and limits', description=__doc__
-    )
-    for item in fields(Circumstances):
-        limits, option = range_of(item), f'--{item.name.replace("_", "-")}'
-        if isinstance(item.default, bool):
-            parser.add_argument(option, action='store_true', help=limits.text)
-            continue
-        parser.add_argument(
-            option,
-            type=finite,
-            default=item.default,
-            metavar=item.name.upper(),
-            help=f'{limits.text}, {limits.low:g} to {limits.high:g} (default {item.default:g})',
-        )
-    limits = range_of(TIMEOUT)
-    parser.add_argument(
-        '--phase-timeout',
-        type=finite,
-        default=TIMEOUT.default,
-        metavar='PHASE_TIMEOUT',
-        help=f'{limits.text}, {limits.low:g} to {limits.high:g} (default {TIMEOUT.default:g})',
-    )
-    parser.add_argument(
-        '--json', metavar='FILE', help='write the result as JSON to FILE, - for standard output'
-    )
-    parser.set_defaults(run=run)
-
-
-def run(options: argparse.Namespace) -> int:
+def derive_and_print(options: argparse.Namespace) -> int:
     """Derive, write, print; return 0. InputError where no gain is legal."""
     try:
         circumstances = Circumstances(

@@ -1,4 +1,4 @@
-"""``visual_servo inspect``: two photographs, their epipoles, and whether to believe them."""
+"""Inspection of two photographs: their epipoles, and whether to believe them."""
 
 import argparse
 import math
@@ -19,33 +19,7 @@ from visual_servo_epipolar.core.perception.inspection import inspect, Inspection
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 
 
-def add_to(kinds: Any) -> None:
-    """Add the subcommand."""
-    parser = kinds.add_parser(
-        'inspect', help='two photographs: epipoles, bearings, trust', description=__doc__
-    )
-    parser.add_argument('desired', metavar='DESIRED.png', help='photograph taken at the goal')
-    parser.add_argument('current', metavar='CURRENT.png', help='photograph taken elsewhere')
-    parser.add_argument(
-        '--camera',
-        metavar='FILE.yaml',
-        required=True,
-        help='camera file as camera_calibration writes it; scaled to photographs of other size',
-    )
-    parser.add_argument(
-        '--rectified',
-        action='store_true',
-        help='the photographs are rectified: projection_matrix holds, the distortion does not',
-    )
-    parser.add_argument('--out', metavar='OVERLAY.png', help='picture of the matches')
-    parser.add_argument('--estimator', metavar='NAME', help='estimator of the epipoles')
-    parser.add_argument(
-        '--json', metavar='FILE', help='write the result as JSON to FILE, - for standard output'
-    )
-    parser.set_defaults(run=run)
-
-
-def run(options: argparse.Namespace) -> int:
+def inspect_and_report(options: argparse.Namespace) -> int:
     """Inspect, write, print; return 0 if the result can be trusted."""
     if options.out and not cv2.haveImageWriter(options.out):
         raise InputError(f'{options.out}: no such image format; call it .png or .jpg')

@@ -1,0 +1,1 @@
+"""The subcommand ``demo``: its options, and the four nodes in lockstep."""

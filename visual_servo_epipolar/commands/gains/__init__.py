@@ -1,0 +1,1 @@
+"""The subcommand ``gains``: its options, and what is derived from them."""

@@ -1,0 +1,1 @@
+"""The subcommand ``inspect``: its options, and what two photographs say."""

@@ -1,0 +1,141 @@
+"""A sweep: many starts through the closed loop, here or on a cluster."""
+
+import argparse
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
+import hashlib
+import json
+from pathlib import Path
+import sys
+from typing import Any
+
+from visual_servo_epipolar.commands.arguments import publish, scenario_of
+from visual_servo_epipolar.commands.console import Progress, written_to
+from visual_servo_epipolar.commands.files.output import write_whole
+from visual_servo_epipolar.commands.sweep.command import DEFAULT_FOLDER
+from visual_servo_epipolar.commands.sweep.progress import SweepProgress
+from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.nodes.startup.missing import require
+from visual_servo_epipolar.processes import cores
+from visual_servo_epipolar.sweeping.cluster import cluster_workers
+from visual_servo_epipolar.sweeping.drive import drive, Workers
+from visual_servo_epipolar.sweeping.local import local_workers
+from visual_servo_epipolar.sweeping.plan import Plan
+from visual_servo_epipolar.sweeping.provenance import digest
+from visual_servo_epipolar.sweeping.store import FILE, Store
+from visual_servo_epipolar.sweeping.summary import defective, summaries, wrong
+
+SHOWN = 3  # runs to look into that are named
+
+
+def sweep(options: argparse.Namespace) -> int:
+    """Run what is missing, draw, write, print; return 0 unless a run raised."""
+    require('matplotlib')
+    if options.scheduler is not None:
+        require('distributed', otherwise='leave out --scheduler')
+    plan = _plan(options)
+    folder = Path(options.out or Path(DEFAULT_FOLDER, _name(plan)))
+    with Store(folder, plan) as store:
+        _work(plan, store, options)
+        documents = summaries(plan, store)
+    document = documents if options.compare else documents[plan.laws[0]]
+    text, written = _report(documents, folder, _field_of_view(plan))
+    publish(document, f'{text}\n{written_to(folder, [FILE, *written])}', options.json)
+    return _name_suspect_runs(plan, documents)
+
+
+def _plan(options: argparse.Namespace) -> Plan:
+    if options.law and options.compare:
+        raise InputError('--law and --compare exclude each other; give one of them')
+    if options.scenes and (options.scene is not None or options.source != 'images'):
+        raise InputError('--scenes is for --source images, without --scene; leave one of them out')
+    scenario = scenario_of(options)
+    return Plan(
+        region=options.region,
+        runs=options.runs,
+        source=options.source,
+        laws=options.compare or (scenario.servo.law,),
+        scenario=scenario,
+        seed=options.seed,
+        scenes=options.scenes or (),
+        scenario_name=options.scenario,
+    )
+
+
+def _name(plan: Plan) -> str:
+    """Return the name of a folder, unique for the sweep and the version of the code."""
+    identity = json.dumps([plan.identity(), digest()]).encode()
+    mark = hashlib.sha256(identity).hexdigest()[:8]
+    return '-'.join([plan.region, plan.source, *plan.laws, f'seed{plan.seed}', mark])
+
+
+def _work(plan: Plan, store: Store, options: argparse.Namespace) -> None:
+    keys = plan.keys()
+    earlier = [store.results[key] for key in keys if key in store.results]
+    if earlier:
+        print(
+            f'visual_servo sweep: {len(earlier)} of {len(keys)} runs are in {store.path} already',
+            file=sys.stderr,
+        )
+    if len(earlier) == len(keys):
+        return
+    progress = Progress()
+    progress.say('starting workers ...')
+    try:
+        with _workers(options) as workers:
+            sweep_progress = SweepProgress(len(keys), earlier)
+
+            def watch(results: Sequence[Mapping[str, Any]]) -> None:
+                sweep_progress.add(results)
+                progress.say(sweep_progress.line())
+
+            drive(plan, store, workers, watch)
+    finally:
+        progress.close()
+
+
+def _workers(options: argparse.Namespace) -> AbstractContextManager[Workers]:
+    if options.scheduler is not None:
+        return cluster_workers(options.scheduler)
+    return local_workers(options.jobs or cores())
+
+
+def _field_of_view(plan: Plan) -> float:
+    camera = plan.scenario.camera
+    left, right = camera.camera.edges
+    return right - left
+
+
+def _report(
+    documents: Mapping[str, Mapping[str, Any]], folder: Path, field_of_view: float
+) -> tuple[str, list[str]]:
+    """Write tables and figures into ``folder``; return the table, and the names of the files."""
+    from visual_servo_epipolar.report import figures
+    from visual_servo_epipolar.report.sweep import histogram, start_map
+    from visual_servo_epipolar.report.sweep import table as tables
+
+    text = tables.table(documents)
+    for name, table in (('table.md', text), ('convergence.md', tables.convergence(documents))):
+        write_whole(folder / name, f'{table}\n'.encode())
+    where = start_map.starts(documents, field_of_view=field_of_view)
+    figures.save(where, folder / 'map.png')
+    figures.save(histogram.errors(documents), folder / 'histogram.png')
+    return text, ['table.md', 'convergence.md', 'map.png', 'histogram.png']
+
+
+def _name_suspect_runs(plan: Plan, documents: Mapping[str, Mapping[str, Any]]) -> int:
+    """Name defects and silent wrongs with the commands that repeat them; return the exit code."""
+    runs = [
+        (law, index, run)
+        for law, document in documents.items()
+        for index, run in enumerate(document['runs'])
+    ]
+    for words, fits in (('raised', defective), ('arrived but wrong', wrong)):
+        matching = [one for one in runs if fits(one[2])]
+        for law, index, run in matching[:SHOWN]:
+            print(
+                f'visual_servo sweep: {words} ({len(matching)} in all), {run["reason"]}: '
+                f'{plan.command_of_run(law, index, run["start"])}',
+                file=sys.stderr,
+            )
+    return 1 if any(defective(run) for *_, run in runs) else 0

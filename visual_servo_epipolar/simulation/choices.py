@@ -1,0 +1,17 @@
+"""Names that a command line offers at once: what the servo sees, and regions of starts."""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+SOURCES = ('features', 'images')
+# Least and largest x [m], y [m], heading error [deg].
+BOXES: Mapping[str, tuple[tuple[float, float, float], tuple[float, float, float]]] = (
+    MappingProxyType(
+        {
+            'front': ((-1.5, -5.0, -15.0), (1.5, -2.0, 15.0)),
+            'beside': ((-1.5, -2.0, -15.0), (1.5, 1.5, 15.0)),
+            'anywhere': ((-6.0, -10.0, -180.0), (6.0, 4.0, 180.0)),
+        }
+    )
+)
+REGIONS = tuple(BOXES)
