@@ -6,10 +6,10 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.docking.bundle import Solution
-from visual_servo_epipolar.core.docking.path_terms import DIFFERENCE
+from visual_servo_epipolar.core.docking.path_factors import camera_poses, DIFFERENCE, MOUNT
 from visual_servo_epipolar.core.docking.planar import composed, inverse
-from visual_servo_epipolar.core.docking.unknowns import MOUNT, VIEW
+from visual_servo_epipolar.core.memory.adjustment.refinement import Geometry
+from visual_servo_epipolar.core.memory.adjustment.window import HEADING, VIEW
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,13 +41,17 @@ class DockPose:
         return math.sqrt(max(float(self.covariance[2, 2]), 0.0))
 
 
-def dock_of(solution: Solution, stamp_ns: int) -> DockPose:
-    """Return the dock's pose in axes of the base at the last view of a ``solution``."""
-    unknowns = solution.unknowns
-    last = VIEW * (len(unknowns.views) - 1)
-    first_shared = VIEW * len(unknowns.views)
-    rows = [last, last + 1, last + 2, *(first_shared + j for j in MOUNT)]
-    values = np.concatenate([unknowns.views[-1, :3], unknowns.shared[MOUNT]])
+def dock_of(geometry: Geometry, noise_ratio: float, stamp_ns: int) -> DockPose:
+    """
+    Return the dock's pose in axes of the base at the last view of a ``geometry``.
+
+    ``noise_ratio`` is the deviation of its residuals over that expected: the covariance is as
+    much larger.
+    """
+    unknowns, size = geometry.unknowns, geometry.unknowns.views.size
+    view = range(size - VIEW, size - VIEW + HEADING + 1)
+    rows = [*view, *range(size + MOUNT.start, size + MOUNT.stop)]
+    values = np.concatenate([unknowns.views[-1, : HEADING + 1], unknowns.shared[MOUNT]])
     slopes = np.stack(
         [
             (_dock(values + step) - _dock(values - step)) / (2.0 * DIFFERENCE)
@@ -55,14 +59,13 @@ def dock_of(solution: Solution, stamp_ns: int) -> DockPose:
         ],
         axis=1,
     )
-    covariance = slopes @ solution.covariance[np.ix_(rows, rows)] @ slopes.T
-    ratio = max(solution.noise_ratio, solution.path_ratio, 1.0)
-    return DockPose(stamp_ns, _dock(values), ratio**2 * covariance)
+    root = max(noise_ratio, 1.0) * slopes @ geometry.root[rows]
+    return DockPose(stamp_ns, _dock(values), root @ root.T)
 
 
 def _dock(values: FloatArray) -> FloatArray:
-    """Return the dock in the base from camera, (3,), and mount, (3,): M C^-1 M^-1."""
-    camera, mount = values[:3], values[3:]
+    """Return the dock in the base from view, (3,), and mount, (3,): M C^-1 M^-1."""
+    (camera,), mount = camera_poses(values[None, :3]), values[3:]
     pose = composed(composed(mount, inverse(camera)), inverse(mount))
     pose[2] = math.remainder(pose[2], 2.0 * math.pi)
     return pose

@@ -43,8 +43,3 @@ def camera_at(bearings: Bearings, distance: float) -> FloatArray:
     # The plane of the paper has x right and y ahead of the photograph's camera.
     x, y = distance * np.sin(bearings.psi), -distance * np.cos(bearings.psi)
     return np.array([x, y, bearings.heading_error])
-
-
-def upright_axes(rays: FloatArray) -> FloatArray:
-    """Return rays, (..., 3), of axes right, down, forward in axes forward, left, up."""
-    return np.stack([rays[..., 2], -rays[..., 0], -rays[..., 1]], axis=-1)

@@ -6,30 +6,63 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, IntArray
-from visual_servo_epipolar.core.docking import bundle
 from visual_servo_epipolar.core.docking.dock_pose import dock_of, DockPose
 from visual_servo_epipolar.core.docking.path import Place
+from visual_servo_epipolar.core.docking.path_factors import (
+    camera_poses,
+    MOUNT,
+    PathFactors,
+    views_of,
+)
 from visual_servo_epipolar.core.docking.planar import between, camera_at, composed, inverse
-from visual_servo_epipolar.core.docking.projection import nearness_of
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings
 from visual_servo_epipolar.core.docking.sighting import (
+    factors_along,
     moved_enough,
-    problem_of,
     Sighting,
     thinned,
+    window_of,
 )
-from visual_servo_epipolar.core.docking.unknowns import MOUNT, Problem, ROLL, TILT, Unknowns
+from visual_servo_epipolar.core.memory.adjustment.equations import Evaluation, OUTLIER
+from visual_servo_epipolar.core.memory.adjustment.refinement import Geometry, refined
+from visual_servo_epipolar.core.memory.adjustment.window import PHOTOGRAPH, Unknowns, Window
+from visual_servo_epipolar.core.memory.initialization import narrowed, shared_at, triangulated
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive
 
 FIRST_DISTANCES = np.geomspace(0.1, 20.0, 28)  # to begin with, the best of them [m]
 FIRST_ITERATIONS, ITERATIONS = 20, 6
+WIDENING = 3.0  # of the bound for outliers, by which guesses are compared
 CONTRADICTION = 2.0  # deviations, root mean square, of images or of the path: no noise is so
 LEAST_INLIERS = 0.5  # of the features in the last view, that others explain
 MAX_CONTRADICTIONS = 8  # in a row: then all is begun anew
 # Deviation over the distance, and deviation [m], above which the best guess is looked for anew.
 UNCERTAIN, UNCERTAIN_M = 0.25, 0.03
+
+
+@dataclass(frozen=True, eq=False)
+class Solution:
+    """
+    The best ``geometry`` of views and path.
+
+    ``noise_ratio`` is the deviation of the residuals of images and of the path, the larger one,
+    over that expected; ``inliers`` the share of the sightings in the last view that agree.
+    """
+
+    geometry: Geometry
+    noise_ratio: float
+    inliers: float
+
+    @property
+    def unknowns(self) -> Unknowns:
+        """The best values."""
+        return self.geometry.unknowns
+
+    @property
+    def cost(self) -> float:
+        """The sum of squares, in deviations."""
+        return self.geometry.evaluation.cost
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +77,7 @@ class DockSearch:
 
     keys: tuple[Sighting, ...] = ()
     last: Sighting | None = None
-    solution: bundle.Solution | None = None
+    solution: Solution | None = None
     memory: PerceptionMemory | None = None
     frame: int = 0
     contradictions: int = 0
@@ -94,81 +127,93 @@ def _solved(
         views = keys
     solution = None
     if len(views) > 1:
-        problem = problem_of(views, memory.noise, settings)
-        solution = _best(problem, views, search, memory, settings, doubt=new)
+        solution = _best(views, search, memory, settings, doubt=new)
     return replace(search, keys=keys, last=now, solution=solution, estimate=None)
 
 
 def _best(
-    problem: Problem,
     views: tuple[Sighting, ...],
     search: DockSearch,
     memory: PerceptionMemory,
     settings: DockPoseSettings,
     *,
     doubt: bool,
-) -> bundle.Solution | None:
+) -> Solution | None:
     """
     Return the solution from the last one, carried along the path, or from the best guess.
 
     An uncertain one is doubted where ``doubt`` says that there is something new.
     """
+    window, factors = window_of(views, memory.noise), factors_along(views, settings)
     known = None
     if search.solution is not None and search.last is not None:
         last = search.solution.unknowns
-        at = composed(last.views[-1, :3], inverse(last.shared[MOUNT]))
-        start = _guess(problem, views, search.last.place, at, last.shared)
-        known = bundle.solved(problem, start, ITERATIONS)
+        at = composed(camera_poses(last.views[-1:])[0], inverse(last.shared[MOUNT]))
+        start = _guess(window, factors, views, search.last.place, at, last.shared)
+        known = _refined(start, ITERATIONS)
         if not contradiction(known) and not (doubt and _is_uncertain(known)):
             return known
-    first = _first_guess(problem, views, memory, settings)
+    first = _first_guess(window, factors, views, memory)
     if first is None:
         return known
-    other = bundle.solved(problem, first, FIRST_ITERATIONS)
+    other = _refined(first, FIRST_ITERATIONS)
     return other if known is None or other.cost < known.cost else known
 
 
-def _is_uncertain(solution: bundle.Solution) -> bool:
+def _refined(start: Evaluation, iterations: int) -> Solution:
+    at, damping = narrowed(start)
+    geometry = refined(at, iterations, damping)
+    evaluation = geometry.evaluation
+    factors, seen = evaluation.factors, evaluation.window.seen[-1]
+    assert isinstance(factors, PathFactors)
+    agree = seen & geometry.trusted & (evaluation.squares[-1] <= OUTLIER)
+    return Solution(
+        geometry,
+        max(geometry.noise_ratio, factors.path_ratio(geometry.unknowns)),
+        float(agree.sum()) / max(int(seen.sum()), 1),
+    )
+
+
+def _is_uncertain(solution: Solution) -> bool:
     """Return whether the distance is hardly known: another one may explain the views better."""
-    dock = dock_of(solution, 0)
+    dock = dock_of(solution.geometry, solution.noise_ratio, 0)
     distance = math.hypot(*dock.pose[:2].tolist())
     return dock.deviation > max(UNCERTAIN * distance, UNCERTAIN_M)
 
 
 def _first_guess(
-    problem: Problem,
-    views: tuple[Sighting, ...],
-    memory: PerceptionMemory,
-    settings: DockPoseSettings,
-) -> Unknowns | None:
+    window: Window, factors: PathFactors, views: tuple[Sighting, ...], memory: PerceptionMemory
+) -> Evaluation | None:
     """Return the best of several distances along the bearings with the largest parallax."""
     seen = [(view.parallax, view.bearings, view) for view in views if view.bearings is not None]
     if not seen:
         return None
     _, bearings, best = max(seen, key=lambda each: each[0])
-    shared, _ = settings.shared
-    shared[[TILT, ROLL]] = memory.attitude.tilt, memory.attitude.roll
+    attitude = np.array([memory.attitude.tilt, memory.attitude.roll])
+    shared = np.concatenate([shared_at(attitude), factors.prior])
     mount = inverse(shared[MOUNT])
-    guesses = [
-        _guess(problem, views, best.place, composed(camera_at(bearings, far), mount), shared)
-        for far in FIRST_DISTANCES
-    ]
-    return min(guesses, key=lambda guess: bundle.cost(problem, guess))
+    bases = [composed(camera_at(bearings, far), mount) for far in FIRST_DISTANCES]
+    guesses = [_guess(window, factors, views, best.place, base, shared) for base in bases]
+    return min(guesses, key=lambda guess: guess.cost)
 
 
 def _guess(
-    problem: Problem,
+    window: Window,
+    factors: PathFactors,
     views: tuple[Sighting, ...],
     place: Place,
     base: FloatArray,
     shared: FloatArray,
-) -> Unknowns:
-    """Return all unknowns where the base was at pose ``base`` of the photograph's camera."""
+) -> Evaluation:
+    """Return the geometry where the base was at pose ``base`` of the photograph's camera."""
     poses = np.array([between(place.pose, view.place.pose) for view in views])
     cameras = composed(composed(base[None], poses), np.broadcast_to(shared[MOUNT], poses.shape))
-    rows = np.concatenate([cameras, np.zeros((len(views), 2))], axis=1)
-    nearness = nearness_of(problem, rows, shared)
-    return Unknowns(rows, shared, np.zeros((len(nearness), 2)), nearness)
+    count = len(window.ids)
+    rows = views_of(cameras, shared[PHOTOGRAPH])
+    unknowns = Unknowns(rows, shared, np.zeros((2, count)), np.ones(count))
+    near = triangulated(window, unknowns, np.ones(len(views), bool))
+    everything = np.ones(count, bool)
+    return Evaluation(window, replace(unknowns, nearness=near), everything, factors, WIDENING)
 
 
 def _judged(search: DockSearch, now: Sighting, settings: DockPoseSettings) -> DockSearch:
@@ -182,7 +227,7 @@ def _judged(search: DockSearch, now: Sighting, settings: DockPoseSettings) -> Do
         if count > MAX_CONTRADICTIONS:
             return DockSearch(memory=search.memory, frame=search.frame, reason=reason)
         return replace(search, contradictions=count, solution=None, reason=reason)
-    dock = dock_of(solution, now.place.stamp_ns)
+    dock = dock_of(solution.geometry, solution.noise_ratio, now.place.stamp_ns)
     search = replace(search, contradictions=0, estimate=dock)
     if dock.deviation > settings.publish_deviation:
         reason = f'its place is uncertain by {dock.deviation:.3f} m; drive on'
@@ -193,11 +238,10 @@ def _judged(search: DockSearch, now: Sighting, settings: DockPoseSettings) -> Do
     return replace(search, dock=dock, reason='')
 
 
-def contradiction(solution: bundle.Solution) -> str:
+def contradiction(solution: Solution) -> str:
     """Return what does not go together in a solution, in words, or ''."""
-    worst = max(solution.noise_ratio, solution.path_ratio)
-    if not worst < CONTRADICTION:
-        return f'views and path contradict each other by {worst:.1f} deviations'
+    if not solution.noise_ratio < CONTRADICTION:
+        return f'views and path contradict each other by {solution.noise_ratio:.1f} deviations'
     if solution.inliers < LEAST_INLIERS:
         share = 100.0 * solution.inliers
         return f'only {share:.0f} % of the features are where the path puts them'

@@ -68,7 +68,7 @@ class DockPoseSettings(PerceptionSettings):
     @property
     def mount_is_told(self) -> bool:
         """Whether any setting says how the camera is mounted."""
-        return bool(self.shared[0].any())
+        return bool(self.camera_place.any() or self.camera_tilt or self.camera_roll)
 
     def mounted(self, mount: Mount) -> 'DockPoseSettings':
         """Return the settings of a camera mounted as a description of the robot has it."""
@@ -76,18 +76,17 @@ class DockPoseSettings(PerceptionSettings):
         return replace(self, **told)
 
     @property
-    def shared(self) -> tuple[FloatArray, FloatArray]:
-        """What is told of the unknowns that all views share, (6,), and the deviations, (6,)."""
-        told = self.camera_tilt, self.camera_roll, self.camera_yaw
+    def camera_place(self) -> FloatArray:
+        """Place of the camera on the base as told, (3,): forward, left [m], yaw [rad]."""
+        return np.array([self.camera_forward, self.camera_left, self.camera_yaw])
+
+    @property
+    def path_deviations(self) -> FloatArray:
+        """Deviations of that place, and of the logarithm of the scale of the path, (4,)."""
         deviations = (
-            self.camera_tilt_deviation,
-            self.camera_roll_deviation,
-            self.camera_yaw_deviation,
             self.camera_forward_deviation,
             self.camera_left_deviation,
+            self.camera_yaw_deviation,
             self.path_scale_deviation,
         )
-        return (
-            np.array([*told, self.camera_forward, self.camera_left, 0.0]),
-            np.maximum(np.array(deviations), 1e-5),
-        )
+        return np.asarray(np.maximum(deviations, 1e-5))

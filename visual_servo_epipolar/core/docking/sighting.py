@@ -8,11 +8,13 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, IntArray
 from visual_servo_epipolar.core.docking.path import Place, uncertainty
-from visual_servo_epipolar.core.docking.planar import between, upright_axes
+from visual_servo_epipolar.core.docking.path_factors import PathFactors
+from visual_servo_epipolar.core.docking.planar import between
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings
-from visual_servo_epipolar.core.docking.unknowns import Problem
 from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.memory.adjustment.window import EMPTY, Window
+from visual_servo_epipolar.core.memory.sightings import Sightings
 from visual_servo_epipolar.core.perception.observation import Observation, observe
 from visual_servo_epipolar.core.tracking.features import Features
 
@@ -25,8 +27,8 @@ class Sighting:
     """
     One view of the photograph: rays of features by ``ids``, (N,), where the base was, bearings.
 
-    ``rays``, (N, 3), and those of the ``photograph`` have axes forward, left, up; ``resolution``,
-    (N, 2), are the angles of a pixel there [rad].
+    ``rays``, (N, 3), and those of the ``photograph`` have axes right, down, forward;
+    ``resolution``, (N, 2), are the angles of a pixel there [rad].
     """
 
     place: Place
@@ -50,8 +52,8 @@ class Sighting:
         return cls(
             place,
             ids,
-            upright_axes(observation.current),
-            upright_axes(observation.desired),
+            observation.current,
+            observation.desired,
             observation.resolution,
             bearings,
             parallax,
@@ -99,41 +101,32 @@ def _gap(first: Sighting, last: Sighting) -> float:
     return last.place.way - first.place.way + 0.5 * (last.place.turn - first.place.turn)
 
 
-def problem_of(views: Sequence[Sighting], noise_px: float, settings: DockPoseSettings) -> Problem:
-    """Return what ``views``, in order of time, and the path between them measure."""
-    ids, photograph, resolution = _features(views)
-    rays = np.zeros((len(ids), len(views), 3))
-    rays[..., 0] = 1.0
-    seen, noise = np.zeros(rays.shape[:2], bool), np.ones(rays.shape[:2])
-    for k, view in enumerate(views):
-        _, rows, columns = np.intersect1d(ids, view.ids, return_indices=True)
-        rays[rows, k], seen[rows, k] = view.rays[columns], True
-        noise[rows, k] = noise_px * view.resolution[columns, 0]
-    prior, deviations = settings.shared
+def window_of(views: Sequence[Sighting], noise_px: float) -> Window:
+    """Return what ``views``, in order of time, show of the features that are seen most often."""
+    window = EMPTY
+    for view in views:
+        noise = noise_px * view.resolution
+        seen = Sightings.owning(view.ids, view.rays, view.photograph, noise)
+        window = window.with_view(seen, view.place.pose[:2])
+    often = np.argsort(-window.seen.sum(0), kind='stable')[:MOST_FEATURES]
+    return window.of_features(np.isin(np.arange(len(window.ids)), often))
+
+
+def factors_along(views: Sequence[Sighting], settings: DockPoseSettings) -> PathFactors:
+    """Return what the path between ``views``, and the settings, tell beside the images."""
     pairs = list(zip(views[:-1], views[1:], strict=True))
-    return Problem(
-        rays,
-        seen,
-        noise,
-        photograph,
-        noise_px * resolution,
-        np.array([between(a.place.pose, b.place.pose) for a, b in pairs]).reshape(-1, 3),
-        np.array([_root(a.place, b.place, settings) for a, b in pairs]).reshape(-1, 3, 3),
-        prior,
-        deviations,
-        max(math.sqrt(2.0) * settings.floor_jitter, 1e-5),
+    motions = [between(a.place.pose, b.place.pose) for a, b in pairs]
+    weights = [_root(a.place, b.place, settings) for a, b in pairs]
+    return PathFactors(
+        settings.mount,
+        len(views),
+        way=0.0,
+        scale_deviation=math.inf,
+        motions=np.array(motions).reshape(-1, 3),
+        weights=np.array(weights).reshape(-1, 3, 3),
+        prior=np.append(settings.camera_place, 0.0),
+        deviations=settings.path_deviations,
     )
-
-
-def _features(views: Sequence[Sighting]) -> tuple[IntArray, FloatArray, FloatArray]:
-    """Return ids, rays of the photograph and their resolution, of those seen most often."""
-    every = np.concatenate([view.ids for view in views])
-    ids, first, counts = np.unique(every, return_index=True, return_counts=True)
-    often = np.sort(np.argsort(-counts, kind='stable')[:MOST_FEATURES])
-    first = first[often]
-    rays = np.concatenate([view.photograph for view in views])[first]
-    resolution = np.concatenate([view.resolution[:, 1] for view in views])[first]
-    return ids[often], rays, resolution
 
 
 def _root(before: Place, after: Place, settings: DockPoseSettings) -> FloatArray:

@@ -99,7 +99,12 @@ def is_rival(best: Geometry, other: Geometry) -> bool:
 
 
 def _narrowed(at: Evaluation) -> Geometry:
-    """Return the geometry refined while outliers are told ever more strictly."""
+    at, damping = narrowed(at)
+    return refined(oriented(at), MORE_STEPS, damping)
+
+
+def narrowed(at: Evaluation) -> tuple[Evaluation, float]:
+    """Return the geometry refined while outliers are told ever more strictly, and its damping."""
     damping = COLD_DAMPING
     for _ in range(ROUNDS):
         seen = at.window.seen
@@ -108,7 +113,7 @@ def _narrowed(at: Evaluation) -> Geometry:
             break
         wide = refined(replace(at, widening=widening), STEPS, damping)
         at, damping = replace(wide.evaluation, trusted=at.trusted), wide.damping
-    return refined(oriented(replace(at, widening=1.0)), MORE_STEPS, damping)
+    return replace(at, widening=1.0), damping
 
 
 def oriented(at: Evaluation) -> Evaluation:
@@ -183,7 +188,7 @@ def _resected_views(window: Window, start: Start, starts: Sequence[Start]) -> Un
     views[:, 2], views[:, 3:] = heading, attitude
     views[start.view, :2] = np.cos(psi), np.sin(psi)
     count = len(window.ids)
-    unknowns = Unknowns(views, _shared(attitude), np.zeros((2, count)), np.ones(count))
+    unknowns = Unknowns(views, shared_at(attitude), np.zeros((2, count)), np.ones(count))
     near = triangulated(window, unknowns, np.arange(len(window)) == start.view)
     unknowns = Unknowns(views, unknowns.shared, unknowns.offsets, near)
     structure = structure_of(window.photograph, window.tangents, unknowns)
@@ -205,7 +210,7 @@ def _resected_views(window: Window, start: Start, starts: Sequence[Start]) -> Un
     return Unknowns(views, unknowns.shared, unknowns.offsets, every)
 
 
-def _shared(attitude: FloatArray) -> FloatArray:
+def shared_at(attitude: FloatArray) -> FloatArray:
     """Return the shared unknowns of a camera at an attitude, (2,), on an even floor."""
     shared = np.zeros(SHARED)
     shared[PHOTOGRAPH] = shared[MOUNT] = attitude

@@ -17,7 +17,6 @@ from visual_servo_epipolar.core.memory.adjustment.projection import (
 )
 from visual_servo_epipolar.core.memory.adjustment.window import (
     MOUNT,
-    SHARED,
     Unknowns,
     VIEW,
     Window,
@@ -85,7 +84,7 @@ class Evaluation:
 
 class System(NamedTuple):
     """
-    Normal equations of views and shared unknowns, D = 5 K + 5, and what features follow by.
+    Normal equations of D views' and shared unknowns, and what features follow by.
 
     ``roots``, (N, 3, 3), times their transposes are the inverted blocks of features, ``coupled``,
     (N, 3, D), the transposed roots times their coupling, ``gradient``, (N, 3), likewise.
@@ -105,7 +104,7 @@ class System(NamedTuple):
 
 def system_of(at: Evaluation) -> System:
     """Return the normal equations; features that are not trusted follow views, not lead them."""
-    window, size = at.window, VIEW * len(at.window) + SHARED
+    window, size = at.window, at.unknowns.views.size + len(at.unknowns.shared)
     root = np.sqrt(at.weight)
     found = projection.slopes(at.structure, at.unknowns.views, window.sides, at.projection)
     found *= root[:, None, None]
@@ -143,7 +142,8 @@ def _eliminated(at: Evaluation, products: FloatArray, size: int) -> tuple[FloatA
     by_view = coupling[..., : VIEW * views].reshape(count, 3, views, VIEW)
     by_view[...] = products[:, :, BY_VIEW].transpose(3, 1, 0, 2)
     coupling[..., : VIEW * views] = by_view.reshape(count, 3, -1)
-    coupling[..., VIEW * views : -2] = products[:, :, BY_SHARED].sum(0).transpose(2, 0, 1)
+    both = slice(VIEW * views, VIEW * views + MOUNT.start)
+    coupling[..., both] = products[:, :, BY_SHARED].sum(0).transpose(2, 0, 1)
     return roots, np.asarray(roots.swapaxes(1, 2) @ coupling)
 
 

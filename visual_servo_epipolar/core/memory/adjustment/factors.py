@@ -35,8 +35,8 @@ class Factors:
     ``mount`` is the belief of the camera's attitude: that of each view, and of the photograph,
     differs from it by what the floor does (``mount.jitter``). The scale is one number: the ``way``
     from keyframe to keyframe as it was told [m] against that of the geometry, to
-    ``scale_deviation``. Images tell nothing of it, so it tells nothing but itself. The logarithm
-    of the focal length is known to ``lens_deviation``.
+    ``scale_deviation``, infinite where something else tells it. Images tell nothing of it, so it
+    tells nothing but itself. The logarithm of the focal length is known to ``lens_deviation``.
     """
 
     mount: Attitude
@@ -93,7 +93,8 @@ class Factors:
     def ratio(self, unknowns: Unknowns) -> float:
         """Return how many times as large the geometry is by the way that was told."""
         residual, _, whole = self._scale(unknowns)
-        return math.exp(-residual * self.scale_deviation) if whole > LEAST_WAY else 1.0
+        told = whole > LEAST_WAY and math.isfinite(self.scale_deviation)
+        return math.exp(-residual * self.scale_deviation) if told else 1.0
 
     def cost(self, unknowns: Unknowns) -> float:
         """Return the sum of squares, in deviations."""

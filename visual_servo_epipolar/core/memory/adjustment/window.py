@@ -158,8 +158,8 @@ class Unknowns:
     ``views``, (K, 5): x (right) and y (ahead) of the camera in the plane of the photograph's [m],
     heading error (left positive), tilt and roll [rad]; ``shared``, (5,): tilt and roll of the
     photograph, the logarithm of the focal length over the one that was told, tilt and roll of the
-    camera where the floor is even; ``offsets``, (2, N), of the photograph's
-    rays in deviations; ``nearness``, (N,), inverse depths along them [1/m].
+    camera where the floor is even, then what factors add; ``offsets``, (2, N), of the
+    photograph's rays in deviations; ``nearness``, (N,), inverse depths along them [1/m].
     """
 
     views: FloatArray
@@ -168,10 +168,11 @@ class Unknowns:
     nearness: FloatArray
 
     def moved(self, step: FloatArray, features: FloatArray) -> 'Unknowns':
-        """Return the unknowns after a ``step``, (5 K + 5,), and that of ``features``, (3, N)."""
+        """Return the unknowns after a ``step``, (D,), and that of ``features``, (3, N)."""
+        size = self.views.size
         return Unknowns(
-            self.views + step[:-SHARED].reshape(-1, VIEW),
-            self.shared + step[-SHARED:],
+            self.views + step[:size].reshape(-1, VIEW),
+            self.shared + step[size:],
             self.offsets + features[:2],
             self.nearness + features[2],
         )
