@@ -131,6 +131,12 @@ def test_without_nav2_msgs_the_action_is_missed_in_one_line(bench, monkeypatch) 
     bench.until(lambda: bench.logged(NO_NAV2), 'what is missing')
 
 
+def test_who_serves_the_action_says_that_it_does_not_undock(bench) -> None:
+    wire = pytest.importorskip('fibonacci_wire', exc_type=ImportError)
+    bench.start(lambda **options: DockNode(wire.FibonacciWire(), **options), serve_action=True)
+    bench.until(lambda: bench.logged('undock_robot is not'), 'what is not served')
+
+
 def test_without_serve_action_nothing_is_said_of_nav2(bench, monkeypatch) -> None:
     monkeypatch.setattr(docking, 'dock_robot_wire', lambda: None)
     bench.start(DockNode)
