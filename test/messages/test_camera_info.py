@@ -59,6 +59,65 @@ def test_no_binning_may_be_0_or_1_and_no_region_may_be_all_or_nothing() -> None:
     assert read.camera(message) == FULL
 
 
+SKEWED = [
+    Camera(1280, 960, 800.0, 810.0, 641.0, 475.0, skew=4.0),
+    Camera(1280, 960, 800.0, 810.0, 641.0, 475.0, (-0.2, 0.05, 1e-3, -1e-3, 0.0), skew=-6.0),
+    Equidistant(1280, 960, 400.0, 410.0, 641.0, 475.0, (0.01, -0.002, 3e-4, -1e-4), skew=4.0),
+]
+
+
+@pytest.mark.parametrize('full', SKEWED)
+@pytest.mark.parametrize('binning', [(1, 1), (2, 2), (2, 4), (3, 1)])
+def test_skew_is_cut_and_binned_as_the_image_is(full, binning) -> None:
+    message = info(full)
+    assert read.camera(message) == full
+    crop(message, 300, 200, 640, 480)
+    message.binning_x, message.binning_y = binning
+    expected = (full.pixels(SEEN) - [300.0, 200.0] + 0.5) / binning - 0.5
+    np.testing.assert_allclose(read.camera(message).pixels(SEEN), expected, atol=1e-9)
+
+
+def test_a_tiny_skew_of_an_optimiser_is_no_reason_to_refuse() -> None:
+    message = info()
+    message.k[1] = 1e-13
+    np.testing.assert_allclose(read.camera(message).pixels(SEEN), FULL.pixels(SEEN), atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ('binning', 'region'), [(2, None), (4, None), (0, (320, 240, 640, 480)), (2, (0, 0, 640, 480))]
+)
+def test_k_of_the_image_that_is_sent_is_not_taken_for_that_of_the_full_one(
+    binning, region
+) -> None:
+    message = info()
+    message.binning_x = message.binning_y = binning
+    if region is not None:
+        crop(message, *region)
+    sent = read.camera(message)
+    if region == (0, 0, 640, 480):
+        assert (sent.cx + 0.5, sent.width) == (320.75, 320)  # off its middle: the region says why
+    message.k = (np.array(message.k) / max(binning, 2)).tolist()
+    message.k[8] = 1.0
+    with pytest.raises(ValueError, match='K fits an image of .* before region and binning'):
+        read.camera(message)
+    assert read.camera(message, cropped=True).width == sent.width
+
+
+def test_p_by_columns_is_named_where_it_holds() -> None:
+    message = info()
+    message.p = np.array(message.p).reshape(3, 4).T.ravel()
+    assert read.camera(message) == FULL
+    with pytest.raises(ValueError, match='P is transposed'):
+        read.camera(message, rectified=True)
+
+
+def test_a_common_factor_of_p_is_divided_out() -> None:
+    message = info()
+    message.p = 2.0 * np.array([700.0, 1.0, 600.0, -42.0, 0.0, 705.0, 470.0, 0.0, 0.0, 0, 1, 0])
+    rectified = Camera(1280, 960, 700.0, 705.0, 600.0, 470.0, skew=1.0)
+    assert read.camera(message, rectified=True) == rectified
+
+
 def test_a_region_beyond_the_image_is_refused() -> None:
     message = info()
     crop(message, 1000, 100, 640, 480)

@@ -64,8 +64,10 @@ def test_an_empty_image_is_refused(side) -> None:
         (0, -400.0, 'focal lengths must be positive'),
         (0, NAN, 'intrinsics must be finite'),
         (2, float('inf'), 'intrinsics must be finite'),
-        (1, 0.5, 'no skew, got K\\[1\\] = 0.5'),
-        (1, NAN, 'no skew'),
+        (1, 200.0, 'the skew must be small, got K\\[1\\] = 200 px'),
+        *((index, NAN, 'intrinsics must be finite') for index in range(9)),
+        *((index, 0.5, r'the rows of K must be \(fx, s, cx\)') for index in (3, 6, 7)),
+        (8, 0.0, r'the rows of K must be \(fx, s, cx\)'),
     ],
 )
 def test_a_matrix_that_no_camera_has_is_refused(index, value, reason) -> None:

@@ -5,6 +5,7 @@ Every function raises ValueError for a message that cannot be used.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 import math
 from typing import Any
 
@@ -14,6 +15,8 @@ from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.geometry.cameras.calibrated import (
     calibrated_camera,
     CalibratedCamera,
+    checked_matrix,
+    scaled,
 )
 from visual_servo_epipolar.core.geometry.cameras.plausibility import refuse_implausible
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist, yaw_from_quaternion
@@ -42,28 +45,32 @@ def gray(message: Any, reader: GrayReader | None = None) -> Image:
     return reader.compressed(message) if hasattr(message, 'format') else reader.raw(message)
 
 
-def camera(message: Any, *, rectified: bool = False) -> CalibratedCamera:
+def camera(message: Any, *, rectified: bool = False, cropped: bool = False) -> CalibratedCamera:
     """
     Return the camera of a sensor_msgs/CameraInfo, of ROS 1 as well, where K is a capital.
 
     K and P are those of the full image: the region of interest shifts them, then binning scales
-    them (REP 104). With ``rectified`` images P holds, and the distortion does not apply.
+    them (REP 104). With ``rectified`` images P holds, and the distortion does not apply. Images
+    that are ``cropped`` without a region of interest have their principal point anywhere.
     """
     matrix, distortion, projection = _calibration(message)
     lens = tuple(float(value) for value in distortion), str(message.distortion_model)
-    k = tuple(float(value) for value in matrix)
+    k = [float(value) for value in matrix]
     if rectified:
-        p = [float(value) for value in projection]
-        if p[0] == 0.0:
+        if projection[0] == 0.0:
             raise ValueError(
                 'P of camera_info must hold where images are rectified, got P[0] = 0; '
                 'calibrate the camera, or set rectified: false for raw images'
             )
-        k, lens = (*p[0:3], *p[4:7], *p[8:11]), ((), 'plumb_bob')
-    size, k = _in_the_image(message, k)
-    camera = calibrated_camera(size, k, *lens)
-    refuse_implausible(camera)
-    return camera
+        k, lens = checked_matrix(projection, 'P').ravel().tolist(), ((), 'plumb_bob')
+    full = calibrated_camera((int(message.width), int(message.height)), k, *lens)
+    try:
+        refuse_implausible(full, cropped=cropped)
+    except ValueError as error:
+        if _is_whole(message):
+            raise
+        raise ValueError(f'{error}; K is of the image before region and binning') from None
+    return full if _is_whole(message) else _in_the_image(message, full)
 
 
 def _calibration(message: Any) -> tuple[Any, Any, Any]:
@@ -72,24 +79,27 @@ def _calibration(message: Any) -> tuple[Any, Any, Any]:
     return message.K, message.D, message.P
 
 
-def _in_the_image(message: Any, k: tuple[float, ...]) -> tuple[tuple[int, int], tuple[float, ...]]:
-    """Return the size of the image that is sent, and K there, of ``k`` in the full image."""
-    full_width, full_height, roi = int(message.width), int(message.height), message.roi
+def _is_whole(message: Any) -> bool:
+    """Return whether the image is sent as it was taken, neither cut nor binned."""
+    roi = message.roi
+    steps = roi.x_offset, roi.y_offset, message.binning_x // 2, message.binning_y // 2
+    return not any(steps) and {roi.width, roi.height} <= {0}
+
+
+def _in_the_image(message: Any, camera: CalibratedCamera) -> CalibratedCamera:
+    """Return the camera of the image that is sent, of that of the full image."""
+    roi = message.roi
     left, top = int(roi.x_offset), int(roi.y_offset)
-    width = int(roi.width) or full_width - left
-    height = int(roi.height) or full_height - top
-    if left + width > full_width or top + height > full_height:
+    width = int(roi.width) or camera.width - left
+    height = int(roi.height) or camera.height - top
+    if left + width > camera.width or top + height > camera.height:
         raise ValueError(
-            f'the region of interest must lie in the image of {full_width}x{full_height} px, got '
-            f'{width}x{height} px at {left}, {top}; it counts pixels before binning'
+            f'the region of interest must lie in the image of {camera.width}x{camera.height} px, '
+            f'got {width}x{height} px at {left}, {top}; it counts pixels before binning'
         )
+    cut = replace(camera, width=width, height=height, cx=camera.cx - left, cy=camera.cy - top)
     u, v = max(int(message.binning_x), 1), max(int(message.binning_y), 1)
-    # A binned pixel is centred in its block: integers are pixel centres.
-    centre = (k[2] - left + 0.5) / u - 0.5, (k[5] - top + 0.5) / v - 0.5
-    size = (width // u, height // v)
-    if not any((left, top)) and u == v == 1:
-        return size, k
-    return size, (k[0] / u, k[1], centre[0], k[3], k[4] / v, centre[1], *k[6:])
+    return cut if u == v == 1 else scaled(cut, (width // u, height // v), 1.0 / u, 1.0 / v)
 
 
 def twist(message: Any) -> Twist:

@@ -11,7 +11,7 @@ from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.errors import TrackingError
-from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera, FISHEYES
+from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera, lens_name
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
@@ -144,7 +144,7 @@ class TrackerNode(ManagedNode):
     def _look_at(self, info: CameraInfo) -> None:
         """Say if the name of the images tells that they are rectified, and nothing else does."""
         topic = self.resolve_topic_name('image_raw')
-        distorts = any(info.d) or info.distortion_model in FISHEYES
+        distorts = any(info.d) or lens_name(info.distortion_model) == 'equidistant'
         if RECTIFIED in topic and distorts and not self._node_settings.rectified:
             self._warn(
                 f'{topic} sounds rectified, but rectified is false: the distortion of camera_info '

@@ -1,5 +1,6 @@
 """The pinhole with distortion: projection and back-projection are inverse, a bad K is refused."""
 
+from dataclasses import replace
 from typing import Any
 
 from hypothesis import given
@@ -32,6 +33,11 @@ CAMERAS = {
         distortion_model='rational_polynomial',
     ),
 }
+CAMERAS |= {
+    f'{name}, skewed': replace(camera, skew=skew)
+    for name, camera in CAMERAS.items()
+    for skew in (4.0, -37.0)
+}
 
 
 @pytest.mark.parametrize('name', CAMERAS)
@@ -61,6 +67,16 @@ def test_projection_is_equation_2_without_distortion() -> None:
     camera = CAMERAS['pinhole']
     u, v, _ = camera.matrix @ [0.3, -0.2, 1.0]
     np.testing.assert_allclose(camera.pixels_of(np.array([[0.3, -0.2]])), [[u, v]], rtol=1e-15)
+
+
+@pytest.mark.parametrize('name', CAMERAS)
+@given(point=st.tuples(floats(-0.8, 0.8), floats(-0.6, 0.6)))
+def test_k_is_applied_whole_after_the_distortion(name: str, point: tuple[float, float]) -> None:
+    camera = CAMERAS[name]
+    plain = replace(camera, width=2, height=2, fx=1.0, fy=1.0, cx=0.0, cy=0.0, skew=0.0)
+    distorted = plain.pixels_of(np.array([point]))[0]
+    u, v, _ = camera.matrix @ [*distorted, 1.0]
+    np.testing.assert_allclose(camera.pixels_of(np.array([point])), [[u, v]], atol=1e-9)
 
 
 def test_barrel_distortion_draws_points_to_the_centre() -> None:

@@ -1,13 +1,12 @@
 """Camera files as camera_calibration writes them, and photographs, from disk."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import yaml
 
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
+from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera, scaled
 from visual_servo_epipolar.messages.camera_file import from_document
 from visual_servo_epipolar.nodes.tracking.photograph import read_picture
 
@@ -55,13 +54,4 @@ def scaled_to(camera: CalibratedCamera, image: Image, path: Path) -> CalibratedC
             f'{path}: image has {width}x{height} px, the camera {camera.width}x{camera.height}, '
             'another aspect ratio; do not crop, and use the calibration of this camera'
         )
-    # Pixel centres are integers: the left border of the image lies at -0.5.
-    return replace(
-        camera,
-        width=width,
-        height=height,
-        fx=camera.fx * scale_u,
-        fy=camera.fy * scale_v,
-        cx=(camera.cx + 0.5) * scale_u - 0.5,
-        cy=(camera.cy + 0.5) * scale_v - 0.5,
-    )
+    return scaled(camera, (width, height), scale_u, scale_v)

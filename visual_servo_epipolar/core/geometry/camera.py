@@ -8,7 +8,12 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray
-from visual_servo_epipolar.core.geometry.cameras.model import refuse_impossible, ROUND_TRIP_PX
+from visual_servo_epipolar.core.geometry.cameras.model import (
+    intrinsic_matrix,
+    refuse_impossible,
+    ROUND_TRIP_PX,
+    sheared,
+)
 from visual_servo_epipolar.core.geometry.rays import image_points, unit_rays
 
 LEAST_FORWARD = 0.2  # z of a ray: no pinhole sees farther off its axis than 78 deg
@@ -28,7 +33,7 @@ class Camera:
     """
     Intrinsics of a camera: image size [px], focal lengths and principal point [px], distortion.
 
-    Pixel coordinates (u, v) are OpenCV's: u right, v down, integers at pixel centres. Camera axes:
+    ``skew`` s [px] is K[1]: u = fx x + s y + cx, after the distortion. Pixel coordinates (u, v) are OpenCV's: u right, v down, integers at pixel centres. Camera axes:
     x right, y down, z forward. ``rays`` and ``pixels`` speak of directions, unit vectors
     (x, y, z), as those of every ``CameraModel`` do. ``matrix``, ``image_points`` and ``pixels_of``
     speak of image-plane points (x/z, y/z), which only a pinhole has.
@@ -42,9 +47,10 @@ class Camera:
     cy: float
     distortion: tuple[float, ...] = ()
     distortion_model: str = 'plumb_bob'
+    skew: float = 0.0
 
     def __post_init__(self) -> None:
-        others = (self.cx, self.cy, *self.distortion)
+        others = (self.cx, self.cy, self.skew, *self.distortion)
         refuse_impossible((self.width, self.height), (self.fx, self.fy), others)
         allowed = DISTORTION_MODELS.get(self.distortion_model)
         if allowed is None or len(self.distortion) not in allowed:
@@ -57,7 +63,7 @@ class Camera:
     @property
     def matrix(self) -> FloatArray:
         """Intrinsic matrix K, shape (3, 3) (eq. 2)."""
-        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+        return intrinsic_matrix(self)
 
     @property
     def focal(self) -> float:
@@ -94,7 +100,7 @@ class Camera:
             If ``pixels`` has another shape or holds NaN.
 
         """
-        points = as_points(pixels, 'pixels')
+        points = sheared(self, as_points(pixels, 'pixels'), -self.skew)
         if self.distorts and len(points):
             return _undistort(points, self.matrix, np.array(self.distortion))
         return np.asarray((points - [self.cx, self.cy]) / [self.fx, self.fy])
@@ -107,8 +113,10 @@ class Camera:
             projected, _ = cv2.projectPoints(
                 vectors, np.zeros(3), np.zeros(3), self.matrix, np.array(self.distortion)
             )
-            return np.asarray(projected, dtype=np.float64).reshape(-1, 2)
-        return points * [self.fx, self.fy] + [self.cx, self.cy]
+            pixels = np.asarray(projected, dtype=np.float64).reshape(-1, 2)
+        else:
+            pixels = points * [self.fx, self.fy] + [self.cx, self.cy]
+        return sheared(self, pixels, self.skew)  # which OpenCV's functions leave out
 
     def rays(self, pixels: FloatArray) -> FloatArray:
         """Return the directions, unit vectors of shape (N, 3), that ``pixels``, (N, 2), show."""

@@ -1,5 +1,6 @@
 """The image of a scene through a camera, sub-pixel exact, and the truth behind each pixel."""
 
+from dataclasses import replace
 from typing import TypeAlias
 
 import cv2
@@ -128,7 +129,7 @@ class _Canvas:
 
 def _canvas_of(camera: Camera) -> tuple[tuple[int, int], FloatArray, tuple[Map, Map] | None]:
     """Return size and intrinsics of the pinhole image to draw, and the maps to distort it."""
-    if not camera.distorts:
+    if not (camera.distorts or camera.skew):
         return (camera.width, camera.height), camera.matrix, None
     u, v = np.meshgrid(np.arange(float(camera.width)), np.arange(float(camera.height)))
     rays = camera.image_points(np.stack([u.ravel(), v.ravel()], axis=1))
@@ -137,7 +138,7 @@ def _canvas_of(camera: Camera) -> tuple[tuple[int, int], FloatArray, tuple[Map, 
     ideal = np.clip(rays, -MAX_RAY, MAX_RAY) * [camera.fx, camera.fy] + [camera.cx, camera.cy]
     shift = 4.0 - np.floor(ideal.min(axis=0))  # the sampling reaches four pixels out
     width, height = (np.ceil(ideal.max(axis=0)) + shift + 5.0).astype(int).tolist()
-    intrinsics = camera.matrix
+    intrinsics = replace(camera, skew=0.0).matrix
     intrinsics[:2, 2] += shift
     maps = (ideal + shift).astype(np.float32).reshape(camera.height, camera.width, 2)
     return (width, height), intrinsics, (maps[..., 0].copy(), maps[..., 1].copy())

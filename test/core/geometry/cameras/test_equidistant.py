@@ -1,5 +1,6 @@
 """The fisheye lens: round trips over all that it sees, behind the camera as well."""
 
+from dataclasses import replace
 import math
 
 import cv2
@@ -21,6 +22,9 @@ LENSES = {
     'that folds': Equidistant(
         1280, 1024, 480.0, 480.0, **CENTRE, distortion=(-0.1, 0.0, 0.0, 0.0)
     ),
+}
+LENSES |= {
+    f'{name}, skewed': replace(lens, skew=-20.0) for name, lens in LENSES.items()
 }
 WIDE = Equidistant(1280, 1024, 1280.0 / math.radians(185.0), 396.0, 639.5, 511.5)
 NUMBERS = st.floats(0.0, 1.0)
@@ -54,7 +58,10 @@ def test_a_pixel_comes_back_or_has_no_ray(name: str, u: float, v: float) -> None
         np.testing.assert_allclose(camera.pixels(rays), pixel, atol=1e-8)
 
 
-@pytest.mark.parametrize('name', ('ideal, 180 deg', 'of a calibration'))
+OPENCV = ('ideal, 180 deg', 'of a calibration', 'of a calibration, skewed')
+
+
+@pytest.mark.parametrize('name', OPENCV)
 @given(theta=floats(0.0, math.radians(85.0)), turn=floats(-math.pi, math.pi))
 def test_it_is_the_lens_of_opencv_where_that_is_right(
     name: str, theta: float, turn: float
@@ -62,7 +69,12 @@ def test_it_is_the_lens_of_opencv_where_that_is_right(
     camera, seen = LENSES[name], ray(theta, turn)
     coefficients = np.array(camera.distortion or (0.0,) * 4)
     theirs, _ = cv2.fisheye.projectPoints(
-        seen.reshape(1, 1, 3), np.zeros(3), np.zeros(3), camera.matrix, coefficients
+        seen.reshape(1, 1, 3),
+        np.zeros(3),
+        np.zeros(3),
+        camera.matrix,
+        coefficients,
+        alpha=camera.skew / camera.fx,
     )
     np.testing.assert_allclose(camera.pixels(seen), theirs.reshape(1, 2), atol=1e-6)
 

@@ -1,11 +1,14 @@
 """Intrinsics held against reason: slips are refused in a line, doubtful lenses are said."""
 
+from dataclasses import replace
 import math
 
+from hypothesis import given
 import pytest
+from strategies import floats
 
 from visual_servo_epipolar.core.geometry.camera import Camera
-from visual_servo_epipolar.core.geometry.cameras.calibrated import calibrated_camera
+from visual_servo_epipolar.core.geometry.cameras.calibrated import calibrated_camera, scaled
 from visual_servo_epipolar.core.geometry.cameras.equidistant import Equidistant
 from visual_servo_epipolar.core.geometry.cameras.plausibility import doubts, refuse_implausible
 
@@ -13,6 +16,7 @@ USUAL = {'width': 640, 'height': 480, 'fx': 400.0, 'fy': 400.0, 'cx': 320.0, 'cy
 CAMERAS = (
     Camera(**USUAL),
     Camera(**{**USUAL, 'fy': 800.0}),  # of pixels binned in pairs
+    Camera(**USUAL, skew=4.0),
     Camera(**USUAL, distortion=(-0.3, 0.1, 0.0, 0.0, 0.0)),
     Equidistant(640, 480, 640.0 / math.radians(190.0), 193.0, 320.0, 240.0),
 )
@@ -44,6 +48,61 @@ def test_what_no_camera_is_is_refused(
 ) -> None:
     with pytest.raises(ValueError, match=message):
         refuse_implausible(kind(**(USUAL | change)))
+
+
+@pytest.mark.parametrize('camera', CAMERAS)
+@pytest.mark.parametrize(
+    ('scale', 'other'),
+    [
+        (0.25, '160x120'),
+        (1 / 3, '213x160'),
+        (0.5, '320x240'),
+        (0.75, '480x360'),
+        (1.25, '800x600'),
+        (2.0, '1280x960'),
+        (3.0, '1920x1440'),
+        (4.0, '2560x1920'),
+    ],
+)
+def test_k_of_another_resolution_names_it(
+    camera: Camera | Equidistant, scale: float, other: str
+) -> None:
+    wrong = replace(camera, cx=scale * (camera.cx + 7.0), cy=scale * (camera.cy - 5.0))
+    with pytest.raises(ValueError, match=f'must lie .*: K fits an image of {other} px; '):
+        refuse_implausible(wrong)
+
+
+@pytest.mark.parametrize('camera', CAMERAS)
+@given(scale=floats(0.2, 5.0))
+def test_no_scale_of_k_is_believed(camera: Camera | Equidistant, scale: float) -> None:
+    wrong = scaled(camera, (640, 480), scale, scale)
+    if 0.9 < scale < 1.1:
+        refuse_implausible(wrong)  # this is near enough to be a lens off its centre
+    elif not 0.84 < scale < 1.16:
+        with pytest.raises(ValueError):
+            refuse_implausible(wrong)
+
+
+@pytest.mark.parametrize('camera', CAMERAS)
+@given(u=floats(0.31, 0.69), v=floats(0.31, 0.69))
+def test_a_principal_point_may_be_anywhere_in_the_middle(
+    camera: Camera | Equidistant, u: float, v: float
+) -> None:
+    off_centre = replace(camera, cx=u * 640.0, cy=v * 480.0)
+    if abs(u - v) > 0.06 * (u + v) / 2 + 0.002:  # not in proportion
+        refuse_implausible(off_centre)
+
+
+@pytest.mark.parametrize('camera', CAMERAS)
+@given(u=floats(-0.5, 1.5), v=floats(-0.5, 1.5))
+def test_the_principal_point_of_a_crop_may_be_anywhere(
+    camera: Camera | Equidistant, u: float, v: float
+) -> None:
+    off_centre = replace(camera, fx=300.0, fy=300.0, cx=u * 640.0, cy=v * 480.0)
+    refuse_implausible(off_centre, cropped=True)
+    if not (0.29 < u < 0.71 and 0.29 < v < 0.71):
+        with pytest.raises(ValueError, match='or say that the image is a crop'):
+            refuse_implausible(off_centre)
 
 
 def test_a_distortion_that_folds_within_the_image_is_said() -> None:

@@ -7,8 +7,14 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray, packed
-from visual_servo_epipolar.core.geometry.cameras.model import refuse_impossible, ROUND_TRIP_PX
+from visual_servo_epipolar.core.geometry.cameras.model import (
+    intrinsic_matrix,
+    refuse_impossible,
+    ROUND_TRIP_PX,
+    sheared,
+)
 
+COEFFICIENTS = (0, 4)
 WIDEST = math.radians(170.0)  # from the axis: no lens sees farther, and directions end at 180
 WIDE = math.radians(55.0)  # off the axis: the corners of usual pinholes are nearer to it
 LEAST_SLOPE = 0.02  # of the radius by the angle: where it is less, a pixel tells no direction
@@ -20,7 +26,7 @@ TOLERANCE = 1e-14  # of the angle [rad]
 @dataclass(frozen=True, slots=True)
 class Equidistant:
     """
-    Intrinsics of a fisheye lens: image size [px], focal lengths and principal point [px].
+    Intrinsics of a fisheye lens: image size [px], focal lengths and principal point [px], skew.
 
     A ray at theta from the axis is imaged at theta_d = theta (1 + k1 theta^2 + ... + k4 theta^8)
     from the principal point, in focal lengths; ``distortion`` is k1 to k4, or nothing for zeros.
@@ -36,11 +42,12 @@ class Equidistant:
     cy: float
     distortion: tuple[float, ...] = ()
     distortion_model: str = 'equidistant'
+    skew: float = 0.0
 
     def __post_init__(self) -> None:
-        others = (self.cx, self.cy, *self.distortion)
+        others = (self.cx, self.cy, self.skew, *self.distortion)
         refuse_impossible((self.width, self.height), (self.fx, self.fy), others)
-        if len(self.distortion) not in (0, 4):
+        if len(self.distortion) not in COEFFICIENTS:
             raise ValueError(
                 f'an equidistant lens must have 4 coefficients, got {len(self.distortion)}; '
                 'calibrate it as a fisheye'
@@ -49,7 +56,7 @@ class Equidistant:
     @property
     def matrix(self) -> FloatArray:
         """Scale and centre of the image as K of CameraInfo has them, (3, 3): no pinhole's."""
-        return np.array([[self.fx, 0.0, self.cx], [0.0, self.fy, self.cy], [0.0, 0.0, 1.0]])
+        return intrinsic_matrix(self)
 
     @property
     def focal(self) -> float:
@@ -78,7 +85,8 @@ class Equidistant:
 
     def rays(self, pixels: FloatArray) -> FloatArray:
         """Return unit rays, (N, 3), of ``pixels``, (N, 2), nan beyond ``reach``."""
-        points = (as_points(pixels, 'pixels') - [self.cx, self.cy]) / [self.fx, self.fy]
+        straight = sheared(self, as_points(pixels, 'pixels'), -self.skew)
+        points = (straight - [self.cx, self.cy]) / [self.fx, self.fy]
         radius = np.hypot(points[:, 0], points[:, 1])
         theta = _angle(radius, self.distortion)
         across = np.divide(np.sin(theta), radius, out=np.ones(len(radius)), where=radius > 0.0)
@@ -90,7 +98,8 @@ class Equidistant:
         theta = np.arctan2(aside, packed(rays[:, 2]))
         radius = np.where(theta <= self.reach, _radius(theta, self.distortion), np.nan)
         scale = np.divide(radius, aside, out=np.where(theta == 0.0, 1.0, np.nan), where=aside > 0)
-        return np.asarray(rays[:, :2] * scale[:, None] * [self.fx, self.fy] + [self.cx, self.cy])
+        pixels = rays[:, :2] * scale[:, None] * [self.fx, self.fy] + [self.cx, self.cy]
+        return sheared(self, np.asarray(pixels), self.skew)
 
     def round_trips(self, pixels: FloatArray, rays: FloatArray) -> BoolArray:
         """Return which ``pixels``, shape (N, 2), come back from their ``rays``, (N, 3): (N,)."""
@@ -162,9 +171,13 @@ def _angle(radius: FloatArray, distortion: tuple[float, ...]) -> FloatArray:
 @lru_cache(maxsize=16)
 def _corner(camera: Equidistant) -> float:
     """Return the angle from the axis of the farthest corner, at most the reach [rad]."""
-    x = max(camera.cx, camera.width - 1.0 - camera.cx) / camera.fx
-    y = max(camera.cy, camera.height - 1.0 - camera.cy) / camera.fy
-    theta = float(_angle(np.array([math.hypot(x, y)]), camera.distortion)[0])
+    ends = [[u, v] for u in (0.0, camera.width - 1.0) for v in (0.0, camera.height - 1.0)]
+    corners = (sheared(camera, np.array(ends), -camera.skew) - [camera.cx, camera.cy]) / [
+        camera.fx,
+        camera.fy,
+    ]
+    farthest = np.hypot(corners[:, 0], corners[:, 1]).max(keepdims=True)
+    theta = float(_angle(farthest, camera.distortion)[0])
     return camera.reach if math.isnan(theta) else theta
 
 
@@ -175,7 +188,7 @@ def _edges(camera: Equidistant) -> tuple[float, float]:
     farthest = _radius(np.array([camera.reach]), camera.distortion)[0]
     bearings = []
     for column in (0.0, camera.width - 1.0):
-        x = (column - camera.cx) / camera.fx
+        x = (column - camera.skew * row - camera.cx) / camera.fx
         radius = min(math.hypot(x, row), farthest)
         theta = float(_angle(np.array([radius]), camera.distortion)[0])
         share = math.sin(theta) * x / max(math.hypot(x, row), 1e-12)

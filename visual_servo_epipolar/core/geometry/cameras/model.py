@@ -4,6 +4,8 @@ from collections.abc import Sequence
 import math
 from typing import Protocol
 
+import numpy as np
+
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 
 ROUND_TRIP_PX = 0.1  # that a pixel may be off where it comes back: half of what tracking is
@@ -76,6 +78,50 @@ class CameraModel(Protocol):
     def contains(self, pixels: FloatArray, *, margin: float = 0.0) -> BoolArray:
         """Return which ``pixels``, shape (N, 2), lie in the image, ``margin`` [px] inside."""
         ...
+
+
+class Intrinsics(Protocol):
+    """The numbers of K [px]."""
+
+    @property
+    def fx(self) -> float:
+        """Focal length along u."""
+        ...
+
+    @property
+    def fy(self) -> float:
+        """Focal length along v."""
+        ...
+
+    @property
+    def cx(self) -> float:
+        """Principal point, u."""
+        ...
+
+    @property
+    def cy(self) -> float:
+        """Principal point, v."""
+        ...
+
+    @property
+    def skew(self) -> float:
+        """Skew: u = fx x + skew y + cx."""
+        ...
+
+
+def intrinsic_matrix(camera: Intrinsics) -> FloatArray:
+    """Return K, shape (3, 3)."""
+    return np.array(
+        [[camera.fx, camera.skew, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]]
+    )
+
+
+def sheared(camera: Intrinsics, pixels: FloatArray, skew: float) -> FloatArray:
+    """Return ``pixels``, shape (N, 2), with ``skew`` [px], that of the camera or its opposite."""
+    if skew == 0.0:
+        return pixels
+    u, v = pixels[:, 0], pixels[:, 1]
+    return np.column_stack([u + (v - camera.cy) * (skew / camera.fy), v])
 
 
 def refuse_impossible(

@@ -9,7 +9,12 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
 
-FARTHEST_OUTSIDE = 0.5  # of the image's size, that the principal point may lie beyond it
+FARTHEST_OUTSIDE = 0.5  # of the image's size, that the principal point of a crop may lie beyond
+OFF_CENTRE = 0.2  # of the image's size, that a principal point may lie off the middle
+SCALED, SAME_SCALE = 0.15, 0.06  # that it lies off by in proportion, where K is of another size
+RESOLUTIONS = (1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 4, 4 / 5, 5 / 4, 4 / 3, 3 / 2, 2, 3, 4)
+FITTING = 0.1  # that a principal point may lie off the middle of the image that K is of
+MOST_SKEW = 0.2  # of the focal length: pixels are all but rectangles
 NARROWEST, WIDEST_PINHOLE, WIDEST = 1.0, 170.0, 360.0  # field of view [deg]
 MOST_LOST = 0.2  # of the image, where the distortion cannot be undone
 MOST_OBLONG = 4.0  # pixel: binned in one direction, or every other line
@@ -17,9 +22,13 @@ SAMPLES = 24  # a row and a column, over the image
 CALIBRATION_DEG = 1.0  # that a ray may differ from one calibration to another
 
 
-def refuse_implausible(camera: CalibratedCamera) -> None:
-    """Raise ValueError for intrinsics that no camera has: they are another image's, or a slip."""
-    fault = _fault(camera)
+def refuse_implausible(camera: CalibratedCamera, *, cropped: bool = False) -> None:
+    """
+    Raise ValueError for intrinsics that no camera has: they are another image's, or a slip.
+
+    Only where the image is ``cropped`` may the principal point lie far off its middle.
+    """
+    fault = _fault(camera) or ('' if cropped else _off_centre(camera))
     if fault:
         raise ValueError(fault)
 
@@ -68,8 +77,14 @@ def _fault(camera: CalibratedCamera) -> str:
         if not -reach <= centre <= size + reach:
             return (
                 f'the principal point must lie in the image or near it, got {name} = {centre:.1f} '
-                f'px of {size}; is the camera_info that of another image? calibrate again'
+                f'px of {size}{_likely_cause(camera)}; is the camera_info that of another image? '
+                'calibrate again'
             )
+    if abs(camera.skew) > MOST_SKEW * camera.fy:
+        return (
+            f'the skew must be small, got K[1] = {camera.skew:g} px and fy {camera.fy:g} px; '
+            'calibrate again'
+        )
     if not 1.0 / MOST_OBLONG <= camera.fx / camera.fy <= MOST_OBLONG:
         return (
             f'focal lengths must be alike, to a factor of {MOST_OBLONG:g}, got fx {camera.fx:g} '
@@ -89,6 +104,36 @@ def _fault(camera: CalibratedCamera) -> str:
             f'{camera.lens} distortion; calibrate again'
         )
     return ''
+
+
+def _off_centre(camera: CalibratedCamera) -> str:
+    """Return that the principal point is off the middle as that of another image is, or ''."""
+    u, v = _scales(camera)
+    mean, off = 0.5 * (u + v), max(abs(u - 1.0), abs(v - 1.0))
+    in_proportion = abs(mean - 1.0) > SCALED and abs(u - v) < SAME_SCALE * mean
+    if off <= 2.0 * OFF_CENTRE and not in_proportion:
+        return ''
+    size = f'{camera.width}x{camera.height} px'
+    return (
+        f'the principal point must lie near the middle of an image of {size}, got '
+        f'{camera.cx:.1f}, {camera.cy:.1f} px{_likely_cause(camera)}; '
+        'calibrate at the resolution in use, or say that the image is a crop (cropped)'
+    )
+
+
+def _scales(camera: CalibratedCamera) -> tuple[float, float]:
+    """Return the principal point, from the corner, in halves of width and of height."""
+    return (camera.cx + 0.5) / (0.5 * camera.width), (camera.cy + 0.5) / (0.5 * camera.height)
+
+
+def _likely_cause(camera: CalibratedCamera) -> str:
+    """Return of which resolution K is, where its principal point tells that; or ''."""
+    u, v = _scales(camera)
+    misses = {n: max(abs(u / n - 1.0), abs(v / n - 1.0)) for n in RESOLUTIONS}
+    scale = min(misses, key=misses.__getitem__)
+    if misses[scale] > FITTING:
+        return ''
+    return f': K fits an image of {scale * camera.width:.0f}x{scale * camera.height:.0f} px'
 
 
 def _field_of_view(camera: CalibratedCamera) -> float:
