@@ -20,6 +20,11 @@ if TYPE_CHECKING:
 
 MAX_SEED = 2**31 - 1
 FARTHEST, FULL_TURN = 100.0, 360.0  # start [m], [deg]: nothing drives home from farther
+CAMERA_HELP = (
+    'camera file of camera_calibration, OpenCV, Kalibr, COLMAP or nerfstudio, or a camera_info '
+    'as ros2 topic echo prints it; FILE#cam1 where it has several cameras'
+)
+CROPPED_HELP = 'the images are cut out of larger ones: the principal point may lie anywhere'
 
 
 def finite(text: str) -> float:

@@ -1,35 +1,56 @@
-"""Camera files as camera_calibration writes them: parsed YAML into cameras and back."""
+"""Camera files, by what is in them: cameras of other programs' calibrations, and back."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
-from visual_servo_epipolar.core.geometry.cameras.calibrated import (
-    calibrated_camera,
-    CalibratedCamera,
+from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
+from visual_servo_epipolar.messages import read
+from visual_servo_epipolar.messages.calibrations import colmap, kalibr, matrices, nerfstudio
+from visual_servo_epipolar.messages.calibrations.calibration import Calibration, Cameras
+from visual_servo_epipolar.messages.calibrations.documents import documents
+
+KINDS = (
+    "camera_calibration's ost.yaml and ost.txt, ros2 topic echo of a camera_info, OpenCV's "
+    "FileStorage (YAML, XML, JSON), Kalibr's camchain, COLMAP's cameras.txt, nerfstudio's "
+    'transforms.json'
 )
-from visual_servo_epipolar.core.geometry.cameras.plausibility import refuse_implausible
+NAMED = 5  # of the cameras of a file, in a message
 
 
-def from_document(document: Any, *, rectified: bool = False) -> CalibratedCamera:
+def from_text(
+    text: str,
+    *,
+    name: str = '',
+    size: tuple[int, int] | None = None,
+    rectified: bool = False,
+    cropped: bool = False,
+) -> CalibratedCamera:
     """
-    Return the camera of a parsed file; of its ``rectified`` images by projection_matrix alone.
+    Return the camera of a file, that of ``name`` where it has several.
+
+    ``size`` [px] is that of the images, for files that have none. Of ``rectified`` images
+    projection_matrix alone holds; those that are ``cropped`` have their principal point anywhere.
 
     Raises
     ------
     ValueError
-        If it lacks something, or is no camera.
+        If the file is none of KINDS, lacks something, or is of no camera that can be used.
 
     """
-    if not isinstance(document, Mapping):
-        raise ValueError('a camera file must map names to values, as calibration writes')
-    try:
-        camera = _rectified(document) if rectified else _camera(document)
-        refuse_implausible(camera)
-        return camera
-    except KeyError as error:
-        raise ValueError(f'camera file lacks {error}; write it with camera_calibration') from None
-    except (OverflowError, TypeError) as error:
-        raise ValueError(str(error)) from None
+    text = text.removeprefix('\ufeff')  # as editors of Windows begin a file
+    calibration = _sized(_chosen(colmap.cameras(text) or _cameras(documents(text)), name), size)
+    if rectified and not calibration.p:
+        raise ValueError(
+            "camera file lacks 'projection_matrix', which rectified images need; write it with "
+            'camera_calibration'
+        )
+    return read.camera(calibration, rectified=rectified, cropped=cropped)
+
+
+def from_document(document: Any) -> CalibratedCamera:
+    """Return the camera of a parsed file that was written for images that were used."""
+    return read.camera(_sized(_chosen(_cameras([document]), ''), None), cropped=True)
 
 
 def to_document(camera: CalibratedCamera) -> dict[str, Any]:
@@ -47,22 +68,42 @@ def _matrix(rows: int, cols: int, data: list[float]) -> dict[str, Any]:
     return {'rows': rows, 'cols': cols, 'data': [float(value) for value in data]}
 
 
-def _camera(document: Mapping[str, Any]) -> CalibratedCamera:
-    k = [float(value) for value in document['camera_matrix']['data']]
-    if len(k) != 9:
-        raise ValueError(f'camera_matrix must have nine numbers, got {len(k)}')
-    coefficients = document.get('distortion_coefficients') or {'data': []}
-    distortion = tuple(float(value) for value in coefficients['data'])
-    model = str(document.get('distortion_model', 'plumb_bob'))
-    return calibrated_camera(_size(document), tuple(k), distortion, model)
+def _cameras(parsed: list[Any]) -> Cameras:
+    """Return the cameras of documents; alike ones, as a console prints them, once."""
+    found: dict[str, Any] = {}
+    known: list[Any] = []
+    for index, document in enumerate(parsed):
+        if not isinstance(document, Mapping):
+            raise ValueError(f'a camera file must map names to values; read are {KINDS}')
+        content = {key: value for key, value in document.items() if key != 'header'}
+        if content in known:
+            continue
+        known.append(content)
+        for reader in (nerfstudio, kalibr, matrices):
+            cameras = reader.cameras(content)
+            if cameras:
+                found |= {name or str(index + 1): camera for name, camera in cameras.items()}
+                break
+    if not found:
+        raise ValueError(f"camera file lacks 'camera_matrix'; read are {KINDS}")
+    return found
 
 
-def _rectified(document: Mapping[str, Any]) -> CalibratedCamera:
-    p = [float(value) for value in document['projection_matrix']['data']]
-    if len(p) != 12:
-        raise ValueError(f'projection_matrix must have twelve numbers, got {len(p)}')
-    return calibrated_camera(_size(document), (*p[0:3], *p[4:7], *p[8:11]))
+def _chosen(cameras: Cameras, name: str) -> Calibration:
+    """Return the calibration of ``name``, or of the only camera there is."""
+    if name not in cameras and (name or len(cameras) > 1):
+        names = ', '.join([*cameras][:NAMED]) + (', ...' if len(cameras) > NAMED else '')
+        raise ValueError(
+            f'the file has the cameras {names}, got {name or "no name"}; say which, as in '
+            f'FILE#{next(iter(cameras))}'
+        )
+    return cameras[name or next(iter(cameras))]()
 
 
-def _size(document: Mapping[str, Any]) -> tuple[int, int]:
-    return int(document['image_width']), int(document['image_height'])
+def _sized(calibration: Calibration, size: tuple[int, int] | None) -> Calibration:
+    """Return the calibration with the size of the image, or raise ValueError."""
+    if calibration.width:
+        return calibration
+    if size is None:
+        raise ValueError(f'camera file has no image size; add {calibration.size_keys} to it')
+    return replace(calibration, width=size[0], height=size[1])

@@ -151,7 +151,8 @@ class DockNode(ManagedNode):
 
     def _on_info(self, message: CameraInfo) -> None:
         try:
-            camera = read.camera(message, rectified=self._node_settings.rectified)
+            told = self._node_settings
+            camera = read.camera(message, rectified=told.rectified, cropped=told.cropped)
         except ValueError as error:
             self._camera = None
             self._warn(f'camera_info cannot be used: {error}')

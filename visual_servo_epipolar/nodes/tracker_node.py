@@ -130,8 +130,9 @@ class TrackerNode(ManagedNode):
 
     def _on_info(self, message: CameraInfo) -> None:
         try:
-            rectified = self._node_settings.rectified
-            self._camera, self._unusable = read.camera(message, rectified=rectified), ''
+            told = self._node_settings
+            self._camera = read.camera(message, rectified=told.rectified, cropped=told.cropped)
+            self._unusable = ''
             self._look_at(message)
         except ValueError as error:
             self._camera, self._unusable = None, str(error)

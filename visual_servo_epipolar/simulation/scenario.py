@@ -89,6 +89,7 @@ CONNECTION = frozenset(
         'base_frame',
         'camera_reliability',
         'capture_frames',
+        'cropped',
         'desired_image',
         'enable_stamped_cmd_vel',
         'max_latency',

@@ -218,7 +218,7 @@ def test_the_file_of_a_robot_waits_for_a_start_and_hears_any_driver() -> None:
 
 def test_the_file_of_a_robot_means_one_thing_by_one_name() -> None:
     assert set(ROBOT) <= set(SERVO) | set(TRACKER)
-    assert set(ROBOT) & set(SERVO) & set(TRACKER) == {'camera_reliability', 'rectified'}
+    assert set(ROBOT) & set(SERVO) & set(TRACKER) == {'camera_reliability', 'cropped', 'rectified'}
 
 
 def test_each_parameter_of_a_robot_says_when_to_change_it() -> None:
@@ -263,6 +263,7 @@ def test_names_that_nodes_share_are_known_to_mean_different_things_or_not() -> N
         'autostart_node',
         'base_frame',
         'camera_reliability',
+        'cropped',
         'enable_stamped_cmd_vel',
         'frame_prefix',
         'frame_rate',

@@ -4,6 +4,7 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
 from typing import TypeVar
 
@@ -41,13 +42,14 @@ class Recording:
 
     ``tracked`` and ``telemetry`` are empty where tracker or servo was not recorded; ``telemetry``
     is by step, ``diagnoses`` holds phase and reason by stamp. Instead of a camera that cannot be
-    used there is the reason; all are there for raw and for rectified images.
+    used there is the reason; all are there for images that are rectified, or cropped, or not.
     """
 
     topics: Mapping[str, Topic]
     namespace: Namespace | None = None
-    raw_cameras: list[tuple[int | None, CameraModel | str]] = field(default_factory=list)
-    rectified_cameras: list[tuple[int | None, CameraModel | str]] = field(default_factory=list)
+    cameras: dict[tuple[bool, bool], list[tuple[int | None, CameraModel | str]]] = field(
+        default_factory=lambda: {kind: [] for kind in product((False, True), (False, True))}
+    )
     photographs: list[tuple[int | None, Image]] = field(default_factory=list)
     tracker: list[tuple[int | None, NodeSettings]] = field(default_factory=list)
     servo: list[tuple[int | None, NodeSettings]] = field(default_factory=list)
@@ -60,12 +62,17 @@ class Recording:
     commands: list[RecordedTwist] = field(default_factory=list)
     poses: dict[int, Pose] = field(default_factory=dict)
 
-    @property
-    def cameras(self) -> list[tuple[int | None, CameraModel | str]]:
-        """Cameras of the images as tracker or servo were told that they are."""
+    def cameras_of(
+        self, *, rectified: bool = False, cropped: bool = False
+    ) -> list[tuple[int | None, CameraModel | str]]:
+        """Return the cameras of images that are as this says, or as the nodes were told."""
+        return self.cameras[
+            rectified or self._were_told('rectified'), cropped or self._were_told('cropped')
+        ]
+
+    def _were_told(self, name: str) -> bool:
         nodes = (*self.servo[-1:], *self.tracker[-1:])
-        rectified = any(settings.values.get('rectified') is True for _, settings in nodes)
-        return self.rectified_cameras if rectified else self.raw_cameras
+        return any(settings.values.get(name) is True for _, settings in nodes)
 
 
 class StampSequence:
@@ -147,10 +154,10 @@ def read_run(
 def _read_camera(run: Recording, item: RecordedMessage, key: Key) -> None:
     # A camera_info has the stamp of its image, so it is in force from just before.
     after_ns = read.stamp_ns(item.message.header) - 1
-    for cameras, rectified in ((run.raw_cameras, False), (run.rectified_cameras, True)):
+    for (rectified, cropped), cameras in run.cameras.items():
         camera: CameraModel | str
         try:
-            camera = read.camera(item.message, rectified=rectified)
+            camera = read.camera(item.message, rectified=rectified, cropped=cropped)
         except ValueError as error:
             camera = str(error)
         if not cameras or cameras[-1][1] != camera:

@@ -54,7 +54,8 @@ def _is_servo_at_work(
     if phase is not None and phase not in {item.value for item in FIRST_PHASES}:
         return True
     same_version = all(item.version in ('', __version__) for _, item in run.servo)
-    camera = value_at(run.cameras, first[0]) if run.cameras else ''
+    cameras = run.cameras_of()
+    camera = value_at(cameras, first[0]) if cameras else ''
     if settings is None or isinstance(camera, str) or not same_version:
         return False
     features = _first_features(bag, run, first, camera)

@@ -38,14 +38,15 @@ class ReplayOverrides:
     """
     Overrides of the user over what was recorded.
 
-    ``rectified`` are the images even where no recorded setting says so. ``desired`` is a
-    photograph, or when it was taken; ``changes`` are settings by section, ``tracker`` and
+    ``rectified`` and ``cropped`` are images even where no recorded setting says so. ``desired`` is
+    a photograph, or when it was taken; ``changes`` are settings by section, ``tracker`` and
     ``servo``.
     """
 
     from_tracks: bool = False
     camera: CameraModel | None = None
     rectified: bool = False
+    cropped: bool = False
     desired: Image | Moment | None = None
     changes: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
 
@@ -170,12 +171,13 @@ def _cameras(
 ) -> Sequence[tuple[int | None, CameraModel | str]]:
     if overrides.camera is not None:
         return [(None, overrides.camera)]
-    if not run.cameras:
+    cameras = run.cameras_of(rectified=overrides.rectified, cropped=overrides.cropped)
+    if not cameras:
         raise InputError(
             f'{bag.path}: no camera_info; name its topic with --topics camera_info=NAME, or give '
             'a camera file: --camera FILE.yaml'
         )
-    return run.rectified_cameras if overrides.rectified else run.cameras
+    return cameras
 
 
 def _photographs(
@@ -189,6 +191,17 @@ def _photographs(
         return run.photographs
     # Not from the tracker: its time is not recorded, but it was there before the first step.
     return [(None, run.photographs[0][1]), *run.photographs[1:]]
+
+
+def image_size(bag: Bag, run: Recording) -> tuple[int, int] | None:
+    """Return the size of the images of the bag [px]; None where it has none."""
+    topic = run.topics.get('image')
+    item = None if topic is None else next(iter(bag.messages([topic.name])), None)
+    if item is None:
+        return None
+    with usable(bag.path, item):
+        height, width = read.gray(item.message).shape
+    return width, height
 
 
 def _image_at(bag: Bag, run: Recording, moment: Moment) -> Image:

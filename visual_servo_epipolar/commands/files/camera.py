@@ -1,35 +1,40 @@
-"""Camera files as camera_calibration writes them, and photographs, from disk."""
+"""Camera files and photographs, from disk."""
 
 from pathlib import Path
-
-import yaml
 
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera, scaled
-from visual_servo_epipolar.messages.camera_file import from_document
+from visual_servo_epipolar.messages.camera_file import from_text, KINDS
 from visual_servo_epipolar.nodes.tracking.photograph import read_picture
 
 ASPECT_TOLERANCE = 0.01
 
 
-def read_camera(path: Path, *, rectified: bool = False) -> CalibratedCamera:
+def read_camera(
+    given: str,
+    *,
+    size: tuple[int, int] | None = None,
+    rectified: bool = False,
+    cropped: bool = False,
+) -> CalibratedCamera:
     """
-    Read a camera YAML file; raises InputError if it cannot be read or used.
+    Read a camera file, FILE or FILE#NAME; raises InputError if it cannot be read or used.
 
-    Needed are image_width, image_height and camera_matrix; distortion_model and
-    distortion_coefficients are taken if they are there. For ``rectified`` images projection_matrix
-    is, and they are not.
+    ``size`` [px] is that of the images, for files that have none.
     """
+    path, name = Path(given), ''
+    if not path.exists() and '#' in given:
+        file, _, name = given.rpartition('#')
+        path = Path(file)
     try:
-        document = yaml.safe_load(path.read_text(encoding='utf-8'))
-    except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, 'strerror', None) or error
-        raise InputError(f'{path}: camera file cannot be read: {reason}') from None
-    except yaml.YAMLError as error:
-        raise InputError(f'{path}: camera file is not YAML: {error}') from None
+        text = path.read_text(encoding='utf-8')
+    except OSError as error:
+        raise InputError(f'{path}: camera file cannot be read: {error.strerror}') from None
+    except UnicodeDecodeError:
+        raise InputError(f'{path}: camera file is no text; read are {KINDS}') from None
     try:
-        return from_document(document, rectified=rectified)
+        return from_text(text, name=name, size=size, rectified=rectified, cropped=cropped)
     except ValueError as error:
         raise InputError(f'{path}: {error}') from None
 

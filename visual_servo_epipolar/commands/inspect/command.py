@@ -3,6 +3,8 @@
 import argparse
 from typing import Any
 
+from visual_servo_epipolar.commands.arguments import CAMERA_HELP, CROPPED_HELP
+
 
 def add_to(kinds: Any) -> None:
     """Add the subcommand."""
@@ -13,15 +15,16 @@ def add_to(kinds: Any) -> None:
     parser.add_argument('current', metavar='CURRENT.png', help='photograph taken elsewhere')
     parser.add_argument(
         '--camera',
-        metavar='FILE.yaml',
+        metavar='FILE',
         required=True,
-        help='camera file as camera_calibration writes it; scaled to photographs of other size',
+        help=f'{CAMERA_HELP}; scaled to photographs of other size',
     )
     parser.add_argument(
         '--rectified',
         action='store_true',
         help='the photographs are rectified: projection_matrix holds, the distortion does not',
     )
+    parser.add_argument('--cropped', action='store_true', help=CROPPED_HELP)
     parser.add_argument('--out', metavar='OVERLAY.png', help='picture of the matches')
     parser.add_argument('--estimator', metavar='NAME', help='estimator of the epipoles')
     parser.add_argument(

@@ -23,9 +23,15 @@ def inspect_and_report(options: argparse.Namespace) -> int:
     """Inspect, write, print; return 0 if the result can be trusted."""
     if options.out and not cv2.haveImageWriter(options.out):
         raise InputError(f'{options.out}: no such image format; call it .png or .jpg')
-    camera = read_camera(Path(options.camera), rectified=options.rectified)
     desired = read_photograph(Path(options.desired))
     current = read_photograph(Path(options.current))
+    height, width = current.shape
+    camera = read_camera(
+        options.camera,
+        size=(width, height) if desired.shape == current.shape else None,
+        rectified=options.rectified,
+        cropped=options.cropped,
+    )
     desired_camera = scaled_to(camera, desired, Path(options.desired))
     current_camera = scaled_to(camera, current, Path(options.current))
     inspection = inspect(desired, current, desired_camera, current_camera, _settings(options))

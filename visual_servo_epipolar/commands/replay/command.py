@@ -3,7 +3,7 @@
 import argparse
 from typing import Any
 
-from visual_servo_epipolar.commands.arguments import finite
+from visual_servo_epipolar.commands.arguments import CAMERA_HELP, CROPPED_HELP, finite
 
 BAG_KINDS = 'rosbag2 folder, .mcap, .db3, or ROS 1 .bag'
 ROLES = (
@@ -71,8 +71,9 @@ def add_bag_options(
         '+S counts from the first one',
     )
     parser.add_argument(
-        '--camera', metavar='FILE.yaml', help='camera file, for a bag without camera_info'
+        '--camera', metavar='FILE', help=f'for a bag without camera_info: {CAMERA_HELP}'
     )
+    parser.add_argument('--cropped', action='store_true', help=CROPPED_HELP)
     parser.add_argument(
         '--rectified',
         action='store_true',

@@ -26,6 +26,7 @@ from visual_servo_epipolar.bags.replaying.comparison import (
 )
 from visual_servo_epipolar.bags.replaying.plan import (
     effective_changes,
+    image_size,
     Moment,
     plan,
     ReplayOverrides,
@@ -43,6 +44,7 @@ from visual_servo_epipolar.commands.replay.settings import Changes, changes_of
 from visual_servo_epipolar.commands.replay.text import in_words
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
 from visual_servo_epipolar.core.servo.phases.table import ENDED
 from visual_servo_epipolar.core.servo.run_log import end_s, RunLog
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
@@ -132,8 +134,6 @@ def replay_bag(
 ) -> ReplayedBag:
     """Replay the bag in ``options``; by default recorded telemetry must be met exactly."""
     topics, given = parse(options.topics), changes_of(options.set, options.params)
-    path, rectified = options.camera, options.rectified
-    camera = None if path is None else read_camera(Path(path), rectified=rectified)
     repairs = [str(repair(Path(options.bag)))] if options.repair else []
     start_s = time.perf_counter()
     with _advice_of(options), Bag(Path(options.bag)) as bag:
@@ -141,8 +141,9 @@ def replay_bag(
         run = read_run(bag, assigned(bag, topics, namespace), namespace)
         overrides = ReplayOverrides(
             from_tracks=options.tracks,
-            camera=camera,
-            rectified=rectified,
+            camera=_camera(bag, run, options),
+            rectified=options.rectified,
+            cropped=options.cropped,
             desired=_desired(options.desired),
             changes=given,
         )
@@ -163,6 +164,15 @@ def replay_bag(
         notes=[*repairs, *notes],
         wall_s=wall_s,
     )
+
+
+def _camera(bag: Bag, run: Recording, options: argparse.Namespace) -> CalibratedCamera | None:
+    """Return the camera of a file, of the size of the images of the bag where it says none."""
+    if options.camera is None:
+        return None
+    size = image_size(bag, run)
+    kind = {'rectified': options.rectified, 'cropped': options.cropped}
+    return read_camera(options.camera, size=size, **kind)
 
 
 @contextmanager

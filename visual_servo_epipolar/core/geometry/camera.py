@@ -33,9 +33,10 @@ class Camera:
     """
     Intrinsics of a camera: image size [px], focal lengths and principal point [px], distortion.
 
-    ``skew`` s [px] is K[1]: u = fx x + s y + cx, after the distortion. Pixel coordinates (u, v) are OpenCV's: u right, v down, integers at pixel centres. Camera axes:
-    x right, y down, z forward. ``rays`` and ``pixels`` speak of directions, unit vectors
-    (x, y, z), as those of every ``CameraModel`` do. ``matrix``, ``image_points`` and ``pixels_of``
+    ``skew`` s is K[1]: u = fx x + s y + cx [px], behind the distortion. Pixel coordinates (u, v)
+    are OpenCV's: u right, v down, integers at pixel centres. Camera axes: x right, y down, z
+    forward. ``rays`` and ``pixels`` speak of directions, unit vectors (x, y, z), as those of every
+    ``CameraModel`` do. ``matrix``, ``image_points`` and ``pixels_of``
     speak of image-plane points (x/z, y/z), which only a pinhole has.
     """
 

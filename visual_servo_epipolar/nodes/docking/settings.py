@@ -16,6 +16,11 @@ class DockNodeSettings(LifecycleSettings):
         'Images are rectified: P of camera_info holds, its distortion does not apply',
         read_only=True,
     )
+    cropped: bool = setting(
+        False,
+        'Images are cut out of larger ones: the principal point may lie anywhere',
+        read_only=True,
+    )
     camera_reliability: str = setting(
         'best_effort',
         'Subscribe to camera_info as: best_effort connects to every driver',

@@ -41,7 +41,7 @@ class ServoCamera:
         self.static_mount: StaticMount | None = None
         if settings.mount_from_tf:
             self.static_mount = StaticMount(node, settings.base_frame, warn)
-        self._rectified, self._warn = settings.rectified, warn
+        self._settings, self._warn = settings, warn
         self._begun_with: CalibratedCamera | None = None
         self._other: tuple[CalibratedCamera, int] | None = None  # heard in a run, and its stamp
         self._lens_check = LensCheck()
@@ -60,7 +60,8 @@ class ServoCamera:
     def hear(self, message: CameraInfo, state: ServoState, settings: ServoSettings) -> str:
         """Take in a camera_info, and return why a run cannot go on with it, or ''."""
         try:
-            camera = read.camera(message, rectified=self._rectified)
+            told = self._settings
+            camera = read.camera(message, rectified=told.rectified, cropped=told.cropped)
         except ValueError as error:
             self.model = None
             self._warn(f'camera_info cannot be used, the robot stands: {error}')

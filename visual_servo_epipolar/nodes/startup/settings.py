@@ -21,6 +21,11 @@ class ServoNodeSettings(LifecycleSettings):
         'Images are rectified: P of camera_info holds, its distortion does not apply',
         read_only=True,
     )
+    cropped: bool = setting(
+        False,
+        'Images are cut out of larger ones: the principal point may lie anywhere',
+        read_only=True,
+    )
     watchdog: bool = setting(
         True, 'Stop the robot when tracks stay away; off where time itself waits', read_only=True
     )
@@ -68,6 +73,11 @@ class TrackerNodeSettings(LifecycleSettings):
     rectified: bool = setting(
         False,
         'Images are rectified: P of camera_info holds, its distortion does not apply',
+        read_only=True,
+    )
+    cropped: bool = setting(
+        False,
+        'Images are cut out of larger ones: the principal point may lie anywhere',
         read_only=True,
     )
     transport: str = setting(

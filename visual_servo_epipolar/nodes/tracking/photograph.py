@@ -20,7 +20,9 @@ from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCam
 from visual_servo_epipolar.core.tracking.tracker import goal_of
 from visual_servo_epipolar.files import whole
 from visual_servo_epipolar.messages import camera_file
+from visual_servo_epipolar.messages.calibrations.calibration import entry, text, whole_number
 
+LAST_NS = 2**63 - 1  # of a stamp
 HEAD = '# The photograph of a tracker_node, and the camera it was taken with.\n'
 
 
@@ -57,13 +59,12 @@ def load(path: Path) -> Photograph | None:
     try:
         document = yaml.safe_load(path.read_text(encoding='utf-8'))
         camera = camera_file.from_document(document)
-        picture = path.with_name(Path(str(document['photograph'])).name)
+        picture = path.with_name(Path(text(entry(document, 'photograph'), 'photograph')).name)
         image = read_picture(picture) if picture.is_file() else None
-        photograph = Photograph(
-            _checked(image, camera, document), camera, int(document['stamp_ns'])
-        )
-    except (KeyError, OSError, TypeError, ValueError, yaml.YAMLError) as error:
-        reason = ' '.join(str(error).split()) or type(error).__name__
+        stamp_ns = whole_number(entry(document, 'stamp_ns'), 'stamp_ns', 0, LAST_NS)
+        photograph = Photograph(_checked(image, camera, document), camera, stamp_ns)
+    except (OSError, RecursionError, ValueError, yaml.YAMLError) as error:
+        reason = ' '.join(str(error).split())
         raise ValueError(
             f'photograph {path} cannot be used: {reason:.200}; move it away, and capture anew'
         ) from None
@@ -107,7 +108,7 @@ def _checked(image: Image | None, camera: CalibratedCamera, document: Any) -> Im
         raise ValueError(
             f'its picture has {width}x{height} px, its camera {camera.width}x{camera.height}'
         )
-    if goal_of(image) != document['goal']:
+    if goal_of(image) != entry(document, 'goal'):
         raise ValueError(f'its picture {document["photograph"]} is another one')
     return image
 

@@ -23,9 +23,7 @@ LENSES = {
         1280, 1024, 480.0, 480.0, **CENTRE, distortion=(-0.1, 0.0, 0.0, 0.0)
     ),
 }
-LENSES |= {
-    f'{name}, skewed': replace(lens, skew=-20.0) for name, lens in LENSES.items()
-}
+LENSES |= {f'{name}, skewed': replace(lens, skew=-20.0) for name, lens in LENSES.items()}
 WIDE = Equidistant(1280, 1024, 1280.0 / math.radians(185.0), 396.0, 639.5, 511.5)
 NUMBERS = st.floats(0.0, 1.0)
 

@@ -1,0 +1,269 @@
+"""Calibrations of other programs: each format gives the camera that was calibrated."""
+
+import json
+import math
+
+from calibration_files import (
+    CAMCHAIN,
+    COLMAP,
+    COLMAP_HEAD,
+    ECHO,
+    FILES,
+    FISHEYE,
+    OPENCV_STEREO,
+    OPENCV_XML,
+    OPENCV_YAML,
+    OST_TXT,
+    OST_YAML,
+    PINHOLE,
+    PLUMB_BOB,
+    TRANSFORMS,
+)
+import cv2
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from strategies import floats
+import yaml
+
+from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.cameras.equidistant import Equidistant
+from visual_servo_epipolar.messages.camera_file import from_text, to_document
+
+EXPECTED = Camera(640, 480, *PINHOLE, PLUMB_BOB)
+RECTIFIED = Camera(640, 480, 360.5, 361.25, 323.5, 239.5)
+SEEN = np.array([[0.1, -0.2, 1.0], [-0.4, 0.2, 1.0], [0.6, 0.4, 1.0]])
+
+
+def assert_alike(camera, expected) -> None:
+    assert (type(camera), camera.width, camera.height) == (type(expected), 640, 480)
+    np.testing.assert_allclose(camera.pixels(SEEN), expected.pixels(SEEN), atol=1e-9)
+
+
+@pytest.mark.parametrize('program', FILES)
+def test_the_camera_is_that_of_the_calibration(program) -> None:
+    assert_alike(from_text(FILES[program]), EXPECTED)
+
+
+@pytest.mark.parametrize('program', FILES)
+def test_what_people_do_to_text_files_changes_nothing(program) -> None:
+    text = FILES[program]
+    for changed in ('\ufeff' + text, text.replace('\n', '\r\n'), text + '\n\n', '\n' + text):
+        assert_alike(from_text(changed), EXPECTED)
+
+
+@pytest.mark.parametrize('program', ['ost.yaml', 'ost.txt', 'ros2 topic echo', 'rostopic echo'])
+def test_the_projection_is_that_of_rectified_images(program) -> None:
+    assert from_text(FILES[program], rectified=True) == RECTIFIED
+
+
+@pytest.mark.parametrize('program', ['Kalibr', 'COLMAP', 'nerfstudio', 'OpenCV YAML'])
+def test_a_file_without_a_projection_is_none_of_rectified_images(program) -> None:
+    with pytest.raises(ValueError, match="lacks 'projection_matrix', which rectified images need"):
+        from_text(FILES[program], rectified=True)
+
+
+MATRICES = {
+    'a list': '[385.25, 0, 322.25, 0, 386.5, 238.75, 0, 0, 1]',
+    'rows': '[[385.25, 0, 322.25], [0, 386.5, 238.75], [0, 0, 1]]',
+    'rows in data': '{rows: 3, data: [[385.25, 0, 322.25], [0, 386.5, 238.75], [0, 0, 1]]}',
+    'data alone': '{data: [385.25, 0, 322.25, 0, 386.5, 238.75, 0, 0, 1]}',
+    'text': '385.25 0 322.25 0 386.5 238.75 0 0 1',
+    'twice as large': '[770.5, 0, 644.5, 0, 773, 477.5, 0, 0, 2]',
+    'exponents': '[3.8525e2, 0, 322.25e0, 0, 386.5, 238.75, 0, 0, 1e0]',
+}
+
+
+@pytest.mark.parametrize('key', ['camera_matrix', 'Camera_Matrix', 'cameraMatrix', 'K', 'mtx'])
+@pytest.mark.parametrize('matrix', MATRICES)
+@pytest.mark.parametrize(
+    'distortion', ['dist_coeffs: [{}]', 'distCoeffs: [[{}]]', 'D: {{data: [{}]}}']
+)
+def test_a_matrix_is_read_as_people_write_it(key, matrix, distortion) -> None:
+    coefficients = distortion.format(', '.join(map(str, PLUMB_BOB)))
+    size = 'image_size: [640, 480]' if key == 'K' else 'image_width: 640\nimage_height: 480'
+    assert_alike(from_text(f'{size}\n{key}: {MATRICES[matrix]}\n{coefficients}\n'), EXPECTED)
+
+
+@pytest.mark.parametrize('suffix', ['.yml', '.xml', '.json'])
+@given(fx=floats(300.0, 500.0), skew=floats(-5.0, 5.0), d=st.tuples(*[floats(-0.1, 0.1)] * 5))
+def test_what_opencv_writes_is_read_to_the_last_digit(suffix, fx, skew, d) -> None:
+    flags = cv2.FileStorage_WRITE | cv2.FileStorage_MEMORY
+    file = cv2.FileStorage(suffix, flags)
+    file.write('image_width', 640)
+    file.write('image_height', 480)
+    file.write('camera_matrix', np.array([[fx, skew, 320.5], [0.0, 400.0, 240.5], [0, 0, 1.0]]))
+    file.write('distortion_coefficients', np.array([d]).T)
+    camera = from_text(file.releaseAndGetString())
+    assert camera == Camera(640, 480, fx, 400.0, 320.5, 240.5, d, skew=skew)
+
+
+@pytest.mark.parametrize(
+    ('lens', 'number'), [('fisheye_model: 1', None), ('distortion_model: kannala_brandt4', None)]
+)
+def test_a_fisheye_of_opencv_is_one(lens, number) -> None:
+    four = OPENCV_YAML.replace('rows: 5', 'rows: 4').replace(
+        '-3.0000000000000000e-04, 0. ]', '-3e-04 ]'
+    )
+    expected = Equidistant(640, 480, *PINHOLE, PLUMB_BOB[:4])
+    assert_alike(from_text(f'{four}{lens}\n'), expected)
+    assert_alike(from_text(f'{four}fisheye_model: 0\n'), EXPECTED)
+    with pytest.raises(ValueError, match='are 4, of a pinhole or of a fisheye, and no'):
+        from_text(four)
+
+
+def test_four_coefficients_of_an_ost_txt_may_be_of_either_lens() -> None:
+    with pytest.raises(ValueError, match=r'give ost\.yaml in place of ost\.txt'):
+        from_text(OST_TXT.replace('-0.000300 0.000000', '-0.000300'))
+
+
+@pytest.mark.parametrize('size', [(640, 480), (320, 240)])
+def test_a_size_that_a_file_lacks_is_that_of_the_image(size) -> None:
+    camera = from_text(OPENCV_STEREO, name='1', size=(640, 480))
+    assert_alike(camera, EXPECTED)
+    with pytest.raises(ValueError, match='no image size; add image_width and image_height to it'):
+        from_text(OPENCV_STEREO, name='1')
+    if size == (320, 240):  # as any other K of another resolution
+        with pytest.raises(ValueError, match='K fits an image of 640x480 px'):
+            from_text(OPENCV_STEREO, name='1', size=size)
+
+
+def test_which_of_several_cameras_is_asked_for() -> None:
+    with pytest.raises(
+        ValueError, match=r'the cameras cam0, cam1, cam2, got no name; .*FILE#cam0'
+    ):
+        from_text(CAMCHAIN)
+    assert_alike(from_text(CAMCHAIN, name='cam0'), EXPECTED)
+    fisheye = Equidistant(640, 480, 190.5, 190.75, 318.25, 241.5, FISHEYE)
+    assert from_text(CAMCHAIN, name='cam1') == fisheye
+    with pytest.raises(ValueError, match=r'cam2\.camera_model must be pinhole, got .omni.: omni'):
+        from_text(CAMCHAIN, name='cam2')
+    with pytest.raises(ValueError, match='the cameras cam0, cam1, cam2, got cam9; say which'):
+        from_text(CAMCHAIN, name='cam9')
+    with pytest.raises(ValueError, match='the cameras 1, 2, got no name'):
+        from_text(OPENCV_STEREO, size=(640, 480))
+    with pytest.raises(ValueError, match='the cameras 1, 2, got no name'):
+        from_text(ECHO + ECHO.replace('385.25', '385.0'))
+    with pytest.raises(ValueError, match='the cameras 1, 2, got no name'):
+        from_text(OST_TXT + OST_TXT.replace('322.25', '321.25'))
+    many = ''.join(f'{n} PINHOLE 640 480 385 386 320 240\n' for n in range(3, 30))
+    with pytest.raises(ValueError, match=r'the cameras 3, 4, 5, 6, 7, \.\.\., got no name'):
+        from_text(COLMAP_HEAD + many)
+    assert from_text(many, name='17').cx == 319.5
+
+
+F, FX, FY, CX, CY = 380.0, 385.25, 386.5, 322.25, 238.75
+COLMAP_MODELS = {
+    'SIMPLE_PINHOLE 640 480 380 322.75 239.25': Camera(640, 480, F, F, CX, CY),
+    'PINHOLE 640 480 385.25 386.5 322.75 239.25': Camera(640, 480, FX, FY, CX, CY),
+    'SIMPLE_RADIAL 640 480 380 322.75 239.25 -0.1': Camera(
+        640, 480, F, F, CX, CY, (-0.1, 0, 0, 0)
+    ),
+    'RADIAL 640 480 380 322.75 239.25 -0.1 0.02': Camera(
+        640, 480, F, F, CX, CY, (-0.1, 0.02, 0, 0)
+    ),
+    'FULL_OPENCV 640 480 385.25 386.5 322.75 239.25 .4 .1 5e-4 -3e-4 .01 .7 .2 .02': Camera(
+        *(640, 480, FX, FY, CX, CY),
+        (0.4, 0.1, 5e-4, -3e-4, 0.01, 0.7, 0.2, 0.02),
+        'rational_polynomial',
+    ),
+    'OPENCV_FISHEYE 640 480 385.25 386.5 322.75 239.25 0.012 -0.0025 0.0007 -0.0001': Equidistant(
+        640, 480, FX, FY, CX, CY, FISHEYE
+    ),
+    'SIMPLE_RADIAL_FISHEYE 640 480 380 322.75 239.25 0.01': Equidistant(
+        640, 480, F, F, CX, CY, (0.01, 0.0, 0.0, 0.0)
+    ),
+    'RADIAL_FISHEYE 640 480 380 322.75 239.25 0.01 -0.002': Equidistant(
+        640, 480, F, F, CX, CY, (0.01, -0.002, 0.0, 0.0)
+    ),
+}
+
+
+@pytest.mark.parametrize('line', COLMAP_MODELS)
+def test_colmap_models_are_ours_half_a_pixel_aside(line) -> None:
+    assert_alike(from_text(f'{COLMAP_HEAD}7 {line}\n'), COLMAP_MODELS[line])
+
+
+@pytest.mark.parametrize('model', ['FOV', 'THIN_PRISM_FISHEYE', 'RAD_TAN_THIN_PRISM_FISHEYE'])
+def test_other_models_of_colmap_are_named(model) -> None:
+    with pytest.raises(ValueError, match=f'of camera 1 must be one of SIMPLE.*, got .{model}.'):
+        from_text(COLMAP.replace('OPENCV', model))
+
+
+def transforms(**changes) -> str:
+    document = {**json.loads(TRANSFORMS), **changes}
+    return json.dumps({key: value for key, value in document.items() if value is not None})
+
+
+def test_nerfstudio_says_its_lens_and_size_in_several_ways() -> None:
+    lens = dict(zip(('k1', 'k2', 'k3', 'k4'), FISHEYE, strict=True), p1=None, p2=None)
+    fisheye = Equidistant(640, 480, *PINHOLE, FISHEYE)
+    assert_alike(from_text(transforms(**lens, camera_model='OPENCV_FISHEYE')), fisheye)
+    assert_alike(from_text(transforms(**lens, camera_model=None, is_fisheye=True)), fisheye)
+    assert_alike(from_text(transforms(w=None, h=None), size=(640, 480)), EXPECTED)
+    with pytest.raises(ValueError, match='no image size; add w and h to it'):
+        from_text(transforms(w=None, h=None))
+    angle = 2.0 * math.atan(320.0 / 385.25)
+    camera = from_text(transforms(fl_x=None, fl_y=None, camera_angle_x=angle, cx=None, cy=None))
+    np.testing.assert_allclose([camera.fx, camera.cx, camera.cy], [385.25, 319.5, 239.5])
+    with pytest.raises(ValueError, match="must be SIMPLE_PINHOLE, .* got 'EQUIRECTANGULAR'"):
+        from_text(transforms(camera_model='EQUIRECTANGULAR'))
+    with pytest.raises(ValueError, match='k4 of OPENCV must be 0'):
+        from_text(transforms(k4=0.1))
+
+
+def test_cameras_of_single_frames_are_asked_for_where_they_differ() -> None:
+    intrinsics = {key: json.loads(TRANSFORMS)[key] for key in ('fl_x', 'fl_y', 'cx', 'cy')}
+    frames = [{'file_path': f'{n}.png', **intrinsics} for n in range(3)]
+    nothing = dict.fromkeys(intrinsics)
+    assert_alike(from_text(transforms(frames=frames, **nothing)), EXPECTED)
+    frames[2]['fl_x'] = 400.0
+    with pytest.raises(ValueError, match=r'the cameras 0\.png, 2\.png, got no name'):
+        from_text(transforms(frames=frames, **nothing))
+    assert from_text(transforms(frames=frames, **nothing), name='2.png').fx == 400.0
+
+
+LENSES = (
+    EXPECTED,
+    Camera(640, 480, *PINHOLE, skew=4.0),
+    Camera(
+        640, 480, *PINHOLE, (0.4, 0.1, 5e-4, -3e-4, 0.01, 0.7, 0.2, 0.02), 'rational_polynomial'
+    ),
+    Equidistant(640, 480, *PINHOLE, FISHEYE, skew=-1e-13),
+)
+
+
+@pytest.mark.parametrize('camera', LENSES)
+def test_what_is_written_is_read(camera) -> None:
+    assert from_text(yaml.safe_dump(to_document(camera))) == camera
+
+
+def test_binning_and_region_of_a_printed_camera_info_count() -> None:
+    camera = from_text(ECHO.replace('binning_x: 0\nbinning_y: 0', 'binning_x: 2\nbinning_y: 2'))
+    assert (camera.width, camera.fx) == (320, 192.625)
+    camera = from_text(ECHO.replace('x_offset: 0', 'x_offset: 200'))
+    assert (camera.width, camera.cx) == (440, 122.25)
+
+
+@pytest.mark.parametrize('program', FILES)
+def test_k_of_another_resolution_is_refused_from_every_file(program) -> None:
+    # A file without its size, for images of half the resolution: K tells it.
+    text = FILES[program]
+    for side in ('640', '480'):
+        text = text.replace(side, str(int(side) // 2))
+    with pytest.raises(ValueError, match='320x240 px, got .*: K fits an image of 640x480 px'):
+        from_text(text)
+    assert from_text(text, cropped=True).width == 320
+
+
+def test_a_matrix_by_columns_is_named() -> None:
+    columns = OST_YAML.replace('322.25 ', '  0. ').replace('238.75 ', '  0. ')
+    columns = columns.replace('0.     ,   0.     ,   1.', '322.25, 238.75, 1.')
+    with pytest.raises(ValueError, match='K is transposed'):
+        from_text(columns)
+
+
+def test_an_xml_file_of_several_nestings_is_no_camera() -> None:
+    with pytest.raises(ValueError, match="lacks 'camera_matrix'; read are camera_calibration"):
+        from_text(OPENCV_XML.replace('camera_matrix', 'something'))
