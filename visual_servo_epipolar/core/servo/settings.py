@@ -84,8 +84,17 @@ class ServoSettings(PerceptionSettings, ControlSettings):
     arrival_difference: float = setting(
         1e-4, '|D| at unit focal length below which the features match', low=1e-8, high=0.1
     )
+    arrival_position: float = setting(
+        0.0,
+        'Position error within which it has arrived; 0 = as near as it can [m]',
+        low=0.0,
+        high=0.5,
+    )
     arrival_heading: float = setting(
-        6e-4, 'Heading error at which the robot faces as the goal does [rad]', low=1e-5, high=0.1
+        6e-4,
+        'Heading error within which it faces the goal; 0.0006 or less = as well as it can [rad]',
+        low=1e-5,
+        high=0.1,
     )
     arrival_parallax: float = setting(
         1.5e-4,

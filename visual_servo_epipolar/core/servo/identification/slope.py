@@ -4,6 +4,7 @@ from dataclasses import dataclass
 import math
 
 LEAST_TRAVEL = 1e-9  # over which D may show a slope; its square must not vanish [m]
+LIKELY = 2.0  # deviations of the slope
 MEMORY_LENGTH = 0.5  # travel in which the weight of past slopes falls to 1/e [m]
 
 
@@ -17,6 +18,12 @@ class Slope:
 
     value: float = math.nan
     weight: float = 0.0
+
+    def least(self, noise: float) -> float:
+        """Return the least slope that D of deviation ``noise`` leaves likely; nan if unknown."""
+        if not self.weight > 0.0:
+            return math.nan
+        return self.value - LIKELY * noise * math.sqrt(2.0 / self.weight)
 
     def updated(self, change: float, travel: float) -> 'Slope':
         """Return the slope after D changed by ``change`` over ``travel`` [m]."""

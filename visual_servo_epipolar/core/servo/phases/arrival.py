@@ -1,11 +1,18 @@
-"""Arrival: whether this is the goal, as far as two views or a memory of views can tell."""
+"""
+Arrival: whether this is the goal, as far as two views or a memory of views can tell.
+
+The tolerances of the owner are held against what is measured and what that may be wrong by. A
+memory of views knows the offset in metres; two views know D alone, which the slope that it has
+shown while driving turns into metres along the axis: what is aside only parallax tells.
+"""
 
 import math
 
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.phases.bounds import (
+    FACING,
     facing_bound,
-    matched_bound,
+    is_matched,
     NOISE_DEVIATIONS,
     trial_of,
 )
@@ -14,6 +21,7 @@ from visual_servo_epipolar.core.servo.state import ServoState
 
 STANDSTILL_PARALLAX = 1.25  # without a baseline, in deviations of the noise: see ``fit_rotation``
 ARRIVAL_OFFSET = 2e-3  # of who has arrived, by a memory of views [m]
+STILL_THERE = 1.0  # deviations: who has arrived once is not sent away by noise
 ASIDE = 2.0  # deviations of a mean over looks, all of which share the photograph's noise
 CLEARLY_ASIDE = 4.0  # of a mean over a few
 CONTRADICTED = 4.0  # bounds of a parallax, beyond which no memory says that it is the goal
@@ -26,6 +34,15 @@ def has_parallax(state: ServoState, measurement: Measurement, settings: ServoSet
     A memory of views knows it far better, but through a lens that is told wrong its geometry may
     be one that is not there: it never overrules an image that looks another.
     """
+    if _looks_elsewhere(state, measurement, settings):
+        return True
+    if measurement.offset is None:
+        return False
+    return not math.hypot(*measurement.offset) <= _offset_bound(state, measurement, settings)
+
+
+def _looks_elsewhere(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
+    """Return whether the image shows more parallax than noise and the way that is left explain."""
     parallax = measurement.parallax if state.settled < 2 else state.settled_parallax
     # The root of a mean square over N features varies by 0.5 / sqrt(N) and more.
     variation = 1.0 + 1.5 / math.sqrt(max(measurement.features, 1))
@@ -35,12 +52,67 @@ def has_parallax(state: ServoState, measurement: Measurement, settings: ServoSet
             return True
     noise = STANDSTILL_PARALLAX * measurement.noise * variation
     usual = math.hypot(settings.arrival_parallax, noise)
+    if settings.arrival_position > 0.0:
+        usual = math.hypot(usual, _of_the_rest(measurement))
+    return not parallax <= (usual if measurement.offset is None else CONTRADICTED * usual)
+
+
+def _of_the_rest(measurement: Measurement) -> float:
+    """Return the parallax that the way left to the goal makes, or somewhat more [rad]."""
     if measurement.offset is None:
-        return not parallax <= usual
+        return abs(measurement.difference)
+    return measurement.difference_slope * math.hypot(*measurement.offset)
+
+
+def _offset_bound(state: ServoState, measurement: Measurement, settings: ServoSettings) -> float:
+    """Return the largest offset of who has arrived, as a memory of views measures it [m]."""
+    noise = NOISE_DEVIATIONS * measurement.offset_deviation
+    tolerance = settings.arrival_position
+    if tolerance > 0.0:  # a promise: no attempt makes it larger, and no noise
+        return max(tolerance - noise, min(noise, tolerance))
     # A worn base may never come as near as the memory can tell: each attempt asks for less.
-    least = ARRIVAL_OFFSET * state.attempts
-    bound = max(least, NOISE_DEVIATIONS * measurement.offset_deviation)
-    return not (parallax <= CONTRADICTED * usual and math.hypot(*measurement.offset) <= bound)
+    return max(ARRIVAL_OFFSET * state.attempts, noise)
+
+
+def is_near_enough(
+    state: ServoState,
+    measurement: Measurement,
+    settings: ServoSettings,
+    *,
+    deviations: float = NOISE_DEVIATIONS,
+) -> bool:
+    """
+    Return whether the place is within the owner's tolerance, also once the robot has stopped.
+
+    So are ``deviations`` of what is measured. Who has no final turn must face the goal as well.
+    """
+    if settings.arrival_position == 0.0 or _looks_elsewhere(state, measurement, settings):
+        return False
+    if not (settings.options.final_turn or faces_goal(state, measurement, settings)):
+        return False
+    ahead = stopping(state.twist.linear, settings.max_acceleration, settings)
+    if measurement.offset is not None:
+        x, y = measurement.offset
+        reach = settings.arrival_position - deviations * measurement.offset_deviation
+        return max(math.hypot(x, y), math.hypot(x, y + ahead)) <= reach
+    difference, noise = measurement.difference, measurement.difference_deviation
+    slope = state.slope.least(noise)
+    reach = slope * settings.arrival_position - deviations * noise
+    return max(abs(difference), abs(difference + slope * ahead)) <= reach
+
+
+def faces_goal(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
+    """Return whether the heading is the goal's, where told also once the robot has stopped."""
+    bound = facing_bound(measurement, settings, trial_of(state))
+    heading, turn = measurement.heading_error, 0.0
+    if settings.arrival_heading > FACING:
+        turn = stopping(state.twist.angular, settings.max_angular_acceleration, settings)
+    return max(abs(heading), abs(heading + turn)) <= bound
+
+
+def stopping(speed: float, deceleration: float, settings: ServoSettings) -> float:
+    """Return what a robot of this speed moves on by until it stands [m] or [rad]."""
+    return speed * (settings.latency + 0.5 * abs(speed) / deceleration)
 
 
 def is_in_doubt(measurement: Measurement, settings: ServoSettings) -> bool:
@@ -67,8 +139,8 @@ def is_at_goal(state: ServoState, measurement: Measurement, settings: ServoSetti
     """
     if is_in_doubt(measurement, settings) or sees_nothing_of_it(measurement):
         return False
-    bound = facing_bound(measurement, settings, trial_of(state))
-    faces_goal = abs(measurement.heading_error) <= bound
-    bound = matched_bound(measurement, settings, trial_of(state, spent=True))
-    matched = abs(measurement.difference) <= bound
-    return faces_goal and matched and not has_parallax(state, measurement, settings)
+    if not faces_goal(state, measurement, settings):
+        return False
+    if is_matched(measurement, settings, trial_of(state, spent=True)):
+        return not has_parallax(state, measurement, settings)
+    return is_near_enough(state, measurement, settings, deviations=STILL_THERE)

@@ -1,9 +1,9 @@
 """
 Bounds below which a measurement counts as zero: no finer than its noise, nor than the base moves.
 
-Where a memory of views knows the offset they are finer than what settings call arrived. A base may
-be unable to come as near, and nobody has told its dead band: who lingers is asked for no more than
-usual.
+Where a memory of views knows the offset they are finer than two views could tell. A base may be
+unable to come as near, and nobody has told its dead band: who lingers is asked for no more than
+usual. The tolerances of the owner make them coarser, less what the measurement may be wrong by.
 """
 
 import math
@@ -18,6 +18,7 @@ ENGAGE_DEVIATIONS, RELEASE_DEVIATIONS, NOISE_DEVIATIONS = 1.0, 4.0, 2.0
 LEAST_OFFSET, LEAST_HEADING = 4e-5, 2e-5  # that a memory of views bothers about [m], [rad]
 NEGLIGIBLE = 0.3  # deviations of what a memory says: more would be a bias of who comes from behind
 TRIMMED = 0.15  # of a hop, by which stretched pulses miss: a base slips
+FACING = 6e-4  # error of a heading by two views; no tolerance is finer [rad]
 PATIENCE_S = 4.0  # within the usual bounds, after which they are enough
 
 
@@ -53,9 +54,11 @@ def align_bound(measurement: Measurement, settings: ServoSettings) -> float:
 
 def facing_bound(measurement: Measurement, settings: ServoSettings, trial: Trial = FIRST) -> float:
     """Return the largest heading error [rad] that counts as zero, half of the least turn."""
-    bound = settings.arrival_heading
+    bound = max(min(settings.arrival_heading, FACING), settings.arrival_heading - FACING)
     if measurement.offset is not None and trial.lingered <= PATIENCE_S:
-        bound = min(max(NEGLIGIBLE * measurement.heading_deviation, LEAST_HEADING), bound)
+        deviation = measurement.heading_deviation
+        fine = min(max(NEGLIGIBLE * deviation, LEAST_HEADING), bound, FACING)
+        bound = max(fine, settings.arrival_heading - FACING - NOISE_DEVIATIONS * deviation)
     if is_trimmed(measurement, settings, trial):
         return max(bound, TRIMMED * trial.frame_s * settings.dead_band_angular)
     return max(bound, _hop(settings.dead_band_angular, settings, trial))
@@ -89,6 +92,11 @@ def matched_bound(
     fine = max(min(least, LEAST_OFFSET * slope), NEGLIGIBLE * deviation)
     hop = _hop(settings.dead_band_linear, settings, trial) * slope
     return max(fine if trial.lingered <= PATIENCE_S else usual, hop)
+
+
+def is_matched(measurement: Measurement, settings: ServoSettings, trial: Trial = FIRST) -> bool:
+    """Return whether D counts as zero."""
+    return abs(measurement.difference) <= matched_bound(measurement, settings, trial)
 
 
 def _hop(threshold: float, settings: ServoSettings, trial: Trial) -> float:

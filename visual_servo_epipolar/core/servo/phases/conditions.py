@@ -11,13 +11,12 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.anticipation import anticipated
 from visual_servo_epipolar.core.servo.identification.ranging import look_ahead, UNKNOWN_RANGE
+from visual_servo_epipolar.core.servo.phases.arrival import faces_goal, is_near_enough
 from visual_servo_epipolar.core.servo.phases.bounds import (
     align_bound,
     engage_bound,
-    facing_bound,
-    matched_bound,
+    is_matched,
     release_bound,
-    Trial,
     trial_of,
     trimming_bound,
 )
@@ -191,8 +190,11 @@ def _is_settled(state: ServoState, settings: ServoSettings) -> bool:
         return False
     if state.phase is Phase.HOLDING:
         return not is_untrusted(measurement, settings)
-    if state.phase in (Phase.ORIENTING, Phase.MATCHING_FEATURES):
-        return _is_within(state, measurement, settings, trial_of(state))
+    if state.phase is Phase.ORIENTING:
+        return faces_goal(state, measurement, settings)
+    if state.phase is Phase.MATCHING_FEATURES:
+        matched = is_matched(measurement, settings, trial_of(state))
+        return matched or is_near_enough(state, measurement, settings)
     if (
         state.phase is Phase.ZEROING_EPIPOLES
         and state.latched
@@ -210,16 +212,7 @@ def is_close(state: ServoState, settings: ServoSettings) -> bool:
     if state.phase is Phase.ORIENTING:
         bound = trimming_bound(measurement, settings, trial_of(state))
         return abs(measurement.heading_error) <= bound
-    return _is_within(state, measurement, settings, trial_of(state, spent=True))
-
-
-def _is_within(
-    state: ServoState, measurement: Measurement, settings: ServoSettings, trial: Trial
-) -> bool:
-    """Return whether the aim of a turn in place, or of step 2, is fulfilled."""
-    if state.phase is Phase.ORIENTING:
-        return abs(measurement.heading_error) <= facing_bound(measurement, settings, trial)
-    return abs(measurement.difference) <= matched_bound(measurement, settings, trial)
+    return is_matched(measurement, settings, trial_of(state, spent=True))
 
 
 def astray(state: ServoState, measurement: Measurement, settings: ServoSettings) -> str:

@@ -5,6 +5,7 @@ import math
 
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.phases.arrival import (
+    faces_goal,
     has_parallax,
     is_at_goal,
     is_in_doubt,
@@ -13,7 +14,8 @@ from visual_servo_epipolar.core.servo.phases.arrival import (
 from visual_servo_epipolar.core.servo.phases.bounds import (
     align_bound,
     engage_bound,
-    facing_bound,
+    FACING,
+    is_matched,
     trial_of,
 )
 from visual_servo_epipolar.core.servo.phases.conditions import (
@@ -155,15 +157,17 @@ def _matching(state: ServoState, measurement: Measurement, settings: ServoSettin
         return Event.NOTHING
     attempts_remain = state.attempts < settings.max_attempts
     repeats = settings.options.new_attempts and attempts_remain
+    missed = Event.MISSED if repeats else Event.EXHAUSTED
     if has_parallax(state, measurement, settings):
-        return Event.MISSED if repeats else Event.EXHAUSTED
+        # Within a tolerance of the owner's alone it is no miss: it goes on, nearer.
+        return missed if is_matched(measurement, settings, trial_of(state)) else Event.NOTHING
     if repeats and measurement.offset is None and state.yaw_learnt > YAW_FOR_NEW_ATTEMPT:
         return Event.MISSED  # aside by as much as two views cannot tell
-    bound = facing_bound(measurement, settings, trial_of(state))
-    faces_goal = abs(measurement.heading_error) <= bound
-    if settings.options.final_turn and not faces_goal:
+    if faces_goal(state, measurement, settings):
+        return Event.MATCHED
+    if settings.options.final_turn:
         return Event.TURNED
-    return Event.MATCHED
+    return missed if settings.arrival_heading > FACING else Event.MATCHED
 
 
 def _looks(state: ServoState, measurement: Measurement, settings: ServoSettings) -> int:

@@ -5,6 +5,7 @@ import math
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.derived_gains import legal_target, with_gains_of_now
 from visual_servo_epipolar.core.servo.identification.ranging import Leg
+from visual_servo_epipolar.core.servo.phases.bounds import FACING
 from visual_servo_epipolar.core.servo.phases.conditions import (
     astray,
     discordant_bearing,
@@ -112,10 +113,22 @@ def _reason(
         error = measurement.feature_error * measurement.focal
         return (
             f'features are {error:.1f} px off, parallax {measurement.parallax_px:.1f} px, '
-            f'at the end of attempt {state.attempts}'
+            f'{_against_tolerances(measurement, settings)}at the end of attempt {state.attempts}'
         )
     if event is Event.LOST and not math.isfinite(measurement.difference):
         return measurement.reason or 'no feature is ahead in both views'
     if event is Event.LOST:
         return measurement.reason or f'bearings not trusted in {name}'
     return str(event.value)
+
+
+def _against_tolerances(measurement: Measurement, settings: ServoSettings) -> str:
+    """Return in words how far off the robot is in the terms of the tolerances that are told."""
+    words = ''
+    if settings.arrival_position > 0.0 and measurement.offset is not None:
+        offset = 1e3 * math.hypot(*measurement.offset)
+        words = f'{offset:.1f} mm away (arrival_position), '
+    if settings.arrival_heading > FACING:
+        degrees = math.degrees(abs(measurement.heading_error))
+        words += f'turned by {degrees:.2f} deg (arrival_heading), '
+    return words

@@ -1,0 +1,210 @@
+"""Tolerances of the owner: held against what is measured and what that may be wrong by."""
+
+from dataclasses import replace
+import math
+
+from hypothesis import given
+from hypothesis import strategies as st
+import pytest
+from servo_states import in_phase, SETTINGS, sight
+from strategies import floats
+
+from visual_servo_epipolar.core.control.command import Command
+from visual_servo_epipolar.core.geometry.motion import Twist
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.identification.slope import Slope
+from visual_servo_epipolar.core.servo.phases.arrival import (
+    faces_goal,
+    has_parallax,
+    is_at_goal,
+    is_near_enough,
+)
+from visual_servo_epipolar.core.servo.phases.bounds import FACING, facing_bound, FIRST
+from visual_servo_epipolar.core.servo.phases.conditions import is_settled
+from visual_servo_epipolar.core.servo.phases.events import classify
+from visual_servo_epipolar.core.servo.phases.switch import switched
+from visual_servo_epipolar.core.servo.phases.table import Event, Phase
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+
+SLOPE = 0.13  # of D at the goal, of features about 3 m away [1/m]
+OWNERS = replace(SETTINGS, arrival_position=5e-3, arrival_heading=math.radians(0.5))
+MOVING = Command(Twist(0.02, 0.0))
+
+
+def near(x: float = 0.0, y: float = 0.0, *, deviation: float = 2e-4, **changes) -> Measurement:
+    """Return what a memory of views says ``x`` right and ``y`` ahead of the goal."""
+    said = sight(
+        bearings=None,
+        offset=(x, y),
+        offset_deviation=deviation,
+        heading_error=0.0,
+        heading_deviation=1e-4,
+        difference=SLOPE * y,
+        difference_deviation=SLOPE * deviation,
+        difference_slope=SLOPE,
+        parallax=0.4 * SLOPE * math.hypot(x, y),
+    )
+    return replace(said, **changes)
+
+
+def by_two_views(y: float, **changes) -> Measurement:
+    """Return what two views say ``y`` ahead of the goal."""
+    return replace(near(y=y), offset=None, difference_slope=math.nan, **changes)
+
+
+def ending(measurement: Measurement, **changes) -> ServoState:
+    """Return a state in step 2 that has settled, and stands still."""
+    mean = {'settled': SETTINGS.arrival_frames, 'settled_parallax': measurement.parallax}
+    return in_phase(Phase.MATCHING_FEATURES, **{'measurement': measurement, **mean, **changes})
+
+
+OFFSETS = floats(-0.03, 0.03)
+DEVIATIONS = floats(0.0, 0.01)
+
+
+@given(OFFSETS, OFFSETS, DEVIATIONS, floats(1e-3, 0.02), floats(-0.05, 0.05))
+def test_who_is_near_enough_is_within_the_tolerance_with_all_that_may_be_wrong(
+    x: float, y: float, deviation: float, tolerance: float, speed: float
+) -> None:
+    settings = replace(SETTINGS, arrival_position=tolerance)
+    measurement = near(x, y, deviation=deviation)
+    state = ending(measurement, command=Command(Twist(speed, 0.0)))
+    if is_near_enough(state, measurement, settings):
+        assert math.hypot(x, y) + 2.0 * deviation <= tolerance
+        assert math.hypot(x, y + speed * settings.latency) + 2.0 * deviation <= tolerance
+
+
+@given(OFFSETS, OFFSETS, DEVIATIONS, floats(1e-3, 0.02), floats(1.0, 3.0))
+def test_a_coarser_tolerance_lets_pass_what_a_finer_one_does(
+    x: float, y: float, deviation: float, tolerance: float, factor: float
+) -> None:
+    measurement = near(x, y, deviation=deviation)
+    state = ending(measurement)
+    finer = replace(SETTINGS, arrival_position=tolerance)
+    coarser = replace(SETTINGS, arrival_position=factor * tolerance)
+    for passes in (is_near_enough, is_settled_within):
+        assert passes(state, measurement, coarser) or not passes(state, measurement, finer)
+
+
+def is_settled_within(
+    state: ServoState, measurement: Measurement, settings: ServoSettings
+) -> bool:
+    return is_settled(replace(state, measurement=measurement), settings)
+
+
+@given(floats(FACING, 0.1), floats(1.0, 3.0), floats(0.0, 0.01), st.booleans(), st.booleans())
+def test_the_bound_of_the_heading_is_within_the_tolerance_and_grows_with_it(
+    tolerance: float, factor: float, deviation: float, remembered: bool, lingers: bool
+) -> None:
+    seen = near(heading_deviation=deviation) if remembered else by_two_views(0.0)
+    trial = FIRST._replace(lingered=math.inf if lingers else 0.0)
+    told = replace(SETTINGS, arrival_heading=tolerance)
+    bound = facing_bound(seen, told, trial)
+    assert bound <= tolerance
+    coarser = replace(told, arrival_heading=min(factor * tolerance, 0.1))
+    assert bound <= facing_bound(seen, coarser, trial)
+
+
+def test_a_tolerance_of_the_heading_has_its_effect_at_once() -> None:
+    """A memory of views would be asked for a hundredth of it otherwise, for four seconds."""
+    for seen in (near(heading_error=0.007), by_two_views(0.0, heading_error=0.007)):
+        turning = in_phase(Phase.ORIENTING, measurement=seen)
+        assert is_settled(turning, OWNERS)
+        assert not is_settled(turning, SETTINGS)
+
+
+def test_without_tolerances_nothing_is_let_pass() -> None:
+    measurement = near(y=-1e-3)
+    assert not is_near_enough(ending(measurement), measurement, SETTINGS)
+    assert not is_settled(ending(measurement), SETTINGS)
+    assert is_settled(ending(measurement), OWNERS)
+
+
+def test_who_would_roll_past_the_tolerance_is_not_near_enough() -> None:
+    ahead = near(y=4e-3)
+    assert is_near_enough(ending(ahead), ahead, OWNERS)
+    assert not is_near_enough(ending(ahead, command=MOVING), ahead, OWNERS)
+    behind = near(y=-4e-3)
+    assert is_near_enough(ending(behind, command=MOVING), behind, OWNERS)
+
+
+def test_who_would_turn_past_the_tolerance_does_not_face_the_goal() -> None:
+    turned = near(heading_error=0.007)
+    for rate, faces in ((0.0, True), (-0.05, True), (0.05, False)):
+        state = in_phase(Phase.ORIENTING, measurement=turned, command=Command(Twist(0.0, rate)))
+        assert faces_goal(state, turned, OWNERS) == faces
+
+
+@pytest.mark.parametrize(
+    ('slope', 'near_enough'),
+    [
+        (Slope(SLOPE, 0.01), True),
+        (Slope(), False),  # no metres without a slope
+        (Slope(SLOPE, 1e-8), False),  # nor with one that noise may be
+    ],
+)
+def test_two_views_turn_d_into_metres_by_its_slope(slope: Slope, near_enough: bool) -> None:
+    short = by_two_views(-3e-3)
+    assert is_near_enough(ending(short, slope=slope), short, OWNERS) == near_enough
+    far = by_two_views(-6e-3)
+    assert not is_near_enough(ending(far, slope=slope), far, OWNERS)
+
+
+def test_at_the_end_of_step_2_who_is_within_both_tolerances_has_arrived() -> None:
+    measurement = near(y=-3e-3, heading_error=0.007)
+    assert classify(ending(measurement), OWNERS) is Event.MATCHED
+    turned = replace(measurement, heading_error=0.01)
+    assert classify(ending(turned), OWNERS) is Event.TURNED
+
+
+def test_who_arrived_is_not_sent_away_by_noise() -> None:
+    """Between the end of step 2 and that of the turn a deviation is let pass."""
+    measurement = near(y=-4.7e-3)
+    assert not is_near_enough(ending(measurement), measurement, OWNERS)
+    assert is_at_goal(in_phase(Phase.ORIENTING), measurement, OWNERS)
+    outside = near(y=-4.9e-3)
+    assert not is_at_goal(in_phase(Phase.ORIENTING), outside, OWNERS)
+
+
+def test_a_parallax_within_the_tolerance_alone_is_no_miss_but_leads_on() -> None:
+    other = replace(by_two_views(-3e-3), parallax=1e-2)
+    without = replace(OWNERS, memory=False)
+    state = ending(other, slope=Slope(SLOPE, 0.01))
+    assert has_parallax(state, other, without)
+    assert not is_settled(state, without)
+    assert classify(state, without) is Event.NOTHING
+    matched = replace(other, difference=0.0)
+    assert classify(replace(state, measurement=matched), without) is Event.MISSED
+
+
+@pytest.mark.parametrize('attempt', [1, 4])
+def test_no_attempt_makes_a_tolerance_larger(attempt: int) -> None:
+    aside = near(x=5.5e-3)
+    state = ending(aside, attempts=attempt)
+    assert classify(state, OWNERS) is Event.MISSED
+    as_near_as_it_can = Event.MATCHED if attempt == 4 else Event.MISSED
+    assert classify(state, SETTINGS) is as_near_as_it_can
+
+
+def test_a_tolerance_finer_than_the_noise_is_held_as_measured() -> None:
+    fine = replace(SETTINGS, arrival_position=1e-3)
+    for x, event in ((0.9e-3, Event.MATCHED), (1.1e-3, Event.MISSED)):
+        assert classify(ending(near(x=x, deviation=8e-4)), fine) is event
+
+
+@pytest.mark.parametrize('law', ['paper', 'corrected', 'full-final_turn'])
+def test_a_law_without_a_final_turn_has_missed_where_it_is_turned(law: str) -> None:
+    turned = near(heading_error=0.02)
+    owners = replace(OWNERS, law=law)
+    assert classify(ending(turned), owners) is Event.MISSED
+    last = ending(turned, attempts=SETTINGS.max_attempts)
+    assert classify(last, owners) is Event.EXHAUSTED
+    assert (
+        'turned by 1.15 deg (arrival_heading)'
+        in switched(last, turned, Event.EXHAUSTED, owners).reason
+    )
+    assert classify(ending(turned), replace(SETTINGS, law=law)) is Event.MATCHED
+    # Within the tolerance of the place alone it goes on: line following may still turn it.
+    short = near(y=-3e-3, heading_error=0.02)
+    assert not is_settled(ending(short), owners)
