@@ -102,6 +102,8 @@ def test_the_bound_of_the_heading_is_within_the_tolerance_and_grows_with_it(
     told = replace(SETTINGS, arrival_heading=tolerance)
     bound = facing_bound(seen, told, trial)
     assert bound <= tolerance
+    if remembered and bound > FACING:
+        assert bound + 2.0 * deviation <= tolerance
     coarser = replace(told, arrival_heading=min(factor * tolerance, 0.1))
     assert bound <= facing_bound(seen, coarser, trial)
 
@@ -149,6 +151,16 @@ def test_two_views_turn_d_into_metres_by_its_slope(slope: Slope, near_enough: bo
     assert is_near_enough(ending(short, slope=slope), short, OWNERS) == near_enough
     far = by_two_views(-6e-3)
     assert not is_near_enough(ending(far, slope=slope), far, OWNERS)
+
+
+@pytest.mark.parametrize('remembered', [True, False])
+def test_the_way_that_is_left_explains_its_parallax(remembered: bool) -> None:
+    """As much of another kind is one too much."""
+    coarse, y = replace(SETTINGS, arrival_position=0.1, memory=remembered), -0.06
+    seen = near(y=y) if remembered else by_two_views(y)
+    state = ending(seen, slope=Slope(SLOPE, 0.01))
+    assert is_near_enough(state, seen, coarse)
+    assert not is_near_enough(replace(state, settled_parallax=0.1), seen, coarse)
 
 
 def test_at_the_end_of_step_2_who_is_within_both_tolerances_has_arrived() -> None:

@@ -18,7 +18,7 @@ ENGAGE_DEVIATIONS, RELEASE_DEVIATIONS, NOISE_DEVIATIONS = 1.0, 4.0, 2.0
 LEAST_OFFSET, LEAST_HEADING = 4e-5, 2e-5  # that a memory of views bothers about [m], [rad]
 NEGLIGIBLE = 0.3  # deviations of what a memory says: more would be a bias of who comes from behind
 TRIMMED = 0.15  # of a hop, by which stretched pulses miss: a base slips
-FACING = 6e-4  # error of a heading by two views; no tolerance is finer [rad]
+FACING = 6e-4  # heading error that two views leave; what a tolerance is less by, too [rad]
 PATIENCE_S = 4.0  # within the usual bounds, after which they are enough
 
 
@@ -54,11 +54,13 @@ def align_bound(measurement: Measurement, settings: ServoSettings) -> float:
 
 def facing_bound(measurement: Measurement, settings: ServoSettings, trial: Trial = FIRST) -> float:
     """Return the largest heading error [rad] that counts as zero, half of the least turn."""
-    bound = max(min(settings.arrival_heading, FACING), settings.arrival_heading - FACING)
-    if measurement.offset is not None and trial.lingered <= PATIENCE_S:
+    tolerance, deviation = settings.arrival_heading, 0.0
+    fine = min(tolerance, FACING)
+    if measurement.offset is not None:
         deviation = measurement.heading_deviation
-        fine = min(max(NEGLIGIBLE * deviation, LEAST_HEADING), bound, FACING)
-        bound = max(fine, settings.arrival_heading - FACING - NOISE_DEVIATIONS * deviation)
+        if trial.lingered <= PATIENCE_S:
+            fine = min(max(NEGLIGIBLE * deviation, LEAST_HEADING), fine)
+    bound = max(fine, tolerance - FACING - NOISE_DEVIATIONS * deviation)
     if is_trimmed(measurement, settings, trial):
         return max(bound, TRIMMED * trial.frame_s * settings.dead_band_angular)
     return max(bound, _hop(settings.dead_band_angular, settings, trial))
