@@ -111,10 +111,11 @@ def _reason(
         return f'the desired epipole ran away to infinity in {name}'
     if event in (Event.MISSED, Event.EXHAUSTED):
         error = measurement.feature_error * measurement.focal
-        return (
+        missed = (
             f'features are {error:.1f} px off, parallax {measurement.parallax_px:.1f} px, '
-            f'{_against_tolerances(measurement, settings)}at the end of attempt {state.attempts}'
+            f'at the end of attempt {state.attempts}'
         )
+        return missed + _against_tolerances(measurement, settings)
     if event is Event.LOST and not math.isfinite(measurement.difference):
         return measurement.reason or 'no feature is ahead in both views'
     if event is Event.LOST:
@@ -127,8 +128,8 @@ def _against_tolerances(measurement: Measurement, settings: ServoSettings) -> st
     words = ''
     if settings.arrival_position > 0.0 and measurement.offset is not None:
         offset = 1e3 * math.hypot(*measurement.offset)
-        words = f'{offset:.1f} mm away (arrival_position), '
+        words = f', {offset:.1f} mm away (arrival_position)'
     if settings.arrival_heading > FACING:
         degrees = math.degrees(abs(measurement.heading_error))
-        words += f'turned by {degrees:.2f} deg (arrival_heading), '
+        words += f', turned by {degrees:.2f} deg (arrival_heading)'
     return words
