@@ -19,7 +19,7 @@ from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.messages import read, write
-from visual_servo_epipolar.messages.encodings import ENCODINGS, GrayReader
+from visual_servo_epipolar.messages.images.encodings import ENCODINGS, GrayReader
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator, ImageView
 from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.scenario import Scenario
@@ -44,8 +44,10 @@ def raw(image: Image, encoding: str, *, big: bool = False, bits: int = 12) -> Im
         pixels = pixels.astype(np.uint16) << (bits - 8)
         pixels = pixels.astype('>u2' if big else '<u2').view(np.uint8)
     rows = np.pad(np.ascontiguousarray(pixels).reshape(len(image), -1), ((0, 0), (0, PADDING)))
-    message = write.image(rows, encoding, 0, 'camera')
-    message.width, message.is_bigendian = image.shape[1], int(big)
+    below = np.full((int(len(rows) * kind.chroma), rows.shape[1]), 128, np.uint8)
+    message = write.image(np.vstack([rows, below]), encoding, 0, 'camera')
+    message.height, message.width = image.shape
+    message.is_bigendian = int(big)
     return message
 
 

@@ -8,6 +8,7 @@ import re
 import cv2
 import numpy as np
 import pytest
+from tagged_pictures import huge, KINDS, tagged
 
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
@@ -236,6 +237,63 @@ def test_what_is_no_photograph_of_this_camera_is_bad_input(
     assert code == 2
     assert words in errors
     assert errors.count('\n') == 1
+
+
+@pytest.mark.parametrize('kind', KINDS)
+def test_a_header_of_too_many_pixels_is_bad_input(photographs: Path, capsys, kind: str) -> None:
+    (photographs / 'huge.png').write_bytes(huge(kind, 2**24 - 1 if kind == 'webp' else 60_000))
+    code, _ = inspect(photographs, 'huge')
+    errors = capsys.readouterr().err
+    assert code == 2
+    assert 'huge.png must have 1 to 1073741824 pixels' in errors
+    assert errors.count('\n') == 1
+
+
+@pytest.mark.parametrize(
+    ('kind', 'tags'),
+    [
+        ('png', (3, 1)),
+        ('png', (1, 6)),
+        ('tiff', (3, 3)),
+        ('tiff', (8, 5)),
+        ('webp', (2, 3)),
+    ],
+)
+def test_pixels_are_those_that_are_stored_whatever_a_tag_says(
+    photographs: Path, tmp_path: Path, kind: str, tags: tuple[int, int]
+) -> None:
+    """The principal point lies off the centre: K would not fit a picture that is turned."""
+    for name, tag in zip(('desired', 'current'), tags, strict=True):
+        image = cv2.imread(str(photographs / f'{name}.png'), cv2.IMREAD_GRAYSCALE)
+        (tmp_path / f'{name}.png').write_bytes(tagged(image, kind, tag))
+    (tmp_path / 'camera.yaml').write_text(CAMERA)
+    assert inspect(tmp_path, 'current') == inspect(photographs, 'current')
+
+
+@pytest.mark.parametrize(('bits', 'suffix'), [(10, 'png'), (12, 'tiff'), (16, 'png')])
+def test_a_photograph_of_more_bits_is_as_good(
+    photographs: Path, tmp_path: Path, bits: int, suffix: str
+) -> None:
+    for name in ('desired', 'current'):
+        image = cv2.imread(str(photographs / f'{name}.png'), cv2.IMREAD_GRAYSCALE)
+        deep = image.astype(np.uint16) << (bits - 8)
+        encoded = cv2.imencode(f'.{suffix}', deep)[1]
+        (tmp_path / f'{name}.png').write_bytes(encoded.tobytes())
+    (tmp_path / 'camera.yaml').write_text(CAMERA)
+    assert inspect(tmp_path, 'current') == inspect(photographs, 'current')
+
+
+def test_a_camera_file_of_the_upright_picture_is_told_what_to_do(
+    photographs: Path, tmp_path: Path, capsys
+) -> None:
+    upright = CAMERA.replace('image_width: 640', 'image_width: 480')
+    upright = upright.replace('image_height: 480', 'image_height: 640')
+    (tmp_path / 'camera.yaml').write_text(
+        upright.replace('327, 0, 384.6, 233', '233, 0, 384.6, 327')
+    )
+    images = [str(photographs / 'desired.png'), str(photographs / 'current.png')]
+    assert main(['inspect', *images, '--camera', str(tmp_path / 'camera.yaml')]) == 2
+    assert 'calibrate with the pixels as they are stored' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -41,7 +41,7 @@ def test_a_row_shorter_than_its_pixels_is_refused() -> None:
         read.gray(message)
 
 
-@pytest.mark.parametrize('encoding', ['', '32FC1', 'bayer_rggb', 'nv21'])
+@pytest.mark.parametrize('encoding', ['', '32FC1', 'bayer_rggb', 'nv99'])
 def test_an_encoding_that_is_not_known_is_refused(encoding) -> None:
     message = image()
     message.encoding = encoding

@@ -5,6 +5,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from tagged_pictures import huge
 
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.tracking.tracker import Tracker, TrackerSettings
@@ -237,6 +238,29 @@ def test_a_file_that_is_no_image_is_refused_at_the_start(bench, tmp_path, conten
         path.write_bytes(content)
     with pytest.raises(ValueError, match='desired_image must be a readable image file'):
         bench.start(TrackerNode, desired_image=str(path))
+
+
+@pytest.mark.parametrize('kind', ['png', 'jpeg', 'tiff'])
+def test_a_file_that_claims_too_many_pixels_is_refused_at_the_start(bench, tmp_path, kind) -> None:
+    path = tmp_path / 'goal.png'
+    path.write_bytes(huge(kind))
+    reason = 'desired_image must be a readable image file, .*: .* must have 1 to 1073741824 pixels'
+    with pytest.raises(ValueError, match=reason):
+        bench.start(TrackerNode, desired_image=str(path))
+
+
+@pytest.mark.parametrize('bits', [10, 12, 14, 16])
+@pytest.mark.parametrize('suffix', ['png', 'tiff'])
+def test_a_file_of_more_bits_is_the_photograph_of_8(
+    bench, tmp_path, photograph, suffix, bits
+) -> None:
+    path = tmp_path / f'goal.{suffix}'
+    deep = photograph.astype(np.uint16) << (bits - 8)
+    path.write_bytes(cv2.imencode(path.suffix, deep)[1].tobytes())
+    received = bench.listen(Image, 'tracker_node/desired/image_raw', qos.LATCHED)
+    assert bench.start(TrackerNode, desired_image=str(path)).ready
+    bench.until(lambda: bool(received), 'the photograph')
+    np.testing.assert_array_equal(read.gray(received[0]), photograph)
 
 
 def test_a_blank_file_is_refused_at_the_start(bench, tmp_path) -> None:

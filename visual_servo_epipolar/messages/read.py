@@ -22,7 +22,7 @@ from visual_servo_epipolar.core.geometry.cameras.plausibility import refuse_impl
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist, yaw_from_quaternion
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.features import Features, NO_GOAL, Passing
-from visual_servo_epipolar.messages.encodings import GrayReader
+from visual_servo_epipolar.messages.images.encodings import GrayReader
 
 NUMPY_TYPES = {1: 'i1', 2: 'u1', 3: 'i2', 4: 'u2', 5: 'i4', 6: 'u4', 7: 'f4', 8: 'f8'}
 UNIT = 1e-2  # error of the length of a quaternion that somebody typed

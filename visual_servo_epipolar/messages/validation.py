@@ -11,7 +11,7 @@ from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.messages import read
-from visual_servo_epipolar.messages.encodings import GrayReader
+from visual_servo_epipolar.messages.images.encodings import GrayReader
 
 BORDER_PX = 1.0  # a refined feature may end a little outside of the image
 

@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.messages import event_log, read, validation, write
-from visual_servo_epipolar.messages.encodings import GrayReader
+from visual_servo_epipolar.messages.images.encodings import GrayReader
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.complaints import Complaints
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
+from tagged_pictures import huge, KINDS, tagged
 
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import parameters, qos
@@ -125,7 +126,7 @@ def test_compressed_images_are_tracked_as_raw_ones(bench, simulator, photograph,
     assert read.stamp_ns(clouds[0].header) == STAMP_NS
 
 
-@pytest.mark.parametrize('damage', ['truncated', 'no picture', 'another size', 'empty'])
+@pytest.mark.parametrize('damage', ['truncated', 'no picture', 'another size', 'empty', 'huge'])
 def test_a_broken_picture_is_one_line_and_nothing_is_lost(
     bench, simulator, photograph, view, damage
 ) -> None:
@@ -140,6 +141,8 @@ def test_a_broken_picture_is_one_line_and_nothing_is_lost(
     broken = jpeg(view if damage != 'another size' else np.zeros((120, 160), np.uint8))
     if damage == 'truncated':
         del broken.data[len(broken.data) // 2 :]
+    elif damage == 'huge':
+        broken = CompressedImage(format='png', data=huge('png'))
     elif damage != 'another size':
         broken = CompressedImage(format='jpeg', data=b'' if damage == 'empty' else b'no picture')
     for message in (jpeg(view, 1), broken, jpeg(view, 3)):
@@ -153,6 +156,24 @@ def test_a_broken_picture_is_one_line_and_nothing_is_lost(
     bench.until(lambda: bench.logged('image refused: '), 'the line')
     assert len(bench.logged('image refused: ')) == 1
     assert '\n' not in bench.logged('image refused: ')[0]
+
+
+@pytest.mark.parametrize(('tag', 'other'), [(3, 1), (1, 6)])
+@pytest.mark.parametrize('kind', KINDS[:4])
+def test_photograph_and_images_of_a_camera_agree_whatever_their_tags(
+    bench, simulator, photograph, view, tmp_path, kind, tag, other
+) -> None:
+    clouds = bench.listen(PointCloud2, 'tracks')
+    info = bench.talk(CameraInfo, 'camera_info')
+    send = bench.talk(CompressedImage, 'image_raw/compressed')
+    path = tmp_path / 'goal.png'
+    path.write_bytes(tagged(photograph, kind, tag))
+    node = bench.start(TrackerNode, transport='compressed', desired_image=str(path))
+    info(write.camera_info(simulator.camera, STAMP_NS, 'camera'))
+    bench.until(lambda: node._camera is not None, 'camera_info')
+    send(CompressedImage(format=kind, data=tagged(view, kind, other)))
+    bench.until(lambda: bool(clouds), 'tracks')
+    assert len(read.features(clouds[0])) >= 40
 
 
 @pytest.mark.parametrize(

@@ -40,8 +40,8 @@ from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.messages import read, validation
-from visual_servo_epipolar.messages.encodings import GrayReader
 from visual_servo_epipolar.messages.event_log import Entry, REDETECTED
+from visual_servo_epipolar.messages.images.encodings import GrayReader
 
 T = TypeVar('T')
 

@@ -42,12 +42,11 @@ def read_camera(
 def read_photograph(path: Path) -> Image:
     """Read an image file as grey levels; raises InputError if it is none."""
     try:
-        image = read_picture(path)
+        return read_picture(path, str(path))
     except OSError as error:
         raise InputError(f'{path}: photograph cannot be read: {error.strerror}') from None
-    if image is None:
-        raise InputError(f'{path}: not an image that can be decoded; give a PNG or JPEG file')
-    return image
+    except ValueError as error:
+        raise InputError(str(error)) from None
 
 
 def scaled_to(camera: CalibratedCamera, image: Image, path: Path) -> CalibratedCamera:
@@ -55,8 +54,14 @@ def scaled_to(camera: CalibratedCamera, image: Image, path: Path) -> CalibratedC
     height, width = image.shape
     scale_u, scale_v = width / camera.width, height / camera.height
     if abs(scale_u / scale_v - 1.0) > ASPECT_TOLERANCE:
+        lying = abs(width * camera.width / (height * camera.height) - 1.0) <= ASPECT_TOLERANCE
+        remedy = (
+            'calibrate with the pixels as they are stored, which an orientation tag does not turn'
+            if lying
+            else 'do not crop, and use the calibration of this camera'
+        )
         raise InputError(
             f'{path}: image has {width}x{height} px, the camera {camera.width}x{camera.height}, '
-            'another aspect ratio; do not crop, and use the calibration of this camera'
+            f'another aspect ratio; {remedy}'
         )
     return scaled(camera, (width, height), scale_u, scale_v)

@@ -82,7 +82,7 @@ class TrackerNodeSettings(LifecycleSettings):
     )
     transport: str = setting(
         'raw',
-        'Images come as: compressed are JPEG or PNG, on image_raw/compressed',
+        'Images come as: compressed are JPEG, PNG, TIFF, on image_raw/compressed',
         choices=TRANSPORTS,
         read_only=True,
     )

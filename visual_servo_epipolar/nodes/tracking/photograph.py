@@ -6,13 +6,13 @@ it: ``visual_servo inspect`` takes both. The picture is there before the camera 
 its place, so that a crash leaves the former photograph or the new one, whole.
 """
 
+from contextlib import suppress
 from dataclasses import dataclass
 import os
 from pathlib import Path
 from typing import Any
 
 import cv2
-import numpy as np
 import yaml
 
 from visual_servo_epipolar.core.arrays import as_gray, Image
@@ -21,6 +21,7 @@ from visual_servo_epipolar.core.tracking.tracker import goal_of
 from visual_servo_epipolar.files import whole
 from visual_servo_epipolar.messages import camera_file
 from visual_servo_epipolar.messages.calibrations.calibration import entry, text, whole_number
+from visual_servo_epipolar.messages.images.encodings import GrayReader
 
 LAST_NS = 2**63 - 1  # of a stamp
 HEAD = '# The photograph of a tracker_node, and the camera it was taken with.\n'
@@ -36,19 +37,20 @@ class Photograph:
     images: int = 1
 
 
-def read_picture(path: Path) -> Image | None:
-    """Return the grey levels of a picture, None if it is none; raises OSError as files do."""
-    encoded = np.fromfile(path, np.uint8)
-    image = cv2.imdecode(encoded, cv2.IMREAD_GRAYSCALE) if encoded.size else None
-    return None if image is None else as_gray(image)
+def read_picture(path: Path, name: str) -> Image:
+    """Return the grey levels of a picture; raises OSError, or ValueError if it is none."""
+    return as_gray(GrayReader().picture(path.read_bytes(), name))
 
 
 def read_photograph(path: str) -> Image:
     """Read the photograph that a parameter names, or raise ValueError."""
-    image = read_picture(Path(path)) if Path(path).is_file() else None
-    if image is None:
-        raise ValueError(f'desired_image must be a readable image file, got {path!r}')
-    return image
+    try:
+        return read_picture(Path(path), path)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, 'strerror', None) or error
+        raise ValueError(
+            f'desired_image must be a readable image file, got {path!r}: {reason}'
+        ) from None
 
 
 def load(path: Path) -> Photograph | None:
@@ -60,7 +62,9 @@ def load(path: Path) -> Photograph | None:
         document = yaml.safe_load(path.read_text(encoding='utf-8'))
         camera = camera_file.from_document(document)
         picture = path.with_name(Path(text(entry(document, 'photograph'), 'photograph')).name)
-        image = read_picture(picture) if picture.is_file() else None
+        image = None
+        with suppress(FileNotFoundError, ValueError):
+            image = read_picture(picture, picture.name)
         stamp_ns = whole_number(entry(document, 'stamp_ns'), 'stamp_ns', 0, LAST_NS)
         photograph = Photograph(_checked(image, camera, document), camera, stamp_ns)
     except (OSError, RecursionError, ValueError, yaml.YAMLError) as error:

@@ -6,7 +6,13 @@ import pytest
 from sensor_msgs.msg import CompressedImage, Image
 
 from visual_servo_epipolar.messages import read
-from visual_servo_epipolar.messages.encodings import BRIGHT, DARK, ENCODINGS, GrayReader, LARGEST
+from visual_servo_epipolar.messages.images.encodings import (
+    BRIGHT,
+    DARK,
+    ENCODINGS,
+    GrayReader,
+)
+from visual_servo_epipolar.messages.images.pictures import LARGEST
 
 BLUE, GREEN, RED = 30, 90, 200
 GRAY = round(0.114 * BLUE + 0.587 * GREEN + 0.299 * RED)
@@ -21,6 +27,9 @@ def message(pixels: np.ndarray, encoding: str, *, padding: int = 0) -> Image:
     raw = Image(encoding=encoding, height=len(pixels), width=pixels.shape[1])
     raw.step = padded.shape[1]
     raw.data.frombytes(padded.tobytes())
+    below = int(len(pixels) * getattr(ENCODINGS.get(encoding), 'chroma', 0.0))
+    raw.data.frombytes(bytes(range(200, 200 + 5)) * (below * padded.shape[1] // 5 + 1))
+    del raw.data[(len(pixels) + below) * padded.shape[1] :]
     return raw
 
 
@@ -72,13 +81,63 @@ def test_of_16_bits_the_upper_half_counts(encoding, big) -> None:
 
 
 @pytest.mark.parametrize(
-    ('encoding', 'offset'), [('yuv422', 1), ('uyvy', 1), ('yuv422_yuy2', 0), ('yuyv', 0)]
+    ('encoding', 'offset'),
+    [('yuv422', 1), ('uyvy', 1), ('yuv422_yuy2', 0), ('yuyv', 0), ('yuy2', 0)],
 )
 def test_the_luminance_is_the_grey(encoding, offset) -> None:
     shades = np.arange(48, dtype=np.uint8).reshape(6, 8)
     pixels = np.full((6, 8, 2), 128, np.uint8)
     pixels[..., offset] = shades
     np.testing.assert_array_equal(read.gray(message(pixels, encoding)), shades)
+
+
+PLANAR = [name for name, kind in ENCODINGS.items() if kind.chroma]
+
+
+@pytest.mark.parametrize('padding', [0, 5])
+@pytest.mark.parametrize('encoding', [*PLANAR, 'YUV420', 'NV12'])
+def test_the_grey_is_the_plane_above_those_of_the_colours(encoding, padding) -> None:
+    shades = np.arange(48, dtype=np.uint8).reshape(6, 8, 1)
+    raw = message(shades, encoding.lower(), padding=padding)
+    raw.encoding = encoding
+    np.testing.assert_array_equal(read.gray(raw), shades[..., 0])
+    raw.data.frombytes(b'page')  # buffers of drivers end at a page
+    np.testing.assert_array_equal(read.gray(raw), shades[..., 0])
+
+
+@pytest.mark.parametrize('encoding', PLANAR)
+def test_colours_may_be_counted_into_the_rows(encoding) -> None:
+    shades = np.arange(48, dtype=np.uint8).reshape(6, 8, 1)
+    raw = message(shades, encoding)
+    raw.step = len(raw.data) // 6
+    np.testing.assert_array_equal(read.gray(raw), shades[..., 0])
+
+
+@pytest.mark.parametrize(
+    ('code', 'encoding'),
+    [
+        (cv2.COLOR_BGR2YUV_I420, 'yuv420'),
+        (cv2.COLOR_BGR2YUV_YV12, 'yv12'),
+    ],
+)
+def test_planes_are_those_that_opencv_writes(code, encoding) -> None:
+    rng = np.random.default_rng(0)
+    scene = cv2.GaussianBlur(rng.integers(0, 256, (48, 64, 3), dtype=np.uint8), None, 3.0)
+    planes = cv2.cvtColor(scene, code)
+    raw = Image(encoding=encoding, height=48, width=64, step=64)
+    raw.data.frombytes(planes.tobytes())
+    gray = cv2.cvtColor(scene, cv2.COLOR_BGR2GRAY).astype(float)
+    luminance = (read.gray(raw).astype(float) - 16.0) * 255.0 / 219.0  # video levels
+    assert np.abs(luminance - gray).max() <= 2.0
+
+
+@pytest.mark.parametrize('encoding', ['mono8', 'bgr8', 'yuyv'])
+def test_other_images_that_are_called_planar_are_refused(encoding) -> None:
+    kind = ENCODINGS[encoding]
+    raw = message(np.zeros((6, 8, kind.channels), np.uint8), encoding)
+    raw.encoding = 'nv12'
+    with pytest.raises(ValueError, match='bytes of colours, got .* truncated or mislabelled'):
+        read.gray(raw)
 
 
 @pytest.mark.parametrize('encoding', list(ENCODINGS))
@@ -116,11 +175,12 @@ def test_colour_is_compressed_to_the_same_grey() -> None:
 def test_what_is_no_picture_is_refused(data) -> None:
     raw = CompressedImage(format='jpeg')
     raw.data.frombytes(data)
-    with pytest.raises(ValueError, match=f"a whole JPEG or PNG, got 'jpeg' of {len(data)} bytes"):
+    reason = rf"a compressed image \('jpeg'\) must be a whole .*, got {len(data)} bytes"
+    with pytest.raises(ValueError, match=reason):
         read.gray(raw)
 
 
-@pytest.mark.parametrize('suffix', ['.png', '.jpg'])
+@pytest.mark.parametrize('suffix', ['.png', '.jpg', '.tiff', '.webp'])
 def test_a_picture_cut_short_is_refused(suffix) -> None:
     whole = compressed(suffix, np.random.default_rng(0).integers(0, 256, (40, 60), dtype=np.uint8))
     for length in range(0, len(whole.data) - 8, 7):
@@ -199,6 +259,43 @@ def test_images_of_a_row_a_column_or_a_pixel_are_grey_or_refused(encoding) -> No
             assert 'cannot become grey' in str(error)
 
 
+PATTERNS = ['rggb', 'bggr', 'gbrg', 'grbg']
+
+
+def mosaic_of(pattern: str, bits: int) -> np.ndarray:
+    """Return the mosaic of a coloured scene with edges, of which every pixel counts."""
+    scene = np.random.default_rng(2).integers(0, 256, (24, 32, 3), dtype=np.uint8)
+    scene[:, 16:] //= 3
+    mosaic = np.empty((24, 32), np.uint16)
+    for number, name in enumerate(pattern):
+        rows, columns = slice(number // 2, None, 2), slice(number % 2, None, 2)
+        mosaic[rows, columns] = scene[rows, columns, 'rgb'.index(name)]
+    return mosaic.astype(np.uint8) if bits == 8 else mosaic << 4  # 12 bits of 16
+
+
+@pytest.mark.parametrize('target', ['', ' ', '{encoding}'])
+@pytest.mark.parametrize('suffix', ['.png', '.tiff'])
+@pytest.mark.parametrize('bits', [8, 16])
+@pytest.mark.parametrize('pattern', PATTERNS)
+def test_a_mosaic_compressed_without_loss_is_that_which_is_sent_raw(
+    pattern, bits, suffix, target
+) -> None:
+    mosaic, encoding = mosaic_of(pattern, bits), f'bayer_{pattern}{bits}'
+    sent = message(mosaic.view(np.uint8).reshape(24, 32, bits // 8), encoding)
+    raw = compressed(suffix, mosaic)
+    raw.format = f'{encoding}; {suffix[1:]} compressed {target.format(encoding=encoding)}'
+    np.testing.assert_array_equal(read.gray(raw), read.gray(sent))
+
+
+@pytest.mark.parametrize('suffix', ['.png', '.tiff'])
+@pytest.mark.parametrize('target', ['bgr8', 'mono8'])
+def test_a_mosaic_that_was_made_colours_or_grey_is_left_as_it_is(suffix, target) -> None:
+    image = np.random.default_rng(0).integers(0, 256, (24, 32), dtype=np.uint8)
+    raw = compressed(suffix, image if target == 'mono8' else np.dstack([image] * 3))
+    raw.format = f'bayer_rggb8; {suffix[1:]} compressed {target}'
+    np.testing.assert_array_equal(read.gray(raw), image)
+
+
 def test_a_mosaic_in_a_jpeg_is_interpolated() -> None:
     mosaic = np.empty((48, 64), np.uint8)
     for number, name in enumerate('grbg'):
@@ -210,12 +307,14 @@ def test_a_mosaic_in_a_jpeg_is_interpolated() -> None:
     assert np.ptp(read.gray(raw)[4:-4, 4:-4].astype(int)) > 100
 
 
-def test_a_png_of_16_bits_is_as_bright_as_one_of_8() -> None:
-    values = np.full((6, 8), 250 << 4, np.uint16)
-    np.testing.assert_array_equal(read.gray(compressed('.png', values)), np.full((6, 8), 250))
+@pytest.mark.parametrize('bits', [8, 10, 12, 14, 16])
+@pytest.mark.parametrize('suffix', ['.png', '.tiff'])
+def test_a_picture_of_16_bits_is_as_bright_as_one_of_8(suffix, bits) -> None:
+    values = np.full((6, 8), 250 << (bits - 8), np.uint16)
+    np.testing.assert_array_equal(read.gray(compressed(suffix, values)), np.full((6, 8), 250))
 
 
-@pytest.mark.parametrize('suffix', ['.png', '.jpg'])
+@pytest.mark.parametrize('suffix', ['.png', '.jpg', '.tiff', '.webp'])
 def test_damage_of_a_picture_is_an_image_or_one_line(suffix) -> None:
     rng = np.random.default_rng(1)
     whole = compressed(suffix, rng.integers(0, 256, (40, 60), dtype=np.uint8))

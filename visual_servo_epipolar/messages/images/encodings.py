@@ -1,5 +1,5 @@
 """
-Image encodings: grey levels from sensor_msgs/Image, and from JPEG and PNG.
+Image encodings: grey levels from sensor_msgs/Image and CompressedImage, and from picture files.
 
 Of 16 bits those that the sensor uses count: their upper eight are the grey levels. The mosaic of a
 colour sensor is smoothed by (1 2 1) / 4 along rows and columns, which gives (R + 2 G + B) / 4 by
@@ -18,26 +18,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.messages.images.pictures import decoded, LARGEST_FILE
 
-LARGEST = 2**26  # pixels of a compressed image: a damaged header must not cost gigabytes
-PNG, PNG_END = b'\x89PNG\r\n\x1a\n', b'IEND'
-JPEG, JPEG_END = b'\xff\xd8', b'\xff\xd9'
-MOSAIC = re.compile(r'(bayer_[rgb]{4}8); ?jpeg compressed *')  # in a JPEG, not yet colours
-UNTOUCHED = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+# Compressed as it is: no target is named, or it is the mosaic itself. Else it is colours or grey.
+MOSAIC = re.compile(r'(bayer_[rgb]{4}(?:8|16)); ?(?:jpeg|png|tiff) compressed *(?:\1)? *')
 DEPTHS = (8, 10, 12, 14, 16)  # bits of sensors, sent as 16
 BRIGHT, DARK = 3, 300  # images in a row that tell of more bits than known, and of fewer
-FRAME_HEADERS = frozenset({*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC})  # of JPEG, with the size
 
 
 @dataclass(frozen=True, slots=True)
 class Encoding:
-    """``channels`` of ``depth`` bytes a pixel; ``to_gray`` is cv2's conversion, None for grey."""
+    """
+    ``channels`` of ``depth`` bytes a pixel; ``to_gray`` is cv2's conversion, None for grey.
+
+    ``chroma`` rows of colours, a row of the image, lie below the image in planes of their own.
+    """
 
     channels: int
     to_gray: int | None = None
     depth: int = 1
     luminance: int | None = None  # the byte that holds it, of two a pixel
     mosaic: bool = False
+    chroma: float = 0.0
 
 
 _MOSAICS = ('rggb', 'bggr', 'gbrg', 'grbg')
@@ -58,7 +60,13 @@ ENCODINGS: Mapping[str, Encoding] = MappingProxyType(
         **{f'bayer_{name}8': Encoding(1, mosaic=True) for name in _MOSAICS},
         **{f'bayer_{name}16': Encoding(1, depth=2, mosaic=True) for name in _MOSAICS},
         **{name: Encoding(2, luminance=1) for name in ('yuv422', 'uyvy')},
-        **{name: Encoding(2, luminance=0) for name in ('yuv422_yuy2', 'yuyv')},
+        **{name: Encoding(2, luminance=0) for name in ('yuv422_yuy2', 'yuyv', 'yuy2')},
+        **{
+            name: Encoding(1, chroma=0.5)
+            for name in ('nv12', 'nv21', 'yuv420', 'yuv420p', 'i420', 'yv12')
+        },
+        'nv16': Encoding(1, chroma=1.0),
+        'nv24': Encoding(1, chroma=2.0),
     }
 )
 
@@ -77,13 +85,14 @@ class GrayReader:
 
     def raw(self, message: Any) -> Image:
         """Return the grey image of a sensor_msgs/Image, or raise ValueError."""
-        encoding = ENCODINGS.get(message.encoding)
+        name = message.encoding
+        encoding = ENCODINGS.get(name) or ENCODINGS.get(name.lower())  # YUV420 of OAK cameras
         if encoding is None:
             raise ValueError(
                 f'image encoding must be one of {", ".join(ENCODINGS)}, got '
-                f'{message.encoding!r:.40}; convert it before it gets here'
+                f'{name!r:.40}; convert it before it gets here'
             )
-        rows = _rows(message, encoding.channels * encoding.depth)
+        rows = _rows(message, encoding)
         if encoding.depth == 2:
             order = '>u2' if message.is_bigendian else '<u2'
             rows = self._scaled(np.ascontiguousarray(rows).view(order))
@@ -95,12 +104,18 @@ class GrayReader:
 
     def compressed(self, message: Any) -> Image:
         """Return the grey image of a sensor_msgs/CompressedImage, or raise ValueError."""
-        image = _decoded(message)
-        if image.dtype == np.uint16:
-            image = self._scaled(image)
+        name = f'a compressed image ({message.format!r:.40})'
         mosaic = MOSAIC.fullmatch(message.format)
-        encoding = ENCODINGS.get(mosaic[1]) if mosaic else None
-        return np.asarray(image, dtype=np.uint8) if encoding is None else _gray(image, encoding)
+        encoding = ENCODINGS[mosaic[1] if mosaic else 'mono8']
+        return self._gray_of_picture(decoded(bytes(message.data), name), encoding)
+
+    def picture(self, data: bytes, name: str) -> Image:
+        """Return the grey image of a picture file of this ``name``, or raise ValueError."""
+        image = decoded(data, name, largest=LARGEST_FILE)
+        return self._gray_of_picture(image, ENCODINGS['mono8'])
+
+    def _gray_of_picture(self, image: NDArray[Any], encoding: Encoding) -> Image:
+        return _gray(self._scaled(image) if image.dtype == np.uint16 else image, encoding)
 
     def _scaled(self, values: NDArray[Any]) -> Image:
         """Return those eight bits of ``values`` that are the upper ones of what is used."""
@@ -134,56 +149,20 @@ def _gray(pixels: Image, encoding: Encoding) -> Image:
         ) from None
 
 
-def _rows(message: Any, pixel_bytes: int) -> Image:
-    """Return the bytes of the image row by row, without padding, shape (H, W * pixel_bytes)."""
+def _rows(message: Any, encoding: Encoding) -> Image:
+    """Return the bytes of the image row by row, without padding, shape (H, bytes of a row)."""
     height, width, row = int(message.height), int(message.width), int(message.step)
     if height < 1 or width < 1:
         raise ValueError(f'image is empty, {width}x{height}; check the camera driver')
-    if row < width * pixel_bytes or len(message.data) != height * row:
+    used, size = width * encoding.channels * encoding.depth, len(message.data)
+    if encoding.chroma and row == used + int(used * encoding.chroma) and size == height * row:
+        row = used  # some drivers count the colours into the rows
+    below = int(height * encoding.chroma) * row
+    if row < used or size < height * row + below or (size > height * row and not below):
+        colours = f', and {below} bytes of colours' if below else ''
         raise ValueError(
-            f'image data must hold {height} rows of {row} bytes, at least {width * pixel_bytes} '
-            f'each, got {len(message.data)} bytes in all; the message is truncated or mislabelled'
+            f'image data must hold {height} rows of {row} bytes, at least {used} each{colours}, '
+            f'got {size} bytes in all; the message is truncated or mislabelled'
         )
-    rows = np.frombuffer(message.data, np.uint8).reshape(height, row)
-    return np.asarray(rows[:, : width * pixel_bytes])
-
-
-def _decoded(message: Any) -> NDArray[Any]:
-    """Return the picture in a sensor_msgs/CompressedImage, (H, W), or raise ValueError."""
-    data = bytes(message.data)
-    size = _picture_size(data) if _is_whole(data) else None
-    if size is None:
-        raise ValueError(
-            f'a compressed image must be a whole JPEG or PNG, got {message.format!r:.40} of '
-            f'{len(data)} bytes; decompress it before it gets here'
-        )
-    if not 0 < size[0] * size[1] <= LARGEST:
-        raise ValueError(
-            f'a compressed image must have 1 to {LARGEST} pixels, got {size[0]}x{size[1]}; the '
-            'message is damaged'
-        )
-    try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), UNTOUCHED)
-    except cv2.error as error:
-        raise ValueError(f'a compressed image cannot be decoded: {error.err}') from None
-    if image is None:
-        raise ValueError('a compressed image cannot be decoded; the message is damaged')
-    return np.asarray(image)
-
-
-def _is_whole(data: bytes) -> bool:
-    """Return whether the picture has its end: decoders only warn when it has not."""
-    return data.rstrip(b'\0').endswith(JPEG_END) or PNG_END in data[-12:]
-
-
-def _picture_size(data: bytes) -> tuple[int, int] | None:
-    """Return width and height as a JPEG or PNG states them, None for anything else."""
-    if data.startswith(PNG) and len(data) >= 24:
-        return int.from_bytes(data[16:20], 'big'), int.from_bytes(data[20:24], 'big')
-    at = 2 if data.startswith(JPEG) else len(data)
-    while at + 9 <= len(data) and data[at] == 0xFF:
-        if data[at + 1] in FRAME_HEADERS:
-            height, width = data[at + 5 : at + 7], data[at + 7 : at + 9]
-            return int.from_bytes(width, 'big'), int.from_bytes(height, 'big')
-        at += 1 if data[at + 1] == 0xFF else 2 + int.from_bytes(data[at + 2 : at + 4], 'big')
-    return None
+    rows = np.frombuffer(message.data, np.uint8)[: height * row].reshape(height, row)
+    return np.asarray(rows[:, :used])

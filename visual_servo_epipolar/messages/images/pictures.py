@@ -1,0 +1,162 @@
+"""
+Pictures: the pixels of JPEG, PNG, TIFF, WebP, and of what else OpenCV reads, as they are stored.
+
+The calibration of a camera belongs to the pixels as it stores them, so that no orientation tag,
+of EXIF or of TIFF's own, turns any. OpenCV is told so, but for TIFF, where it turns them all the
+same: there the tag is overwritten in a copy.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+LARGEST = 2**26  # pixels of a message: a damaged header must not cost gigabytes
+LARGEST_FILE = 2**30  # OpenCV reads no more
+STORED = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+EXPECTED = 'a JPEG, PNG, TIFF or WebP of 8 or 16 bits'
+JPEG_END, JPEG_SCAN = b'\xff\xd9', 0xDA
+FRAME_HEADERS = frozenset({*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC})  # of JPEG, with the size
+TIFF_WIDTH, TIFF_HEIGHT, TIFF_ORIENTATION = 256, 257, 274
+TIFF_SIZES = MappingProxyType({3: 2, 4: 4, 16: 8})  # bytes of the types of numbers
+
+
+@dataclass(frozen=True, slots=True)
+class Header:
+    """Header of a picture: its size [px], and whether its end is there; decoders only warn."""
+
+    width: int
+    height: int
+    is_whole: bool
+
+
+def decoded(data: bytes, name: str, *, largest: int = LARGEST) -> NDArray[Any]:
+    """
+    Return the grey levels of a picture as they are stored, uint8 or uint16 of shape (H, W).
+
+    Parameters
+    ----------
+    name : str
+        What it is, for errors.
+    largest : int
+        Pixels that it may have by its header, which is looked at first. With LARGEST_FILE it may
+        also be of a kind whose header is not known here.
+
+    Raises
+    ------
+    ValueError
+        If it cannot be used.
+
+    """
+    header = _header(data)
+    if header is None and largest < LARGEST_FILE or header is not None and not header.is_whole:
+        raise ValueError(
+            f'{name} must be a whole JPEG, PNG, TIFF or WebP, got {len(data)} bytes that are none'
+        )
+    if header is not None and not 0 < header.width * header.height <= largest:
+        raise ValueError(
+            f'{name} must have 1 to {largest} pixels, got {header.width}x{header.height}; it is '
+            'damaged, or to be scaled down'
+        )
+    try:
+        image = cv2.imdecode(np.frombuffer(_unturned(data), np.uint8), STORED) if data else None
+    except cv2.error as error:
+        raise ValueError(f'{name} cannot be decoded: {error.err}') from None
+    if image is None:
+        raise ValueError(f'{name}: not an image that can be decoded; give {EXPECTED}')
+    if image.dtype not in (np.uint8, np.uint16):
+        raise ValueError(f'{name}: pixels must be integers, got {image.dtype}; give {EXPECTED}')
+    return np.asarray(image)
+
+
+def _header(data: bytes) -> Header | None:
+    """Return the header of a picture, None if it is of no kind that is known here."""
+    return next((read(data) for start, read in KINDS.items() if data.startswith(start)), None)
+
+
+def _of_png(data: bytes) -> Header | None:
+    if len(data) < 24:
+        return None
+    return Header(_big(data[16:20]), _big(data[20:24]), b'IEND' in data[-12:])
+
+
+def _of_jpeg(data: bytes) -> Header | None:
+    """Walk the segments, thumbnails among them, up to the pixels."""
+    at, size = 2, None
+    while at + 9 <= len(data) and data[at] == 0xFF and data[at + 1] != JPEG_SCAN:
+        if data[at + 1] in FRAME_HEADERS:
+            size = _big(data[at + 7 : at + 9]), _big(data[at + 5 : at + 7])
+        at += 1 if data[at + 1] == 0xFF else 2 + _big(data[at + 2 : at + 4])
+    return None if size is None else Header(*size, data.find(JPEG_END, at) > 0)
+
+
+def _of_webp(data: bytes) -> Header | None:
+    """Read the size from the first chunk, which there are three kinds of."""
+    if data[8:12] != b'WEBP' or len(data) < 30:
+        return None
+    if data[12:16] == b'VP8X':
+        width, height = _little(data[24:27]) + 1, _little(data[27:30]) + 1
+    elif data[12:16] == b'VP8L':
+        bits = _little(data[21:25])
+        width, height = (bits & 0x3FFF) + 1, (bits >> 14 & 0x3FFF) + 1
+    else:
+        width, height = _little(data[26:28]) & 0x3FFF, _little(data[28:30]) & 0x3FFF
+    return Header(width, height, len(data) >= 8 + _little(data[4:8]))
+
+
+def _of_tiff(data: bytes) -> Header | None:
+    values = {tag: value for tag, value, _ in _tiff_tags(data)}
+    if TIFF_WIDTH not in values or TIFF_HEIGHT not in values:
+        return None
+    return Header(values[TIFF_WIDTH], values[TIFF_HEIGHT], is_whole=True)
+
+
+def _tiff_tags(data: bytes) -> Iterator[tuple[int, int, slice]]:
+    """Yield tag, value and its place for the numbers of the first image; BigTIFF has it wider."""
+    number = _little if data.startswith(b'II') else _big
+    wide = number(data[2:4]) == 43
+    directory = number(data[8:16] if wide else data[4:8])
+    head, entry, at = (8, 20, 12) if wide else (2, 12, 8)
+    count = number(data[directory : directory + head])
+    first = directory + head
+    for place in range(first, min(first + count * entry, len(data) - entry + 1), entry):
+        size = TIFF_SIZES.get(number(data[place + 2 : place + 4]))
+        if size is not None:
+            value = slice(place + at, place + at + size)
+            yield number(data[place : place + 2]), number(data[value]), value
+
+
+def _unturned(data: bytes) -> bytes:
+    """Return a TIFF as one whose pixels are upright as stored; anything else as it is."""
+    if not data.startswith((b'II', b'MM')):
+        return data
+    upright, order = bytearray(data), 'little' if data.startswith(b'II') else 'big'
+    for tag, _, place in _tiff_tags(data):
+        if tag == TIFF_ORIENTATION:
+            upright[place] = (1).to_bytes(place.stop - place.start, order)  # type: ignore[arg-type]
+    return bytes(upright)
+
+
+def _big(digits: bytes) -> int:
+    return int.from_bytes(digits, 'big')
+
+
+def _little(digits: bytes) -> int:
+    return int.from_bytes(digits, 'little')
+
+
+KINDS: Mapping[bytes, Callable[[bytes], Header | None]] = MappingProxyType(
+    {
+        b'\xff\xd8': _of_jpeg,
+        b'\x89PNG\r\n\x1a\n': _of_png,
+        b'RIFF': _of_webp,
+        b'II*\0': _of_tiff,
+        b'MM\0*': _of_tiff,
+        b'II+\0': _of_tiff,
+        b'MM\0+': _of_tiff,
+    }
+)
