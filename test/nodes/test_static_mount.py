@@ -87,6 +87,42 @@ def test_a_chain_of_frames_is_followed(bench) -> None:
     assert node._settings.camera_left == pytest.approx(0.05)
 
 
+@pytest.mark.parametrize('slashed', [{'frame'}, {'child'}, {'base_frame'}, {'frame', 'mast'}])
+def test_a_leading_slash_of_ros_1_names_the_same_frame(bench, slashed) -> None:
+    names = {
+        'frame': 'camera_optical_frame',
+        'child': 'camera_optical_frame',
+        'base_frame': 'base_link',
+        'mast': 'mast',
+    }
+    names |= {key: f'/{names[key]}' for key in slashed}
+    node = started(bench, base_frame=names['base_frame'])
+    told(node, mounted(names['mast'], names['child']))
+    told(node, transforms.mounted('base_link', 'mast', UPRIGHT, np.zeros(3)))
+    see(bench, node, frame=names['frame'])
+    assert node._settings.camera_tilt == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize(
+    ('edges', 'has'),
+    [
+        ([mounted(child='lidar')], 'it has lidar'),
+        ([mounted('mast')], 'it has camera_optical_frame'),
+        ([], 'it has nothing'),
+    ],
+)
+def test_a_camera_that_it_does_not_lead_to_is_told_once(bench, edges, has) -> None:
+    node = started(bench)
+    told(node, *edges)
+    for number in range(3):
+        see(bench, node, STAMP_NS + number)
+        assert bench.call('servo_node/reset').success
+    text = "/tf_static does not lead from base_link to 'camera_optical_frame'"
+    bench.until(lambda: bool(bench.logged(text)), 'the warning')
+    (said,) = bench.logged(text)
+    assert has in said
+
+
 @pytest.mark.parametrize(
     ('values', 'edges'),
     [

@@ -1,7 +1,9 @@
 """The tracker as a node: one cloud for each image, empty when nothing is to be trusted."""
 
+import re
+
 import cv2
-from diagnostic_msgs.msg import DiagnosticArray
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
@@ -13,8 +15,21 @@ from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos, tracker_node
 from visual_servo_epipolar.nodes.complaints import Complaints
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
+from visual_servo_epipolar.nodes.tracking import reports
 
 STAMP_NS = 5_000_000_007
+
+
+@pytest.fixture(autouse=True)
+def patient(monkeypatch) -> None:
+    monkeypatch.setattr(reports, 'SILENT_S', 600.0)  # however long a test takes
+
+
+@pytest.fixture
+def attentive(monkeypatch) -> None:
+    monkeypatch.setattr(reports, 'LOOK_PERIOD_S', 0.02)
+    monkeypatch.setattr(reports, 'SILENT_S', 0.2)
+    monkeypatch.setattr(reports, 'SIMULATED_SILENT_S', 0.2)
 
 
 class Rig:
@@ -304,6 +319,41 @@ def test_why_the_photograph_is_not_found_stands_in_the_diagnostics(rig, photogra
     rig.track(view, STAMP_NS + 13)
     rig.bench.settle()
     assert len(reports) == heard  # nothing is said as long as all is well
+
+
+def age_told(heard: list[DiagnosticArray], words: str) -> float:
+    """Return the age [s] that the last diagnostics tell in these ``words``, 0 if they do not."""
+    status = heard[-1].status[0] if heard else None
+    if status is None or status.level != DiagnosticStatus.WARN:
+        return 0.0
+    age = re.fullmatch(rf'{words}, for (\d+\.\d) s; nothing is tracked', status.message)
+    return float(age[1]) if age else 0.0
+
+
+@pytest.mark.parametrize('simulated', [False, True])
+def test_a_camera_that_falls_silent_is_told_with_the_age(
+    bench, simulator, photograph, view, attentive, simulated
+) -> None:
+    heard = bench.listen(DiagnosticArray, '/diagnostics')
+    rig = Rig(bench, simulator, use_sim_time=simulated)
+    bench.until(lambda: age_told(heard, 'no image has come yet') >= 0.3, 'that none came')
+    rig.calibrated().taught(photograph).track(view)
+    bench.until(lambda: heard[-1].status[0].message == 'the photograph is found', 'the images')
+    first = read.stamp_ns(heard[-1].header)
+    bench.until(lambda: age_told(heard, 'the camera is silent') >= 0.5, 'the silence')
+    values = {item.key: item.value for item in heard[-1].status[0].values}
+    assert float(values['image_age_s']) >= 0.4
+    assert simulated or read.stamp_ns(heard[-1].header) > first
+    rig.track(view, STAMP_NS + 1)
+    bench.until(lambda: heard[-1].status[0].level == DiagnosticStatus.OK, 'the end of it')
+
+
+def test_images_that_wait_for_their_camera_are_told(bench, simulator, view, attentive) -> None:
+    heard = bench.listen(DiagnosticArray, '/diagnostics')
+    rig = Rig(bench, simulator)
+    rig.send(message(view))
+    words = 'images wait for a usable camera_info'
+    bench.until(lambda: age_told(heard, words) >= 0.3, 'what they wait for')
 
 
 def test_of_images_that_came_meanwhile_only_the_newest_is_tracked(rig, photograph, view) -> None:

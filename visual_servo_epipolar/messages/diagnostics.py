@@ -90,7 +90,7 @@ def tracking_diagnosis(
     return write.diagnostics(
         name,
         level=DiagnosticStatus.WARN if reason or behind else DiagnosticStatus.OK,
-        summary=reason or behind or 'the photograph is found',
+        summary='; '.join(filter(None, (reason, behind))) or 'the photograph is found',
         values=values,
         stamp_ns=stamp_ns,
     )

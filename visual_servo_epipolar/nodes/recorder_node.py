@@ -180,7 +180,7 @@ class RecorderNode(ManagedNode):
 
     def _report(self, status: RecordingStatus) -> None:
         """Publish diagnostics, and warn of dropped messages."""
-        dropped, lost = sum(status.dropped.values()), sum(self._raw_subscriptions.lost.values())
+        dropped = sum(status.dropped.values())
         if dropped and not status.error:
             self.get_logger().warning(
                 f'the disk does not keep up, {dropped} messages dropped so far: '
@@ -189,13 +189,7 @@ class RecorderNode(ManagedNode):
             )
         if not self._node_settings.report:
             return
-        level, summary = DiagnosticStatus.OK, 'not recording'
-        if self._error:
-            level, summary = DiagnosticStatus.ERROR, self._error
-        elif self._recorder is not None:
-            level, summary = DiagnosticStatus.OK, f'recording to {self._recorder.folder}'
-            if dropped or lost or self._raw_subscriptions.refused:
-                level = DiagnosticStatus.WARN
+        level, summary = self._summary(status)
         message = write.diagnostics(
             self.get_fully_qualified_name(),
             level=level,
@@ -214,6 +208,21 @@ class RecorderNode(ManagedNode):
             stamp_ns=self.get_clock().now().nanoseconds,
         )
         self._diagnostics_pub.publish(message)
+
+    def _summary(self, status: RecordingStatus) -> tuple[bytes, str]:
+        """Return the level of the diagnostics, and a sentence for it."""
+        if self._error:
+            return DiagnosticStatus.ERROR, self._error
+        if self._recorder is None:
+            return DiagnosticStatus.OK, 'nothing is being recorded'
+        raw, troubles = self._raw_subscriptions, []
+        if status.dropped:
+            troubles.append(f'the disk does not keep up, dropped are {_counts(status.dropped)}')
+        if +raw.lost:
+            troubles.append(f'lost on the way are {_counts(+raw.lost)}')
+        troubles += [f'{name} is not recorded: {why}' for name, why in sorted(raw.refused.items())]
+        level = DiagnosticStatus.WARN if troubles else DiagnosticStatus.OK
+        return level, '; '.join([f'recording to {self._recorder.folder}', *troubles])
 
     def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         if self._recorder is not None:

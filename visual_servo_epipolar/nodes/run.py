@@ -13,6 +13,7 @@ from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 
 from visual_servo_epipolar.core.errors import VisualServoError
+from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 from visual_servo_epipolar.nodes.startup import command_line, inputs, signals
 from visual_servo_epipolar.nodes.startup.executor import MessageExecutor
 from visual_servo_epipolar.nodes.startup.transport import tune_transport
@@ -20,7 +21,7 @@ from visual_servo_epipolar.nodes.startup.transport import tune_transport
 
 def spin(kind: type[Any], args: list[str] | None = None) -> int:
     """
-    Run a node of this ``kind`` until a signal ends it; return the exit code.
+    Run a node of this ``kind`` until a signal or its life cycle ends it; return the exit code.
 
     rclpy's own signal handlers end the context before Python runs again, so that no last twist
     could be published: ours set an event only. Without one SIGHUP, of a terminal that is closed,
@@ -43,7 +44,7 @@ def spin(kind: type[Any], args: list[str] | None = None) -> int:
         _spare_from_collection()
         executor = MessageExecutor()
         executor.add_node(node)
-        while not ending.is_set():
+        while not (ending.is_set() or _is_finalized(node)):
             executor.spin_once(timeout_sec=0.1)
             if suspending.is_set():
                 suspending.clear()
@@ -69,6 +70,11 @@ def _call(node: Node, name: str) -> None:
     method = getattr(node, name, None)
     if method is not None:
         method()
+
+
+def _is_finalized(node: Node) -> bool:
+    """Return whether the life of a managed node has ended by `shutdown`; others have none."""
+    return isinstance(node, ManagedNode) and node.state == 'finalized'
 
 
 def _spare_from_collection() -> None:

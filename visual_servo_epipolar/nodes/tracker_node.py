@@ -11,7 +11,7 @@ from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.errors import TrackingError
-from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera, lens_name
+from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
@@ -30,7 +30,7 @@ from visual_servo_epipolar.nodes.tracking.repetition import Repetition
 from visual_servo_epipolar.nodes.tracking.reports import TrackerReports
 
 WARN_PERIOD_S, LAST_WORD_S = 5.0, 0.2
-RECTIFIED = 'image_rect'  # in the names that image_proc gives
+NO_CAMERA = 'no usable camera_info yet; an image waits for it, the robot stands'
 
 
 class TrackerNode(ManagedNode):
@@ -74,6 +74,7 @@ class TrackerNode(ManagedNode):
         """Match the next image anew: the robot may have been driven elsewhere meanwhile."""
         if self._tracker.has_desired:
             self._tracker.redetect()
+        self._reports.expect_images()
         self._announce()
 
     def deactivate(self) -> None:
@@ -94,11 +95,13 @@ class TrackerNode(ManagedNode):
 
     def _create_subscriptions(self) -> None:
         settings = self._node_settings
-        camera = CameraSubscriptions(self, settings.transport, settings.camera_reliability)
-        camera.create_subscription(CameraInfo, 'camera_info', self._on_info)
-        camera.create_subscription(Image, 'image_raw', self._on_image)
+        self._inputs = CameraSubscriptions(self, settings.transport, settings.camera_reliability)
+        self._inputs.create_subscription(CameraInfo, 'camera_info', self._on_info)
+        self._inputs.create_subscription(Image, 'image_raw', self._on_image)
         if not settings.desired_image:
-            camera.create_subscription(Image, 'desired/image_raw', self._on_desired, qos.LATCHED)
+            self._inputs.create_subscription(
+                Image, 'desired/image_raw', self._on_desired, qos.LATCHED
+            )
 
     def _create_services(self) -> None:
         self.create_service(Trigger, '~/capture_desired', self._on_capture)
@@ -129,11 +132,13 @@ class TrackerNode(ManagedNode):
             self.get_logger().info(f'desired image is {given or self._node_settings.photograph}')
 
     def _on_info(self, message: CameraInfo) -> None:
+        self._inputs.info_frame = message.header.frame_id
         try:
             told = self._node_settings
             self._camera = read.camera(message, rectified=told.rectified, cropped=told.cropped)
-            self._unusable = ''
-            self._look_at(message)
+            self._unusable, sounds = '', self._inputs.sounds_rectified(message)
+            if sounds and not told.rectified:
+                self._warn(sounds)
         except ValueError as error:
             self._camera, self._unusable = None, str(error)
             self._latest = None
@@ -142,21 +147,13 @@ class TrackerNode(ManagedNode):
             pending, self._pending_image = self._pending_image, None
             self._on_image(pending)
 
-    def _look_at(self, info: CameraInfo) -> None:
-        """Say if the name of the images tells that they are rectified, and nothing else does."""
-        topic = self.resolve_topic_name('image_raw')
-        distorts = any(info.d) or lens_name(info.distortion_model) == 'equidistant'
-        if RECTIFIED in topic and distorts and not self._node_settings.rectified:
-            self._warn(
-                f'{topic} sounds rectified, but rectified is false: the distortion of camera_info '
-                'is removed from its images; set rectified: true for tracker and servo'
-            )
-
     def _on_image(self, message: Image | CompressedImage) -> None:
         if self._camera is None and not self._unusable:
             self._pending_image = message
-            self._warn('no usable camera_info yet; an image waits for it, the robot stands')
+            self._warn(NO_CAMERA)
+            self._reports.miss('images wait for a usable camera_info')
             return
+        self._inputs.compare_frames(message.header.frame_id)
         tracking = validation.track(
             self._tracker, message, self._camera or self._unusable, self._reader
         )

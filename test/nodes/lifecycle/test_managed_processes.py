@@ -6,6 +6,7 @@ import signal
 import subprocess
 
 from bench import Bench, next_domain
+from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
 from lifecycles import asked
 from node_process import arguments, environment
@@ -47,6 +48,22 @@ def test_a_process_survives_impossible_transitions_and_ends_in_any_state(
             processes[name].send_signal(signal.SIGINT)
             assert processes[name].wait(END_SEC) == 0, (tmp_path / name).read_text()
             assert 'Traceback' not in (tmp_path / name).read_text()
+
+
+@pytest.mark.parametrize('name', NODES)
+def test_shutdown_ends_the_process(wide_open, tmp_path, name) -> None:
+    domain = next_domain()
+    command = arguments(name)
+    with Bench(domain) as bench, (tmp_path / 'log').open('w') as log:
+        options = {'cwd': tmp_path, 'env': environment(domain), 'start_new_session': True}
+        with subprocess.Popen(command, stderr=log, **options) as process:
+            try:
+                request = asked(Transition.TRANSITION_ACTIVE_SHUTDOWN)
+                assert bench.call(f'{name}/change_state', ChangeState, request).success
+                assert process.wait(END_SEC) == 0, (tmp_path / 'log').read_text()
+            finally:
+                process.kill()
+    assert 'Traceback' not in (tmp_path / 'log').read_text()
 
 
 @pytest.mark.parametrize('lifecycle', ['true', 'false'])

@@ -14,7 +14,7 @@ from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.messages import read, write
-from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes import parameters, qos, recorder_node
 from visual_servo_epipolar.nodes.recorder_node import RecorderNode
 from visual_servo_epipolar.nodes.recording.discovery import DEPTH
 
@@ -251,6 +251,40 @@ def test_a_servo_that_is_not_there_is_an_error(bench, tmp_path) -> None:
     )
 
 
+@pytest.mark.parametrize('name', ['clock', '/clock'])
+def test_a_clock_that_nobody_publishes_is_not_missed(bench, tmp_path, monkeypatch, name) -> None:
+    monkeypatch.setattr(recorder_node, 'PATIENT_DISCOVERIES', 0)
+    node = bench.add(
+        RecorderNode(
+            context=bench.context,
+            namespace='robot1',
+            parameter_overrides=[
+                parameters.override('bag', str(tmp_path / 'bag')),
+                parameters.override('topics', (name, 'words')),
+            ],
+        )
+    )
+    bench.until(lambda: bench.logged('waits for /robot1/words (0 publishers)'), 'the other one')
+    assert not [text for text in bench.logged('waits for') if '/clock' in text]
+    bench.talk(Clock, '/clock', qos.CLOCK)
+    bench.until(lambda: node.recorded == {'/clock'}, 'the clock to be recorded')
+
+
+def test_the_diagnostics_are_sentences(bench, tmp_path) -> None:
+    diagnostics = bench.listen(DiagnosticArray, '/diagnostics')
+    node = bench.start(RecorderNode, bag=str(tmp_path / 'bag'), autostart=False)
+    said = lambda: diagnostics[-1].status[0].message if diagnostics else ''  # noqa: E731
+    bench.until(lambda: said() == 'nothing is being recorded', 'that nothing is')
+    assert bench.call('recorder_node/start').success
+    bench.until(lambda: said() == f'recording to {tmp_path / "bag"}', 'where to')
+    node._raw_subscriptions.refused['/odd'] = 'odd/msg/Odd cannot be imported; source it'
+    bench.until(
+        lambda: said().endswith('/odd is not recorded: odd/msg/Odd cannot be imported; source it'),
+        'why',
+    )
+    assert diagnostics[-1].status[0].level == DiagnosticStatus.WARN
+
+
 def test_what_a_slow_disk_drops_is_told_by_topic(bench, tmp_path) -> None:
     diagnostics = bench.listen(DiagnosticArray, '/diagnostics')
     say = bench.talk(String, 'words')
@@ -266,7 +300,9 @@ def test_what_a_slow_disk_drops_is_told_by_topic(bench, tmp_path) -> None:
     bench.until(lambda: bool(dropped()), 'a message to be dropped')
     count, _, topic = read.diagnosis(diagnostics[-1])['dropped_of'].partition(' of ')
     assert (int(count) > 0, topic) == (True, '/words')
-    assert diagnostics[-1].status[0].level == DiagnosticStatus.WARN
+    status = diagnostics[-1].status[0]
+    assert status.level == DiagnosticStatus.WARN
+    assert f'the disk does not keep up, dropped are {count} of /words' in status.message
     bench.until(lambda: bench.logged('the disk does not keep up'), 'a warning')
 
 

@@ -50,6 +50,14 @@ def test_any_driver_is_heard_in_the_way_it_offers(bench, simulator, photograph, 
     bench.until(lambda: bool(clouds), 'tracks')
 
 
+@pytest.mark.parametrize('word', ['auto', 'reliable'])
+def test_a_camera_info_that_was_latched_before_is_heard(bench, simulator, word) -> None:
+    send = bench.talk(CameraInfo, 'camera_info', qos.LATCHED)
+    send(write.camera_info(simulator.camera, STAMP_NS, 'camera'))
+    node = bench.start(TrackerNode, camera_reliability=word)
+    bench.until(lambda: node._camera is not None, 'the camera_info of before')
+
+
 def test_a_driver_that_is_started_anew_otherwise_is_followed(bench) -> None:
     node = bench.start(TrackerNode)
     assert reliability(node) == 'reliable'
@@ -174,6 +182,40 @@ def test_photograph_and_images_of_a_camera_agree_whatever_their_tags(
     send(CompressedImage(format=kind, data=tagged(view, kind, other)))
     bench.until(lambda: bool(clouds), 'tracks')
     assert len(read.features(clouds[0])) >= 40
+
+
+COLOR, DEPTH = '/cam/color', '/cam/depth'
+
+
+@pytest.mark.parametrize(
+    ('image', 'info', 'frames', 'doubt'),
+    [
+        (COLOR, DEPTH, ('color', 'depth'), 'may be of two cameras, of the frames color and depth'),
+        (COLOR, COLOR, ('color', 'depth'), 'may be of two cameras, of the frames color and depth'),
+        (COLOR, DEPTH, ('color', ''), 'in two namespaces, and no frame_id tells'),
+        (COLOR, DEPTH, ('', ''), 'in two namespaces, and no frame_id tells'),
+        (COLOR, DEPTH, ('/color', 'color'), ''),
+        (COLOR, COLOR, ('', 'color'), ''),
+        (COLOR, COLOR, ('', ''), ''),
+    ],
+)
+def test_a_camera_info_of_another_camera_is_noted_once(
+    bench, simulator, view, image, info, frames, doubt
+) -> None:
+    clouds = bench.listen(PointCloud2, 'tracks')
+    calibrate = bench.talk(CameraInfo, f'{info}/camera_info')
+    send = bench.talk(Image, f'{image}/image_raw')
+    topics = {'image_raw': f'{image}/image_raw', 'camera_info': f'{info}/camera_info'}
+    words = [word for name, to in topics.items() for word in ('-r', f'{name}:={to}')]
+    node = bench.add(TrackerNode(context=bench.context, cli_args=['--ros-args', *words]))
+    calibrate(write.camera_info(simulator.camera, STAMP_NS, frames[1]))
+    bench.until(lambda: node._camera is not None, 'camera_info')
+    for number in range(3):
+        send(write.image(view, 'mono8', STAMP_NS + number, frames[0]))
+        bench.until(lambda number=number: len(clouds) > number, 'tracks')
+    bench.settle()
+    said = bench.logged('may be of two cameras')
+    assert [doubt in text for text in said] == [True] * bool(doubt)
 
 
 @pytest.mark.parametrize(

@@ -29,6 +29,7 @@ from visual_servo_epipolar.core.stamps import NANOSECONDS
 # 5 s of small ones at 200 Hz.
 IMAGE_DEPTH, DEPTH = 100, 1000
 IMAGES = 'sensor_msgs/msg/Image'
+CLOCK = '/clock'
 MESSAGE_TYPE = re.compile(r'([a-z][a-z0-9_]*)/msg/([A-Z][A-Za-z0-9]*)')
 
 
@@ -58,9 +59,11 @@ class TopicSelection:
 
     @property
     def named(self) -> frozenset[str]:
-        """The topics that are selected by name, not by a pattern."""
+        """The topics that are selected by name; /clock is there in simulated time alone."""
         return frozenset(
-            name for name in self.names if not _is_pattern(name) and self.selects(name)
+            name
+            for name in self.names
+            if name != CLOCK and not _is_pattern(name) and self.selects(name)
         )
 
     def _groups(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -145,6 +148,8 @@ def _is_pattern(name: str) -> bool:
 
 
 def _full(node: Node, name: str) -> str:
+    if name == CLOCK[1:]:
+        return CLOCK  # there is one for all namespaces
     if name.startswith(('/', '*')):
         return name
     if _is_pattern(name):

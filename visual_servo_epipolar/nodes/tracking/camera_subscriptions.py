@@ -5,14 +5,14 @@ from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-from sensor_msgs.msg import CompressedImage, Image
+from rclpy.qos import QoSProfile
+from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
-from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.core.geometry.cameras.calibrated import lens_name
+from visual_servo_epipolar.nodes.qos import AdaptiveSubscription
 
 LOOK_PERIOD_S = 0.5
-# Until a driver is there: who is reliable loses none, and who is not is soon found out.
-FIRST = 'reliable'
+RECTIFIED = 'image_rect'  # in the names that image_proc gives
 TRANSPORTS: dict[str, tuple[Any, str]] = {
     'raw': (Image, ''),
     'compressed': (CompressedImage, '/compressed'),
@@ -23,17 +23,16 @@ class CameraSubscriptions:
     """
     Subscriptions of ``node`` to the topics of a camera; images are raw or compressed.
 
-    A reliable one never connects to a driver that publishes best effort, a best-effort one loses
-    large images. With ``reliability`` auto each is made anew where what is offered asks for it.
+    ``info_frame`` is the frame_id of the last camera_info.
     """
 
     def __init__(self, node: Node, transport: str, reliability: str) -> None:
         self._node, self._transport = node, TRANSPORTS[transport]
-        self._fixed = None if reliability == 'auto' else reliability
-        self._subscriptions: list[Subscription] = []
-        if self._fixed is None:
-            clock = Clock(clock_type=ClockType.STEADY_TIME)
-            node.create_timer(LOOK_PERIOD_S, self._look, clock=clock)
+        self._reliability = reliability
+        self._subscriptions: list[AdaptiveSubscription] = []
+        self.info_frame = self._doubt = ''
+        clock = Clock(clock_type=ClockType.STEADY_TIME)
+        node.create_timer(LOOK_PERIOD_S, self._look, clock=clock)
 
     def create_subscription(
         self,
@@ -50,48 +49,39 @@ class CameraSubscriptions:
         if profile is not None:
             self._node.create_subscription(kind, topic, callback, profile)
             return
-        reliability = self._fixed or FIRST
-        self._subscriptions.append(Subscription(self._node, kind, topic, callback, reliability))
+        self._subscriptions.append(
+            AdaptiveSubscription(self._node, kind, topic, callback, self._reliability)
+        )
 
     def _look(self) -> None:
         for item in self._subscriptions:
             item.adapt()
 
-
-class Subscription:
-    """One subscription, which may be made anew with another reliability."""
-
-    def __init__(
-        self,
-        node: Node,
-        kind: Any,
-        topic: str,
-        callback: Callable[[Any], None],
-        reliability: str,
-    ) -> None:
-        self._node, self._kind, self._topic, self._callback = node, kind, topic, callback
-        self._subscribe(reliability)
-
-    def adapt(self) -> None:
-        """Subscribe anew if the publishers that are there offer something else."""
-        offered = self._offered()
-        if not offered:
-            return
-        fitting = 'reliable' if offered == {ReliabilityPolicy.RELIABLE} else 'best_effort'
-        if fitting != self._reliability:
-            self._node.destroy_subscription(self._subscription)
-            self._subscribe(fitting)
-            name = self._subscription.topic_name
-            self._node.get_logger().info(f'{name} is published as {fitting}, and so subscribed')
-
-    def _offered(self) -> set[ReliabilityPolicy]:
-        """Return the reliabilities of those who publish messages of this type on the topic."""
-        expected = f'{self._kind.__module__.partition(".")[0]}/msg/{self._kind.__name__}'
-        publishers = self._node.get_publishers_info_by_topic(self._subscription.topic_name)
-        return {item.qos_profile.reliability for item in publishers if item.topic_type == expected}
-
-    def _subscribe(self, reliability: str) -> None:
-        self._reliability = reliability
-        self._subscription = self._node.create_subscription(
-            self._kind, self._topic, self._callback, qos.IMAGES[reliability]
+    def sounds_rectified(self, info: CameraInfo) -> str:
+        """Return that the images are rectified by their name, if ``info`` has a distortion."""
+        topic = self._node.resolve_topic_name('image_raw')
+        distorts = any(info.d) or lens_name(info.distortion_model) == 'equidistant'
+        if not (RECTIFIED in topic and distorts):
+            return ''
+        return (
+            f'{topic} sounds rectified, but rectified is false: the distortion of camera_info is '
+            'removed from its images; set rectified: true for tracker and servo'
         )
+
+    def compare_frames(self, image_frame: str) -> None:
+        """Say once if images of this frame and camera_info may be of two cameras."""
+        doubt = self._of_two_cameras(image_frame.lstrip('/'), self.info_frame.lstrip('/'))
+        if doubt and doubt != self._doubt:
+            self._doubt = doubt
+            self._node.get_logger().warning(doubt)
+
+    def _of_two_cameras(self, image_frame: str, info_frame: str) -> str:
+        """Return why the topics may be of two cameras, or ''; some drivers leave frames empty."""
+        image, info = map(self._node.resolve_topic_name, ('image_raw', 'camera_info'))
+        if image_frame and info_frame:
+            alike, why = image_frame == info_frame, f'of the frames {image_frame} and {info_frame}'
+        else:
+            alike = image.rpartition('/')[0] == info.rpartition('/')[0]
+            why = 'in two namespaces, and no frame_id tells'
+        remedy = 'remap camera_info to that of the camera which the images come from'
+        return '' if alike else f'{image} and {info} may be of two cameras, {why}; {remedy}'

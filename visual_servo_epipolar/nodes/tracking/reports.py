@@ -3,25 +3,34 @@
 from collections.abc import Sequence
 
 from diagnostic_msgs.msg import DiagnosticArray
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import Image
 from std_msgs.msg import String
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.settings import Settings
+from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import diagnostics, event_log, settings_text, write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.qos import report_publisher
 from visual_servo_epipolar.report.images.overlay import draw_overlay
 
+LOOK_PERIOD_S = 1.0
+# Time without an image until that is said, and where time is simulated: it may wait for others.
+SILENT_S, SIMULATED_SILENT_S = 1.0, 5.0
+
 
 class TrackerReports:
     """Reports of the tracker ``node``: all that it publishes but tracks."""
 
     def __init__(self, node: Node) -> None:
-        self._name = node.get_fully_qualified_name()
+        self._node, self._name = node, node.get_fully_qualified_name()
         self._complained = False  # of the last tracks
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.expect_images()
+        node.create_timer(LOOK_PERIOD_S, self._look, clock=self._steady)
         self._overlay_pub = report_publisher(node, Image, 'overlay/image_raw', qos.STREAM)
         self._desired_pub = report_publisher(node, Image, '~/desired/image_raw', qos.LATCHED)
         self._settings_pub = report_publisher(node, String, '~/settings', qos.LATCHED)
@@ -43,10 +52,32 @@ class TrackerReports:
             )
             self._overlay_pub.publish(write.image(overlay, 'bgr8', stamp_ns, frame))
 
+    def expect_images(self, words: str = 'no image has come yet') -> None:
+        """Count anew how long no image is tracked, and say by these ``words`` which is missing."""
+        self._missing, self._since_ns = words, int(self._steady.now().nanoseconds)
+
+    def miss(self, words: str) -> None:
+        """Say by these ``words`` from now on why no image is tracked."""
+        self._missing = words
+
+    def _look(self) -> None:
+        """Publish that no image is tracked, and since when, as long as that lasts."""
+        age_s = seconds_between(self._since_ns, int(self._steady.now().nanoseconds))
+        simulated = self._node.get_parameter('use_sim_time').value
+        if age_s < (SIMULATED_SILENT_S if simulated else SILENT_S):
+            return
+        reason = f'{self._missing}, for {age_s:.1f} s; nothing is tracked'
+        stamp_ns = int(self._node.get_clock().now().nanoseconds)
+        self._diagnostics_pub.publish(
+            diagnostics.tracking_diagnosis(reason, 0, stamp_ns, name=self._name, age_s=age_s)
+        )
+        self._complained = True
+
     def diagnose(
         self, reason: str, behind: str, features: int, stamp_ns: int, age_s: float | None
     ) -> None:
         """Publish what is wrong with the tracks, as long as that lasts, and that it is over."""
+        self.expect_images('the camera is silent')
         complains = bool(reason or behind)
         if complains or self._complained:
             self._diagnostics_pub.publish(

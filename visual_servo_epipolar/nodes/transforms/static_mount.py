@@ -40,8 +40,9 @@ class StaticMount:
     """
 
     def __init__(self, node: Node, base_frame: str, warn: Callable[[str], None]) -> None:
-        self._base, self._log, self._warn = base_frame, node.get_logger(), warn
+        self._base, self._log, self._warn = _bare(base_frame), node.get_logger(), warn
         self._taken, self.trouble = False, ''
+        self._unknown: set[str] = set()  # frames of images that it was said of
         self._parents: dict[str, tuple[str, Transform]] = {}
         kind = transforms.tf_message_class()
         if kind is None:
@@ -53,7 +54,10 @@ class StaticMount:
         """Take in a tf2_msgs/TFMessage; a transform that cannot be used is left out and said."""
         for item in message.transforms:
             try:
-                self._parents[item.child_frame_id] = item.header.frame_id, read.transform(item)
+                self._parents[_bare(item.child_frame_id)] = (
+                    _bare(item.header.frame_id),
+                    read.transform(item),
+                )
             except ValueError as error:
                 self._warn(f'/tf_static: {error}')
 
@@ -72,10 +76,24 @@ class StaticMount:
             )
             self._warn(self.trouble)
             return settings
-        if mount is not None:
+        if mount is None:
+            self._miss(camera_frame)
+        else:
             self._taken = True
             self._log.info(f'/tf_static: {camera_frame} sits at {mount}')
         return told
+
+    def _miss(self, camera_frame: str) -> None:
+        """Say once that /tf_static does not lead to a camera."""
+        frame = _bare(camera_frame)
+        if frame in self._unknown or frame == self._base:
+            return
+        self._unknown.add(frame)
+        has = ', '.join(sorted(self._parents)) or 'nothing'
+        self._log.warning(
+            f'mount_from_tf: /tf_static does not lead from {self._base} to {frame!r}, the frame '
+            f'of the images; it has {has}; mend the frame_id of the driver or the transforms'
+        )
 
     def dropped(self, settings: MountedT) -> MountedT:
         """Return ``settings`` without the mount that they took: the next may be another."""
@@ -94,12 +112,17 @@ class StaticMount:
             If what is said is no mount of a camera.
 
         """
-        frame, rotation, origin = camera_frame, np.eye(3), np.zeros(3)
+        frame, rotation, origin = _bare(camera_frame), np.eye(3), np.zeros(3)
         for _ in range(DEEPEST):
             if frame == self._base:
-                return None if frame == camera_frame else mount_of(rotation, origin)
+                return None if frame == _bare(camera_frame) else mount_of(rotation, origin)
             if frame not in self._parents:
                 return None
             frame, (turn, place) = self._parents[frame]
             rotation, origin = turn @ rotation, turn @ origin + place
         return None
+
+
+def _bare(frame_id: str) -> str:
+    """Return a frame without the leading slash that tf had in ROS 1; tf2 has none."""
+    return frame_id.lstrip('/')
