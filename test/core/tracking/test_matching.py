@@ -8,7 +8,8 @@ import pytest
 
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
-from visual_servo_epipolar.core.tracking.matching import desired_view, detect, DETECTORS, match
+from visual_servo_epipolar.core.tracking.matchers.sift import detect, DETECTORS
+from visual_servo_epipolar.core.tracking.matching import desired_view, match
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
@@ -43,21 +44,21 @@ def test_an_image_that_is_too_long_to_be_sampled_is_refused() -> None:
 
 
 def test_a_photograph_with_much_texture_keeps_the_usual_detector() -> None:
-    assert desired_view(photograph(SMALL)).detector == DETECTORS[0]
+    assert desired_view(photograph(SMALL)).keypoints.tuning == DETECTORS[0]
 
 
 def test_a_poor_photograph_shows_enough_by_a_weaker_detector() -> None:
     image = photograph(POOR)
     view = desired_view(image)
     assert len(detect(image, limit=4000)) < 150
-    assert view.detector != DETECTORS[0]
+    assert view.keypoints.tuning != DETECTORS[0]
     assert len(view.keypoints) >= 500
 
 
-@pytest.mark.parametrize('halved', [False, True])
-def test_matches_of_a_poor_photograph_are_where_the_room_says(halved: bool) -> None:
+@pytest.mark.parametrize('quick', [False, True])
+def test_matches_of_a_poor_photograph_are_where_the_room_says(quick: bool) -> None:
     view = desired_view(photograph(POOR))
-    matches = match(view, world(POOR).capture(START, 0), halved=halved)
+    matches = match(view, world(POOR).capture(START, 0), quick=quick)
     assert len(matches.indices) >= 12
     points = world(POOR).renderer.trace(view.keypoints.pixels[matches.indices], DESIRED_POSE)
     truth, _ = world(POOR).renderer.project(points, START)

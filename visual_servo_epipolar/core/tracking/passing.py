@@ -13,9 +13,9 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, Image
+from visual_servo_epipolar.core.tracking.alignment.sampling import inside_border
 from visual_servo_epipolar.core.tracking.features import FIRST_PASSING, NOTHING_PASSING, Passing
 from visual_servo_epipolar.core.tracking.flow import coarse_flow, Frame
-from visual_servo_epipolar.core.tracking.matching import inside_border
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 
 PERIOD = 5  # frames between two looks for new ones

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from visual_servo_epipolar.core.settings import setting, Settings
+from visual_servo_epipolar.core.tracking.matchers.registry import MATCHERS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -37,10 +38,21 @@ class TrackerSettings(Settings):
     passing_features: int = setting(
         0, 'Features tracked that the photograph does not show, for the memory', low=0, high=1000
     )
+    matcher: str = setting(
+        'sift',
+        'Matcher of whole images with the photograph: sift, or one of another package',
+        read_only=True,
+    )
     overlay: bool = setting(True, 'Publish the image with features drawn on it')
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        try:
+            MATCHERS[self.matcher]  # a broken one is refused here, not at the first image
+        except KeyError:
+            raise ValueError(
+                f'matcher must be one of {", ".join(MATCHERS)}, got {self.matcher!r}'
+            ) from None
         if self.min_features > self.max_features:
             raise ValueError(
                 f'min_features must not exceed max_features, got {self.min_features} and '

@@ -12,16 +12,20 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import as_gray, Image
 from visual_servo_epipolar.core.errors import TrackingError
-from visual_servo_epipolar.core.tracking.alignment.sampling import float_image, FloatImage
+from visual_servo_epipolar.core.tracking.alignment.sampling import (
+    float_image,
+    FloatImage,
+    inside_border,
+)
 from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
 from visual_servo_epipolar.core.tracking.alignment.warps import contained, Warps
 from visual_servo_epipolar.core.tracking.candidates import Candidates
 from visual_servo_epipolar.core.tracking.features import Features, NO_GOAL, Passing
 from visual_servo_epipolar.core.tracking.flow import checked_flow, coarse_flow, Frame, OpenCVError
+from visual_servo_epipolar.core.tracking.matchers.registry import MATCHERS
 from visual_servo_epipolar.core.tracking.matching import (
     desired_view,
     DesiredView,
-    inside_border,
     match,
     match_quickly,
     Matches,
@@ -79,7 +83,7 @@ class Tracker:
 
         Raises ValueError or TrackingError, and keeps the former view, if it cannot be used.
         """
-        view = desired_view(image)
+        view = desired_view(image, MATCHERS[self.settings.matcher])
         self._view, self._anchor = view, Anchor(view.image)
         self.goal = goal_of(view.image)
         self.redetect()

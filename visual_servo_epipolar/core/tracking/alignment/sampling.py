@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from visual_servo_epipolar.core.arrays import FloatArray, Image
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, Image
 
 RADIUS, LEAST_RADIUS = 10, 6  # patches have 2 radius + 1 pixels a side
 USUAL_SIZE = 640 * 480  # of an image: the radius shrinks with smaller ones [px]
@@ -69,3 +69,15 @@ def affine_maps(linear: FloatArray, centre: FloatArray) -> FloatArray:
     maps = np.empty((len(centre), 2, 3))
     maps[:, :, :2], maps[:, :, 2] = linear, centre
     return maps
+
+
+def inside_border(pixels: FloatArray, shape: tuple[int, ...], border: float) -> BoolArray:
+    """
+    Return which of ``pixels``, shape (N, 2), keep ``border`` [px] from the border, shape (N,).
+
+    ``shape`` is height and width of the image [px].
+    """
+    height, width = shape
+    u, v = pixels[:, 0], pixels[:, 1]
+    inside = (u >= border) & (u < width - border) & (v >= border) & (v < height - border)
+    return np.asarray(inside)

@@ -1,0 +1,127 @@
+"""SIFT (Lowe 2004): keypoints, ratio test, mutual nearest neighbours."""
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from visual_servo_epipolar.core.arrays import Image, IntArray
+from visual_servo_epipolar.core.tracking.alignment.sampling import inside_border
+from visual_servo_epipolar.core.tracking.matchers.base import Keypoints
+
+RATIO = 0.8  # of the nearest to the second nearest distance (Lowe 2004)
+BLOCK = 256  # compared at a time with all of the other image: their distances stay in the cache
+ENOUGH = 500  # keypoints of a photograph with which its detector is good enough
+LEAST_SIDE = 16  # of an image [px]: SIFT needs a pyramid
+LARGEST_ENLARGED = 640 * 480  # image that is worth being enlarged [px]
+PIXEL_STRIDE = 1 << 20  # more than the side of any image, enlarged
+
+
+@dataclass(frozen=True, slots=True)
+class Detector:
+    """Detector: SIFT with a least ``contrast``, in the image times ``enlargement``."""
+
+    contrast: float
+    enlargement: int
+
+
+# OpenCV's own contrast first; a photograph with little texture takes the weaker ones.
+DETECTORS = Detector(0.04, 1), Detector(0.01, 1), Detector(0.01, 2)
+
+
+class Sift:
+    """Matcher by SIFT, with the first detector that finds enough in the photograph."""
+
+    def describe(self, image: Image, *, limit: int, border: float) -> Keypoints:
+        """Return the keypoints by the first detector that finds enough, or by the last one."""
+        keypoints = Keypoints.empty()
+        for detector in DETECTORS:
+            if detector.enlargement > 1 and image.size > LARGEST_ENLARGED:
+                break
+            keypoints = detect(image, limit=limit, detector=detector)
+            keypoints = keypoints.take(inside_border(keypoints.pixels, image.shape, border))
+            keypoints = replace(keypoints, tuning=detector)
+            if len(keypoints) >= ENOUGH:
+                break
+        return keypoints
+
+    def correspond(
+        self, desired: Keypoints, image: Image, *, limit: int, quick: bool
+    ) -> tuple[Keypoints, IntArray]:
+        """Return the keypoints of ``image``, and index pairs; from a halved image if ``quick``."""
+        detector = desired.tuning
+        assert isinstance(detector, Detector)
+        keypoints = detect(image, limit=limit, detector=detector, halved=quick)
+        return keypoints, mutual_nearest(desired.descriptors, keypoints.descriptors)
+
+
+SIFT = Sift()
+
+
+def detect(
+    image: Image, *, limit: int, detector: Detector = DETECTORS[0], halved: bool = False
+) -> Keypoints:
+    """
+    Detect at most ``limit`` SIFT keypoints of ``image``, uint8 of shape (H, W), one a pixel.
+
+    Sorted, because OpenCV's order differs from call to call, and without the copies that SIFT
+    makes of a keypoint for each of its orientations. None in an image of less than LEAST_SIDE;
+    ``halved`` it takes a quarter of the time.
+    """
+    if min(image.shape) < LEAST_SIDE:
+        return Keypoints.empty()
+    scale = 0.5 * detector.enlargement if halved else float(detector.enlargement)
+    sift = cv2.SIFT_create(nfeatures=limit, contrastThreshold=detector.contrast)
+    points, descriptors = sift.detectAndCompute(_scaled(image, scale), None)
+    if descriptors is None:
+        return Keypoints.empty()
+    pixels = np.array([point.pt for point in points], dtype=np.float64)
+    sizes = np.array([point.size for point in points])
+    responses = np.array([point.response for point in points])
+    angles = np.array([point.angle for point in points])
+    order = np.lexsort((angles, sizes, -responses, pixels[:, 1], pixels[:, 0]))
+    # One number a pixel: rows take several times as long.
+    columns, rows = np.rint(pixels[order]).astype(np.int64).T
+    _, first = np.unique(columns * PIXEL_STRIDE + rows, return_index=True)
+    # A pixel of a small image is centred between two of a large one.
+    pixels, sizes = pixels / scale + (0.5 / scale - 0.5), sizes / scale
+    return Keypoints(pixels, sizes, np.radians(angles), descriptors).take(order[np.sort(first)])
+
+
+def _scaled(image: Image, scale: float) -> Image:
+    if scale == 1.0:
+        return image
+    height, width = image.shape
+    size = int(scale * width), int(scale * height)
+    kind = cv2.INTER_AREA if scale < 1.0 else cv2.INTER_CUBIC
+    return np.asarray(cv2.resize(image, size, interpolation=kind), dtype=np.uint8)
+
+
+def mutual_nearest(desired: NDArray[np.float32], current: NDArray[np.float32]) -> IntArray:
+    """
+    Return index pairs (desired, current) that are each other's nearest, and by far, (M, 2).
+
+    By matrix products: several times as fast as two brute-force matchings. SIFT gives whole
+    numbers, so that sums are exact and blocks decide no bit.
+    """
+    if len(desired) < 2 or len(current) < 2:
+        return np.empty((0, 2), np.int64)
+    nearest, distinct = np.empty(len(desired), np.int64), np.empty(len(desired), bool)
+    least, back = np.full(len(current), np.inf, np.float32), np.zeros(len(current), np.int64)
+    twice, lengths = (-2.0 * current).T, np.einsum('nk,nk->n', current, current)
+    for first in range(0, len(desired), BLOCK):
+        block = desired[first : first + BLOCK]
+        squared = block @ twice
+        squared += np.einsum('nk,nk->n', block, block)[:, None]
+        squared += lengths
+        nearer = np.flatnonzero(squared.min(axis=0) < least)
+        candidates = squared[:, nearer]
+        back[nearer], least[nearer] = first + candidates.argmin(axis=0), candidates.min(axis=0)
+        rows = np.arange(len(block))
+        nearest[first + rows] = columns = squared.argmin(axis=1)
+        best = squared[rows, columns]
+        squared[rows, columns] = np.inf
+        distinct[first + rows] = best < RATIO**2 * squared.min(axis=1)
+    mutual = np.flatnonzero(distinct & (back[nearest] == np.arange(len(desired))))
+    return np.stack([mutual, nearest[mutual]], axis=1).astype(np.int64)
