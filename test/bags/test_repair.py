@@ -78,7 +78,8 @@ def test_a_file_that_was_cut_off_keeps_what_is_whole(tmp_path, storage, compress
     stored = read_back(bag)
     assert stored == sent[: len(stored)]
     assert 80 <= len(stored) == report.messages
-    assert {path.suffix for path in bag.iterdir()} == {'.yaml', file.suffix}
+    assert {path.suffix for path in bag.iterdir()} == {'.yaml', file.suffix, '.damaged'}
+    assert (bag / f'{file.name}.damaged').read_bytes() == data[: len(data) * 9 // 10]
 
 
 @pytest.mark.parametrize('text', ['', 'rosbag2_bagfile_information: {version: 9}', '{', '3'])
@@ -87,7 +88,9 @@ def test_metadata_that_is_broken_is_written_anew(tmp_path, storage, compression,
     bag, sent = recorded_bag(tmp_path, storage=storage, compression=compression)
     before = (bag / 'metadata.yaml').read_text()
     (bag / 'metadata.yaml').write_text(text)
-    assert str(repair(bag)).endswith('3 files, all whole, metadata.yaml completed')
+    said = f'{bag}: 100 messages in 3 files, all whole, metadata.yaml completed'
+    kept = '; as they were: metadata.yaml.damaged' if text else ''
+    assert str(repair(bag)) == said + kept
     assert (bag / 'metadata.yaml').read_text() == before
     assert read_back(bag) == sent
 
@@ -105,8 +108,9 @@ def test_a_lost_file_is_named_and_the_others_are_read(tmp_path, storage, lost, m
         (bag / 'metadata.yaml').unlink()
     report = repair(bag)
     assert report.lost == (file.name,)
+    kept = '' if metadata == 'missing' else '; as they were: metadata.yaml.damaged'
     assert str(report).endswith(
-        f': 60 messages in 2 files, all whole, metadata.yaml completed; lost: {file.name}'
+        f': 60 messages in 2 files, all whole, metadata.yaml completed{kept}; lost: {file.name}'
     )
     assert read_back(bag) == sent[: 40 * lost] + sent[40 * lost + 40 :]
     assert repair(bag).lost == ()  # it is a bag of two files now
@@ -206,12 +210,18 @@ def test_nothing_is_touched_where_the_disk_is_full(tmp_path) -> None:
 def test_what_is_no_bag_is_refused(tmp_path, name) -> None:
     (tmp_path / 'empty').mkdir()
     (tmp_path / 'text.txt').write_text('no bag')
-    with pytest.raises(InputError, match='not a bag to repair; give a rosbag2 folder'):
+    with pytest.raises(InputError, match='not a bag.*; give a rosbag2 folder'):
         repair(tmp_path / name)
 
 
-@pytest.mark.parametrize('suffix', ['.mcap', '.db3'])
-@pytest.mark.parametrize('content', [b'', b'\x89MCAP0\r\n', b'SQLite format 3\x00', bytes(5000)])
+@pytest.mark.parametrize(
+    ('suffix', 'content'),
+    [
+        (suffix, content)
+        for suffix, magic in (('.mcap', b'\x89MCAP0\r\n'), ('.db3', b'SQLite format 3\x00'))
+        for content in (b'', magic, bytes(5000))
+    ],
+)
 def test_a_file_with_nothing_in_it_becomes_an_empty_bag(tmp_path, suffix, content) -> None:
     file = tmp_path / f'x{suffix}'
     file.write_bytes(content)

@@ -15,6 +15,15 @@ from visual_servo_epipolar.files import whole
 VERSION: Final = 9  # of rosbag2, that of Jazzy
 FILE = 'metadata.yaml'
 DISTRO: Final = 'jazzy'  # where none is sourced: its messages are those that bags hold
+NEEDED = {
+    'version',
+    'storage_identifier',
+    'relative_file_paths',
+    'duration',
+    'starting_time',
+    'message_count',
+    'topics_with_message_count',
+}
 SUFFIXES = {'mcap': '.mcap', 'sqlite3': '.db3'}
 
 
@@ -43,7 +52,7 @@ def document(parts: Sequence[PartInfo], storage: str, compression_mode: str) -> 
     """
     Return what metadata.yaml says of a bag of ``parts``.
 
-    ``compression_mode`` is '' or 'message'; what a storage compresses by itself is not said.
+    ``compression_mode`` is '', 'message' or 'file'; what a storage compresses itself is not said.
     """
     filled = [part for part in parts if part.count]
     start_ns = min((part.start_ns for part in filled), default=0)
@@ -72,15 +81,39 @@ def write(folder: Path, content: Mapping[str, Any]) -> None:
         partial.write_text(yaml.safe_dump(dict(content), sort_keys=False), encoding='utf-8')
 
 
-def listed_files(folder: Path) -> list[str] | None:
-    """Return the names of the storage files that metadata.yaml lists, None if it is broken."""
+def information(folder: Path) -> Mapping[str, Any] | None:
+    """Return what metadata.yaml says, None if it is missing or broken."""
     try:
         content = yaml.safe_load((folder / FILE).read_text(encoding='utf-8'))
-        paths = content['rosbag2_bagfile_information']['relative_file_paths']
-        # Early versions put the folder of the bag in front.
-        return [Path(item).name for item in paths]
+        found = content['rosbag2_bagfile_information']
     except (OSError, ValueError, LookupError, TypeError, RecursionError, yaml.YAMLError):
         return None
+    return found if isinstance(found, Mapping) else None
+
+
+def listed_files(folder: Path) -> list[str] | None:
+    """Return the names of the storage files that metadata.yaml lists, None if it is broken."""
+    paths = (information(folder) or {}).get('relative_file_paths')
+    if not isinstance(paths, list) or not all(isinstance(item, str) and item for item in paths):
+        return None
+    return [Path(item).name for item in paths]  # early versions put the folder of the bag in front
+
+
+def describes(folder: Path, names: Sequence[str], storage: str) -> bool:
+    """Return whether metadata.yaml has what rosbag2 needs, of just these files."""
+    content = information(folder) or {}
+    return (
+        content.keys() >= NEEDED
+        and content['storage_identifier'] == storage
+        and sorted(listed_files(folder) or ()) == sorted(names)
+    )
+
+
+def with_notes_of(folder: Path, content: Mapping[str, Any]) -> dict[str, Any]:
+    """Return ``content`` with what the metadata.yaml of now says and the files do not."""
+    now = information(folder) or {}
+    notes = {name: now[name] for name in ('custom_data', 'ros_distro') if now.get(name)}
+    return {'rosbag2_bagfile_information': content['rosbag2_bagfile_information'] | notes}
 
 
 def _file(part: PartInfo) -> dict[str, Any]:

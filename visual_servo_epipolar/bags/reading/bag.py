@@ -6,41 +6,50 @@ libraries that decode them raise errors of every kind on damage.
 """
 
 from collections.abc import Collection, Iterator
-from contextlib import AbstractContextManager, contextmanager, ExitStack
+from contextlib import AbstractContextManager, contextmanager, ExitStack, suppress
 from dataclasses import dataclass
-from functools import cache
+import errno
 import heapq
-from operator import itemgetter
+from operator import attrgetter, itemgetter
 from pathlib import Path
+import sqlite3
 import struct
 from typing import Any
 
-from rosbags import rosbag1, rosbag2
-from rosbags.interfaces import Connection, MessageDefinitionFormat
-from rosbags.rosbag2.reader import zstd
-from rosbags.rosbag2.storage_sqlite3 import apsw
+from mcap.exceptions import McapError
+from rosbags import rosbag1
 from rosbags.serde import SerdeError
 from rosbags.typesys import (
     get_types_from_idl,
     get_types_from_msg,
-    get_typestore,
-    Stores,
     TypesysError,
 )
-from rosbags.typesys.store import Typestore
+import zstandard
 
-from visual_servo_epipolar.bags import metadata
+from visual_servo_epipolar.bags import containers
+from visual_servo_epipolar.bags.containers import ZSTD_MAGIC
+from visual_servo_epipolar.bags.reading.parts import ADVICE, bag_parts, Parts
+from visual_servo_epipolar.bags.reading.readable import (
+    IDL_LANGUAGES,
+    kind_of,
+    left_out,
+    MESSAGE_LANGUAGES,
+    refusal,
+    types_of,
+)
+from visual_servo_epipolar.bags.storages.mcap_file import profile
+from visual_servo_epipolar.bags.storages.opening import opened
+from visual_servo_epipolar.bags.storages.stored import ROS1, StorageFile, StoredTopic
 from visual_servo_epipolar.core.errors import InputError
 
-STORAGE_SUFFIXES = ('.mcap', '.db3')
 DAMAGE = (
+    McapError,
     rosbag1.ReaderError,
-    rosbag2.ReaderError,
     SerdeError,
     TypesysError,
-    apsw.Error,
+    sqlite3.Error,
     struct.error,
-    zstd.ZstdError,
+    zstandard.ZstdError,
     ArithmeticError,
     AssertionError,
     AttributeError,
@@ -53,7 +62,12 @@ DAMAGE = (
     ValueError,
 )
 NAMELESS: dict[type[Exception], str] = {MemoryError: 'it states sizes beyond all memory'}
-ADVICE = 'the bag is damaged or was left open by a crash; try --repair'
+NO_DAMAGE = (errno.EACCES, errno.EPERM, errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EMFILE)
+OTHER_ADVICE = {
+    'ros1': 'the bag is damaged or was left open; try "rosbag reindex" of ROS 1',
+    'zstd': 'it is damaged; unpack what is there with "zstd -dc {name} > {plain}" and repair it',
+    'profile': 'it is damaged; try "mcap recover {name} -o NEW.mcap"',
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +90,9 @@ class RecordedMessage:
 
 class Bag(AbstractContextManager['Bag']):
     """
-    Bag open for reading: a rosbag2 folder, one of its .mcap or .db3 files, a ROS 1 .bag.
+    Bag open for reading: a rosbag2 folder, one of its files, a ROS 1 .bag; of them ROS's topics.
+
+    ``notes`` say which topics and files are left out.
 
     Raises
     ------
@@ -86,13 +102,20 @@ class Bag(AbstractContextManager['Bag']):
     """
 
     def __init__(self, path: Path) -> None:
-        self.path = path
-        self._stack = ExitStack()
-        with intact(path):
-            self._readers = [self._stack.enter_context(_reader(item)) for item in _parts(path)]
-            self._connections = [item for reader in self._readers for item in reader.connections]
-        self._is_ros1 = path.suffix == '.bag'
-        self._types = _types(self._is_ros1)
+        self.path = containers.bag_path(path)
+        with intact(self.path), ExitStack() as stack:
+            parts: Parts = bag_parts(self.path)
+            self._files = [_open(item, stack) for item in parts.files]
+            self._stack = stack.pop_all()
+        stored = [item for file in self._files for item in file.topics]
+        self._stored = [item for item in stored if not refusal(item)]
+        self.notes = [*parts.notes, *left_out(stored)]
+        if stored and not self._stored:
+            self._stack.close()
+            raise InputError(
+                f'{self.path}: no messages of ROS that can be read: {"; ".join(self.notes)}; '
+                'record the topics of ROS with "ros2 bag record", or convert them to its messages'
+            )
         self.topics = self._topics()
 
     def __exit__(self, *_: object) -> None:
@@ -101,106 +124,108 @@ class Bag(AbstractContextManager['Bag']):
 
     def messages(self, names: Collection[str]) -> Iterator[RecordedMessage]:
         """Yield the messages of the topics called ``names`` in the order of recording."""
-        chosen = [item for item in self._connections if item.topic in names]
-        for connection in chosen:
-            with intact(self.path):
-                self._check_definition(connection)
-        streams = [self._stream(reader, chosen) for reader in self._readers]
-        yield from heapq.merge(*streams, key=lambda item: item.log_ns)
+        for item in self._stored:
+            if item.topic in names:
+                with intact(self.path):
+                    self._check_definition(item)
+        # A file is opened when its time has come: there may be hundreds.
+        streams = [self._stream(file, names) for file in self._files]
+        for _, recorded in heapq.merge(*streams, key=itemgetter(0)):
+            if recorded is not None:
+                yield recorded
 
-    def _stream(self, reader: Any, chosen: Collection[Connection]) -> Iterator[RecordedMessage]:
-        own = [item for item in chosen if item in reader.connections]
-        if not own:
+    def _stream(
+        self, file: StorageFile, names: Collection[str]
+    ) -> Iterator[tuple[int, RecordedMessage | None]]:
+        chosen = {
+            item.id: item for item in file.topics if item.topic in names and not refusal(item)
+        }
+        if not chosen:
             return
-        raw_messages = reader.messages(own)
+        yield file.start_ns, None
+        stored = file.messages(chosen.keys())
         while True:
             with intact(self.path):
                 try:
-                    connection, log_ns, raw = next(raw_messages)
+                    number, log_ns, raw = next(stored)
                 except StopIteration:
                     return
-                message = self._decoded(raw, connection.msgtype)
-            yield RecordedMessage(connection.topic, log_ns, message)
+                topic = chosen[number]
+                message = _decoded(topic, raw)
+            yield log_ns, RecordedMessage(topic.topic, log_ns, message)
 
-    def _decoded(self, raw: bytes, kind: str) -> Any:
-        if self._is_ros1:
-            return self._types.deserialize_ros1(raw, kind)
-        return self._types.deserialize_cdr(raw, kind)
-
-    def _check_definition(self, connection: Connection) -> None:
+    def _check_definition(self, item: StoredTopic) -> None:
         """Refuse a type whose definition in the bag differs from that of ROS."""
-        text, kind = connection.msgdef.data, connection.msgtype
-        if connection.msgdef.format is MessageDefinitionFormat.MSG:
-            definitions = get_types_from_msg(text, kind)
-        elif connection.msgdef.format is MessageDefinitionFormat.IDL:
-            definitions = get_types_from_idl(text)
+        if item.definition and item.schema in MESSAGE_LANGUAGES:
+            definitions = get_types_from_msg(item.definition, kind_of(item))
+        elif item.definition and item.schema in IDL_LANGUAGES:
+            definitions = get_types_from_idl(item.definition)
         else:
             return
+        types = types_of(item.encoding)
         for name, (_, fields) in definitions.items():
-            expected = self._types.fielddefs.get(name)
+            expected = types.fielddefs.get(name)
             if expected is None or expected[1] != fields:
                 raise InputError(
-                    f'{self.path}: {connection.topic}: {name} is defined otherwise than in ROS; '
+                    f'{self.path}: {item.topic}: {name} is defined otherwise than in ROS; '
                     'the bag is damaged, or convert it'
                 )
 
     def _topics(self) -> dict[str, Topic]:
         topics: dict[str, Topic] = {}
-        for item in sorted(self._connections, key=itemgetter(1)):
-            earlier = topics.get(item.topic)
-            if earlier is not None and earlier.kind != item.msgtype:
+        for item in sorted(self._stored, key=attrgetter('topic')):
+            earlier, kind = topics.get(item.topic), kind_of(item)
+            if earlier is not None and earlier.kind != kind:
                 raise InputError(
-                    f'{self.path}: {item.topic} has messages of {earlier.kind} and '
-                    f'{item.msgtype}; a topic must have one type'
+                    f'{self.path}: {item.topic} has messages of {earlier.kind} and {kind}; a '
+                    'topic must have one type'
                 )
-            count = item.msgcount + (0 if earlier is None else earlier.count)
-            topics[item.topic] = Topic(item.topic, item.msgtype, count)
+            count = item.count + (0 if earlier is None else earlier.count)
+            topics[item.topic] = Topic(item.topic, kind, count)
         return topics
 
 
 @contextmanager
 def intact(path: Path) -> Iterator[None]:
-    """Turn whatever damage raises into one InputError that names the bag."""
+    """Turn whatever damage raises into one InputError that names the bag, and what to do."""
     try:
         yield
+    except OSError as error:
+        if error.errno not in NO_DAMAGE:
+            raise _unreadable(path, error) from error
+        raise InputError(f'{path}: bag cannot be read: {error.strerror}') from error
+    except InputError:
+        raise
     except DAMAGE as error:
-        text = ' '.join(str(error).split()) or NAMELESS.get(type(error), type(error).__name__)
-        raise InputError(f'{path}: bag cannot be read: {text:.300}; {ADVICE}') from error
+        raise _unreadable(path, error) from error
 
 
-@cache
-def _types(is_ros1: bool) -> Typestore:
-    """Return the types of ROS; those read here have not changed since dashing."""
-    return get_typestore(Stores.ROS1_NOETIC if is_ros1 else Stores.ROS2_JAZZY)
+def _unreadable(path: Path, error: Exception) -> InputError:
+    text = ' '.join(str(error).split()) or NAMELESS.get(type(error), type(error).__name__)
+    return InputError(f'{path}: bag cannot be read: {text:.300}; {_advice(path)}')
 
 
-def _parts(path: Path) -> list[Path]:
-    """Return what to open: the bag itself, or its files where metadata.yaml is missing."""
-    if not path.exists():
-        raise InputError(f'{path}: no such bag; give a rosbag2 folder, a .mcap, .db3 or .bag file')
-    if not path.is_dir():
-        if path.suffix not in (*STORAGE_SUFFIXES, '.bag'):
-            raise InputError(
-                f'{path}: not a bag; give a rosbag2 folder, a .mcap, .db3 or .bag file'
-            )
-        return [path]
-    if (path / metadata.FILE).is_file():
-        if metadata.listed_files(path) is None:
-            raise InputError(
-                f'{path}: bag cannot be read: {metadata.FILE} is empty or broken; {ADVICE}'
-            )
-        return [path]
-    files = sorted(item for item in path.iterdir() if item.suffix in STORAGE_SUFFIXES)
-    if not files:
-        bags = sorted(item.parent for item in path.glob(f'*/{metadata.FILE}'))
-        if bags:  # the folder of a demo, or one of several bags
-            raise InputError(f'{path}: not a bag, but a folder with one; give {bags[0]}')
-        raise InputError(
-            f'{path}: not a bag: it has neither metadata.yaml nor .mcap or .db3 files; give the '
-            'folder that was recorded, with --repair if a crash left it so'
-        )
-    return files
+def _advice(path: Path) -> str:
+    """Return what to do about a damaged bag, by what it is."""
+    advice = ADVICE
+    if path.is_file():
+        with suppress(InputError, *DAMAGE):  # its beginning is damaged as well
+            found = containers.container(path)
+            if found == 'mcap' and profile(path) != 'ros2':
+                found = 'profile'
+            advice = OTHER_ADVICE.get(found, ADVICE)
+    return advice.format(name=path.name, plain=path.name.removesuffix('.zstd'))
 
 
-def _reader(path: Path) -> Any:
-    return rosbag1.Reader(path) if path.suffix == '.bag' else rosbag2.Reader(path)
+def _open(path: Path, stack: ExitStack) -> StorageFile:
+    file = opened(stack.enter_context(containers.unpacked(path)))
+    return stack.enter_context(file)
+
+
+def _decoded(topic: StoredTopic, raw: bytes) -> Any:
+    types, kind = types_of(topic.encoding), kind_of(topic)
+    if topic.encoding == ROS1:
+        return types.deserialize_ros1(raw, kind)
+    if raw.startswith(ZSTD_MAGIC):  # message by message, which only metadata.yaml would say
+        raw = zstandard.ZstdDecompressor().decompressobj().decompress(raw)
+    return types.deserialize_cdr(raw, kind)

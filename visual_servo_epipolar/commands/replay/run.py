@@ -12,9 +12,10 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
-from visual_servo_epipolar.bags.reading.bag import ADVICE, Bag
+from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.bags.reading.history import Happening, happenings
 from visual_servo_epipolar.bags.reading.namespaces import namespace_of
+from visual_servo_epipolar.bags.reading.parts import ADVICE
 from visual_servo_epipolar.bags.reading.run import read_run, Recording
 from visual_servo_epipolar.bags.reading.topics import assigned, parse
 from visual_servo_epipolar.bags.repair import repair
@@ -161,7 +162,7 @@ def replay_bag(
         effective=effective_changes(run, given),
         steps=steps,
         comparison=compare(run, steps, tolerance),
-        notes=[*repairs, *notes],
+        notes=[*repairs, *bag.notes, *notes],
         wall_s=wall_s,
     )
 

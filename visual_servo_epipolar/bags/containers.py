@@ -1,0 +1,148 @@
+"""Containers of bags, told by their first bytes, whatever a file is called."""
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+import re
+import shutil
+from tempfile import TemporaryDirectory
+
+import zstandard
+
+from visual_servo_epipolar.bags import metadata
+from visual_servo_epipolar.core.errors import InputError
+
+ROS1, ZSTD = 'ros1', 'zstd'  # beside mcap and sqlite3, as metadata.yaml names them
+ZSTD_MAGIC = b'\x28\xb5\x2f\xfd'  # no message of ROS 2 begins like this
+MAGICS = {
+    b'\x89MCAP0\r\n': 'mcap',
+    b'SQLite format 3\x00': 'sqlite3',
+    b'#ROSBAG V': ROS1,
+    ZSTD_MAGIC: ZSTD,
+}
+NAMES = {'.mcap': 'mcap', '.db3': 'sqlite3', '.bag': ROS1, '.active': ROS1, '.zstd': ZSTD}
+STRANGERS = (  # first byte, what stands there, what it is
+    (0, b'\x89PNG', 'a picture'),
+    (0, b'\xff\xd8\xff', 'a picture'),
+    (0, b'II*\x00', 'a picture'),
+    (0, b'MM\x00*', 'a picture'),
+    (8, b'WEBP', 'a picture'),
+    (4, b'ftyp', 'a video'),
+    (0, b'\x1a\x45\xdf\xa3', 'a video'),
+    (8, b'AVI ', 'a video'),
+    (0, b'PK\x03\x04', 'an archive'),
+    (0, b'\x1f\x8b', 'an archive'),
+    (0, b'7z\xbc\xaf', 'an archive'),
+    (257, b'ustar', 'an archive'),
+)
+INSTEAD = {
+    'a picture': 'two photographs are compared by "visual_servo inspect"',
+    'a video': 'play it as images and record those with "ros2 bag record"',
+    'an archive': 'unpack it and give what is in it',
+}
+EXPECTED = 'give a rosbag2 folder, a .mcap, .db3 or .bag file'
+PICTURES = ('.png', '.jpg', '.jpeg', '.tif', '.tiff', '.bmp', '.webp', '.pgm')
+OLD = '.damaged'  # how the old file of a repair is called
+
+
+def bag_path(path: Path) -> Path:
+    """Return the folder of a bag where its metadata.yaml is given, else ``path`` itself."""
+    return path.parent if path.name == metadata.FILE and path.is_file() else path
+
+
+def container(path: Path) -> str:
+    """
+    Return what a file is: mcap, sqlite3, ros1 or zstd; by its name where its bytes are damaged.
+
+    Raises
+    ------
+    InputError
+        If it is none of these.
+
+    """
+    head = _head(path)
+    found = _by_magic(head)
+    if found:
+        return found
+    what = next((what for at, magic, what in STRANGERS if head[at:].startswith(magic)), '')
+    if what:
+        raise InputError(f'{path}: {what}, not a bag; {INSTEAD[what]}, or {EXPECTED}')
+    if path.suffix.lower() not in NAMES:
+        raise InputError(f'{path}: not a bag; {EXPECTED}')
+    return NAMES[path.suffix.lower()]
+
+
+def storage_files(folder: Path) -> list[Path]:
+    """Return the storage files of rosbag2 in a folder, by their bytes or names, in order."""
+    files = [item for item in folder.iterdir() if item.is_file() and _is_storage(item)]
+    return sorted(files, key=part_number)
+
+
+def part_number(path: Path) -> tuple[int, str]:
+    """Return the key that brings the parts of a recording into their order."""
+    digits = re.search(r'(\d{1,9})$', path.name.partition('.')[0])
+    return (int(digits[1]) if digits else 0, path.name)
+
+
+def left_open(folder: Path) -> list[Path]:
+    """Return the files that our recorder, which was killed, left in a folder of their own."""
+    files = [
+        item
+        for suffix in metadata.SUFFIXES.values()
+        for item in folder.glob(f'*/*{suffix}')
+        if item.parent.name == item.stem and re.fullmatch(r'.+_\d+', item.stem)
+    ]
+    prefixes = {item.stem.rpartition('_')[0] for item in folder.iterdir() if _is_storage(item)}
+    prefixes.add(folder.resolve().name)
+    return [item for item in files if item.stem.rpartition('_')[0] in prefixes]
+
+
+def why_no_bag(folder: Path) -> InputError:
+    """Return the error for a folder without storage files: what it has instead."""
+    bags = sorted(item.parent for item in folder.glob(f'*/{metadata.FILE}'))
+    bags += sorted(item for item in folder.iterdir() if item.suffix == '.bag')
+    if bags:  # the folder of a demo, or one of several bags
+        return InputError(f'{folder}: not a bag, but a folder with one; give {bags[0]}')
+    if any(item.suffix.lower() in PICTURES for item in folder.iterdir()):
+        return InputError(
+            f'{folder}: a folder of pictures, not a bag; {INSTEAD["a picture"]}, or {EXPECTED}'
+        )
+    return InputError(
+        f'{folder}: not a bag: it has neither metadata.yaml nor .mcap or .db3 files; give the '
+        'folder that was recorded, with --repair if a crash left it so'
+    )
+
+
+@contextmanager
+def unpacked(path: Path) -> Iterator[Path]:
+    """Yield a file, or what zstd packed into it, for as long as the block lasts."""
+    if container(path) != ZSTD:
+        yield path
+        return
+    with TemporaryDirectory(prefix='bag_') as folder:
+        plain = Path(folder, path.name.removesuffix('.zstd'))
+        decompressor = zstandard.ZstdDecompressor()
+        with (
+            path.open('rb') as file,
+            decompressor.stream_reader(file, read_across_frames=True) as packed,
+            plain.open('wb') as target,
+        ):
+            shutil.copyfileobj(packed, target)
+        yield plain
+
+
+def _head(path: Path) -> bytes:
+    with path.open('rb') as file:
+        return file.read(300)
+
+
+def _by_magic(head: bytes) -> str:
+    return next((name for magic, name in MAGICS.items() if head.startswith(magic)), '')
+
+
+def _is_storage(path: Path) -> bool:
+    if not path.is_file() or path.suffix == OLD or path.name.startswith('.'):
+        return False
+    inner = path.name.lower().removesuffix('.zstd')
+    named = inner.endswith(tuple(metadata.SUFFIXES.values()))
+    return named or _by_magic(_head(path)) in metadata.SUFFIXES
