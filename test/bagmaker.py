@@ -8,6 +8,7 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import Twist
+import mcap.writer
 from nav_msgs.msg import Odometry
 from rclpy.context import Context
 from rclpy.node import Node
@@ -42,6 +43,17 @@ TOPICS: dict[str, tuple[Any, QoSProfile]] = {
     '/cmd_vel': (Twist, DEEP),
     '/ground_truth': (Odometry, DEEP),
 }
+TINY = {
+    'camera': {
+        'width': 160,
+        'height': 128,
+        'focal_length': 96.0,
+        'principal_u': 79.0,
+        'principal_v': 63.0,
+        'frame_rate': 3.0,
+    },
+    'run': {'max_duration': 1.0},
+}
 Message = tuple[str, int, bytes]  # topic, time of recording [ns], CDR
 
 
@@ -56,6 +68,12 @@ def small_scenario(max_duration: float, **servo: Any) -> Scenario:
     }
     document = {'camera': camera, 'run': {'max_duration': max_duration}, 'servo': servo}
     return from_document(document, 'test')
+
+
+def tiny_run() -> list[Message]:
+    """Return all that was said in the first steps of a run through a very small camera."""
+    scenario = from_document(TINY, 'tiny')
+    return drive(scenario, scenario.loop((0.2, -1.5, 0.0), 0))
 
 
 def drive(scenario: Scenario, settings: LoopSettings) -> list[Message]:
@@ -133,6 +151,25 @@ def write_ros1(path: Path, messages: Sequence[Message]) -> Path:
             topic, log_ns, _ = message
             raw = TYPES_1.serialize_ros1(as_ros1(decoded(message)), kind_of(topic))
             writer.write(connections[topic], log_ns, bytes(raw))
+    return path
+
+
+def write_ros1_mcap(path: Path, messages: Sequence[Message]) -> Path:
+    """Write the same as ROS 1 in mcap, as bags are converted to it."""
+    with path.open('wb') as file:
+        writer = mcap.writer.Writer(file)
+        writer.start('ros1')
+        channels: dict[str, int] = {}
+        for message in messages:
+            topic, log_ns, _ = message
+            if topic not in channels:
+                text = TYPES_1.generate_msgdef(kind_of(topic), ros_version=1)[0]
+                name = kind_of(topic).replace('/msg/', '/')
+                schema = writer.register_schema(name, 'ros1msg', text.encode())
+                channels[topic] = writer.register_channel(topic, 'ros1', schema)
+            raw = TYPES_1.serialize_ros1(as_ros1(decoded(message)), kind_of(topic))
+            writer.add_message(channels[topic], log_ns, bytes(raw), log_ns)
+        writer.finish()
     return path
 
 

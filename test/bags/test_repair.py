@@ -89,7 +89,7 @@ def test_metadata_that_is_broken_is_written_anew(tmp_path, storage, compression,
     before = (bag / 'metadata.yaml').read_text()
     (bag / 'metadata.yaml').write_text(text)
     said = f'{bag}: 100 messages in 3 files, all whole, metadata.yaml completed'
-    kept = '; as they were: metadata.yaml.damaged' if text else ''
+    kept = '; what was there before is kept: metadata.yaml.damaged' if text else ''
     assert str(repair(bag)) == said + kept
     assert (bag / 'metadata.yaml').read_text() == before
     assert read_back(bag) == sent
@@ -108,7 +108,9 @@ def test_a_lost_file_is_named_and_the_others_are_read(tmp_path, storage, lost, m
         (bag / 'metadata.yaml').unlink()
     report = repair(bag)
     assert report.lost == (file.name,)
-    kept = '' if metadata == 'missing' else '; as they were: metadata.yaml.damaged'
+    kept = (
+        '' if metadata == 'missing' else '; what was there before is kept: metadata.yaml.damaged'
+    )
     assert str(report).endswith(
         f': 60 messages in 2 files, all whole, metadata.yaml completed{kept}; lost: {file.name}'
     )

@@ -90,27 +90,24 @@ def left_open(folder: Path) -> list[Path]:
         item
         for suffix in metadata.SUFFIXES.values()
         for item in folder.glob(f'*/*{suffix}')
-        if item.parent.name == item.stem and re.fullmatch(r'.+_\d+', item.stem)
+        if item.parent.name == item.stem
+        and re.fullmatch(r'.+_\d+', item.stem)
+        and not item.is_symlink()
     ]
     prefixes = {item.stem.rpartition('_')[0] for item in folder.iterdir() if _is_storage(item)}
     prefixes.add(folder.resolve().name)
     return [item for item in files if item.stem.rpartition('_')[0] in prefixes]
 
 
-def why_no_bag(folder: Path) -> InputError:
-    """Return the error for a folder without storage files: what it has instead."""
+def something_else(folder: Path) -> str:
+    """Return what a folder without storage files has instead, as the tail of a sentence."""
     bags = sorted(item.parent for item in folder.glob(f'*/{metadata.FILE}'))
     bags += sorted(item for item in folder.iterdir() if item.suffix == '.bag')
     if bags:  # the folder of a demo, or one of several bags
-        return InputError(f'{folder}: not a bag, but a folder with one; give {bags[0]}')
+        return f', but a folder with one; give {bags[0]}'
     if any(item.suffix.lower() in PICTURES for item in folder.iterdir()):
-        return InputError(
-            f'{folder}: a folder of pictures, not a bag; {INSTEAD["a picture"]}, or {EXPECTED}'
-        )
-    return InputError(
-        f'{folder}: not a bag: it has neither metadata.yaml nor .mcap or .db3 files; give the '
-        'folder that was recorded, with --repair if a crash left it so'
-    )
+        return f', but a folder of pictures; {INSTEAD["a picture"]}'
+    return ''
 
 
 @contextmanager

@@ -43,10 +43,8 @@ class RepairReport:
     def __str__(self) -> str:
         text = f'{self.path}: {self.messages} messages in {self.files} files'
         if self.rewritten:
-            text += (
-                f'; completed {", ".join(self.rewritten)}, {self.lost_bytes} bytes could not be '
-                'read'
-            )
+            text += f'; completed {", ".join(self.rewritten)}, '
+            text += f'{self.lost_bytes or "no"} bytes could not be read'
             more = len(self.lost_messages) - MOST_NAMED
             if self.lost_messages:
                 text += f' ({", ".join(self.lost_messages[:MOST_NAMED])}'
@@ -54,7 +52,7 @@ class RepairReport:
         else:
             text += ', all whole' + (', metadata.yaml completed' if self.described else '')
         if self.kept:
-            text += f'; as they were: {", ".join(self.kept)}'
+            text += f'; what was there before is kept: {", ".join(self.kept)}'
         return text + (f'; lost: {", ".join(self.lost)}' if self.lost else '')
 
 
@@ -107,10 +105,15 @@ def _storage_files(path: Path) -> list[Path]:
     else:
         files = [path] if path.is_file() else []
     kinds = {containers.container(file) for file in files}
-    if not files or containers.ROS1 in kinds or len(kinds) > 1:
+    if containers.ROS1 in kinds:
         raise InputError(
-            f'{path}: not a bag to repair; give a rosbag2 folder with .mcap or .db3 files, or '
-            'one of these'
+            f'{path}: a bag of ROS 1, which stays as it is; try "rosbag reindex" of ROS 1'
+        )
+    if len(kinds) != 1:
+        what = containers.something_else(path) if path.is_dir() else ''
+        raise InputError(
+            f'{path}: not a bag to repair{what}; give a rosbag2 folder with .mcap or .db3 files, '
+            'or one of these'
         )
     return sorted(files, key=containers.part_number)
 

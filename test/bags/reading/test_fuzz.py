@@ -8,26 +8,17 @@ import shutil
 import struct
 import time
 
-from bagmaker import drive, kind_of, Message, write_bag, write_ros1
+from bagmaker import kind_of, Message, tiny_run, write_bag, write_ros1, write_ros1_mcap
+from mcap.writer import CompressionType
+from mixed_mcap import without_index, write_mixed
 import numpy as np
 import pytest
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
+import zstandard
 
 from visual_servo_epipolar.commands.main import main
-from visual_servo_epipolar.simulation.scenario import from_document
 
-TINY = {
-    'camera': {
-        'width': 160,
-        'height': 128,
-        'focal_length': 96.0,
-        'principal_u': 79.0,
-        'principal_v': 63.0,
-        'frame_rate': 3.0,
-    },
-    'run': {'max_duration': 1.0},
-}
-MUTATIONS = int(os.environ.get('BAG_MUTATIONS', '16'))  # of each of ten kinds
+MUTATIONS = int(os.environ.get('BAG_MUTATIONS', '16'))  # of each of sixteen kinds
 USUAL_S = 10.0  # a replay of this bag takes 0.1 s
 MOST_MEMORY = 400_000  # that all of them may add to the peak of this process [kB]
 LENGTHS = (2**64 - 1, 2**63, 2**40, 2**33, 2**32 - 1, 2**31, 2**20, 0)
@@ -36,9 +27,7 @@ Rng = np.random.Generator
 
 @pytest.fixture(scope='module')
 def tiny() -> list[Message]:
-    """Return all that was said in the first steps of a run through a very small camera."""
-    scenario = from_document(TINY, 'tiny')
-    return drive(scenario, scenario.loop((0.2, -1.5, 0.0), 0))
+    return tiny_run()
 
 
 @pytest.fixture(scope='module')
@@ -48,7 +37,20 @@ def whole(tiny, tmp_path_factory) -> Path:
     write_bag(folder / 'mcap', tiny)
     write_bag(folder / 'zstd', tiny, compression=CompressionMode.STORAGE)
     write_bag(folder / 'sqlite3', tiny, storage=StoragePlugin.SQLITE3)
+    write_bag(
+        folder / 'message',
+        tiny,
+        storage=StoragePlugin.SQLITE3,
+        compression=CompressionMode.MESSAGE,
+    )
     write_ros1(folder / 'run.bag', tiny)
+    write_ros1_mcap(folder / 'ros1.mcap', tiny)
+    ros = [(topic, kind_of(topic), log_ns + 10, raw) for topic, log_ns, raw in tiny]
+    write_mixed(folder / 'mixed.mcap', ros)
+    write_mixed(folder / 'lz4.mcap', ros, compression=CompressionType.LZ4)
+    without_index(folder / 'bare.mcap', ros)
+    packed = zstandard.compress((folder / 'mixed.mcap').read_bytes())
+    (folder / 'packed.zstd').write_bytes(packed)
     return folder
 
 
@@ -159,6 +161,12 @@ KINDS: dict[str, Callable[..., Path]] = {
     'wrong types': of_messages(of_wrong_types),
     'jumping time': of_messages(in_jumping_time),
     'sqlite3 folder': of_file('sqlite3', 'metadata.yaml'),
+    'compressed messages': of_file('message', '*.db3'),
+    'mixed mcap': of_file('mixed.mcap', ''),
+    'lz4 mcap': of_file('lz4.mcap', ''),
+    'mcap without index': of_file('bare.mcap', ''),
+    'ros 1 mcap': of_file('ros1.mcap', ''),
+    'packed mcap': of_file('packed.zstd', ''),
 }
 
 
@@ -186,8 +194,31 @@ def test_a_broken_bag_is_one_clear_line(kind, whole, tiny, tmp_path, capfd) -> N
     assert grown < MOST_MEMORY, kind
 
 
+STORED = {name for name in KINDS if 'mcap' in name or 'sqlite3' in name or 'compressed' in name}
+
+
+@pytest.mark.parametrize('kind', sorted(STORED))
+def test_a_repair_keeps_the_bytes_of_a_broken_bag(kind, whole, tiny, tmp_path, capfd) -> None:
+    for seed in range(MUTATIONS // 2):
+        folder = tmp_path / str(seed)
+        folder.mkdir()
+        path = KINDS[kind](whole, tiny, folder / 'bag', np.random.default_rng([seed, len(kind)]))
+        before = {item.read_bytes() for item in folder.rglob('*') if item.is_file()}
+        code = main(['replay', str(path), '--repair'])
+        shown = capfd.readouterr()
+        assert code in (0, 1) or len(shown.err.splitlines()) == 1, (kind, seed, shown.err)
+        after = {item.read_bytes() for item in folder.rglob('*') if item.is_file()}
+        assert before <= after, (kind, seed)
+        assert not list(folder.rglob('.repair_*')), (kind, seed)
+        if 'cannot be repaired' not in shown.err and 'stays as it is' not in shown.err:
+            again = main(['replay', str(path), '--repair'])
+            assert again == code, (kind, seed)
+            assert {i.read_bytes() for i in folder.rglob('*') if i.is_file()} == after, seed
+            capfd.readouterr()
+
+
 def test_the_whole_bags_are_replayed(whole, capsys) -> None:
-    for name in ('mcap', 'zstd', 'sqlite3', 'run.bag'):
+    for name in (item.name for item in whole.iterdir()):
         assert main(['replay', str(whole / name)]) == 0, capsys.readouterr()
 
 

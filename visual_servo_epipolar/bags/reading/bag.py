@@ -113,8 +113,8 @@ class Bag(AbstractContextManager['Bag']):
         if stored and not self._stored:
             self._stack.close()
             raise InputError(
-                f'{self.path}: no messages of ROS that can be read: {"; ".join(self.notes)}; '
-                'record the topics of ROS with "ros2 bag record", or convert them to its messages'
+                f'{self.path}: none of its topics can be read: {"; ".join(self.notes)}; record '
+                'topics of ROS with "ros2 bag record", or convert these to its messages'
             )
         self.topics = self._topics()
 
@@ -201,7 +201,8 @@ def intact(path: Path) -> Iterator[None]:
 
 
 def _unreadable(path: Path, error: Exception) -> InputError:
-    text = ' '.join(str(error).split()) or NAMELESS.get(type(error), type(error).__name__)
+    words = ' '.join(str(error).split()).replace("('", '').replace("',)", '')  # of rosbags
+    text = words or NAMELESS.get(type(error), type(error).__name__)
     return InputError(f'{path}: bag cannot be read: {text:.300}; {_advice(path)}')
 
 

@@ -32,6 +32,8 @@ def bag_parts(path: Path) -> Parts:
     if not path.exists():
         raise InputError(f'{path}: no such bag; {containers.EXPECTED}')
     if not path.is_dir():
+        if not path.is_file():
+            raise InputError(f'{path}: not a file; {containers.EXPECTED}')
         if path.stat().st_size == 0:
             raise InputError(f'{path}: it is empty, nothing was recorded; give another bag')
         containers.container(path)
@@ -46,8 +48,18 @@ def bag_parts(path: Path) -> Parts:
     if not files and pending:
         raise InputError(f'{path}: it was left open by a crash, in its first file; try --repair')
     if not files:
-        raise containers.why_no_bag(path)
+        raise _no_bag(path)
     return Parts(files, notes)
+
+
+def _no_bag(folder: Path) -> InputError:
+    what = containers.something_else(folder)
+    return InputError(
+        f'{folder}: not a bag{what}'
+        if what
+        else f'{folder}: not a bag: it has neither metadata.yaml nor .mcap or .db3 files; give '
+        'the folder that was recorded, with --repair if a crash left it so'
+    )
 
 
 def _listed(path: Path, files: list[Path]) -> list[Path]:
@@ -64,7 +76,8 @@ def _listed(path: Path, files: list[Path]) -> list[Path]:
     if missing and len(renamed) != len(missing):
         raise InputError(
             f'{path}: bag cannot be read: it lacks {", ".join(item.name for item in missing)}, '
-            f'which {metadata.FILE} lists; put it back, or go on without it by --repair'
+            f'which {metadata.FILE} lists; put it back'
+            + (', or go on without it by --repair' if files else '')
         )
     if not listed:
         raise InputError(f'{path}: bag cannot be read: {metadata.FILE} lists no file; {ADVICE}')

@@ -28,7 +28,7 @@ def types_of(encoding: str) -> Typestore:
 def refusal(item: StoredTopic) -> str:
     """Return why the messages of a topic are not read; empty if they are."""
     if item.encoding not in (CDR, ROS1):
-        return f'messages of {item.encoding or "no encoding"}, not of ROS'
+        return f'their messages are {item.encoding or "of no known encoding"}, not of ROS'
     defined = item.schema in (*MESSAGE_LANGUAGES, *IDL_LANGUAGES) and item.definition
     if not defined and kind_of(item) not in types_of(item.encoding).fielddefs:
         return 'the definition of their type was not found when recording'
@@ -43,7 +43,7 @@ def left_out(stored: Collection[StoredTopic]) -> list[str]:
             name = f'{item.topic} ({item.kind})' if item.kind else item.topic
             reasons.setdefault(refusal(item), {})[name] = None
     return [
-        f'left out, {reason}: {", ".join(list(names)[:MOST_NAMED])}'
+        f'left out, for {reason}: {", ".join(list(names)[:MOST_NAMED])}'
         + (f' and {len(names) - MOST_NAMED} more' if len(names) > MOST_NAMED else '')
         for reason, names in reasons.items()
     ]

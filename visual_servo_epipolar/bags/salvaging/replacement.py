@@ -50,6 +50,7 @@ class Survey:
     destination: Path
     salvage: McapSalvage | SqliteSalvage
     sound: bool
+    is_pending: bool  # in a folder of its own
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,16 +84,16 @@ def survey_of(file: Path, folder: Path) -> Survey:
             f'{file}: it is damaged, but of profile {salvage.header.profile!r}, not "ros2", and '
             f'stays as it is; "mcap recover {file.name} -o NEW.mcap" completes such files'
         )
-    return Survey(file, destination, salvage, sound)
+    return Survey(file, destination, salvage, sound, pending)
 
 
 def repaired(survey: Survey) -> RepairedPart:
     """Bring one file to its destination, written anew if it is not whole."""
     if survey.sound:
-        if survey.file.parent != survey.destination.parent and not survey.file.is_symlink():
+        if survey.is_pending:
             os.replace(survey.file, survey.destination)
             _remove_folder(survey.file.parent)
-        return _part(survey.file if survey.file.exists() else survey.destination)
+        return _part(survey)
     salvage, destination = survey.salvage, survey.destination
     with TemporaryDirectory(dir=destination.parent, prefix=SCRATCH) as scratch:
         target = Path(scratch, destination.name)
@@ -100,7 +101,7 @@ def repaired(survey: Survey) -> RepairedPart:
         _compare(survey.file, salvage.counts, target)
         kept = _put_in_place(target, survey)
     return replace(
-        _part(destination),
+        _part(survey),
         kept=kept,
         lost_bytes=salvage.lost_bytes,
         lost_messages=tuple(salvage.losses()),
@@ -132,7 +133,7 @@ def _put_in_place(target: Path, survey: Survey) -> str:
         with suppress(FileNotFoundError):
             journal.rename(old.with_name(old.name + journal.name.removeprefix(file.name)))
     os.replace(target, destination)
-    if file != destination:
+    if survey.is_pending:
         file.unlink(missing_ok=True)
         _remove_folder(file.parent)
     return old.name
@@ -152,7 +153,8 @@ def _remove_folder(folder: Path) -> None:
         folder.rmdir()
 
 
-def _part(file: Path) -> RepairedPart:
+def _part(survey: Survey) -> RepairedPart:
+    file = survey.destination if survey.is_pending else survey.file
     with containers.unpacked(file) as plain, opened(plain) as stored:
         counts = {item.id: item.count for item in stored.topics}
         connections = tuple(_connection(item) for item in stored.topics)
@@ -173,12 +175,13 @@ def _connection(item: StoredTopic) -> Connection:
     qos: list[Qos] = []
     with suppress(*DAMAGE, ReaderError):
         qos = parse_qos(item.qos)
+    is_defined = item.schema == 'ros2msg' and item.definition
     return Connection(
         item.id,
         item.topic,
         kind_of(item),
         MessageDefinition(MessageDefinitionFormat.NONE, ''),
-        item.type_hash or hash_of(item.kind, item.definition),
+        item.type_hash or (hash_of(kind_of(item), item.definition) if is_defined else ''),
         item.count,
         ConnectionExtRosbag2(item.encoding, qos),
         None,

@@ -12,6 +12,7 @@ from mcap.reader import make_reader
 from mcap.records import Channel, Header, McapRecord, Message, Schema
 from mcap.stream_reader import StreamReader
 from mcap.summary import Summary
+from mcap.writer import MCAP0_MAGIC
 
 from visual_servo_epipolar.bags.storages.stored import StoredMessage, StoredTopic
 
@@ -36,6 +37,10 @@ class McapFile:
     def __init__(self, path: Path) -> None:
         self._path = path
         with ExactFile(path) as file:
+            file.seek(-min(file.size, len(MCAP0_MAGIC)), io.SEEK_END)
+            if file.read(len(MCAP0_MAGIC)) != MCAP0_MAGIC:
+                raise McapError('its end is missing')
+            file.seek(0)
             summary = make_reader(file).get_summary()
         self._indexed = summary is not None and _is_index(summary)
         content = _Content()

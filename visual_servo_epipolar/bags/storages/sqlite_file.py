@@ -6,6 +6,7 @@ import sqlite3
 from typing import Any
 
 from visual_servo_epipolar.bags.storages.stored import CDR, StoredMessage, StoredTopic
+from visual_servo_epipolar.core.errors import InputError
 
 JOURNALS = ('-wal', '-journal')  # what SQLite puts behind the name of a database
 
@@ -17,7 +18,7 @@ class SqliteFile:
         self._db = read_only(path)
         try:
             if not is_bag(self._db):
-                raise ValueError('it is a database without the tables of a bag')
+                raise InputError(f'{path}: a database without the tables of a bag; give another')
             counts, self.start_ns, self.end_ns = self._counts()
             self.topics: Sequence[StoredTopic] = [
                 _stored_topic(self._db, row, counts.get(row['id'], 0))
@@ -36,11 +37,13 @@ class SqliteFile:
     def messages(self, ids: Collection[int]) -> Iterator[StoredMessage]:
         """Yield the messages of some topics in the order of time."""
         marks = ', '.join('?' * len(ids))
-        yield from self._db.execute(
+        cursor = self._db.execute(
             f'SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) '
             'ORDER BY timestamp',
             tuple(ids),
         )
+        for row in cursor:  # "yield from" would close the cursor, maybe after the database
+            yield row
 
     def _counts(self) -> tuple[dict[int, int], int, int]:
         rows = self._db.execute(
