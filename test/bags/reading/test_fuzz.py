@@ -199,7 +199,7 @@ STORED = {name for name in KINDS if 'mcap' in name or 'sqlite3' in name or 'comp
 
 @pytest.mark.parametrize('kind', sorted(STORED))
 def test_a_repair_keeps_the_bytes_of_a_broken_bag(kind, whole, tiny, tmp_path, capfd) -> None:
-    for seed in range(MUTATIONS // 2):
+    for seed in range(MUTATIONS // 4):
         folder = tmp_path / str(seed)
         folder.mkdir()
         path = KINDS[kind](whole, tiny, folder / 'bag', np.random.default_rng([seed, len(kind)]))

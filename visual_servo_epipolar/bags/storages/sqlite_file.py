@@ -35,15 +35,13 @@ class SqliteFile:
         self._db.close()
 
     def messages(self, ids: Collection[int]) -> Iterator[StoredMessage]:
-        """Yield the messages of some topics in the order of time."""
+        """Return the messages of some topics in the order of time."""
         marks = ', '.join('?' * len(ids))
-        cursor = self._db.execute(
+        return self._db.execute(
             f'SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) '
             'ORDER BY timestamp',
             tuple(ids),
         )
-        for row in cursor:  # "yield from" would close the cursor, maybe after the database
-            yield row
 
     def _counts(self) -> tuple[dict[int, int], int, int]:
         rows = self._db.execute(

@@ -86,8 +86,8 @@ def add_bag_options(
     parser.add_argument(
         '--repair',
         action='store_true',
-        help='first complete a bag that is damaged, or that a crash left open: what is whole is '
-        'kept',
+        help='first complete a bag that is damaged, or that a crash left open: all that can be '
+        'read is kept, and the old file as NAME.damaged',
     )
 
 
