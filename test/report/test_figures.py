@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.run_log import RunLog
 from visual_servo_epipolar.report.figures import save, signals, trajectory
@@ -69,6 +70,10 @@ def test_title_tells_start_and_errors(log: RunLog) -> None:
     assert 'x -0.6 m, y -3 m, heading +8 deg' in title
 
 
+def test_how_it_arrived_is_no_line_of_the_title(log: RunLog) -> None:
+    assert '\n' not in suptitle(trajectory(replace(log, outcome='arrived', reason='matched')))
+
+
 def test_reason_of_a_failure_is_in_the_title(log: RunLog) -> None:
     assert 'too dark' in suptitle(trajectory(replace(log, outcome='failed', reason='too dark')))
 
@@ -111,6 +116,37 @@ def test_velocities_show_the_log(log: RunLog, label: str, field: str) -> None:
     np.testing.assert_array_equal(
         drawn.get_ydata(), [getattr(s.twist, field) for s in log.samples]
     )
+
+
+@pytest.mark.parametrize(
+    ('first', 'last', 'ticks'),
+    [
+        (-2e5, -20.0, [-1e6, -1e4, -1e2, 0]),
+        (-3e9, -1.0, [-1e9, -1e6, -1e3, 0]),
+        (-2e5, 3e5, [-1e6, -1e3, 0, 1e3, 1e6]),
+        (-5.0, -0.1, [-100, -10, 0]),
+        (0.0, 0.5, [0, 10, 100]),
+        (0.0, 0.0, [0]),
+    ],
+)
+def test_ticks_of_the_difference_are_few_and_inside(
+    log: RunLog, first: float, last: float, ticks: list[float]
+) -> None:
+    differences = np.linspace(first, last, len(log.samples)).tolist()
+    samples = [
+        replace(sample, feature_difference=it)
+        for sample, it in zip(log.samples, differences, strict=True)
+    ]
+    axes = panel(signals(replace(log, samples=samples)), 'D [px$^2$]')
+    low, high = axes.get_ylim()
+    assert sorted(it for it in axes.get_yticks() if low <= it <= high) == ticks
+    assert low < min(differences) and max(differences) < high
+
+
+def test_axes_of_a_robot_that_stands_have_round_ticks(log: RunLog) -> None:
+    samples = [replace(sample, twist=STANDSTILL) for sample in log.samples]
+    axes = panel(signals(replace(log, samples=samples)), 'linear velocity [m/s]')
+    assert 0.0 in axes.get_yticks() and axes.get_ylim()[1] > 0.02
 
 
 def test_epipole_beyond_the_panel_is_a_gap_and_a_mark(log: RunLog) -> None:

@@ -157,7 +157,8 @@ def _verdict(log: RunLog) -> str:
         f'{1000.0 * final.distance:.1f} mm, {math.degrees(final.heading_error):+.2f} deg from the '
         'goal'
     )
-    return '\n'.join([title, *textwrap.wrap(log.reason, 100)])
+    reason = '' if log.outcome == 'arrived' else log.reason  # how is no more than a word
+    return '\n'.join([title, *textwrap.wrap(reason, 100)])
 
 
 def _milestones(log: RunLog) -> list[Sample]:

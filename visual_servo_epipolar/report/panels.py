@@ -20,6 +20,8 @@ from visual_servo_epipolar.report.style import (
 
 Panel = Callable[[Axes, RunLog], None]
 
+MOST_STRIDES = 4.5  # from tick to tick on the axis of D
+STANDING, STANDING_AXIS = 0.02, 0.1  # range of velocities of a robot that stands [m/s, rad/s]
 MAX_EPIPOLE = 2000.0  # abscissae beyond are off any sensible axis [px]
 CHARACTER = 0.0108  # width of one character of a phase's name, of the width of a panel
 
@@ -101,7 +103,9 @@ def _draw_steps(axes: Axes, log: RunLog, values: FloatArray, label: str) -> None
     axes.plot(seconds(log), values, color=INK, drawstyle='steps-post')
     axes.axhline(0.0, color=INK, linewidth=0.6)
     low, high = min(values.min(), 0.0), max(values.max(), 0.0)
-    margin = 0.12 * max(high - low, 0.1)
+    if high - low < STANDING:
+        low, high = -STANDING_AXIS, STANDING_AXIS
+    margin = 0.12 * (high - low)
     axes.set(ylim=(low - margin, high + margin), ylabel=label)
     axes.yaxis.set_major_locator(MaxNLocator(4))
 
@@ -115,13 +119,19 @@ def _draw_difference(axes: Axes, log: RunLog) -> None:
         return
     # D has a sign and falls by decades; below 1 px^2 the axis is linear.
     axes.set_yscale('symlog', linthresh=1.0)
-    largest = np.abs(values[np.isfinite(values)]).max(initial=10.0)
-    stride = max(1, round(np.log10(largest) / 2.5))
-    ticks = 10.0 ** np.arange(stride, np.log10(largest) + 1.0, stride)
-    axes.set_yticks([*-ticks[::-1], 0.0, *ticks])
+    low, high = _decades(-values), _decades(values)
+    stride = next(it for it in (1, 2, 3, 4, 6, 12) if (low + high) / it <= MOST_STRIDES)
+    ticks = {-(10.0**n): f'$-10^{{{n}}}$' for n in range(stride, low + 1, stride)}
+    ticks |= {0.0: '0', **{10.0**n: f'$10^{{{n}}}$' for n in range(stride, high + 1, stride)}}
+    axes.set_yticks([*ticks], labels=[*ticks.values()])
     axes.yaxis.set_minor_locator(NullLocator())
-    bottom = -3.0 * largest if (values < 0.0).any() else -0.5
-    axes.set_ylim(bottom, 3.0 * largest if (values > 0.0).any() else 0.5)
+    axes.set_ylim(-(10.0**low) if low else -0.5, 10.0**high if high else 0.5)
+
+
+def _decades(values: FloatArray) -> int:
+    """Return the power of ten that no value exceeds, 2 at least; 0 if none is above zero."""
+    largest = values[np.isfinite(values)].max(initial=0.0)
+    return max(2, int(np.ceil(np.log10(largest)))) if largest > 0.0 else 0
 
 
 def _draw_count(axes: Axes, log: RunLog) -> None:

@@ -47,7 +47,11 @@ def report_run(folder: Path, path: Path) -> None:
     write_page(path, title_of(log), verdict_of(result), sections, footer=FOOTER)
 
 
-SIGNALS = 'What was measured and commanded. A dashed line marks where the run ended.'
+SIGNALS = (
+    'What was measured and commanded. A dashed line marks where the run ended. The estimate d_hat '
+    'is no measurement: it begins at initial_distance, an upper bound, is carried on by the '
+    'commands, and scales the speed of step 1, which works while it is not below the distance d.'
+)
 FOOTER = (
     'Plane of the paper: the goal lies in the origin and looks along +y; x to the right. Errors '
     'are against ground truth, which the servo never sees.'
