@@ -11,8 +11,10 @@ from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.camera import Camera, LEAST_FORWARD
 from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
+from visual_servo_epipolar.core.geometry.cameras.plausibility import doubtful_tilt
 from visual_servo_epipolar.core.geometry.epipolar import in_pixels
 from visual_servo_epipolar.core.geometry.rays import image_points
+from visual_servo_epipolar.core.perception.lens_check import contradicted_by_pair
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive
@@ -116,8 +118,11 @@ def inspect(
     share = found.inliers / len(rays_current)
     planar = share >= PLANAR_SHARE and seen.jump <= MAX_JUMP * settings.floor_jitter
     if planar:
-        return _refused(found, outside_mount(perception.memory.attitude, settings.mount))
-    return _general(found, observation, current_camera, desired_camera, settings.mount)
+        found = _refused(found, outside_mount(perception.memory.attitude, settings.mount))
+        found = _refused(found, doubtful_tilt(current_camera, found.tilt))
+    else:
+        found = _general(found, observation, current_camera, desired_camera, settings.mount)
+    return _refused(found, contradicted_by_pair(observation, settings)) if found.trusted else found
 
 
 def _refused(found: Inspection, reason: str) -> Inspection:

@@ -10,8 +10,11 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 import math
 
+import numpy as np
+
 from visual_servo_epipolar.core.estimators.registry import DEFAULT_ESTIMATOR
-from visual_servo_epipolar.core.geometry.lens import unknown_lens
+from visual_servo_epipolar.core.geometry.lens import Lens, unknown_lens
+from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.perception.observation import Observation
@@ -22,6 +25,8 @@ PERIOD = 10  # frames from one look to the next
 UNKNOWN = 0.3  # deviation of the logarithm of the focal length, as one begins
 # Deviations that contradict, and what matters: docs/calibration.md has the figures.
 CONTRADICTION, LEAST = 5.0, 0.03
+LEAST_OF_PAIR = 0.15  # likewise where two views alone say so
+PLANE_PX, PLANE_SHARE, PLANE_ROUNDS = 2.0, 0.8, 5  # of a homography, and features that fit it
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,14 +58,49 @@ def looked_at(
         memory, bearings=known.bearings, consecutive_rejections=0, spared=0, wrong=None
     )
     memory = perceive(observation, _uncalibrated(settings), frame, memory).memory
-    off, deviation = memory.lens.log_ratio, memory.lens.ratio_deviation
-    if abs(off) < max(CONTRADICTION * deviation, LEAST):
-        return LensCheck(memory)
-    return LensCheck(
-        memory,
-        f'the tracks contradict camera_info: a focal length of {observation.focal:.0f} px, and '
-        f'they say {observation.focal * math.exp(-off):.0f} px; calibrate at the resolution in '
-        'use, or set focal_deviation: 0.3',
+    doubt = _contradiction(memory.lens, observation.focal)
+    if doubt:
+        doubt = f'the tracks contradict camera_info: {doubt}, or set focal_deviation: 0.3'
+    return LensCheck(memory, doubt)
+
+
+def contradicted_by_pair(observation: Observation, settings: PerceptionSettings) -> str:
+    """
+    Return that two views alone contradict the focal length that was told, or ''.
+
+    Views of one plane tell nothing: a tilt looks like another focal length there.
+    """
+    if not settings.calibrated or observation.wide or _shows_one_plane(observation):
+        return ''
+    lens = perceive(observation, _uncalibrated(settings), 0).memory.lens
+    doubt = _contradiction(lens, observation.focal, LEAST_OF_PAIR)
+    return f'the matches contradict the camera: {doubt}' if doubt else ''
+
+
+def _shows_one_plane(observation: Observation) -> bool:
+    """Return whether one homography takes most features from view to view."""
+    current, desired = observation.current, observation.desired
+    weights = np.ones(len(current))
+    for _ in range(PLANE_ROUNDS):
+        # desired x (H current) = 0, linear in H
+        crossed = np.cross(desired[:, None, :], np.eye(3)[None]).transpose(0, 2, 1)
+        rows = (weights[:, None, None] * crossed)[..., None] * current[:, None, None, :]
+        homography = np.linalg.svd(rows.reshape(-1, 9), full_matrices=False)[2][-1].reshape(3, 3)
+        carried = normalised(current @ homography.T)
+        aside = np.linalg.norm(np.cross(carried, desired), axis=1)
+        misses = aside / observation.resolution[:, 1]
+        weights = (misses <= max(PLANE_PX, 2.0 * float(np.median(misses)))).astype(np.float64)
+    return float((misses <= PLANE_PX).mean()) > PLANE_SHARE
+
+
+def _contradiction(lens: Lens, focal: float, least: float = LEAST) -> str:
+    """Return how far what is learnt of a lens is from the ``focal`` length [px] told, or ''."""
+    off = lens.log_ratio
+    if abs(off) < max(CONTRADICTION * lens.ratio_deviation, least):
+        return ''
+    return (
+        f'a focal length of {focal:.0f} px, and they say {focal * math.exp(-off):.0f} px; '
+        'calibrate at the resolution in use'
     )
 
 

@@ -8,12 +8,14 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
+from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
 
 FARTHEST_OUTSIDE = 0.5  # of the image's size, that the principal point of a crop may lie beyond
 OFF_CENTRE = 0.2  # of the image's size, that a principal point may lie off the middle
-SCALED, SAME_SCALE = 0.15, 0.06  # that it lies off by in proportion, where K is of another size
+SCALED, SAME_SCALE = 0.1, 0.06  # that it lies off by in proportion, where K is of another size
 RESOLUTIONS = (1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 4, 4 / 5, 5 / 4, 4 / 3, 3 / 2, 2, 3, 4)
 FITTING = 0.1  # that a principal point may lie off the middle of the image that K is of
+OFF_TILT, LIKE_TILT = math.radians(3.0), 0.3  # that is doubted, and how alike the two are, of it
 MOST_SKEW = 0.2  # of the focal length: pixels are all but rectangles
 NARROWEST, WIDEST_PINHOLE, WIDEST = 1.0, 170.0, 360.0  # field of view [deg]
 MOST_LOST = 0.2  # of the image, where the distortion cannot be undone
@@ -44,6 +46,28 @@ def doubts(camera: CalibratedCamera) -> str:
         f'the distortion of camera_info ({camera.lens}) cannot be undone in {100.0 * lost:.0f} % '
         'of the image, features there are left out; a wide lens needs equidistant: calibrate it '
         'as a fisheye'
+    )
+
+
+def doubtful_tilt(camera: CameraModel, tilt: float) -> str:
+    """
+    Return that a principal point off the middle makes a level camera tilt by ``tilt``, or ''.
+
+    Parameters
+    ----------
+    tilt : float
+        That two views found [rad], down positive; nan where they tell none.
+
+    """
+    middle = np.array([[0.5 * (camera.width - 1.0), 0.5 * (camera.height - 1.0)]])
+    (_, down, forward), *_ = camera.rays(middle)
+    off = math.atan2(-down, forward)
+    if not (abs(off) > OFF_TILT and abs(tilt - off) < LIKE_TILT * abs(off)):
+        return ''
+    return (
+        f'a tilt of {math.degrees(tilt):+.1f} deg is what a level camera seems to have where K is '
+        f'of another image: its principal point is {math.degrees(off):+.1f} deg off the middle; '
+        'calibrate at the resolution in use'
     )
 
 
