@@ -141,6 +141,37 @@ def test_of_rectified_images_p_holds(bench) -> None:
     assert servo.node._camera.model == Camera(1280, 1024, 450.0, 450.0, 635.0, 512.0)
 
 
+CROP = Camera(1280, 1024, 769.2, 769.2, 200.0, 512.0)
+
+
+@pytest.mark.parametrize('cropped', [False, True])
+def test_a_principal_point_at_the_side_is_that_of_a_crop_alone(bench, cropped) -> None:
+    calibrate = bench.talk(CameraInfo, 'camera_info')
+    servo = bench.start(ServoNode, cropped=cropped)
+    tracker = bench.start(TrackerNode, cropped=cropped)
+    calibrate(write.camera_info(CROP, 0, 'camera'))
+    bench.until(lambda: tracker._camera or tracker._unusable, 'camera_info to arrive')
+    if cropped:
+        bench.until(lambda: servo._camera.model == CROP, 'camera_info to arrive')
+    else:
+        bench.until(lambda: bench.logged('cannot be used, the robot stands'), 'its refusal')
+        assert servo._camera.model is None
+        assert 'or say that the image is a crop (cropped)' in tracker._unusable
+
+
+SKEWED = (
+    Camera(1280, 1024, 769.2, 769.2, 635.0, 512.0, skew=4.0),
+    Equidistant(1280, 1024, 400.0, 400.0, 639.5, 511.5, (0.01, 0.0, 0.0, 0.0), skew=-1e-13),
+)
+
+
+@pytest.mark.parametrize('camera', SKEWED)
+def test_skew_of_camera_info_is_taken(bench, camera) -> None:
+    servo = Servo(bench)
+    servo.hear(write.camera_info(camera, 0, 'camera'))
+    assert servo.node._camera.model == camera
+
+
 @pytest.mark.parametrize('rectified', [False, True])
 def test_images_that_sound_rectified_and_are_not_said_to_be_are_complained_of(
     bench, rectified

@@ -12,6 +12,7 @@ from visual_servo_epipolar.bags.reading.topics import assigned
 from visual_servo_epipolar.bags.replaying.comparison import compare
 from visual_servo_epipolar.bags.replaying.plan import plan, ReplayOverrides
 from visual_servo_epipolar.bags.replaying.replay import replay
+from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.servo.phases.events import RESUMING_FRAMES
@@ -83,3 +84,17 @@ def test_rectified_images_are_replayed_as_such(bench, tmp_path, known) -> None:
     assert compared(path, rectified=not known, changes=changes)[1].equal
     if not known:
         assert not compared(path, changes=changes)[1].equal
+
+
+@pytest.mark.parametrize('known', [True, False])
+def test_cropped_images_are_replayed_as_such(bench, tmp_path, known) -> None:
+    crop = Camera(1280, 1024, 769.2, 769.2, 300.0, 512.0)
+    messages = recorded(bench, [info(crop, 0)] * 4, cropped=True)
+    if not known:
+        messages = [item for item in messages if item[0] != '/servo_node/settings']
+    path = write_bag(tmp_path / 'bag', messages)
+    changes = {'servo': {'autostart': True}}
+    assert compared(path, cropped=not known, changes=changes)[1].equal
+    if not known:
+        with pytest.raises(InputError, match='camera_info cannot be used: the principal point'):
+            compared(path, changes=changes)

@@ -1,0 +1,58 @@
+"""Two views against the focal length that was told: said if it is wrong, never before a wall."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from strategies import blurred, matches, seen_from, through_lens
+
+from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.geometry.rays import normalised
+from visual_servo_epipolar.core.perception.lens_check import contradicted_by_pair
+from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+
+FOCAL, NOISE_PX, COUNT = 769.0, 0.2, 120
+STARTS = [(1.0, -3.5, 8.0), (-1.2, -2.5, -12.0)]
+
+
+def said(current: np.ndarray, desired: np.ndarray, scale: float) -> str:
+    """Return what is said of noisy rays through a lens of ``scale`` times its focal length."""
+    rng = np.random.default_rng(0)
+    seen = (
+        through_lens(blurred(rays, NOISE_PX / FOCAL, rng), 1.0 / scale)
+        for rays in (current, desired)
+    )
+    return contradicted_by_pair(Observation(0, *seen, scale * FOCAL), ServoSettings())
+
+
+@pytest.mark.parametrize('start', STARTS)
+@pytest.mark.parametrize('scale', [0.5, 2.0])
+def test_a_wrong_focal_length_is_said_with_the_right_one(
+    start: tuple[float, float, float], scale: float
+) -> None:
+    doubt = said(*matches(Pose.from_start(*start), count=COUNT), scale)
+    assert doubt.startswith(
+        f'the matches contradict the camera: a focal length of {scale * 769:.0f}'
+    )
+    assert float(doubt.split('they say ')[1].split()[0]) == pytest.approx(FOCAL, rel=0.1)
+
+
+@pytest.mark.parametrize('start', STARTS)
+def test_a_right_one_is_not_doubted(start: tuple[float, float, float]) -> None:
+    assert said(*matches(Pose.from_start(*start), count=COUNT), 1.0) == ''
+
+
+@pytest.mark.parametrize('scale', [0.5, 1.0, 2.0])
+def test_one_wall_tells_nothing(scale: float) -> None:
+    corners = np.random.default_rng(1).uniform([-2.0, -0.8, 0.0], [2.0, 0.8, 0.0], (COUNT, 3))
+    wall = corners + [0.0, 0.0, 3.0] + corners[:, :1] * [0.0, 0.0, 0.2]
+    current = seen_from(Pose.from_start(1.0, -1.8, 3.5), wall)
+    assert said(normalised(current), normalised(wall), scale) == ''
+
+
+@given(wide=st.booleans())
+def test_what_is_not_calibrated_or_no_pinhole_is_not_checked(wide: bool) -> None:
+    current, desired = matches(Pose.from_start(*STARTS[0]), count=COUNT)
+    settings = ServoSettings(focal_deviation=0.0 if wide else 0.3)
+    assert contradicted_by_pair(Observation(0, current, desired, FOCAL, wide=wide), settings) == ''
