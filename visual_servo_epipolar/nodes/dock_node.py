@@ -25,6 +25,7 @@ from visual_servo_epipolar.nodes.docking.server import DEACTIVATED, DockServer
 from visual_servo_epipolar.nodes.docking.settings import DockNodeSettings
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 from visual_servo_epipolar.nodes.run import spin
+from visual_servo_epipolar.nodes.tracking.camera_subscriptions import CameraSubscriptions
 from visual_servo_epipolar.nodes.transforms.static_mount import StaticMount
 
 WARN_PERIOD_S = 5.0
@@ -71,8 +72,8 @@ class DockNode(ManagedNode):
             self._mount = StaticMount(self, settings.base_frame, self._warn)
         self._reports = DockReports(self, settings.base_frame)
         self._driven = DrivenPath(self, settings, self._warn, self._look_at_pending)
-        info = qos.IMAGES[settings.camera_reliability]
-        self.create_subscription(CameraInfo, 'camera_info', self._on_info, info)
+        camera = CameraSubscriptions(self, 'raw', settings.camera_reliability)
+        camera.create_subscription(CameraInfo, 'camera_info', self._on_info)
         self.create_subscription(PointCloud2, 'tracks', self._on_tracks, qos.STREAM)
         self._reversal = self._reversed_commands()
         if self._server is not None:

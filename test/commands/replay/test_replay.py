@@ -9,7 +9,8 @@ from bagmaker import decoded, kind_of, TYPES, write_bag
 import cv2
 import numpy as np
 import pytest
-from rclpy.serialization import serialize_message
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import CameraInfo, Image
 from tagged_pictures import huge
 
 from visual_servo_epipolar.commands.main import main
@@ -301,6 +302,52 @@ def test_a_misspelt_parameter_in_a_file_is_refused(node, bag, tmp_path, capsys) 
     path.write_text(f'{node}:\n  ros__parameters: {{turn_gian: 0.4}}\n')
     complaint = refused(capsys, bag, '--params', str(path))
     assert f'{node} has no parameter turn_gian; did you mean turn_gain' in complaint
+
+
+def two_cameras(small_run, folder, image_frame: str, info_frame: str) -> str:
+    """Return a bag of the images of one camera beside the camera_info of another."""
+    topics = {'/image_raw': '/cam/color/image_raw', '/camera_info': '/cam/depth/camera_info'}
+    told = {'/image_raw': (Image, image_frame), '/camera_info': (CameraInfo, info_frame)}
+    made = []
+    for topic, log_ns, raw in [item for item in small_run if item[0] in topics][:30]:
+        message = deserialize_message(raw, told[topic][0])
+        message.header.frame_id = told[topic][1]
+        made.append((topics[topic], log_ns, serialize_message(message)))
+    kinds = {new: kind_of(old) for old, new in topics.items()}
+    return str(write_bag(folder / 'two', made, kinds=kinds))
+
+
+def test_a_camera_info_of_another_camera_is_asked_about(
+    small_run, tmp_path, capsys, photograph
+) -> None:
+    path = two_cameras(small_run, tmp_path, 'color', 'depth')
+    goal, topic = ('--desired', photograph), 'camera_info=/cam/depth/camera_info'
+    assert (
+        f'/cam/depth/camera_info is of the frame depth, /cam/color/image_raw of color: it is '
+        f"another camera's; say which: --topics {topic}"
+    ) in refused(capsys, path, *goal)
+    assert main(['replay', path, *goal, '--topics', topic]) == 0
+
+
+@pytest.mark.parametrize(
+    ('frames', 'noted'),
+    [(('color', ''), True), (('', ''), True), (('color', '/color'), False)],
+)
+def test_one_that_nothing_tells_apart_is_noted(
+    small_run, tmp_path, capsys, photograph, frames, noted
+) -> None:
+    path = two_cameras(small_run, tmp_path, *frames)
+    _, result = shown_json(capsys, path, '--desired', photograph)
+    note = 'camera_info is taken for /cam/color/image_raw, and no frame_id tells that it is theirs'
+    assert any(note in text for text in result['notes']) == noted
+
+
+@pytest.fixture
+def photograph(small_run, tmp_path) -> str:
+    image = next(decoded(item) for item in small_run if item[0] == '/desired/image_raw')
+    path = tmp_path / 'goal.png'
+    assert cv2.imwrite(str(path), read.gray(image))
+    return str(path)
 
 
 def test_a_desired_image_of_another_size_is_refused(driver, tmp_path, capsys) -> None:

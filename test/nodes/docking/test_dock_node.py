@@ -8,10 +8,12 @@ from docking_drives import CAMERA, PERIOD_NS, true_dock
 from geometry_msgs.msg import Twist as TwistMessage
 import numpy as np
 import pytest
+from sensor_msgs.msg import CameraInfo
 
 from visual_servo_epipolar.core.docking.planar import composed
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist, yaw_from_quaternion
 from visual_servo_epipolar.messages import docking, read, transforms, write
+from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.dock_node import DockNode, NO_NAV2
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
 
@@ -31,6 +33,13 @@ def test_the_pose_is_that_of_the_base_at_the_photograph(bench) -> None:
     apart = (planar(message) - true_dock(pose))[:2]
     assert apart @ np.linalg.solve(covariance[:2, :2], apart) < 16.0
     assert covariance[2, 2] == write.UNMEASURED
+
+
+@pytest.mark.parametrize('word', ['auto', 'reliable'])
+def test_a_camera_info_that_was_latched_before_is_heard(bench, word) -> None:
+    bench.talk(CameraInfo, 'camera_info', qos.LATCHED)(write.camera_info(CAMERA, 0, 'camera'))
+    node = bench.start(DockNode, camera_reliability=word)
+    bench.until(lambda: node._camera is not None, 'the camera_info of before')
 
 
 def test_nothing_is_published_before_it_is_known(bench) -> None:

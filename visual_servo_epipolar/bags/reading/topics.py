@@ -94,6 +94,36 @@ def _as_transported(bag: Bag, topics: Mapping[str, Topic]) -> Topic:
     return image
 
 
+def camera_note(bag: Bag, topics: Mapping[str, Topic]) -> str:
+    """
+    Return what to note of a camera_info from another namespace than its images, or ''.
+
+    Raises
+    ------
+    InputError
+        If it is of another frame than they are: another camera's. Some drivers leave it empty.
+
+    """
+    image, info = topics.get('image'), topics.get('camera_info')
+    if image is None or info is None or _beside(image, [info], or_all=False):
+        return ''
+    frames = [_frame(bag, item) for item in (image, info)]
+    if not all(frames):
+        return f'{info.name} is taken for {image.name}, and no frame_id tells that it is theirs'
+    if frames[0] == frames[1]:
+        return ''
+    raise InputError(
+        f'{bag.path}: {info.name} is of the frame {frames[1]}, {image.name} of {frames[0]}: it is '
+        f"another camera's; say which: --topics camera_info={info.name}, or --camera FILE.yaml"
+    )
+
+
+def _frame(bag: Bag, topic: Topic) -> str:
+    """Return the frame_id of the first message of a topic, without the slash of ROS 1."""
+    first = next(iter(bag.messages([topic.name])), None)
+    return '' if first is None else str(first.message.header.frame_id).lstrip('/')
+
+
 def parse(words: Iterable[str]) -> dict[str, str]:
     """Return roles and names from words ROLE=NAME; raises InputError for any other."""
     requested: dict[str, str] = {}
@@ -161,10 +191,11 @@ def _is_drawn(topic: Topic) -> bool:
     return any(f'/{part}' in f'/{topic.name}' for part in DERIVED_IMAGES)
 
 
-def _beside(image: Topic, infos: list[Topic]) -> list[Topic]:
-    """Return the camera_info in the namespace of ``image``, or all if there is none."""
+def _beside(image: Topic, infos: list[Topic], *, or_all: bool = True) -> list[Topic]:
+    """Return the camera_info in the namespace of ``image``; if there is none, all or none."""
     space = image.name.removesuffix('/compressed').rpartition('/')[0]
-    return [item for item in infos if item.name.rpartition('/')[0] == space] or infos
+    beside = [item for item in infos if item.name.rpartition('/')[0] == space]
+    return beside or (infos if or_all else [])
 
 
 def _refuse_wrong_kind(bag: Bag, role: str) -> None:

@@ -17,7 +17,7 @@ from visual_servo_epipolar.bags.reading.history import Happening, happenings
 from visual_servo_epipolar.bags.reading.namespaces import namespace_of
 from visual_servo_epipolar.bags.reading.parts import ADVICE
 from visual_servo_epipolar.bags.reading.run import read_run, Recording
-from visual_servo_epipolar.bags.reading.topics import assigned, parse
+from visual_servo_epipolar.bags.reading.topics import assigned, camera_note, parse
 from visual_servo_epipolar.bags.repair import repair
 from visual_servo_epipolar.bags.replaying.comparison import (
     as_document,
@@ -149,8 +149,7 @@ def replay_bag(
             changes=given,
         )
         replay_plan, notes = plan(bag, run, overrides)
-        if namespace is not None and namespace.note:
-            notes.insert(0, namespace.note)
+        notes = [*_notes_on_topics(bag, run, options), *notes]
         steps = replay(bag, run, replay_plan, watch=watch)
     wall_s = time.perf_counter() - start_s
     if tolerance is None:
@@ -227,6 +226,16 @@ def figure_of(replayed: ReplayedBag) -> 'Figure':
         None if divergence is None else divergence.time_s,
         end if replayed.steps[-1].phase in ENDED else None,
     )
+
+
+def _notes_on_topics(bag: Bag, run: Recording, options: argparse.Namespace) -> Iterator[str]:
+    """Yield which topics are taken; raises InputError for the camera_info of another camera."""
+    if run.namespace is not None and run.namespace.note:
+        yield run.namespace.note
+    if options.camera is None and 'camera_info' not in parse(options.topics):
+        note = camera_note(bag, run.topics)
+        if note:
+            yield note
 
 
 def _desired(text: str | None) -> Image | Moment | None:

@@ -22,8 +22,8 @@ class DockNodeSettings(LifecycleSettings):
         read_only=True,
     )
     camera_reliability: str = setting(
-        'best_effort',
-        'Subscribe to camera_info as: best_effort connects to every driver',
+        'auto',
+        'Subscribe to camera_info as: auto finds out what the driver offers',
         choices=RELIABILITIES,
         read_only=True,
     )
