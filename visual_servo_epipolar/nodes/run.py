@@ -18,6 +18,8 @@ from visual_servo_epipolar.nodes.startup import command_line, inputs, signals
 from visual_servo_epipolar.nodes.startup.executor import MessageExecutor
 from visual_servo_epipolar.nodes.startup.transport import tune_transport
 
+FAREWELL_S = 0.5  # after `shutdown`, until who asked for it has the answer
+
 
 def spin(kind: type[Any], args: list[str] | None = None) -> int:
     """
@@ -50,6 +52,8 @@ def spin(kind: type[Any], args: list[str] | None = None) -> int:
                 suspending.clear()
                 _call(node, 'suspend')
                 signals.suspend()
+        if not ending.is_set():
+            ending.wait(FAREWELL_S)
     except (ParameterException, VisualServoError, ValueError, RuntimeError, OSError) as error:
         if node is not None:
             raise
