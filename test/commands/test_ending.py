@@ -77,6 +77,14 @@ def test_an_interrupt_is_not_lost_in_a_destructor(
     assert capfd.readouterr().err == ''
 
 
+def test_an_interrupt_that_is_lost_at_the_very_end_is_not_lost_either(
+    hears_interrupts: None,
+) -> None:
+    with pytest.raises(KeyboardInterrupt), terminable():
+        Struck()
+    assert signal.getitimer(signal.ITIMER_REAL)[0] == 0.0  # no alarm comes after it
+
+
 @pytest.mark.parametrize('made', [ImportError('half loaded'), SystemExit(3), None])
 def test_whatever_a_library_makes_of_an_interrupt_the_command_ends_by_it(
     hears_interrupts: None, made: BaseException | None

@@ -80,6 +80,7 @@ class _Signals:
     def restore(self) -> None:
         """Leave the signals to whom they belonged."""
         sys.unraisablehook = self._hook
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
         for number, handler in self._before.items():
             if handler is not None:  # of C, which cannot be set again
                 signal.signal(number, handler)
