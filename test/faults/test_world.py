@@ -139,7 +139,7 @@ def test_messages_reach_nodes_through_cdr_and_hooks_do_not_stay() -> None:
         world.wire.taps['/phase'].append(heard.append)
         world.start('servo_node')
         assert Publisher.publish is not before
-        assert [parcel.message for parcel in heard] == [String(data='waiting')]
+        assert [parcel.message for parcel in heard] == [String(data='armed')]
     assert Publisher.publish is before
 
 

@@ -7,18 +7,21 @@ import pytest
 from servo_states import in_phase, MEMORY, sight
 
 from visual_servo_epipolar.core.servo.identification.odometry import Odometry
-from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.servo.phases.table import Event, Phase, TRANSITIONS
+from visual_servo_epipolar.core.servo.phases.words import EVENT_WORDS, PHASE_WORDS, sentence
 from visual_servo_epipolar.messages.diagnostics import diagnosis
+
+STEP_1 = 'zeroing_epipoles: step 1: the robot drives onto the axis of the photograph'
 
 
 @pytest.mark.parametrize(
     ('carried', 'level', 'words'),
     [
-        (False, DiagnosticStatus.OK, 'zeroing_epipoles'),
+        (False, DiagnosticStatus.OK, STEP_1),
         (
             True,
             DiagnosticStatus.WARN,
-            'zeroing_epipoles; 8 features in view, by the memory of views',
+            f'{STEP_1}; 8 features in view, by the memory of views',
         ),
     ],
 )
@@ -36,6 +39,26 @@ def test_odometry_that_is_not_used_any_more_is_a_warning() -> None:
     state = in_phase(Phase.ZEROING_EPIPOLES, measurement=sight(), memory=MEMORY)
     state = replace(state, odometry=Odometry(refuted='odometry leaps'))
     status = diagnosis(state, 1, name='servo').status[0]
-    words = 'zeroing_epipoles; odometry leaps'
+    words = f'{STEP_1}; odometry leaps'
     assert (status.level, status.message) == (DiagnosticStatus.WARN, words)
     assert {item.key: item.value for item in status.values}['odometry'] == 'odometry leaps'
+
+
+@pytest.mark.parametrize('phase', Phase)
+def test_what_a_phase_does_is_said_in_a_sentence(phase: Phase) -> None:
+    reasons = [event for (_, event), then in TRANSITIONS.items() if then is phase]
+    for reason in ('', *(event.value for event in reasons if event in EVENT_WORDS)):
+        text = sentence(phase, reason)
+        assert text.startswith(f'{phase.value}: ') and len(text.split()) >= 4
+        assert not reason or not text.endswith(f' {reason}')
+    assert set(PHASE_WORDS) == set(Phase)
+
+
+def test_an_event_that_is_a_reason_by_its_name_has_words() -> None:
+    state = in_phase(Phase.DISPLACING, measurement=sight(), memory=MEMORY)
+    status = diagnosis(replace(state, reason=Event.APART.value), 1, name='servo').status[0]
+    assert status.message.endswith('; both epipoles can be trusted')
+    named = {event for event in Event if event.value == event.name.lower().replace('_', ' ')}
+    with_own_reason = {Event.NOTHING, Event.LOST, Event.MISSED, Event.EXHAUSTED, Event.NO_GAIN}
+    with_own_reason |= {Event.DIVERGED, Event.ASTRAY, Event.TIMED_OUT, Event.STOPPED}
+    assert named - with_own_reason == set(EVENT_WORDS)

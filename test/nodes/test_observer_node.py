@@ -7,6 +7,7 @@ import pytest
 
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.messages import diagnostics, write
+from visual_servo_epipolar.messages.diagnostics import Words
 from visual_servo_epipolar.nodes.observer_node import ObserverNode, UNFINISHED
 from visual_servo_epipolar.simulation.run_monitor import RunMonitor
 
@@ -29,7 +30,7 @@ def test_diagnostics_of_others_do_not_pile_up(observer) -> None:
     for stamp_ns in range(1, 5 * UNFINISHED):
         foreign = write.diagnostics('x', level=b'\0', summary='', values={}, stamp_ns=stamp_ns)
         between = diagnostics.standing_diagnosis(
-            ServoState(), 'it stands', stamp_ns, name='servo', alarming=False
+            ServoState(), Words('it stands'), stamp_ns, name='servo', alarming=False
         )
         for message in (foreign, between, DiagnosticArray()):
             diagnose(observer, message)

@@ -99,11 +99,12 @@ def test_reset_stops_and_begins_anew(rig) -> None:
     assert rig.bench.call('servo_node/reset').success
     rig.bench.until(lambda: rig.twists()[-1] == STANDSTILL, 'the zero twist')
     assert rig.node._state == ServoState()
-    rig.bench.until(lambda: phases[-1].data == 'waiting', 'the phase after the reset')
+    rig.bench.until(lambda: phases[-1].data == 'armed', 'the phase after the reset')
 
 
 def test_without_autostart_a_reset_leaves_the_start_to_the_user(bench) -> None:
     rig = Rig(bench, stale_timeout=60.0, autostart=False, memory=False)
+    rig.see(GOAL)
     bench.call('servo_node/start')
     rig.see(GOAL)
     assert rig.phase == 'arrived'
@@ -260,7 +261,7 @@ def test_what_it_says_carries_the_stamp_of_the_tracks(bench) -> None:
 
     bench.until(lambda: bool(epipoles and of_steps() and markers), 'its report')
     # Who listens from the beginning hears the phase before the first image as well.
-    bench.until(lambda: bool(phases) and phases[-1].data != 'waiting', 'the phase of the step')
+    bench.until(lambda: bool(phases) and phases[-1].data != 'armed', 'the phase of the step')
     headers = [epipoles[0].header, of_steps()[0].header]
     headers += [marker.header for marker in markers[0].markers]
     assert {read.stamp_ns(header) for header in headers} == {STAMP_NS}
@@ -347,6 +348,7 @@ def test_a_warning_of_a_run_is_logged_even_amid_other_complaints(rig) -> None:
 
 
 def test_orders_are_logged(rig) -> None:
+    rig.see()
     for order, text in (('stop', 'stopped'), ('start', 'started'), ('reset', 'reset, ready')):
         rig.bench.call(f'servo_node/{order}')
         rig.bench.until(lambda text=text: rig.bench.logged(text), text)

@@ -1,12 +1,14 @@
 """Diagnostics of the servo and of the tracker, and markers of the servo."""
 
+from dataclasses import dataclass
 import math
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Point
 from visualization_msgs.msg import Marker, MarkerArray
 
-from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.servo.phases.table import ARMED, Phase
+from visual_servo_epipolar.core.servo.phases.words import sentence
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.telemetry import telemetry
 from visual_servo_epipolar.messages import write
@@ -16,10 +18,36 @@ ARROW_M = 1.0
 LEVELS = {Phase.HOLDING: DiagnosticStatus.WARN, Phase.FAILED: DiagnosticStatus.ERROR}
 
 
-def diagnosis(state: ServoState, stamp_ns: int, *, name: str) -> DiagnosticArray:
+@dataclass(frozen=True, slots=True)
+class Words:
+    """
+    Words of the node about a state, beside its own.
+
+    ``reason``: why the robot stands, '' where the state says it; of one that is ``armed``, told to
+    start, when it begins to drive. ``notice``: what the owner of the robot should know beside.
+    """
+
+    reason: str = ''
+    armed: bool = False
+    notice: str = ''
+
+    def phase(self, state: ServoState) -> str:
+        """Return the phase in a word."""
+        return ARMED if self.armed else state.phase.value
+
+    def summary(self, state: ServoState) -> str:
+        """Return in a sentence what the servo does, and why."""
+        if self.armed:
+            return f'{ARMED}, {self.reason}'
+        return sentence(state.phase, self.reason or state.reason)
+
+
+def diagnosis(
+    state: ServoState, stamp_ns: int, *, name: str, words: Words = Words()
+) -> DiagnosticArray:
     """Return phase, reason and telemetry as a diagnostic status."""
     values: dict[str, object] = {
-        'phase': state.phase.value,
+        'phase': words.phase(state),
         'reason': state.reason,
         'warning': state.warning,
         'odometry': state.odometry.refuted,
@@ -27,21 +55,21 @@ def diagnosis(state: ServoState, stamp_ns: int, *, name: str) -> DiagnosticArray
     if state.measurement is not None:
         values['untrusted_because'] = state.measurement.reason
         values |= telemetry(state)
-    summary = f'{state.phase.value}: {state.reason}' if state.reason else state.phase.value
-    level = LEVELS.get(state.phase, DiagnosticStatus.OK)
+    notes = [words.notice, state.odometry.refuted]
     if state.measurement is not None and state.measurement.carried:
-        level = max(level, DiagnosticStatus.WARN)
-        summary = f'{summary}; {carried_on(state.measurement.features)}'
-    if state.odometry.refuted:
-        level = max(level, DiagnosticStatus.WARN)
-        summary = f'{summary}; {state.odometry.refuted}'
+        notes.insert(0, carried_on(state.measurement.features))
     return write.diagnostics(
         name,
-        level=level,
-        summary=summary,
+        level=_level(state, alarming=any(notes)),
+        summary='; '.join(filter(None, [words.summary(state), *notes])),
         values=values,
         stamp_ns=stamp_ns,
     )
+
+
+def _level(state: ServoState, *, alarming: bool) -> bytes:
+    level: bytes = LEVELS.get(state.phase, DiagnosticStatus.OK)
+    return max(level, DiagnosticStatus.WARN) if alarming else level
 
 
 def carried_on(features: int) -> str:
@@ -50,18 +78,16 @@ def carried_on(features: int) -> str:
 
 
 def standing_diagnosis(
-    state: ServoState, reason: str, stamp_ns: int, *, name: str, alarming: bool
+    state: ServoState, words: Words, stamp_ns: int, *, name: str, alarming: bool
 ) -> DiagnosticArray:
     """Return why the servo stands between two images, or still does, as a diagnostic status."""
-    reason = reason or state.reason
-    level = LEVELS.get(state.phase, DiagnosticStatus.OK)
     return write.diagnostics(
         name,
-        level=max(level, DiagnosticStatus.WARN) if alarming else level,
-        summary=f'{state.phase.value}: {reason}' if reason else state.phase.value,
+        level=_level(state, alarming=alarming or bool(words.notice)),
+        summary='; '.join(filter(None, [words.summary(state), words.notice])),
         values={
-            'phase': state.phase.value,
-            'reason': reason,
+            'phase': words.phase(state),
+            'reason': words.reason or state.reason,
             'warning': state.warning,
             BETWEEN: True,
         },

@@ -20,6 +20,7 @@ from visual_servo_epipolar.core.geometry.cameras.calibrated import (
 )
 from visual_servo_epipolar.core.geometry.cameras.plausibility import refuse_implausible
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist, yaw_from_quaternion
+from visual_servo_epipolar.core.servo.phases.table import ARMED, Phase
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.features import Features, NO_GOAL, Passing
 from visual_servo_epipolar.messages.images.encodings import GrayReader
@@ -206,6 +207,16 @@ def goal(message: Any) -> int | None:
     """
     number = _of_first_row(message, 'goal')
     return number if number != NO_GOAL else None
+
+
+def has_photograph(message: Any) -> bool:
+    """Return whether the tracker has a photograph, whether it is in view or not."""
+    return int(message.height) > 0
+
+
+def phase(word: str) -> str:
+    """Return the phase that a word on ``phase`` or in diagnostics is of: who is armed waits."""
+    return Phase.WAITING.value if word == ARMED else word
 
 
 def repeats(message: Any) -> int:

@@ -140,7 +140,8 @@ def features(
     """
     Return tracks of the photograph ``goal`` as a sensor_msgs/PointCloud2, a row a feature.
 
-    Features that it does not show come last, with desired_u, desired_v and error nan.
+    Features that it does not show come last, with desired_u, desired_v and error nan. The height
+    is 0 where there is no photograph, also of empty tracks, which have no row to tell its number.
     ``repeats``: how many images in a row have been the very same; ``back``: how many images ago
     it came last, 0 if it is new.
     """
@@ -155,7 +156,8 @@ def features(
         unshown['u'], unshown['v'] = passing.current.T
         unshown['desired_u'] = unshown['desired_v'] = unshown['error'] = np.nan
     rows['goal'], rows['repeats'], rows['back'] = goal, repeats, back
-    message = PointCloud2(header=header(stamp_ns, frame_id), height=1, width=len(rows))
+    height = int(goal != NO_GOAL or len(rows) > 0)
+    message = PointCloud2(header=header(stamp_ns, frame_id), height=height, width=len(rows))
     message.fields = [PointField(**field) for field in TRACK_FIELDS]
     message.is_dense, message.point_step = not len(passing), TRACK_LAYOUT.itemsize
     message.row_step = message.point_step * len(rows)

@@ -67,7 +67,7 @@ class ObserverNode(Node):
         diagnosis = read.diagnosis(parts['/diagnostics'])
         telemetry = read.telemetry(parts['epipoles'])
         pose = read.pose(parts['ground_truth'])
-        step = sample(stamp_ns, pose, Phase(diagnosis['phase']), telemetry)
+        step = sample(stamp_ns, pose, Phase(read.phase(diagnosis['phase'])), telemetry)
         self._monitor.add(step, reason=diagnosis['reason'], attempts=int(telemetry['attempt']))
         image = read.gray(parts['image_raw']) if 'image_raw' in parts else None
         features = read.features(parts['tracks']) if 'tracks' in parts else None

@@ -1,5 +1,6 @@
 """The servo: features in, velocity commands out; what to do about them is decided in the core."""
 
+import math
 import sys
 from typing import Any
 
@@ -7,12 +8,13 @@ from sensor_msgs.msg import CameraInfo, PointCloud2
 from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.perception.observation import observe
-from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
+from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase, RUNNING
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import decided
 from visual_servo_epipolar.core.stamps import NOT_ADVANCING
 from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.core.values import changed
 from visual_servo_epipolar.messages import event_log, read
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.complaints import Complaints
@@ -20,18 +22,19 @@ from visual_servo_epipolar.nodes.lifecycle.gates import in_every_state
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 from visual_servo_epipolar.nodes.run import spin
 from visual_servo_epipolar.nodes.servoing.admission import Admission
-from visual_servo_epipolar.nodes.servoing.camera import ServoCamera
 from visual_servo_epipolar.nodes.servoing.commands import Commands
+from visual_servo_epipolar.nodes.servoing.enable import Enable
+from visual_servo_epipolar.nodes.servoing.inputs.camera import ServoCamera
+from visual_servo_epipolar.nodes.servoing.inputs.wheels import Wheels
 from visual_servo_epipolar.nodes.servoing.reports import Reports
 from visual_servo_epipolar.nodes.servoing.rivals import Rivals
 from visual_servo_epipolar.nodes.servoing.run import Run
 from visual_servo_epipolar.nodes.servoing.stop_button import PRESSED, StopButton
 from visual_servo_epipolar.nodes.servoing.watch import Watch
-from visual_servo_epipolar.nodes.servoing.wheels import Wheels
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 
 WARN_PERIOD_S = 5.0
-NO_CAMERA = 'no usable camera_info yet; tracks wait for it, the robot stands'
+NEXT_IMAGE = 'the next image comes'
 
 
 class ServoNode(ManagedNode):
@@ -66,19 +69,22 @@ class ServoNode(ManagedNode):
         self._wheels = Wheels(self, self._settings, self._node_settings, self._warn)
         self._commands, self._reports = Commands(self, self._node_settings), Reports(self)
         self._run = Run(self, self._warn, self._commands, self._reports, self._standstill)
-        rivals = Rivals(self)
-        self._admission = Admission(self, lambda: self._node_settings, self._run, rivals)
+        enable = Enable(self, self._node_settings.enable_timeout, self._on_withdrawn)
+        self._admission = Admission(
+            self, lambda: self._node_settings, self._run, Rivals(self), enable
+        )
         sleeps = not self._node_settings.watchdog
         self._watch = Watch(
-            self, self._run, self._warn, lambda: self._settings, rivals, sleeps=sleeps
+            self, self._run, self._warn, lambda: self._settings, self._admission, sleeps=sleeps
         )
         self._create_subscriptions()
 
     def activate(self) -> None:
         """Wait for tracks, or for ~/start."""
         self._wheels.begin_anew()
-        self._run.active = self._begins
-        self._reports.phase(self._state)
+        if self._begins:
+            self._run.arm()
+        self._run.report()
         self._announce()
         drives = 'autostart is true: the robot drives as soon as there are tracks'
         self.get_logger().info(drives if self._run.active else f'the robot {self._not_started}')
@@ -115,6 +121,11 @@ class ServoNode(ManagedNode):
     def suspend(self) -> None:
         """Stop the robot, before the process sleeps."""
         self.stop()
+
+    def _on_withdrawn(self, reason: str) -> None:
+        """Hold a robot that drives, as soon as it is not enabled any more."""
+        if self._state.phase in DRIVING:
+            self._run.lose(reason)
 
     def _stop(self, reason: str = '') -> None:
         """Stop the robot, also for when the node is active again."""
@@ -157,6 +168,9 @@ class ServoNode(ManagedNode):
     def _on_tracks(self, message: PointCloud2) -> None:
         stamp_ns, run = read.stamp_ns(message.header), self._run
         self.received += 1
+        lapsed = self._admission.hear(message)
+        if lapsed:
+            run.lapse(f'{lapsed}; call ~/start again')
         trouble = self._admission.refusal(message, self._settings.stale_timeout)
         if trouble:
             run.refuse(trouble)
@@ -178,11 +192,12 @@ class ServoNode(ManagedNode):
     def _drive_by(self, message: PointCloud2, other_goal: str) -> None:
         """Take the step that tracks lead to, where a run goes on or may begin."""
         if not self._run.active:
+            self._run.trouble = ''
             return
         camera = self._camera.model
         if camera is None:
             self._pending_tracks = message
-            self._run.refuse(NO_CAMERA)
+            self._run.refuse(self._camera.missing)
             return
         waits = self._state.phase is Phase.WAITING
         trouble = self._admission.contested() or self._camera.mount_trouble if waits else ''
@@ -191,13 +206,16 @@ class ServoNode(ManagedNode):
             self._run.refuse(trouble)
             return
         self._run.trouble = ''
-        features = self._camera.checked(message, camera, self._state)
+        features, unusable = self._camera.checked(message, camera, self._state)
         if other_goal:
-            features = Features()
-            self._warn(other_goal)
+            features, unusable = Features(), other_goal
+        if unusable:
+            self._warn(unusable)
         observation = self._wheels.told(observe(features, camera, read.stamp_ns(message.header)))
         age = self._commands.age
         state = decided(self._state, observation, self._settings, since_command=age)
+        if unusable and state.phase is Phase.HOLDING:
+            state = changed(state, reason=unusable)
         self._run.advance(state, observation.stamp_ns, message.header.frame_id)
         self._camera.check(observation, self._state, self._settings)
 
@@ -206,30 +224,60 @@ class ServoNode(ManagedNode):
         if self._stop_button.pressed:
             return PRESSED, True
         if not self._run.active:
-            return self._not_started, False
-        if self._state.ended or self._state.phase is Phase.HOLDING:
+            lapsed = self._run.lapsed
+            return (f'{lapsed}; ' if lapsed else '') + self._not_started, bool(lapsed)
+        if self._state.phase is Phase.HOLDING:
+            return self._run.latest_trouble, True
+        if self._state.ended:
             return '', False
-        if self._camera.model is None:
-            return NO_CAMERA, True
-        trouble = self._run.trouble
-        if self._watch.is_stale and not trouble:
-            return f'no new tracks for {self._run.freshness.age:.0f} s', True
-        return trouble, bool(trouble)
+        lacking = self._lacking
+        return f'drives as soon as {lacking or NEXT_IMAGE}', bool(lacking)
+
+    @property
+    def _lacking(self) -> str:
+        """What keeps a servo that was told to start from driving; or ''."""
+        run, admission = self._run, self._admission
+        reason = self._camera.missing or run.trouble or admission.withheld()
+        reason = reason or admission.missing(self._settings) or admission.unseen(self._settings)
+        return f'this is over: {reason}' if reason else ''
+
+    def _refusal(self) -> str:
+        """Return why a run may not begin now; or ''."""
+        if self._stop_button.pressed:
+            return PRESSED
+        contested = self._admission.contested()
+        if contested or not self._node_settings.watchdog or self._run.is_armed_for_good:
+            return contested
+        missing = self._camera.missing, self._admission.missing(self._settings)
+        return '; '.join(filter(None, missing))
 
     def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        refusal = PRESSED if self._stop_button.pressed else self._admission.contested()
+        if self._state.phase in RUNNING and not self._admission.waits_for_start:
+            response.success, response.message = True, 'a run is under way'
+            return response
+        refusal = self._refusal()
+        response.success, response.message = not refusal, refusal or self._begun()
         if refusal:
             self.get_logger().warning(f'not started: {refusal}')
-            response.success, response.message = False, refusal
-            return response
-        if self._state.ended:
-            self._run.reset()
-        self._run.active, self._run.trouble = True, ''
-        response.success = True
-        self._reports.event(event_log.STARTED, self._run.stamp_ns)
-        response.message = 'started' if self._camera.model else 'started; waits for camera_info'
-        self.get_logger().info(response.message)
+        else:
+            self.get_logger().info(response.message)
         return response
+
+    def _begun(self) -> str:
+        """Let a run begin, and return in words when the robot drives."""
+        timeout = self._node_settings.arming_timeout
+        if self._run.is_armed_for_good or not self._node_settings.watchdog:
+            timeout = math.inf
+        if self._state.phase is not Phase.WAITING:
+            self._run.reset()
+        self._run.arm(timeout, self._admission.goal)
+        self._reports.event(event_log.STARTED, self._run.stamp_ns)
+        self._watch.look_around()
+        self._run.report()
+        text = f'armed, {self._standstill()[0]}' if self._lacking else 'started'
+        if self._lacking and timeout < math.inf:
+            text += f'; the order lapses after {timeout:g} s'
+        return '; '.join(filter(None, [text, self._run.notice]))
 
     @in_every_state  # who stops the robot wants it to stand also when the node is active again
     def _on_stop(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
@@ -242,6 +290,8 @@ class ServoNode(ManagedNode):
         self._pending_tracks = None
         self._run.reset()
         self._run.active = self._run.active and self._settings.autostart
+        if self._run.active:
+            self._run.arm()
         self._run.report()
         response.success, response.message = True, 'ready for a new run'
         if not self._run.active:

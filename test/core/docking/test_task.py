@@ -6,6 +6,7 @@ import pytest
 
 from visual_servo_epipolar.core.docking.task import (
     answered,
+    armed,
     canceled,
     charging,
     Error,
@@ -235,3 +236,24 @@ def test_an_end_is_final() -> None:
     ):
         assert after.outcome is end.outcome
         assert after.orders == ()
+
+
+def test_a_servo_whose_order_has_lapsed_has_not_seen_the_photograph() -> None:
+    task = armed(running(), 1.0)
+    assert (task.outcome, task.heard) == (None, 1.0)
+    task = heard(task, Phase.WAITING, reason='the order to start has lapsed')
+    assert (task.state, task.retries, task.orders) == (State.RETRY, 1, (Order.STOP,))
+    task = heard(armed(again(task, 2.0), 2.0), Phase.WAITING, reason='it has lapsed', now=3.0)
+    assert (task.outcome.error, task.outcome.message) == (
+        Error.FAILED_TO_DETECT_DOCK,
+        'it has lapsed',
+    )
+
+
+def test_who_waits_before_the_servo_has_been_armed_has_not_lapsed() -> None:
+    assert heard(running(), Phase.WAITING).orders == ()
+    task = armed(requested(Request(), 0.0, SETTINGS), 0.0)  # by an earlier order
+    task = answered(said(task, Phase.WAITING, '', 0.0, SETTINGS), Order.STOP, '', 0.0)
+    task = answered(task, Order.START, '', 0.0)
+    assert heard(task, Phase.WAITING).outcome is None
+    assert heard(task, Phase.WAITING).orders == ()

@@ -36,6 +36,7 @@ PLACE_M, HEADING_RAD = 0.005, math.radians(0.2)
 FORWARD = (0.2, -1.2, 4.0)
 BACKWARD = (0.2, 1.2, -3.0)
 HALF_WAY = -1.1
+GOAL = 7  # the number of the photograph
 GIVEN_UP = (GoalStatus.STATUS_ABORTED, [0, int(Error.UNKNOWN), 0])
 
 
@@ -74,6 +75,7 @@ class Robot:
         bench.until(lambda: bool(ready()), 'camera_info to arrive')
         self.client = ActionClient(bench.probe, Fibonacci, 'dock_robot')
         self.feedback = []
+        self.step()  # or a start would be refused
 
     def ask(self):
         """Ask for docking, and wait until the servo has been started."""
@@ -98,7 +100,7 @@ class Robot:
         if self.with_odometry:  # without, the dock node has no path, and looks at no tracks
             told = write.odometry(self.pose, STANDSTILL, stamp_ns, 'odom', 'base_link')
             self.odometry(told)
-        self.tracks(write.features(seen, stamp_ns, 'camera'))
+        self.tracks(write.features(seen, stamp_ns, 'camera', GOAL))
         self.bench.until(lambda: self.servo._run.stamp_ns == stamp_ns, 'tracks to arrive')
         if active:
             ended = lambda: self.servo._state.ended  # noqa: E731

@@ -8,7 +8,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 import pytest
 from std_msgs.msg import String
 
-from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.servo.phases.table import ARMED, Phase
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.messages import diagnostics, write
 from visual_servo_epipolar.nodes import qos
@@ -22,10 +22,12 @@ class Servo:
     """What a servo says, and what its client is told of it."""
 
     def __init__(self, bench: Bench) -> None:
-        self._bench, self.told = bench, []
+        self._bench, self.told, self.armed = bench, [], []
         self._say = bench.talk(String, 'phase', qos.LATCHED)
         self._explain = bench.talk(DiagnosticArray, '/diagnostics')
-        client = ServoClient(bench.probe, 'servo_node', self._tell, lambda order, refusal: None)
+        client = ServoClient(
+            bench.probe, 'servo_node', self._tell, lambda *_: None, lambda: self.armed.append(True)
+        )
         client.configure()
 
     def _tell(self, phase: Phase, reason: str) -> None:
@@ -77,3 +79,14 @@ def test_a_phase_is_told_once_however_often_it_is_explained(servo: Any) -> None:
         it.explain(Phase.HOLDING, 'tracks lost')
     it.say(Phase.DISPLACING)
     assert it.told == [(Phase.HOLDING, ''), (Phase.DISPLACING, '')]
+
+
+def test_an_order_that_lapses_is_told_with_its_reason(bench: Bench, servo: Any) -> None:
+    it = servo(LONG_S)
+    it._say(write.text(ARMED))
+    bench.until(lambda: bool(it.armed), 'that it is armed')
+    assert it.told == []
+    it.say(Phase.WAITING)
+    assert it.told == []
+    it.explain(Phase.WAITING, 'the order to start has lapsed')
+    assert it.told == [(Phase.WAITING, 'the order to start has lapsed')]

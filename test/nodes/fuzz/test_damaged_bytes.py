@@ -30,5 +30,6 @@ def test_a_servo_outlives_bytes_that_are_no_message(bench) -> None:
     bench.settle()
     assert all(twist == STANDSTILL for twist in rig.twists())
     rig.calibrate(write.camera_info(CAMERA, 0, 'camera'))
+    rig.see()
     assert bench.call('servo_node/start').success
     rig.drive()

@@ -49,6 +49,7 @@ class Fuzzed(Rig):
     def drives(self) -> bool:
         """Return whether a run that begins now moves the robot."""
         self.calm()
+        self.hear('/tracks', tracks(AWAY, STAMP_NS - PERIOD_NS))
         assert self.order('start')
         count = len(self.sent)
         for number in range(5):
@@ -96,6 +97,7 @@ def test_in_a_run_the_robot_keeps_to_its_limits(bench, monkeypatch) -> None:
         stamp_ns, moved = STAMP_NS, 0
         for _ in range(count):
             rig.calm()
+            rig.hear('/tracks', tracks(AWAY, stamp_ns))
             assert rig.order('start')
             for _ in range(3):
                 stamp_ns += PERIOD_NS

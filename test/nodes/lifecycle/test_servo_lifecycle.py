@@ -112,6 +112,7 @@ def test_the_last_twist_of_a_life_is_zero(rig, way) -> None:
 
 def test_a_run_never_goes_on_by_itself(bench) -> None:
     rig = Rig(bench, autostart=False)
+    rig.see()
     assert bench.call('servo_node/start').success
     rig.drive()
     go(bench, rig.node, 'deactivate', 'activate')

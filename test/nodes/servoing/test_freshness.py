@@ -10,7 +10,7 @@ from visual_servo_epipolar.nodes.servoing.freshness import Freshness
 @pytest.fixture
 def freshness() -> Freshness:
     """Return one that begins now, by a clock set by hand."""
-    made = Freshness()
+    made = Freshness(HandSetClock())
     made.clock = HandSetClock()
     made.clock.now_ns = made._begin_ns
     return made

@@ -3,22 +3,22 @@
 import pytest
 from servo_rig import Rig
 
-from visual_servo_epipolar.nodes.servo_node import NO_CAMERA
+from visual_servo_epipolar.nodes.servoing.inputs.camera import NO_CAMERA
 
 
 def test_without_a_camera_that_is_the_reason_though_tracks_stay_away_too(bench) -> None:
     rig = Rig(bench, calibrated=False, stale_timeout=0.1)
     bench.until(lambda: rig.node._watch.is_stale, 'tracks to stay away')
-    assert rig.node._standstill() == (NO_CAMERA, True)
+    assert rig.node._standstill() == (f'drives as soon as this is over: {NO_CAMERA}', True)
     assert rig.phase == 'waiting'
 
 
-def test_a_robot_that_holds_stands_for_the_reason_that_it_began_to_hold_for(bench) -> None:
+def test_a_robot_that_holds_stands_for_the_latest_reason(bench) -> None:
     rig = Rig(bench, stale_timeout=60.0).drive()
     rig.node._run.refuse('an image of last year')
     rig.node._run.trouble = 'an image of this year'
     assert (rig.phase, rig.node._state.reason) == ('holding', 'an image of last year')
-    assert rig.node._standstill() == ('', False)
+    assert rig.node._standstill() == ('an image of this year', True)
 
 
 @pytest.mark.parametrize('later_ns', [0, -1], ids=['repeated', 'backwards'])

@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.servo.phases.events import RESUMING_FRAMES
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import qos
-from visual_servo_epipolar.nodes.servoing.stamps import disorder, refusal
+from visual_servo_epipolar.nodes.servoing.inputs.stamps import disorder, refusal
 
 SECOND = 1_000_000_000
 NOW_NS = 1_790_000_000 * SECOND

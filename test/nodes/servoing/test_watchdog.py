@@ -144,20 +144,21 @@ def test_diagnostics_tell_of_each_interruption(bench, monkeypatch) -> None:
     told(WARN, 'holding: no new tracks for 0.51 s')
     bench.call('servo_node/stop')
     told(OK, 'waiting: stands until /servo_node/start is called')
-    bench.call('servo_node/start')
+    assert bench.call('servo_node/start').success
+    told(OK, 'armed, drives as soon as the next image comes')
     rig.calibrate(CameraInfo())
     bench.until(lambda: rig.node._camera.model is None, 'camera_info to arrive')
     rig.see()
     rig.node._watch._on_idle()
     rig.node._run.report()
-    told(WARN, 'waiting: no usable camera_info yet')
+    told(WARN, 'armed, drives as soon as this is over: camera_info cannot be used')
 
 
 def test_an_idle_servo_says_once_a_second_why_it_stands(bench, monkeypatch) -> None:
     monkeypatch.setattr(watch, 'IDLE_PERIOD_S', 0.05)
     diagnostics = bench.listen(DiagnosticArray, '/diagnostics')
     rig = Rig(bench, stale_timeout=0.1)
-    text = 'waiting: no new tracks for '
+    text = 'armed, drives as soon as this is over: no tracks have come yet'
     bench.until(
         lambda: [a for a, b in statuses(diagnostics) if text in b][:3] == [WARN] * 3, 'its reports'
     )

@@ -78,8 +78,9 @@ class Task:
     """
     A request under way; ``orders`` are those of the last event, ``outcome`` ends it.
 
-    Times [s] are those at which it began, the ``step`` began and the servo was heard. ``driven``
-    says whether the servo has driven in this attempt, ``last_phase`` what it did before it ended.
+    Times [s] are those at which it began, the ``step`` began and the servo was heard. ``armed``
+    and ``driven`` say whether the servo has said so in this attempt, ``last_phase`` what it did
+    before it ended.
     """
 
     began: float
@@ -89,6 +90,7 @@ class Task:
     state: State = State.INITIAL_PERCEPTION
     cleared: bool = False
     stopped: bool = False
+    armed: bool = False
     driven: bool = False
     last_phase: Phase = Phase.WAITING
     retries: int = 0
@@ -147,7 +149,15 @@ def said(task: Task, phase: Phase, reason: str, now: float, settings: DockTaskSe
         return _missed(task, _error_of(task), reason or 'the servo failed', now, settings)
     if phase is Phase.WAITING and task.driven:
         return _ended(task, Error.FAILED_TO_CONTROL, 'somebody else has stopped the servo')
+    if phase is Phase.WAITING and task.armed and task.step is Step.RUNNING:
+        why = reason or 'the servo has not begun to drive'
+        return _missed(task, Error.FAILED_TO_DETECT_DOCK, why, now, settings)
     return replace(task, last_phase=phase)
+
+
+def armed(task: Task, now: float) -> Task:
+    """Return the task after the servo has said that it drives as soon as it can."""
+    return replace(task, orders=(), heard=now, armed=task.armed or task.step is not Step.CLEARING)
 
 
 def charging(task: Task, current: float, settings: DockTaskSettings) -> Task:

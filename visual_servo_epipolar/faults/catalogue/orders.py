@@ -46,7 +46,7 @@ def call(scene: Scene, service: str) -> None:
     if service == '/servo_node/stop':
         record.stopped_s = witness.now_s
     answer = scene.world.call(service)
-    if service == '/servo_node/start' and answer.startswith('started'):
+    if service == '/servo_node/start' and answer.startswith(('started', 'armed')):
         record.stopped_s = math.inf
     scene.notes.append(f'{service}: {answer}')
 

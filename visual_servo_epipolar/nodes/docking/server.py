@@ -50,7 +50,7 @@ class DockServer:
         self._goal: Any = None
         self._task: Task | None = None
         self._over = Future()
-        self._servo = ServoClient(node, servo, self._on_phase, self._on_answer)
+        self._servo = ServoClient(node, servo, self._on_phase, self._on_answer, self._on_armed)
         self._server = ActionServer(
             node,
             wire.kind,
@@ -111,6 +111,10 @@ class DockServer:
     def _on_phase(self, phase: Phase, reason: str) -> None:
         if self._task is not None:
             self._follow(tasks.said(self._task, phase, reason, self._now(), self.settings))
+
+    def _on_armed(self) -> None:
+        if self._task is not None:
+            self._follow(tasks.armed(self._task, self._now()))
 
     def _on_answer(self, order: Order, refusal: str) -> None:
         if self._task is not None:

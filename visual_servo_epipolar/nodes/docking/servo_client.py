@@ -11,7 +11,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.docking.task import Order
-from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.servo.phases.table import ARMED, Phase
 from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.nodes import qos
 
@@ -24,9 +24,10 @@ class ServoClient:
     """
     The servo called ``servo``: calls ``on_phase`` with each phase, ``on_answer`` with answers.
 
-    A failure waits for its reason, if only for a while. Answers are the order, and the refusal in
-    words or ''. Orders and their answers pass in every state of the node; the rest is for as long
-    as it is configured.
+    ``on_armed`` is called where it drives as soon as it can. A failure, and who waits again
+    without having driven, wait for the reason, if only for a while. Answers are the order, and
+    the refusal in words or ''. Orders and their answers pass in every state of the node; the rest
+    is for as long as it is configured.
     """
 
     def __init__(
@@ -35,8 +36,10 @@ class ServoClient:
         servo: str,
         on_phase: Callable[[Phase, str], None],
         on_answer: Callable[[Order, str], None],
+        on_armed: Callable[[], None],
     ) -> None:
         self._node, self._on_phase, self._on_answer = node, on_phase, on_answer
+        self._on_armed, self._was_armed = on_armed, False
         # Not made by configure: the answer to a start that comes after a cleanup counts as well,
         # and a servo that answers somebody who is gone waits in vain.
         self._clients = {
@@ -74,6 +77,12 @@ class ServoClient:
         self._on_answer(order, '' if response.success else f'{order.value}: {response.message}')
 
     def _hear(self, message: String) -> None:
+        was_armed, self._was_armed = self._was_armed, message.data == ARMED
+        if self._was_armed:
+            self._tell()
+            self.phase = None
+            self._on_armed()
+            return
         try:
             phase = Phase(message.data)
         except ValueError:
@@ -82,7 +91,8 @@ class ServoClient:
             return
         self._tell()  # what waited until now
         self.phase, self._unexplained = phase, True
-        if phase is Phase.FAILED and not self._is_explained:
+        lapsed = was_armed and phase is Phase.WAITING
+        if (phase is Phase.FAILED or lapsed) and not self._is_explained:
             self._patience.reset()
         else:
             self._tell()

@@ -1,4 +1,4 @@
-"""Admission: which tracks the servo drives by, and why not by others."""
+"""Admission: which tracks the servo drives by, why not by others, and what a start lacks."""
 
 from collections.abc import Callable
 
@@ -7,21 +7,26 @@ from sensor_msgs.msg import PointCloud2
 
 from visual_servo_epipolar.core.control.command import HALT
 from visual_servo_epipolar.core.servo.interruptions import GOAL_CHANGED, RunGoal
-from visual_servo_epipolar.core.servo.phases.table import RUNNING
+from visual_servo_epipolar.core.servo.phases.switch import too_few_features
+from visual_servo_epipolar.core.servo.phases.table import Phase, RUNNING
+from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.messages import read
-from visual_servo_epipolar.nodes.servoing import stamps
+from visual_servo_epipolar.nodes.servoing.enable import Enable
+from visual_servo_epipolar.nodes.servoing.inputs import stamps
+from visual_servo_epipolar.nodes.servoing.inputs.still_view import StillView
 from visual_servo_epipolar.nodes.servoing.rivals import Rivals
-from visual_servo_epipolar.nodes.servoing.run import Run
-from visual_servo_epipolar.nodes.servoing.still_view import StillView
+from visual_servo_epipolar.nodes.servoing.run import QUIET_S, Run
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
+
+WAITS_FOR_START = 'resume is manual: after a hold the robot stands until ~/start is called'
 
 
 class Admission:
     """
     Admission of tracks to the ``run`` of the servo ``node``.
 
-    ``settings`` returns those in force. Where time itself waits for the servo (no watchdog), all
-    tracks are timely.
+    ``settings`` returns those in force, ``enable`` is who lets the robot drive. Where time itself
+    waits for the servo (no watchdog), all tracks are timely.
     """
 
     def __init__(
@@ -30,9 +35,49 @@ class Admission:
         settings: Callable[[], ServoNodeSettings],
         run: Run,
         rivals: Rivals,
+        enable: Enable,
     ) -> None:
-        self._node, self._settings, self._run, self._rivals = node, settings, run, rivals
+        self._node, self._settings, self._run = node, settings, run
+        self.rivals, self._enable = rivals, enable
         self._goal, self._still = RunGoal(), StillView()
+        self.goal: int | None = None  # the photograph, by its number, once it was in view
+        self._has_photograph: bool | None = None  # by the last tracks, if any came
+        self._features = 0  # in them
+
+    def hear(self, message: PointCloud2) -> str:
+        """
+        Take note of tracks, be they usable or not.
+
+        Return that they are not of the photograph that a start was ordered for; or ''.
+        """
+        goal, self._has_photograph = read.goal(message), read.has_photograph(message)
+        self._features = int(message.width) * int(message.height)
+        self._run.freshness.hear()
+        self.goal = None if not self._has_photograph else self.goal if goal is None else goal
+        if not self._run.is_armed:
+            return ''
+        return self._run.arming.contradicted(goal, has_photograph=self._has_photograph)
+
+    def missing(self, settings: ServoSettings) -> str:
+        """Return what a start lacks that does not come by itself: images, photograph; or ''."""
+        if not self._settings().watchdog:
+            return ''
+        quiet = self._run.freshness.quiet
+        if self._has_photograph is None:
+            return 'no tracks have come yet; start camera and tracker, its log says what it lacks'
+        if quiet > max(QUIET_S, settings.stale_timeout):
+            return f'no tracks have come for {quiet:.0f} s; are camera and tracker running?'
+        if not self._has_photograph:
+            return (
+                'the tracker has no photograph; drive the robot to the goal, and call its '
+                '~/capture_desired, or name a desired_image'
+            )
+        return ''
+
+    def unseen(self, settings: ServoSettings) -> str:
+        """Return that the last tracks show too little of the photograph to begin with; or ''."""
+        few = self._features < settings.min_features
+        return too_few_features(self._features, settings) if few else ''
 
     def refusal(self, message: PointCloud2, still_timeout: float) -> str:
         """
@@ -46,18 +91,31 @@ class Admission:
         stamp_ns, run = read.stamp_ns(message.header), self._run
         now_ns = self._node.get_clock().now().nanoseconds
         newest_ns = run.stamp_ns if run.state.phase in RUNNING else None
-        trouble = stamps.refusal(stamp_ns, now_ns, self._settings().max_latency)
+        trouble = stamps.refusal(
+            stamp_ns, now_ns, self._settings().max_latency, run.freshness.clock_stands_still()
+        )
         trouble = trouble or stamps.disorder(newest_ns, stamp_ns)
+        trouble = trouble or (self.withheld() if run.active else '')
         if trouble:
             return trouble
         self._still.look(message, told_to_drive=run.state.command != HALT)
         return self._still.trouble(still_timeout) if newest_ns is not None else ''
 
+    def withheld(self) -> str:
+        """Return that nobody lets the robot drive, or that it waits for a new start; or ''."""
+        trouble = self._enable.withheld() if self._settings().watchdog else ''
+        return trouble or (WAITS_FOR_START if self.waits_for_start else '')
+
+    @property
+    def waits_for_start(self) -> bool:
+        """Whether a hold is over only with the next order to start."""
+        return self._run.state.phase is Phase.HOLDING and self._settings().resume == 'manual'
+
     def contested(self) -> str:
         """Return that another servo commands the same base, so that no run may begin; or ''."""
         if not self._settings().watchdog:
             return ''
-        return self._rivals.refusal()
+        return self.rivals.refusal()
 
     def other_goal(self, message: PointCloud2) -> str:
         """Return that the photograph is not the one that the run began with; or ''."""

@@ -10,15 +10,23 @@ class Freshness:
     """
     Time since the last new tracks and since the servo holds, on the steady ``clock``.
 
+    ``node_clock`` is that of the node, simulated or not.
+
     A simulated clock stands still where its publisher dies, and the wall clock is set at times.
     """
 
-    def __init__(self) -> None:
-        self.clock = Clock(clock_type=ClockType.STEADY_TIME)
+    def __init__(self, node_clock: Clock) -> None:
+        self.clock, self._node_clock = Clock(clock_type=ClockType.STEADY_TIME), node_clock
+        self._time_ns, self._time_since_ns = -1, 0  # of the node, and since when it is that
         self._begin_ns = self._now_ns()
         self._stepped_ns = self._begin_ns
+        self._heard_ns = self._begin_ns
         self._fresh_ns: int | None = None
         self._holding_ns: int | None = None
+
+    def hear(self) -> None:
+        """Note that tracks have come, be they usable or not."""
+        self._heard_ns = self._now_ns()
 
     def renew(self) -> None:
         """Note that new tracks have come."""
@@ -41,6 +49,11 @@ class Freshness:
         return self._since(self._begin_ns if self._fresh_ns is None else self._fresh_ns)
 
     @property
+    def quiet(self) -> float:
+        """Time since any tracks came [s], or since the beginning."""
+        return self._since(self._heard_ns)
+
+    @property
     def idle(self) -> float:
         """Time since the last step [s], or since the beginning."""
         return self._since(self._stepped_ns)
@@ -49,6 +62,13 @@ class Freshness:
     def held(self) -> float:
         """Time since the servo began to hold [s], 0 where it does not."""
         return 0.0 if self._holding_ns is None else self._since(self._holding_ns)
+
+    def clock_stands_still(self) -> float:
+        """Look at the clock of the node, and return for how long it has stood still [s]."""
+        time_ns, now_ns = int(self._node_clock.now().nanoseconds), self._now_ns()
+        if time_ns != self._time_ns:
+            self._time_ns, self._time_since_ns = time_ns, now_ns
+        return seconds_between(self._time_since_ns, now_ns)
 
     def _since(self, moment_ns: int) -> float:
         return seconds_between(moment_ns, self._now_ns())

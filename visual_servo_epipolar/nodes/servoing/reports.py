@@ -14,6 +14,7 @@ from visual_servo_epipolar.core.servo.telemetry import telemetry
 from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.messages import diagnostics, event_log, settings_text, write
+from visual_servo_epipolar.messages.diagnostics import Words
 from visual_servo_epipolar.messages.event_log import Entry
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.qos import report_publisher
@@ -34,24 +35,25 @@ class Reports:
         self._settings_pub = report_publisher(node, String, '~/settings', qos.LATCHED)
         self._events_pub = report_publisher(node, String, '~/events', qos.DIAGNOSTICS)
 
-    def phase(self, state: ServoState) -> None:
-        """Publish the phase."""
-        self._phase_pub.publish(write.text(state.phase.value))
+    def phase(self, state: ServoState, words: Words) -> None:
+        """Publish the phase, or that the servo is armed: it drives as soon as it can."""
+        self._phase_pub.publish(write.text(words.phase(state)))
 
-    def step(self, state: ServoState, stamp_ns: int, frame_id: str) -> None:
-        """Publish all that a step found out, with the stamp of its image."""
-        self.phase(state)
+    def step(self, state: ServoState, image: tuple[int, str], words: Words) -> None:
+        """Publish all that a step found out, with stamp and frame of its ``image``."""
+        stamp_ns, frame_id = image
+        self.phase(state, words)
         self._telemetry_pub.publish(write.telemetry(telemetry(state), stamp_ns, frame_id))
-        self._diagnose(diagnostics.diagnosis(state, stamp_ns, name=self._name))
+        self._diagnose(diagnostics.diagnosis(state, stamp_ns, name=self._name, words=words))
         self._markers_pub.publish(diagnostics.markers(state, stamp_ns, frame_id))
 
-    def standing(self, state: ServoState, reason: str, *, alarming: bool) -> None:
+    def standing(self, state: ServoState, words: Words, *, alarming: bool) -> None:
         """Publish the phase and why the robot stands, where no image led to it."""
-        self.phase(state)
+        self.phase(state, words)
         now_ns = self._clock.now().nanoseconds
         self._diagnose(
             diagnostics.standing_diagnosis(
-                state, reason, now_ns, name=self._name, alarming=alarming
+                state, words, now_ns, name=self._name, alarming=alarming
             )
         )
 

@@ -1,4 +1,4 @@
-"""Rivals: other servos that command the same base."""
+"""Rivals: others that command the same base, servos or not."""
 
 from collections import Counter
 
@@ -12,8 +12,16 @@ TOPIC, MARKERS = 'cmd_vel', 'visualization_msgs/msg/MarkerArray'
 LEFTOVER_S = 25.0
 
 
+UNKNOWN = '_NODE_NAME_UNKNOWN_'  # of a program that is no node, or of one that has just come
+
+
 class Rivals:
-    """Other servos that publish on the cmd_vel of ``node``: none may drive beside them."""
+    """
+    Others that publish on the cmd_vel of ``node``: beside another servo none may drive.
+
+    Any other publisher is named, no more: a multiplexer may be silent meanwhile, and a joystick
+    is let be by who leaves it alone.
+    """
 
     def __init__(self, node: Node) -> None:
         self._node, self._steady = node, Clock(clock_type=ClockType.STEADY_TIME)
@@ -22,6 +30,19 @@ class Rivals:
     def complaint(self) -> str:
         """Return that others command the base as well, and what to do; '' if there are none."""
         return self._complaint(self._look())
+
+    def notice(self) -> str:
+        """Return that others than servos publish on the topic as well; '' if there are none."""
+        servos = {*_rivals(self._node), self._node.get_fully_qualified_name()}
+        names = sorted(set(commanders(self._node)) - servos)
+        if not names:
+            return ''
+        topic = self._node.resolve_topic_name(TOPIC)
+        who = ', '.join('an unknown program' if UNKNOWN in name else name for name in names)
+        return (
+            f'{who} may publish on {topic} as well: what both say, the base obeys in turns; end '
+            'it, or let a multiplexer choose'
+        )
 
     def refusal(self) -> str:
         """

@@ -1,6 +1,7 @@
 """Run of the servo: its state, the steps that images lead to, and what else interrupts it."""
 
 from collections.abc import Callable
+import math
 
 from rclpy.node import Node
 
@@ -9,10 +10,13 @@ from visual_servo_epipolar.core.servo.interruptions import interrupted, Interrup
 from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import learnt
+from visual_servo_epipolar.messages.diagnostics import Words
+from visual_servo_epipolar.nodes.servoing.arming import Arming
 from visual_servo_epipolar.nodes.servoing.commands import Commands
 from visual_servo_epipolar.nodes.servoing.freshness import Freshness
 from visual_servo_epipolar.nodes.servoing.reports import Reports
 
+QUIET_S = 1.0  # without any tracks: then silence is what is wrong
 Standstill = Callable[[], tuple[str, bool]]
 
 
@@ -20,8 +24,10 @@ class Run:
     """
     Run of the servo ``node``: what happens to its state is commanded, published and logged.
 
-    It is ``active`` between an order to start and one to stop; ``stamp_ns`` is that of the last
-    tracks that counted, ``trouble`` what is wrong with those that come, also said by ``warn``.
+    It is ``active`` between an order to start and one to stop, and armed until it drives;
+    ``lapsed`` says why the last order came to nothing. ``stamp_ns`` is the stamp of the last
+    tracks that counted, ``trouble`` what is wrong with those that come, also said by ``warn``;
+    ``notice`` is what the owner of the robot should know beside.
     ``standstill`` returns why the robot stands, '' if the state says it, and whether that is
     alarming.
     """
@@ -36,14 +42,42 @@ class Run:
     ) -> None:
         self._clock, self._logger, self._warn = node.get_clock(), node.get_logger(), warn
         self._commands, self._reports, self._standstill = commands, reports, standstill
-        self.state, self.active, self.freshness = ServoState(), False, Freshness()
+        self.state, self.active = ServoState(), False
+        self.freshness = Freshness(self._clock)
+        self.arming, self.lapsed = Arming(self.freshness.clock), ''
         self.stamp_ns: int | None = None
         self.trouble = ''
+        self.notice = ''
 
     @property
     def silence(self) -> float:
         """Time since something was reported [s]."""
         return self._reports.silence
+
+    @property
+    def is_armed(self) -> bool:
+        """Whether it was told to start, and drives as soon as it can."""
+        return self.active and self.state.phase is Phase.WAITING
+
+    @property
+    def is_armed_for_good(self) -> bool:
+        """Whether it drives as soon as it can, however late that is: as with autostart."""
+        return self.is_armed and self.arming.is_for_good
+
+    def arm(self, timeout: float = math.inf, goal: int | None = None) -> None:
+        """Let a run begin within ``timeout`` [s], by the photograph ``goal`` if that is known."""
+        self.active, self.lapsed = True, ''
+        self.arming.order(timeout, goal)
+
+    def expire(self) -> None:
+        """Let an order to start lapse that no run has begun by in time."""
+        self.lapse(f'the robot did not begin to drive in time ({self._standstill()[0]})')
+
+    def lapse(self, why: str) -> None:
+        """Let an order to start come to nothing: the robot stands until the next."""
+        self.active, self.lapsed = False, f'the order to start has lapsed, {why}'
+        self._logger.warning(self.lapsed)
+        self.report()
 
     def advance(self, state: ServoState, stamp_ns: int, frame_id: str) -> None:
         """Follow a step: command the base, report, and learn for the next."""
@@ -51,7 +85,8 @@ class Run:
         self.freshness.step()
         self.follow(state)
         self._commands.answer(before, self.state, stamp_ns)  # nobody drives by what follows
-        self._reports.step(self.state, stamp_ns, frame_id)
+        words = Words(self._standstill()[0] if self.is_armed else '', self.is_armed, self.notice)
+        self._reports.step(self.state, (stamp_ns, frame_id), words)
         self.state = learnt(self.state)
 
     def follow(self, state: ServoState) -> None:
@@ -82,16 +117,25 @@ class Run:
         self._interrupt(Interruption.LOST, reason)
         self.report()
 
+    @property
+    def latest_trouble(self) -> str:
+        """What keeps a robot that holds from going on, by the latest that is known."""
+        if self.freshness.quiet > QUIET_S:
+            return f'no tracks for {self.freshness.quiet:.1f} s'
+        return self.trouble or self.state.reason
+
     def time_out(self, timeout: float) -> None:
         """End a run that holds while no images come that could end it."""
-        reason = f'tracks lost or untrusted for {timeout:g} s: {self.state.reason}'
+        reason = f'tracks lost or untrusted for {timeout:g} s: {self.latest_trouble}'
+        if self.freshness.quiet <= QUIET_S:
+            reason += f', {self.freshness.quiet:.1f} s ago'
         self.insist()
         self._interrupt(Interruption.TIMED_OUT, reason)
         self.report()
 
     def stop(self, reason: str = '') -> None:
         """End the run, and stand until the next order to start."""
-        self.active = False
+        self.active, self.lapsed = False, ''
         self.insist()
         self._commands.stopped()
         self._interrupt(Interruption.STOPPED, reason)
@@ -116,7 +160,8 @@ class Run:
     def report(self) -> None:
         """Publish the phase and why the robot stands, where no image led to it."""
         reason, alarming = self._standstill()
-        self._reports.standing(self.state, reason, alarming=alarming)
+        words = Words(reason, self.is_armed, self.notice)
+        self._reports.standing(self.state, words, alarming=alarming)
 
     def _halt(self) -> None:
         """Stop a robot that may be moving; the state remembers that it stands."""

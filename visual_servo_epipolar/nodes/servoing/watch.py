@@ -6,7 +6,8 @@ from rclpy.node import Node
 
 from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
-from visual_servo_epipolar.nodes.servoing.rivals import Rivals
+from visual_servo_epipolar.nodes.servoing.admission import Admission
+from visual_servo_epipolar.nodes.servoing.inputs.stamps import STILL_S
 from visual_servo_epipolar.nodes.servoing.run import Run
 
 WATCH_PERIOD_S, IDLE_PERIOD_S = 0.05, 1.0
@@ -25,12 +26,12 @@ class Watch:
         run: Run,
         warn: Callable[[str], None],
         settings: Callable[[], ServoSettings],
-        rivals: Rivals,
+        admission: Admission,
         *,
         sleeps: bool,
     ) -> None:
         self._node, self._run, self._warn, self._settings = node, run, warn, settings
-        self._rivals, self._sleeps = rivals, sleeps
+        self._admission, self._rivals, self._sleeps = admission, admission.rivals, sleeps
         if not sleeps:
             clock = run.freshness.clock
             node.create_timer(WATCH_PERIOD_S, self._on_watch, clock=clock)
@@ -44,9 +45,13 @@ class Watch:
     def _on_watch(self) -> None:
         """Stop the robot, keep it standing, and end its run, where images do not."""
         freshness, settings = self._run.freshness, self._settings()
+        freshness.clock_stands_still()  # or it would be looked at by images alone
+        if self._run.is_armed and self._run.arming.has_expired:
+            self._run.expire()
         if self._run.state.phase in DRIVING:
-            if self.is_stale:
-                self._run.lose(f'no new tracks for {freshness.age:.2f} s')
+            trouble = self._silence() if self.is_stale else self._admission.withheld()
+            if trouble:
+                self._run.lose(trouble)
         elif self._run.state.phase is Phase.HOLDING and freshness.idle > settings.stale_timeout:
             self._run.insist()
             if freshness.held > settings.holding_timeout:
@@ -54,9 +59,21 @@ class Watch:
         elif self._run.was_stopped:
             self._run.insist()
 
+    def _silence(self) -> str:
+        """Return that tracks stay away; and the clock, if that is what has ended."""
+        text = f'no new tracks for {self._run.freshness.age:.2f} s'
+        still_s = self._run.freshness.clock_stands_still()
+        return f'{text}, and /clock stands still' if still_s > STILL_S else text
+
+    def look_around(self) -> None:
+        """Let be told who else may command the base."""
+        if not self._sleeps:
+            self._run.notice = self._rivals.notice()
+
     def _on_idle(self) -> None:
-        """Say that another servo is there, and why the robot stands, where no step does."""
+        """Say who else commands the base, and why the robot stands, where no step does."""
         contested = self._rivals.complaint()
+        self.look_around()
         if contested and self._run.active:
             self._warn(contested)
             if self._rivals.has_twin:  # others begin no run beside this one

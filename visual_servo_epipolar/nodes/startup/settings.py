@@ -6,6 +6,7 @@ from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.nodes.lifecycle.settings import LifecycleSettings
 
 RELIABILITIES = ('auto', 'reliable', 'best_effort')  # of images, as in nodes.qos
+RESUMES = ('automatic', 'manual')
 TRANSPORTS = ('raw', 'compressed')
 
 
@@ -34,6 +35,24 @@ class ServoNodeSettings(LifecycleSettings):
         'Age of an image, by the clock of the node, above which it is not driven by; 0 = off [s]',
         low=0.0,
         high=60.0,
+    )
+    arming_timeout: float = setting(
+        10.0,
+        'Time within which the robot must begin to drive after ~/start, or the order lapses [s]',
+        low=0.1,
+        high=3600.0,
+    )
+    resume: str = setting(
+        'automatic',
+        'After a hold the run goes on: automatic, by itself; manual, anew and on ~/start alone',
+        choices=RESUMES,
+    )
+    enable_timeout: float = setting(
+        0.0,
+        'Age of the last true on enable at which the robot is stopped; 0 = none is needed [s]',
+        low=0.0,
+        high=10.0,
+        read_only=True,
     )
     base_frame: str = setting('base_link', 'Frame of the commands', read_only=True)
     mount_from_tf: bool = setting(

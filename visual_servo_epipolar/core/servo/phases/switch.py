@@ -12,6 +12,7 @@ from visual_servo_epipolar.core.servo.phases.conditions import (
     sees_too_little,
 )
 from visual_servo_epipolar.core.servo.phases.table import Event, next_phase, Phase
+from visual_servo_epipolar.core.servo.phases.timing import usual_step
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
@@ -55,7 +56,9 @@ def switched(
 
 
 def _waiting(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
-    """Return ``state`` with the reason to go on waiting: it waits for features, if need be."""
+    """Return ``state`` with the reason to go on waiting or holding, by this image."""
+    if state.phase is Phase.HOLDING and not state.settled and measurement.reason:
+        return changed(state, reason=measurement.reason)
     if state.phase is not Phase.WAITING or not sees_too_little(measurement, settings):
         return state
     return changed(state, reason=too_few_features(measurement.features, settings))
@@ -101,7 +104,9 @@ def _reason(
     if event is Event.TIMED_OUT and run > settings.run_timeout:
         return f'the run took longer than {settings.run_timeout:g} s, still {name}'
     if event is Event.TIMED_OUT and state.phase is Phase.HOLDING:
-        return f'tracks lost or untrusted for {settings.holding_timeout:g} s: {state.reason}'
+        ago = state.settled * usual_step(state)
+        lost = f'tracks lost or untrusted for {settings.holding_timeout:g} s'
+        return f'{lost}: {state.reason}, {ago:.1f} s ago'
     if event is Event.TIMED_OUT:
         because = f': {state.warning}' if state.warning else ''
         return f'{name} took longer than {settings.phase_timeout:g} s{because}'

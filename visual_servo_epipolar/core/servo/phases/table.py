@@ -48,6 +48,8 @@ DRIVING = (
     Phase.ZEROING_EPIPOLES,
     Phase.MATCHING_FEATURES,
 )
+# The word for who was told to start, and drives as soon as it can: the phase is WAITING.
+ARMED = 'armed'
 RUNNING = (*DRIVING, Phase.HOLDING)  # a run goes on
 ENDED = (Phase.ARRIVED, Phase.FAILED)
 

@@ -23,6 +23,7 @@ from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 from visual_servo_epipolar.nodes.transforms.static_mount import StaticMount
 
 LOOK_PERIOD_S = 0.5  # at how camera_info is published
+NO_CAMERA = 'no usable camera_info yet; tracks wait for it, the robot stands'
 DISTRUST_S = 2.0  # after a word of another camera: where two speak in turns, nobody drives
 
 
@@ -38,6 +39,7 @@ class ServoCamera:
         self, node: Node, settings: ServoNodeSettings, warn: Callable[[str], None]
     ) -> None:
         self.model: CalibratedCamera | None = None
+        self._unusable = ''  # why the last camera_info is not
         self.static_mount: StaticMount | None = None
         if settings.mount_from_tf:
             self.static_mount = StaticMount(node, settings.base_frame, warn)
@@ -63,9 +65,9 @@ class ServoCamera:
             told = self._settings
             camera = read.camera(message, rectified=told.rectified, cropped=told.cropped)
         except ValueError as error:
-            self.model = None
+            self.model, self._unusable = None, f'camera_info cannot be used: {error}'
             self._warn(f'camera_info cannot be used, the robot stands: {error}')
-            return f'camera_info cannot be used: {error}'
+            return self._unusable
         if camera != self.model:
             self._lens_check = LensCheck()
         self.model = camera
@@ -74,6 +76,11 @@ class ServoCamera:
             return ''
         self._other = camera, read.stamp_ns(message.header)
         return camera_changed(camera)
+
+    @property
+    def missing(self) -> str:
+        """Why there is no camera to drive by; or ''."""
+        return '' if self.model is not None else self._unusable or NO_CAMERA
 
     def distrusted(self, stamp_ns: int, state: ServoState) -> str:
         """Return that another camera spoke up shortly before an image, in mid-run; or ''."""
@@ -90,14 +97,11 @@ class ServoCamera:
 
     def checked(
         self, message: PointCloud2, camera: CalibratedCamera, state: ServoState
-    ) -> Features:
-        """Return tracks that ``camera`` can have seen, none of another than that of the run."""
-        features, warning = validation.checked_tracks(message, camera)
+    ) -> tuple[Features, str]:
+        """Return tracks that ``camera`` can have seen, and why none: it is not that of the run."""
         if self.is_other(camera, state):
-            features, warning = Features(), camera_changed(camera)
-        if warning:
-            self._warn(warning)
-        return features
+            return Features(), camera_changed(camera)
+        return validation.checked_tracks(message, camera)
 
     def mounted(self, frame_id: str, state: ServoState, settings: ServoSettings) -> ServoSettings:
         """Return ``settings`` with the mount of /tf_static, before a run that was told none."""

@@ -2,11 +2,16 @@
 
 from visual_servo_epipolar.core.stamps import NOT_ADVANCING, OTHER_CLOCK_S, seconds_between
 
+STILL_S = 0.25  # that a simulated clock stands still, and images come: a step of it is shorter
 LEAP_S = 1.0  # backwards; what overtakes on a network does so by less
 
 
-def refusal(stamp_ns: int, now_ns: int, max_latency: float) -> str:
-    """Return why an image of this stamp is not driven by at ``now_ns``, or ''."""
+def refusal(stamp_ns: int, now_ns: int, max_latency: float, still_s: float = 0.0) -> str:
+    """
+    Return why an image of this stamp is not driven by at ``now_ns``, or ''.
+
+    ``still_s`` [s] is for how long a simulated clock has stood at ``now_ns``.
+    """
     age = seconds_between(stamp_ns, now_ns)
     if max_latency == 0.0 or abs(age) <= max_latency:
         return ''
@@ -16,6 +21,11 @@ def refusal(stamp_ns: int, now_ns: int, max_latency: float) -> str:
         )
     if now_ns == 0:
         return 'use_sim_time is true, but the clock stands at 0; is /clock published?'
+    if still_s > STILL_S:
+        return (
+            f'/clock has stood still at {seconds_between(0, now_ns):.2f} s for {still_s:.1f} s '
+            'while images come; is the simulation paused, or who publishes /clock gone?'
+        )
     if -OTHER_CLOCK_S < age < 0.0 or abs(age) >= OTHER_CLOCK_S:
         side = 'behind' if age > 0.0 else 'ahead of'
         return (
