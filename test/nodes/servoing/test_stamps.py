@@ -4,7 +4,7 @@ from bench import Bench
 import pytest
 from rclpy.parameter import Parameter
 from rosgraph_msgs.msg import Clock
-from servo_rig import AWAY, Rig, STAMP_NS, tracks
+from servo_rig import AWAY, HandSetClock, Rig, STAMP_NS, tracks
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.servo.phases.events import RESUMING_FRAMES
@@ -178,3 +178,28 @@ def test_a_new_run_may_begin_with_stamps_of_before(bench) -> None:
     assert bench.call('servo_node/reset').success
     rig.stamp_ns = STAMP_NS - 5_000_000_000  # another bag
     rig.drive()
+
+
+@pytest.mark.parametrize(('still_s', 'text'), [(3.0, '/clock has stood still'), (0.1, OTHER)])
+def test_a_simulated_clock_that_stands_still_is_not_the_driver_s(still_s, text) -> None:
+    assert text in refusal(STAMP_NS + SECOND, STAMP_NS, 0.5, still_s)
+
+
+def test_where_clock_freezes_and_images_go_on_that_is_the_reason(bench) -> None:
+    rig = Rig(bench, max_latency=0.5, stale_timeout=60.0, use_sim_time=True)
+    tick = bench.talk(Clock, '/clock', qos.CLOCK)
+    for _ in range(2):
+        tick(write.clock(rig.stamp_ns))
+        bench.until(lambda: rig.node.get_clock().now().nanoseconds == rig.stamp_ns, 'the clock')
+        rig.see()
+    assert rig.twists()[-1] != STANDSTILL
+    freshness = rig.node._run.freshness
+    freshness.clock_stands_still()
+    clock = HandSetClock()
+    clock.now_ns = freshness.clock.now().nanoseconds + 2 * SECOND
+    freshness.clock = clock
+    rig.stamp_ns += 2 * SECOND
+    rig.see()
+    assert (rig.phase, rig.twists()[-1]) == ('holding', STANDSTILL)
+    assert '/clock has stood still at 7.09 s for 2.' in rig.node._state.reason
+    assert 'the clock of their driver' not in rig.node._state.reason

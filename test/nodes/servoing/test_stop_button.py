@@ -10,7 +10,7 @@ from std_msgs.msg import Bool
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.servo_node import ServoNode
-from visual_servo_epipolar.nodes.servoing import rivals
+from visual_servo_epipolar.nodes.servoing import rivals, stop_button
 
 TEXT = 'the stop button is pressed; release it, then call ~/start'
 LEFTOVER_NS = 25_000_000_000  # as the servo has it: the lease of Fast DDS, and some
@@ -173,3 +173,59 @@ def test_a_twin_that_has_gone_does_not_count_for_the_next(bench, monkeypatch) ->
         assert looks.refusal() == ''
         clock.now_ns += LEFTOVER_NS
     assert looks.refusal().startswith('/probe commands /cmd_vel as well')
+
+
+VOLATILE = qos.STREAM
+SECOND_S = 0.3  # of patience in these tests
+
+
+@pytest.fixture
+def hasty(monkeypatch) -> None:
+    monkeypatch.setattr(stop_button, 'RELEASE_S', SECOND_S)
+
+
+def asked(rig) -> None:
+    """Wait until a doubtful release has been decided on."""
+    button = rig.node._stop_button
+    rig.bench.until(lambda: button._asking is None, 'the decision on the release')
+    rig.bench.settle()
+
+
+@pytest.mark.parametrize('second', [qos.LATCHED, VOLATILE], ids=['latched', 'repeated'])
+@pytest.mark.parametrize('first', [qos.LATCHED, VOLATILE], ids=['latched', 'repeated'])
+def test_a_second_button_that_is_not_pressed_does_not_release_the_first(
+    bench, hasty, first, second
+) -> None:
+    rig = Rig(bench, stale_timeout=60.0)
+    press, other = (bench.talk(Bool, 'stop_button', profile) for profile in (first, second))
+    bench.until(lambda: rig.node.count_publishers('stop_button') == 2, 'both buttons')
+    rig.drive()
+    press(Bool(data=True))
+    bench.until(lambda: rig.node._stop_button.pressed, 'the press')
+    for _ in range(4):
+        other(Bool(data=False))
+        if first is VOLATILE:
+            press(Bool(data=True))  # again, as it does
+        bench.settle()
+        asked(rig)
+    assert rig.node._stop_button.pressed
+    answer = bench.call('servo_node/start')
+    assert (answer.success, answer.message) == (False, TEXT)
+    press(Bool(data=False))
+    other(Bool(data=False))
+    bench.until(lambda: not rig.node._stop_button.pressed, 'the release of the first')
+    assert bench.call('servo_node/start').success
+
+
+def test_after_a_release_in_doubt_nothing_is_left_over(bench, hasty) -> None:
+    rig = Rig(bench, stale_timeout=60.0)
+    press, other = (bench.talk(Bool, 'stop_button', qos.LATCHED) for _ in range(2))
+    bench.until(lambda: rig.node.count_publishers('stop_button') == 2, 'both buttons')
+    before = len(list(rig.node.subscriptions)), len(list(rig.node.timers))
+    for pressed in (True, False):
+        press(Bool(data=pressed))
+        bench.until(lambda pressed=pressed: rig.node._stop_button.pressed == pressed, 'a word')
+        other(Bool(data=False))
+        bench.settle()
+        asked(rig)
+    assert (len(list(rig.node.subscriptions)), len(list(rig.node.timers))) == before

@@ -143,6 +143,7 @@ class Run:
 
     def reset(self) -> None:
         """Stand, and be ready for a new run."""
+        self.trouble = ''
         if self.state.command != HALT:
             self._commands.stopped()
         self._halt()

@@ -1,36 +1,93 @@
 """Stop button: while it is pressed nothing drives; released, the robot stands until ~/start."""
 
 from collections.abc import Callable
+from typing import Any
 
+from rclpy.clock import Clock, ClockType
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.node import Node
+from rclpy.qos import QoSProfile
 from std_msgs.msg import Bool
 
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.lifecycle.gates import in_every_state
+from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 
+MOST_BUTTONS = 20
+# Of several buttons nobody tells whose word a message is: one that is pressed still says so again.
+RELEASE_S = 2.0
 # One of the two subscriptions fits; that the other does not is no news.
 NO_EVENTS = SubscriptionEventCallbacks(use_default_callbacks=False)
 PRESSED = 'the stop button is pressed; release it, then call ~/start'
 
 
 class StopButton:
-    """Stop button of the servo ``node``, a std_msgs/Bool; ``on_press`` is told why."""
+    """
+    Stop button of the servo ``node``, a std_msgs/Bool; ``on_press`` is told why.
 
-    def __init__(self, node: Node, on_press: Callable[[str], None]) -> None:
-        self._log, self._on_press = node.get_logger(), on_press
-        self.pressed = False
+    A true presses it. A false releases it where one button publishes. Of several the one that says
+    false is not the one that was pressed: it is released where none has said true for RELEASE_S,
+    nor says so when those that are latched are asked anew.
+    """
+
+    def __init__(self, node: ManagedNode, on_press: Callable[[str], None]) -> None:
+        self._node, self._on_press = node, on_press
+        self._topic = node.resolve_topic_name('stop_button')
+        self.pressed, self._said_again = False, False
+        self._asking: tuple[Any, Any] | None = None  # subscription and timer of a doubtful release
         # Latched, so that a servo that is started in mid-press learns of it; and any other button.
         for profile in (qos.LATCHED, qos.IMAGES['best_effort']):
-            node.create_subscription(
-                Bool, 'stop_button', self._on_button, profile, event_callbacks=NO_EVENTS
-            )
+            self._subscribe(profile, self._on_button)
 
     @in_every_state
     def _on_button(self, message: Bool) -> None:
-        was_pressed, self.pressed = self.pressed, bool(message.data)
-        if self.pressed and not was_pressed:
-            self._log.warning(PRESSED)
+        if message.data:
+            self._press(message)
+        elif self.pressed and self._node.count_publishers(self._topic) > 1:
+            self._ask()
+        elif self.pressed:
+            self._release()
+
+    @in_every_state
+    def _press(self, message: Bool) -> None:
+        """Press the button, if the message says so."""
+        if not message.data:
+            return
+        was_pressed, self.pressed, self._said_again = self.pressed, True, True
+        if not was_pressed:
+            self._node.get_logger().warning(PRESSED)
             self._on_press('the stop button is pressed')
-        elif was_pressed and not self.pressed:
-            self._log.info('the stop button is released; the robot stands until ~/start is called')
+
+    def _release(self) -> None:
+        self.pressed = False
+        self._node.get_logger().info(
+            'the stop button is released; the robot stands until ~/start is called'
+        )
+
+    def _ask(self) -> None:
+        """Wait whether a button is pressed still: latched ones tell a new subscription."""
+        if self._asking is not None:
+            return
+        self._said_again = False
+        profile = QoSProfile(depth=MOST_BUTTONS, durability=qos.LATCHED.durability)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        timer = self._node.create_timer(RELEASE_S, self._decide, clock=steady)
+        self._asking = self._subscribe(profile, self._press), timer
+        self._node.keep(timer)
+
+    @in_every_state
+    def _decide(self) -> None:
+        """Release the button, unless one was pressed still."""
+        assert self._asking is not None
+        subscription, timer = self._asking
+        self._node.destroy_subscription(subscription)
+        self._node.destroy_timer(timer)
+        self._asking = None
+        if self.pressed and not self._said_again:
+            self._release()
+
+    def _subscribe(self, profile: QoSProfile, callback: Callable[[Bool], None]) -> Any:
+        subscription = self._node.create_subscription(
+            Bool, 'stop_button', callback, profile, event_callbacks=NO_EVENTS
+        )
+        self._node.keep(subscription)
+        return subscription

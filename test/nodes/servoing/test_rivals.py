@@ -1,0 +1,54 @@
+"""Who else publishes on cmd_vel is named: at the start, and in the diagnostics of each step."""
+
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import Twist
+import pytest
+import rclpy
+from servo_rig import Rig
+
+TEXT = '/teleop_twist_joy may publish on /cmd_vel as well'
+
+
+@pytest.fixture
+def joystick(bench):
+    """Return a node that could command the base."""
+    node = bench.add(rclpy.create_node('teleop_twist_joy', context=bench.context))
+    node.create_publisher(Twist, 'cmd_vel', 1)
+    bench.until(lambda: bench.probe.count_publishers('cmd_vel') > 0, 'the joystick')
+    return node
+
+
+def test_another_publisher_is_named_by_the_answer_and_by_the_log(bench, joystick) -> None:
+    rig = Rig(bench, stale_timeout=60.0, autostart=False)
+    rig.see()
+    answer = bench.call('servo_node/start')
+    assert (answer.success, answer.message.startswith(f'started; {TEXT}')) == (True, True)
+    bench.until(lambda: bool(bench.logged(TEXT)), 'the log')
+    rig.drive()  # it is a warning, no more
+
+
+def test_the_diagnostics_name_it_in_each_step_and_while_it_stands(bench, joystick) -> None:
+    heard = bench.listen(DiagnosticArray, '/diagnostics')
+    rig = Rig(bench, stale_timeout=60.0)
+    rig.node._watch.look_around()
+    rig.drive()
+    rig.node._run.stop()
+    bench.settle()
+    assert len(heard) >= 2
+    for message in heard[-2:]:
+        (status,) = message.status
+        assert (status.level, TEXT in status.message) == (b'\x01', True)
+
+
+def test_one_that_has_gone_is_not_named_any_more(bench, joystick) -> None:
+    rig = Rig(bench, stale_timeout=60.0)
+    assert TEXT in rig.node._admission.rivals.notice()
+    bench.nodes.remove(joystick)
+    bench.executor.remove_node(joystick)
+    joystick.destroy_node()
+    bench.until(lambda: not rig.node._admission.rivals.notice(), 'the joystick to go')
+
+
+def test_of_the_servo_itself_and_of_other_servos_no_notice_is_given(bench) -> None:
+    rig = Rig(bench, stale_timeout=60.0)
+    assert rig.node._admission.rivals.notice() == ''
