@@ -7,14 +7,15 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Point
 from visualization_msgs.msg import Marker, MarkerArray
 
-from visual_servo_epipolar.core.servo.phases.table import ARMED, Phase
+from visual_servo_epipolar.core.servo.phases.table import ARMED, ENDED, Phase, RUNNING
 from visual_servo_epipolar.core.servo.phases.words import sentence
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.telemetry import telemetry
+from visual_servo_epipolar.core.servo.telemetry import progress, telemetry
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.messages.read import BETWEEN
 
 ARROW_M = 1.0
+RESULT_LEVELS = {'failed': DiagnosticStatus.ERROR, 'stopped': DiagnosticStatus.WARN}
 LEVELS = {Phase.HOLDING: DiagnosticStatus.WARN, Phase.FAILED: DiagnosticStatus.ERROR}
 
 
@@ -91,6 +92,29 @@ def standing_diagnosis(
             'warning': state.warning,
             BETWEEN: True,
         },
+        stamp_ns=stamp_ns,
+    )
+
+
+def outcome(before: Phase, after: Phase) -> str:
+    """Return in a word what a change of phase makes of a run; '' where it changes nothing."""
+    if after in ENDED:
+        return '' if before is after else after.value
+    if after in RUNNING:
+        return '' if before in RUNNING else 'running'
+    return 'stopped' if before in RUNNING else ''
+
+
+def result(
+    word: str, state: ServoState, reason: str, stamp_ns: int, *, name: str
+) -> DiagnosticArray:
+    """Return the result of a run, by its last ``state``: its outcome in a ``word``, and why."""
+    summary = sentence(state.phase, reason) if state.ended else f'{word}: {reason}'
+    return write.diagnostics(
+        name,
+        level=RESULT_LEVELS.get(word, DiagnosticStatus.OK),
+        summary=summary.removesuffix(': '),
+        values={'outcome': word, 'reason': reason, **progress(state)},
         stamp_ns=stamp_ns,
     )
 

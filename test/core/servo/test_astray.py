@@ -15,7 +15,7 @@ from servo_states import (
     then,
 )
 
-from visual_servo_epipolar.core.control.command import Command
+from visual_servo_epipolar.core.control.command import Command, HALT
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.servo.identification.ranging import Leg
@@ -190,3 +190,20 @@ def test_steps_1_and_2_end_where_they_lead_astray(phase: Phase) -> None:
     state = replace(state, measurement=sight())
     bounded = phase in STEPS
     assert (classify(state, SETTINGS) is Event.ASTRAY) == bounded
+
+
+def test_who_may_not_back_off_at_all_does_not_and_says_what_to_do() -> None:
+    settings = replace(SETTINGS, max_retreat=0.0)
+    state = backing_off(settings, frames=3)
+    assert (state.phase, state.reversed, state.command) == (Phase.FAILED, 0.0, HALT)
+    assert state.reason.startswith('the robot would have to back off, and max_retreat is 0')
+    begins = then(in_phase(Phase.WAITING), SIDEWAYS, settings)
+    assert (begins.phase, begins.command) == (Phase.RETREATING, HALT)
+
+
+def test_small_corrections_backward_are_no_backing_off() -> None:
+    settings = replace(SETTINGS, max_retreat=0.0)
+    assert astray(in_phase(Phase.MATCHING_FEATURES, reversed=0.09), sight(), settings) == ''
+    assert 'backward' in astray(
+        in_phase(Phase.MATCHING_FEATURES, reversed=0.11), sight(), settings
+    )

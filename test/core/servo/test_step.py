@@ -500,7 +500,7 @@ def test_tracks_that_stay_away_fail_the_run_with_the_reason() -> None:
     assert state.phase is Phase.HOLDING
     state = after(blind(0.2 + SETTINGS.holding_timeout), state=state)
     assert (state.phase, state.twist) == (Phase.FAILED, STANDSTILL)
-    assert state.reason == 'tracks lost or untrusted for 5 s: 3 features, 12 needed'
+    assert state.reason == 'tracks lost or untrusted for 5 s: 3 features, 12 needed, 0.0 s ago'
 
 
 @pytest.mark.parametrize('phase', DRIVING)

@@ -139,6 +139,12 @@ class ControlSettings(Settings):
     )
     max_linear: float = setting(0.4, 'Largest linear speed [m/s]', low=0.01, high=5.0)
     max_angular: float = setting(0.5, 'Largest angular speed [rad/s]', low=0.01, high=10.0)
+    max_speed_ratio: float = setting(
+        1.0,
+        'Part of both speeds that is used; a change on the way follows the ramps',
+        low=0.01,
+        high=1.0,
+    )
     dead_band_linear: float = setting(
         0.0, 'Linear speed that the base cannot follow [m/s]', low=0.0, high=1.0
     )

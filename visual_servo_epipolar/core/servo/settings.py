@@ -124,8 +124,9 @@ class ServoSettings(PerceptionSettings, ControlSettings):
     retreat_speed: float = setting(0.2, 'Speed of backing off [m/s]', low=0.01, high=2.0)
     max_retreat: float = setting(
         20.0,
-        'Distance driven backward at which the run fails, attempts and all [m]',
-        low=0.1,
+        'Distance driven backward at which the run fails, attempts and all; 0 = it never backs '
+        'off [m]',
+        low=0.0,
         high=100.0,
     )
     max_excursion: float = setting(

@@ -163,7 +163,8 @@ def _limited(
 ) -> Twist:
     """Return ``nominal`` within the limits of speed, and of acceleration since ``last``."""
     limits = {'max_linear': settings.max_linear, 'max_angular': settings.max_angular}
-    twist = saturate(nominal, **limits)
+    ratio = settings.max_speed_ratio
+    twist = saturate(nominal, **{name: ratio * limit for name, limit in limits.items()})
     if not settings.options.speed_ramps or state.phase not in DRIVING:
         return twist
     twist = ramped(

@@ -10,7 +10,7 @@ from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.servo.telemetry import telemetry
+from visual_servo_epipolar.core.servo.telemetry import progress, telemetry
 from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.messages import diagnostics, event_log, settings_text, write
@@ -31,6 +31,8 @@ class Reports:
         self._diagnostics_pub = report_publisher(
             node, DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS
         )
+        self._progress_pub = report_publisher(node, JointState, '~/progress', qos.STREAM)
+        self._result_pub = report_publisher(node, DiagnosticArray, '~/result', qos.LATCHED)
         self._markers_pub = report_publisher(node, MarkerArray, '~/markers', qos.STREAM)
         self._settings_pub = report_publisher(node, String, '~/settings', qos.LATCHED)
         self._events_pub = report_publisher(node, String, '~/events', qos.DIAGNOSTICS)
@@ -44,8 +46,19 @@ class Reports:
         stamp_ns, frame_id = image
         self.phase(state, words)
         self._telemetry_pub.publish(write.telemetry(telemetry(state), stamp_ns, frame_id))
+        self._progress_pub.publish(write.telemetry(progress(state), stamp_ns, frame_id))
         self._diagnose(diagnostics.diagnosis(state, stamp_ns, name=self._name, words=words))
         self._markers_pub.publish(diagnostics.markers(state, stamp_ns, frame_id))
+
+    def change(self, before: ServoState, state: ServoState, reason: str) -> None:
+        """Publish what a change of the state makes of the run: running, and how it has ended."""
+        word = diagnostics.outcome(before.phase, state.phase)
+        if word:
+            last = before if word == 'stopped' else state
+            now_ns = self._clock.now().nanoseconds
+            self._result_pub.publish(
+                diagnostics.result(word, last, reason, now_ns, name=self._name)
+            )
 
     def standing(self, state: ServoState, words: Words, *, alarming: bool) -> None:
         """Publish the phase and why the robot stands, where no image led to it."""

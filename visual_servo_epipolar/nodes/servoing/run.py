@@ -89,10 +89,11 @@ class Run:
         self._reports.step(self.state, (stamp_ns, frame_id), words)
         self.state = learnt(self.state)
 
-    def follow(self, state: ServoState) -> None:
-        """Take over a new state, and log what is new of it."""
+    def follow(self, state: ServoState, reason: str = '') -> None:
+        """Take over a new state, and log what is new of it; ``reason`` is that of an order."""
         before, self.state = self.state, state
         self.freshness.follow(state.phase)
+        self._reports.change(before, state, reason or state.reason)
         if state.phase is not before.phase and state.reason:
             self._logger.info(f'{before.phase.value} -> {state.phase.value} ({state.reason})')
         if state.warning and state.warning != before.warning:
@@ -173,4 +174,4 @@ class Run:
     def _interrupt(self, kind: Interruption, reason: str = '') -> None:
         """Follow an interruption, and publish it as an event for replays."""
         self._reports.event(kind.value, self.stamp_ns, reason)
-        self.follow(interrupted(self.state, kind, reason))
+        self.follow(interrupted(self.state, kind, reason), reason or kind.value)

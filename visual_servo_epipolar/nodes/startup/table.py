@@ -30,6 +30,8 @@ NODES: Mapping[str, NodeRow] = {
             'epipoles',
             'phase',
             '/diagnostics',
+            '~/progress',
+            '~/result',
             '~/markers',
             '~/settings',
             '~/events',

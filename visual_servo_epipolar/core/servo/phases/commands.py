@@ -50,6 +50,8 @@ def _orient(state: ServoState, measurement: Measurement, settings: ServoSettings
 
 def _retreat(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Twist:
     """Return the turn to the goal's heading as far as the view allows, then with backing off."""
+    if settings.max_retreat == 0.0:
+        return STANDSTILL
     left, right = measurement.view_margins
     angle = min(max(-measurement.heading_error, -right), left)
     turn = laws.turn_to_heading(-angle, gain=settings.turn_gain)

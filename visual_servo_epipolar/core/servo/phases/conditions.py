@@ -28,6 +28,7 @@ RESIDUAL_OFFSET = 1e-3  # at the end of line following [m]
 LARGEST_ESCAPE = 0.1  # [rad]
 LONGEST_WAY = 1.5  # in upper bounds of the distance
 MOST_BACKWARD = 1.0  # of a leg, that is no excursion [m]
+CORRECTION = 0.1  # backward, of who never backs off [m]
 LEADING_AWAY = 1.5  # what a law without retreat may drive backward, in that of others
 LEAST_FIRST = 0.5  # distance that a ratio of distances refers to at least [m]
 TURNED = 1.0  # more than a robot turns between two images, or while it stands [rad]
@@ -219,14 +220,20 @@ def astray(state: ServoState, measurement: Measurement, settings: ServoSettings)
     """
     Return in words that the robot is farther from the goal than its run may lead it.
 
-    What is driven backward has a bound of its own, over all phases and attempts; laws without
+    What is driven backward has a bound of its own, over all phases and attempts; who may not back
+    off at all corrects by decimetres near the goal, no more. Laws without
     retreat, whose first step may lead away by itself, have a wider one. In steps 1 and 2 of a law
     that spirals inwards the distance hardly grows, and no way is longer than its upper bound
     allows.
     """
     name, law = state.phase.value, settings.options
     backward, wider = state.reversed, 1.0 if law.retreat else LEADING_AWAY
-    if backward > wider * settings.max_retreat:
+    if settings.max_retreat == 0.0 and state.phase is Phase.RETREATING:
+        return (
+            'the robot would have to back off, and max_retreat is 0; begin farther away and in '
+            'front of the goal, or give it the metres of free floor behind the robot'
+        )
+    if backward > wider * max(settings.max_retreat, CORRECTION):
         return f'drove {backward:.1f} m backward in this run (max_retreat), still {name}'
     spirals = law.discordant_turn and law.retreat  # laws without lead away first
     if not spirals or state.phase not in (Phase.ZEROING_EPIPOLES, Phase.MATCHING_FEATURES):
