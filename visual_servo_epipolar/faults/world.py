@@ -1,6 +1,6 @@
 """The world of a run: the real nodes on a wire, which can be killed, hung, restarted, ordered."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, ExitStack
 from dataclasses import dataclass, field, fields
 from typing import Any
@@ -109,6 +109,13 @@ class World(AbstractContextManager['World']):
         numbers = (int, float)
         told = {key: node.get_parameter(key).value for key in TIMES if node.has_parameter(key)}
         self.told[known] = {key: float(it) for key, it in told.items() if isinstance(it, numbers)}
+
+    def talker(self, name: str, kind: Any, topic: str) -> Callable[[Any], None]:
+        """Return what publishes on ``topic``, as a node of that ``name`` does that is not ours."""
+        node = rclpy.create_node(name, context=self._context)
+        self._stack.callback(node.destroy_node)
+        publish: Callable[[Any], None] = node.create_publisher(kind, topic, 1).publish
+        return publish
 
     def kill(self, name: str) -> None:
         """Let a node be gone, without a word."""

@@ -139,7 +139,7 @@ def test_a_photograph_out_of_view_arms_it_for_a_while(bench) -> None:
     rig.show(Features())
     rig.says('armed')
     bench.until(lambda: rig.message == text, 'the diagnostics')
-    rig.let_time_pass(9.9)
+    rig.let_time_pass(9.0)
     rig.show()
     assert rig.twists()[-1] != STANDSTILL
 

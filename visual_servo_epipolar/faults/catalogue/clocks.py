@@ -8,7 +8,9 @@ import numpy as np
 
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.faults.catalogue.fault import ALWAYS, Fault, Scene
+from visual_servo_epipolar.faults.catalogue.streams import IMAGES
 from visual_servo_epipolar.faults.wire.parcel import Parcel
+from visual_servo_epipolar.faults.wire.wire import BEGIN_NS
 from visual_servo_epipolar.faults.world import WorldSettings
 
 CLOCK = '/clock'
@@ -48,6 +50,18 @@ def _restart(scene: Scene) -> None:
     scene.filter(CLOCK, again)
 
 
+def _freeze(scene: Scene) -> None:
+    """Let /clock stand still for good, while images go on by the time that it had."""
+
+    def stamped(parcel: Parcel) -> list[Parcel]:
+        stamp, now_ns = parcel.message.header.stamp, scene.world.wire.now_ns - BEGIN_NS
+        stamp.sec, stamp.nanosec = divmod(now_ns + NANOSECONDS, NANOSECONDS)
+        return [parcel]
+
+    scene.filter(CLOCK, lambda parcel: [])
+    scene.filter(IMAGES, stamped)
+
+
 FAULTS: Mapping[str, Fault] = MappingProxyType(
     {
         'clock_forward': Fault(
@@ -60,6 +74,9 @@ FAULTS: Mapping[str, Fault] = MappingProxyType(
         ),
         'clock_stops': Fault(
             what='/clock stands still', strike=_stop, prepare=_simulated, phases=ALWAYS
+        ),
+        'clock_freezes': Fault(
+            what='/clock stands still, and images go on', strike=_freeze, prepare=_simulated
         ),
         'clock_restarts': Fault(
             what='/clock begins anew', strike=_restart, prepare=_simulated, phases=ALWAYS

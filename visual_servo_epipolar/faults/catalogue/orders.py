@@ -1,20 +1,30 @@
 """Orders as faults: every service and any parameter, at any moment."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import fields
+from dataclasses import fields, replace
 from functools import partial
 import math
 from types import MappingProxyType
 from typing import Any
 
+import numpy as np
 from std_msgs.msg import Bool
 
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import range_of, Settings
+from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
-from visual_servo_epipolar.faults.catalogue.fault import ALWAYS, EVERYWHERE, Fault, Scene
+from visual_servo_epipolar.faults.catalogue.fault import (
+    ALWAYS,
+    AT_FIRST,
+    EVERYWHERE,
+    Fault,
+    Scene,
+)
 from visual_servo_epipolar.faults.wire.parcel import Parcel
 from visual_servo_epipolar.faults.wire.wire import HOP_NS
+from visual_servo_epipolar.faults.world import WorldSettings
+from visual_servo_epipolar.messages import write
 
 SERVICES = (
     '/servo_node/start',
@@ -26,7 +36,9 @@ SERVICES = (
 # A person who changes these says what counts as arrived, or as seen.
 MEANT = ('arrival_', 'near_parallax', 'max_attempts', 'stale_timeout', 'law', 'final_turn')
 ORDERS_IN_A_STORM = 30
-BUTTON = '/stop_button'
+BUTTON, PHOTOGRAPH, CLOCK = '/stop_button', '/desired/image_raw', '/clock'
+PRESSED_S = 8.0
+LATER_S = 60.0  # when what was missing comes
 
 
 def called(service: str) -> Callable[[Scene], None]:
@@ -73,6 +85,69 @@ def _pressed(scene: Scene) -> None:
 
 def _button(scene: Scene, *, pressed: bool) -> None:
     scene.world.wire.post(Parcel(BUTTON, Bool(data=pressed), HOP_NS))
+
+
+def _two_buttons(scene: Scene) -> None:
+    """Press one stop button while a second one says all the time that it is not pressed."""
+    press, other = (scene.world.talker(name, Bool, BUTTON) for name in ('button', 'second_button'))
+    scene.witness.record.stopped_s = scene.witness.now_s
+    for number in range(round(2 * PRESSED_S)):
+        scene.later(0.5 * number, partial(press, Bool(data=True)))
+        scene.later(0.5 * number + 0.1, partial(other, Bool(data=False)))
+    scene.later(scene.draw(1.0, PRESSED_S), partial(_unheard_start, scene))
+
+
+def _unheard_start(scene: Scene) -> None:
+    """Call ``~/start`` where nothing may follow from it."""
+    scene.notes.append(f'start: {scene.world.call(SERVICES[0])}')
+
+
+def _started_too_early(missing: str) -> Callable[[Scene], None]:
+    """Order to start while something is ``missing`` that comes a minute later: a node of ours."""
+
+    def strike(scene: Scene) -> None:
+        scene.world.kill(missing)
+        scene.later(1.0, partial(_unheard_start, scene))
+        scene.witness.record.stopped_s = scene.witness.now_s
+        scene.later(LATER_S, partial(scene.world.restart, missing))
+
+    return strike
+
+
+def _started_without_photograph(scene: Scene) -> None:
+    """Order to start before there is a photograph, which comes a minute later."""
+    wire = scene.world.wire
+    scene.filter(PHOTOGRAPH, lambda parcel: [], LATER_S)
+    for name in ('camera_node', 'tracker_node'):
+        scene.world.kill(name)
+    wire.forget(PHOTOGRAPH)
+    for name in ('tracker_node', 'camera_node'):  # once what is under way has arrived nowhere
+        scene.later(0.1, partial(scene.world.start, name))
+    scene.later(2.0, partial(_unheard_start, scene))
+    scene.witness.record.stopped_s = scene.witness.now_s
+    scene.later(LATER_S + 0.1, partial(scene.world.restart, 'camera_node'))
+
+
+def _started_without_clock(scene: Scene) -> None:
+    """Order to start a servo of simulated time, of which /clock comes a minute later."""
+    wire = scene.world.wire
+    scene.later(2.0, partial(_unheard_start, scene))
+    scene.witness.record.stopped_s = scene.witness.now_s
+
+    def tick() -> None:
+        wire.post(Parcel(CLOCK, write.clock(wire.wall_ns), 0))
+        wire.at(wire.now_ns + NANOSECONDS // 50, tick)
+
+    scene.later(LATER_S, tick)
+
+
+def _waits(settings: WorldSettings, rng: np.random.Generator) -> WorldSettings:
+    """Let the servo wait for ``~/start``."""
+    return replace(settings, servo=replace(settings.servo, autostart=False))
+
+
+def _waits_without_clock(settings: WorldSettings, rng: np.random.Generator) -> WorldSettings:
+    return replace(_waits(settings, rng), more={'servo_node': {'use_sim_time': True}})
 
 
 def _carried(scene: Scene) -> None:
@@ -125,6 +200,14 @@ def _drawn(item: Any, now: Any, scene: Scene) -> Any:
     return round(value) if isinstance(now, int) else float(value)
 
 
+ARMING: Mapping[str, tuple[str, Callable[[Scene], None]]] = MappingProxyType(
+    {
+        'camera': ('the camera comes', _started_too_early('camera_node')),
+        'tracker': ('the tracker comes', _started_too_early('tracker_node')),
+        'photograph': ('a photograph comes', _started_without_photograph),
+        'clock': ('/clock comes', _started_without_clock),
+    }
+)
 FAULTS: Mapping[str, Fault] = MappingProxyType(
     {
         'order_start': Fault(what='~/start', strike=called(SERVICES[0]), phases=ALWAYS),
@@ -141,6 +224,18 @@ FAULTS: Mapping[str, Fault] = MappingProxyType(
         'order_button': Fault(
             what='the stop button is pressed, and released', strike=_pressed, phases=ALWAYS
         ),
+        'order_two_buttons': Fault(
+            what='one of two stop buttons is pressed', strike=_two_buttons, phases=ALWAYS
+        ),
+        **{
+            f'arming_{name}': Fault(
+                what=f'~/start, and a minute later {what}',
+                strike=strike,
+                prepare=_waits_without_clock if name == 'clock' else _waits,
+                phases=AT_FIRST,
+            )
+            for name, (what, strike) in ARMING.items()
+        },
         'carried': Fault(what='somebody carries the robot', strike=_carried, phases=ALWAYS),
         'limits_lowered': Fault(what='max_linear, max_angular lowered', strike=_limits),
         'parameters_servo': Fault(

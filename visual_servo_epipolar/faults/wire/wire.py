@@ -80,6 +80,10 @@ class Wire:
             for parcel in parcels:
                 self._deliver(node, subscription, parcel)
 
+    def forget(self, topic: str) -> None:
+        """Let nobody who comes later hear what was latched on ``topic``."""
+        self._latched.pop(topic, None)
+
     def works(self, node: Node) -> bool:
         """Return whether a node is connected and does not hang."""
         return node in self.nodes and node not in self._hung
