@@ -359,3 +359,10 @@ def test_what_a_killed_recorder_left_in_the_log_is_read(tiny, expected, tmp_path
     before = (folder / 'bag.db3').read_bytes()
     assert read(folder)[0] == [(topic, log_ns + 1) for topic, log_ns in expected]
     assert (folder / 'bag.db3').read_bytes() == before
+
+
+def test_a_topic_that_is_left_out_is_not_denied(ros, tmp_path, capsys) -> None:
+    path = write_mixed(tmp_path / 'a.mcap', ros)
+    assert main(['replay', str(path), '--topics', 'image=/poses']) == 2
+    shown = capsys.readouterr().err
+    assert "no topic '/poses'; it has /camera_info" in shown and NO_ROS[0] in shown

@@ -140,9 +140,8 @@ def parse(words: Iterable[str]) -> dict[str, str]:
 def _requested(bag: Bag, role: str, name: str) -> Topic:
     topic = bag.topics.get(name) or bag.topics.get(f'/{name}')
     if topic is None:
-        raise InputError(
-            f'{bag.path}: no topic {name!r}; it has {", ".join(bag.topics) or "no topics at all"}'
-        )
+        names = ', '.join(bag.topics) or 'no topics at all'
+        raise InputError('; '.join([f'{bag.path}: no topic {name!r}; it has {names}', *bag.notes]))
     if topic.kind not in ROLES[role].kinds:
         raise InputError(
             f'{bag.path}: {role} must be {" or ".join(ROLES[role].kinds)}, but {topic.name} is '

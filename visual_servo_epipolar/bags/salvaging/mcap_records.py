@@ -1,5 +1,6 @@
 """Records of a file of mcap, as far as a crash or a disk has left them whole."""
 
+from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from io import BytesIO
@@ -22,6 +23,7 @@ from visual_servo_epipolar.bags.storages.mcap_file import ExactFile
 BAD_RECORD = (McapError, struct.error, ValueError, RuntimeError, MemoryError, OverflowError)
 BAD_FILE = (*BAD_RECORD, LookupError, OSError)
 BAD_CHUNK = (*BAD_RECORD, zstandard.ZstdError)
+LARGEST = 2**30  # no recorder writes a chunk of more bytes
 PRIVATE = 0x80  # from here on opcodes are anybody's
 START = struct.Struct('<BQ')  # of a record: opcode, length
 PARSERS: Mapping[int, Callable[[ReadDataStream, int], McapRecord]] = {
@@ -41,6 +43,7 @@ class LeftRecords:
     def __init__(self, path: Path) -> None:
         self._path = path
         self.summary = _summary(path)
+        self._known = _offsets(self.summary)
         self.lost_bytes = 0
         self.private = 0  # records that only their writer understands
         self.compression = ''  # of chunks
@@ -58,25 +61,25 @@ class LeftRecords:
                 end = at + START.size + length
                 if opcode == Opcode.FOOTER and end == file.size - len(MCAP0_MAGIC):
                     return
-                if (opcode in tuple(Opcode) or opcode >= PRIVATE) and end <= file.size:
+                following = self._following(at, file.size)
+                is_known = opcode in tuple(Opcode) or opcode >= PRIVATE
+                if is_known and end <= following:
                     yield from self._parsed(opcode, file.read(length))
                     at = end
                     continue
-                following = self._following(at, file.size)
                 if opcode == Opcode.CHUNK and following == file.size:
-                    yield from self._cut_chunk(file.read(file.size - file.tell()))
+                    yield from self._cut_chunk(file.read(min(LARGEST, file.size - file.tell())))
+                elif is_known and following < file.size:  # its length alone is damaged
+                    self.lost_bytes += START.size
+                    yield from self._parsed(opcode, file.read(following - file.tell()))
                 else:
                     self.lost_bytes += following - at
                 at = following
 
     def _following(self, at: int, size: int) -> int:
         """Return where the next record that the summary knows begins, or the end."""
-        if self.summary is None:
-            return size
-        known = [item.chunk_start_offset for item in self.summary.chunk_indexes]
-        known += [item.offset for item in self.summary.attachment_indexes]
-        known += [item.offset for item in self.summary.metadata_indexes]
-        return min((item for item in known if at < item < size), default=size)
+        number = bisect_right(self._known, at)
+        return min(size, self._known[number]) if number < len(self._known) else size
 
     def _parsed(self, opcode: int, data: bytes) -> Iterator[McapRecord]:
         if opcode >= PRIVATE:
@@ -139,6 +142,16 @@ def _summary(path: Path) -> Summary | None:
     with suppress(*BAD_FILE), ExactFile(path) as file:
         return make_reader(file).get_summary()
     return None
+
+
+def _offsets(summary: Summary | None) -> list[int]:
+    """Return where the records that a summary knows begin, in order."""
+    if summary is None:
+        return []
+    known = [item.chunk_start_offset for item in summary.chunk_indexes]
+    known += [item.offset for item in summary.attachment_indexes]
+    known += [item.offset for item in summary.metadata_indexes]
+    return sorted(known)
 
 
 def _content(chunk: Chunk) -> bytes:

@@ -26,11 +26,11 @@ class McapSalvage:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.header = Header('ros2', '')
         self._begin()
 
     def _begin(self) -> None:
         self._left, self._lost_bytes = LeftRecords(self.path), 0
+        self.header, self._has_header = Header('ros2', ''), False
         self.counts: Counter[Key] = Counter()
         # A chunk that is damaged may have held what others need: the summary repeats it.
         summary = self._left.summary
@@ -41,7 +41,7 @@ class McapSalvage:
         """Read it all; return whether all is as it was written, footer and summary too."""
         for _ in self.records():
             pass
-        return not self.lost_bytes and self._left.summary is not None
+        return not self.lost_bytes and self._has_header and self._left.summary is not None
 
     @property
     def lost_bytes(self) -> int:
@@ -69,7 +69,7 @@ class McapSalvage:
         self._begin()
         for record in self._left:
             if isinstance(record, Header):
-                self.header = record
+                self.header, self._has_header = record, True
             elif isinstance(record, Schema):
                 self.schemas[record.id] = record
             elif isinstance(record, Channel):
@@ -85,10 +85,10 @@ class McapSalvage:
 
     def write(self, target: Path) -> None:
         """Write all that is left, once it was read, to a new file with an index."""
-        compression = COMPRESSIONS[self._left.compression]
+        compression, header = COMPRESSIONS[self._left.compression], self.header
         with target.open('xb') as file:
             writer = Writer(file, compression=compression)
-            writer.start(self.header.profile, self.header.library)
+            writer.start(header.profile, header.library)
             channels = _Channels(writer, self)
             for record in self.records():
                 if isinstance(record, Message):

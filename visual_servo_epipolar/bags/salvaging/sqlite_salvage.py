@@ -22,6 +22,7 @@ class SqliteSalvage:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.lost_bytes = 0
+        self._expected = 0  # messages, by the index of their times
         self.counts: Counter[Key] = Counter()
 
     def is_sound(self) -> bool:
@@ -40,8 +41,9 @@ class SqliteSalvage:
         return False
 
     def losses(self) -> list[str]:
-        """Say nothing: a database does not tell how many messages it had."""
-        return []
+        """Say how many messages a new file does not have, where the index can still be read."""
+        lost = self._expected - self.counts.total()
+        return [f'{lost} of {self._expected} messages'] if lost > 0 else []
 
     def write(self, target: Path) -> None:
         """Write all that is left to a new file; what a journal holds is part of it."""
@@ -53,12 +55,16 @@ class SqliteSalvage:
         if _recover(copy):
             copy.rename(target)
         else:
-            self.lost_bytes = max(1, copy.stat().st_size - _copy_tables(copy, target))
-        if not target.is_file() or not target.stat().st_size:
+            self._expected = _copy_tables(copy, target)
+            self.lost_bytes = max(1, copy.stat().st_size - target.stat().st_size)
+        with closing(read_only(target)) as db:
+            tables = _definitions(db)
+            if tables and not is_bag(db):
+                raise _no_bag(self.path)
+        if not tables:
+            target.unlink()
             _write_empty(target)
         with closing(read_only(target)) as db:
-            if not is_bag(db):
-                raise _no_bag(self.path)
             self.counts = _counts(db)
 
 
@@ -92,7 +98,7 @@ def _counts(db: sqlite3.Connection) -> Counter[Key]:
 
 def _copy_tables(source: Path, target: Path) -> int:
     """
-    Copy what can be read of every table, and return how many bytes of messages that is.
+    Copy what can be read of every table, and return how many messages the index has, or 0.
 
     Raises
     ------
@@ -100,8 +106,10 @@ def _copy_tables(source: Path, target: Path) -> int:
         If the new database does not hold each row that was read.
 
     """
-    copied, rows = 0, Counter[str]()
+    rows = Counter[str]()
     with closing(sqlite3.connect(target)) as new, closing(sqlite3.connect(source)) as old:
+        new.execute('PRAGMA user_version = 0')  # the file is there, whatever can be read
+        old.execute('PRAGMA writable_schema = ON')  # or nothing is read of a file that is cut off
         for name, kind, sql in _definitions(old):
             with suppress(sqlite3.OperationalError):  # tables that SQLite itself keeps
                 new.execute(sql)
@@ -111,13 +119,14 @@ def _copy_tables(source: Path, target: Path) -> int:
                 marks = ', '.join('?' * len(row))
                 added = new.execute(f'INSERT OR IGNORE INTO "{name}" VALUES ({marks})', row)
                 rows[name] += added.rowcount
-                copied += sum(len(item) for item in row if isinstance(item, bytes))
         new.commit()
         for name, count in rows.items():
             written = new.execute(f'SELECT COUNT(*) FROM "{name}"').fetchone()[0]
             if written != count:
                 raise ValueError(f'{written} of {count} rows of {name} were written')
-    return copied
+        with suppress(sqlite3.Error):
+            return int(old.execute('SELECT COUNT(*) FROM messages').fetchone()[0])
+    return 0
 
 
 def _definitions(db: sqlite3.Connection) -> list[tuple[str, str, str]]:
