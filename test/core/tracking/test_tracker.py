@@ -51,7 +51,7 @@ def test_never_to_match_is_refused(world: CameraSimulator) -> None:
 
 
 def test_with_a_photograph_it_does_not_say_that_there_is_none(world: CameraSimulator) -> None:
-    assert Tracker(SETTINGS).reason == 'no desired image yet'
+    assert Tracker(SETTINGS).reason.startswith('no desired image yet; ')
     assert tracker(world).reason == 'the photograph was not looked for yet'
 
 

@@ -66,7 +66,7 @@ class Tracker:
         self.goal = NO_GOAL
         self._match_frame: int | None = None
         self.matchings = 0
-        self.reason = 'no desired image yet'
+        self.reason = 'no desired image yet; nothing is tracked until one is given or captured'
 
     @property
     def has_desired(self) -> bool:
