@@ -220,9 +220,35 @@ def test_two_photographs_rolled_alike_are_refused_and_the_roll_named(
     code, result = inspect_square(tmp_path, *(turned(image, angle) for image in square_pair))
     assert code == 1
     assert not result['trusted']
-    named = re.search(r'rolled by (?:some )?(-?\d+) deg', result['reason'])
+    named = re.search(r'rolled by (-?\d+) deg', result['reason'])
     assert named, result['reason']
     assert abs(int(named[1])) == pytest.approx(abs(angle), abs=6)
+
+
+def test_a_general_motion_is_in_the_ground_plane_where_the_mount_is_told(
+    photographs: Path, capsys
+) -> None:
+    _, untold = inspect(photographs, 'hand')
+    assert untold['frame'] == 'camera'
+    assert 'in axes of the cameras, not level' in capsys.readouterr().out
+    code, told = inspect(photographs, 'hand', '--tilt', '2', '--mount-deviation', '2')
+    assert (code, told['frame'], told['planar']) == (0, 'ground', False)
+    truth = Bearings.from_pose(Pose.from_start(*START))
+    assert told['bearing_desired_deg'] == pytest.approx(math.degrees(truth.desired), abs=0.5)
+
+
+def test_bearings_are_those_of_the_base_where_the_yaw_is_told(photographs: Path) -> None:
+    _, camera = inspect(photographs, 'current')
+    _, base = inspect(photographs, 'current', '--yaw', '10')
+    for key in ('bearing_current_deg', 'bearing_desired_deg'):
+        assert base[key] == pytest.approx(camera[key] - 10.0)
+    assert base['rotation_deg'] == camera['rotation_deg']
+
+
+def test_a_mount_that_is_no_angle_is_bad_input(photographs: Path, capsys) -> None:
+    with pytest.raises(SystemExit):
+        inspect(photographs, 'current', '--tilt', 'nan')
+    assert 'no angle of -90 to 90 deg' in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -25,8 +25,8 @@ from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
 from visual_servo_epipolar.core.geometry.attitude import rotation_level_camera
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.rays import image_points
-from visual_servo_epipolar.core.perception.inspection import GENERAL_PX
 
+GENERAL_PX = 1.5  # inlier threshold of the general geometry of OpenCV
 LEVEL = Cell(baseline=3.0, points=60, noise=0.2, outliers=0.2, jitter=0.1)
 WIDE = Attitude(tilt_deviation=math.radians(15.0), roll_deviation=math.radians(5.0))
 COLD = Attitude(tilt_deviation=math.radians(2.0), roll_deviation=math.radians(2.0))
@@ -61,7 +61,7 @@ def own_error(pair: Pair, prior: Prior) -> float:
 
 
 def general_essential(pair: Pair) -> np.ndarray:
-    """Return the essential matrix of OpenCV, shape (1, 3, 3), as ``inspection`` asks for it."""
+    """Return the essential matrix of OpenCV, shape (1, 3, 3)."""
     points = image_points(pair.current), image_points(pair.desired)
     essential, _ = cv2.findEssentialMat(
         *points, np.eye(3), cv2.USAC_MAGSAC, 0.999, GENERAL_PX / FOCAL

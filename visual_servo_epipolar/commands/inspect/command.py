@@ -1,9 +1,23 @@
 """``visual_servo inspect``: two photographs, their epipoles, and whether to believe them."""
 
 import argparse
+import math
 from typing import Any
 
 from visual_servo_epipolar.commands.arguments import CAMERA_HELP, CROPPED_HELP
+
+MOUNT_DEVIATION = 1.0  # of a tilt and roll that are told [deg]
+
+
+def angle(text: str) -> float:
+    """Return an angle [deg], or raise what argparse turns into a message."""
+    try:
+        degrees = float(text)
+    except ValueError:
+        degrees = math.nan
+    if not abs(degrees) <= 90.0:
+        raise argparse.ArgumentTypeError(f'{text!r} is no angle of -90 to 90 deg')
+    return degrees
 
 
 def add_to(kinds: Any) -> None:
@@ -27,6 +41,25 @@ def add_to(kinds: Any) -> None:
     parser.add_argument('--cropped', action='store_true', help=CROPPED_HELP)
     parser.add_argument('--out', metavar='OVERLAY.png', help='picture of the matches')
     parser.add_argument('--estimator', metavar='NAME', help='estimator of the epipoles')
+    for name, what in (
+        (
+            'tilt',
+            'camera, down positive; untold, it is found out, and general motions are told in '
+            'axes of the cameras',
+        ),
+        ('roll', 'camera, clockwise; with --tilt alone it is taken for zero'),
+        ('yaw', 'camera on the base, to the left: bearings are then those of the base'),
+    ):
+        parser.add_argument(
+            f'--{name}', type=angle, metavar='DEG', help=f'{name} of the {what} [deg]'
+        )
+    parser.add_argument(
+        '--mount-deviation',
+        type=angle,
+        metavar='DEG',
+        default=MOUNT_DEVIATION,
+        help=f'how well tilt and roll are known (default {MOUNT_DEVIATION:g} deg)',
+    )
     parser.add_argument(
         '--json', metavar='FILE', help='write the result as JSON to FILE, - for standard output'
     )

@@ -35,7 +35,8 @@ def inspect_and_report(options: argparse.Namespace) -> int:
     desired_camera = scaled_to(camera, desired, Path(options.desired))
     current_camera = scaled_to(camera, current, Path(options.current))
     inspection = inspect(desired, current, desired_camera, current_camera, _settings(options))
-    result = document(inspection, current_camera, desired_camera)
+    yaw = math.radians(options.yaw or 0.0)
+    result = document(inspection, current_camera, desired_camera, yaw)
     if options.out:
         _draw(inspection, current, current_camera, Path(options.out))
     publish(result, in_words(result), options.json)
@@ -43,25 +44,33 @@ def inspect_and_report(options: argparse.Namespace) -> int:
 
 
 def _settings(options: argparse.Namespace) -> ServoSettings:
-    if options.estimator is None:
-        return ServoSettings()
+    told: dict[str, Any] = {}
+    if options.estimator is not None:
+        told['estimator'] = options.estimator
+    if options.tilt is not None or options.roll is not None:
+        deviation = math.radians(options.mount_deviation)
+        told['camera_tilt'] = math.radians(options.tilt or 0.0)
+        told['camera_roll'] = math.radians(options.roll or 0.0)
+        told['camera_tilt_deviation'] = told['camera_roll_deviation'] = deviation
     try:
-        return ServoSettings(estimator=options.estimator)
+        return ServoSettings(**told)
     except ValueError as error:
         raise InputError(str(error)) from None
 
 
 def document(
-    inspection: Inspection, current: CalibratedCamera, desired: CalibratedCamera
+    inspection: Inspection, current: CalibratedCamera, desired: CalibratedCamera, yaw: float
 ) -> dict[str, Any]:
-    """Return the inspection as the JSON document of the command line."""
+    """Return the inspection as the JSON document, with bearings of a base with a ``yaw``."""
     return {
         'epipole_current_px': _abscissa(inspection.bearing_current, current),
         'epipole_desired_px': _abscissa(inspection.bearing_desired, desired),
-        'bearing_current_deg': math.degrees(inspection.bearing_current),
-        'bearing_desired_deg': math.degrees(inspection.bearing_desired),
+        'bearing_current_deg': _bearing_deg(inspection.bearing_current, yaw),
+        'bearing_desired_deg': _bearing_deg(inspection.bearing_desired, yaw),
         'bearing_deviation_deg': math.degrees(inspection.deviation),
         'rotation_deg': math.degrees(inspection.rotation),
+        'rotation_deviation_deg': math.degrees(inspection.rotation_deviation),
+        'frame': 'ground' if inspection.ground else 'camera',
         'tilt_deg': math.degrees(inspection.tilt),
         'roll_deg': math.degrees(inspection.roll),
         'sigma': None if math.isnan(inspection.sigma) else int(inspection.sigma),
@@ -72,6 +81,11 @@ def document(
         'matches': len(inspection.current),
         'inliers': inspection.inliers,
     }
+
+
+def _bearing_deg(bearing: float, yaw: float) -> float:
+    """Return the bearing [deg], right positive, of a base whose camera has a ``yaw`` [rad]."""
+    return math.degrees(math.remainder(bearing - yaw, math.tau) if yaw else bearing)
 
 
 def _abscissa(bearing: float, camera: CalibratedCamera) -> float:
@@ -92,7 +106,8 @@ def in_words(result: dict[str, Any]) -> str:
     lines = [verdict + (f': {result["reason"]}' if result['reason'] else '')]
     agreeing = f'{result["inliers"]} agree, ' if result['inliers'] else ''
     lines.append(f'{result["matches"]} matches, {agreeing}parallax {result["parallax_px"]:.1f} px')
-    lines.append(f'heading {result["rotation_deg"]:+.2f} deg (left positive)')
+    if not math.isnan(result['rotation_deg']):
+        lines.append(f'heading {result["rotation_deg"]:+.2f} deg (left positive)')
     if not math.isnan(result['bearing_current_deg']):
         lines.append(
             f'epipoles {result["epipole_current_px"]:+.1f} px in the current, '
@@ -101,6 +116,7 @@ def in_words(result: dict[str, Any]) -> str:
         lines.append(
             f'the goal lies at {result["bearing_current_deg"]:+.2f} deg, the camera is seen from '
             f'it at {result["bearing_desired_deg"]:+.2f} deg (right positive)'
+            + ('' if result['frame'] == 'ground' else ', in axes of the cameras, not level')
         )
     if not (math.isnan(result['tilt_deg']) and math.isnan(result['roll_deg'])):
         lines.append(

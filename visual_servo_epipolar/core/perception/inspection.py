@@ -3,27 +3,39 @@
 from dataclasses import dataclass, field, replace
 import math
 
-import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
-from visual_servo_epipolar.core.errors import TrackingError
-from visual_servo_epipolar.core.estimators.base import Attitude
-from visual_servo_epipolar.core.geometry.camera import Camera, LEAST_FORWARD
+from visual_servo_epipolar.core.errors import DegenerateGeometryError, TrackingError
+from visual_servo_epipolar.core.estimators.base import Attitude, Estimate
+from visual_servo_epipolar.core.estimators.general.deviation import (
+    bearings_of,
+    Spread,
+    spread_of,
+)
+from visual_servo_epipolar.core.estimators.general.motion import general_motion, GeneralFit
+from visual_servo_epipolar.core.estimators.general.selection import (
+    planar_deviations,
+    planar_is_simplest,
+)
+from visual_servo_epipolar.core.estimators.general.steps import essentials, Motions
+from visual_servo_epipolar.core.estimators.machinery.hypotheses import Rays, rays_of
+from visual_servo_epipolar.core.estimators.registry import estimate
+from visual_servo_epipolar.core.geometry.attitude import rotation_level_camera
+from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.cameras.plausibility import doubtful_tilt
 from visual_servo_epipolar.core.geometry.epipolar import in_pixels
-from visual_servo_epipolar.core.geometry.rays import image_points
+from visual_servo_epipolar.core.geometry.rotation import fit_rotation
 from visual_servo_epipolar.core.perception.lens_check import contradicted_by_pair
-from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.observation import Observation
-from visual_servo_epipolar.core.perception.perceive import perceive
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
+from visual_servo_epipolar.core.perception.validated import prior_of
 from visual_servo_epipolar.core.perception.validation import (
-    MAX_JUMP,
-    on_its_side,
     outside_mount,
     rolled_between,
+    turned_about,
 )
 from visual_servo_epipolar.core.tracking.alignment.sampling import float_image
 from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
@@ -32,10 +44,17 @@ from visual_servo_epipolar.core.tracking.matching import desired_view, DesiredVi
 
 REFINEMENT = 15  # iterations of the alignment after the match
 MIN_CORRELATION = 0.75
-PLANAR_SHARE = 0.7  # of the matches: below, the motion is not planar
-GENERAL_PX = 1.5  # inlier threshold of the general geometry
+MIN_SHARE = 0.5  # of the matches that must agree
+MIN_INLIERS = 8
+PLANAR_SHARE = 0.7  # of the inliers of a general motion that a planar one must explain
 TOLD = math.radians(3.0)  # deviation of tilt or roll beyond which it is not told
 SAME_PLACE_PX = 0.3  # parallax that noise alone makes
+LARGEST_DEVIATION = math.radians(1.2)  # of bearings that are trusted
+LARGEST_TURN_DEVIATION = math.radians(2.0)  # of a heading that is told
+NEAR_PX = 2.5  # parallax below which a baseline may be missing altogether
+UNLEVEL = 2.0  # ratio of deviations beyond which the ground plane costs too much
+GENERAL = 'general epipolar geometry'
+FAR = math.radians(15.0)  # between two answers
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +65,9 @@ class Inspection:
     Bearings are those of the other camera's centre, right positive; ``rotation`` is the heading of
     the current against the desired view, left positive. ``fundamental``, shape (3, 3), is in
     pixels. ``planar`` is False where the general geometry had to be used; ``tilt``, down positive,
-    and ``roll``, clockwise, are those of the camera, where the pair tells them.
+    and ``roll``, clockwise, are those of the camera, where the pair tells them. Bearings and
+    ``rotation`` are those in the ``ground`` plane where tilt and roll are known, else in the
+    cameras' own axes. ``deviation`` is the larger one of both bearings.
     """
 
     trusted: bool
@@ -56,9 +77,11 @@ class Inspection:
     rotation: float = math.nan
     sigma: float = math.nan
     deviation: float = math.nan
+    rotation_deviation: float = math.nan
     parallax_px: float = math.nan
     inliers: int = 0
     planar: bool = True
+    ground: bool = True
     tilt: float = math.nan
     roll: float = math.nan
     current: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
@@ -101,33 +124,160 @@ def inspect(
         pixel_angles=resolution,
         wide=current_camera.wide,
     )
-    perception = perceive(observation, settings, 0)
-    seen, fundamental = perception.measurement, perception.fundamental
-    found = replace(
-        _planar(seen, perception.memory.attitude),
-        current=pixels_current,
-        desired=pixels_desired,
-        fundamental=None
-        if fundamental is None
-        else _in_pixels(fundamental, current_camera, desired_camera),
-    )
-    if math.isnan(seen.parallax_px):
-        return found  # too few matches for anything
-    if seen.parallax_px < settings.min_parallax:
-        return replace(found, reason=f'{_nearness(seen.parallax_px)}: {found.reason}')
-    share = found.inliers / len(rays_current)
-    planar = share >= PLANAR_SHARE and seen.jump <= MAX_JUMP * settings.floor_jitter
-    if planar:
-        found = _refused(found, outside_mount(perception.memory.attitude, settings.mount))
-        found = _refused(found, doubtful_tilt(current_camera, found.tilt))
+    found, essential = judged(observation, settings)
+    doubt = doubtful_tilt(current_camera, found.tilt)
+    if found.trusted and doubt:
+        found = replace(found, trusted=False, reason=doubt)
+    in_px = None if essential is None else _in_pixels(essential, current_camera, desired_camera)
+    return replace(found, current=pixels_current, desired=pixels_desired, fundamental=in_px)
+
+
+def judged(
+    observation: Observation, settings: PerceptionSettings
+) -> tuple[Inspection, FloatArray | None]:
+    """
+    Return what matches tell as rays, and E for them, (3, 3), if there is one.
+
+    The motion is planar where that is the simplest that explains the matches, else a general one;
+    the deviation of the general one holds for both: it looks around for whatever else may be true.
+    """
+    if len(observation) < settings.min_features:
+        reason = f'{len(observation)} features, {settings.min_features} needed'
+        return Inspection(False, reason), None
+    turn = fit_rotation(observation.current, observation.desired)
+    found = Inspection(False, '', parallax_px=turn.parallax * observation.focal)
+    rays = rays_of(observation.current, observation.desired, observation.resolution)
+    try:
+        fit, spread = spread_of(general_motion(rays), rays)
+    except DegenerateGeometryError as error:
+        return replace(found, reason=str(error)), None
+    planar = _simplest_planar(observation, rays, fit, spread, settings)
+    general = _with_general(found, fit, spread, settings.mount)
+    essential = essentials(fit.motions)[0]
+    if planar is None:
+        found = replace(general, reason=f'the motion was not planar: {GENERAL}')
     else:
-        found = _general(found, observation, current_camera, desired_camera, settings.mount)
-    return _refused(found, contradicted_by_pair(observation, settings)) if found.trusted else found
+        found = _with_planar(found, planar, spread)
+        if found.deviation > UNLEVEL * general.deviation:
+            general = replace(general, tilt=found.tilt, roll=found.roll)
+            found = replace(general, reason=f'what is level does not show: {GENERAL}')
+        else:
+            essential = planar.fundamental
+    reason = _refusal(found, fit, settings.mount)
+    if not reason and planar is not None and planar.attitude is not None:
+        reason = outside_mount(planar.attitude, settings.mount)
+    reason = reason or contradicted_by_pair(observation, settings)
+    return _concluded(found, reason, turn.heading_error), essential
 
 
-def _refused(found: Inspection, reason: str) -> Inspection:
-    """Return what is ``found``, not to be trusted for a ``reason`` if there is one."""
-    return replace(found, trusted=False, reason=reason) if found.trusted and reason else found
+def _simplest_planar(
+    observation: Observation,
+    rays: Rays,
+    fit: GeneralFit,
+    spread: Spread,
+    settings: PerceptionSettings,
+) -> Estimate | None:
+    """Return the planar motion of the matches where no other explains them better."""
+    try:
+        planar = estimate(
+            settings.estimator,
+            observation.current,
+            observation.desired,
+            noise=fit.scale * observation.resolution,
+            prior=prior_of(fresh_memory(settings), settings),
+            seed=(settings.seed, 0),
+        )
+    except DegenerateGeometryError:
+        return None
+    if planar.inliers.sum() < PLANAR_SHARE * fit.inliers[0].sum():
+        return None  # its twin may explain more, as in a mirrored image
+    return planar if planar_is_simplest(planar, fit, spread, rays, settings.mount) else None
+
+
+def _with_planar(found: Inspection, planar: Estimate, spread: Spread) -> Inspection:
+    bearings, attitude = planar.bearings, planar.attitude
+    deviations = np.maximum(planar_deviations(planar, spread), spread.whole)
+    found = replace(
+        found,
+        bearing_current=bearings.current,
+        bearing_desired=bearings.desired,
+        rotation=bearings.heading_error,
+        sigma=bearings.sigma,
+        deviation=float(deviations[:2].max()),
+        rotation_deviation=float(deviations[2]),
+        inliers=int(planar.inliers.sum()),
+    )
+    if attitude is None:
+        return found
+    return replace(
+        found,
+        tilt=attitude.tilt if attitude.tilt_deviation < TOLD else math.nan,
+        roll=attitude.roll if attitude.roll_deviation < TOLD else math.nan,
+    )
+
+
+def _with_general(
+    found: Inspection, fit: GeneralFit, spread: Spread, mount: Attitude
+) -> Inspection:
+    """Return what is found with a general motion: in the ground plane if the mount is told."""
+    told = max(mount.tilt_deviation, mount.roll_deviation) < TOLD
+    level = rotation_level_camera(mount.tilt, mount.roll) if told else np.eye(3)
+    best = fit.motions.take(slice(1))
+    levelled = Motions(level @ best.rotation @ level.T, best.baseline @ level.T)
+    current, desired, rotation = bearings_of(levelled)[0].tolist()
+    return replace(
+        found,
+        bearing_current=current,
+        bearing_desired=desired,
+        rotation=rotation,
+        sigma=-math.copysign(1.0, math.cos(current)),
+        deviation=float(spread.whole[:2].max()),
+        rotation_deviation=float(spread.whole[2]),
+        inliers=int(fit.inliers[0].sum()),
+        planar=False,
+        ground=told,
+    )
+
+
+def _refusal(found: Inspection, fit: GeneralFit, mount: Attitude) -> str:
+    """Return why what is ``found`` is not to be trusted, in words, or ''."""
+    count = fit.inliers.shape[1]
+    if min(found.inliers, int(fit.inliers[0].sum())) < max(MIN_INLIERS, MIN_SHARE * count):
+        return f'only {found.inliers} of {count} matches agree on one geometry'
+    if found.deviation > LARGEST_DEVIATION:
+        return _uncertain(found, fit)
+    rotation, baseline = fit.motions.rotation[0], fit.motions.baseline[0]
+    rolled = rolled_between(rotation, baseline, mount)
+    return rolled or turned_about(rotation, baseline, mount)
+
+
+def _uncertain(found: Inspection, fit: GeneralFit) -> str:
+    """Return why bearings are uncertain: no baseline, a second answer, or too few matches."""
+    if found.parallax_px < NEAR_PX:
+        parallax = f'a parallax of {found.parallax_px:.2f} px is too small for epipoles'
+        return f'{_nearness(found.parallax_px)}: {parallax}'
+    degrees = math.degrees(found.deviation)
+    if found.deviation > FAR:
+        return (
+            f'ambiguous: a motion {degrees:.0f} deg or more aside explains the matches nearly '
+            'as well'
+        )
+    return f'the bearings are uncertain by {degrees:.1f} deg'
+
+
+def _concluded(found: Inspection, reason: str, heading: float) -> Inspection:
+    """Return the verdict; no bearings that nothing fixes, nor a heading but that of a turn."""
+    if not reason:
+        return replace(found, trusted=True)
+    found = replace(found, trusted=False, reason=reason)
+    if found.parallax_px < SAME_PLACE_PX:
+        found = replace(found, rotation=heading)
+    if found.rotation_deviation > LARGEST_TURN_DEVIATION:
+        found = replace(found, rotation=math.nan)
+    if found.deviation > FAR or found.parallax_px < SAME_PLACE_PX:
+        found = replace(found, bearing_current=math.nan, bearing_desired=math.nan)
+        found = replace(found, sigma=math.nan, inliers=0, tilt=math.nan, roll=math.nan)
+    return found
 
 
 def _nearness(parallax_px: float) -> str:
@@ -149,28 +299,6 @@ def _aligned(view: DesiredView, matches: Matches, image: Image) -> tuple[FloatAr
     return alignment.warps.current[good], desired[good]
 
 
-def _planar(seen: Measurement, attitude: Attitude) -> Inspection:
-    bearings = seen.bearings
-    base = Inspection(
-        bearings is not None,
-        seen.reason,
-        rotation=seen.heading_error,
-        deviation=seen.deviation,
-        parallax_px=seen.parallax_px,
-        inliers=seen.inliers,
-    )
-    if bearings is None:
-        return base
-    return replace(
-        base,
-        bearing_current=bearings.current,
-        bearing_desired=bearings.desired,
-        sigma=bearings.sigma,
-        tilt=attitude.tilt if attitude.tilt_deviation < TOLD else math.nan,
-        roll=attitude.roll if attitude.roll_deviation < TOLD else math.nan,
-    )
-
-
 def _in_pixels(
     fundamental: FloatArray, current_camera: CameraModel, desired_camera: CameraModel
 ) -> FloatArray | None:
@@ -178,49 +306,3 @@ def _in_pixels(
     if isinstance(current_camera, Camera) and isinstance(desired_camera, Camera):
         return in_pixels(fundamental, current_camera.matrix, desired_camera.matrix)
     return None
-
-
-def _general(
-    found: Inspection,
-    observation: Observation,
-    current_camera: CameraModel,
-    desired_camera: CameraModel,
-    mount: Attitude,
-) -> Inspection:
-    """Return the five-point geometry (Nister 2004, by OpenCV) where motion is not planar."""
-    threshold = GENERAL_PX / observation.focal
-    front = np.minimum(observation.current[:, 2], observation.desired[:, 2]) > LEAST_FORWARD
-    points = image_points(observation.current[front]), image_points(observation.desired[front])
-    try:
-        essential, mask = cv2.findEssentialMat(
-            *points, np.eye(3), cv2.USAC_MAGSAC, 0.999, threshold
-        )
-    except cv2.error:  # OpenCV 5 asserts that there is a model, where few matches gave none
-        essential = None
-    share = found.inliers / max(len(observation.current), 1)
-    reason = found.reason or f'only {100.0 * share:.0f} % of the matches fit a planar motion'
-    if essential is None or essential.shape != (3, 3):
-        return replace(found, trusted=False, reason=f'{reason}, and no general geometry fits')
-    _, rotation, translation, inliers = cv2.recoverPose(essential, *points, np.eye(3), mask=mask)
-    centre = translation.ravel()
-    goal = -rotation.T @ centre
-    current = math.atan2(goal[0], goal[2])
-    count = int((inliers > 0).sum())
-    general = replace(
-        found,
-        trusted=count >= PLANAR_SHARE * int(front.sum()),
-        reason=f'{reason}: general epipolar geometry',
-        bearing_current=current,
-        bearing_desired=math.atan2(centre[0], centre[2]),
-        rotation=math.atan2(rotation[2, 0] - rotation[0, 2], rotation[0, 0] + rotation[2, 2]),
-        sigma=-math.copysign(1.0, math.cos(current)),
-        deviation=math.nan,
-        tilt=math.nan,
-        roll=math.nan,
-        inliers=count,
-        planar=False,
-        fundamental=_in_pixels(essential, current_camera, desired_camera),
-    )
-    return _refused(
-        general, rolled_between(rotation, centre, mount) or on_its_side(rotation, centre)
-    )

@@ -22,8 +22,7 @@ NEXT, AFTER = np.array([1, 2, 0]), np.array([2, 0, 1])  # of three axes: np.cros
 MOUNT_DEVIATIONS = 2.0  # within which a camera is mounted as it is believed to be
 LEAST_PROMISED = math.radians(3.0)  # and within this of an attitude that is known
 MAX_LEANING = math.radians(20.0)  # change of the vertical that a hand makes between photographs
-LEAST_TURN = math.radians(2.0)  # of which an axis means anything
-ON_SIDE = math.radians(35.0)  # from the horizontal: the axis of a turn of cameras on their side
+LEAST_TURN = math.radians(3.0)  # of which an axis means anything
 IN_PLANE = math.radians(1.5)  # of the baseline and the plane of motion
 MAX_REJECTIONS = 3  # estimates in a row that contradict the past before the past is given up
 
@@ -144,16 +143,16 @@ def rolled_over(rotation: FloatArray) -> str:
 
 def outside_mount(attitude: Attitude, mount: Attitude) -> str:
     """Return how far ``attitude`` is from where the ``mount`` may be, in words, or ''."""
-    told, limits = (mount.tilt, mount.roll), mount_limits(mount)
-    pairs = zip(('tilted', 'rolled'), (attitude.tilt, attitude.roll), strict=True)
-    deviations = attitude.tilt_deviation, attitude.roll_deviation
-    for (word, angle), centre, limit, deviation in zip(
-        pairs, told, limits, deviations, strict=True
+    limits = mount_limits(mount)
+    for word, angle, centre, limit, deviation in (
+        ('rolled', attitude.roll, mount.roll, limits[1], attitude.roll_deviation),
+        ('tilted', attitude.tilt, mount.tilt, limits[0], attitude.tilt_deviation),
     ):
         if abs(angle - centre) > limit + deviation:
             return (
-                f'the camera seems {word} by {math.degrees(angle):.0f} deg, outside '
-                f'{math.degrees(centre):.0f} +- {math.degrees(limit):.0f} deg'
+                f'both photographs seem {word} by {math.degrees(angle):.0f} deg, outside '
+                f'{math.degrees(centre):.0f} +- {math.degrees(limit):.0f} deg; turn both upright, '
+                'or tell how the camera is mounted'
             )
     return ''
 
@@ -197,23 +196,23 @@ def rolled_between(rotation: FloatArray, baseline: FloatArray, mount: Attitude) 
     )
 
 
-def on_its_side(rotation: FloatArray, baseline: FloatArray) -> str:
+def turned_about(rotation: FloatArray, baseline: FloatArray, mount: Attitude) -> str:
     """
-    Return how both photographs lie on their side, in words, or ''.
+    Return how both photographs are rolled, in words, or ''.
 
-    The motion of a camera on its side is planar about an axis across its own vertical: that of
-    its turn, ``rotation``, (3, 3), to which the ``baseline``, (3,), is perpendicular.
+    A motion is planar where the axis of its ``rotation``, (3, 3), is across the ``baseline``,
+    (3,): the axis is then the vertical of the camera. By chance that is seldom so.
     """
-    twice_sine = np.array([rotation[j, i] - rotation[i, j] for i, j in ((1, 2), (2, 0), (0, 1))])
-    size = float(np.sqrt(twice_sine @ twice_sine))
+    axis = np.array([rotation[j, i] - rotation[i, j] for i, j in ((1, 2), (2, 0), (0, 1))])
+    size = math.sqrt(float(axis @ axis))
     if size < 2.0 * math.sin(LEAST_TURN):
         return ''
-    axis = twice_sine / size
+    axis /= math.copysign(size, axis[1])
     along = abs(float(axis @ baseline)) / math.sqrt(float(baseline @ baseline))
-    if abs(axis[0]) < math.cos(ON_SIDE) or along > math.sin(IN_PLANE):
+    if along > math.sin(IN_PLANE):
         return ''
-    roll = 90.0 - math.degrees(math.asin(min(abs(float(axis[1])), 1.0)))
-    return f'both photographs lie on their side, rolled by some {roll:.0f} deg; turn both upright'
+    tilt, roll = math.asin(min(max(axis[2], -1.0), 1.0)), math.atan2(axis[0], axis[1])
+    return outside_mount(Attitude(tilt, roll, LEAST_PROMISED, LEAST_PROMISED), mount)
 
 
 def _contradiction(

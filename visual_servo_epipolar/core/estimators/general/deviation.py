@@ -1,0 +1,186 @@
+"""
+Deviation of the bearings of a general motion: of noise as residuals show it, and of the camera.
+
+The covariance is a sandwich: residuals with their own tails, not those of a model. What a camera
+file may be wrong by moves all residuals together, which no number of matches averages out.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.estimators.general.motion import costs_of, GeneralFit, improved
+from visual_servo_epipolar.core.estimators.general.steps import (
+    AXES,
+    GeneralStep,
+    Motions,
+    step,
+    turned_only,
+    UNKNOWNS,
+)
+from visual_servo_epipolar.core.estimators.machinery.hypotheses import Rays
+from visual_servo_epipolar.core.estimators.machinery.sampson import table_of
+
+RADII = np.radians([0.3, 0.7, 1.5, 3.0, 6.0, 12.0, 25.0, 50.0])  # around the best direction
+AZIMUTHS = 8
+REFITS = (3.0, 2.0, 1.0, 1.0)  # noises of the steps of their rotations
+ROUNDS, RETRIED, NO_BETTER = 3, 6, 0.5  # improvements that are tried; excess that is none
+POSSIBLE = 25.0  # excess cost, in squared deviations, of what may still be true
+# Of a good calibration: principal point [px], focal length, radial distortion.
+CENTRE_PX, FOCAL_RATIO, RADIAL = 2.5, 0.003, 0.004
+# And of one view against the other: rows read one after the other, a focus that changed.
+ROWS_PX, FOCUS_RATIO = 0.25, 0.0005
+HALF_HEIGHT = 0.35  # sine of the angle off the axis at which those pixels are seen
+RAY_PARTS = ('x_a', 'y_a', 'z_a', 'x_d', 'y_d', 'z_d')
+COMMON = 4  # kinds of errors that both views share
+FARTHEST = 1.5  # tangent of the angle off the axis to which that distortion is followed
+
+
+def bearings_of(motion: Motions) -> FloatArray:
+    """Return bearings, current and desired, and heading [rad] of motions: shape (K, 3)."""
+    rotation, centre = motion
+    goal = -(centre[:, None] @ rotation)[:, 0]
+    return np.stack(
+        [
+            np.arctan2(goal[:, 0], goal[:, 2]),
+            np.arctan2(centre[:, 0], centre[:, 2]),
+            np.arctan2(
+                rotation[:, 2, 0] - rotation[:, 0, 2], rotation[:, 0, 0] + rotation[:, 2, 2]
+            ),
+        ],
+        axis=-1,
+    )
+
+
+class Spread(NamedTuple):
+    """
+    Deviations of bearings, current and desired, and of the heading, (3,) each [rad].
+
+    ``tails`` is by how much squared residuals are larger than those of normal noise.
+    """
+
+    noise: FloatArray
+    camera: FloatArray
+    tails: float
+
+    @property
+    def whole(self) -> FloatArray:
+        """What both make together."""
+        return np.hypot(self.noise, self.camera)
+
+
+def spread_of(fit: GeneralFit, rays: Rays) -> tuple[GeneralFit, Spread]:
+    """
+    Return the fit, better where looking around found something, and the spread of its best motion.
+
+    Near the best motion the covariance tells it. Where the baseline hardly shows, costs are no
+    parabola: all directions around are tried, each with its best rotation.
+    """
+    for _ in range(ROUNDS):
+        around, costs = _around(fit, rays)
+        if costs.min() >= fit.costs[0] - NO_BETTER:
+            break
+        fit = improved(fit, around.take(costs.argsort()[:RETRIED]), rays)
+    last = step(fit.motions.take(slice(1)), fit.table, fit.scale)
+    inverse = np.linalg.inv(last.information)[0]
+    pulls = (last.slopes * (last.weight * last.residual)[:, None])[0]
+    meat = pulls @ pulls.T
+    count = max(int((last.weight > 0.0).sum()), UNKNOWNS + 1)
+    spare = count / (count - UNKNOWNS)
+    tails = max(float(np.trace(inverse @ meat)) / (UNKNOWNS * fit.scale**2), 1.0) * spare
+    covariance = inverse @ (0.5 * spare * (meat + fit.scale**2 * last.information[0])) @ inverse
+    slopes = _slopes(fit.motions.take(slice(1)), last.tangents)[0]
+    noise = np.sqrt(np.diagonal(slopes @ covariance @ slopes.T))
+    motions = Motions(*(np.concatenate(p) for p in zip(around, fit.motions, strict=True)))
+    every = np.concatenate([costs, fit.costs])
+    noise = np.maximum(noise, _implied(motions, every - fit.costs[0], fit, tails))
+    shifts = np.stack([_shift(last, fit, moved)[0] for moved in _wrong_cameras(rays)], axis=-1)
+    camera = np.sqrt(np.square(slopes @ shifts).sum(axis=-1))
+    return fit, Spread(noise, camera, tails)
+
+
+def _implied(motions: Motions, excess: FloatArray, fit: GeneralFit, tails: float) -> FloatArray:
+    """Return the deviations, (3,), that motions imply whose costs are in ``excess``, (K,)."""
+    away = bearings_of(motions) - bearings_of(fit.motions.take(slice(1)))
+    away = np.abs(np.remainder(away + np.pi, 2.0 * np.pi) - np.pi)
+    excess = np.maximum(excess, 0.0) / tails
+    implied = away / np.sqrt(np.maximum(excess, 1.0))[:, None]
+    return np.asarray(implied[excess < POSSIBLE].max(axis=0, initial=0.0))
+
+
+def _around(fit: GeneralFit, rays: Rays) -> tuple[Motions, FloatArray]:
+    """Return motions with directions around the best one, their rotations refitted; costs."""
+    best = fit.motions.take(slice(1))
+    tangents = step(best, fit.table, fit.scale).tangents[0]
+    turn = np.linspace(0.0, 2.0 * np.pi, AZIMUTHS, endpoint=False)
+    ring = np.cos(turn)[:, None] * tangents[0] + np.sin(turn)[:, None] * tangents[1]
+    baseline = (
+        np.cos(RADII)[:, None, None] * best.baseline + np.sin(RADII)[:, None, None] * ring
+    ).reshape(-1, 3)
+    motions = Motions(np.repeat(best.rotation, len(baseline), axis=0), baseline)
+    for width in REFITS:
+        motions = turned_only(motions, fit.table, width * fit.scale)
+    return motions, costs_of(motions, rays, fit.table, fit.scale)
+
+
+def _shift(last: GeneralStep, fit: GeneralFit, moved: FloatArray) -> FloatArray:
+    """Return how parameters, (K, 5), answer to rays of another camera: its ``table`` moved."""
+    other = step(fit.motions.take(slice(1)), moved, fit.scale)
+    pull = (last.slopes * (last.weight * (other.residual - last.residual))[:, None]).sum(axis=-1)
+    return np.asarray(np.linalg.solve(last.information, pull[..., None])[..., 0])
+
+
+def _wrong_cameras(rays: Rays) -> list[FloatArray]:
+    """Return tables of the matches, were the camera wrong by one deviation in one way."""
+    current = np.stack([rays.x_a, rays.y_a, rays.z_a])
+    desired = np.stack([rays.x_d, rays.y_d, rays.z_d])
+    tables = []
+    for kind in range(COMMON + 3):
+        moved = _moved(current, rays.noise_a, kind)
+        other = _moved(desired, rays.noise_d, kind) if kind < COMMON else desired
+        parts = dict(zip(RAY_PARTS, [*moved, *other], strict=True))
+        tables.append(table_of(rays._replace(**parts)))
+    return tables
+
+
+def _moved(ray: FloatArray, pixel: FloatArray, kind: int) -> FloatArray:
+    """Return rays, (3, N), by a principal point aside, down, a focal length or a distortion."""
+    across = np.sqrt(ray[0] ** 2 + ray[1] ** 2)
+    if kind in (0, 1, COMMON, COMMON + 1):
+        direction = np.zeros(3)
+        direction[kind % COMMON] = 1.0
+        size = CENTRE_PX if kind < COMMON else ROWS_PX / HALF_HEIGHT * ray[1]
+        move = direction[:, None] * (size * pixel)
+    else:
+        tangent = np.minimum(across / np.maximum(np.abs(ray[2]), 0.1), FARTHEST)
+        angle = (FOCAL_RATIO if kind < COMMON else FOCUS_RATIO) * across * np.abs(ray[2])
+        if kind == 3:
+            angle = RADIAL * tangent**3 / (1.0 + tangent**2)
+        outward = np.stack([ray[0] * ray[2], ray[1] * ray[2], -(across**2)])
+        move = angle * outward / np.maximum(across, 1e-9)
+    moved = ray + move
+    return np.asarray(moved / np.sqrt((moved * moved).sum(axis=0)))
+
+
+def _slopes(motions: Motions, tangents: FloatArray) -> FloatArray:
+    """Return the derivatives of bearings and heading by the five parameters, (K, 3, 5)."""
+    rotation, centre = motions
+    goal = -(centre[:, None] @ rotation)[:, 0]
+    slopes = np.zeros((len(centre), 3, UNKNOWNS))
+    turned = AXES @ rotation[:, None]  # dR of the three turns, (K, 3, 3, 3)
+    goal_by_turn = -(centre[:, None, None] @ turned)[:, :, 0]
+    goal_by_way = -tangents @ rotation
+    by_goal = np.concatenate([goal_by_turn, goal_by_way], axis=1)
+    slopes[:, 0] = _by_angle(goal[:, None], by_goal)
+    slopes[:, 1, 3:] = _by_angle(centre[:, None], tangents)
+    x, y = rotation[:, 0, 0] + rotation[:, 2, 2], rotation[:, 2, 0] - rotation[:, 0, 2]
+    dx, dy = turned[..., 0, 0] + turned[..., 2, 2], turned[..., 2, 0] - turned[..., 0, 2]
+    slopes[:, 2, :3] = (x[:, None] * dy - y[:, None] * dx) / (x * x + y * y)[:, None]
+    return slopes
+
+
+def _by_angle(vector: FloatArray, change: FloatArray) -> FloatArray:
+    """Return how atan2(x, z) of a vector changes, per change of it: shape (K, M)."""
+    x, z = vector[..., 0], vector[..., 2]
+    return np.asarray((z * change[..., 0] - x * change[..., 2]) / (x * x + z * z + 1e-12))
