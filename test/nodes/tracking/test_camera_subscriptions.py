@@ -58,6 +58,18 @@ def test_a_camera_info_that_was_latched_before_is_heard(bench, simulator, word) 
     bench.until(lambda: node._camera is not None, 'the camera_info of before')
 
 
+def test_one_that_was_latched_and_heard_is_not_missed(bench, simulator, monkeypatch) -> None:
+    monkeypatch.setattr(inputs, 'PATIENCE_S', 0.5)
+    send = bench.talk(CameraInfo, 'camera_info', qos.LATCHED)
+    send(write.camera_info(simulator.camera, STAMP_NS, 'camera'))
+    node = bench.start(TrackerNode)
+    bench.until(lambda: node._camera is not None, 'the camera_info of before')
+    inputs.watch(node)  # as if the look of before came too late
+    bench.until(lambda: bench.logged('waits for images'), 'a complaint of what does not come')
+    bench.settle()
+    assert not bench.logged('waits for the calib')
+
+
 def test_a_driver_that_is_started_anew_otherwise_is_followed(bench) -> None:
     node = bench.start(TrackerNode)
     assert reliability(node) == 'reliable'

@@ -6,7 +6,7 @@ from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
-from rclpy.qos import qos_check_compatible, QoSCompatibility
+from rclpy.qos import DurabilityPolicy, qos_check_compatible, QoSCompatibility
 from rclpy.subscription import Subscription
 
 from visual_servo_epipolar.core.stamps import NOT_ADVANCING, seconds_between
@@ -73,8 +73,11 @@ class Inputs:
     def _listen(self, subscription: Subscription) -> Input:
         """Return an input that notices each message on its way to the callback."""
         topic = subscription.topic_name
-        kind = self._kinds[topic]
-        source = Input(kind, topic, subscription, self._now_ns(), PATIENCE_S)
+        kind, durability = self._kinds[topic], subscription.qos_profile.durability
+        # What was latched may have come before anybody listened in here.
+        latched = kind.once and durability == DurabilityPolicy.TRANSIENT_LOCAL
+        patience_s = math.inf if latched else PATIENCE_S
+        source = Input(kind, topic, subscription, self._now_ns(), patience_s)
         callback = subscription.callback
 
         def arrived(message: Any) -> None:
