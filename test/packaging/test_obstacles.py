@@ -19,7 +19,8 @@ ROBOT = yaml.safe_load((CONFIG / 'robot.yaml').read_text(encoding='utf-8'))['/**
     'ros__parameters'
 ]
 
-# As their sources declare them: twist_mux 4.5, nav2_collision_monitor 1.3.13 (Jazzy).
+# As their sources declare them: twist_mux 4.3, with use_stamped of 4.4; nav2_collision_monitor
+# 1.3.13 (Jazzy).
 ENTRY = {'topic': str, 'timeout': float, 'priority': int}
 MONITORED = {
     'enable_stamped_cmd_vel': bool,
