@@ -10,6 +10,7 @@ from visual_servo_epipolar.core.arrays import FloatArray
 SHIFT_DEVIATION = 0.02  # of a principal point that nobody measured, in focal lengths
 SHY = 0.3  # part of the variance before above which what one pair says is taken over slowly
 SPURIOUS_DEVIATIONS = 2.0
+MOST_RATIO = 8.0  # of focal lengths, as told over true: no lens is farther from its label
 SMALLEST = 1e-18  # that is divided by
 LEAST_VARIANCE = np.diag([0.003, 0.0005]) ** 2  # of ratio and shift: lenses are no pinholes
 
@@ -95,9 +96,9 @@ def learnt(lens: Lens, estimated: Lens) -> Lens:
     log_ratio, shift = (root @ axes @ updates).tolist()
     covariance = _squared(root @ axes * np.sqrt(variances))
     covariance += np.maximum(LEAST_VARIANCE - covariance, 0.0) * np.eye(2)
-    return Lens.of(
-        lens.log_ratio + log_ratio, math.exp(log_ratio) * lens.shift + shift, covariance
-    )
+    most = math.log(MOST_RATIO)
+    bounded = min(max(lens.log_ratio + log_ratio, -most), most)
+    return Lens.of(bounded, math.exp(log_ratio) * lens.shift + shift, covariance)
 
 
 def _squared(root: FloatArray) -> FloatArray:

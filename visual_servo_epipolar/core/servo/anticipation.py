@@ -74,14 +74,14 @@ def _moved(
         moved = replace(moved, offset=offset)
     if measurement.bearings is None:
         return moved
-    psi, distance = measurement.bearings.psi, _distance(state, measurement)
+    psi, distance = measurement.bearings.psi, goal_distance(state, measurement)
     x, y = distance * math.cos(psi) + way[0], distance * math.sin(psi) + way[1]
     psi = math.atan2(y, x)
     phi = math.remainder(psi - heading - 0.5 * math.pi, 2.0 * math.pi)
     return replace(moved, bearings=Bearings(psi, phi))
 
 
-def _distance(state: ServoState, measurement: Measurement) -> float:
+def goal_distance(state: ServoState, measurement: Measurement) -> float:
     """Return the distance from the goal, as well as it is known [m]."""
     if measurement.offset is not None:
         return math.hypot(*measurement.offset)

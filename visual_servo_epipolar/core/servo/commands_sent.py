@@ -1,5 +1,6 @@
 """Commands sent: those of the last seconds, and what they did to a base that obeys late."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 import math
 
@@ -51,14 +52,36 @@ class CommandsSent:
 
     def turns(self, begin_ns: int, end_ns: int, delays: FloatArray) -> FloatArray:
         """Return the turns commanded between two times less each of ``delays`` [s]: (N,) [rad]."""
+        return self._driven([twist.angular for twist in self.twists], begin_ns, end_ns, delays)
+
+    def ways(self, begin_ns: int, end_ns: int, delays: FloatArray) -> FloatArray:
+        """Return the ways commanded between two times less each of ``delays`` [s]: (N,) [m]."""
+        return self._driven([twist.linear for twist in self.twists], begin_ns, end_ns, delays)
+
+    def _driven(
+        self, rates: list[float], begin_ns: int, end_ns: int, delays: FloatArray
+    ) -> FloatArray:
         if not self.stamps:
             return np.zeros(len(delays))
         times = np.array([*self.stamps, end_ns]) - end_ns
-        steps = np.diff(times) * np.array([twist.angular for twist in self.twists])
-        turned = np.concatenate([[0.0], np.cumsum(steps)])
+        steps = np.diff(times) * np.array(rates)
+        driven = np.concatenate([[0.0], np.cumsum(steps)])
         late = delays * NANOSECONDS
-        before = np.interp(begin_ns - end_ns - late, times, turned)
-        return np.asarray((np.interp(-late, times, turned) - before) / NANOSECONDS)
+        before = np.interp(begin_ns - end_ns - late, times, driven)
+        return np.asarray((np.interp(-late, times, driven) - before) / NANOSECONDS)
+
+    def since(self, rates: Sequence[float], least: float) -> int | None:
+        """
+        Return the stamp [ns] since which all ``rates``, of each command, exceed ``least``.
+
+        They do to one side, that of the last one; None where that one does not.
+        """
+        began, side = None, math.copysign(1.0, rates[-1]) if rates else 0.0
+        for stamp, rate in zip(reversed(self.stamps), reversed(rates), strict=True):
+            if side * rate < least:
+                break
+            began = stamp
+        return began
 
     def acting(self, begin_ns: int, end_ns: int, delay: float) -> list[tuple[float, Twist]]:
         """Return spans [s] of what a base does in a time that obeys late by ``delay`` [s]."""

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 import math
+from typing import NamedTuple
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.control.command import Command, HALT
@@ -14,12 +15,24 @@ from visual_servo_epipolar.core.servo.identification.curvature import Curvature
 from visual_servo_epipolar.core.servo.identification.dead_band import DeadBand
 from visual_servo_epipolar.core.servo.identification.delay import Delay
 from visual_servo_epipolar.core.servo.identification.extrinsics import Extrinsics
+from visual_servo_epipolar.core.servo.identification.motion_check import MotionCheck
 from visual_servo_epipolar.core.servo.identification.odometry import Odometry
 from visual_servo_epipolar.core.servo.identification.ranging import Leg
 from visual_servo_epipolar.core.servo.identification.slope import Slope
 from visual_servo_epipolar.core.servo.identification.straight_leg import StraightLeg
 from visual_servo_epipolar.core.servo.phases.table import ENDED, Phase
 from visual_servo_epipolar.core.servo.remembering import Remembered
+
+
+class Known(NamedTuple):
+    """What was learnt of base, camera and way by a view."""
+
+    views: Remembered
+    extrinsics: Extrinsics | None
+    curvature: Curvature
+    dead_band: DeadBand
+    delay: Delay
+    odometry: Odometry
 
 
 @dataclass(frozen=True)  # without slots: ``values.changed``
@@ -56,7 +69,8 @@ class ServoState:
     ``curvature`` that the base adds to commands, ``slope`` of D in step 2; ``dead_band``, what
     the base was seen not to follow; ``delay``, how late it obeys the commands ``sent``;
     ``straight``, the leg of step 2 by the memory of views, None without; ``odometry``, and whether
-    it tells the truth.
+    it tells the truth; ``motion``, whether the base moves as it was told, and what was ``known``
+    at the reference of that check and at the one before, None before the second.
 
     Settling: ``settled``, frames in a row that fulfil the aim of the phase; ``settled_parallax``,
     the root mean square of the parallax over them [rad]; ``settled_aside``, the mean by which
@@ -91,6 +105,8 @@ class ServoState:
     sent: CommandsSent = CommandsSent()
     straight: StraightLeg | None = None
     odometry: Odometry = Odometry()
+    motion: MotionCheck = MotionCheck()
+    known: tuple[Known, Known] | None = None
     since_command: float = math.nan
     dead_band_residual: Twist = STANDSTILL
     trusted_heading: float = math.nan

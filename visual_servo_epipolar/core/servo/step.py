@@ -25,6 +25,7 @@ from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive, Perception
 from visual_servo_epipolar.core.perception.validated import noise_learnt
 from visual_servo_epipolar.core.servo.anticipation import anticipated
+from visual_servo_epipolar.core.servo.checking import checked
 from visual_servo_epipolar.core.servo.phases.commands import curvature_compensated, nominal_twist
 from visual_servo_epipolar.core.servo.phases.events import classify
 from visual_servo_epipolar.core.servo.phases.switch import switched
@@ -113,6 +114,7 @@ def advance(
     settings = state.delay.beside(state.dead_band.beside(settings))
     state = changed(state, sent=state.sent.resumed(measurement.stamp_ns))
     state = updated(state, perception, dt, settings, told)
+    state = checked(state, perception.observation, dt, settings)
     event = classify(state, settings)
     if leapt and event not in (Event.TIMED_OUT, Event.ASTRAY):
         state, event = _held(state, leapt)

@@ -11,11 +11,11 @@ from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.identification.dead_band import (
     DeadBand,
-    LARGEST,
     MARGIN,
     MOST_HOP,
     Threshold,
 )
+from visual_servo_epipolar.core.servo.identification.physical import LARGEST_DEAD_BAND
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.update import updated
 
@@ -147,7 +147,7 @@ def test_a_way_that_was_not_driven_is_seen_by_the_memory() -> None:
     for _ in range(40):
         band = band.updated(sight(), reading(), Twist(0.02, 0.0), DT, SETTINGS)
     assert band.linear.value > 0.02
-    assert band.linear.value <= LARGEST * SETTINGS.max_linear
+    assert band.linear.value <= LARGEST_DEAD_BAND * SETTINGS.max_linear
 
 
 def turning(frame: int) -> Measurement:
@@ -179,8 +179,8 @@ def test_limits_that_are_lowered_hold_for_what_was_learnt() -> None:
     band = DeadBand(linear=Threshold(0.08), angular=Threshold(0.1))
     slow = replace(SETTINGS, max_linear=0.05, max_angular=0.09)
     settings = band.beside(slow)
-    assert settings.dead_band_linear == LARGEST * 0.05
-    assert settings.dead_band_angular == LARGEST * 0.09
+    assert settings.dead_band_linear == LARGEST_DEAD_BAND * 0.05
+    assert settings.dead_band_angular == LARGEST_DEAD_BAND * 0.09
 
 
 @pytest.mark.parametrize('change', [{'learnt_dead_band': False}, {'dead_band_mode': 'zero'}])

@@ -79,7 +79,13 @@ MEANING = {
     Event.STOPPED: dict.fromkeys(Phase, Phase.WAITING),
     **{
         event: dict.fromkeys({*DRIVERS, Phase.HOLDING}, Phase.FAILED)
-        for event in (Event.EXHAUSTED, Event.DIVERGED, Event.ASTRAY, Event.TIMED_OUT)
+        for event in (
+            Event.EXHAUSTED,
+            Event.DIVERGED,
+            Event.DISOBEYED,
+            Event.ASTRAY,
+            Event.TIMED_OUT,
+        )
     },
 }
 

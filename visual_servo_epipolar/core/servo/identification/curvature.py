@@ -5,6 +5,7 @@ import math
 
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.identification.physical import MOST_CURVATURE
 
 LATENCY_S = 0.2  # from a command to the image that shows its effect
 CHANGE_DECAY = 0.5  # of a change of the angular velocity, in one frame
@@ -52,9 +53,8 @@ class Curvature:
         late = (LATENCY_S * change) ** 2
         noise = late + _heading_noise(previous) + _heading_noise(measurement)
         gain = variance * travel / (variance * travel * travel + noise)
-        return Curvature(
-            self.value + gain * innovation, variance * (1.0 - gain * travel), change, twist.angular
-        )
+        value = min(max(self.value + gain * innovation, -MOST_CURVATURE), MOST_CURVATURE)
+        return Curvature(value, variance * (1.0 - gain * travel), change, twist.angular)
 
 
 def heading_deviation(measurement: Measurement) -> float:

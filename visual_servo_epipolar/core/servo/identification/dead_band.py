@@ -7,6 +7,7 @@ from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.memory.reading import Reading
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.identification.curvature import heading_deviation
+from visual_servo_epipolar.core.servo.identification.physical import LARGEST_DEAD_BAND
 from visual_servo_epipolar.core.servo.settings import ServoSettings, with_learnt
 
 LATE_S = 0.5  # by which a base may follow late
@@ -18,7 +19,6 @@ DEVIATIONS = 8.0  # of a position, that the motion commanded must be
 # Over the velocity that was not followed, and over one of about what was learnt already:
 # near the goal an answer takes ten seconds, and it may be twenty times as fast that is followed.
 MARGIN, MARGIN_AGAIN, LEARNT = 1.3, 1.9, 0.8
-LARGEST = 0.2  # of the largest velocity: a base that does not follow more is held, not slow
 MOST_HOP = 0.005, math.radians(0.5)  # half a pulse: no end may be wider for it [m], [rad]
 REFINING = 0.005  # of a distance, that it changes by while a memory learns its scale
 # Up to which speed [m/s], and way of a turn [m/rad], unequal wheels undo no turn.
@@ -128,9 +128,9 @@ class DeadBand:
 
     def beside(self, settings: ServoSettings) -> ServoSettings:
         """Return ``settings`` with dead bands at least as wide as those that were learnt."""
-        learnt = min(self.linear.value, LARGEST * settings.max_linear)
+        learnt = min(self.linear.value, LARGEST_DEAD_BAND * settings.max_linear)
         linear = max(settings.dead_band_linear, learnt)
-        learnt = min(self.angular.value, LARGEST * settings.max_angular)
+        learnt = min(self.angular.value, LARGEST_DEAD_BAND * settings.max_angular)
         angular = max(settings.dead_band_angular, learnt)
         if (linear, angular) == (settings.dead_band_linear, settings.dead_band_angular):
             return settings
@@ -153,7 +153,7 @@ def learns(settings: ServoSettings) -> bool:
 
 def _most(limit: float, hop: float, dt: float) -> float:
     """Return the largest velocity that may be learnt: of the ``limit``, and half a ``hop``."""
-    return min(LARGEST * limit, 2.0 * hop / dt if dt > 0.0 else math.inf)
+    return min(LARGEST_DEAD_BAND * limit, 2.0 * hop / dt if dt > 0.0 else math.inf)
 
 
 def _way(before: tuple[float, float], now: tuple[float, float], heading: float) -> float:

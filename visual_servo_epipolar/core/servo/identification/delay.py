@@ -16,11 +16,13 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.commands_sent import CommandsSent
 from visual_servo_epipolar.core.servo.identification.curvature import heading_deviation
+from visual_servo_epipolar.core.servo.identification.physical import MOST_DELAY_S
 from visual_servo_epipolar.core.servo.settings import ServoSettings, with_learnt
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.values import changed
 
-DELAYS: FloatArray = np.arange(31, dtype=np.float64) * 0.05  # [s]
+STEP_S = 0.05  # between two delays that may be [s]
+DELAYS: FloatArray = np.arange(round(MOST_DELAY_S / STEP_S) + 1, dtype=np.float64) * STEP_S
 BORNE = 0.25  # up to which laws bear a delay as it is [s]
 INTERVAL = 0.095  # between two headings that tell a turn, at least [s]
 FADING = 0.15  # sum of squared turns in which what was seen falls to 1/e: it may be a push [rad^2]

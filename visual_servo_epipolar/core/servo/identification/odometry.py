@@ -13,6 +13,7 @@ import math
 from visual_servo_epipolar.core.geometry.motion import motion_between, Pose
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.identification.curvature import heading_deviation
+from visual_servo_epipolar.core.servo.identification.physical import FASTER, SLOWER
 from visual_servo_epipolar.core.servo.identification.stretch import (
     Errors,
     Seen,
@@ -29,8 +30,7 @@ GAP_S = 1.0  # without images, over which anybody may have moved the robot
 LEAP_SPEEDS, LEAP_WAY, LEAP_TURN = 2.0, 0.03, 0.05  # over the largest speeds, and beyond [m, rad]
 MOST_DEVIATION = 0.02  # of a heading that tells a turn [rad]
 TOLD_WAY = 0.4  # commanded, after which it is held against that [m]
-# Of a way commanded: no base drives farther, but for what it obeys late [m]; many drive less.
-FASTER, SLOWER, LATE, LATER = 1.25, 0.5, 0.15, 0.19
+LATE, LATER = 0.15, 0.19  # of a way commanded, that a base obeys late [m]
 NO_LONGER = 'it is not used any more in this run, which goes on by commands'
 
 

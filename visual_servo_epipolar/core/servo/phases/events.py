@@ -57,6 +57,8 @@ def classify(state: ServoState, settings: ServoSettings) -> Event:
         return Event.NOTHING
     if has_timed_out(state, measurement, settings):
         return Event.TIMED_OUT
+    if state.motion.trouble:
+        return _disobeyed(state)
     if sees_too_little(measurement, settings):
         return Event.LOST if phase in DRIVING else Event.NOTHING
     if astray(state, measurement, settings):
@@ -64,6 +66,13 @@ def classify(state: ServoState, settings: ServoSettings) -> Event:
     event = _CLASSIFIERS[phase](state, measurement, settings)
     into_step_2 = next_phase(phase, event) is Phase.MATCHING_FEATURES
     return Event.LOST if into_step_2 and not math.isfinite(measurement.difference) else event
+
+
+def _disobeyed(state: ServoState) -> Event:
+    """Return the event of a motion that contradicts the commands: hold, or end where it recurs."""
+    if state.phase not in DRIVING:
+        return Event.NOTHING
+    return Event.DISOBEYED if state.motion.is_final else Event.LOST
 
 
 def _survey(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:

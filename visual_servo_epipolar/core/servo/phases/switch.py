@@ -103,6 +103,8 @@ def _reason(
     run = seconds_between(state.run_start_ns, measurement.stamp_ns)
     if event is Event.TIMED_OUT and run > settings.run_timeout:
         return f'the run took longer than {settings.run_timeout:g} s, still {name}'
+    if event is Event.TIMED_OUT and state.motion.troubled_since(state.phase_start_ns):
+        return f'held for {settings.holding_timeout:g} s: {state.reason}'
     if event is Event.TIMED_OUT and state.phase is Phase.HOLDING:
         ago = state.settled * usual_step(state)
         lost = f'tracks lost or untrusted for {settings.holding_timeout:g} s'
@@ -121,6 +123,10 @@ def _reason(
             f'at the end of attempt {state.attempts}'
         )
         return missed + _against_tolerances(measurement, settings)
+    if event is Event.DISOBEYED:
+        return f'{state.motion.contradictions} times in this run: {measurement.reason}'
+    if state.motion.trouble:
+        return measurement.reason
     if event is Event.LOST and not math.isfinite(measurement.difference):
         return measurement.reason or 'no feature is ahead in both views'
     if event is Event.LOST:

@@ -36,6 +36,7 @@ class Event(str, Enum):
     EXHAUSTED = 'exhausted'  # missed, and no attempt is left
     NO_GAIN = 'no gain'  # none is legal from here (section IV-C)
     DIVERGED = 'diverged'  # an epipole ran away
+    DISOBEYED = 'the base contradicts its commands'  # too often for the run to go on
     ASTRAY = 'astray'  # farther from the goal than the phase may lead
     TIMED_OUT = 'timed out'
     STOPPED = 'stopped'
@@ -88,7 +89,13 @@ TRANSITIONS: Mapping[tuple[Phase, Event], Phase] = MappingProxyType(
         **{
             (phase, event): Phase.FAILED
             for phase in RUNNING
-            for event in (Event.TIMED_OUT, Event.DIVERGED, Event.EXHAUSTED, Event.ASTRAY)
+            for event in (
+                Event.TIMED_OUT,
+                Event.DIVERGED,
+                Event.EXHAUSTED,
+                Event.DISOBEYED,
+                Event.ASTRAY,
+            )
         },
         **{(phase, Event.STOPPED): Phase.WAITING for phase in Phase},
     }

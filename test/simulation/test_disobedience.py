@@ -1,0 +1,139 @@
+"""Runs on a base that does not follow, or follows somebody else; and cameras the wrong way up."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from visual_servo_epipolar.commands.files.resources import scenario_path
+from visual_servo_epipolar.core.control.command import Command, HALT
+from visual_servo_epipolar.core.geometry.motion import Pose, Twist
+from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.step import step
+from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.simulation.closed_loop import Loop, published
+from visual_servo_epipolar.simulation.scenario import load
+from visual_servo_epipolar.simulation.view import View
+from visual_servo_epipolar.simulation.views import points_of
+
+START = (0.11, -2.2, 5.4)
+Interfere = Callable[[float, Command], Command]  # by the time [s] and what the servo commands
+
+
+class DisturbedLoop(Loop):
+    """A loop between whose servo and base somebody interferes; keeps all states and poses."""
+
+    def __init__(self, interfere: Interfere, flip: tuple[bool, bool] = (False, False)) -> None:
+        scenario = load(scenario_path('nominal')).seeded(1)
+        camera = scenario.camera.nominal_camera
+        view: View = points_of(scenario, 1)
+        if any(flip):
+            view = FlippedView(view, (camera.width, camera.height), flip)
+        super().__init__(scenario.loop(START, 1), view, camera)
+        self._interfere, self.states, self.poses = interfere, list[ServoState](), [self.pose]
+
+    def drive(self) -> None:
+        command = self._interfere(self.now_ns / 1e9, self._state.command)
+        self._base.command(command)
+        self._base.advance(self.now_ns + self._period_ns)
+        self.pose = published(self._base.pose)
+        self.states.append(self._state)
+        self.poses.append(self.pose)
+
+    def run(self, seconds: float) -> 'DisturbedLoop':
+        """Drive for so long, or until the servo ends."""
+        while self.now_ns < seconds * 1e9 and not self.monitor.done:
+            self.decide_by(step)
+            self.record()
+            self.drive()
+        return self
+
+    @property
+    def held_s(self) -> float:
+        """When it was held first, in seconds."""
+        return next(
+            frame * self._period_ns / 1e9
+            for frame, state in enumerate(self.states)
+            if state.phase is Phase.HOLDING
+        )
+
+
+class FlippedView(View):
+    """What a camera sees whose images, photograph and all, are mirrored or upside down."""
+
+    def __init__(self, view: View, size: tuple[int, int], flip: tuple[bool, bool]) -> None:
+        self._view, self._size, self._flip = view, np.array(size) - 1.0, np.array(flip)
+
+    def observe(self, pose: Pose, frame: int) -> Features:
+        seen = self._view.observe(pose, frame)
+        current, desired = (
+            np.where(self._flip, self._size - pixels, pixels)
+            for pixels in (seen.current, seen.desired)
+        )
+        return replace(seen, current=current, desired=desired)
+
+
+def obeyed(time_s: float, command: Command) -> Command:
+    return command
+
+
+def deaf_from(begin_s: float) -> Interfere:
+    return lambda time_s, command: HALT if time_s >= begin_s else command
+
+
+def joystick(begin_s: float, seconds: float, twist: Twist) -> Interfere:
+    def interfere(time_s: float, command: Command) -> Command:
+        return Command(twist) if begin_s <= time_s < begin_s + seconds else command
+
+    return interfere
+
+
+@pytest.mark.parametrize('begin_s', [0.0, 4.0, 11.0])
+def test_a_base_that_does_not_follow_is_held_and_the_run_fails_soon(begin_s: float) -> None:
+    loop = DisturbedLoop(deaf_from(begin_s)).run(40.0)
+    assert loop.held_s - begin_s < 6.0
+    last = loop.states[-1]
+    assert last.phase is Phase.FAILED
+    assert 'the base does not follow' in last.reason
+
+
+def test_a_stranger_is_held_against_teaches_nothing_and_the_run_goes_on_when_he_is_gone() -> None:
+    # A turn by a third of a radian, back again: the goal stays in view.
+    def interfere(time_s: float, command: Command) -> Command:
+        if not 4.0 <= time_s < 5.4:
+            return command
+        return Command(Twist(0.0, 0.5 if time_s < 4.7 else -0.5))
+
+    loop = DisturbedLoop(interfere).run(120.0)
+    assert 4.0 < loop.held_s < 5.0
+    held = [state for state in loop.states if state.phase is Phase.HOLDING]
+    assert 'look who else publishes cmd_vel' in held[0].reason
+    undisturbed = [state for state in loop.states[:44] if state.phase is not Phase.HOLDING]
+    for state in held:
+        assert abs(state.curvature.value - undisturbed[30].curvature.value) < 0.01
+        assert state.delay.value == 0.0
+    assert loop.states[-1].phase is Phase.ARRIVED
+    assert loop.pose.distance < 0.005
+
+
+def test_a_joystick_that_turns_the_robot_away_does_not_make_it_drive() -> None:
+    loop = DisturbedLoop(joystick(4.0, 4.0, Twist(0.0, 0.3))).run(30.0)
+    assert loop.held_s - 4.0 < 1.5
+    after = [state for state in loop.states if state.measurement.stamp_ns > 5.5e9]
+    assert all(state.command == HALT for state in after if state.phase is Phase.HOLDING)
+    assert max(pose.distance for pose in loop.poses) < 1.1 * loop.poses[0].distance
+
+
+@pytest.mark.parametrize('flip', [(True, False), (True, True)])
+def test_a_camera_the_wrong_way_round_stops_the_robot_after_some_degrees(
+    flip: tuple[bool, bool],
+) -> None:
+    loop = DisturbedLoop(obeyed, flip).run(30.0)
+    first = next(state for state in loop.states if state.phase is Phase.HOLDING)
+    assert 'the image turns against the command: upside down or mirrored' in first.reason
+    assert loop.states[-1].phase is Phase.FAILED
+    turned = max(abs(pose.theta - loop.poses[0].theta) for pose in loop.poses)
+    assert turned < np.radians(20.0)
+    assert loop.pose.distance == pytest.approx(loop.poses[0].distance)

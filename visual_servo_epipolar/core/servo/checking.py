@@ -1,0 +1,112 @@
+"""
+Checking: what a motion that contradicts the commands undoes.
+
+Nothing is learnt from such a motion. What was learnt since it may have begun is given back, until
+it is over.
+"""
+
+from dataclasses import replace
+import math
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import median
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.servo.anticipation import goal_distance
+from visual_servo_epipolar.core.servo.identification.motion_check import (
+    MotionCheck,
+    NOISE_OF_PARALLAX,
+    Sight,
+)
+from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase, RUNNING
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import Known, ServoState
+from visual_servo_epipolar.core.values import changed
+
+AHEAD = 0.5  # sine of the bearing up to which the goal is ahead or behind
+KNOWN_PARALLAX = 3.0  # deviations of a parallax of which a metre shows a part
+
+
+def checked(
+    state: ServoState, observation: Observation | None, dt: float, settings: ServoSettings
+) -> ServoState:
+    """
+    Return the state with its motion held against the commands, ``dt`` [s] after the last image.
+
+    Where it contradicts them, the measurement says why, and what was learnt from it is undone.
+    """
+    measurement = state.measurement
+    if observation is None or measurement is None or state.phase not in RUNNING:
+        return state if state.motion.reference is None else changed(state, motion=MotionCheck())
+    if dt == 0.0:
+        return changed(state, motion=state.motion.restarted())
+    shown = parallax_of_way(state, measurement, observation, settings)
+    sight = Sight(observation, measurement.noise, shown)
+    drives = state.phase in DRIVING
+    motion = state.motion.updated(sight, state.sent, settings, drives=drives)
+    if motion.disturbed(measurement.stamp_ns):
+        return _undone(changed(state, motion=motion), measurement)
+    if motion.reference is state.motion.reference:
+        return changed(state, motion=motion)
+    now = known(state)
+    before = now if state.known is None else state.known[-1]
+    return changed(state, motion=motion, known=(before, now))
+
+
+def known(state: ServoState) -> Known:
+    """Return what was learnt by now."""
+    return Known(
+        state.views,
+        state.extrinsics,
+        state.curvature,
+        state.dead_band,
+        state.delay,
+        state.odometry,
+    )
+
+
+def _undone(state: ServoState, measurement: Measurement) -> ServoState:
+    """Return ``state`` as known before a motion that contradicts commands, and the reason."""
+    trouble = state.motion.trouble
+    if trouble:
+        state = changed(state, measurement=replace(measurement, reason=trouble))
+    if state.phase is Phase.HOLDING:
+        state = changed(state, settled=0, reason=trouble or state.reason)
+    if state.known is None:
+        return state
+    before = state.known[0]
+    extrinsics = before.extrinsics and changed(before.extrinsics, placed=False)
+    return changed(
+        state,
+        views=replace(before.views, place=None),
+        extrinsics=extrinsics,
+        curvature=before.curvature,
+        dead_band=before.dead_band,
+        delay=before.delay,
+        odometry=replace(before.odometry, stretch=None, pose=state.odometry.pose),
+        straight=None,
+        leg=None,
+    )
+
+
+def parallax_of_way(
+    state: ServoState, measurement: Measurement, observation: Observation, settings: ServoSettings
+) -> float:
+    """
+    Return what a metre driven shows of parallax [rad/m]; 0 where nobody knows.
+
+    A way to the goal shows as large a part of its parallax as it is of the distance; one to where
+    the camera looks, with the goal aside, as much less as features are near the axis. A distance
+    that is not known is as large as it may be.
+    """
+    noise, parallax = NOISE_OF_PARALLAX * measurement.noise, measurement.parallax
+    if not parallax > KNOWN_PARALLAX * noise:
+        return 0.0
+    distance = goal_distance(state, measurement)
+    distance = min(distance, settings.initial_distance) if distance > 0.0 else math.inf
+    shown = math.sqrt(parallax * parallax - noise * noise) / max(distance, settings.min_distance)
+    bearings = measurement.bearings
+    if bearings is not None and abs(math.sin(bearings.alpha)) < AHEAD:
+        return shown
+    return shown * median(np.hypot(observation.current[:, 0], observation.current[:, 1]))
