@@ -14,11 +14,8 @@ from visual_servo_epipolar.core.arrays import median
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.anticipation import goal_distance
-from visual_servo_epipolar.core.servo.identification.motion_check import (
-    MotionCheck,
-    NOISE_OF_PARALLAX,
-    Sight,
-)
+from visual_servo_epipolar.core.servo.motion.check import Evidence, MotionCheck
+from visual_servo_epipolar.core.servo.motion.view_motion import NOISE_OF_PARALLAX
 from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase, RUNNING
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import Known, ServoState
@@ -42,9 +39,9 @@ def checked(
     if dt == 0.0:
         return changed(state, motion=state.motion.restarted())
     shown = parallax_of_way(state, measurement, observation, settings)
-    sight = Sight(observation, measurement.noise, shown)
+    evidence = Evidence(observation, measurement.noise, shown)
     drives = state.phase in DRIVING
-    motion = state.motion.updated(sight, state.sent, settings, drives=drives)
+    motion = state.motion.updated(evidence, state.sent, settings, drives=drives)
     if motion.disturbed(measurement.stamp_ns):
         return _undone(changed(state, motion=motion), measurement)
     if motion.reference is state.motion.reference:

@@ -15,6 +15,8 @@ COMMANDS = '/cmd_vel'
 DELAY_S = 0.3
 OTHERS = ((math.nan, 0.0), (math.inf, 0.0), (0.0, -math.inf), (math.nan, math.nan))
 OTHERS_S = 3.0
+JOYSTICK_RATE, JOYSTICK_S = 20, 4.0  # [Hz], [s]
+JOYSTICK = (-0.3, 0.3), (0.2, 0.5)  # speeds that it asks for, ahead [m/s] and to a side [rad/s]
 
 
 def _wheels(*grips: tuple[float, float]) -> Callable[[Scene], None]:
@@ -45,6 +47,23 @@ def _garbage(scene: Scene) -> None:
         scene.later(number / 20, send)
 
 
+def _deaf(scene: Scene) -> None:
+    """Let commands lead nowhere."""
+    scene.filter(COMMANDS, lambda parcel: [], scene.spell(3.0, 10.0))
+
+
+def _joystick(scene: Scene) -> None:
+    """Let somebody drive the robot beside the servo."""
+    twist = TwistMessage()
+    twist.linear.x = scene.draw(*JOYSTICK[0])
+    twist.angular.z = scene.draw(*JOYSTICK[1]) * (1.0 if scene.hits(0.5) else -1.0)
+    scene.notes.append(f'{twist.linear.x:.2f} m/s, {twist.angular.z:.2f} rad/s')
+    for number in range(round(JOYSTICK_S * JOYSTICK_RATE)):
+        scene.later(
+            number / JOYSTICK_RATE, lambda: scene.world.wire.send(Parcel(COMMANDS, twist, 0))
+        )
+
+
 def _second_servo(scene: Scene) -> None:
     """Start one more servo on the same tracks and the same cmd_vel."""
     scene.world.start('servo_node', alias='servo_two')
@@ -63,6 +82,10 @@ FAULTS: Mapping[str, Fault] = MappingProxyType(
         'commands_dropped': Fault(
             what='up to half of the commands lost', strike=dropped(COMMANDS), base_alone=True
         ),
+        'base_deaf': Fault(
+            what='commands lead nowhere', strike=_deaf, phases=ALWAYS, base_alone=True
+        ),
+        'joystick': Fault(what='a joystick at 20 Hz on cmd_vel for 4 s', strike=_joystick),
         'commands_garbage': Fault(
             what='nan and inf on cmd_vel by somebody else', strike=_garbage, phases=ALWAYS
         ),

@@ -25,6 +25,7 @@ from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
 INFO, DESIRED = '/camera_info', '/desired/image_raw'
+SCALES = (0.25, 0.35, 0.5, 0.7, 1.4, 2.0, 2.8, 4.0)
 FOCAL_RATIOS = (0.8, 0.85, 1.2, 1.25)
 
 
@@ -55,6 +56,25 @@ def _lens(model: str, *coefficients: float) -> Callable[[Any], None]:
 
 def _longer(info: Any) -> None:
     info.k[0], info.k[4] = 1.3 * info.k[0], 1.3 * info.k[4]
+
+
+def _transposed(info: Any) -> None:
+    info.k = np.asarray(info.k).reshape(3, 3).T.ravel()
+
+
+def _scaled(scene: Scene) -> None:
+    """Let K be that of images of another size, or of another lens."""
+    ratio, whole = float(scene.rng.choice(SCALES)), scene.hits(0.5)
+    scene.notes.append(f'{"K" if whole else "focal length"} times {ratio:g}')
+
+    def scale(info: Any) -> None:
+        k = np.array(info.k)
+        k[[0, 4]] *= ratio
+        if whole:
+            k[[2, 5]] *= ratio
+        info.k = k
+
+    _info(scale)(scene)
 
 
 def _uncalibrated(info: Any) -> None:
@@ -129,6 +149,14 @@ FAULTS: Mapping[str, Fault] = MappingProxyType(
         'lens_fisheye': Fault(
             what='told a fisheye',
             strike=_info(_lens('equidistant', 0.0, 0.0, 0.0, 0.0)),
+            phases=AT_FIRST,
+        ),
+        'matrix_transposed': Fault(
+            what='K column by column', strike=_info(_transposed), phases=AT_FIRST
+        ),
+        'matrix_scaled': Fault(
+            what='K, or its focal length alone, of 1/4 to 4 times the size',
+            strike=_scaled,
             phases=AT_FIRST,
         ),
         'info_missing': Fault(what='no camera_info', strike=_missing, phases=ALWAYS),

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
-from visual_servo_epipolar.faults.catalogue.fault import ALWAYS, Fault, Scene
+from visual_servo_epipolar.faults.catalogue.fault import ALWAYS, AT_FIRST, Fault, Scene
 from visual_servo_epipolar.faults.catalogue.streams import IMAGES
 from visual_servo_epipolar.faults.wire.parcel import Parcel
 
+DESIRED = '/desired/image_raw'
 LONGEST_S = 10.0
 KEPT = 40  # images that another may be swapped for
 BLOB = 0.45  # of the image's height and width, what covers part of it
@@ -116,6 +117,22 @@ def _upside_down(image: Pixels, scene: Scene) -> Any:
     return image[::-1, ::-1]
 
 
+def _mounted(pixels: Callable[[Pixels, Scene], Any]) -> Callable[[Scene], None]:
+    """Return a camera whose images are all as ``pixels`` has them, the photograph as well."""
+
+    def strike(scene: Scene) -> None:
+        def show(parcel: Parcel) -> list[Parcel]:
+            message = parcel.message
+            image = np.frombuffer(message.data, np.uint8).reshape(message.height, message.width)
+            shown = np.ascontiguousarray(pixels(image, scene), np.uint8)
+            return [parcel.changed(message=showing(message, shown.tobytes()))]
+
+        for topic in (IMAGES, DESIRED):
+            scene.filter(topic, show)
+
+    return strike
+
+
 def _covered(scene: Scene) -> None:
     """Cover part of the images with what moves along: what is left is true."""
     place, shade = scene.rng.random(2), scene.rng.integers(0, 256)
@@ -171,6 +188,12 @@ FAULTS: Mapping[str, Fault] = MappingProxyType(
         'images_garbage': Fault(what='noise for images', strike=_seen(_garbage), phases=ALWAYS),
         'images_mirrored': Fault(what='mirrored images', strike=_seen(_mirrored)),
         'images_upside_down': Fault(what='images upside down', strike=_seen(_upside_down)),
+        'camera_mirrored': Fault(
+            what='a driver that mirrors all images', strike=_mounted(_mirrored), phases=AT_FIRST
+        ),
+        'camera_upside_down': Fault(
+            what='a camera mounted upside down', strike=_mounted(_upside_down), phases=AT_FIRST
+        ),
         'images_covered': Fault(what='a fifth of the image is covered', strike=_covered),
         'images_lying_size': Fault(
             what='images of a height that lies', strike=_damaged(_lying_size)

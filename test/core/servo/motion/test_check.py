@@ -11,13 +11,13 @@ from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.commands_sent import CommandsSent
 from visual_servo_epipolar.core.servo.identification.curvature import Curvature
-from visual_servo_epipolar.core.servo.identification.motion_check import (
+from visual_servo_epipolar.core.servo.identification.physical import MOST_CURVATURE
+from visual_servo_epipolar.core.servo.motion.check import (
+    Evidence,
     MOST_CONTRADICTIONS,
     MotionCheck,
     QUIET_S,
-    Sight,
 )
-from visual_servo_epipolar.core.servo.identification.physical import MOST_CURVATURE
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 
 SETTINGS = ServoSettings()
@@ -62,8 +62,8 @@ def troubles(
     for frame in range(1, round(seconds / PERIOD_S)):
         time_s = frame * PERIOD_S
         seen = view(time_s, turn(time_s), way(time_s), scene, flip)
-        sight = Sight(seen, NOISE, parallax_of_way)
-        check = check.updated(sight, sent, SETTINGS, drives=True)
+        evidence = Evidence(seen, NOISE, parallax_of_way)
+        check = check.updated(evidence, sent, SETTINGS, drives=True)
         if check.trouble:
             found.append((time_s, check.trouble))
         sent = sent.after(seen.stamp_ns, twist(time_s))
@@ -172,7 +172,7 @@ def test_moving_people_and_wrong_matches_move_no_robot() -> None:
     for frame in range(1, 40):
         passing = scene + (rng.random((60, 1)) < 0.2) * rng.uniform(-1.0, 1.0, (60, 3))
         seen = view(frame * PERIOD_S, 0.0, 0.0, passing, 1.0)
-        check = check.updated(Sight(seen, NOISE, 0.03), sent, SETTINGS, drives=False)
+        check = check.updated(Evidence(seen, NOISE, 0.03), sent, SETTINGS, drives=False)
         assert not check.trouble
         sent = sent.after(seen.stamp_ns, STILL)
 
@@ -181,9 +181,9 @@ def test_a_view_that_has_few_features_in_common_with_the_reference_tells_nothing
     sent = CommandsSent()
     first, other = view(0.1, 0.0, 0.0, points(), 1.0), view(0.2, 0.5, 0.0, points(), 1.0)
     other = replace(other, ids=other.ids + 45)
-    check = MotionCheck().updated(Sight(first, NOISE, 0.0), sent, SETTINGS, drives=True)
+    check = MotionCheck().updated(Evidence(first, NOISE, 0.0), sent, SETTINGS, drives=True)
     for _ in range(2):
-        check = check.updated(Sight(other, NOISE, 0.0), sent, SETTINGS, drives=True)
+        check = check.updated(Evidence(other, NOISE, 0.0), sent, SETTINGS, drives=True)
         assert not check.trouble
     assert check.reference is not None and check.reference.stamp_ns == other.stamp_ns
 

@@ -1,0 +1,1 @@
+"""Motion: whether the base moves as it was told."""

@@ -1,0 +1,118 @@
+"""
+Motion check: whether the base moves as it was told, by how the view changes.
+
+The turn and the parallax between two views of the run hold whatever the photograph, the scale of
+a memory and the distance are. They are held against what commands make of a base that obeys at
+once, or up to MOST_DELAY late. Who stands where a turn or a way was commanded does not follow;
+who turns where none was is driven by somebody else, or seen through a wrong or mirrored camera.
+
+A turn is always seen. A way is seen where the photograph shows that there is parallax to be seen:
+not in a scene too far away for it, nor near the goal, nor for a command that is a matter of the
+dead band.
+"""
+
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.servo.commands_sent import CommandsSent
+from visual_servo_epipolar.core.servo.motion.verdicts import (
+    Asked,
+    contradiction,
+    DELAYS,
+    Window,
+)
+from visual_servo_epipolar.core.servo.motion.view_motion import Reference, view_motion
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.stamps import seconds_between
+
+LASTING_S = 1.0  # of a reference, if anything moved since
+QUIET_S = 1.0  # after a contradiction, before the run may go on
+MOST_CONTRADICTIONS = 3  # in a run
+
+
+class Evidence(NamedTuple):
+    """
+    What an image shows to the check.
+
+    ``noise`` is the deviation of a ray [rad], ``parallax_of_way`` what a metre shows at least
+    [rad/m], 0 where nobody knows.
+    """
+
+    observation: Observation
+    noise: float
+    parallax_of_way: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MotionCheck:
+    """
+    Check of the motion since a ``reference``, None before the first view.
+
+    ``trouble`` says what contradicts the commands now, '' if nothing does: two views in a row, of
+    which the first made it ``suspected``. ``troubled_ns`` is when something did last, None before,
+    and ``contradictions`` how often it stopped the run.
+    ``asked`` is what was commanded while the view stood, until ``now_ns``.
+    """
+
+    reference: Reference | None = None
+    trouble: str = ''
+    suspected: bool = False
+    troubled_ns: int | None = None
+    contradictions: int = 0
+    asked: Asked = Asked()
+    now_ns: int = 0
+
+    @property
+    def is_final(self) -> bool:
+        """Whether it has happened too often for the run to go on."""
+        return self.contradictions >= MOST_CONTRADICTIONS
+
+    def disturbed(self, now_ns: int) -> bool:
+        """Return whether something contradicts the commands, or did just now."""
+        if self.troubled_ns is None:
+            return False
+        return 0.0 <= seconds_between(self.troubled_ns, now_ns) < QUIET_S
+
+    def troubled_since(self, stamp_ns: int) -> bool:
+        """Return whether something contradicted the commands since ``stamp_ns``."""
+        return self.troubled_ns is not None and self.troubled_ns >= stamp_ns
+
+    def restarted(self) -> 'MotionCheck':
+        """Return the check that begins anew at the next view: the clock leapt."""
+        return replace(self, reference=None, trouble='', suspected=False, asked=Asked())
+
+    def updated(
+        self, evidence: Evidence, sent: CommandsSent, settings: ServoSettings, *, drives: bool
+    ) -> 'MotionCheck':
+        """Return the check after one more view, of a robot that ``drives`` or holds."""
+        observation, reference = evidence.observation, self.reference
+        if observation.ids is None:
+            return self.restarted()
+        here = Reference(observation.stamp_ns, observation.ids, observation.current)
+        seen = reference and view_motion(reference, here, evidence.noise)
+        if reference is None or seen is None:
+            return replace(self.restarted(), reference=here, now_ns=here.stamp_ns)
+        window = Window(reference.stamp_ns, here.stamp_ns, sent)
+        asked = Asked()
+        if seen.stands:
+            asked = self.asked.after(*self._told(sent, evidence, here.stamp_ns), self.now_ns)
+        found = contradiction(window, seen, asked, evidence.parallax_of_way, settings)
+        trouble = found if self.suspected else ''
+        lasted = seconds_between(reference.stamp_ns, here.stamp_ns)
+        over = lasted >= LASTING_S and not seen.stands and not found
+        return MotionCheck(
+            here if over or trouble else reference,
+            trouble,
+            bool(found) and not trouble,
+            here.stamp_ns if trouble else self.troubled_ns,
+            self.contradictions + (bool(trouble) and drives),
+            Asked(numb=seen.stands) if trouble else asked,
+            here.stamp_ns,
+        )
+
+    def _told(self, sent: CommandsSent, evidence: Evidence, now_ns: int) -> tuple[float, float]:
+        """Return turn [rad] and parallax [rad] commanded since the last view."""
+        turn = float(sent.turns(self.now_ns, now_ns, DELAYS[:1])[0])
+        way = float(sent.ways(self.now_ns, now_ns, DELAYS[:1])[0])
+        return turn, way * evidence.parallax_of_way

@@ -1,0 +1,171 @@
+"""Verdicts on the motion between two views: what contradicts the commands, in words."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.servo.commands_sent import CommandsSent
+from visual_servo_epipolar.core.servo.identification.physical import (
+    FOLLOWED,
+    LARGEST_DEAD_BAND,
+    MOST_CURVATURE,
+    MOST_DELAY_S,
+    MOST_TURN_RATIO,
+)
+from visual_servo_epipolar.core.servo.motion.view_motion import TURN_DEVIATIONS, ViewMotion
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
+
+DELAYS: FloatArray = np.linspace(0.0, MOST_DELAY_S, 16)  # [s]
+ASKED_TURN, ASKED_PARALLAX = 0.1, 10.0  # that show for certain who stands [rad], [deviations]
+# The same of slow commands, of which a dead band may swallow some, and for how long at least [s].
+ASKED_SLOWLY, SLOWLY_S = 1.5, 3.0
+NUMB_S = 6.0  # of any commands, to who did not follow before and has not moved since [s]
+SHARE = 0.25  # of what was commanded, that who stands moves at most
+# By which a turn may differ from commands: at least [rad], and in parallax, which a rotation alone
+# explains wrong.
+LEAST_TURN, TURN_OF_PARALLAX = 0.04, 1.5
+AGAINST = 0.4, 2.5  # turns seen over turns commanded, of an image that turns against commands
+SOON_S, TOLD_TURN = 0.5, 0.01  # in which a base usually follows, and a turn that counts [rad]
+MOVED_PARALLAX = 12.0  # of who was moved while it was to stand [deviations]
+
+
+@dataclass(frozen=True, slots=True)
+class Asked:
+    """
+    Turn [rad] and parallax [rad] commanded while the view stood, since the first of them.
+
+    ``numb`` says that it stood before where it had to move, and has not moved since.
+    """
+
+    since_ns: int | None = None
+    turn: float = 0.0
+    parallax: float = 0.0
+    numb: bool = False
+
+    def after(self, turn: float, parallax: float, begin_ns: int) -> 'Asked':
+        """Return what was asked with a command more, which acted from ``begin_ns``."""
+        if self.since_ns is None and not turn and not parallax:
+            return self
+        since_ns = begin_ns if self.since_ns is None else self.since_ns
+        return Asked(since_ns, self.turn + turn, self.parallax + parallax, self.numb)
+
+    def seconds(self, now_ns: int) -> float:
+        """Return for how long something has been asked [s]."""
+        return 0.0 if self.since_ns is None else seconds_between(self.since_ns, now_ns)
+
+
+class Window(NamedTuple):
+    """Time between two views [ns], and the commands ``sent``."""
+
+    begin_ns: int
+    end_ns: int
+    sent: CommandsSent
+
+    @property
+    def turns(self) -> FloatArray:
+        """Turns commanded in it, less each of DELAYS: (N,) [rad]."""
+        return self.sent.turns(self.begin_ns, self.end_ns, DELAYS)
+
+    @property
+    def ways(self) -> FloatArray:
+        """Ways commanded in it, less each of DELAYS: (N,) [m]."""
+        return self.sent.ways(self.begin_ns, self.end_ns, DELAYS)
+
+    def unfollowed(self, axis: str, least: float) -> float:
+        """Return what was commanded that any base follows by now, faster than ``least``."""
+        began = self.sent.since([getattr(twist, axis) for twist in self.sent.twists], least)
+        if began is None:
+            return 0.0
+        late_ns = round(MOST_DELAY_S * NANOSECONDS)
+        begin_ns, end_ns = max(began, self.begin_ns - late_ns), self.end_ns - late_ns
+        if end_ns <= begin_ns:
+            return 0.0
+        driven = self.sent.turns if axis == 'angular' else self.sent.ways
+        late = np.array([0.0, MOST_DELAY_S])
+        return float(np.abs(driven(begin_ns + late_ns, self.end_ns, late)).min())
+
+
+def contradiction(
+    window: Window,
+    seen: ViewMotion,
+    asked: Asked,
+    parallax_of_way: float,
+    settings: ServoSettings,
+) -> str:
+    """Return how what was ``seen`` contradicts the commands; or ''."""
+    trouble = _against(window, seen) or _moved(window, seen)
+    if trouble or not seen.stands:
+        return trouble
+    return _standing(window, seen, parallax_of_way, settings) or _standing_long(
+        window, seen, asked
+    )
+
+
+def _against(window: Window, seen: ViewMotion) -> str:
+    """Return how a turn contradicts all that was commanded; or ''."""
+    turns, ways = window.turns, window.ways
+    slack = LEAST_TURN + TURN_DEVIATIONS * seen.noise + TURN_OF_PARALLAX * seen.parallax
+    slack += MOST_CURVATURE * float(np.abs(ways).max())
+    low = MOST_TURN_RATIO * min(float(turns.min()), 0.0) - slack
+    high = MOST_TURN_RATIO * max(float(turns.max()), 0.0) + slack
+    if low <= seen.turn <= high:
+        return ''
+    soon = turns[DELAYS <= SOON_S]  # of one side: the other would have explained it
+    ratios = -seen.turn / soon[np.abs(soon) > TOLD_TURN]
+    turned = f'{seen.turn:.2f} rad to the left were seen'
+    if ((ratios > AGAINST[0]) & (ratios < AGAINST[1])).any():
+        return (
+            f'the image turns against the command: upside down or mirrored? {turned}, '
+            f'{soon[0]:.2f} were commanded; turn the camera, what its driver makes of images, or '
+            'the wheels the right way round'
+        )
+    return (
+        f'the robot turns as nobody told it: {turned}, {turns[0]:.2f} were commanded; look who '
+        'else publishes cmd_vel or pushes it, and whether camera_info is of these images'
+    )
+
+
+def _moved(window: Window, seen: ViewMotion) -> str:
+    """Return that who was to stand was moved; or ''."""
+    if window.turns.any() or window.ways.any() or seen.parallax < MOVED_PARALLAX * seen.noise:
+        return ''
+    return (
+        'the robot moves while it is told to stand; look who else publishes cmd_vel or pushes it'
+    )
+
+
+def _standing(
+    window: Window, seen: ViewMotion, parallax_of_way: float, settings: ServoSettings
+) -> str:
+    """Return what was commanded and not followed at all; or ''."""
+    turn = window.unfollowed('angular', max(FOLLOWED, LARGEST_DEAD_BAND * settings.max_angular))
+    if turn > ASKED_TURN and abs(seen.turn) < SHARE * turn:
+        return _deaf(f'a turn of {turn:.2f} rad')
+    way = window.unfollowed('linear', max(FOLLOWED, LARGEST_DEAD_BAND * settings.max_linear))
+    if way * parallax_of_way > ASKED_PARALLAX * seen.noise:
+        return _deaf(f'a way of {way:.2f} m')
+    return ''
+
+
+def _standing_long(window: Window, seen: ViewMotion, asked: Asked) -> str:
+    """Return that slow commands were not followed for long; or ''."""
+    lasted, turn = asked.seconds(window.end_ns), abs(asked.turn)
+    if asked.numb and lasted > NUMB_S:
+        return _deaf(f'a turn of {turn:.3f} rad')
+    if lasted < SLOWLY_S:
+        return ''
+    if turn > ASKED_SLOWLY * ASKED_TURN and abs(seen.turn) < SHARE * turn:
+        return _deaf(f'a turn of {turn:.2f} rad')
+    if abs(asked.parallax) > ASKED_SLOWLY * ASKED_PARALLAX * seen.noise:
+        return _deaf('a way that would be seen')
+    return ''
+
+
+def _deaf(commanded: str) -> str:
+    return (
+        f'the base does not follow: {commanded} was commanded, and the view stands still; see '
+        'that cmd_vel leads to the base, its type and its motors, and that no emergency stop is on'
+    )
