@@ -104,7 +104,7 @@ def _flickering(scene: Scene) -> None:
     scene.filter(INFO, alter)
 
 
-def _photograph(pixels: Callable[[Scene], Pixels]) -> Callable[[Scene], None]:
+def photograph(pixels: Callable[[Scene], Pixels]) -> Callable[[Scene], None]:
     """Let somebody publish another photograph."""
 
     def strike(scene: Scene) -> None:
@@ -172,13 +172,13 @@ FAULTS: Mapping[str, Fault] = MappingProxyType(
             what='camera_info of larger images', strike=_info(_larger), phases=ALWAYS
         ),
         'photograph_other_room': Fault(
-            what='a photograph of another room', strike=_photograph(_other_room), phases=ALWAYS
+            what='a photograph of another room', strike=photograph(_other_room), phases=ALWAYS
         ),
         'photograph_other_pose': Fault(
-            what='another photograph in mid-run', strike=_photograph(_other_pose)
+            what='another photograph in mid-run', strike=photograph(_other_pose)
         ),
         'photograph_black': Fault(
-            what='a black photograph', strike=_photograph(_black), phases=ALWAYS
+            what='a black photograph', strike=photograph(_black), phases=ALWAYS
         ),
     }
 )

@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
+from visual_servo_epipolar.faults.catalogue.calibration import photograph, taken
 from visual_servo_epipolar.faults.catalogue.fault import ALWAYS, AT_FIRST, Fault, Scene
 from visual_servo_epipolar.faults.catalogue.streams import IMAGES
 from visual_servo_epipolar.faults.wire.parcel import Parcel
 
-DESIRED = '/desired/image_raw'
 LONGEST_S = 10.0
 KEPT = 40  # images that another may be swapped for
 BLOB = 0.45  # of the image's height and width, what covers part of it
@@ -89,7 +90,7 @@ def _seen(pixels: Callable[[Pixels, Scene], Any]) -> Callable[[Scene], None]:
         def show(parcel: Parcel) -> list[Parcel]:
             message = parcel.message
             image = np.frombuffer(message.data, np.uint8).reshape(message.height, message.width)
-            shown = np.ascontiguousarray(pixels(image, scene), np.uint8)
+            shown = _contiguous(pixels(image, scene))
             return [untrue(parcel, showing(message, shown.tobytes()))]
 
         scene.filter(IMAGES, show, scene.spell(0.3, LONGEST_S))
@@ -120,17 +121,24 @@ def _upside_down(image: Pixels, scene: Scene) -> Any:
 def _mounted(pixels: Callable[[Pixels, Scene], Any]) -> Callable[[Scene], None]:
     """Return a camera whose images are all as ``pixels`` has them, the photograph as well."""
 
+    def taken_so(scene: Scene) -> Pixels:
+        return _contiguous(pixels(taken(scene.world.settings.camera, DESIRED_POSE), scene))
+
     def strike(scene: Scene) -> None:
         def show(parcel: Parcel) -> list[Parcel]:
             message = parcel.message
             image = np.frombuffer(message.data, np.uint8).reshape(message.height, message.width)
-            shown = np.ascontiguousarray(pixels(image, scene), np.uint8)
+            shown = _contiguous(pixels(image, scene))
             return [parcel.changed(message=showing(message, shown.tobytes()))]
 
-        for topic in (IMAGES, DESIRED):
-            scene.filter(topic, show)
+        scene.filter(IMAGES, show)
+        photograph(taken_so)(scene)
 
     return strike
+
+
+def _contiguous(pixels: Any) -> Pixels:
+    return np.ascontiguousarray(pixels, np.uint8)
 
 
 def _covered(scene: Scene) -> None:

@@ -115,16 +115,16 @@ def _against(window: Window, seen: ViewMotion) -> str:
         return ''
     soon = turns[DELAYS <= SOON_S]  # of one side: the other would have explained it
     ratios = -seen.turn / soon[np.abs(soon) > TOLD_TURN]
-    turned = f'{seen.turn:.2f} rad to the left were seen'
     if ((ratios > AGAINST[0]) & (ratios < AGAINST[1])).any():
         return (
-            f'the image turns against the command: upside down or mirrored? {turned}, '
-            f'{soon[0]:.2f} were commanded; turn the camera, what its driver makes of images, or '
-            'the wheels the right way round'
+            f'the image turns against the command: upside down or mirrored? {seen.turn:.2f} rad '
+            f'to the left were seen, {soon[0]:.2f} were commanded; turn the camera, what its '
+            'driver makes of images, or the wheels the right way round'
         )
     return (
-        f'the robot turns as nobody told it: {turned}, {turns[0]:.2f} were commanded; look who '
-        'else publishes cmd_vel or pushes it, and whether camera_info is of these images'
+        f'the robot turns as nobody told it: {seen.turn:.2f} rad to the left were seen, '
+        f'{turns[0]:.2f} were commanded; look who else publishes cmd_vel or pushes it, and '
+        'whether camera_info is of these images'
     )
 
 
