@@ -117,6 +117,27 @@ def test_slow_commands_that_are_never_followed_are_found_out_in_time() -> None:
     assert 3.0 < found[0][0] <= 5.0
 
 
+def test_a_base_that_obeys_late_is_not_held_where_it_was_hardly_told_anything_before() -> None:
+    # Creeping commands that a dead band swallows, and then a way that takes 1.4 s to begin.
+    def twist(time_s: float) -> Twist:
+        return Twist(0.0, 0.002) if time_s < 4.0 else Twist(0.4, 0.0)
+
+    def way(time_s: float) -> float:
+        return 0.4 * max(time_s - 5.5, 0.0)
+
+    assert troubles(twist, lambda time_s: 0.0, way, seconds=7.0) == []
+
+
+def test_a_base_that_stands_as_it_was_told_to_is_not_held_by_small_commands_after_it() -> None:
+    def twist(time_s: float) -> Twist:
+        return Twist(0.4, 0.0) if time_s < 2.0 else Twist(0.0, 0.002)
+
+    def way(time_s: float) -> float:
+        return 0.4 * min(time_s, 2.0)
+
+    assert troubles(twist, lambda time_s: 0.0, way, seconds=8.0) == []
+
+
 @pytest.mark.parametrize('parallax_of_way', [0.0, 1e-3])
 def test_a_way_where_none_can_be_seen_is_no_disobedience(parallax_of_way: float) -> None:
     # A scene as far away as the horizon, and a robot that is there already.

@@ -19,7 +19,6 @@ from visual_servo_epipolar.core.servo.commands_sent import CommandsSent
 from visual_servo_epipolar.core.servo.motion.verdicts import (
     Asked,
     contradiction,
-    DELAYS,
     Window,
 )
 from visual_servo_epipolar.core.servo.motion.view_motion import Reference, view_motion
@@ -29,6 +28,7 @@ from visual_servo_epipolar.core.stamps import seconds_between
 LASTING_S = 1.0  # of a reference, if anything moved since
 QUIET_S = 1.0  # after a contradiction, before the run may go on
 MOST_CONTRADICTIONS = 3  # in a run
+NOTHING = Asked()
 
 
 class Evidence(NamedTuple):
@@ -60,7 +60,7 @@ class MotionCheck:
     suspected: bool = False
     troubled_ns: int | None = None
     contradictions: int = 0
-    asked: Asked = Asked()
+    asked: Asked = NOTHING
     now_ns: int = 0
 
     @property
@@ -80,7 +80,7 @@ class MotionCheck:
 
     def restarted(self) -> 'MotionCheck':
         """Return the check that begins anew at the next view: the clock leapt."""
-        return replace(self, reference=None, trouble='', suspected=False, asked=Asked())
+        return replace(self, reference=None, trouble='', suspected=False, asked=NOTHING)
 
     def updated(
         self, evidence: Evidence, sent: CommandsSent, settings: ServoSettings, *, drives: bool
@@ -94,9 +94,10 @@ class MotionCheck:
         if reference is None or seen is None:
             return replace(self.restarted(), reference=here, now_ns=here.stamp_ns)
         window = Window(reference.stamp_ns, here.stamp_ns, sent)
-        asked = Asked()
+        asked = NOTHING
         if seen.stands:
-            asked = self.asked.after(*self._told(sent, evidence, here.stamp_ns), self.now_ns)
+            last = Window(self.now_ns, here.stamp_ns, sent)
+            asked = self.asked.after(last, evidence.parallax_of_way)
         found = contradiction(window, seen, asked, evidence.parallax_of_way, settings)
         trouble = found if self.suspected else ''
         lasted = seconds_between(reference.stamp_ns, here.stamp_ns)
@@ -110,9 +111,3 @@ class MotionCheck:
             Asked(numb=seen.stands) if trouble else asked,
             here.stamp_ns,
         )
-
-    def _told(self, sent: CommandsSent, evidence: Evidence, now_ns: int) -> tuple[float, float]:
-        """Return turn [rad] and parallax [rad] commanded since the last view."""
-        turn = float(sent.turns(self.now_ns, now_ns, DELAYS[:1])[0])
-        way = float(sent.ways(self.now_ns, now_ns, DELAYS[:1])[0])
-        return turn, way * evidence.parallax_of_way

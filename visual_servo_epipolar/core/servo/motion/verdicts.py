@@ -1,6 +1,6 @@
 """Verdicts on the motion between two views: what contradicts the commands, in words."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
@@ -32,25 +32,31 @@ SOON_S, TOLD_TURN = 0.5, 0.01  # in which a base usually follows, and a turn tha
 MOVED_PARALLAX = 12.0  # of who was moved while it was to stand [deviations]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Asked:
     """
-    Turn [rad] and parallax [rad] commanded while the view stood, since the first of them.
+    Turns [rad] and parallaxes [rad] commanded while the view stood, since the first of them.
 
+    Both have shape (2,): of a base that obeys at once, and of one that is as late as any.
     ``numb`` says that it stood before where it had to move, and has not moved since.
     """
 
     since_ns: int | None = None
-    turn: float = 0.0
-    parallax: float = 0.0
+    turns: FloatArray = field(default_factory=lambda: np.zeros(2))
+    parallaxes: FloatArray = field(default_factory=lambda: np.zeros(2))
     numb: bool = False
 
-    def after(self, turn: float, parallax: float, begin_ns: int) -> 'Asked':
-        """Return what was asked with a command more, which acted from ``begin_ns``."""
-        if self.since_ns is None and not turn and not parallax:
+    def after(self, window: 'Window', parallax_of_way: float) -> 'Asked':
+        """Return what was asked with the commands of a ``window`` more."""
+        turns, ways = window.turns[[0, -1]], window.ways[[0, -1]]
+        if self.since_ns is None and not turns[0] and not ways[0]:
             return self
-        since_ns = begin_ns if self.since_ns is None else self.since_ns
-        return Asked(since_ns, self.turn + turn, self.parallax + parallax, self.numb)
+        return Asked(
+            window.begin_ns if self.since_ns is None else self.since_ns,
+            self.turns + turns,
+            self.parallaxes + parallax_of_way * ways,
+            self.numb,
+        )
 
     def seconds(self, now_ns: int) -> float:
         """Return for how long something has been asked [s]."""
@@ -152,14 +158,15 @@ def _standing(
 
 def _standing_long(window: Window, seen: ViewMotion, asked: Asked) -> str:
     """Return that slow commands were not followed for long; or ''."""
-    lasted, turn = asked.seconds(window.end_ns), abs(asked.turn)
+    lasted = asked.seconds(window.end_ns)
+    turn, parallax = (float(np.abs(each).min()) for each in (asked.turns, asked.parallaxes))
     if asked.numb and lasted > NUMB_S:
         return _deaf(f'a turn of {turn:.3f} rad')
     if lasted < SLOWLY_S:
         return ''
     if turn > ASKED_SLOWLY * ASKED_TURN and abs(seen.turn) < SHARE * turn:
         return _deaf(f'a turn of {turn:.2f} rad')
-    if abs(asked.parallax) > ASKED_SLOWLY * ASKED_PARALLAX * seen.noise:
+    if parallax > ASKED_SLOWLY * ASKED_PARALLAX * seen.noise:
         return _deaf('a way that would be seen')
     return ''
 
