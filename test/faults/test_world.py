@@ -13,6 +13,7 @@ from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.faults import campaign, drive
 from visual_servo_epipolar.faults import run as runs
 from visual_servo_epipolar.faults.base import BreakableUnicycleNode
+from visual_servo_epipolar.faults.catalogue import orders
 from visual_servo_epipolar.faults.catalogue.fault import Fault, Scene
 from visual_servo_epipolar.faults.catalogue.table import FAULTS
 from visual_servo_epipolar.faults.judging.record import Record
@@ -22,6 +23,7 @@ from visual_servo_epipolar.faults.world import small_camera, World, WorldSetting
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.messages.write import TRACK_LAYOUT
 from visual_servo_epipolar.nodes.servo_node import ServoNode
+from visual_servo_epipolar.nodes.servoing.arming import Arming
 from visual_servo_epipolar.nodes.servoing.watch import Watch
 from visual_servo_epipolar.simulation.bases.pioneer import Pioneer, PioneerSettings
 
@@ -213,3 +215,35 @@ def test_transitions_are_asked_for_by_the_service_and_refused_where_there_is_non
         assert answers == ['refused', 'done', 'done', 'refused', 'done', 'done']
         assert world.wire.crashes == []
         assert world.change_state('tracker_node', 'cleanup').startswith('no ')
+
+
+@pytest.fixture
+def soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let what was missing at a start come soon after the order has lapsed."""
+    monkeypatch.setattr(orders, 'LATER_S', 14.0)
+
+
+@pytest.mark.parametrize('name', [name for name in FAULTS if name.startswith('arming_')])
+def test_what_comes_after_an_order_to_start_sets_nothing_moving(name: str, soon: None) -> None:
+    result = runs.run(name, FAULTS[name], SEED)
+    assert (result['verdict'], result['phase']) == ('at rest', 'waiting'), result['charges']
+
+
+def test_a_servo_that_obeys_an_old_order_is_condemned(
+    monkeypatch: pytest.MonkeyPatch, soon: None
+) -> None:
+    monkeypatch.setattr(Arming, 'has_expired', False)
+    result = runs.run('arming_clock', FAULTS['arming_clock'], SEED)
+    assert any('moved after stop' in charge for charge in result['charges'])
+
+
+def test_a_second_button_that_is_not_pressed_releases_nothing() -> None:
+    result = driven('order_two_buttons', FAULTS['order_two_buttons'])
+    assert (result['verdict'], result['phase']) == ('at rest', 'waiting'), result['charges']
+    assert 'start: the stop button is pressed; release it, then call ~/start' in result['notes']
+
+
+def test_a_clock_that_freezes_is_the_reason(soon: None) -> None:
+    result = runs.run('clock_freezes', FAULTS['clock_freezes'], SEED)
+    assert (result['verdict'], result['phase']) == ('at rest', 'failed'), result['charges']
+    assert '/clock has stood still at' in str(result['reason'])

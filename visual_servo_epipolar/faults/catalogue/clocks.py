@@ -7,11 +7,10 @@ from types import MappingProxyType
 import numpy as np
 
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-from visual_servo_epipolar.faults.catalogue.fault import ALWAYS, Fault, Scene
-from visual_servo_epipolar.faults.catalogue.streams import IMAGES
+from visual_servo_epipolar.faults.catalogue.fault import ALWAYS, AT_FIRST, Fault, Scene
 from visual_servo_epipolar.faults.wire.parcel import Parcel
-from visual_servo_epipolar.faults.wire.wire import BEGIN_NS
 from visual_servo_epipolar.faults.world import WorldSettings
+from visual_servo_epipolar.messages import write
 
 CLOCK = '/clock'
 
@@ -51,15 +50,22 @@ def _restart(scene: Scene) -> None:
 
 
 def _freeze(scene: Scene) -> None:
-    """Let /clock stand still for good, while images go on by the time that it had."""
+    """Let the /clock of the servo alone go for a while and then stand still; images go on."""
+    wire, seconds = scene.world.wire, scene.draw(2.0, 15.0)
+    scene.notes.append(f'after {seconds:.1f} s')
+    end_ns = wire.now_ns + round(seconds * NANOSECONDS)
 
-    def stamped(parcel: Parcel) -> list[Parcel]:
-        stamp, now_ns = parcel.message.header.stamp, scene.world.wire.now_ns - BEGIN_NS
-        stamp.sec, stamp.nanosec = divmod(now_ns + NANOSECONDS, NANOSECONDS)
-        return [parcel]
+    def tick() -> None:
+        wire.post(Parcel(CLOCK, write.clock(wire.wall_ns), 0))
+        if wire.now_ns < end_ns:
+            wire.at(wire.now_ns + NANOSECONDS // 50, tick)
 
-    scene.filter(CLOCK, lambda parcel: [])
-    scene.filter(IMAGES, stamped)
+    tick()
+    scene.later(seconds, lambda: None)
+
+
+def _simulated_servo(settings: WorldSettings, rng: np.random.Generator) -> WorldSettings:
+    return replace(settings, more={'servo_node': {'use_sim_time': True}})
 
 
 FAULTS: Mapping[str, Fault] = MappingProxyType(
@@ -76,7 +82,10 @@ FAULTS: Mapping[str, Fault] = MappingProxyType(
             what='/clock stands still', strike=_stop, prepare=_simulated, phases=ALWAYS
         ),
         'clock_freezes': Fault(
-            what='/clock stands still, and images go on', strike=_freeze, prepare=_simulated
+            what='the /clock of the servo stands still, and images go on',
+            strike=_freeze,
+            prepare=_simulated_servo,
+            phases=AT_FIRST,
         ),
         'clock_restarts': Fault(
             what='/clock begins anew', strike=_restart, prepare=_simulated, phases=ALWAYS
