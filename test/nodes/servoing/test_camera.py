@@ -34,6 +34,7 @@ def test_another_camera_in_mid_run_stops_the_robot_at_once_and_for_good(bench) -
     for _ in range(3):
         rig.see()
     assert (rig.phase, set(rig.twists()[told:])) == ('holding', {STANDSTILL})
+    assert rig.node._state.reason.startswith(CHANGED)
     bench.until(lambda: bool(bench.logged(CHANGED)), 'the complaint')
 
 

@@ -86,3 +86,15 @@ def test_a_photograph_that_changed_stays_the_reason_of_a_hold(bench) -> None:
         rig.stamp_ns += PERIOD_NS
     assert rig.phase == 'failed'
     assert 'the photograph has changed in mid-run' in rig.node._state.reason
+
+
+def test_where_clock_ends_with_the_tracks_that_is_said_as_well(bench) -> None:
+    rig = Rig(bench, stale_timeout=60.0).drive()
+    run = rig.node._run
+    run.lose('an image of last year')
+    run.freshness._node_clock = run.freshness.clock = HandSetClock()
+    run.freshness.clock_stands_still()
+    run.freshness.clock = HandSetClock()
+    run.freshness.clock.now_ns = run.freshness._heard_ns + 4_900_000_000
+    run.time_out(5.0)
+    assert rig.node._state.reason.endswith(': no tracks for 4.9 s, and /clock stands still')

@@ -14,6 +14,7 @@ from visual_servo_epipolar.messages.diagnostics import Words
 from visual_servo_epipolar.nodes.servoing.arming import Arming
 from visual_servo_epipolar.nodes.servoing.commands import Commands
 from visual_servo_epipolar.nodes.servoing.freshness import Freshness
+from visual_servo_epipolar.nodes.servoing.inputs.stamps import STILL_S
 from visual_servo_epipolar.nodes.servoing.reports import Reports
 
 QUIET_S = 1.0  # without any tracks: then silence is what is wrong
@@ -122,8 +123,14 @@ class Run:
     def latest_trouble(self) -> str:
         """What keeps a robot that holds from going on, by the latest that is known."""
         if self.freshness.quiet > QUIET_S:
-            return f'no tracks for {self.freshness.quiet:.1f} s'
+            return f'no tracks for {self.freshness.quiet:.1f} s{self.clock_note}'
         return self.trouble or self.state.reason
+
+    @property
+    def clock_note(self) -> str:
+        """That /clock stands still, as an addition to a reason; or ''."""
+        stands_still = self.freshness.clock_stands_still() > STILL_S
+        return ', and /clock stands still' if stands_still else ''
 
     def time_out(self, timeout: float) -> None:
         """End a run that holds while no images come that could end it."""

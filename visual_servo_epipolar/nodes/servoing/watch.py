@@ -7,7 +7,6 @@ from rclpy.node import Node
 from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.nodes.servoing.admission import Admission
-from visual_servo_epipolar.nodes.servoing.inputs.stamps import STILL_S
 from visual_servo_epipolar.nodes.servoing.run import Run
 
 WATCH_PERIOD_S, IDLE_PERIOD_S = 0.05, 1.0
@@ -49,7 +48,8 @@ class Watch:
         if self._run.is_armed and self._run.arming.has_expired:
             self._run.expire()
         if self._run.state.phase in DRIVING:
-            trouble = self._silence() if self.is_stale else self._admission.withheld()
+            silent = f'no new tracks for {freshness.age:.2f} s{self._run.clock_note}'
+            trouble = silent if self.is_stale else self._admission.withheld()
             if trouble:
                 self._run.lose(trouble)
         elif self._run.state.phase is Phase.HOLDING and freshness.idle > settings.stale_timeout:
@@ -58,12 +58,6 @@ class Watch:
                 self._run.time_out(settings.holding_timeout)
         elif self._run.was_stopped:
             self._run.insist()
-
-    def _silence(self) -> str:
-        """Return that tracks stay away; and the clock, if that is what has ended."""
-        text = f'no new tracks for {self._run.freshness.age:.2f} s'
-        still_s = self._run.freshness.clock_stands_still()
-        return f'{text}, and /clock stands still' if still_s > STILL_S else text
 
     def look_around(self) -> None:
         """Let be told who else may command the base."""
