@@ -161,6 +161,13 @@ def without(key):
     return change
 
 
+def changed(key, value):
+    def change(path) -> None:
+        path.write_text(yaml.safe_dump({**yaml.safe_load(path.read_text()), key: value}))
+
+    return change
+
+
 @pytest.mark.parametrize(
     ('damage', 'reason'),
     [
@@ -175,6 +182,15 @@ def without(key):
         (without('photograph'), "'photograph'"),
         (without('stamp_ns'), "'stamp_ns'"),
         (without('goal'), "'goal'"),
+        (changed('photograph', None), 'photograph must be a name, got nothing'),
+        (changed('photograph', [1]), 'photograph must be a name, got a list of 1'),
+        *(
+            (changed('stamp_ns', value), 'stamp_ns must be a whole number from 0 to ')
+            for value in (None, 'now', True, [], {}, -1, 10**30, float('inf'), float('nan'))
+        ),
+        (changed('goal', None), 'is another one'),
+        (changed('camera_matrix', None), 'camera_matrix must be a list of 9 numbers, got nothing'),
+        (changed('image_width', None), 'image_width must be a whole number'),
     ],
 )
 def test_a_broken_photograph_is_one_line_at_the_start(
