@@ -125,6 +125,12 @@ def test_a_focal_length_that_the_matches_contradict_is_not_trusted(
     assert f'a focal length of {scale * 385:.0f} px, and they say' in result['reason']
 
 
+@pytest.mark.parametrize('scale', [0.9, 1.1])
+def test_a_k_that_is_a_tenth_off_is_not_trusted(photographs: Path, scale: float) -> None:
+    code, result = inspect(photographs, scaled(TRUE, (640, 480), scale, scale), '--cropped')
+    assert (code, result['trusted']) == (1, False)
+
+
 @pytest.mark.parametrize('scale', [1.25, 1.4, 2.0])
 def test_a_tilt_that_a_wrong_k_makes_is_doubted_though_it_were_a_crop(
     photographs: Path, scale: float

@@ -121,7 +121,7 @@ def test_a_tilt_is_doubted_where_the_principal_point_makes_it(
     made = math.radians(off)
     if abs(off) > 3.1:
         assert 'of another image' in doubtful_tilt(wrong, made)
-    if abs(off) < 2.9 or abs(tilt - made) > 0.4 * abs(made):
+    if abs(off) < 2.0 or abs(tilt - made) > 0.5 * abs(made):
         assert doubtful_tilt(wrong, tilt) == ''
     assert doubtful_tilt(wrong, math.nan) == ''
 

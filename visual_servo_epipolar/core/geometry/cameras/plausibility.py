@@ -15,12 +15,14 @@ OFF_CENTRE = 0.2  # of the image's size, that a principal point may lie off the 
 SCALED, SAME_SCALE = 0.1, 0.06  # that it lies off by in proportion, where K is of another size
 RESOLUTIONS = (1 / 4, 1 / 3, 1 / 2, 2 / 3, 3 / 4, 4 / 5, 5 / 4, 4 / 3, 3 / 2, 2, 3, 4)
 FITTING = 0.1  # that a principal point may lie off the middle of the image that K is of
-OFF_TILT, LIKE_TILT = math.radians(3.0), 0.3  # that is doubted, and how alike the two are, of it
+OFF_TILT, LIKE_TILT = math.radians(3.0), 0.4  # that is doubted, and how alike the two are, of it
+OFF_SCALE = 0.05  # of K that is doubted where a tilt is as well
 MOST_SKEW = 0.2  # of the focal length: pixels are all but rectangles
 NARROWEST, WIDEST_PINHOLE, WIDEST = 1.0, 170.0, 360.0  # field of view [deg]
 MOST_LOST = 0.2  # of the image, where the distortion cannot be undone
 MOST_OBLONG = 4.0  # pixel: binned in one direction, or every other line
 SAMPLES = 24  # a row and a column, over the image
+AXIS = np.array([[0.0, 0.0, 1.0]])
 CALIBRATION_DEG = 1.0  # that a ray may differ from one calibration to another
 
 
@@ -62,7 +64,8 @@ def doubtful_tilt(camera: CameraModel, tilt: float) -> str:
     middle = np.array([[0.5 * (camera.width - 1.0), 0.5 * (camera.height - 1.0)]])
     (_, down, forward), *_ = camera.rays(middle)
     off = math.atan2(-down, forward)
-    if not (abs(off) > OFF_TILT and abs(tilt - off) < LIKE_TILT * abs(off)):
+    is_off = abs(off) > OFF_TILT or _is_scaled(camera, OFF_SCALE)
+    if not (is_off and abs(tilt - off) < LIKE_TILT * abs(off)):
         return ''
     return (
         f'a tilt of {math.degrees(tilt):+.1f} deg is what a level camera seems to have where K is '
@@ -132,10 +135,8 @@ def _fault(camera: CalibratedCamera) -> str:
 
 def _off_centre(camera: CalibratedCamera) -> str:
     """Return that the principal point is off the middle as that of another image is, or ''."""
-    u, v = _scales(camera)
-    mean, off = 0.5 * (u + v), max(abs(u - 1.0), abs(v - 1.0))
-    in_proportion = abs(mean - 1.0) > SCALED and abs(u - v) < SAME_SCALE * mean
-    if off <= 2.0 * OFF_CENTRE and not in_proportion:
+    off = max(abs(scale - 1.0) for scale in _scales(camera))
+    if off <= 2.0 * OFF_CENTRE and not _is_scaled(camera, SCALED):
         return ''
     size = f'{camera.width}x{camera.height} px'
     return (
@@ -145,9 +146,17 @@ def _off_centre(camera: CalibratedCamera) -> str:
     )
 
 
-def _scales(camera: CalibratedCamera) -> tuple[float, float]:
+def _is_scaled(camera: CameraModel, least: float) -> bool:
+    """Return whether the principal point is off in proportion, as by a K that is scaled."""
+    u, v = _scales(camera)
+    mean = 0.5 * (u + v)
+    return abs(mean - 1.0) > least and abs(u - v) < SAME_SCALE * mean
+
+
+def _scales(camera: CameraModel) -> tuple[float, float]:
     """Return the principal point, from the corner, in halves of width and of height."""
-    return (camera.cx + 0.5) / (0.5 * camera.width), (camera.cy + 0.5) / (0.5 * camera.height)
+    ((u, v),) = camera.pixels(AXIS).tolist()
+    return (u + 0.5) / (0.5 * camera.width), (v + 0.5) / (0.5 * camera.height)
 
 
 def _likely_cause(camera: CalibratedCamera) -> str:
