@@ -25,7 +25,7 @@ PERIOD = 10  # frames from one look to the next
 UNKNOWN = 0.3  # deviation of the logarithm of the focal length, as one begins
 # Deviations that contradict, and what matters: docs/calibration.md has the figures.
 CONTRADICTION, LEAST = 5.0, 0.03
-LEAST_OF_PAIR = 0.15  # likewise where two views alone say so
+LEAST_OF_PAIR = 0.3  # likewise where two views alone say so: by a fifth they may err
 PLANE_PX, PLANE_SHARE, PLANE_ROUNDS = 2.0, 0.8, 5  # of a homography, and features that fit it
 
 
