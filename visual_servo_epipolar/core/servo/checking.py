@@ -98,7 +98,7 @@ def parallax_of_way(
     that is not known is as large as it may be.
     """
     noise, parallax = NOISE_OF_PARALLAX * measurement.noise, measurement.parallax
-    if not parallax > KNOWN_PARALLAX * noise:
+    if not parallax > KNOWN_PARALLAX * noise or not len(observation):
         return 0.0
     distance = goal_distance(state, measurement)
     distance = min(distance, settings.initial_distance) if distance > 0.0 else math.inf
