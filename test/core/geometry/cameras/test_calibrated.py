@@ -50,6 +50,14 @@ def test_whatever_stands_where_zeros_must_is_refused(
         checked_matrix(rows.ravel(), name)
 
 
+@pytest.mark.parametrize('factor', [0.0, 1e-300, 1e-12])
+def test_a_common_factor_that_is_hardly_there_is_refused(factor: float) -> None:
+    rows = K.copy()
+    rows[2, 2] = factor
+    with pytest.raises(ValueError, match='the rows of K must be'):
+        checked_matrix(rows.ravel())
+
+
 @pytest.mark.parametrize('permuted', [K[::-1], K[:, ::-1], np.roll(K, 1, axis=0)])
 def test_other_orders_are_refused(permuted: np.ndarray) -> None:
     with pytest.raises(ValueError, match='the rows of K must be'):

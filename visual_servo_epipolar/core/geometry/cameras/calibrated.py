@@ -23,6 +23,7 @@ SYNONYMS = {
     'kannala_brandt4': 'equidistant',
 }
 ZERO_PX, ZERO_PER_PX = 1e-6, 1e-9  # what rounding leaves where K has a zero
+ZERO_SHARE = 1e-9  # the same where it has a one, of the largest number
 
 
 def lens_name(distortion_model: str) -> str:
@@ -108,7 +109,7 @@ def checked_matrix(numbers: Sequence[float], name: str = 'K') -> FloatArray:
 
 def _normalised(rows: FloatArray) -> FloatArray | None:
     """Return the left part of ``rows``, (3, 3), with a last row 0, 0, 1; None if it has none."""
-    if rows[2, 2] == 0.0:
+    if abs(rows[2, 2]) <= ZERO_SHARE * np.abs(rows).max():
         return None
     rows = rows / rows[2, 2]
     last = np.abs(np.delete(rows[2], 2))
