@@ -109,7 +109,7 @@ def result(
     word: str, state: ServoState, reason: str, stamp_ns: int, *, name: str
 ) -> DiagnosticArray:
     """Return the result of a run, by its last ``state``: its outcome in a ``word``, and why."""
-    summary = sentence(state.phase, reason) if state.ended else f'{word}: {reason}'
+    summary = f'{word}: {reason}' if word == 'stopped' else sentence(state.phase, reason)
     return write.diagnostics(
         name,
         level=RESULT_LEVELS.get(word, DiagnosticStatus.OK),

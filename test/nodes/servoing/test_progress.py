@@ -49,6 +49,7 @@ def test_an_arrival_is_a_latched_result(bench) -> None:
     rig = Rig(bench, stale_timeout=60.0, memory=False).drive()
     early = results(bench)
     assert last(bench, early, 'running')['attempt'] == '1.0'
+    assert early[-1].status[0].message.startswith('displacing: the robot turns, to begin step 1')
     bench.call('servo_node/reset')
     assert last(bench, early, 'stopped')['reason'] == 'reset'
     rig.see(GOAL)
