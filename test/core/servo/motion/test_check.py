@@ -172,7 +172,7 @@ def test_who_is_carried_while_it_is_to_stand_is_found_out() -> None:
         lambda time_s: STILL, lambda time_s: 0.0, lambda time_s: 0.2 * max(time_s - 2.0, 0.0)
     )
     assert 2.0 < found[0][0] < 5.0
-    assert 'told to stand' in found[0][1]
+    assert 'no motion is commanded' in found[0][1]
 
 
 @pytest.mark.parametrize('rate', [0.1, 0.3, -0.5])

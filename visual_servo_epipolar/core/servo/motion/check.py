@@ -3,8 +3,8 @@ Motion check: whether the base moves as it was told, by how the view changes.
 
 The turn and the parallax between two views of the run hold whatever the photograph, the scale of
 a memory and the distance are. They are held against what commands make of a base that obeys at
-once, or up to MOST_DELAY late. Who stands where a turn or a way was commanded does not follow;
-who turns where none was is driven by somebody else, or seen through a wrong or mirrored camera.
+once, or up to MOST_DELAY_S late. A base that stands where a motion was commanded does not follow;
+one that turns otherwise is driven by somebody else, or seen through a wrong or mirrored camera.
 
 A turn is always seen. A way is seen where the photograph shows that there is parallax to be seen:
 not in a scene too far away for it, nor near the goal, nor for a command that is a matter of the
@@ -108,6 +108,6 @@ class MotionCheck:
             bool(found) and not trouble,
             here.stamp_ns if trouble else self.troubled_ns,
             self.contradictions + (bool(trouble) and drives),
-            Asked(numb=seen.stands) if trouble else asked,
+            Asked(unresponsive=seen.stands) if trouble else asked,
             here.stamp_ns,
         )

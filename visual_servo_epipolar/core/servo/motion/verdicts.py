@@ -22,7 +22,7 @@ DELAYS: FloatArray = np.linspace(0.0, MOST_DELAY_S, 16)  # [s]
 ASKED_TURN, ASKED_PARALLAX = 0.1, 10.0  # that show for certain who stands [rad], [deviations]
 # The same of slow commands, of which a dead band may swallow some, and for how long at least [s].
 ASKED_SLOWLY, SLOWLY_S = 1.5, 3.0
-NUMB_S = 6.0  # of any commands, to who did not follow before and has not moved since [s]
+UNRESPONSIVE_S = 6.0  # of any commands, to a base that did not follow, nor has moved since [s]
 SHARE = 0.25  # of what was commanded, that who stands moves at most
 # By which a turn may differ from commands: at least [rad], and in parallax, which a rotation alone
 # explains wrong.
@@ -38,13 +38,13 @@ class Asked:
     Turns [rad] and parallaxes [rad] commanded while the view stood, since the first of them.
 
     Both have shape (2,): of a base that obeys at once, and of one that is as late as any.
-    ``numb`` says that it stood before where it had to move, and has not moved since.
+    ``unresponsive`` says that the base stood where it had to move, and has not moved since.
     """
 
     since_ns: int | None = None
     turns: FloatArray = field(default_factory=lambda: np.zeros(2))
     parallaxes: FloatArray = field(default_factory=lambda: np.zeros(2))
-    numb: bool = False
+    unresponsive: bool = False
 
     def after(self, window: 'Window', parallax_of_way: float) -> 'Asked':
         """Return what was asked with the commands of a ``window`` more."""
@@ -55,7 +55,7 @@ class Asked:
             window.begin_ns if self.since_ns is None else self.since_ns,
             self.turns + turns,
             self.parallaxes + parallax_of_way * ways,
-            self.numb,
+            self.unresponsive,
         )
 
     def seconds(self, now_ns: int) -> float:
@@ -124,13 +124,13 @@ def _against(window: Window, seen: ViewMotion) -> str:
     if ((ratios > AGAINST[0]) & (ratios < AGAINST[1])).any():
         return (
             f'the image turns against the command: upside down or mirrored? {seen.turn:.2f} rad '
-            f'to the left were seen, {soon[0]:.2f} were commanded; turn the camera, what its '
-            'driver makes of images, or the wheels the right way round'
+            f'to the left were seen, {soon[0]:.2f} were commanded; mount the camera upright, stop '
+            'its driver from flipping images, or correct the direction of the wheels'
         )
     return (
-        f'the robot turns as nobody told it: {seen.turn:.2f} rad to the left were seen, '
-        f'{turns[0]:.2f} were commanded; look who else publishes cmd_vel or pushes it, and '
-        'whether camera_info is of these images'
+        f'the robot turns otherwise than commanded: {seen.turn:.2f} rad to the left were seen, '
+        f'{turns[0]:.2f} were commanded; check whether something else publishes cmd_vel or pushes '
+        'the robot, and whether camera_info belongs to these images'
     )
 
 
@@ -139,7 +139,8 @@ def _moved(window: Window, seen: ViewMotion) -> str:
     if window.turns.any() or window.ways.any() or seen.parallax < MOVED_PARALLAX * seen.noise:
         return ''
     return (
-        'the robot moves while it is told to stand; look who else publishes cmd_vel or pushes it'
+        'the robot moves although no motion is commanded; check whether something else publishes '
+        'cmd_vel or pushes the robot'
     )
 
 
@@ -149,10 +150,10 @@ def _standing(
     """Return what was commanded and not followed at all; or ''."""
     turn = window.unfollowed('angular', max(FOLLOWED, LARGEST_DEAD_BAND * settings.max_angular))
     if turn > ASKED_TURN and abs(seen.turn) < SHARE * turn:
-        return _deaf(f'a turn of {turn:.2f} rad')
+        return _not_followed(f'a turn of {turn:.2f} rad')
     way = window.unfollowed('linear', max(FOLLOWED, LARGEST_DEAD_BAND * settings.max_linear))
     if way * parallax_of_way > ASKED_PARALLAX * seen.noise:
-        return _deaf(f'a way of {way:.2f} m')
+        return _not_followed(f'a motion of {way:.2f} m')
     return ''
 
 
@@ -160,19 +161,20 @@ def _standing_long(window: Window, seen: ViewMotion, asked: Asked) -> str:
     """Return that slow commands were not followed for long; or ''."""
     lasted = asked.seconds(window.end_ns)
     turn, parallax = (float(np.abs(each).min()) for each in (asked.turns, asked.parallaxes))
-    if asked.numb and lasted > NUMB_S:
-        return _deaf(f'a turn of {turn:.3f} rad')
+    if asked.unresponsive and lasted > UNRESPONSIVE_S:
+        return _not_followed('a slow motion')
     if lasted < SLOWLY_S:
         return ''
     if turn > ASKED_SLOWLY * ASKED_TURN and abs(seen.turn) < SHARE * turn:
-        return _deaf(f'a turn of {turn:.2f} rad')
+        return _not_followed(f'a turn of {turn:.2f} rad')
     if parallax > ASKED_SLOWLY * ASKED_PARALLAX * seen.noise:
-        return _deaf('a way that would be seen')
+        return _not_followed('a visible motion')
     return ''
 
 
-def _deaf(commanded: str) -> str:
+def _not_followed(commanded: str) -> str:
     return (
-        f'the base does not follow: {commanded} was commanded, and the view stands still; see '
-        'that cmd_vel leads to the base, its type and its motors, and that no emergency stop is on'
+        f'the base does not follow: {commanded} was commanded, and the view stands still; check '
+        'that cmd_vel reaches the base and has its message type, that its motors are on, and that '
+        'no emergency stop is pressed'
     )
