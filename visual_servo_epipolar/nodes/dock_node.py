@@ -31,8 +31,8 @@ from visual_servo_epipolar.nodes.transforms.static_mount import StaticMount
 WARN_PERIOD_S = 5.0
 MOST_PENDING = 10  # tracks that wait for odometry: more are of a base that is silent
 NO_UNDOCKING = (
-    'dock_robot is served, undock_robot is not: who asks for it waits in vain; drive the robot '
-    "off by joystick or Nav2's backup"
+    'dock_robot is served, undock_robot is not, and its clients wait in vain; drive the robot off '
+    "by joystick or Nav2's backup"
 )
 NO_NAV2 = (
     'nav2_msgs cannot be imported, dock_robot is not served; install ros-jazzy-nav2-msgs for it'

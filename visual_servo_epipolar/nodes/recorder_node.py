@@ -217,9 +217,9 @@ class RecorderNode(ManagedNode):
             return DiagnosticStatus.OK, 'nothing is being recorded'
         raw, troubles = self._raw_subscriptions, []
         if status.dropped:
-            troubles.append(f'the disk does not keep up, dropped are {_counts(status.dropped)}')
+            troubles.append(f'the disk does not keep up, dropped: {_counts(status.dropped)}')
         if +raw.lost:
-            troubles.append(f'lost on the way are {_counts(+raw.lost)}')
+            troubles.append(f'lost on the way: {_counts(+raw.lost)}')
         troubles += [f'{name} is not recorded: {why}' for name, why in sorted(raw.refused.items())]
         level = DiagnosticStatus.WARN if troubles else DiagnosticStatus.OK
         return level, '; '.join([f'recording to {self._recorder.folder}', *troubles])

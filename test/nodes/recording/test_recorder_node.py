@@ -302,7 +302,7 @@ def test_what_a_slow_disk_drops_is_told_by_topic(bench, tmp_path) -> None:
     assert (int(count) > 0, topic) == (True, '/words')
     status = diagnostics[-1].status[0]
     assert status.level == DiagnosticStatus.WARN
-    assert f'the disk does not keep up, dropped are {count} of /words' in status.message
+    assert f'the disk does not keep up, dropped: {count} of /words' in status.message
     bench.until(lambda: bench.logged('the disk does not keep up'), 'a warning')
 
 

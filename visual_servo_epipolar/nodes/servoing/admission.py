@@ -64,7 +64,10 @@ class Admission:
             return ''
         quiet = self._run.freshness.quiet
         if self._has_photograph is None:
-            return 'no tracks have come yet; start camera and tracker, its log says what it lacks'
+            return (
+                'no tracks have come yet; start camera and tracker, and read in the log of the '
+                'tracker what it waits for'
+            )
         if quiet > max(QUIET_S, settings.stale_timeout):
             return f'no tracks have come for {quiet:.0f} s; are camera and tracker running?'
         if not self._has_photograph:

@@ -29,11 +29,14 @@ class Enable:
             node.create_subscription(Bool, TOPIC, self._hear, qos.IMAGES['best_effort'])
 
     def withheld(self) -> str:
-        """Return that nobody lets the robot drive now, and what would; or ''."""
+        """Return why the robot is not enabled now; or ''."""
         if self._timeout == 0.0:
             return ''
         if self._heard_ns is None:
-            return f'nothing has come on {self._topic}, a true within {self._timeout:g} s must'
+            return (
+                f'no message has come on {self._topic} yet; publish a true there at least every '
+                f'{self._timeout:g} s'
+            )
         if not self._enabled:
             return f'{self._topic} is false'
         age = seconds_between(self._heard_ns, int(self._steady.now().nanoseconds))

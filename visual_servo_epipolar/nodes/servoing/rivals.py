@@ -10,8 +10,6 @@ from visual_servo_epipolar.core.stamps import seconds_between
 TOPIC, MARKERS = 'cmd_vel', 'visualization_msgs/msg/MarkerArray'
 # A process that was killed is in the graph for twenty seconds more, the lease of Fast DDS.
 LEFTOVER_S = 25.0
-
-
 UNKNOWN = '_NODE_NAME_UNKNOWN_'  # of a program that is no node, or of one that has just come
 
 
@@ -40,8 +38,8 @@ class Rivals:
         topic = self._node.resolve_topic_name(TOPIC)
         who = ', '.join('an unknown program' if UNKNOWN in name else name for name in names)
         return (
-            f'{who} may publish on {topic} as well: what both say, the base obeys in turns; end '
-            'it, or let a multiplexer choose'
+            f'{who} may publish on {topic} as well, and the base would obey both in turns; stop '
+            'it, or put a multiplexer between them and the base'
         )
 
     def refusal(self) -> str:

@@ -24,7 +24,7 @@ def refusal(stamp_ns: int, now_ns: int, max_latency: float, still_s: float = 0.0
     if still_s > STILL_S:
         return (
             f'/clock has stood still at {seconds_between(0, now_ns):.2f} s for {still_s:.1f} s '
-            'while images come; is the simulation paused, or who publishes /clock gone?'
+            'while images come; is the simulation paused, or has its publisher ended?'
         )
     if -OTHER_CLOCK_S < age < 0.0 or abs(age) >= OTHER_CLOCK_S:
         side = 'behind' if age > 0.0 else 'ahead of'
