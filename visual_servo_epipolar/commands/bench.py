@@ -31,9 +31,10 @@ BENCHMARKS: Mapping[str, str] = {
     'ablation': 'visual_servo_epipolar.benchmarks.ablation',
     'mounts': 'visual_servo_epipolar.benchmarks.mounts.benchmark',
     'mounts_images': 'visual_servo_epipolar.benchmarks.mounts.images',
+    'real': 'visual_servo_epipolar.benchmarks.real',
 }
 LATENCY_NODES = ('unicycle,camera,tracker,servo', 'tracker,servo')
-ON_REQUEST = ('mounts_images', 'soak')  # too long to be run unless they are named
+ON_REQUEST = ('mounts_images', 'soak', 'real')  # too long to be run unless they are named
 
 
 def add_to(kinds: Any) -> None:
@@ -45,7 +46,8 @@ def add_to(kinds: Any) -> None:
         'which',
         nargs='*',
         metavar='WHICH',
-        help=f'any of {", ".join(BENCHMARKS)} (default all but {", ".join(ON_REQUEST)})',
+        help=f'any of {", ".join(BENCHMARKS)} (default all but {", ".join(ON_REQUEST)}); '
+        'after real a FOLDER of photographs with truth.json, simulated ones without',
     )
     parser.add_argument('--quick', action='store_true', help='few trials, to see that it runs')
     parser.add_argument('--seed', type=seed, default=0, metavar='N', help='seed (default 0)')
@@ -80,6 +82,7 @@ def run(options: argparse.Namespace) -> int:
         raise InputError('--history appends to a file, - is none; name one')
     check_json(options.history)
     earlier = history.read(Path(options.history)) if options.history else []
+    options.photographs = _photographs(options.which)
     unknown = sorted(set(options.which) - set(BENCHMARKS))
     if unknown:
         raise InputError(f'no benchmark {", ".join(unknown)}; there are {", ".join(BENCHMARKS)}')
@@ -102,6 +105,16 @@ def run(options: argparse.Namespace) -> int:
         print(history.comparison(earlier, now), file=sys.stderr)
         history.append(Path(options.history), now)
     return 0
+
+
+def _photographs(which: list[str]) -> Any:
+    """Return the pairs of the folder that follows ``real``, and take it out of ``which``."""
+    place = which.index('real') + 1 if 'real' in which else len(which)
+    if place == len(which) or which[place] in BENCHMARKS:
+        return None
+    from visual_servo_epipolar.commands.files.pairs import read_pairs
+
+    return read_pairs(which.pop(place))
 
 
 def _benchmark(name: str) -> Any:
