@@ -154,8 +154,8 @@ def table(document: Mapping[str, Any]) -> str:
     head += f'{"error/dev., median / p95":>26}{"MAGSAC, RANSAC wrong":>22}{"of MAGSAC right":>17}'
     rows = [_line(name, each) for name, each in {**groups, 'all': pairs}.items()]
     words = (
-        f'The larger error of both bearings, of trusted pairs; wrong: > {WRONG:g} deg; peers on the '
-        'same matches, of all pairs; of those that MAGSAC has right, how many are trusted'
+        f'The larger error of both bearings, of trusted pairs; wrong: > {WRONG:g} deg; peers '
+        'on the same matches, of all pairs; of those that MAGSAC has right, how many are trusted'
     )
     return '\n'.join(['Photographs', words, head, *rows])
 

@@ -13,7 +13,11 @@ from visual_servo_epipolar.core.estimators.general.deviation import (
     Spread,
     spread_of,
 )
-from visual_servo_epipolar.core.estimators.general.motion import general_motion, GeneralFit
+from visual_servo_epipolar.core.estimators.general.motion import (
+    general_motion,
+    GeneralFit,
+    plain_cost,
+)
 from visual_servo_epipolar.core.estimators.general.selection import (
     planar_deviations,
     planar_is_simplest,
@@ -27,9 +31,10 @@ from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.cameras.plausibility import doubtful_tilt
 from visual_servo_epipolar.core.geometry.epipolar import in_pixels
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation
-from visual_servo_epipolar.core.perception.lens_check import contradicted_by_pair
+from visual_servo_epipolar.core.perception.lens_check import contradicted_by_pair, uncalibrated
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.perception.perceive import perceive
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.perception.validated import prior_of
 from visual_servo_epipolar.core.perception.validation import (
@@ -166,8 +171,27 @@ def judged(
     reason = _refusal(found, fit, settings.mount)
     if not reason and planar is not None and planar.attitude is not None:
         reason = outside_mount(planar.attitude, settings.mount)
-    reason = reason or contradicted_by_pair(observation, settings)
+    reason = reason or _wrong_lens(observation, fit, settings, general=planar is None)
     return _concluded(found, reason, turn.heading_error), essential
+
+
+def _wrong_lens(
+    observation: Observation, fit: GeneralFit, settings: PerceptionSettings, *, general: bool
+) -> str:
+    """
+    Return that the matches contradict the focal length, in words, or ''.
+
+    A motion that is not planar looks like another focal length: where it is ``general``, a planar
+    one of another focal length must explain the matches better.
+    """
+    reason = contradicted_by_pair(observation, settings)
+    if not reason or not general:
+        return reason
+    fundamental = perceive(observation, uncalibrated(settings), 0).fundamental
+    better = fundamental is not None and plain_cost(fundamental, fit) < plain_cost(
+        essentials(fit.motions)[0], fit
+    )
+    return reason if better else ''
 
 
 def _simplest_planar(

@@ -57,7 +57,7 @@ def looked_at(
     memory = replace(
         memory, bearings=known.bearings, consecutive_rejections=0, spared=0, wrong=None
     )
-    memory = perceive(observation, _uncalibrated(settings), frame, memory).memory
+    memory = perceive(observation, uncalibrated(settings), frame, memory).memory
     doubt = _contradiction(memory.lens, observation.focal)
     if doubt:
         doubt = f'the tracks contradict camera_info: {doubt}, or set focal_deviation: 0.3'
@@ -72,7 +72,7 @@ def contradicted_by_pair(observation: Observation, settings: PerceptionSettings)
     """
     if not settings.calibrated or observation.wide or _shows_one_plane(observation):
         return ''
-    lens = perceive(observation, _uncalibrated(settings), 0).memory.lens
+    lens = perceive(observation, uncalibrated(settings), 0).memory.lens
     doubt = _contradiction(lens, observation.focal, LEAST_OF_PAIR)
     return f'the matches contradict the camera: {doubt}' if doubt else ''
 
@@ -105,6 +105,6 @@ def _contradiction(lens: Lens, focal: float, least: float = LEAST) -> str:
 
 
 @lru_cache(maxsize=4)
-def _uncalibrated(settings: PerceptionSettings) -> PerceptionSettings:
+def uncalibrated(settings: PerceptionSettings) -> PerceptionSettings:
     """Return ``settings`` of a camera that nobody calibrated; to check them takes long."""
     return replace(settings, estimator=DEFAULT_ESTIMATOR, focal_deviation=UNKNOWN)

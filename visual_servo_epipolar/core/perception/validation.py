@@ -23,7 +23,8 @@ MOUNT_DEVIATIONS = 2.0  # within which a camera is mounted as it is believed to 
 LEAST_PROMISED = math.radians(3.0)  # and within this of an attitude that is known
 MAX_LEANING = math.radians(20.0)  # change of the vertical that a hand makes between photographs
 LEAST_TURN = math.radians(3.0)  # of which an axis means anything
-IN_PLANE = math.radians(1.5)  # of the baseline and the plane of motion
+IN_PLANE = math.radians(0.8)  # of the baseline and the plane of motion
+TURNED_ROLL = math.radians(20.0)  # that a hand seldom holds a camera at
 MAX_REJECTIONS = 3  # estimates in a row that contradict the past before the past is given up
 
 
@@ -212,6 +213,8 @@ def turned_about(rotation: FloatArray, baseline: FloatArray, mount: Attitude) ->
     if along > math.sin(IN_PLANE):
         return ''
     tilt, roll = math.asin(min(max(axis[2], -1.0), 1.0)), math.atan2(axis[0], axis[1])
+    if abs(roll - mount.roll) < TURNED_ROLL:
+        return ''
     return outside_mount(Attitude(tilt, roll, LEAST_PROMISED, LEAST_PROMISED), mount)
 
 

@@ -5,6 +5,7 @@ The covariance is a sandwich: residuals with their own tails, not those of a mod
 file may be wrong by moves all residuals together, which no number of matches averages out.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -30,7 +31,9 @@ POSSIBLE = 25.0  # excess cost, in squared deviations, of what may still be true
 # Of a good calibration: principal point [px], focal length, radial distortion.
 CENTRE_PX, FOCAL_RATIO, RADIAL = 2.5, 0.003, 0.004
 # And of one view against the other: rows read one after the other, a focus that changed.
-ROWS_PX, FOCUS_RATIO = 0.25, 0.0005
+ROWS_PX, FOCUS_RATIO = 0.3, 0.0005
+# Less where it has not turned: what moves in a hand turns.
+TURNED, LEAST_HAND = math.radians(2.0), 0.4
 HALF_HEIGHT = 0.35  # sine of the angle off the axis at which those pixels are seen
 RAY_PARTS = ('x_a', 'y_a', 'z_a', 'x_d', 'y_d', 'z_d')
 COMMON = 4  # kinds of errors that both views share
@@ -96,8 +99,16 @@ def spread_of(fit: GeneralFit, rays: Rays) -> tuple[GeneralFit, Spread]:
     every = np.concatenate([costs, fit.costs])
     noise = np.maximum(noise, _implied(motions, every - fit.costs[0], fit, tails))
     shifts = np.stack([_shift(last, fit, moved)[0] for moved in _wrong_cameras(rays)], axis=-1)
+    shifts[:, COMMON:] *= _hand(fit.motions.rotation[0])
     camera = np.sqrt(np.square(slopes @ shifts).sum(axis=-1))
     return fit, Spread(noise, camera, tails)
+
+
+def _hand(rotation: FloatArray) -> float:
+    """Return how much a camera with this ``rotation``, (3, 3), between the views was moving."""
+    cosine = 0.5 * (float(np.trace(rotation)) - 1.0)
+    angle = float(np.arccos(min(max(cosine, -1.0), 1.0)))
+    return float(min(max(angle / TURNED, LEAST_HAND), 1.0))
 
 
 def _implied(motions: Motions, excess: FloatArray, fit: GeneralFit, tails: float) -> FloatArray:

@@ -37,6 +37,8 @@ MIN_MATCHES = 8
 ROUGH_PX = 2.0  # noise with which hypotheses of noisy samples are told apart
 FIRST_PX = 1.0  # and from which on the scale is found
 STARTS, MODES = 24, 12  # hypotheses that are refined, and how many to the end
+SCALES = (0.2, 0.35, 0.7, 1.4)  # of the noise that are compared [px]
+RIGHT, ANYWHERE_PX = 0.8, 3.0  # matches that are right; how far others are from their line
 ALIKE = 0.995  # cosine between E by rows that are one hypothesis
 APART = 0.01  # between refined modes: of R, and of t [rad]
 DIRECTIONS = 40  # of a baseline that hardly shows, to start from
@@ -82,10 +84,41 @@ def general_motion(rays: Rays) -> GeneralFit:
         if width < 2.0:
             scale = _scale(motions, rays, table, scale)
     motions, _ = _best(motions, rays, table, scale, MODES)
+    motions, scale = _likeliest(motions, rays, table)
     for width in LAST:
         motions = step(motions, table, width * scale).motions
         scale = _scale(motions, rays, table, scale)
     return _fit(motions, rays, table, scale)
+
+
+def _likeliest(motions: Motions, rays: Rays, table: FloatArray) -> tuple[Motions, float]:
+    """
+    Return motions refined at several scales, the likeliest first, and the scale of that one.
+
+    A look-alike explains some matches well and others nearly: a scale wide enough for it hides
+    that the truth explains as many by noise alone. Likelihoods, of noise beside matches anywhere
+    within ``ANYWHERE_PX`` of the line, compare scales as well.
+    """
+    refined = []
+    for scale in SCALES:
+        at_scale = motions
+        for width in LAST:
+            at_scale = step(at_scale, table, width * scale).motions
+        refined.append(at_scale)
+    motions = _joined(*refined)
+    squared, wrong = _squared(motions, rays, table, 1.0)
+    losses = np.stack([_loss(squared, wrong, scale) for scale in SCALES])
+    order = losses.min(axis=0).argsort(kind='stable')
+    best = int(losses[:, order[0]].argmin())
+    return motions.take(order[: 2 * MODES]), SCALES[best]
+
+
+def _loss(squared: FloatArray, wrong: BoolArray, scale: float) -> FloatArray:
+    """Return the negative logarithms of likelihoods, (K,), of noise of ``scale`` [px]."""
+    peak = RIGHT / (scale * np.sqrt(2.0 * np.pi))
+    density = np.where(wrong, 0.0, peak * np.exp(-0.5 * squared / scale**2))
+    loss = -np.log(density + 0.5 * (1.0 - RIGHT) / ANYWHERE_PX).sum(axis=1)
+    return np.asarray(np.where(np.isfinite(loss), loss, np.inf))
 
 
 def _fit(motions: Motions, rays: Rays, table: FloatArray, scale: float) -> GeneralFit:
@@ -120,6 +153,12 @@ def cost_of_essential(essential: FloatArray, fit: GeneralFit, rays: Rays) -> flo
     """Return the cost of E, shape (3, 3), as ``GeneralFit`` has them: of the better motion."""
     motions = twins(_motions(essential[None]))
     return float(costs_of(motions, rays, fit.table, fit.scale).min())
+
+
+def plain_cost(fundamental: FloatArray, fit: GeneralFit) -> float:
+    """Return the truncated cost of F for rays, shape (3, 3), whatever depths say."""
+    squared = squared_distances(fundamental.reshape(1, 9), fit.table) / fit.scale**2
+    return float(np.minimum(squared, WORST).sum())
 
 
 def _costs(squared: FloatArray, wrong: BoolArray) -> FloatArray:
