@@ -28,13 +28,13 @@ from visual_servo_epipolar.nodes.servoing.inputs.camera import ServoCamera
 from visual_servo_epipolar.nodes.servoing.inputs.wheels import Wheels
 from visual_servo_epipolar.nodes.servoing.reports import Reports
 from visual_servo_epipolar.nodes.servoing.rivals import Rivals
-from visual_servo_epipolar.nodes.servoing.run import Run
+from visual_servo_epipolar.nodes.servoing.run import Run, WAITS_FOR_END
 from visual_servo_epipolar.nodes.servoing.stop_button import PRESSED, StopButton
 from visual_servo_epipolar.nodes.servoing.watch import Watch
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 
 WARN_PERIOD_S = 5.0
-NEXT_IMAGE = 'the next image comes'
+BEGINS = 'drives as soon as the next image comes'
 
 
 class ServoNode(ManagedNode):
@@ -231,15 +231,14 @@ class ServoNode(ManagedNode):
         if self._state.ended:
             return '', False
         lacking = self._lacking
-        return f'drives as soon as {lacking or NEXT_IMAGE}', bool(lacking)
+        return f'{WAITS_FOR_END}{lacking}' if lacking else BEGINS, bool(lacking)
 
     @property
     def _lacking(self) -> str:
         """What keeps a servo that was told to start from driving; or ''."""
         run, admission = self._run, self._admission
         reason = self._camera.missing or run.trouble or admission.withheld()
-        reason = reason or admission.missing(self._settings) or admission.unseen(self._settings)
-        return f'this is over: {reason}' if reason else ''
+        return reason or admission.missing(self._settings) or admission.unseen(self._settings)
 
     def _refusal(self) -> str:
         """Return why a run may not begin now; or ''."""

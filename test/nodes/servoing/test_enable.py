@@ -85,7 +85,7 @@ def test_a_hold_for_want_of_it_ends_as_any_other(bench) -> None:
     rig.see()
     rig.enable(value=False)
     bench.until(lambda: rig.phase == 'failed', 'the run to end')
-    assert rig.node._state.reason.startswith('tracks lost or untrusted for 0.3 s: ')
+    assert rig.node._state.reason == 'held for 0.3 s: /enable is false'
 
 
 def lost(rig: Rig) -> None:

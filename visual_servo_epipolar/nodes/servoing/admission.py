@@ -42,7 +42,7 @@ class Admission:
         self._goal, self._still = RunGoal(), StillView()
         self.goal: int | None = None  # the photograph, by its number, once it was in view
         self._has_photograph: bool | None = None  # by the last tracks, if any came
-        self._features = 0  # in them
+        self._tracks = PointCloud2()  # these
 
     def hear(self, message: PointCloud2) -> str:
         """
@@ -51,7 +51,7 @@ class Admission:
         Return that they are not of the photograph that a start was ordered for; or ''.
         """
         goal, self._has_photograph = read.goal(message), read.has_photograph(message)
-        self._features = int(message.width) * int(message.height)
+        self._tracks = message
         self._run.freshness.hear()
         self.goal = None if not self._has_photograph else self.goal if goal is None else goal
         if not self._run.is_armed:
@@ -79,8 +79,13 @@ class Admission:
 
     def unseen(self, settings: ServoSettings) -> str:
         """Return that the last tracks show too little of the photograph to begin with; or ''."""
-        few = self._features < settings.min_features
-        return too_few_features(self._features, settings) if few else ''
+        count = int(self._tracks.width) * int(self._tracks.height)
+        if count >= settings.min_features:  # of which some may not be of the photograph
+            try:
+                count = len(read.features(self._tracks))
+            except ValueError as error:
+                return str(error)
+        return too_few_features(count, settings) if count < settings.min_features else ''
 
     def refusal(self, message: PointCloud2, still_timeout: float) -> str:
         """

@@ -18,6 +18,7 @@ from visual_servo_epipolar.nodes.servoing.inputs.stamps import STILL_S
 from visual_servo_epipolar.nodes.servoing.reports import Reports
 
 QUIET_S = 1.0  # without any tracks: then silence is what is wrong
+WAITS_FOR_END = 'drives as soon as this is over: '  # of what an armed servo lacks
 Standstill = Callable[[], tuple[str, bool]]
 
 
@@ -72,7 +73,8 @@ class Run:
 
     def expire(self) -> None:
         """Let an order to start lapse that no run has begun by in time."""
-        self.lapse(f'the robot did not begin to drive in time ({self._standstill()[0]})')
+        why = self._standstill()[0].removeprefix(WAITS_FOR_END)
+        self.lapse(f'the robot did not begin to drive in time ({why})')
 
     def lapse(self, why: str) -> None:
         """Let an order to start come to nothing: the robot stands until the next."""
@@ -132,10 +134,12 @@ class Run:
         stands_still = self.freshness.clock_stands_still() > STILL_S
         return ', and /clock stands still' if stands_still else ''
 
-    def time_out(self, timeout: float) -> None:
-        """End a run that holds while no images come that could end it."""
+    def time_out(self, timeout: float, withheld: str = '') -> None:
+        """End a run that holds while no images could end it; ``withheld``: as it was not let."""
         reason = f'tracks lost or untrusted for {timeout:g} s: {self.latest_trouble}'
-        if self.freshness.quiet <= QUIET_S:
+        if withheld:
+            reason = f'held for {timeout:g} s: {withheld}'
+        elif self.freshness.quiet <= QUIET_S:
             reason += f', {self.freshness.quiet:.1f} s ago'
         self.insist()
         self._interrupt(Interruption.TIMED_OUT, reason)

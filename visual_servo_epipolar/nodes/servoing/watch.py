@@ -55,7 +55,7 @@ class Watch:
         elif self._run.state.phase is Phase.HOLDING and freshness.idle > settings.stale_timeout:
             self._run.insist()
             if freshness.held > settings.holding_timeout:
-                self._run.time_out(settings.holding_timeout)
+                self._run.time_out(settings.holding_timeout, self._admission.withheld())
         elif self._run.was_stopped:
             self._run.insist()
 
