@@ -145,19 +145,16 @@ def test_messages_reach_nodes_through_cdr_and_hooks_do_not_stay() -> None:
     assert Publisher.publish is before
 
 
-def test_a_servo_that_stands_in_a_phase_is_watched_until_that_is_over() -> None:
-    def prepared(settings: WorldSettings, rng: object) -> WorldSettings:
-        return replace(settings, servo=replace(settings.servo, phase_timeout=15.0))
-
+def test_a_base_that_stands_is_watched_until_the_run_fails_for_it() -> None:
     def strike(scene: Scene) -> None:
         FAULTS['wheel_stuck'].strike(scene)
         base = scene.world.nodes['unicycle_node']
         assert isinstance(base, BreakableUnicycleNode)
         base.break_wheels(0.0, 0.0)
 
-    result = driven('stuck', Fault(what='', strike=strike, prepare=prepared))
+    result = driven('stuck', Fault(what='', strike=strike))
     assert (result['verdict'], result['phase']) == ('at rest', 'failed'), result['charges']
-    assert 'took longer than 15 s' in str(result['detail'])
+    assert '3 times in this run: the base does not follow' in str(result['detail'])
 
 
 def test_runs_are_watched_for_longer_than_any_timeout_of_theirs() -> None:
