@@ -23,7 +23,8 @@ from visual_servo_epipolar.core.estimators.general.steps import Motions
 from visual_servo_epipolar.core.geometry.camera import LEAST_FORWARD
 from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
 from visual_servo_epipolar.core.geometry.rays import image_points
-from visual_servo_epipolar.core.perception.inspection import inspect, Inspection, judged
+from visual_servo_epipolar.core.perception.inspection.judgement import Inspection, judged
+from visual_servo_epipolar.core.perception.inspection.photographs import inspect
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 

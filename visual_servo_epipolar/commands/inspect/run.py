@@ -15,7 +15,8 @@ from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
-from visual_servo_epipolar.core.perception.inspection import inspect, Inspection
+from visual_servo_epipolar.core.perception.inspection.judgement import Inspection
+from visual_servo_epipolar.core.perception.inspection.photographs import inspect
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 
 

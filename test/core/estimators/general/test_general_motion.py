@@ -19,7 +19,7 @@ from visual_servo_epipolar.core.estimators.general.motion import general_motion
 from visual_servo_epipolar.core.estimators.general.steps import Motions, wrong_depths
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import Rays, rays_of
 from visual_servo_epipolar.core.geometry.rays import image_points
-from visual_servo_epipolar.core.perception.inspection import Inspection, judged
+from visual_servo_epipolar.core.perception.inspection.judgement import Inspection, judged
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 

@@ -1,0 +1,1 @@
+"""Inspection of two photographs: what they tell, and whether to believe it."""

@@ -1,0 +1,86 @@
+"""Two photographs, no robot: epipoles, bearings, rotation, and whether to believe them."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray, Image
+from visual_servo_epipolar.core.errors import TrackingError
+from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
+from visual_servo_epipolar.core.geometry.cameras.plausibility import doubtful_tilt
+from visual_servo_epipolar.core.geometry.epipolar import in_pixels
+from visual_servo_epipolar.core.perception.inspection.judgement import Inspection, judged
+from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.perception.settings import PerceptionSettings
+from visual_servo_epipolar.core.tracking.alignment.sampling import float_image
+from visual_servo_epipolar.core.tracking.alignment.template_alignment import Anchor
+from visual_servo_epipolar.core.tracking.alignment.warps import Warps
+from visual_servo_epipolar.core.tracking.matching import desired_view, DesiredView, match, Matches
+
+REFINEMENT = 15  # iterations of the alignment after the match
+MIN_CORRELATION = 0.75
+
+
+def inspect(
+    desired: Image,
+    current: Image,
+    desired_camera: CameraModel,
+    current_camera: CameraModel,
+    settings: PerceptionSettings,
+) -> Inspection:
+    """
+    Compare two photographs, uint8 of shape (H, W) each, of any size.
+
+    Never raises for what the photographs show: a blank one, or one of another place, is an
+    inspection that is not trusted.
+    """
+    try:
+        view = desired_view(desired)
+        pixels_current, pixels_desired = _aligned(view, match(view, current), current)
+    except TrackingError as error:
+        return Inspection(False, str(error))
+    rays_current = current_camera.rays(pixels_current)
+    rays_desired = desired_camera.rays(pixels_desired)
+    usable = current_camera.round_trips(pixels_current, rays_current)
+    usable &= desired_camera.round_trips(pixels_desired, rays_desired)
+    pixels_current, pixels_desired = pixels_current[usable], pixels_desired[usable]
+    rays_current, rays_desired = rays_current[usable], rays_desired[usable]
+    resolution = np.stack(
+        [current_camera.resolution(rays_current), desired_camera.resolution(rays_desired)], axis=1
+    )
+    observation = Observation(
+        0,
+        rays_current,
+        rays_desired,
+        current_camera.focal,
+        pixel_angles=resolution,
+        wide=current_camera.wide,
+    )
+    found, essential = judged(observation, settings)
+    doubt = doubtful_tilt(current_camera, found.tilt)
+    if found.trusted and doubt:
+        found = replace(found, trusted=False, reason=doubt)
+    in_px = None if essential is None else _in_pixels(essential, current_camera, desired_camera)
+    return replace(found, current=pixels_current, desired=pixels_desired, fundamental=in_px)
+
+
+def _aligned(view: DesiredView, matches: Matches, image: Image) -> tuple[FloatArray, FloatArray]:
+    """Return the matches, current and desired, aligned to a fraction of a pixel."""
+    desired = view.keypoints.pixels[matches.indices]
+    affine = matches.scales[:, None, None] * np.eye(2)
+    start = Warps(matches.indices, desired, matches.pixels, affine)
+    alignment = Anchor(view.image).align(start, float_image(image), iterations=REFINEMENT)
+    good = alignment.correlation >= MIN_CORRELATION
+    if int(good.sum()) < 8:
+        return matches.pixels, desired  # blurred, or seen from far aside: as SIFT has them
+    return alignment.warps.current[good], desired[good]
+
+
+def _in_pixels(
+    fundamental: FloatArray, current_camera: CameraModel, desired_camera: CameraModel
+) -> FloatArray | None:
+    """Return F in pixels, which only pinholes have."""
+    if isinstance(current_camera, Camera) and isinstance(desired_camera, Camera):
+        return in_pixels(fundamental, current_camera.matrix, desired_camera.matrix)
+    return None
