@@ -11,6 +11,8 @@ import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import get_typestore, Stores
 
+from visual_servo_epipolar.bags.recording.recorder import Recorder
+from visual_servo_epipolar.bags.recording.settings import RecordSettings
 from visual_servo_epipolar.bags.storage import Topic
 
 STORE = get_typestore(Stores.ROS2_JAZZY)
@@ -21,6 +23,17 @@ WORDS = Topic('/words', TEXT)
 def words(text: str) -> bytes:
     """Return a serialized std_msgs/String."""
     return bytes(STORE.serialize_cdr(STORE.types[TEXT](text), TEXT))
+
+
+def recorded(folder: Path, **settings: object) -> Path:
+    """Record a bag of three files with a hundred messages of ``/words``."""
+    bag = folder / 'bag'
+    recorder = Recorder(bag, RecordSettings(split_duration=40e-9, **settings))
+    recorder.add(WORDS)
+    for number in range(100):
+        recorder.put(WORDS, number, words(f'{number:05000}'))
+    recorder.close()
+    return bag
 
 
 def read_back(folder: Path) -> list[tuple[str, int, bytes]]:

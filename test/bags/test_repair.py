@@ -2,14 +2,12 @@
 
 from pathlib import Path
 
-from bag_reading import files_of_at_most, read_back, STORE, TEXT, WORDS, words
+from bag_reading import files_of_at_most, read_back, recorded, STORE, TEXT, WORDS, words
 from mcap.reader import make_reader
 import pytest
 from rosbags.highlevel import AnyReader
 import yaml
 
-from visual_servo_epipolar.bags.recording.recorder import Recorder
-from visual_servo_epipolar.bags.recording.settings import RecordSettings
 from visual_servo_epipolar.bags.repair import repair
 from visual_servo_epipolar.bags.storage import Part
 from visual_servo_epipolar.core.errors import InputError
@@ -23,12 +21,7 @@ EVERY_KIND = [
 
 def recorded_bag(folder: Path, **settings: object) -> tuple[Path, list]:
     """Make a bag of three files, and return it with its messages."""
-    bag = folder / 'bag'
-    recorder = Recorder(bag, RecordSettings(split_duration=40e-9, **settings))
-    recorder.add(WORDS)
-    for number in range(100):
-        recorder.put(WORDS, number, words(f'{number:05000}'))
-    recorder.close()
+    bag = recorded(folder, **settings)
     return bag, read_back(bag)
 
 

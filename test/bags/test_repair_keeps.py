@@ -11,14 +11,12 @@ import subprocess
 import sys
 from tempfile import TemporaryDirectory
 
-from bag_reading import files_of_at_most, read_back, until, WORDS, words
+from bag_reading import files_of_at_most, read_back, recorded, until, words
 from mcap.writer import CompressionType
 from mixed_mcap import chunk_offsets, content, counts_by_topic, SOME, without_index, write_mixed
 import pytest
 import yaml
 
-from visual_servo_epipolar.bags.recording.recorder import Recorder
-from visual_servo_epipolar.bags.recording.settings import RecordSettings
 from visual_servo_epipolar.bags.repair import repair
 from visual_servo_epipolar.bags.salvaging.mcap_salvage import McapSalvage
 from visual_servo_epipolar.core.errors import InputError
@@ -155,16 +153,6 @@ def test_a_link_stays_one_and_what_it_leads_to_is_repaired(tmp_path) -> None:
     assert repair(tmp_path / 'bag').messages == 120
     assert link.is_symlink() and link.read_bytes() == file.read_bytes() != before
     assert old_of(file).read_bytes() == before
-
-
-def recorded(folder: Path, **settings: object) -> Path:
-    bag = folder / 'bag'
-    recorder = Recorder(bag, RecordSettings(split_duration=40e-9, **settings))
-    recorder.add(WORDS)
-    for number in range(100):
-        recorder.put(WORDS, number, words(f'{number:05000}'))
-    recorder.close()
-    return bag
 
 
 @pytest.mark.parametrize('storage', ['mcap', 'sqlite3'])

@@ -16,6 +16,7 @@ from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.geometry.attitude import rotation_level_camera
 from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.epipolar import rotation_desired_current
+from visual_servo_epipolar.core.geometry.rotation import headings
 from visual_servo_epipolar.core.tracking.robust_geometry import epipolar_inliers
 
 WIDTH, HEIGHT = 640, 480
@@ -93,8 +94,8 @@ class PhotographPair:
             desired, current = self.level
             rotation = desired @ rotation @ current.T
             centre, goal = desired @ centre, current @ goal
-        heading = math.atan2(rotation[2, 0] - rotation[0, 2], rotation[0, 0] + rotation[2, 2])
-        return np.array([math.atan2(goal[0], goal[2]), math.atan2(centre[0], centre[2]), heading])
+        bearings = math.atan2(goal[0], goal[2]), math.atan2(centre[0], centre[2])
+        return np.array([*bearings, float(headings(rotation))])
 
 
 def draw_photographs(kind: Kind, seed: tuple[int, ...]) -> PhotographPair:

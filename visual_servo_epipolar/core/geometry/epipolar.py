@@ -84,10 +84,13 @@ class Bearings:
         return Bearings(wrap_angle(self.psi + math.pi), wrap_angle(self.phi + math.pi))
 
 
-def cross_matrix(vector: FloatArray) -> FloatArray:
-    """Return [v]x, shape (3, 3), such that [v]x w = v x w."""
-    x, y, z = (float(component) for component in vector)
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+def cross_matrix(vectors: FloatArray) -> FloatArray:
+    """Return [v]x of vectors, shape (..., 3), such that [v]x w = v x w: (..., 3, 3)."""
+    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
+    matrices = np.zeros((*vectors.shape, 3))
+    matrices[..., 0, 1], matrices[..., 0, 2], matrices[..., 1, 2] = -z, y, -x
+    matrices[..., 1, 0], matrices[..., 2, 0], matrices[..., 2, 1] = z, -y, x
+    return matrices
 
 
 def rotation_desired_current(heading_error: float) -> FloatArray:

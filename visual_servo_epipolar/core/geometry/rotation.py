@@ -91,11 +91,15 @@ def fit_rotations(current: FloatArray, desired: FloatArray) -> RotationFits:
     kept = max(MIN_POINTS, int(TRUSTED_SHARE * count))
     return RotationFits(
         rotation,
-        np.arctan2(
-            rotation[..., 2, 0] - rotation[..., 0, 2], rotation[..., 0, 0] + rotation[..., 2, 2]
-        ),
+        headings(rotation),
         np.sqrt(ordered[..., :kept].sum(axis=-1) / kept),
     )
+
+
+def headings(rotation: FloatArray) -> FloatArray:
+    """Return the heading errors [rad, left positive] of rotations, (..., 3, 3): (...)."""
+    sine = rotation[..., 2, 0] - rotation[..., 0, 2]
+    return np.asarray(np.arctan2(sine, rotation[..., 0, 0] + rotation[..., 2, 2]))
 
 
 def _squared(offset: FloatArray) -> FloatArray:

@@ -22,6 +22,7 @@ from visual_servo_epipolar.core.estimators.general.steps import (
 )
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import Rays
 from visual_servo_epipolar.core.estimators.machinery.sampson import table_of
+from visual_servo_epipolar.core.geometry.rotation import headings
 
 RADII = np.radians([0.3, 0.7, 1.5, 3.0, 6.0, 12.0, 25.0, 50.0])  # around the best direction
 AZIMUTHS = 8
@@ -48,9 +49,7 @@ def bearings_of(motion: Motions) -> FloatArray:
         [
             np.arctan2(goal[:, 0], goal[:, 2]),
             np.arctan2(centre[:, 0], centre[:, 2]),
-            np.arctan2(
-                rotation[:, 2, 0] - rotation[:, 0, 2], rotation[:, 0, 0] + rotation[:, 2, 2]
-            ),
+            headings(rotation),
         ],
         axis=-1,
     )

@@ -15,7 +15,6 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.general.steps import (
-    cross_matrices,
     essentials,
     Motions,
     scale_of,
@@ -29,6 +28,7 @@ from visual_servo_epipolar.core.estimators.machinery.search.five_point import (
     essential_matrices,
     samples,
 )
+from visual_servo_epipolar.core.geometry.epipolar import cross_matrix
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation
 
 SAMPLES = 400  # of five matches
@@ -242,7 +242,7 @@ def _motions(essential: FloatArray) -> Motions:
     u, _, vt = np.linalg.svd(essential)
     u[..., 2] *= np.sign(np.linalg.det(u))[:, None]
     vt[..., 2, :] *= np.sign(np.linalg.det(vt))[:, None]
-    quarter = cross_matrices(np.array([0.0, 0.0, 1.0])) + np.diag([0.0, 0.0, 1.0])
+    quarter = cross_matrix(np.array([0.0, 0.0, 1.0])) + np.diag([0.0, 0.0, 1.0])
     return Motions(u @ quarter @ vt, u[..., 2])
 
 

@@ -8,6 +8,8 @@ from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.estimators.machinery.hypotheses import INLIER_DEVIATIONS, Rays
 from visual_servo_epipolar.core.estimators.machinery.refinement import LARGEST_STEP, TUKEY
 from visual_servo_epipolar.core.estimators.machinery.sampson import linearised
+from visual_servo_epipolar.core.geometry.epipolar import cross_matrix
+from visual_servo_epipolar.core.geometry.rays import normalised
 
 RIDGE = 1e-3  # information that keeps equations regular: a deviation of 30 rad
 LEAST_SCALE = 0.15  # noise [px] below which residuals are not believed
@@ -16,6 +18,7 @@ ROUNDS = 4
 DEPTH_DEVIATIONS = 3.0  # along its line, by which a match is on the wrong side
 NEAR_EPIPOLE = 1e-3  # sine of the angle from it within which depths have no sign
 UNKNOWNS = 5
+AXES = cross_matrix(np.eye(3))  # of the three turns
 
 
 class Motions(NamedTuple):
@@ -45,21 +48,9 @@ class GeneralStep(NamedTuple):
     tangents: FloatArray
 
 
-def cross_matrices(vectors: FloatArray) -> FloatArray:
-    """Return [v]x of vectors, shape (..., 3): (..., 3, 3)."""
-    x, y, z = vectors[..., 0], vectors[..., 1], vectors[..., 2]
-    matrices = np.zeros((*vectors.shape, 3))
-    matrices[..., 0, 1], matrices[..., 0, 2], matrices[..., 1, 2] = -z, y, -x
-    matrices[..., 1, 0], matrices[..., 2, 0], matrices[..., 2, 1] = z, -y, x
-    return matrices
-
-
-AXES = cross_matrices(np.eye(3))  # of the three turns
-
-
 def essentials(motions: Motions) -> FloatArray:
     """Return E = [t]x R, shape (K, 3, 3)."""
-    return np.asarray(cross_matrices(motions.baseline) @ motions.rotation)
+    return np.asarray(cross_matrix(motions.baseline) @ motions.rotation)
 
 
 def twins(motions: Motions) -> Motions:
@@ -77,11 +68,11 @@ def step(motions: Motions, table: FloatArray, scale: float) -> GeneralStep:
     """Return a step of Gauss-Newton, Tukey weights at a noise of ``scale`` [px]."""
     rotation, baseline = motions
     tangents = _tangents(baseline)
-    across = cross_matrices(baseline)
+    across = cross_matrix(baseline)
     stack = np.empty((len(baseline), 1 + UNKNOWNS, 3, 3))
     stack[:, 0] = across @ rotation
     stack[:, 1:4] = across[:, None] @ AXES @ rotation[:, None]
-    stack[:, 4:] = cross_matrices(tangents) @ rotation[:, None]
+    stack[:, 4:] = cross_matrix(tangents) @ rotation[:, None]
     rows, squared_gradient = linearised(stack.reshape(len(baseline), -1, 9), table)
     rows /= np.sqrt(squared_gradient)[:, None]
     residual, slopes = rows[:, 0], rows[:, 1:]
@@ -93,7 +84,7 @@ def step(motions: Motions, table: FloatArray, scale: float) -> GeneralStep:
     change = np.clip(change, -LARGEST_STEP, LARGEST_STEP)
     after = Motions(
         _rotations(change[:, :3]) @ rotation,
-        _unit(baseline + (change[:, 3:, None] * tangents).sum(axis=1)),
+        normalised(baseline + (change[:, 3:, None] * tangents).sum(axis=1)),
     )
     return GeneralStep(after, information, residual, weight, slopes, tangents)
 
@@ -144,16 +135,12 @@ def wrong_depths(motions: Motions, rays: Rays, scale: float) -> BoolArray:
 def _tangents(baseline: FloatArray) -> FloatArray:
     """Return two unit vectors across each baseline, shape (K, 2, 3)."""
     other = np.where(np.abs(baseline[:, :1]) < 0.6, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
-    first = _unit(np.cross(baseline, other))
+    first = normalised(np.cross(baseline, other))
     return np.stack([first, np.cross(baseline, first)], axis=1)
-
-
-def _unit(vectors: FloatArray) -> FloatArray:
-    return np.asarray(vectors / np.sqrt((vectors * vectors).sum(axis=-1, keepdims=True)))
 
 
 def _rotations(angles: FloatArray) -> FloatArray:
     """Return rotations by vectors of half tangents (Cayley), shape (K, 3): (K, 3, 3)."""
-    half = 0.5 * cross_matrices(angles)
+    half = 0.5 * cross_matrix(angles)
     eye = np.eye(3)
     return np.asarray(np.linalg.solve(eye - half, np.broadcast_to(eye, half.shape) + half))
