@@ -117,6 +117,15 @@ def test_slow_commands_that_are_never_followed_are_found_out_in_time() -> None:
     assert 3.0 < found[0][0] <= 5.0
 
 
+def test_of_who_never_followed_no_turn_is_said_that_nobody_commanded() -> None:
+    def twist(time_s: float) -> Twist:
+        return AHEAD if time_s < 2.5 else Twist(0.004, 0.0)
+
+    (_, first), (_, second) = troubles(twist, lambda time_s: 0.0, seconds=10.0)[:2]
+    assert 'a way of' in first
+    assert 'a slow motion was commanded' in second
+
+
 def test_a_base_that_obeys_late_is_not_held_where_it_was_hardly_told_anything_before() -> None:
     # Creeping commands that a dead band swallows, and then a way that takes 1.4 s to begin.
     def twist(time_s: float) -> Twist:
