@@ -26,6 +26,10 @@ LATCHED = _newest(ReliabilityPolicy.RELIABLE, DurabilityPolicy.TRANSIENT_LOCAL)
 # /clock as ROS defines it.
 CLOCK = _newest(ReliabilityPolicy.BEST_EFFORT)
 DIAGNOSTICS = QoSProfile(depth=10)
+# Switches that anybody may press: at depth 1 a press is lost where another message, also of
+# another publisher, comes after it while images are looked at.
+SWITCH = QoSProfile(depth=20, reliability=ReliabilityPolicy.BEST_EFFORT)
+LATCHED_SWITCH = QoSProfile(depth=20, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 # Any driver's odometry; what comes while images are looked at is needed for the next ones.
 ODOMETRY = QoSProfile(depth=50, reliability=ReliabilityPolicy.BEST_EFFORT)
 # /tf as tf2 has it: many publish on it.

@@ -73,6 +73,13 @@ def test_a_false_stops_the_robot_at_once(bench) -> None:
     bench.until(lambda: rig.twists()[-1] == STANDSTILL, 'the zero twist')
 
 
+def test_a_false_is_not_lost_by_a_true_that_comes_before_it_is_heard(bench) -> None:
+    rig = Enabled(bench, resume='manual').drive()
+    rig._say(Bool(data=False))
+    rig.enable()
+    assert rig.phase == 'holding'
+
+
 def test_who_asks_for_no_heartbeat_does_not_hear_one(bench) -> None:
     rig = Enabled(bench, enable_timeout=0.0)
     rig.drive().enable(value=False)

@@ -217,6 +217,19 @@ def test_a_second_button_that_is_not_pressed_does_not_release_the_first(
     assert bench.call('servo_node/start').success
 
 
+@pytest.mark.parametrize('profile', [qos.LATCHED, VOLATILE], ids=['latched', 'repeated'])
+def test_a_press_is_not_lost_by_another_button_that_says_false_right_after_it(
+    bench, profile
+) -> None:
+    rig = Rig(bench, stale_timeout=60.0)
+    press, other = (bench.talk(Bool, 'stop_button', profile) for _ in range(2))
+    bench.until(lambda: rig.node.count_publishers('stop_button') == 2, 'both buttons')
+    rig.drive()
+    press(Bool(data=True))
+    other(Bool(data=False))
+    bench.until(lambda: rig.phase == 'waiting', 'the robot to be stopped')
+
+
 def test_after_a_release_in_doubt_nothing_is_left_over(bench, hasty) -> None:
     rig = Rig(bench, stale_timeout=60.0)
     press, other = (bench.talk(Bool, 'stop_button', qos.LATCHED) for _ in range(2))

@@ -26,7 +26,7 @@ class Enable:
         self._heard_ns: int | None = None
         self._enabled = False
         if timeout > 0.0:
-            node.create_subscription(Bool, TOPIC, self._hear, qos.IMAGES['best_effort'])
+            node.create_subscription(Bool, TOPIC, self._hear, qos.SWITCH)
 
     def withheld(self) -> str:
         """Return why the robot is not enabled now; or ''."""

@@ -12,7 +12,6 @@ from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.lifecycle.gates import in_every_state
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 
-MOST_BUTTONS = 20
 # Of several buttons nobody tells whose word a message is: one that is pressed still says so again.
 RELEASE_S = 2.0
 # One of the two subscriptions fits; that the other does not is no news.
@@ -35,7 +34,7 @@ class StopButton:
         self.pressed, self._said_again = False, False
         self._asking: tuple[Any, Any] | None = None  # subscription and timer of a doubtful release
         # Latched, so that a servo that is started in mid-press learns of it; and any other button.
-        for profile in (qos.LATCHED, qos.IMAGES['best_effort']):
+        for profile in (qos.LATCHED_SWITCH, qos.SWITCH):
             self._subscribe(profile, self._on_button)
 
     @in_every_state
@@ -68,10 +67,9 @@ class StopButton:
         if self._asking is not None:
             return
         self._said_again = False
-        profile = QoSProfile(depth=MOST_BUTTONS, durability=qos.LATCHED.durability)
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         timer = self._node.create_timer(RELEASE_S, self._decide, clock=steady)
-        self._asking = self._subscribe(profile, self._press), timer
+        self._asking = self._subscribe(qos.LATCHED_SWITCH, self._press), timer
         self._node.keep(timer)
 
     @in_every_state
