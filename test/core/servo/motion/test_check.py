@@ -121,8 +121,7 @@ def test_of_who_never_followed_no_turn_is_said_that_nobody_commanded() -> None:
     def twist(time_s: float) -> Twist:
         return AHEAD if time_s < 2.5 else Twist(0.004, 0.0)
 
-    (_, first), (_, second) = troubles(twist, lambda time_s: 0.0, seconds=10.0)[:2]
-    assert 'a way of' in first
+    _, (_, second) = troubles(twist, lambda time_s: 0.0, seconds=10.0)[:2]
     assert 'a slow motion was commanded' in second
 
 
