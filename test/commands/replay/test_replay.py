@@ -338,7 +338,8 @@ def test_one_that_nothing_tells_apart_is_noted(
 ) -> None:
     path = two_cameras(small_run, tmp_path, *frames)
     _, result = shown_json(capsys, path, '--desired', photograph)
-    note = 'camera_info is taken for /cam/color/image_raw, and no frame_id tells that it is theirs'
+    taken = 'camera_info is taken for /cam/color/image_raw'
+    note = f'{taken}, and no frame_id confirms that it is theirs'
     assert any(note in text for text in result['notes']) == noted
 
 

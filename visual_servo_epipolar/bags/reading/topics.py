@@ -109,7 +109,7 @@ def camera_note(bag: Bag, topics: Mapping[str, Topic]) -> str:
         return ''
     frames = [_frame(bag, item) for item in (image, info)]
     if not all(frames):
-        return f'{info.name} is taken for {image.name}, and no frame_id tells that it is theirs'
+        return f'{info.name} is taken for {image.name}, and no frame_id confirms that it is theirs'
     if frames[0] == frames[1]:
         return ''
     raise InputError(

@@ -41,13 +41,22 @@ def add_to(kinds: Any) -> None:
     parser.add_argument('--cropped', action='store_true', help=CROPPED_HELP)
     parser.add_argument('--out', metavar='OVERLAY.png', help='picture of the matches')
     parser.add_argument('--estimator', metavar='NAME', help='estimator of the epipoles')
+    _add_mount(parser)
+    parser.add_argument(
+        '--json', metavar='FILE', help='write the result as JSON to FILE, - for standard output'
+    )
+    parser.set_defaults(run=run)
+
+
+def _add_mount(parser: argparse.ArgumentParser) -> None:
+    """Add how the camera is mounted."""
     for name, what in (
         (
             'tilt',
-            'camera, down positive; untold, it is found out, and general motions are told in '
-            'axes of the cameras',
+            'camera, down positive; without it tilt and roll are estimated, and general motions '
+            'are given in axes of the cameras',
         ),
-        ('roll', 'camera, clockwise; with --tilt alone it is taken for zero'),
+        ('roll', 'camera, clockwise; with --tilt alone it is zero'),
         ('yaw', 'camera on the base, to the left: bearings are then those of the base'),
     ):
         parser.add_argument(
@@ -60,10 +69,6 @@ def add_to(kinds: Any) -> None:
         default=MOUNT_DEVIATION,
         help=f'how well tilt and roll are known (default {MOUNT_DEVIATION:g} deg)',
     )
-    parser.add_argument(
-        '--json', metavar='FILE', help='write the result as JSON to FILE, - for standard output'
-    )
-    parser.set_defaults(run=run)
 
 
 def run(options: argparse.Namespace) -> int:

@@ -47,8 +47,8 @@ def _garbage(scene: Scene) -> None:
         scene.later(number / 20, send)
 
 
-def _deaf(scene: Scene) -> None:
-    """Let commands lead nowhere."""
+def _disconnected(scene: Scene) -> None:
+    """Let no command reach the base."""
     scene.filter(COMMANDS, lambda parcel: [], scene.spell(3.0, 10.0))
 
 
@@ -83,7 +83,7 @@ FAULTS: Mapping[str, Fault] = MappingProxyType(
             what='up to half of the commands lost', strike=dropped(COMMANDS), base_alone=True
         ),
         'base_deaf': Fault(
-            what='commands lead nowhere', strike=_deaf, phases=ALWAYS, base_alone=True
+            what='commands do not arrive', strike=_disconnected, phases=ALWAYS, base_alone=True
         ),
         'joystick': Fault(what='a joystick at 20 Hz on cmd_vel for 4 s', strike=_joystick),
         'commands_garbage': Fault(

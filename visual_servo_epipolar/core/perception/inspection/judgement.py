@@ -112,7 +112,7 @@ def judged(
         found = _with_planar(found, planar, spread)
         if found.deviation > UNLEVEL * general.deviation:
             general = replace(general, tilt=found.tilt, roll=found.roll)
-            found = replace(general, reason=f'what is level does not show: {GENERAL}')
+            found = replace(general, reason=f'the matches do not show what is level: {GENERAL}')
         else:
             essential = planar.fundamental
     reason = _refusal(found, fit, settings.mount)
