@@ -38,10 +38,9 @@ TRANSFORMS = QoSProfile(depth=100)
 STATIC_TRANSFORMS = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 # A reliable subscriber never connects to a best-effort camera driver; a best-effort one connects
-# to every driver but loses large images on default transports. Hence a choice, and the tracker
-# finds out. camera_info is small: best effort is enough.
+# to every driver but loses large images on default transports. Hence a choice, and auto, which
+# finds out (AdaptiveSubscription).
 IMAGES = {
-    'auto': _newest(ReliabilityPolicy.BEST_EFFORT),
     'reliable': _newest(ReliabilityPolicy.RELIABLE),
     'best_effort': _newest(ReliabilityPolicy.BEST_EFFORT),
 }

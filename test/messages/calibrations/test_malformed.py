@@ -163,3 +163,8 @@ def test_whoever_has_another_format_gets_the_list() -> None:
         message = refusal(text)
         for program in ('camera_calibration', 'OpenCV', 'Kalibr', 'COLMAP', 'nerfstudio', 'echo'):
             assert program in message
+
+
+def test_coefficients_called_k1_and_k2_are_no_camera_matrices() -> None:
+    with pytest.raises(ValueError, match="^camera file lacks 'camera_matrix'"):
+        from_text('width: 640\nheight: 480\nk1: 0\nk2: 0.1\n')

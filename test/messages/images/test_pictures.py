@@ -116,6 +116,13 @@ def test_pixels_that_are_no_integers_are_refused(reader) -> None:
         reader(tiff(IMAGE.astype(np.float32)))
 
 
+@pytest.mark.parametrize('start', [b'II*\0', b'MM\0*', b'II+\0', b'\x89PNG\r\n\x1a\n'])
+def test_a_damaged_file_is_refused_and_nothing_is_printed(start, capfd) -> None:
+    with pytest.raises(ValueError, match='goal.png'):
+        of_file(start + 8 * b'a')
+    assert capfd.readouterr() == ('', '')
+
+
 @pytest.mark.parametrize('suffix', ['.bmp', '.pgm'])
 def test_a_file_of_another_kind_is_read_where_opencv_does(suffix) -> None:
     data = cv2.imencode(suffix, IMAGE)[1].tobytes()

@@ -83,14 +83,15 @@ def test_a_camera_info_that_was_latched_before_is_heard(bench, attentive, word) 
     bench.until(lambda: node._camera.model is not None, 'the camera_info of before')
 
 
+@pytest.mark.parametrize('watchdog', [True, False])
 @pytest.mark.parametrize(
     'profile',
     [QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT), qos.STREAM, qos.LATCHED],
 )
 def test_a_driver_that_comes_later_is_heard_in_the_way_it_offers(
-    bench, attentive, profile
+    bench, attentive, profile, watchdog
 ) -> None:
-    node = bench.start(ServoNode)
+    node = bench.start(ServoNode, watchdog=watchdog)
     send = bench.talk(CameraInfo, 'camera_info', profile)
 
     def heard() -> bool:

@@ -44,7 +44,7 @@ def cameras(document: Mapping[str, Any]) -> Cameras:
         if (
             match is not None
             and match[1] in KEYS['matrix']
-            and not isinstance(document[key], float)
+            and not isinstance(document[key], int | float)
         ):
             names.append(match[2])
     return {name: partial(_calibration, document, keys, name) for name in names}

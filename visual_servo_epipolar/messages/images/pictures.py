@@ -7,6 +7,7 @@ same: there the tag is overwritten in a copy.
 """
 
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
@@ -63,7 +64,9 @@ def decoded(data: bytes, name: str, *, largest: int = LARGEST) -> NDArray[Any]:
             'damaged, or to be scaled down'
         )
     try:
-        image = cv2.imdecode(np.frombuffer(_unturned(data), np.uint8), STORED) if data else None
+        with _silent_opencv():
+            pixels = np.frombuffer(_unturned(data), np.uint8)
+            image = cv2.imdecode(pixels, STORED) if data else None
     except cv2.error as error:
         raise ValueError(f'{name} cannot be decoded: {error.err}') from None
     if image is None:
@@ -71,6 +74,17 @@ def decoded(data: bytes, name: str, *, largest: int = LARGEST) -> NDArray[Any]:
     if image.dtype not in (np.uint8, np.uint16):
         raise ValueError(f'{name}: pixels must be integers, got {image.dtype}; give {EXPECTED}')
     return np.asarray(image)
+
+
+@contextmanager
+def _silent_opencv() -> Iterator[None]:
+    """Keep OpenCV from printing what is wrong with a picture: our error says it in one line."""
+    log = cv2.utils.logging
+    level = log.setLogLevel(log.LOG_LEVEL_SILENT)
+    try:
+        yield
+    finally:
+        log.setLogLevel(level)
 
 
 def _header(data: bytes) -> Header | None:

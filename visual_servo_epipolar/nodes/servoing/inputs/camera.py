@@ -52,9 +52,10 @@ class ServoCamera:
         self, node: Node, settings: ServoNodeSettings, callback: Callable[[CameraInfo], None]
     ) -> None:
         """Subscribe to camera_info as it is published: also to one that was latched before."""
-        info = qos.AdaptiveSubscription(
-            node, CameraInfo, 'camera_info', callback, settings.camera_reliability
-        )
+        reliability = settings.camera_reliability
+        if reliability == 'auto' and not settings.watchdog:
+            reliability = 'best_effort'  # nobody looks what is offered: this connects to all
+        info = qos.AdaptiveSubscription(node, CameraInfo, 'camera_info', callback, reliability)
         if settings.watchdog:  # where time itself waits for the servo, nobody comes late
             steady = Clock(clock_type=ClockType.STEADY_TIME)
             node.create_timer(LOOK_PERIOD_S, info.adapt, clock=steady)
