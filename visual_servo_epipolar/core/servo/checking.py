@@ -1,5 +1,5 @@
 """
-Checking: what a motion that contradicts the commands undoes.
+Checking: what is not done, and undone, where motion or matches contradict what was told.
 
 Nothing is learnt from such a motion. What was learnt since it may have begun is given back, until
 it is over.
@@ -11,12 +11,19 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import median
+from visual_servo_epipolar.core.perception.lens_check import contradicted_by_pair
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.anticipation import goal_distance
 from visual_servo_epipolar.core.servo.motion.check import Evidence, MotionCheck
 from visual_servo_epipolar.core.servo.motion.view_motion import NOISE_OF_PARALLAX
-from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase, RUNNING
+from visual_servo_epipolar.core.servo.phases.table import (
+    DRIVING,
+    Event,
+    next_phase,
+    Phase,
+    RUNNING,
+)
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import Known, ServoState
 from visual_servo_epipolar.core.values import changed
@@ -49,6 +56,27 @@ def checked(
     now = known(state)
     before = now if state.known is None else state.known[-1]
     return changed(state, motion=motion, known=(before, now))
+
+
+def driven_off_by(
+    state: ServoState, observation: Observation | None, event: Event, settings: ServoSettings
+) -> tuple[ServoState, Event]:
+    """
+    Return state and event: LOST where the robot would set off, but matches contradict the camera.
+
+    That is looked at when a run begins, after a hold and before a retreat: by a focal length that
+    is wrong a goal ahead may look as if it lay beside, and the robot would back off from it.
+    """
+    after = next_phase(state.phase, event)
+    starts = state.phase in (Phase.WAITING, Phase.HOLDING) and after in DRIVING
+    retreats = after is Phase.RETREATING is not state.phase
+    if not (starts or retreats) or observation is None or state.measurement is None:
+        return state, event
+    trouble = contradicted_by_pair(observation, settings)
+    if not trouble:
+        return state, event
+    measurement = replace(state.measurement, reason=trouble)
+    return changed(state, measurement=measurement, reason=trouble, settled=0), Event.LOST
 
 
 def known(state: ServoState) -> Known:

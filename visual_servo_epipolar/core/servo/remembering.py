@@ -91,7 +91,8 @@ def remembered(
             place = None if before.place is None else before.place.after(motion)
             # Who seems to be elsewhere was not seen.
             unseen = replace(after, pose=views.pose, shrinkage=views.shrinkage)
-            return Remembered(unseen, place, few_s, is_over and carries), None
+            is_over = is_over and (carries or before.is_over)  # the cause, also of what follows
+            return Remembered(unseen, place, few_s, is_over), None
     said, place = steadied(said, before.place, motion)
     reading = reading_in_view(said, observation)
     agree = int(said.inliers[: len(observation)].sum())

@@ -25,7 +25,7 @@ from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive, Perception
 from visual_servo_epipolar.core.perception.validated import noise_learnt
 from visual_servo_epipolar.core.servo.anticipation import anticipated
-from visual_servo_epipolar.core.servo.checking import checked
+from visual_servo_epipolar.core.servo.checking import checked, driven_off_by
 from visual_servo_epipolar.core.servo.phases.commands import curvature_compensated, nominal_twist
 from visual_servo_epipolar.core.servo.phases.events import classify
 from visual_servo_epipolar.core.servo.phases.switch import switched
@@ -118,6 +118,7 @@ def advance(
     event = classify(state, settings)
     if leapt and event not in (Event.TIMED_OUT, Event.ASTRAY):
         state, event = _held(state, leapt)
+    state, event = driven_off_by(state, perception.observation, event, settings)
     state = switched(state, state.measurement or measurement, event, settings)
     nominal = nominal_twist(anticipated(state, settings), settings)
     nominal = curvature_compensated(nominal, state, settings)

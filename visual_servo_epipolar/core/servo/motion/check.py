@@ -87,8 +87,8 @@ class MotionCheck:
     ) -> 'MotionCheck':
         """Return the check after one more view, of a robot that ``drives`` or holds."""
         observation, reference = evidence.observation, self.reference
-        if observation.ids is None:
-            return self.restarted()
+        if observation.ids is None or len(observation) < settings.min_features:
+            return self.restarted()  # a few may all be wrong
         here = Reference(observation.stamp_ns, observation.ids, observation.current)
         seen = reference and view_motion(reference, here, evidence.noise)
         if reference is None or seen is None:
