@@ -61,7 +61,10 @@ DAMAGE = (
     TypeError,
     ValueError,
 )
-NAMELESS: dict[type[Exception], str] = {MemoryError: 'it states sizes beyond all memory'}
+PLAIN_WORDS: dict[type[Exception], str] = {
+    MemoryError: 'it states sizes beyond all memory',
+    RecursionError: 'it is nested too deeply',
+}
 NO_DAMAGE = (errno.EACCES, errno.EPERM, errno.ENOSPC, errno.EDQUOT, errno.EIO, errno.EMFILE)
 OTHER_ADVICE = {
     'ros1': 'the bag is damaged or was left open; try "rosbag reindex" of ROS 1',
@@ -202,7 +205,7 @@ def intact(path: Path) -> Iterator[None]:
 
 def _unreadable(path: Path, error: Exception) -> InputError:
     words = ' '.join(str(error).split()).replace("('", '').replace("',)", '')  # of rosbags
-    text = words or NAMELESS.get(type(error), type(error).__name__)
+    text = PLAIN_WORDS.get(type(error)) or words or type(error).__name__
     return InputError(f'{path}: bag cannot be read: {text:.300}; {_advice(path)}')
 
 

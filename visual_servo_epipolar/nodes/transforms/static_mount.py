@@ -45,7 +45,7 @@ class StaticMount:
         self._unknown: set[str] = set()  # frames of images that it was said of
         self._parents: dict[str, tuple[str, Transform]] = {}
         kind = transforms.tf_message_class()
-        self._deaf = kind is None
+        self._is_heard = kind is not None
         if kind is None:
             self._log.warning(transforms.without_tf2_msgs('mount_from_tf has no effect'))
         else:
@@ -85,9 +85,9 @@ class StaticMount:
         return told
 
     def _miss(self, camera_frame: str) -> None:
-        """Say once that /tf_static does not lead to a camera; who is deaf to it has said so."""
+        """Say once that /tf_static, where it is heard at all, does not lead to a camera."""
         frame = _bare(camera_frame)
-        if self._deaf or frame in self._unknown or frame == self._base:
+        if not self._is_heard or frame in self._unknown or frame == self._base:
             return
         self._unknown.add(frame)
         has = ', '.join(sorted(self._parents)) or 'nothing'
