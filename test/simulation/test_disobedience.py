@@ -8,7 +8,7 @@ import pytest
 
 from visual_servo_epipolar.commands.files.resources import scenario_path
 from visual_servo_epipolar.core.control.command import Command, HALT
-from visual_servo_epipolar.core.geometry.motion import Pose, Twist
+from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import step
@@ -109,13 +109,44 @@ def test_a_stranger_is_held_against_teaches_nothing_and_the_run_goes_on_when_he_
     loop = DisturbedLoop(interfere).run(120.0)
     assert 4.0 < loop.held_s < 5.0
     held = [state for state in loop.states if state.phase is Phase.HOLDING]
-    assert 'look who else publishes cmd_vel' in held[0].reason
+    assert 'something else publishes cmd_vel' in held[0].reason
     undisturbed = [state for state in loop.states[:44] if state.phase is not Phase.HOLDING]
     for state in held:
         assert abs(state.curvature.value - undisturbed[30].curvature.value) < 0.01
         assert state.delay.value == 0.0
     assert loop.states[-1].phase is Phase.ARRIVED
     assert loop.pose.distance < 0.005
+
+
+def mixed(begin_s: float, seconds: float, twist: Twist) -> Interfere:
+    """Return what a base does that obeys two in turns: a third of what the servo commands."""
+
+    def interfere(time_s: float, command: Command) -> Command:
+        if not begin_s <= time_s < begin_s + seconds:
+            return command
+        linear, angular = 0.35 * command.twist.linear, 0.35 * command.twist.angular
+        return Command(Twist(linear + twist.linear, angular + twist.angular))
+
+    return interfere
+
+
+@pytest.mark.parametrize(
+    'interfere',
+    [
+        joystick(4.0, 4.0, STANDSTILL),
+        joystick(3.0, 4.0, Twist(0.0, 0.13)),
+        mixed(2.5, 3.0, Twist(0.0, 0.3)),
+        mixed(2.5, 3.0, Twist(0.0, -0.3)),
+    ],
+    ids=['stands', 'turned', 'mixed', 'mixed right'],
+)
+def test_a_way_that_nobody_knows_teaches_no_mount(interfere: Interfere) -> None:
+    loop = DisturbedLoop(interfere).run(60.0)
+    phases = [state.phase for state in loop.states]
+    assert Phase.HOLDING in phases and Phase.RETREATING not in phases
+    assert phases[-1] is Phase.ARRIVED and loop.pose.distance < 0.005
+    yaws = [state.extrinsics.mount[0] for state in loop.states if state.extrinsics is not None]
+    assert np.abs(yaws).max() < np.radians(3.0)  # of a camera that looks straight ahead
 
 
 def test_a_joystick_that_turns_the_robot_away_does_not_make_it_drive() -> None:

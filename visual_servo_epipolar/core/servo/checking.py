@@ -104,7 +104,7 @@ def _undone(state: ServoState, measurement: Measurement) -> ServoState:
     extrinsics = before.extrinsics and changed(before.extrinsics, placed=False)
     return changed(
         state,
-        views=replace(before.views, place=None),
+        views=replace(before.views, views=None, place=None),  # nobody knows the way since
         extrinsics=extrinsics,
         curvature=before.curvature,
         dead_band=before.dead_band,
