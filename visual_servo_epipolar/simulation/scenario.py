@@ -85,6 +85,7 @@ ALL_NODES = '/**'
 # Parameters of the connections of these nodes: a simulation has none of them.
 CONNECTION = frozenset(
     {
+        'arming_timeout',
         'autostart_node',
         'base_frame',
         'camera_reliability',
@@ -92,10 +93,12 @@ CONNECTION = frozenset(
         'cropped',
         'desired_image',
         'enable_stamped_cmd_vel',
+        'enable_timeout',
         'max_latency',
         'mount_from_tf',
         'photograph',
         'rectified',
+        'resume',
         'transport',
         'use_sim_time',
         'watchdog',

@@ -121,17 +121,27 @@ def parallax_of_way(
     """
     Return what a metre driven shows of parallax [rad/m]; 0 where nobody knows.
 
-    A way to the goal shows as large a part of its parallax as it is of the distance; one to where
-    the camera looks, with the goal aside, as much less as features are near the axis. A distance
-    that is not known is as large as it may be.
+    A way to the goal shows as large a part of its parallax as it is of the distance, and less from
+    afar, where the scene looks small; one to where the camera looks, with the goal aside, as much
+    less as features are near the axis. A distance that is not known is as large as it may be.
     """
     noise, parallax = NOISE_OF_PARALLAX * measurement.noise, measurement.parallax
     if not parallax > KNOWN_PARALLAX * noise or not len(observation):
         return 0.0
-    distance = goal_distance(state, measurement)
-    distance = min(distance, settings.initial_distance) if distance > 0.0 else math.inf
+    distance, most = goal_distance(state, measurement), settings.initial_distance + state.reversed
+    distance = min(distance, most) if distance > 0.0 else math.inf
     shown = math.sqrt(parallax * parallax - noise * noise) / max(distance, settings.min_distance)
+    shown *= _shrinkage(observation)
     bearings = measurement.bearings
     if bearings is not None and abs(math.sin(bearings.alpha)) < AHEAD:
         return shown
     return shown * median(np.hypot(observation.current[:, 0], observation.current[:, 1]))
+
+
+def _shrinkage(observation: Observation) -> float:
+    """Return how large the scene looks, over how large the photograph has it: 1 at most."""
+    spreads = [
+        median(np.hypot(*(rays[:, :2] - np.median(rays[:, :2], axis=0)).T))
+        for rays in (observation.current, observation.desired)
+    ]
+    return min(spreads[0] / spreads[1], 1.0) if spreads[1] > 0.0 else 1.0

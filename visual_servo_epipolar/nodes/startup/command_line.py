@@ -3,12 +3,14 @@
 from collections.abc import Iterator, Sequence
 import os
 import sys
+import textwrap
 
 from visual_servo_epipolar.nodes.startup.table import NODES
 
 USAGE_ERROR, UNREAD = 2, 141
 HELP = ('-h', '--help')
 ROS_ARGUMENTS = '--ros-args -p NAME:=VALUE --params-file FILE'
+WIDTH = 99
 
 
 def answer(node: str, arguments: Sequence[str]) -> int | None:
@@ -51,7 +53,7 @@ def usage(node: str) -> str:
             '',
             row.does,
             '',
-            *(f'{title + ":":12}{", ".join(names)}' for title, names in connections if names),
+            *(_listed(title, names) for title, names in connections if names),
             '',
             '-p name:=value sets a parameter, --params-file FILE those of a YAML file; a double',
             'has a point (1.0). -r image_raw:=/cam/image_raw connects to another topic,',
@@ -59,6 +61,11 @@ def usage(node: str) -> str:
             'parameter, docs/parameters.md explains all.',
         ]
     )
+
+
+def _listed(title: str, names: Sequence[str]) -> str:
+    text = ', '.join(names)
+    return textwrap.fill(f'{title + ":":12}{text}', WIDTH, subsequent_indent=' ' * 12)
 
 
 def split(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
