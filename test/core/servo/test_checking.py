@@ -1,11 +1,18 @@
-"""What a way shows, to the check of the motion."""
+"""What a way shows to the check of the motion; and when nobody sets off by the camera."""
 
 import numpy as np
+import pytest
 from servo_states import in_phase, SETTINGS, sight
+from strategies import blurred, matches, through_lens
 
+from visual_servo_epipolar.core.control.command import HALT
+from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.perception.observation import Observation
-from visual_servo_epipolar.core.servo.checking import parallax_of_way
-from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.servo.checking import driven_off_by, parallax_of_way
+from visual_servo_epipolar.core.servo.phases.table import Event, Phase
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.step import step
 
 
 def seen(count: int) -> Observation:
@@ -29,3 +36,46 @@ def test_no_way_is_expected_to_be_seen_near_the_goal_or_by_no_feature() -> None:
     assert parallax_of_way(state, sight(parallax=1e-4), seen(20), SETTINGS) == 0.0
     carried = sight(parallax=0.08, bearings=None)
     assert parallax_of_way(state, carried, seen(0), SETTINGS) == 0.0
+
+
+def test_from_afar_where_the_scene_looks_small_a_way_shows_less() -> None:
+    state, measurement = in_phase(Phase.RETREATING, distance=2.0), sight(parallax=0.08)
+    across = np.linspace(-0.4, 0.4, 20)
+    desired = normalised(np.column_stack([across, 0.1 * across, np.ones(20)]))
+    current = normalised(np.column_stack([0.25 * across, 0.025 * across, np.ones(20)]))
+    shown = [
+        parallax_of_way(
+            state,
+            measurement,
+            Observation(10**8, rays, desired, 769.0, ids=np.arange(20)),
+            SETTINGS,
+        )
+        for rays in (desired, current)
+    ]
+    assert shown[1] < 0.3 * shown[0]
+
+
+@pytest.mark.parametrize('scale', [1.0, 2.0])
+def test_nobody_sets_off_by_a_focal_length_that_the_matches_contradict(scale: float) -> None:
+    rng = np.random.default_rng(0)
+    views = matches(Pose.from_start(1.0, -3.5, 8.0), count=120)
+    seen = [through_lens(blurred(rays, 0.2 / 769.0, rng), 1.0 / scale) for rays in views]
+    state = step(ServoState(), Observation(10**8, *seen, scale * 769.0), SETTINGS)
+    if scale == 1.0:
+        assert state.phase is Phase.DISPLACING
+        return
+    assert (state.phase, state.command) == (Phase.HOLDING, HALT)
+    assert state.reason.startswith('the matches contradict the camera: a focal length of')
+
+
+def test_a_retreat_is_not_begun_by_such_a_focal_length_either() -> None:
+    rng = np.random.default_rng(0)
+    views = matches(Pose.from_start(1.0, -3.5, 8.0), count=120)
+    seen = [through_lens(blurred(rays, 0.2 / 769.0, rng), 2.0) for rays in views]
+    wrong = Observation(10**8, *seen, 0.5 * 769.0)
+    driving = in_phase(Phase.ZEROING_EPIPOLES, measurement=sight())
+    state, event = driven_off_by(driving, wrong, Event.SIDEWAYS, SETTINGS)
+    assert event is Event.LOST
+    assert state.measurement is not None
+    assert state.measurement.reason.startswith('the matches contradict the camera')
+    assert driven_off_by(driving, wrong, Event.ALIGNED, SETTINGS) == (driving, Event.ALIGNED)
