@@ -24,7 +24,7 @@ class NodeRow:
 NODES: Mapping[str, NodeRow] = {
     'servo_node': NodeRow(
         does='Drives the robot to the pose of the photograph: features in, velocities out.',
-        subscribes=('tracks', 'camera_info', 'stop_button', 'enable', 'odom'),
+        subscribes=('tracks', 'camera_info', 'stop_button', 'odom'),
         publishes=(
             'cmd_vel',
             'epipoles',
