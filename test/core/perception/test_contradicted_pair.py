@@ -60,3 +60,9 @@ def test_what_is_not_calibrated_or_no_pinhole_is_not_checked(wide: bool) -> None
     current, desired = matches(Pose.from_start(*STARTS[0]), count=COUNT)
     settings = ServoSettings(focal_deviation=0.0 if wide else 0.3)
     assert contradicted_by_pair(Observation(0, current, desired, FOCAL, wide=wide), settings) == ''
+
+
+@pytest.mark.parametrize('count', [0, 1, 5, 11])
+def test_too_few_features_tell_nothing_and_raise_nothing(count: int) -> None:
+    current, desired = (rays[:count] for rays in matches(Pose.from_start(*STARTS[0]), count=COUNT))
+    assert contradicted_by_pair(Observation(0, current, desired, FOCAL), ServoSettings()) == ''

@@ -68,9 +68,11 @@ def contradicted_by_pair(observation: Observation, settings: PerceptionSettings)
     """
     Return that two views alone contradict the focal length that was told, or ''.
 
-    Views of one plane tell nothing: a tilt looks like another focal length there.
+    Views of one plane tell nothing: a tilt looks like another focal length there. Nor do fewer
+    features than two views need, as where a memory of views carries on.
     """
-    if not settings.calibrated or observation.wide or _shows_one_plane(observation):
+    few = len(observation) < settings.min_features
+    if few or not settings.calibrated or observation.wide or _shows_one_plane(observation):
         return ''
     lens = perceive(observation, uncalibrated(settings), 0).memory.lens
     doubt = _contradiction(lens, observation.focal, LEAST_OF_PAIR)
