@@ -13,7 +13,7 @@ from sweeps import result
 from visual_servo_epipolar.benchmarks.mounts.cells import on_features
 from visual_servo_epipolar.sweeping.summary import summary_of
 
-DOCS = Path(__file__).parents[2] / 'docs'
+DOCS = Path(__file__).parents[2] / 'docs' / 'measurements'
 FAILED = {'outcome': 'failed', 'reason': 'lost', 'position_error_m': 4.0}
 
 

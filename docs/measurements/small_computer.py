@@ -1,8 +1,8 @@
 """
-What the tracker costs on small images with few features: the table of docs/tracking.md.
+What the tracker costs on small images with few features: the table of docs/measurements/tracking.md.
 
 Processor time of a frame on one thread, and the error against ground truth, on rendered approaches
-of the tracking benchmark. Usage: python docs/small_computer.py
+of the tracking benchmark. Usage: python docs/measurements/small_computer.py
 """
 
 from dataclasses import replace

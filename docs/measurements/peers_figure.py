@@ -1,4 +1,4 @@
-"""Draws docs/peers.png and prints the table of docs/peers.md: python docs/peers_figure.py."""
+"""Draws docs/measurements/peers.png and prints the table of docs/measurements/peers.md: python docs/measurements/peers_figure.py."""
 
 from collections.abc import Mapping
 import math

@@ -1,4 +1,4 @@
-"""Prints the table of docs/tracking.md on photographs of the same and of another room."""
+"""Prints the table of docs/measurements/tracking.md on photographs of the same and of another room."""
 
 from collections.abc import Iterator
 from dataclasses import replace
@@ -15,7 +15,7 @@ from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import load, Scenario
 
-SCENARIOS = Path(__file__).parents[1] / 'config' / 'scenarios'
+SCENARIOS = Path(__file__).parents[2] / 'config' / 'scenarios'
 ROOMS, STARTS = range(1, 9), 5  # photographs; views of each room from either region
 REGIONS = ('front', 'anywhere')
 

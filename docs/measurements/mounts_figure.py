@@ -1,7 +1,7 @@
 """
-Draws docs/mounts.png and prints the tables of docs/mounts.md.
+Draws docs/measurements/mounts.png and prints the tables of docs/measurements/mounts.md.
 
-`python docs/mounts_figure.py [RESULT.json] [TARGET.png]`: of what `visual_servo bench mounts
+`python docs/measurements/mounts_figure.py [RESULT.json] [TARGET.png]`: of what `visual_servo bench mounts
 --json RESULT.json` wrote, or of a run of its own, which takes an hour on one core.
 """
 
