@@ -13,9 +13,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, NullFormatter
 import numpy as np
 
-from visual_servo_epipolar.core.control import laws
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, integrate, Pose, saturate
+from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.report.style import FIGURE_SETTINGS, INK, robot_body, robot_nose
 from visual_servo_epipolar.reproduction import theory
 
@@ -77,11 +77,11 @@ def first_step(
         bearings = Bearings.from_pose(pose)
         a, e = bearings.epipole_current, bearings.epipole_desired
         gains = {'k1': law.k1, 'k2': law.k2, 'exponent': law.exponent}
-        nu = laws.auxiliary_controls(a, e, e_target=law.held, **gains)
-        sigma = laws.printed_sigma(a, e) if law.printed else bearings.sigma
-        twist = laws.linearizing_control(a, e, sigma=sigma, distance=estimates[-1], nu=nu)
+        nu = equations.auxiliary_controls(a, e, e_target=law.held, **gains)
+        sigma = equations.printed_sigma(a, e) if law.printed else bearings.sigma
+        twist = equations.linearizing_control(a, e, sigma=sigma, distance=estimates[-1], nu=nu)
         twist = saturate(twist, max_linear=law.max_linear, max_angular=math.inf)
-        rate = laws.distance_rate(twist.linear, a, sigma=bearings.sigma)
+        rate = equations.distance_rate(twist.linear, a, sigma=bearings.sigma)
         estimates.append(max(estimates[-1] + dt * rate, 0.1))
         pose = integrate(pose, twist, dt)
         poses.append(pose)
@@ -129,7 +129,7 @@ def signs() -> Figure:
 
     def agrees(x: float, y: float) -> bool:
         bearings = Bearings.from_pose(Pose.from_start(x, y, heading))
-        printed = laws.printed_sigma(bearings.epipole_current, bearings.epipole_desired)
+        printed = equations.printed_sigma(bearings.epipole_current, bearings.epipole_desired)
         return printed == bearings.sigma
 
     right = np.array([[agrees(x, y) for x in axis] for y in axis])
@@ -139,7 +139,7 @@ def signs() -> Figure:
     name(plane, 'x [m]', 'y [m]', f'heading error {heading:g} deg: green right, red wrong')
     plane.set_aspect('equal')
     pose = Pose.from_start(0.8, -3.0, -5.0)
-    target = laws.displaced_epipole(e_desired(pose), ratio=0.4, low=0.14, high=0.35)
+    target = equations.displaced_epipole(e_desired(pose), ratio=0.4, low=0.14, high=0.35)
     bearings = Bearings.from_pose(pose)
     turned = replace(
         pose, theta=pose.theta + math.atan(target) - math.atan(bearings.epipole_current)

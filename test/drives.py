@@ -8,9 +8,9 @@ import numpy as np
 from scipy.integrate import solve_ivp
 from strategies import pose_with
 
-from visual_servo_epipolar.core.control import laws
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
+from visual_servo_epipolar.core.laws import equations
 
 RESIDUE = 1e-4  # of e_du, where a run stops: past it the law is not Lipschitz
 
@@ -49,13 +49,13 @@ class Law:
     printed: bool = False
 
     def nu(self, e_current: float, e_desired: float) -> tuple[float, float]:
-        rule = laws.finite_time_controls if self.finite else laws.auxiliary_controls
+        rule = equations.finite_time_controls if self.finite else equations.auxiliary_controls
         return rule(e_current, e_desired, k1=self.k1, k2=self.k2, exponent=self.exponent)
 
     def twist(self, bearings: Bearings, estimate: float) -> Twist:
         e_current, e_desired = bearings.epipole_current, bearings.epipole_desired
-        sigma = laws.printed_sigma(e_current, e_desired) if self.printed else bearings.sigma
-        return laws.linearizing_control(
+        sigma = equations.printed_sigma(e_current, e_desired) if self.printed else bearings.sigma
+        return equations.linearizing_control(
             e_current,
             e_desired,
             sigma=sigma,
@@ -109,12 +109,12 @@ def rates(law: Law) -> Callable[[float, np.ndarray], list[float]]:
         e_current = bearings.epipole_current
         sigma = bearings.sigma
         if law.printed:  # (13) as printed holds no sigma: it takes the signs to agree
-            sigma = laws.printed_sigma(e_current, bearings.epipole_desired)
+            sigma = equations.printed_sigma(e_current, bearings.epipole_desired)
         return [
             twist.linear * math.cos(q[2]),
             twist.linear * math.sin(q[2]),
             twist.angular,
-            laws.distance_rate(twist.linear, e_current, sigma=sigma, focal=law.guess),
+            equations.distance_rate(twist.linear, e_current, sigma=sigma, focal=law.guess),
             law.guess / (e_current**2 + law.guess**2),
         ]
 

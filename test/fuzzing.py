@@ -18,7 +18,7 @@ from servo_rig import AWAY, CAMERA, WORLD
 from std_msgs.msg import String
 
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
-from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.laws.phases.table import Phase
 from visual_servo_epipolar.messages import write
 
 # On each subscription and service; before a release by hand: FUZZ_MESSAGES=2000.

@@ -9,7 +9,7 @@ import pytest
 
 from visual_servo_epipolar.benchmarks import ablation
 from visual_servo_epipolar.core import registry
-from visual_servo_epipolar.core.control.law_table import DEPARTURES, law_options, LAWS, PAPER
+from visual_servo_epipolar.core.laws.registry import DEPARTURES, law_options, LAWS, PAPER
 from visual_servo_epipolar.sweeping.summary import summary_of
 
 GROUP = 'visual_servo_epipolar.laws'

@@ -8,8 +8,8 @@ import yaml
 
 from visual_servo_epipolar.commands.gains import command
 from visual_servo_epipolar.commands.main import main
-from visual_servo_epipolar.core.control.gains import Circumstances, derive
-from visual_servo_epipolar.core.control.settling import longest_landing, longest_matching
+from visual_servo_epipolar.core.laws.gains import Circumstances, derive
+from visual_servo_epipolar.core.laws.settling_times import longest_landing, longest_matching
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import from_mapping, range_of
 

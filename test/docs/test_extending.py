@@ -9,9 +9,9 @@ import pytest
 
 from visual_servo_epipolar.commands.console import PHASE_DESCRIPTIONS
 from visual_servo_epipolar.core.estimators.registry import ESTIMATORS
-from visual_servo_epipolar.core.servo.phases.commands import COMMANDS
-from visual_servo_epipolar.core.servo.phases.events import _CLASSIFIERS
-from visual_servo_epipolar.core.servo.phases.table import ENDED, Event, Phase, TRANSITIONS
+from visual_servo_epipolar.core.laws.phases.commands import COMMANDS
+from visual_servo_epipolar.core.laws.phases.events import _CLASSIFIERS
+from visual_servo_epipolar.core.laws.phases.table import ENDED, Event, Phase, TRANSITIONS
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import range_of
 from visual_servo_epipolar.report.style import PHASE_COLOURS

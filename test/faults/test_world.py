@@ -9,7 +9,7 @@ from rclpy.publisher import Publisher
 from std_msgs.msg import String
 
 from visual_servo_epipolar.core.geometry.motion import Twist
-from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.laws.phases.table import Phase
 from visual_servo_epipolar.faults import campaign, drive
 from visual_servo_epipolar.faults import run as runs
 from visual_servo_epipolar.faults.base import BreakableUnicycleNode

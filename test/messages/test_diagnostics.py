@@ -6,9 +6,9 @@ from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
 from servo_states import in_phase, MEMORY, sight
 
+from visual_servo_epipolar.core.laws.phases.table import Event, Phase, TRANSITIONS
+from visual_servo_epipolar.core.laws.phases.words import EVENT_WORDS, PHASE_WORDS, sentence
 from visual_servo_epipolar.core.servo.identification.odometry import Odometry
-from visual_servo_epipolar.core.servo.phases.table import Event, Phase, TRANSITIONS
-from visual_servo_epipolar.core.servo.phases.words import EVENT_WORDS, PHASE_WORDS, sentence
 from visual_servo_epipolar.messages.diagnostics import diagnosis
 
 STEP_1 = 'zeroing_epipoles: step 1: the robot drives onto the axis of the photograph'

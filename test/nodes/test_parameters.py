@@ -12,9 +12,9 @@ from rclpy.parameter import Parameter
 import yaml
 
 from visual_servo_epipolar.bags.recording.settings import RecordSettings
-from visual_servo_epipolar.core.control.law_table import law_options
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings
 from visual_servo_epipolar.core.docking.task_settings import DockTaskSettings
+from visual_servo_epipolar.core.laws.registry import law_options
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import range_of
 from visual_servo_epipolar.core.tracking.tracker import TrackerSettings

@@ -14,7 +14,7 @@ import pytest
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
-from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.laws.phases.table import Phase
 from visual_servo_epipolar.core.servo.run_log import RunLog
 from visual_servo_epipolar.report.figures import save, signals, trajectory
 from visual_servo_epipolar.report.panels import robust_limit

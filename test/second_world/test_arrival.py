@@ -15,8 +15,8 @@ from second_world.robot import excursion, GOAL, Mast, Moment, Place, Robot, wron
 from second_world.scene import Lens, Painter
 
 from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.laws.phases.table import ENDED, Phase
 from visual_servo_epipolar.core.perception.observation import observe
-from visual_servo_epipolar.core.servo.phases.table import ENDED, Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import step

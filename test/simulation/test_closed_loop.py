@@ -9,7 +9,7 @@ import pytest
 from strategies import CAMERA
 
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
-from visual_servo_epipolar.core.servo.phases.table import ENDED, Phase
+from visual_servo_epipolar.core.laws.phases.table import ENDED, Phase
 from visual_servo_epipolar.core.servo.run_log import (
     phase_spans,
     RunLog,

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from visual_servo_epipolar.core.control.command import Command
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
+from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.simulation.bases.pioneer import Pioneer
 from visual_servo_epipolar.simulation.run_monitor import period_ns
 from visual_servo_epipolar.simulation.scenario import from_document, load, Scenario

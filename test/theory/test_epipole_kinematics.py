@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from strategies import floats, pose_with, seen_from, twists
 
-from visual_servo_epipolar.core.control import laws
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
+from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.reproduction import theory
 
 STEP = 1e-6  # of the central differences [s]
@@ -88,7 +88,7 @@ def test_7_to_10_are_the_derivatives_in_every_sign_case(
     tolerance = {'rel': 1e-6, 'abs': 2e-6}
     eight_and_seven = theory.rates_in_bearings(twist, seen, distance)
     assert found == pytest.approx(eight_and_seven, **tolerance)
-    nine_and_ten = laws.epipole_rates(twist, *abscissae(seen), sigma=sigma, distance=distance)
+    nine_and_ten = equations.epipole_rates(twist, *abscissae(seen), sigma=sigma, distance=distance)
     assert found == pytest.approx(nine_and_ten, **tolerance)
 
 
@@ -106,15 +106,15 @@ def test_9_and_10_as_printed_hold_exactly_where_the_two_signs_agree(
 ) -> None:
     pose = pose_with(current * a, desired * e, sigma=sigma, distance=distance, ahead=ahead)
     true = np.array(
-        laws.epipole_rates(twist, current * a, desired * e, sigma=sigma, distance=distance)
+        equations.epipole_rates(twist, current * a, desired * e, sigma=sigma, distance=distance)
     )
     found = derivatives(pose, Twist(twist.linear, 0.0), abscissae)
     printed = np.array(
-        laws.epipole_rates(
+        equations.epipole_rates(
             Twist(twist.linear, 0.0),
             current * a,
             desired * e,
-            sigma=laws.printed_sigma(current, desired),
+            sigma=equations.printed_sigma(current, desired),
             distance=distance,
         )
     )
@@ -150,5 +150,5 @@ def test_the_goal_ahead_is_seen_under_sigma_minus_one(
     assert seen.sigma == -1.0
     if x and seen.epipole_current:
         discordant = seen.epipole_current * seen.epipole_desired < 0.0
-        agrees = laws.printed_sigma(*abscissae(seen)) == seen.sigma
+        agrees = equations.printed_sigma(*abscissae(seen)) == seen.sigma
         assert agrees == discordant

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from strategies import floats
 
-from visual_servo_epipolar.core.control import laws
+from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.reproduction import theory
 
 SIGNS = st.sampled_from([-1.0, 1.0])
@@ -25,7 +25,7 @@ def time_of(e_current: float, law: Law) -> float:
 
 @given(floats(-3.0, 3.0), floats(-3.0, 3.0), EXPONENTS)
 def test_20_has_the_odd_power_of_both(e_au: float, e_du: float, exponent: float) -> None:
-    found = laws.finite_time_controls(e_au, e_du, k1=0.1, k2=0.5, exponent=exponent)
+    found = equations.finite_time_controls(e_au, e_du, k1=0.1, k2=0.5, exponent=exponent)
     expected = [-k * math.copysign(abs(e) ** exponent, e) for k, e in ((0.1, e_au), (0.5, e_du))]
     assert found == pytest.approx(expected)
 

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from strategies import floats, pose_with
 
-from visual_servo_epipolar.core.control import laws
-from visual_servo_epipolar.core.control.gains import longest_transient
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
+from visual_servo_epipolar.core.laws import equations
+from visual_servo_epipolar.core.laws.gains import longest_transient
 from visual_servo_epipolar.reproduction import theory
 
 SIGNS = st.sampled_from([-1.0, 1.0])
@@ -61,7 +61,7 @@ def test_14_15_and_18_hold_along_a_run(start: Start, law: Law) -> None:
         # d_hat / d times the push cancels in (14) where it is 1.
         found = float(current_rate[i]), float(desired_rate[i])
         assert found == pytest.approx(expected, rel=1e-7, abs=1e-9)
-        power = laws.signed_power(e, law.exponent)
+        power = equations.signed_power(e, law.exponent)
         equation_18 = law.k2 * estimate[i] * power / (a * (e * e + 1.0))
         assert distance_rate[i] == pytest.approx(equation_18, rel=1e-7, abs=1e-9)
 
@@ -180,10 +180,11 @@ def final_pose(start: Start, law: Law) -> Pose:
         twist = law.twist(seen, estimate)
         if latched:
             dt, k1 = 1e-2, 1.0  # only a turn is left: hurry
-            twist = laws.turn_epipole(seen.epipole_current, 0.0, k1=k1)
+            twist = equations.turn_epipole(seen.epipole_current, 0.0, k1=k1)
             if abs(seen.epipole_current) < 1e-4 and i > 100:
                 break
-        estimate += dt * laws.distance_rate(twist.linear, seen.epipole_current, sigma=seen.sigma)
+        e_current = seen.epipole_current
+        estimate += dt * equations.distance_rate(twist.linear, e_current, sigma=seen.sigma)
         pose = integrate(pose, twist, dt)
     return pose
 
@@ -193,14 +194,14 @@ def test_the_zero_dynamics_is_the_way_along_the_axis(
     e_au: float, sigma: float, distance: float, speed: float
 ) -> None:
     # With e_du zero, (16) is zero and so is d': the law turns in place.
-    nu = laws.auxiliary_controls(e_au, 0.0, k1=0.3, k2=0.5, exponent=5.0 / 9.0)
-    twist = laws.linearizing_control(e_au, 0.0, sigma=sigma, distance=9.0, nu=nu)
+    nu = equations.auxiliary_controls(e_au, 0.0, k1=0.3, k2=0.5, exponent=5.0 / 9.0)
+    twist = equations.linearizing_control(e_au, 0.0, sigma=sigma, distance=9.0, nu=nu)
     assert twist.linear == 0.0
-    assert laws.distance_rate(twist.linear, e_au, sigma=sigma) == 0.0
+    assert equations.distance_rate(twist.linear, e_au, sigma=sigma) == 0.0
     # With both zero no speed moves them, which is what the second step lives on.
     pose = pose_with(0.0, 0.0, sigma=sigma, distance=distance)
     assume(abs(speed) < 0.9 * distance)
-    rates = laws.epipole_rates(Twist(speed, 0.0), 0.0, 0.0, sigma=sigma, distance=distance)
+    rates = equations.epipole_rates(Twist(speed, 0.0), 0.0, 0.0, sigma=sigma, distance=distance)
     assert rates == (0.0, 0.0)
     moved = Bearings.from_pose(integrate(pose, Twist(speed, 0.0), 1.0))
     assert moved.epipole_current == pytest.approx(0.0, abs=1e-12)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from strategies import floats
 
-from visual_servo_epipolar.core.control import laws
-from visual_servo_epipolar.core.control.gains import longest_transient
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.laws import equations
+from visual_servo_epipolar.core.laws.gains import longest_transient
 from visual_servo_epipolar.reproduction import theory
 
 SIGNS = st.sampled_from([-1.0, 1.0])
@@ -59,7 +59,7 @@ def test_26_to_30_hold_along_a_run(start: Start, law: Law) -> None:
     g = law.guess
     for i in range(len(run.times)):
         a, e = float(run.e_current[i]), float(run.e_desired[i])
-        power = law.k2 * laws.signed_power(e, law.exponent)
+        power = law.k2 * equations.signed_power(e, law.exponent)
         root, guess = math.hypot(a, 1.0), math.hypot(a, g)
         lead = estimate[i] / d[i] * guess - root
         equation_26 = -g * root**2 / guess**2 * law.k1 * a - g * root / (e * e + g * g) * (
@@ -160,7 +160,7 @@ def test_the_current_epipole_then_converges_exponentially() -> None:
     dt, slowest = 1e-3, e_au
     for _ in range(10_000):
         seen = Bearings.from_pose(pose).epipole_current
-        twist = laws.turn_epipole(seen, 0.0, k1=k1, focal=guess)
+        twist = equations.turn_epipole(seen, 0.0, k1=k1, focal=guess)
         pose = Pose(pose.x, pose.y, pose.theta + dt * twist.angular)
         slowest *= math.exp(-k1 * guess * dt)
     left = abs(Bearings.from_pose(pose).epipole_current)

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from strategies import floats, poses_behind_the_goal
 
-from visual_servo_epipolar.core.control import laws
-from visual_servo_epipolar.core.control.gains import longest_transient
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.laws import equations
+from visual_servo_epipolar.core.laws.gains import longest_transient
 
 SIGNS = st.sampled_from([-1.0, 1.0])
 PRINTED = Law(k1=0.05, k2=0.5, printed=True)
@@ -62,7 +62,7 @@ def test_behind_the_goal_the_printed_sign_is_right_for_discordant_epipoles_alone
     seen = Bearings.from_pose(pose)
     if seen.epipole_current * seen.epipole_desired == 0.0:
         return
-    right = laws.printed_sigma(seen.epipole_current, seen.epipole_desired) == seen.sigma
+    right = equations.printed_sigma(seen.epipole_current, seen.epipole_desired) == seen.sigma
     assert right == (seen.epipole_current * seen.epipole_desired < 0.0)
 
 
@@ -71,7 +71,9 @@ def test_the_printed_sign_is_right_in_half_of_all_poses_and_few_everyday_ones() 
 
     def share(poses: list[Pose]) -> float:
         seen = [Bearings.from_pose(pose) for pose in poses]
-        right = [laws.printed_sigma(s.epipole_current, s.epipole_desired) == s.sigma for s in seen]
+        right = [
+            equations.printed_sigma(s.epipole_current, s.epipole_desired) == s.sigma for s in seen
+        ]
         return float(np.mean(right))
 
     anywhere = [Pose(*rng.uniform(-5.0, 5.0, 2), rng.uniform(-np.pi, np.pi)) for _ in range(4000)]

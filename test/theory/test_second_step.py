@@ -9,9 +9,9 @@ import pytest
 from scipy.integrate import solve_ivp
 from strategies import floats, seen_from
 
-from visual_servo_epipolar.core.control import laws
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.geometry.rays import normalised
+from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.perception.measures import feature_difference
 from visual_servo_epipolar.reproduction import theory
 
@@ -46,7 +46,7 @@ def test_23_is_what_the_camera_sees(rows: list[tuple[float, float, float]], behi
 def test_on_the_axis_the_map_is_lost(depth: float, behind: float, k_t: float) -> None:
     points = np.array([[0.0, 0.0, depth]])
     assert difference(points, behind) == 0.0
-    assert laws.match_features(difference(points, behind), k_t=k_t).linear == 0.0
+    assert equations.match_features(difference(points, behind), k_t=k_t).linear == 0.0
 
 
 @settings(max_examples=30)
@@ -60,7 +60,7 @@ def test_proposition_2_the_lyapunov_function_falls_at_the_rate_of_the_least_slop
     duration = 3.0 / (k_t * least)
 
     def rate(_: float, y: np.ndarray) -> list[float]:
-        return [laws.match_features(difference(points, -float(y[0])), k_t=k_t).linear]
+        return [equations.match_features(difference(points, -float(y[0])), k_t=k_t).linear]
 
     times = np.linspace(0.0, duration, 20)
     found = solve_ivp(rate, (0.0, duration), [-behind], 'LSODA', times, rtol=1e-9, atol=1e-12)

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from visual_servo_epipolar.core.control.law_table import DEPARTURES, law_options
+from visual_servo_epipolar.core.laws.registry import DEPARTURES, law_options
 from visual_servo_epipolar.processes import cores
 from visual_servo_epipolar.simulation.scenario import Scenario
 from visual_servo_epipolar.sweeping.local import local_workers

@@ -11,8 +11,8 @@ from typing import Any, TYPE_CHECKING
 
 from visual_servo_epipolar.commands.files.output import check_json, write_whole
 from visual_servo_epipolar.commands.files.resources import scenario_path
-from visual_servo_epipolar.core.control.law_table import law_options, LAWS
 from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.laws.registry import law_options, LAWS
 from visual_servo_epipolar.simulation.choices import SOURCES
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ import time
 from types import MappingProxyType
 from typing import Any, TextIO
 
-from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.laws.phases.table import Phase
 from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 

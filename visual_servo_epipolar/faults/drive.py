@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from visual_servo_epipolar.core.servo.phases.table import DRIVING, ENDED, Phase
+from visual_servo_epipolar.core.laws.phases.table import DRIVING, ENDED, Phase
 from visual_servo_epipolar.faults.catalogue.fault import Fault, Scene
 from visual_servo_epipolar.faults.judging.motion import moving
 from visual_servo_epipolar.faults.judging.witness import BASE, SERVO

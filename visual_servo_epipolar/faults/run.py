@@ -8,7 +8,7 @@ import zlib
 import cv2
 import numpy as np
 
-from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.laws.phases.table import Phase
 from visual_servo_epipolar.faults.catalogue.fault import EVERYWHERE, Fault, Scene
 from visual_servo_epipolar.faults.drive import Drive, Moment
 from visual_servo_epipolar.faults.judging.judge import judged

@@ -7,8 +7,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Point
 from visualization_msgs.msg import Marker, MarkerArray
 
-from visual_servo_epipolar.core.servo.phases.table import ARMED, ENDED, Phase, RUNNING
-from visual_servo_epipolar.core.servo.phases.words import sentence
+from visual_servo_epipolar.core.laws.phases.table import ARMED, ENDED, Phase, RUNNING
+from visual_servo_epipolar.core.laws.phases.words import sentence
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.telemetry import progress, telemetry
 from visual_servo_epipolar.messages import write

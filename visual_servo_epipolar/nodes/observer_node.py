@@ -10,7 +10,7 @@ from rclpy.qos import QoSProfile
 from sensor_msgs.msg import Image, JointState, PointCloud2
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
-from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.laws.phases.table import Phase
 from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.servo.telemetry import sample
 from visual_servo_epipolar.core.tracking.features import Features

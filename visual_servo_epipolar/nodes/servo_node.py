@@ -7,8 +7,8 @@ from typing import Any
 from sensor_msgs.msg import CameraInfo, PointCloud2
 from std_srvs.srv import Trigger
 
+from visual_servo_epipolar.core.laws.phases.table import DRIVING, Phase, RUNNING
 from visual_servo_epipolar.core.perception.observation import observe
-from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase, RUNNING
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import decided

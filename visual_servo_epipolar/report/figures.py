@@ -15,7 +15,7 @@ from matplotlib.patches import Circle, Patch, Polygon, Rectangle
 import numpy as np
 
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
-from visual_servo_epipolar.core.servo.phases.table import ENDED
+from visual_servo_epipolar.core.laws.phases.table import ENDED
 from visual_servo_epipolar.core.servo.run_log import end_s, phase_spans, RunLog, Sample, seconds
 from visual_servo_epipolar.files import whole
 from visual_servo_epipolar.report.legend import legend_outside

@@ -13,7 +13,7 @@ from typing import Any
 
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
-from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.laws.phases.table import Phase
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
 from visual_servo_epipolar.files import whole
 

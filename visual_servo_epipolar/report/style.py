@@ -9,7 +9,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.laws.phases.table import Phase
 
 # Okabe and Ito's palette, which stays apart under every common colour blindness. Its yellow, faint
 # on white, is for the phase in which the robot stands.

@@ -13,16 +13,16 @@ turning alone. The bounds on e_au follow from it; docs/theory.md has the proofs.
 
 import math
 
-from visual_servo_epipolar.core.control.laws import signed_power
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Twist
+from visual_servo_epipolar.core.laws.equations import signed_power
 
 
 def rates_in_bearings(twist: Twist, bearings: Bearings, distance: float) -> tuple[float, float]:
     """
     Return the rates of e_au (eq. 8) and e_du (eq. 7) at unit focal length.
 
-    They need no sign; in epipoles and sigma they are ``laws.epipole_rates``.
+    They need no sign; in epipoles and sigma they are ``equations.epipole_rates``.
     """
     turn = twist.linear * math.sin(bearings.phi) / distance  # -psi', the baseline turning right
     return (

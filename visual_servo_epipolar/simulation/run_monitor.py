@@ -6,8 +6,8 @@ import math
 from typing import Any
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
-from visual_servo_epipolar.core.servo.phases.switch import too_few_features
-from visual_servo_epipolar.core.servo.phases.table import ENDED, Phase
+from visual_servo_epipolar.core.laws.phases.switch import too_few_features
+from visual_servo_epipolar.core.laws.phases.table import ENDED, Phase
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample, SETTLE_FRAMES, summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import Settings

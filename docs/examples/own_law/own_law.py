@@ -3,7 +3,7 @@
 from dataclasses import replace
 import math
 
-from visual_servo_epipolar.core.control.law_table import LAWS
+from visual_servo_epipolar.core.laws.registry import LAWS
 
 WIDTH = 0.5  # of e_du, at unit focal length, where the control levels off
 

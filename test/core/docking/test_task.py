@@ -21,7 +21,7 @@ from visual_servo_epipolar.core.docking.task import (
     Task,
 )
 from visual_servo_epipolar.core.docking.task_settings import DockTaskSettings
-from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
+from visual_servo_epipolar.core.laws.phases.table import DRIVING, Phase
 
 SETTINGS = DockTaskSettings(max_retries=1)
 CHARGING = DockTaskSettings(max_retries=1, wait_for_charge=True)

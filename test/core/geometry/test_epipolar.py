@@ -22,7 +22,6 @@ from strategies import (
     seen_from,
 )
 
-from visual_servo_epipolar.core.control.laws import printed_sigma
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.machinery.eight_point import (
     fundamental_from_matches,
@@ -40,6 +39,7 @@ from visual_servo_epipolar.core.geometry.epipolar import (
 )
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, wrap_angle
 from visual_servo_epipolar.core.geometry.rays import image_points, normalised, tangents, unit_rays
+from visual_servo_epipolar.core.laws.equations import printed_sigma
 
 K = CAMERA.matrix
 NOISE = 0.3 / 769.0  # of a ray coordinate, at the tracking error of a plain tracker

@@ -15,14 +15,14 @@ from servo_states import (
     then,
 )
 
-from visual_servo_epipolar.core.control.command import Command, HALT
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.laws.command import Command, HALT
+from visual_servo_epipolar.core.laws.phases.conditions import astray
+from visual_servo_epipolar.core.laws.phases.events import classify
+from visual_servo_epipolar.core.laws.phases.table import DRIVING, Event, Phase
 from visual_servo_epipolar.core.servo.identification.ranging import Leg
 from visual_servo_epipolar.core.servo.interruptions import interrupted, Interruption
-from visual_servo_epipolar.core.servo.phases.conditions import astray
-from visual_servo_epipolar.core.servo.phases.events import classify
-from visual_servo_epipolar.core.servo.phases.table import DRIVING, Event, Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 

@@ -8,14 +8,14 @@ from hypothesis import strategies as st
 import pytest
 from servo_states import BEARINGS, in_phase, SETTINGS, sight, then
 
-from visual_servo_epipolar.core.control.command import Command
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.laws.command import Command
+from visual_servo_epipolar.core.laws.phases.commands import nominal_twist
+from visual_servo_epipolar.core.laws.phases.events import classify, RESUMING_FRAMES
+from visual_servo_epipolar.core.laws.phases.table import DRIVING, ENDED, Event, Phase
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.interruptions import interrupted, Interruption
-from visual_servo_epipolar.core.servo.phases.commands import nominal_twist
-from visual_servo_epipolar.core.servo.phases.events import classify, RESUMING_FRAMES
-from visual_servo_epipolar.core.servo.phases.table import DRIVING, ENDED, Event, Phase
 from visual_servo_epipolar.core.servo.state import ServoState
 
 FAST = Command(Twist(SETTINGS.max_linear, SETTINGS.max_angular))

@@ -5,12 +5,12 @@ import pytest
 from servo_states import in_phase, SETTINGS, sight
 from strategies import blurred, matches, through_lens
 
-from visual_servo_epipolar.core.control.command import HALT
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.geometry.rays import normalised
+from visual_servo_epipolar.core.laws.command import HALT
+from visual_servo_epipolar.core.laws.phases.table import Event, Phase
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.checking import driven_off_by, parallax_of_way
-from visual_servo_epipolar.core.servo.phases.table import Event, Phase
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import step
 

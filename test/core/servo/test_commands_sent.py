@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from servo_states import in_phase
 
-from visual_servo_epipolar.core.control.command import Command
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.laws.command import Command
+from visual_servo_epipolar.core.laws.phases.table import Phase
 from visual_servo_epipolar.core.servo.commands_sent import CommandsSent, KEPT_S, WITHDRAWN_S
 from visual_servo_epipolar.core.servo.identification.delay import Delay
 from visual_servo_epipolar.core.servo.interruptions import interrupted, Interruption
-from visual_servo_epipolar.core.servo.phases.table import Phase
 
 SECOND = 1_000_000_000
 LEFT, RIGHT = Twist(0.2, 1.0), Twist(0.0, -0.5)

@@ -9,9 +9,10 @@ from hypothesis import strategies as st
 import pytest
 from strategies import bearings, floats
 
-from visual_servo_epipolar.core.control.gains import derive
-from visual_servo_epipolar.core.control.settling import longest_landing
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.laws.gains import derive
+from visual_servo_epipolar.core.laws.phases.table import Phase
+from visual_servo_epipolar.core.laws.settling_times import longest_landing
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
@@ -19,7 +20,6 @@ from visual_servo_epipolar.core.servo import step
 from visual_servo_epipolar.core.servo.derived_gains import circumstances
 from visual_servo_epipolar.core.servo.identification.delay import BORNE
 from visual_servo_epipolar.core.servo.identification.slope import Slope
-from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 

@@ -3,16 +3,16 @@
 import pytest
 from servo_states import in_phase, sight
 
-from visual_servo_epipolar.core.control.command import Command
 from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.laws.command import Command
+from visual_servo_epipolar.core.laws.phases.table import DRIVING, Phase
 from visual_servo_epipolar.core.servo.interruptions import (
     camera_of_run,
     interrupted,
     Interruption,
     RunGoal,
 )
-from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
 
 MOVE = Command(Twist(0.2, 0.1))
 RUNNING = (*DRIVING, Phase.HOLDING)

@@ -11,17 +11,17 @@ from visual_servo_epipolar.benchmarks.memory.study import (
     remembered as after_drive,
 )
 from visual_servo_epipolar.benchmarks.memory.study import StudySettings, trial
-from visual_servo_epipolar.core.control.command import Command
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.geometry.mount import at_axle, offset_at_axle
+from visual_servo_epipolar.core.laws.command import Command
+from visual_servo_epipolar.core.laws.phases.arrival import ARRIVAL_OFFSET, has_parallax
+from visual_servo_epipolar.core.laws.phases.table import Phase
 from visual_servo_epipolar.core.memory.recollection import Recollection
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import Perception
-from visual_servo_epipolar.core.servo.phases.arrival import ARRIVAL_OFFSET, has_parallax
-from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.remembering import (
     reading_in_view,
     Remembered,

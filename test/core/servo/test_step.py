@@ -9,20 +9,20 @@ from hypothesis import strategies as st
 import pytest
 from strategies import bearings, CAMERA, floats, matches, twists
 
-from visual_servo_epipolar.core.control import laws
-from visual_servo_epipolar.core.control.command import Command
-from visual_servo_epipolar.core.control.law_table import DEPARTURES
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
+from visual_servo_epipolar.core.laws import equations
+from visual_servo_epipolar.core.laws.command import Command
+from visual_servo_epipolar.core.laws.phases.commands import nominal_twist
+from visual_servo_epipolar.core.laws.phases.conditions import displacement
+from visual_servo_epipolar.core.laws.phases.table import DRIVING, Phase
+from visual_servo_epipolar.core.laws.registry import DEPARTURES
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo import step as servo_step
 from visual_servo_epipolar.core.servo.interruptions import interrupted, Interruption, stop
-from visual_servo_epipolar.core.servo.phases.commands import nominal_twist
-from visual_servo_epipolar.core.servo.phases.conditions import displacement
-from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 
@@ -272,10 +272,10 @@ def test_the_first_step_is_the_law_of_the_paper() -> None:
     sight = measurement(0.1)
     assert sight.bearings is not None
     e_au, e_du = sight.bearings.epipole_current, sight.bearings.epipole_desired
-    nu = laws.auxiliary_controls(
+    nu = equations.auxiliary_controls(
         e_au, e_du, k1=settings.k1, k2=settings.k2, exponent=settings.exponent
     )
-    expected = laws.linearizing_control(
+    expected = equations.linearizing_control(
         e_au, e_du, sigma=sight.bearings.sigma, distance=8.0, nu=nu
     )
     assert (

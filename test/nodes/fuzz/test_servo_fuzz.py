@@ -7,7 +7,7 @@ from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
-from visual_servo_epipolar.core.servo.phases.table import DRIVING
+from visual_servo_epipolar.core.laws.phases.table import DRIVING
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes.servoing.commands import Commands
 

@@ -5,8 +5,8 @@ from servo_rig import HandSetClock, Rig
 from std_msgs.msg import Bool
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
-from visual_servo_epipolar.core.servo.phases.events import RESUMING_FRAMES
-from visual_servo_epipolar.core.servo.phases.table import DRIVING
+from visual_servo_epipolar.core.laws.phases.events import RESUMING_FRAMES
+from visual_servo_epipolar.core.laws.phases.table import DRIVING
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import write
 

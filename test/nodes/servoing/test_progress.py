@@ -9,7 +9,7 @@ from servo_rig import AWAY, GOAL, Rig, STAMP_NS, WORLD
 from std_msgs.msg import Bool
 
 from visual_servo_epipolar.core.geometry.motion import integrate, STANDSTILL
-from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
+from visual_servo_epipolar.core.laws.phases.table import DRIVING, Phase
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos

@@ -6,10 +6,10 @@ from sensor_msgs.msg import CameraInfo
 from servo_rig import AWAY, HandSetClock, PERIOD_NS, Rig, STAMP_NS, tracks
 from std_msgs.msg import String
 
-from visual_servo_epipolar.core.control.command import HALT
 from visual_servo_epipolar.core.geometry.motion import integrate, STANDSTILL
-from visual_servo_epipolar.core.servo.phases.events import RESUMING_FRAMES
-from visual_servo_epipolar.core.servo.phases.table import DRIVING
+from visual_servo_epipolar.core.laws.command import HALT
+from visual_servo_epipolar.core.laws.phases.events import RESUMING_FRAMES
+from visual_servo_epipolar.core.laws.phases.table import DRIVING
 from visual_servo_epipolar.messages import event_log, read
 from visual_servo_epipolar.nodes.servoing import watch
 

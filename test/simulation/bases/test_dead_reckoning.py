@@ -7,7 +7,6 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.control.command import Command
 from visual_servo_epipolar.core.geometry.motion import (
     integrate,
     motion_between,
@@ -15,6 +14,7 @@ from visual_servo_epipolar.core.geometry.motion import (
     Twist,
     wrap_angle,
 )
+from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.simulation.bases.dead_reckoning import DeadReckoning, world_to_odometry
 from visual_servo_epipolar.simulation.bases.pioneer import Pioneer, PioneerSettings
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from strategies import floats, twists
 
-from visual_servo_epipolar.core.control.command import Command
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
+from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.simulation.bases.pioneer import Pioneer, PioneerSettings
 
 START = Pose(0.0, 0.0, 0.0)

@@ -7,7 +7,7 @@ from typing import Any
 
 from visual_servo_epipolar.bags.reading.run import RecordedTwist, Recording
 from visual_servo_epipolar.bags.replaying.replay import Step
-from visual_servo_epipolar.core.servo.phases.table import ENDED, Phase
+from visual_servo_epipolar.core.laws.phases.table import ENDED, Phase
 from visual_servo_epipolar.core.stamps import seconds_between
 
 ROUNDING = 1e-6  # differences up to this, in units of the tolerance, come from other arithmetic

@@ -22,6 +22,7 @@ from visual_servo_epipolar.bags.reading.run import (
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.errors import InputError, TrackingError
 from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
+from visual_servo_epipolar.core.laws.phases.table import Phase
 from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.servo.interruptions import (
     camera_changed,
@@ -31,7 +32,6 @@ from visual_servo_epipolar.core.servo.interruptions import (
     Interruption,
     RunGoal,
 )
-from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import step

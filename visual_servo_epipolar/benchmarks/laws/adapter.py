@@ -7,13 +7,13 @@ from visual_servo_epipolar.benchmarks.laws.homography_based import never_resting
 from visual_servo_epipolar.benchmarks.laws.image_based import PointGains, points
 from visual_servo_epipolar.benchmarks.laws.pose_measurement import relative_pose
 from visual_servo_epipolar.benchmarks.laws.position_based import is_behind, polar, PolarGains
-from visual_servo_epipolar.core.control.command import Command, HALT
 from visual_servo_epipolar.core.geometry.motion import saturate, Twist
 from visual_servo_epipolar.core.geometry.rays import image_points
+from visual_servo_epipolar.core.laws.command import Command, HALT
+from visual_servo_epipolar.core.laws.phases.table import Phase
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive
-from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import step

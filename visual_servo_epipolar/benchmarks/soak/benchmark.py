@@ -20,7 +20,7 @@ from visual_servo_epipolar.benchmarks.latency.four_nodes import FourNodes
 from visual_servo_epipolar.benchmarks.soak.table import figures, table
 from visual_servo_epipolar.benchmarks.wire.loop import Drive
 from visual_servo_epipolar.benchmarks.wire.processes import Cost, costs
-from visual_servo_epipolar.core.servo.phases.table import ENDED, Phase
+from visual_servo_epipolar.core.laws.phases.table import ENDED, Phase
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 

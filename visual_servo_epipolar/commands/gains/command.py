@@ -10,7 +10,7 @@ from dataclasses import fields
 from typing import Any
 
 from visual_servo_epipolar.commands.arguments import finite
-from visual_servo_epipolar.core.control.gains import Circumstances
+from visual_servo_epipolar.core.laws.gains import Circumstances
 from visual_servo_epipolar.core.settings import range_of
 
 # As the settings of the servo have it, which take four times as long to load as all of this.

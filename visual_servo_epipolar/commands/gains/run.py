@@ -7,11 +7,11 @@ import sys
 from typing import Any
 
 from visual_servo_epipolar.commands.arguments import publish
-from visual_servo_epipolar.core.control.gains import Circumstances, derive, Gains
-from visual_servo_epipolar.core.control.settling import longest_landing, longest_matching
 from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.laws.gains import Circumstances, derive, Gains
+from visual_servo_epipolar.core.laws.phases.table import Phase
+from visual_servo_epipolar.core.laws.settling_times import longest_landing, longest_matching
 from visual_servo_epipolar.core.servo.derived_gains import enough
-from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import range_of
 

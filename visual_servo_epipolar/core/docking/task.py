@@ -11,7 +11,7 @@ from enum import Enum, IntEnum
 import math
 
 from visual_servo_epipolar.core.docking.task_settings import DockTaskSettings
-from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
+from visual_servo_epipolar.core.laws.phases.table import DRIVING, Phase
 
 
 class State(IntEnum):

@@ -11,19 +11,19 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import median
-from visual_servo_epipolar.core.perception.lens_check import contradicted_by_pair
-from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.perception.observation import Observation
-from visual_servo_epipolar.core.servo.anticipation import goal_distance
-from visual_servo_epipolar.core.servo.motion.check import Evidence, MotionCheck
-from visual_servo_epipolar.core.servo.motion.view_motion import NOISE_OF_PARALLAX
-from visual_servo_epipolar.core.servo.phases.table import (
+from visual_servo_epipolar.core.laws.phases.table import (
     DRIVING,
     Event,
     next_phase,
     Phase,
     RUNNING,
 )
+from visual_servo_epipolar.core.perception.lens_check import contradicted_by_pair
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.servo.anticipation import goal_distance
+from visual_servo_epipolar.core.servo.motion.check import Evidence, MotionCheck
+from visual_servo_epipolar.core.servo.motion.view_motion import NOISE_OF_PARALLAX
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import Known, ServoState
 from visual_servo_epipolar.core.values import changed

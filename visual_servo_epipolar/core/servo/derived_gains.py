@@ -8,13 +8,13 @@ a phase may last are a warning.
 
 import math
 
-from visual_servo_epipolar.core.control.gains import Circumstances, derive
-from visual_servo_epipolar.core.control.settling import longest_landing, longest_matching
+from visual_servo_epipolar.core.laws.gains import Circumstances, derive
+from visual_servo_epipolar.core.laws.phases.bounds import engage_bound
+from visual_servo_epipolar.core.laws.phases.conditions import discordant_bearing, displacement
+from visual_servo_epipolar.core.laws.phases.table import Phase
+from visual_servo_epipolar.core.laws.settling_times import longest_landing, longest_matching
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.identification.delay import felt_latency
-from visual_servo_epipolar.core.servo.phases.bounds import engage_bound
-from visual_servo_epipolar.core.servo.phases.conditions import discordant_bearing, displacement
-from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.values import changed

@@ -4,9 +4,9 @@ from dataclasses import replace
 from enum import Enum
 from typing import TypeVar
 
-from visual_servo_epipolar.core.control.command import HALT
 from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
-from visual_servo_epipolar.core.servo.phases.table import Event, next_phase, Phase, RUNNING
+from visual_servo_epipolar.core.laws.command import HALT
+from visual_servo_epipolar.core.laws.phases.table import Event, next_phase, Phase, RUNNING
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.values import changed
 

@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
-from visual_servo_epipolar.core.servo.phases.table import ENDED, Phase
+from visual_servo_epipolar.core.laws.phases.table import ENDED, Phase
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 
 SETTLE_FRAMES = 6  # the base may still be braking when the servo says that it has arrived

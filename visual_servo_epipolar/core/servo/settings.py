@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from visual_servo_epipolar.core.control.law_table import DEPARTURES, law_options, LawOptions
-from visual_servo_epipolar.core.control.settings import ControlSettings
 from visual_servo_epipolar.core.geometry.mount import Mount
+from visual_servo_epipolar.core.laws.registry import DEPARTURES, law_options, LawOptions
+from visual_servo_epipolar.core.laws.settings import ControlSettings
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.servo.identification.extrinsics import Extrinsics, told_extrinsics
 from visual_servo_epipolar.core.settings import setting

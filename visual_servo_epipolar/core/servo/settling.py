@@ -3,11 +3,11 @@
 import math
 
 from visual_servo_epipolar.core.geometry.wall import aside
+from visual_servo_epipolar.core.laws.phases.arrival import is_in_doubt, sees_nothing_of_it
+from visual_servo_epipolar.core.laws.phases.conditions import is_settled
+from visual_servo_epipolar.core.laws.phases.table import Phase
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.perceive import Perception
-from visual_servo_epipolar.core.servo.phases.arrival import is_in_doubt, sees_nothing_of_it
-from visual_servo_epipolar.core.servo.phases.conditions import is_settled
-from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between

@@ -5,9 +5,10 @@ import math
 from typing import NamedTuple
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.control.command import Command, HALT
-from visual_servo_epipolar.core.control.gains import Gains
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.laws.command import Command, HALT
+from visual_servo_epipolar.core.laws.gains import Gains
+from visual_servo_epipolar.core.laws.phases.table import ENDED, Phase
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.servo.commands_sent import CommandsSent
@@ -20,7 +21,6 @@ from visual_servo_epipolar.core.servo.identification.ranging import Leg
 from visual_servo_epipolar.core.servo.identification.slope import Slope
 from visual_servo_epipolar.core.servo.identification.straight_leg import StraightLeg
 from visual_servo_epipolar.core.servo.motion.check import MotionCheck
-from visual_servo_epipolar.core.servo.phases.table import ENDED, Phase
 from visual_servo_epipolar.core.servo.remembering import Remembered
 
 

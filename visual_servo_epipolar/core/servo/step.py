@@ -11,7 +11,6 @@ phase a nominal velocity (``phases.commands``), which is then limited to what th
 from dataclasses import replace
 import math
 
-from visual_servo_epipolar.core.control.command import Command
 from visual_servo_epipolar.core.geometry.motion import (
     beyond_dead_band,
     pulsed,
@@ -20,23 +19,24 @@ from visual_servo_epipolar.core.geometry.motion import (
     STANDSTILL,
     Twist,
 )
-from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.perception.observation import Observation
-from visual_servo_epipolar.core.perception.perceive import perceive, Perception
-from visual_servo_epipolar.core.perception.validated import noise_learnt
-from visual_servo_epipolar.core.servo.anticipation import anticipated
-from visual_servo_epipolar.core.servo.checking import checked, driven_off_by
-from visual_servo_epipolar.core.servo.phases.commands import curvature_compensated, nominal_twist
-from visual_servo_epipolar.core.servo.phases.events import classify
-from visual_servo_epipolar.core.servo.phases.switch import switched
-from visual_servo_epipolar.core.servo.phases.table import DRIVING, Event
-from visual_servo_epipolar.core.servo.phases.timing import (
+from visual_servo_epipolar.core.laws.command import Command
+from visual_servo_epipolar.core.laws.phases.commands import curvature_compensated, nominal_twist
+from visual_servo_epipolar.core.laws.phases.events import classify
+from visual_servo_epipolar.core.laws.phases.switch import switched
+from visual_servo_epipolar.core.laws.phases.table import DRIVING, Event
+from visual_servo_epipolar.core.laws.phases.timing import (
     after_leap,
     interval,
     leap,
     usual_step,
     USUAL_STEP_S,
 )
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.perception.perceive import perceive, Perception
+from visual_servo_epipolar.core.perception.validated import noise_learnt
+from visual_servo_epipolar.core.servo.anticipation import anticipated
+from visual_servo_epipolar.core.servo.checking import checked, driven_off_by
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.sparing import learnt_after
 from visual_servo_epipolar.core.servo.state import ServoState

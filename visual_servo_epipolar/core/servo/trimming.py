@@ -10,10 +10,10 @@ nearer than one hop first turns away by one.
 import math
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.laws.phases.bounds import facing_bound, is_trimmed, trial_of
+from visual_servo_epipolar.core.laws.phases.table import Phase
+from visual_servo_epipolar.core.laws.phases.timing import usual_step
 from visual_servo_epipolar.core.servo.anticipation import anticipated
-from visual_servo_epipolar.core.servo.phases.bounds import facing_bound, is_trimmed, trial_of
-from visual_servo_epipolar.core.servo.phases.table import Phase
-from visual_servo_epipolar.core.servo.phases.timing import usual_step
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 

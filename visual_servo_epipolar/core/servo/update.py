@@ -6,6 +6,13 @@ import math
 from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.geometry.mount import at_axle, offset_at_axle
+from visual_servo_epipolar.core.laws.phases.bounds import engage_bound
+from visual_servo_epipolar.core.laws.phases.conditions import (
+    has_turned,
+    is_close,
+    is_untrusted,
+)
+from visual_servo_epipolar.core.laws.phases.table import DRIVING, Phase, RUNNING
 from visual_servo_epipolar.core.memory.reading import Reading
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
@@ -18,13 +25,6 @@ from visual_servo_epipolar.core.servo.identification.extrinsics import Extrinsic
 from visual_servo_epipolar.core.servo.identification.ranging import UNKNOWN_RANGE
 from visual_servo_epipolar.core.servo.identification.slope import Slope
 from visual_servo_epipolar.core.servo.identification.straight_leg import straight_on
-from visual_servo_epipolar.core.servo.phases.bounds import engage_bound
-from visual_servo_epipolar.core.servo.phases.conditions import (
-    has_turned,
-    is_close,
-    is_untrusted,
-)
-from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase, RUNNING
 from visual_servo_epipolar.core.servo.remembering import measured, Remembered, remembered
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.settling import with_settled

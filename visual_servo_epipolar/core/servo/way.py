@@ -2,11 +2,11 @@
 
 import math
 
-from visual_servo_epipolar.core.control import laws
+from visual_servo_epipolar.core.laws import equations
+from visual_servo_epipolar.core.laws.phases.table import Phase
+from visual_servo_epipolar.core.laws.phases.timing import usual_step
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.identification.ranging import Leg, MIN_TURN
-from visual_servo_epipolar.core.servo.phases.table import Phase
-from visual_servo_epipolar.core.servo.phases.timing import usual_step
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 
@@ -43,7 +43,7 @@ def distance(state: ServoState, dt: float, settings: ServoSettings) -> float:
     if previous is None or previous.bearings is None:
         return state.distance
     # sigma of the geometry itself, also under the printed law: this is kinematics.
-    rate = laws.distance_rate(
+    rate = equations.distance_rate(
         state.twist.linear, previous.bearings.epipole_current, sigma=previous.bearings.sigma
     )
     return max(state.distance + rate * dt, settings.min_distance)

@@ -11,7 +11,7 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.docking.task import Order
-from visual_servo_epipolar.core.servo.phases.table import ARMED, Phase
+from visual_servo_epipolar.core.laws.phases.table import ARMED, Phase
 from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.nodes import qos
 

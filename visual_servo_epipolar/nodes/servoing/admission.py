@@ -5,10 +5,10 @@ from collections.abc import Callable
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 
-from visual_servo_epipolar.core.control.command import HALT
+from visual_servo_epipolar.core.laws.command import HALT
+from visual_servo_epipolar.core.laws.phases.switch import too_few_features
+from visual_servo_epipolar.core.laws.phases.table import Phase, RUNNING
 from visual_servo_epipolar.core.servo.interruptions import GOAL_CHANGED, RunGoal
-from visual_servo_epipolar.core.servo.phases.switch import too_few_features
-from visual_servo_epipolar.core.servo.phases.table import Phase, RUNNING
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.nodes.servoing.enable import Enable

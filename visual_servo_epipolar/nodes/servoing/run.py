@@ -5,9 +5,9 @@ import math
 
 from rclpy.node import Node
 
-from visual_servo_epipolar.core.control.command import HALT
+from visual_servo_epipolar.core.laws.command import HALT
+from visual_servo_epipolar.core.laws.phases.table import DRIVING, Phase
 from visual_servo_epipolar.core.servo.interruptions import interrupted, Interruption
-from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import learnt
 from visual_servo_epipolar.messages.diagnostics import Words

@@ -15,7 +15,7 @@ from matplotlib.ticker import MaxNLocator
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.control.law_table import LAWS
+from visual_servo_epipolar.core.laws.registry import LAWS
 from visual_servo_epipolar.report.legend import legend_outside
 from visual_servo_epipolar.report.style import FIGURE_SETTINGS, INK
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
-from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.laws.phases.table import Phase
 from visual_servo_epipolar.core.servo.run_log import RunLog, seconds
 from visual_servo_epipolar.report.style import (
     CURRENT_COLOUR,

@@ -12,9 +12,9 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.control import laws
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, Twist
+from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.reproduction.simulations.camera import EpipoleReading, PointCamera
 
 GRADING = 0.02  # of the remaining time until e_du = 0: there the law is not Lipschitz
@@ -162,7 +162,7 @@ class Simulation:
     def rate(self, now: Instant) -> State:
         """Return the derivative of the state: the unicycle (4), and d_hat (13), (25)."""
         theta, twist, reading = now.pose.theta, now.twist, now.reading
-        growth = laws.distance_rate(
+        growth = equations.distance_rate(
             twist.linear,
             reading.e_current,
             sigma=self._sigma(reading),
@@ -181,10 +181,10 @@ class Simulation:
         """Return the first step at ``time`` [s] and ``state``: eqs. (12), (16), (17)."""
         case, pose = self.case, Pose(*state[:3].tolist())
         reading, image = self.camera.read(pose), self.camera.image(pose)
-        nu_1, nu_2 = laws.auxiliary_controls(
+        nu_1, nu_2 = equations.auxiliary_controls(
             reading.e_current, reading.e_desired, k1=case.k1, k2=case.k2, exponent=case.exponent
         )
-        twist = laws.linearizing_control(
+        twist = equations.linearizing_control(
             reading.e_current,
             reading.e_desired,
             sigma=self._sigma(reading),
@@ -199,7 +199,7 @@ class Simulation:
         """Return the second step at ``state``: eqs. (21), (22); it asks for no epipoles."""
         pose = Pose(*state[:3].tolist())
         difference = self._difference(self.camera.image(pose))
-        twist = laws.match_features(difference, k_t=self.case.k_t)
+        twist = equations.match_features(difference, k_t=self.case.k_t)
         reading = EpipoleReading(math.nan, math.nan, math.nan)
         return Instant(time, pose, float(state[3]), reading, twist, difference, 2)
 
@@ -210,12 +210,12 @@ class Simulation:
 
     def _sigma(self, reading: EpipoleReading) -> float:
         if self.case.sign == 'printed':
-            return laws.printed_sigma(reading.e_current, reading.e_desired)
+            return equations.printed_sigma(reading.e_current, reading.e_desired)
         return self._held if self.case.sign == 'held' else reading.sigma
 
     def _time_to_zero(self, now: Instant) -> float:
         """Return the time until e_du = 0 [s] if d_hat / d stayed as it is: (15) in closed form."""
-        _, rate = laws.epipole_rates(
+        _, rate = equations.epipole_rates(
             now.twist,
             now.reading.e_current,
             now.reading.e_desired,

@@ -2,8 +2,8 @@
 
 from typing import Any, Protocol
 
-from visual_servo_epipolar.core.control.command import Command
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
+from visual_servo_epipolar.core.laws.command import Command
 
 
 class Base(Protocol):

@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.control.command import Command
 from visual_servo_epipolar.core.geometry.motion import (
     arc,
     integrate,
@@ -16,6 +15,7 @@ from visual_servo_epipolar.core.geometry.motion import (
     STANDSTILL,
     Twist,
 )
+from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 

@@ -6,7 +6,6 @@ from hypothesis import assume, given
 from hypothesis import strategies as st
 import pytest
 
-from visual_servo_epipolar.core.control import laws
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import (
     beyond_dead_band,
@@ -18,9 +17,10 @@ from visual_servo_epipolar.core.geometry.motion import (
     Twist,
     wrap_angle,
 )
+from visual_servo_epipolar.core.laws import equations
+from visual_servo_epipolar.core.laws.phases.commands import curvature_compensated
 from visual_servo_epipolar.core.servo.identification.curvature import Curvature
 from visual_servo_epipolar.core.servo.identification.ranging import Leg, MIN_TURN
-from visual_servo_epipolar.core.servo.phases.commands import curvature_compensated
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 
@@ -84,7 +84,7 @@ def test_following_the_line_removes_offset_and_heading_at_either_sign_of_speed(
 ) -> None:
     pose = Pose(0.05, -4.0 if speed > 0 else 0.0, math.pi / 2 - 0.03)
     for _ in range(900):
-        twist = laws.follow_line(speed, pose.x, pose.heading_error, look_ahead=0.5)
+        twist = equations.follow_line(speed, pose.x, pose.heading_error, look_ahead=0.5)
         pose = integrate(pose, twist, 0.01)
     # 3.6 m are 7 look-aheads: exp(-0.9 * 7) of 50 mm is 0.1 mm.
     assert abs(pose.x) < 2e-4

@@ -9,10 +9,10 @@ from sensor_msgs.msg import CameraInfo, PointCloud2
 from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
 from visual_servo_epipolar.core.geometry.cameras.plausibility import doubts
+from visual_servo_epipolar.core.laws.phases.table import RUNNING
 from visual_servo_epipolar.core.perception.lens_check import LensCheck, looked_at
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.interruptions import camera_changed, camera_of_run
-from visual_servo_epipolar.core.servo.phases.table import RUNNING
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between

@@ -8,14 +8,14 @@ shown while driving turns into metres along the axis: what is aside only paralla
 
 import math
 
-from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.phases.bounds import (
+from visual_servo_epipolar.core.laws.phases.bounds import (
     FACING,
     facing_bound,
     is_matched,
     NOISE_DEVIATIONS,
     trial_of,
 )
+from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 

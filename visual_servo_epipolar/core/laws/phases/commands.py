@@ -1,22 +1,22 @@
 """
 Phase commands: the nominal velocity of each phase, by the paper's equations and departures.
 
-The law says which departures are taken (``control.law_table.LawOptions``). Nominal is a twist
+The law says which departures are taken (``laws.registry.LawOptions``). Nominal is a twist
 before limits, ramps and the dead band; twists are in m/s and rad/s.
 """
 
 from collections.abc import Callable, Mapping
 import math
 
-from visual_servo_epipolar.core.control import laws
-from visual_servo_epipolar.core.control.gains import CRITICAL_GAIN_DELAY, Gains
-from visual_servo_epipolar.core.control.law_table import epipole_controls, matching_control
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import saturate, STANDSTILL, Twist
+from visual_servo_epipolar.core.laws import equations
+from visual_servo_epipolar.core.laws.gains import CRITICAL_GAIN_DELAY, Gains
+from visual_servo_epipolar.core.laws.phases.lines import line_look_ahead
+from visual_servo_epipolar.core.laws.phases.table import Phase
+from visual_servo_epipolar.core.laws.registry import epipole_controls, matching_control
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.identification.delay import felt_latency
-from visual_servo_epipolar.core.servo.phases.lines import line_look_ahead
-from visual_servo_epipolar.core.servo.phases.table import Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.update import lateral_offset
@@ -45,7 +45,7 @@ def _stand(state: ServoState, measurement: Measurement, settings: ServoSettings)
 
 def _orient(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Twist:
     """Return the turn in place to the goal's heading."""
-    return laws.turn_to_heading(measurement.heading_error, gain=settings.turn_gain)
+    return equations.turn_to_heading(measurement.heading_error, gain=settings.turn_gain)
 
 
 def _retreat(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Twist:
@@ -54,7 +54,7 @@ def _retreat(state: ServoState, measurement: Measurement, settings: ServoSetting
         return STANDSTILL
     left, right = measurement.view_margins
     angle = min(max(-measurement.heading_error, -right), left)
-    turn = laws.turn_to_heading(-angle, gain=settings.turn_gain)
+    turn = equations.turn_to_heading(-angle, gain=settings.turn_gain)
     turning = abs(angle) > settings.retreat_heading
     return Twist(0.0 if turning else -settings.retreat_speed, turn.angular)
 
@@ -63,7 +63,7 @@ def _displace(state: ServoState, measurement: Measurement, settings: ServoSettin
     """Return the turn in place of e_au to its target (section IV-B, remarks)."""
     if measurement.bearings is None:
         return STANDSTILL
-    return laws.turn_epipole(
+    return equations.turn_epipole(
         measurement.bearings.epipole_current, state.target, k1=settings.turn_gain
     )
 
@@ -82,7 +82,7 @@ def _first_step(state: ServoState, measurement: Measurement, settings: ServoSett
     if bearings is None:
         return STANDSTILL
     nu = _auxiliary_controls(bearings, state, measurement, settings)
-    twist = laws.linearizing_control(
+    twist = equations.linearizing_control(
         bearings.epipole_current,
         bearings.epipole_desired,
         sigma=_sigma(bearings, settings),
@@ -91,7 +91,8 @@ def _first_step(state: ServoState, measurement: Measurement, settings: ServoSett
     )
     if not law.contact_braking:
         return twist
-    speed = laws.braking_speed(bearings.chi, state.desired_rate, deceleration=settings.braking)
+    rate, braking = state.desired_rate, settings.braking
+    speed = equations.braking_speed(bearings.chi, rate, deceleration=braking)
     return saturate(twist, max_linear=max(speed, CREEP), max_angular=math.inf)
 
 
@@ -114,7 +115,7 @@ def _second_step(state: ServoState, measurement: Measurement, settings: ServoSet
     if not settings.options.line_following:
         return twist
     linear = min(max(twist.linear, -settings.max_linear), settings.max_linear)
-    return laws.follow_line(
+    return equations.follow_line(
         linear,
         lateral_offset(state, measurement),
         measurement.heading_error,
@@ -146,7 +147,7 @@ def _matching_gain(state: ServoState, measurement: Measurement, settings: ServoS
     k_t = settings.k_t if derived is None else derived.k_t
     if not settings.options.slope_gain or not state.slope.value > 0.0:
         return k_t
-    factor = laws.adaptive_gain(
+    factor = equations.adaptive_gain(
         measurement.difference, at_zero=settings.gain_at_goal, far=1.0, slope=settings.gain_slope
     )
     rate = settings.approach_rate
@@ -164,7 +165,7 @@ def _sigma(bearings: Bearings, settings: ServoSettings) -> float:
     """Return sign cos(psi - theta), or the sign that the paper prints."""
     if settings.options.true_sigma:
         return bearings.sigma
-    return laws.printed_sigma(bearings.epipole_current, bearings.epipole_desired)
+    return equations.printed_sigma(bearings.epipole_current, bearings.epipole_desired)
 
 
 COMMANDS: Mapping[Phase, Callable[[ServoState, Measurement, ServoSettings], Twist]] = {

@@ -2,7 +2,7 @@
 
 import math
 
-from visual_servo_epipolar.core.control import laws
+from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.identification.ranging import LEAST_REMEMBERED, look_ahead
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -46,4 +46,4 @@ def leads_home(measurement: Measurement, settings: ServoSettings) -> bool:
     if y > -length or abs(turned) > MOST_TURNED or abs(x) > MOST_ASIDE * length:
         return False
     aside = abs(x) + length * math.tan(abs(turned))
-    return aside * math.exp(laws.LINE_DAMPING * y / length) <= RESIDUAL_OFFSET
+    return aside * math.exp(equations.LINE_DAMPING * y / length) <= RESIDUAL_OFFSET

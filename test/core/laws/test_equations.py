@@ -11,9 +11,9 @@ import pytest
 from scipy.integrate import solve_ivp
 from strategies import floats, pose_with, regular_poses, twists
 
-from visual_servo_epipolar.core.control import laws
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
+from visual_servo_epipolar.core.laws import equations
 
 EXPONENT = 5.0 / 9.0  # beta / gamma of the first simulation of the paper
 RESIDUE = 1e-4  # where an integrated run stops: past it the law is not Lipschitz
@@ -42,7 +42,7 @@ def drive(
             twist.linear * math.cos(q[2]),
             twist.linear * math.sin(q[2]),
             twist.angular,
-            laws.distance_rate(
+            equations.distance_rate(
                 twist.linear, bearings.epipole_current, sigma=bearings.sigma, focal=focal
             ),
         ]
@@ -70,11 +70,11 @@ def drive(
 
 def first_step(*, k1: float, k2: float, focal: float = 1.0, finite: bool = False) -> Control:
     """Return (16)-(17), as Control, for epipoles at unit focal length."""
-    rule = laws.finite_time_controls if finite else laws.auxiliary_controls
+    rule = equations.finite_time_controls if finite else equations.auxiliary_controls
 
     def control(bearings: Bearings, distance: float) -> Twist:
         e_current, e_desired = bearings.epipole_current, bearings.epipole_desired
-        return laws.linearizing_control(
+        return equations.linearizing_control(
             e_current,
             e_desired,
             sigma=bearings.sigma,
@@ -95,7 +95,7 @@ def test_the_rates_are_the_derivatives_of_the_epipoles(pose: Pose, twist: Twist)
     dt = 1e-6
     before, after = (Bearings.from_pose(integrate(pose, twist, t)) for t in (-dt, dt))
     bearings = Bearings.from_pose(pose)
-    epipole_rates = laws.epipole_rates(
+    epipole_rates = equations.epipole_rates(
         twist,
         bearings.epipole_current,
         bearings.epipole_desired,
@@ -114,7 +114,7 @@ def test_the_rates_are_the_derivatives_of_the_epipoles(pose: Pose, twist: Twist)
 def test_the_distance_rate_is_the_derivative_of_the_distance(pose: Pose, twist: Twist) -> None:
     dt = 1e-6
     bearings = Bearings.from_pose(pose)
-    rate = laws.distance_rate(twist.linear, bearings.epipole_current, sigma=bearings.sigma)
+    rate = equations.distance_rate(twist.linear, bearings.epipole_current, sigma=bearings.sigma)
     before, after = (integrate(pose, twist, t).distance for t in (-dt, dt))
     assert rate == pytest.approx((after - before) / (2.0 * dt), abs=1e-8)
 
@@ -124,12 +124,12 @@ def test_the_closed_loop_is_14_and_15(
     e_au: float, e_du: float, sigma: float, d: float, d_hat: float, f: float, k1: float
 ) -> None:
     k2 = 0.5
-    nu = laws.auxiliary_controls(e_au, e_du, k1=k1, k2=k2, exponent=EXPONENT)
-    twist = laws.linearizing_control(e_au, e_du, sigma=sigma, distance=d_hat, nu=nu, focal=f)
-    rates = laws.epipole_rates(twist, e_au, e_du, sigma=sigma, distance=d, focal=f)
-    push = (e_au**2 + f**2) / (e_du**2 + f**2) * k2 * laws.signed_power(e_du, EXPONENT)
+    nu = equations.auxiliary_controls(e_au, e_du, k1=k1, k2=k2, exponent=EXPONENT)
+    twist = equations.linearizing_control(e_au, e_du, sigma=sigma, distance=d_hat, nu=nu, focal=f)
+    rates = equations.epipole_rates(twist, e_au, e_du, sigma=sigma, distance=d, focal=f)
+    push = (e_au**2 + f**2) / (e_du**2 + f**2) * k2 * equations.signed_power(e_du, EXPONENT)
     equation_14 = -k1 * e_au - (d_hat / d - 1.0) * push
-    equation_15 = -d_hat / d * k2 * laws.signed_power(e_du, EXPONENT)
+    equation_15 = -d_hat / d * k2 * equations.signed_power(e_du, EXPONENT)
     # Terms of d_hat / d (up to 200) times the push cancel.
     rounding = 1e-13 * (1.0 + d_hat / d) * abs(push)
     assert rates[0] == pytest.approx(equation_14, rel=1e-12, abs=rounding)
@@ -141,8 +141,8 @@ def test_the_inputs_are_16_and_17(
     e_au: float, e_du: float, sigma: float, d_hat: float, f: float
 ) -> None:
     k1, k2 = 0.08, 1.0
-    nu = laws.auxiliary_controls(e_au, e_du, k1=k1, k2=k2, exponent=EXPONENT)
-    twist = laws.linearizing_control(e_au, e_du, sigma=sigma, distance=d_hat, nu=nu, focal=f)
+    nu = equations.auxiliary_controls(e_au, e_du, k1=k1, k2=k2, exponent=EXPONENT)
+    twist = equations.linearizing_control(e_au, e_du, sigma=sigma, distance=d_hat, nu=nu, focal=f)
     power = k2 * math.copysign(abs(e_du) ** EXPONENT, e_du)
     root = math.sqrt(e_au**2 + f**2)
     assert twist.linear == pytest.approx(
@@ -158,7 +158,7 @@ def test_velocities_do_not_depend_on_the_unit_of_the_image(
 ) -> None:
     def control(unit: float) -> Twist:
         nu = (-rate * e_au * unit, rate * e_du * unit)
-        return laws.linearizing_control(
+        return equations.linearizing_control(
             unit * e_au, unit * e_du, sigma=sigma, distance=d_hat, nu=nu, focal=unit
         )
 
@@ -172,11 +172,11 @@ def test_the_update_by_the_applied_speed_is_13_and_25(
     e_au: float, e_du: float, sigma: float, d_hat: float, f: float
 ) -> None:
     k2 = 0.7
-    nu = laws.auxiliary_controls(e_au, e_du, k1=0.1, k2=k2, exponent=EXPONENT)
-    twist = laws.linearizing_control(e_au, e_du, sigma=sigma, distance=d_hat, nu=nu, focal=f)
-    power = laws.signed_power(e_du, EXPONENT)
+    nu = equations.auxiliary_controls(e_au, e_du, k1=0.1, k2=k2, exponent=EXPONENT)
+    twist = equations.linearizing_control(e_au, e_du, sigma=sigma, distance=d_hat, nu=nu, focal=f)
+    power = equations.signed_power(e_du, EXPONENT)
     equation_13 = k2 * f**2 * d_hat * power / (e_au * (e_du**2 + f**2))
-    rate = laws.distance_rate(twist.linear, e_au, sigma=sigma, focal=f)
+    rate = equations.distance_rate(twist.linear, e_au, sigma=sigma, focal=f)
     assert rate == pytest.approx(equation_13, rel=1e-12)
 
 
@@ -184,20 +184,20 @@ def test_the_update_by_the_applied_speed_is_13_and_25(
 def test_the_goal_comes_nearer_if_and_only_if_the_epipoles_are_discordant(
     e_au: float, e_du: float, sigma: float, d_hat: float
 ) -> None:
-    nu = laws.auxiliary_controls(e_au, e_du, k1=0.1, k2=0.5, exponent=EXPONENT)
-    twist = laws.linearizing_control(e_au, e_du, sigma=sigma, distance=d_hat, nu=nu)
-    assert (laws.distance_rate(twist.linear, e_au, sigma=sigma) < 0.0) == (e_au * e_du < 0.0)
+    nu = equations.auxiliary_controls(e_au, e_du, k1=0.1, k2=0.5, exponent=EXPONENT)
+    twist = equations.linearizing_control(e_au, e_du, sigma=sigma, distance=d_hat, nu=nu)
+    assert (equations.distance_rate(twist.linear, e_au, sigma=sigma) < 0.0) == (e_au * e_du < 0.0)
 
 
 @given(floats(-1e3, 1e3), floats(0.05, 1.0))
 def test_a_signed_power_is_odd(value: float, exponent: float) -> None:
-    power = laws.signed_power(value, exponent)
-    assert power == -laws.signed_power(-value, exponent)
+    power = equations.signed_power(value, exponent)
+    assert power == -equations.signed_power(-value, exponent)
     assert power * value >= 0.0
 
 
 def test_nothing_is_singular_once_the_desired_epipole_is_zero() -> None:
-    twist = laws.linearizing_control(0.0, 0.0, sigma=-1.0, distance=5.0, nu=(-0.1, 0.0))
+    twist = equations.linearizing_control(0.0, 0.0, sigma=-1.0, distance=5.0, nu=(-0.1, 0.0))
     assert twist == Twist(0.0, -0.1)
 
 
@@ -260,10 +260,9 @@ def test_once_the_desired_epipole_is_zero_the_robot_turns_exponentially(
     pose, dt = start, 1e-3
     for _ in range(500):
         e_current = Bearings.from_pose(pose).epipole_current
-        nu = laws.auxiliary_controls(e_current, 0.0, k1=k1, k2=0.5, exponent=EXPONENT)
-        pose = integrate(
-            pose, laws.linearizing_control(e_current, 0.0, sigma=sigma, distance=9.0, nu=nu), dt
-        )
+        nu = equations.auxiliary_controls(e_current, 0.0, k1=k1, k2=0.5, exponent=EXPONENT)
+        twist = equations.linearizing_control(e_current, 0.0, sigma=sigma, distance=9.0, nu=nu)
+        pose = integrate(pose, twist, dt)
     e_current = Bearings.from_pose(pose).epipole_current
     # Euler's error: half a step of 1 ms, times the rate, times the curvature of the tangent.
     assert e_current == pytest.approx(e_au * math.exp(-k1 * 0.5), rel=2e-3, abs=1e-12)
@@ -278,7 +277,7 @@ def test_the_preliminary_turn_leads_the_current_epipole_exponentially_to_its_tar
     dt = 1e-3
     for _ in range(500):
         e_current = Bearings.from_pose(pose).epipole_current
-        pose = integrate(pose, laws.turn_epipole(e_current, target, k1=k1), dt)
+        pose = integrate(pose, equations.turn_epipole(e_current, target, k1=k1), dt)
     expected = target + (e_au - target) * math.exp(-k1 * 0.5)
     after = Bearings.from_pose(pose)
     # Euler's error over 0.5 s in steps of 1 ms, as above.
@@ -306,10 +305,10 @@ def test_with_a_guessed_focal_length_the_closed_loop_is_26_and_27(
     e_au: float, e_du: float, sigma: float, d: float, d_hat: float, f: float, part: float
 ) -> None:
     k1, k2, g = 0.3, 0.5, part * f  # g stands for f_hat
-    nu = laws.auxiliary_controls(e_au, e_du, k1=k1, k2=k2, exponent=EXPONENT)
-    twist = laws.linearizing_control(e_au, e_du, sigma=sigma, distance=d_hat, nu=nu, focal=g)
-    rates = laws.epipole_rates(twist, e_au, e_du, sigma=sigma, distance=d, focal=f)
-    power = k2 * laws.signed_power(e_du, EXPONENT)
+    nu = equations.auxiliary_controls(e_au, e_du, k1=k1, k2=k2, exponent=EXPONENT)
+    twist = equations.linearizing_control(e_au, e_du, sigma=sigma, distance=d_hat, nu=nu, focal=g)
+    rates = equations.epipole_rates(twist, e_au, e_du, sigma=sigma, distance=d, focal=f)
+    power = k2 * equations.signed_power(e_du, EXPONENT)
     root, guess = math.sqrt(e_au**2 + f**2), math.sqrt(e_au**2 + g**2)
     push = g / f * root / (e_du**2 + g**2) * power
     equation_26 = -g / f * root**2 / guess**2 * k1 * e_au - push * (d_hat / d * guess - root)
@@ -324,8 +323,8 @@ def test_the_distance_changes_mu_times_as_fast_as_d_hat(
     e_au: float, sigma: float, f: float, part: float
 ) -> None:
     guess = part * f
-    true = laws.distance_rate(1.0, e_au, sigma=sigma, focal=f)
-    mu = true / laws.distance_rate(1.0, e_au, sigma=sigma, focal=guess)
+    true = equations.distance_rate(1.0, e_au, sigma=sigma, focal=f)
+    mu = true / equations.distance_rate(1.0, e_au, sigma=sigma, focal=guess)
     expected = f / guess * math.sqrt((e_au**2 + guess**2) / (e_au**2 + f**2))
     assert mu == pytest.approx(expected, rel=1e-12)  # (29)
     assert 1.0 - 1e-12 <= mu <= f / guess + 1e-12  # (30)
@@ -347,7 +346,7 @@ def test_both_epipoles_converge_with_a_focal_length_guessed_too_short(
     for _ in range(4000):  # 40 s at rate k1 or faster: 0.8 exp(-12)
         aligned = integrate(
             aligned,
-            laws.linearizing_control(
+            equations.linearizing_control(
                 current, 0.0, sigma=sigma, distance=d, nu=(-k1 * current, 0.0), focal=guess
             ),
             0.01,
@@ -361,10 +360,10 @@ def test_the_rate_of_26_falls_below_k1_where_the_epipole_is_far_out(
     e_au: float, guess: float
 ) -> None:
     k1 = 0.3
-    twist = laws.linearizing_control(
+    twist = equations.linearizing_control(
         e_au, 0.0, sigma=-1.0, distance=1.0, nu=(-k1 * e_au, 0.0), focal=guess
     )
-    rate = -laws.epipole_rates(twist, e_au, 0.0, sigma=-1.0, distance=1.0)[0] / e_au
+    rate = -equations.epipole_rates(twist, e_au, 0.0, sigma=-1.0, distance=1.0)[0] / e_au
     # The paper claims at least k1 everywhere; it forgets the factor f_hat / f of (26). With it,
     # the claim holds where e_au^2 <= f f_hat, and there only.
     assert (rate >= k1 * (1.0 - 1e-12)) == (e_au**2 <= guess * (1.0 + 1e-12))
@@ -379,7 +378,7 @@ def test_the_rate_of_26_falls_below_k1_where_the_epipole_is_far_out(
 def test_the_displaced_epipole_is_discordant_and_within_its_bounds(
     e_du: float, room: float, focal: float, low: float
 ) -> None:
-    target = laws.displaced_epipole(e_du, ratio=room, low=low, high=low + 0.2, focal=focal)
+    target = equations.displaced_epipole(e_du, ratio=room, low=low, high=low + 0.2, focal=focal)
     assert target * e_du < 0.0
     assert low - 1e-12 <= math.atan(abs(target) / focal) <= low + 0.2 + 1e-12
 
@@ -389,15 +388,15 @@ def test_the_displaced_epipole_is_discordant_and_within_its_bounds(
 def test_holding_the_displaced_epipole_is_a_spiral_that_leaves_the_room_asked_for(
     e_du: float, sign: float, sigma: float, room: float, ahead: bool
 ) -> None:
-    target = laws.displaced_epipole(sign * e_du, ratio=room, low=0.05, high=1.2)
+    target = equations.displaced_epipole(sign * e_du, ratio=room, low=0.05, high=1.2)
     start = pose_with(target, sign * e_du, sigma=sigma, distance=3.0, ahead=ahead)
 
     def spiral(bearings: Bearings, distance: float) -> Twist:
         e_au, desired = bearings.epipole_current, bearings.epipole_desired
-        nu = laws.auxiliary_controls(
+        nu = equations.auxiliary_controls(
             e_au, desired, k1=0.8, k2=0.5, exponent=EXPONENT, e_target=target
         )
-        return laws.linearizing_control(
+        return equations.linearizing_control(
             e_au, desired, sigma=bearings.sigma, distance=distance, nu=nu
         )
 
@@ -423,7 +422,7 @@ def difference_at(y: float) -> float:
 
 @given(st.one_of(floats(-5.0, -1e-3), floats(1e-3, 2.0)), floats(0.1, 50.0))
 def test_the_second_step_drives_towards_the_goal_from_either_side(y: float, k_t: float) -> None:
-    twist = laws.match_features(difference_at(y), k_t=k_t)
+    twist = equations.match_features(difference_at(y), k_t=k_t)
     assert twist.linear * y < 0.0
     assert twist.angular == 0.0
 
@@ -435,7 +434,7 @@ def test_the_difference_decreases_exponentially_near_the_goal(y: float) -> None:
     start = difference_at(y)
     pose = Pose(0.0, y, math.pi / 2.0)
     for _ in range(steps):
-        pose = integrate(pose, laws.match_features(difference_at(pose.y), k_t=k_t), dt)
+        pose = integrate(pose, equations.match_features(difference_at(pose.y), k_t=k_t), dt)
     # D = alpha y to first order: 1 % at 10 mm.
     expected = start * math.exp(-k_t * slope * dt * steps)
     assert difference_at(pose.y) == pytest.approx(expected, rel=0.01)
@@ -446,7 +445,7 @@ def test_the_adaptive_gain_runs_from_one_value_to_the_other(
     at_zero: float, far: float, slope: float
 ) -> None:
     def gain(size: float) -> float:
-        return laws.adaptive_gain(size, at_zero=at_zero, far=far, slope=slope)
+        return equations.adaptive_gain(size, at_zero=at_zero, far=far, slope=slope)
 
     span = abs(at_zero - far)
     assume(span > 0.01)
@@ -459,14 +458,14 @@ def test_the_adaptive_gain_runs_from_one_value_to_the_other(
 
 
 def test_an_adaptive_gain_of_equal_ends_is_constant() -> None:
-    assert laws.adaptive_gain(0.3, at_zero=2.0, far=2.0, slope=0.0) == 2.0
+    assert equations.adaptive_gain(0.3, at_zero=2.0, far=2.0, slope=0.0) == 2.0
 
 
 @given(floats(-1.5, 1.5), floats(0.1, 2.0))
 def test_the_turn_to_the_heading_is_proportional_and_against_the_error(
     error: float, gain: float
 ) -> None:
-    assert laws.turn_to_heading(error, gain=gain) == Twist(0.0, -gain * error)
+    assert equations.turn_to_heading(error, gain=gain) == Twist(0.0, -gain * error)
 
 
 @given(floats(0.05, 5.0), floats(0.001, 0.5), SIGNS, floats(0.05, 2.0), floats(0.05, 1.5))
@@ -475,7 +474,7 @@ def test_the_braking_speed_is_just_enough_to_stop_in_time(
 ) -> None:
     # The bearing closes in proportion to the remaining distance, by a scale that nobody knows.
     rate = -sign * bearing * speed / way
-    limit = laws.braking_speed(sign * bearing, rate, deceleration=deceleration)
+    limit = equations.braking_speed(sign * bearing, rate, deceleration=deceleration)
     # At the speed v itself v^2 / (2 a) = way: the bound on v is 2 a way / v.
     assert limit == pytest.approx(2.0 * deceleration * way / speed)
     assert (limit >= speed * (1.0 - 1e-9)) == (speed**2 / (2.0 * deceleration) <= way * (1 + 1e-9))
@@ -483,4 +482,4 @@ def test_the_braking_speed_is_just_enough_to_stop_in_time(
 
 @pytest.mark.parametrize(('bearing', 'rate'), [(0.1, 0.2), (-0.1, -0.2), (0.1, 0.0), (0.0, 0.3)])
 def test_nothing_brakes_a_robot_that_is_not_closing_in(bearing: float, rate: float) -> None:
-    assert laws.braking_speed(bearing, rate, deceleration=0.2) == math.inf
+    assert equations.braking_speed(bearing, rate, deceleration=0.2) == math.inf

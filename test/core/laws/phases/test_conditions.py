@@ -7,11 +7,8 @@ import pytest
 from servo_states import BEARINGS, behind, in_phase, ranged, SETTINGS, sight
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.perception.memory import fresh_memory
-from visual_servo_epipolar.core.perception.perceive import Perception
-from visual_servo_epipolar.core.servo.identification.ranging import Leg
-from visual_servo_epipolar.core.servo.phases.arrival import has_parallax, is_at_goal
-from visual_servo_epipolar.core.servo.phases.bounds import (
+from visual_servo_epipolar.core.laws.phases.arrival import has_parallax, is_at_goal
+from visual_servo_epipolar.core.laws.phases.bounds import (
     align_bound,
     engage_bound,
     facing_bound,
@@ -20,17 +17,20 @@ from visual_servo_epipolar.core.servo.phases.bounds import (
     release_bound,
     trial_of,
 )
-from visual_servo_epipolar.core.servo.phases.commands import nominal_twist
-from visual_servo_epipolar.core.servo.phases.conditions import (
+from visual_servo_epipolar.core.laws.phases.commands import nominal_twist
+from visual_servo_epipolar.core.laws.phases.conditions import (
     astray,
     is_close,
     is_off_course,
     is_settled,
     is_sideways,
 )
-from visual_servo_epipolar.core.servo.phases.events import classify
-from visual_servo_epipolar.core.servo.phases.switch import switched
-from visual_servo_epipolar.core.servo.phases.table import DRIVING, Event, Phase
+from visual_servo_epipolar.core.laws.phases.events import classify
+from visual_servo_epipolar.core.laws.phases.switch import switched
+from visual_servo_epipolar.core.laws.phases.table import DRIVING, Event, Phase
+from visual_servo_epipolar.core.perception.memory import fresh_memory
+from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.servo.identification.ranging import Leg
 from visual_servo_epipolar.core.servo.update import updated
 
 HALF_TURN = math.pi

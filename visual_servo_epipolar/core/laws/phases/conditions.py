@@ -6,13 +6,10 @@ Conditions on a measurement: the predicates that its bounds decide.
 
 import math
 
-from visual_servo_epipolar.core.control import laws
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.anticipation import anticipated
-from visual_servo_epipolar.core.servo.identification.ranging import look_ahead, UNKNOWN_RANGE
-from visual_servo_epipolar.core.servo.phases.arrival import faces_goal, is_near_enough
-from visual_servo_epipolar.core.servo.phases.bounds import (
+from visual_servo_epipolar.core.laws import equations
+from visual_servo_epipolar.core.laws.phases.arrival import faces_goal, is_near_enough
+from visual_servo_epipolar.core.laws.phases.bounds import (
     align_bound,
     engage_bound,
     is_matched,
@@ -20,7 +17,10 @@ from visual_servo_epipolar.core.servo.phases.bounds import (
     trial_of,
     trimming_bound,
 )
-from visual_servo_epipolar.core.servo.phases.table import Phase
+from visual_servo_epipolar.core.laws.phases.table import Phase
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.anticipation import anticipated
+from visual_servo_epipolar.core.servo.identification.ranging import look_ahead, UNKNOWN_RANGE
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 
@@ -49,7 +49,7 @@ def escape_bound(state: ServoState, measurement: Measurement, settings: ServoSet
     if not settings.options.line_following:
         return bound
     distance = state.range if state.range > 0.0 else min(state.distance, UNKNOWN_RANGE)
-    decay = min(laws.LINE_DAMPING * distance / look_ahead(distance, settings.look_ahead), 9.0)
+    decay = min(equations.LINE_DAMPING * distance / look_ahead(distance, settings.look_ahead), 9.0)
     return max(bound, min(RESIDUAL_OFFSET * math.exp(decay) / distance, LARGEST_ESCAPE))
 
 
@@ -111,13 +111,13 @@ def displacement(
     Return the bearing of e_au [rad] to hold in step 1, as far as the field of view allows.
 
     None where the spiral would end below ``least_ratio`` of its first distance, by default that of
-    the settings: see ``laws.displaced_epipole``.
+    the settings: see ``equations.displaced_epipole``.
     """
     bearings = measurement.bearings
     if bearings is None:
         return None
     alpha, chi = bearings.alpha, bearings.chi
-    epipole = laws.displaced_epipole(
+    epipole = equations.displaced_epipole(
         bearings.epipole_desired,
         ratio=settings.spiral_ratio,
         low=settings.min_displacement,

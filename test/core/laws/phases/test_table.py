@@ -4,7 +4,7 @@ from itertools import product
 
 import pytest
 
-from visual_servo_epipolar.core.servo.phases.table import (
+from visual_servo_epipolar.core.laws.phases.table import (
     DRIVING,
     ENDED,
     Event,

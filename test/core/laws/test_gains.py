@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from strategies import floats, pose_with
 
-from visual_servo_epipolar.core.control import gains as rules
-from visual_servo_epipolar.core.control import laws
-from visual_servo_epipolar.core.control.gains import Circumstances, derive, Gains
-from visual_servo_epipolar.core.control.settling import (
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.motion import integrate, Pose, saturate, STANDSTILL
+from visual_servo_epipolar.core.laws import equations
+from visual_servo_epipolar.core.laws import gains as rules
+from visual_servo_epipolar.core.laws.gains import Circumstances, derive, Gains
+from visual_servo_epipolar.core.laws.settling_times import (
     LAST_DISTANCE,
     longest_landing,
     longest_matching,
 )
-from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.geometry.motion import integrate, Pose, saturate, STANDSTILL
 
 SIGNS = st.sampled_from([-1.0, 1.0])
 LONGEST = 600.0  # that a run may take by the bound on it [s]
@@ -50,16 +50,16 @@ def sampled(pose: Pose, estimate: float, circumstances: Circumstances, gains: Ga
         least = min(least, abs(math.atan(e_current)))
         if e_current * first_current < 0.0:
             return Outcome('singular', least)
-        nu = laws.auxiliary_controls(
+        nu = equations.auxiliary_controls(
             e_current, e_desired, k1=gains.k1, k2=gains.k2, exponent=gains.exponent
         )
-        nominal = laws.linearizing_control(
+        nominal = equations.linearizing_control(
             e_current, e_desired, sigma=bearings.sigma, distance=estimate, nu=nu
         )
         limits = {'max_linear': circumstances.max_linear, 'max_angular': circumstances.max_angular}
         queue.append(saturate(nominal, **limits))
         twist = queue.pop(0)
-        estimate += dt * laws.distance_rate(twist.linear, e_current, sigma=bearings.sigma)
+        estimate += dt * equations.distance_rate(twist.linear, e_current, sigma=bearings.sigma)
         pose = integrate(pose, twist, dt)
     return Outcome('slow', least)
 
@@ -262,21 +262,21 @@ def test_no_run_exceeds_the_largest_ratio(current: float, desired: float, neares
         bearings = Bearings.from_pose(pose)
         if abs(math.atan(bearings.epipole_desired)) <= circumstances.landing:
             break
-        nu = laws.auxiliary_controls(
+        nu = equations.auxiliary_controls(
             bearings.epipole_current,
             bearings.epipole_desired,
             k1=gains.k1,
             k2=gains.k2,
             exponent=gains.exponent,
         )
-        twist = laws.linearizing_control(
+        twist = equations.linearizing_control(
             bearings.epipole_current,
             bearings.epipole_desired,
             sigma=bearings.sigma,
             distance=estimate,
             nu=nu,
         )
-        estimate += dt * laws.distance_rate(
+        estimate += dt * equations.distance_rate(
             twist.linear, bearings.epipole_current, sigma=bearings.sigma
         )
         pose = integrate(pose, twist, dt)
@@ -296,7 +296,7 @@ def test_the_second_step_neither_overshoots_nor_brakes_too_hard(
     far, fastest = abs(y), circumstances.max_linear
     for i in range(3000):
         difference = circumstances.spread * ((depth / (depth - y)) ** 2 - 1.0)
-        nominal = laws.match_features(difference, k_t=k_t).linear
+        nominal = equations.match_features(difference, k_t=k_t).linear
         queue.append(min(max(nominal, -fastest), fastest))
         last, speed = speed, queue.pop(0)
         if i > len(queue) + 1 and abs(speed) < abs(last) and y < 0.0:
@@ -319,7 +319,7 @@ def test_the_longest_time_of_the_second_step_is_that_from_farthest_away(
     y, duration = -farthest, 0.0
     while abs(y) > LAST_DISTANCE:
         difference = circumstances.spread * ((depth / (depth - y)) ** 2 - 1.0)
-        y += min(laws.match_features(difference, k_t=k_t).linear, fastest) / rate
+        y += min(equations.match_features(difference, k_t=k_t).linear, fastest) / rate
         duration += 1.0 / rate
     longest = longest_matching(circumstances, rules.derive(circumstances))
     # With samples it closes in faster: 1 - r T is below exp(-r T), where r T is 0.37 at most.

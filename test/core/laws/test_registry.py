@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 import pytest
 
 from visual_servo_epipolar.core import registry
-from visual_servo_epipolar.core.control import law_table
-from visual_servo_epipolar.core.control.law_table import (
+from visual_servo_epipolar.core.geometry.motion import Twist
+from visual_servo_epipolar.core.laws import registry as law_registry
+from visual_servo_epipolar.core.laws.registry import (
     DEPARTURES,
     epipole_controls,
     law_options,
@@ -22,12 +23,11 @@ from visual_servo_epipolar.core.control.law_table import (
     LAWS,
     matching_control,
 )
-from visual_servo_epipolar.core.control.settings import ControlSettings
-from visual_servo_epipolar.core.geometry.motion import Twist
+from visual_servo_epipolar.core.laws.settings import ControlSettings
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import range_of
 
-PACKAGE = Path(law_table.__file__).parents[2]
+PACKAGE = Path(law_registry.__file__).parents[2]
 GROUP = 'visual_servo_epipolar.laws'
 NAMES = frozenset(LAWS)  # to list them looks into every package that is installed
 # Laws of another package, which brings them by entry points that name this module.
@@ -239,12 +239,12 @@ def comparisons(source: str) -> Iterator[int]:
         "name not in {'paper'}",
         "1 < 2 == (law is 'full')",
         'law == DEFAULT_LAW',
-        'law_table.DEFAULT_LAW == law',
+        'registry.DEFAULT_LAW == law',
         "law.startswith('full')",
         "law.startswith(('full', 'other'))",
         "match law:\n    case 'full':\n        pass",
         "match law:\n    case 'other' | 'full':\n        pass",
-        'match law:\n    case law_table.DEFAULT_LAW:\n        pass',
+        'match law:\n    case registry.DEFAULT_LAW:\n        pass',
     ],
 )
 def test_a_comparison_with_a_name_is_found(source: str) -> None:

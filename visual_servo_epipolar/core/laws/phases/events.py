@@ -3,22 +3,21 @@
 from collections.abc import Callable
 import math
 
-from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.phases.arrival import (
+from visual_servo_epipolar.core.laws.phases.arrival import (
     faces_goal,
     has_parallax,
     is_at_goal,
     is_in_doubt,
     stands_aside,
 )
-from visual_servo_epipolar.core.servo.phases.bounds import (
+from visual_servo_epipolar.core.laws.phases.bounds import (
     align_bound,
     engage_bound,
     FACING,
     is_matched,
     trial_of,
 )
-from visual_servo_epipolar.core.servo.phases.conditions import (
+from visual_servo_epipolar.core.laws.phases.conditions import (
     astray,
     escape_bound,
     has_run_up,
@@ -30,15 +29,16 @@ from visual_servo_epipolar.core.servo.phases.conditions import (
     leads_away,
     sees_too_little,
 )
-from visual_servo_epipolar.core.servo.phases.lines import leads_home
-from visual_servo_epipolar.core.servo.phases.table import (
+from visual_servo_epipolar.core.laws.phases.lines import leads_home
+from visual_servo_epipolar.core.laws.phases.table import (
     DRIVING,
     ENDED,
     Event,
     next_phase,
     Phase,
 )
-from visual_servo_epipolar.core.servo.phases.timing import has_timed_out
+from visual_servo_epipolar.core.laws.phases.timing import has_timed_out
+from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 

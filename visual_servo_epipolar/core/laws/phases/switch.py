@@ -2,17 +2,17 @@
 
 import math
 
-from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.derived_gains import legal_target, with_gains_of_now
-from visual_servo_epipolar.core.servo.identification.ranging import Leg
-from visual_servo_epipolar.core.servo.phases.bounds import FACING
-from visual_servo_epipolar.core.servo.phases.conditions import (
+from visual_servo_epipolar.core.laws.phases.bounds import FACING
+from visual_servo_epipolar.core.laws.phases.conditions import (
     astray,
     discordant_bearing,
     sees_too_little,
 )
-from visual_servo_epipolar.core.servo.phases.table import Event, next_phase, Phase
-from visual_servo_epipolar.core.servo.phases.timing import usual_step
+from visual_servo_epipolar.core.laws.phases.table import Event, next_phase, Phase
+from visual_servo_epipolar.core.laws.phases.timing import usual_step
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.derived_gains import legal_target, with_gains_of_now
+from visual_servo_epipolar.core.servo.identification.ranging import Leg
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between

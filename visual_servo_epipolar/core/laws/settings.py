@@ -4,8 +4,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from visual_servo_epipolar.core.control.law_table import DEFAULT_LAW, DEPARTURES, law_options
-from visual_servo_epipolar.core.control.law_table import TEXT as LAW_TEXT
+from visual_servo_epipolar.core.laws.registry import DEFAULT_LAW, DEPARTURES, law_options
+from visual_servo_epipolar.core.laws.registry import TEXT as LAW_TEXT
 from visual_servo_epipolar.core.settings import setting, Settings
 
 

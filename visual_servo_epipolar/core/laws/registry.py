@@ -11,8 +11,8 @@ from functools import lru_cache
 import re
 from typing import Any, TypeAlias
 
-from visual_servo_epipolar.core.control import laws
 from visual_servo_epipolar.core.geometry.motion import Twist
+from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.registry import Registry
 
 EpipoleControls: TypeAlias = Callable[..., tuple[float, float]]
@@ -31,8 +31,8 @@ class LawOptions:
     Law of the servo: its departures from the paper, each True or False, and its controls.
 
     ``epipole_controls`` takes the place of eq. (12) or (20), with the signature of
-    ``laws.auxiliary_controls``; ``matching_control`` that of eqs. (21)-(22), with the signature
-    of ``laws.match_features``. None stands for the paper's own.
+    ``equations.auxiliary_controls``; ``matching_control`` that of eqs. (21)-(22), with that of
+    ``equations.match_features``. None stands for the paper's own.
     """
 
     true_sigma: bool = departure(
@@ -122,9 +122,9 @@ def epipole_controls(law: LawOptions, *, finite_time: bool) -> EpipoleControls:
     """Return the function that gives (nu_1, nu_2): eq. (12), eq. (20), or the law's own."""
     if law.epipole_controls is not None:
         return law.epipole_controls
-    return laws.finite_time_controls if finite_time else laws.auxiliary_controls
+    return equations.finite_time_controls if finite_time else equations.auxiliary_controls
 
 
 def matching_control(law: LawOptions) -> MatchingControl:
     """Return the function that gives the twist of step 2: eqs. (21)-(22), or the law's own."""
-    return law.matching_control or laws.match_features
+    return law.matching_control or equations.match_features

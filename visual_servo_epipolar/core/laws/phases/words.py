@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from types import MappingProxyType
 
-from visual_servo_epipolar.core.servo.phases.table import Event, Phase
+from visual_servo_epipolar.core.laws.phases.table import Event, Phase
 
 PHASE_WORDS: Mapping[Phase, str] = MappingProxyType(
     {

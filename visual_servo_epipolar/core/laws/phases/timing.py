@@ -6,8 +6,8 @@ stamps at which phase and run began are moved along, so that limits count the ti
 one usual period, and go on by the new clock.
 """
 
+from visual_servo_epipolar.core.laws.phases.table import DRIVING, Phase, RUNNING
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.phases.table import DRIVING, Phase, RUNNING
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import NANOSECONDS, NOT_ADVANCING, seconds_between

@@ -9,21 +9,21 @@ import pytest
 from servo_states import in_phase, SETTINGS, sight
 from strategies import floats
 
-from visual_servo_epipolar.core.control.command import Command
 from visual_servo_epipolar.core.geometry.motion import Twist
-from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.identification.slope import Slope
-from visual_servo_epipolar.core.servo.phases.arrival import (
+from visual_servo_epipolar.core.laws.command import Command
+from visual_servo_epipolar.core.laws.phases.arrival import (
     faces_goal,
     has_parallax,
     is_at_goal,
     is_near_enough,
 )
-from visual_servo_epipolar.core.servo.phases.bounds import FACING, facing_bound, FIRST
-from visual_servo_epipolar.core.servo.phases.conditions import is_settled
-from visual_servo_epipolar.core.servo.phases.events import classify
-from visual_servo_epipolar.core.servo.phases.switch import switched
-from visual_servo_epipolar.core.servo.phases.table import Event, Phase
+from visual_servo_epipolar.core.laws.phases.bounds import FACING, facing_bound, FIRST
+from visual_servo_epipolar.core.laws.phases.conditions import is_settled
+from visual_servo_epipolar.core.laws.phases.events import classify
+from visual_servo_epipolar.core.laws.phases.switch import switched
+from visual_servo_epipolar.core.laws.phases.table import Event, Phase
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.identification.slope import Slope
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 
