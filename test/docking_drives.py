@@ -7,12 +7,12 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.docking.path import Path
 from visual_servo_epipolar.core.docking.planar import inverse
 from visual_servo_epipolar.core.docking.search import DockSearch, looked
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings
 from visual_servo_epipolar.core.docking.sighting import observed
-from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, integrate, Pose, Twist
 from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount

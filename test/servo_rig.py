@@ -7,7 +7,7 @@ from geometry_msgs.msg import TwistStamped
 import pytest
 from sensor_msgs.msg import CameraInfo, PointCloud2
 
-from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes.servo_node import ServoNode

@@ -8,7 +8,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.laws.phases.table import Phase
-from visual_servo_epipolar.core.memory.reading import Reading
+from visual_servo_epipolar.core.mapping.reading import Reading
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception

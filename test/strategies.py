@@ -6,7 +6,7 @@ from hypothesis import reject
 from hypothesis import strategies as st
 import numpy as np
 
-from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 from visual_servo_epipolar.core.geometry.rays import image_points, normalised, unit_rays

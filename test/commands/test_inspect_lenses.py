@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.commands.main import main
-from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.geometry.camera import Camera
-from visual_servo_epipolar.core.geometry.cameras.equidistant import Equidistant
+from visual_servo_epipolar.core.cameras.equidistant import Equidistant
+from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.messages import read, write
 
 FULL = Camera(1280, 960, 800.0, 810.0, 641.0, 475.0, (-0.2, 0.05, 1e-3, -1e-3, 0.0))

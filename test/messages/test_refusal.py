@@ -4,7 +4,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import read, write

@@ -8,7 +8,7 @@ import pytest
 from rclpy.serialization import serialize_message
 from rosbags.typesys import get_typestore, Stores
 
-from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 from visual_servo_epipolar.core.tracking.features import Features, Passing
 from visual_servo_epipolar.messages import read, write

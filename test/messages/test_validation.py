@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.tracking.features import Features, Passing
 from visual_servo_epipolar.messages import write

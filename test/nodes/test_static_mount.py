@@ -11,7 +11,7 @@ import pytest
 from sensor_msgs.msg import CameraInfo, PointCloud2
 from std_msgs.msg import String
 
-from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.laws.phases.table import Phase
 from visual_servo_epipolar.messages import settings_text, transforms, write

@@ -14,7 +14,7 @@ import pytest
 from second_world.robot import excursion, GOAL, Mast, Moment, Place, Robot, wrong_geometry_s
 from second_world.scene import Lens, Painter
 
-from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.laws.phases.table import ENDED, Phase
 from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.servo.settings import ServoSettings

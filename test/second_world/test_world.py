@@ -19,7 +19,7 @@ from second_world.robot import (
 from second_world.scene import box, Lens, Painter, panel
 from strategies import floats, poses_behind_the_goal
 
-from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose
 

@@ -18,10 +18,10 @@ from visual_servo_epipolar.benchmarks.estimation.photographs import (
     PhotographPair,
 )
 from visual_servo_epipolar.core.arrays import FloatArray, Image
+from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera
+from visual_servo_epipolar.core.cameras.pinhole import LEAST_FORWARD
 from visual_servo_epipolar.core.estimators.general.deviation import bearings_of
 from visual_servo_epipolar.core.estimators.general.steps import Motions
-from visual_servo_epipolar.core.geometry.camera import LEAST_FORWARD
-from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
 from visual_servo_epipolar.core.geometry.rays import image_points
 from visual_servo_epipolar.core.perception.inspection.judgement import Inspection, judged
 from visual_servo_epipolar.core.perception.inspection.photographs import inspect

@@ -11,7 +11,7 @@ from hashlib import sha256
 from time import thread_time
 from typing import Any
 
-from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.servo.run_log import RunLog
 from visual_servo_epipolar.core.settings import updated
 from visual_servo_epipolar.simulation.closed_loop import PARTS, run_many

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
+from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera
 from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.messages.calibrations import colmap, kalibr, matrices, nerfstudio
 from visual_servo_epipolar.messages.calibrations.calibration import Calibration, Cameras

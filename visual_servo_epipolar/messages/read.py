@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
-from visual_servo_epipolar.core.geometry.cameras.calibrated import (
+from visual_servo_epipolar.core.cameras.calibrated import (
     calibrated_camera,
     CalibratedCamera,
     checked_matrix,
     scaled,
 )
-from visual_servo_epipolar.core.geometry.cameras.plausibility import refuse_implausible
+from visual_servo_epipolar.core.cameras.plausibility import refuse_implausible
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist, yaw_from_quaternion
 from visual_servo_epipolar.core.laws.phases.table import ARMED, Phase
 from visual_servo_epipolar.core.stamps import NANOSECONDS

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.tracker import Tracker

@@ -7,12 +7,12 @@ from typing import Any
 from sensor_msgs.msg import CameraInfo, PointCloud2
 from std_srvs.srv import Trigger
 
+from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera
 from visual_servo_epipolar.core.docking.path import Place
 from visual_servo_epipolar.core.docking.search import DockSearch, looked
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings
 from visual_servo_epipolar.core.docking.sighting import observed
 from visual_servo_epipolar.core.docking.task_settings import DockTaskSettings
-from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
 from visual_servo_epipolar.core.stamps import NOT_ADVANCING
 from visual_servo_epipolar.messages import docking, read, validation
 from visual_servo_epipolar.messages.docking import DockWire

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.motion import (
     Pose,
     quaternion_from_yaw,

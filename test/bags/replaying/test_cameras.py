@@ -12,8 +12,8 @@ from visual_servo_epipolar.bags.reading.topics import assigned
 from visual_servo_epipolar.bags.replaying.comparison import compare
 from visual_servo_epipolar.bags.replaying.plan import plan, ReplayOverrides
 from visual_servo_epipolar.bags.replaying.replay import replay
+from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.laws.phases.events import RESUMING_FRAMES
 from visual_servo_epipolar.messages import write

@@ -12,10 +12,10 @@ from visual_servo_epipolar.core.docking.search import FIRST_DISTANCES
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings
 from visual_servo_epipolar.core.docking.sighting import factors_along, window_of
 from visual_servo_epipolar.core.geometry.motion import HALF_PI
-from visual_servo_epipolar.core.memory.adjustment.equations import Evaluation
-from visual_servo_epipolar.core.memory.adjustment.refinement import refined
-from visual_servo_epipolar.core.memory.adjustment.window import Unknowns
-from visual_servo_epipolar.core.memory.initialization import narrowed, shared_at, triangulated
+from visual_servo_epipolar.core.mapping.adjustment.equations import Evaluation
+from visual_servo_epipolar.core.mapping.adjustment.refinement import refined
+from visual_servo_epipolar.core.mapping.adjustment.window import Unknowns
+from visual_servo_epipolar.core.mapping.initialization import narrowed, shared_at, triangulated
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
 from visual_servo_epipolar.simulation.point_world import PointSettings
 

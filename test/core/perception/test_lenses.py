@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.geometry.camera import Camera
-from visual_servo_epipolar.core.geometry.cameras.equidistant import Equidistant
+from visual_servo_epipolar.core.cameras.equidistant import Equidistant
+from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.perception.batch import perceive_each, RobotView

@@ -3,7 +3,7 @@
 import pytest
 from servo_states import in_phase, sight
 
-from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.laws.phases.table import DRIVING, Phase

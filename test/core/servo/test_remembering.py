@@ -17,7 +17,7 @@ from visual_servo_epipolar.core.geometry.mount import at_axle, offset_at_axle
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.laws.phases.arrival import ARRIVAL_OFFSET, has_parallax
 from visual_servo_epipolar.core.laws.phases.table import Phase
-from visual_servo_epipolar.core.memory.recollection import Recollection
+from visual_servo_epipolar.core.mapping.recollection import Recollection
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.observation import Observation

@@ -7,7 +7,7 @@ import pytest
 from servo_states import MEMORY, reading, sight
 
 from visual_servo_epipolar.commands.files.resources import scenario_path
-from visual_servo_epipolar.core.memory.view_memory import ViewMemory
+from visual_servo_epipolar.core.mapping.view_memory import ViewMemory
 from visual_servo_epipolar.core.perception import validated
 from visual_servo_epipolar.core.perception.batch import perceive_each, RobotView
 from visual_servo_epipolar.core.perception.lens_check import LensCheck, looked_at, UNKNOWN

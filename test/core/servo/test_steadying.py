@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.memory.recollection import Recollection
+from visual_servo_epipolar.core.mapping.recollection import Recollection
 from visual_servo_epipolar.core.servo.steadying import Motion, Place, steadied
 
 OWN = np.diag([0.8e-3, 0.5e-3, 1.5e-4, 1e-3, 1e-3]) ** 2

@@ -27,8 +27,8 @@ import pytest
 from strategies import floats
 import yaml
 
-from visual_servo_epipolar.core.geometry.camera import Camera
-from visual_servo_epipolar.core.geometry.cameras.equidistant import Equidistant
+from visual_servo_epipolar.core.cameras.equidistant import Equidistant
+from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.messages.camera_file import from_text, to_document
 
 EXPECTED = Camera(640, 480, *PINHOLE, PLUMB_BOB)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 import pytest
 import yaml
 
-from visual_servo_epipolar.core.geometry.cameras.plausibility import refuse_implausible
+from visual_servo_epipolar.core.cameras.plausibility import refuse_implausible
 from visual_servo_epipolar.messages.camera_file import from_text
 
 PYTHONS_WORDS = re.compile(

@@ -8,7 +8,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo
 from servo_rig import CAMERA, Rig, tracks
 
-from visual_servo_epipolar.core.geometry.cameras.equidistant import Equidistant
+from visual_servo_epipolar.core.cameras.equidistant import Equidistant
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.perception.lens_check import LensCheck
 from visual_servo_epipolar.core.servo.settings import ServoSettings

@@ -13,7 +13,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
-from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import parameters, qos, recorder_node
 from visual_servo_epipolar.nodes.camera_node import CameraNode

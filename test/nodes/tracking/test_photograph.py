@@ -10,7 +10,7 @@ import pytest
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 import yaml
 
-from visual_servo_epipolar.core.geometry.cameras.equidistant import Equidistant
+from visual_servo_epipolar.core.cameras.equidistant import Equidistant
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.messages import camera_file, read, write
 from visual_servo_epipolar.nodes import qos

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.settings import setting
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator

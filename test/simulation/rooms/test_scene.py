@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.geometry.camera import Camera
+from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer

@@ -11,8 +11,8 @@ from typing import TypeVar
 from visual_servo_epipolar.bags.reading.bag import Bag, RecordedMessage, Topic
 from visual_servo_epipolar.bags.reading.namespaces import Namespace
 from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
 from visual_servo_epipolar.messages import event_log, read

@@ -6,7 +6,7 @@ from visual_servo_epipolar import __version__
 from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.bags.reading.run import Key, Recording, StampSequence
 from visual_servo_epipolar.bags.replaying.replay import value_at
-from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.laws.phases.table import Phase, TRANSITIONS
 from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.servo.settings import ServoSettings

@@ -10,8 +10,8 @@ from visual_servo_epipolar.bags.reading.run import Recording, usable
 from visual_servo_epipolar.bags.replaying.late_start import late_start_notes
 from visual_servo_epipolar.bags.replaying.replay import Plan, value_at
 from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import Settings, updated
 from visual_servo_epipolar.core.stamps import NANOSECONDS

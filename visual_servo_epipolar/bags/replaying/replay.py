@@ -20,8 +20,8 @@ from visual_servo_epipolar.bags.reading.run import (
     StampSequence,
 )
 from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError, TrackingError
-from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
 from visual_servo_epipolar.core.laws.phases.table import Phase
 from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.servo.interruptions import (

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.attitude import rotation_level_camera
-from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.epipolar import rotation_desired_current
 from visual_servo_epipolar.core.geometry.rotation import headings
 from visual_servo_epipolar.core.tracking.robust_geometry import epipolar_inliers

@@ -28,8 +28,8 @@ from visual_servo_epipolar.benchmarks.memory.trifocal import by_trifocal
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimators.base import Prior
 from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
-from visual_servo_epipolar.core.memory.sightings import MemorySettings
-from visual_servo_epipolar.core.memory.view_memory import ViewMemory
+from visual_servo_epipolar.core.mapping.sightings import MemorySettings
+from visual_servo_epipolar.core.mapping.view_memory import ViewMemory
 
 TRIALS, QUICK_TRIALS = 30, 2
 ROUNDS, QUICK_ROUNDS = 60, 3

@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.estimators.base import Prior
 from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.core.memory.adjustment.refinement import Geometry
+from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
 
 
 class PeerPose(NamedTuple):

@@ -8,14 +8,14 @@ from typing import NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Attitude, Prior
 from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
 from visual_servo_epipolar.core.geometry.attitude import rotation_level_camera
-from visual_servo_epipolar.core.geometry.camera import Camera
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, rotation_desired_current
-from visual_servo_epipolar.core.memory.sightings import MemorySettings, Sightings
-from visual_servo_epipolar.core.memory.view_memory import ViewMemory
+from visual_servo_epipolar.core.mapping.sightings import MemorySettings, Sightings
+from visual_servo_epipolar.core.mapping.view_memory import ViewMemory
 
 SMALL = Camera(640, 480, 600.0, 600.0, 319.5, 239.5)
 PIONEER = Camera(1280, 1024, 769.0, 769.0, 635.0, 512.0)  # of the simulated robot

@@ -9,7 +9,7 @@ import numpy as np
 from visual_servo_epipolar.benchmarks.memory.bound import bound
 from visual_servo_epipolar.benchmarks.memory.study import remembered, StudySettings, Trial, trial
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.memory.recollection import Recollection
+from visual_servo_epipolar.core.mapping.recollection import Recollection
 
 PLANE = slice(0, 3)  # lateral, longitudinal, heading
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
+from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 from visual_servo_epipolar.core.laws.phases.table import ENDED
 from visual_servo_epipolar.core.servo.run_log import Sample

@@ -16,8 +16,8 @@ from visual_servo_epipolar.benchmarks.wire import echo
 from visual_servo_epipolar.benchmarks.wire.listener import Listener, START_S
 from visual_servo_epipolar.benchmarks.wire.processes import started
 from visual_servo_epipolar.core.arrays import Image as Pixels
+from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera
 from visual_servo_epipolar.core.errors import VisualServoError
-from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos

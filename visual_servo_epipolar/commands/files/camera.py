@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera, scaled
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera, scaled
 from visual_servo_epipolar.messages.camera_file import from_text, KINDS
 from visual_servo_epipolar.nodes.tracking.photograph import read_picture
 

@@ -12,9 +12,9 @@ from visual_servo_epipolar.commands.arguments import publish
 from visual_servo_epipolar.commands.files.camera import read_camera, read_photograph, scaled_to
 from visual_servo_epipolar.commands.files.output import write_whole
 from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera
+from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.geometry.camera import Camera
-from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
 from visual_servo_epipolar.core.perception.inspection.judgement import Inspection
 from visual_servo_epipolar.core.perception.inspection.photographs import inspect
 from visual_servo_epipolar.core.servo.settings import ServoSettings

@@ -44,8 +44,8 @@ from visual_servo_epipolar.commands.replay.outputs import (
 from visual_servo_epipolar.commands.replay.settings import Changes, changes_of
 from visual_servo_epipolar.commands.replay.text import in_words
 from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
 from visual_servo_epipolar.core.laws.phases.table import ENDED
 from visual_servo_epipolar.core.servo.run_log import end_s, RunLog
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between

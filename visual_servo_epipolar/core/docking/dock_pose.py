@@ -8,8 +8,8 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.docking.path_factors import camera_poses, DIFFERENCE, MOUNT
 from visual_servo_epipolar.core.docking.planar import composed, inverse
-from visual_servo_epipolar.core.memory.adjustment.refinement import Geometry
-from visual_servo_epipolar.core.memory.adjustment.window import HEADING, VIEW
+from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
+from visual_servo_epipolar.core.mapping.adjustment.window import HEADING, VIEW
 
 
 @dataclass(frozen=True, slots=True, eq=False)

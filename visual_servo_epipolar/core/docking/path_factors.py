@@ -7,8 +7,8 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.docking.planar import between, composed, inverse
-from visual_servo_epipolar.core.memory.adjustment.factors import Factors
-from visual_servo_epipolar.core.memory.adjustment.window import SHARED, Unknowns, VIEW
+from visual_servo_epipolar.core.mapping.adjustment.factors import Factors
+from visual_servo_epipolar.core.mapping.adjustment.window import SHARED, Unknowns, VIEW
 
 # Unknowns that all views share, behind those of every adjustment: the camera ahead of the axle and
 # to the left [m], its yaw [rad], and the logarithm of the true way over that of the odometry.

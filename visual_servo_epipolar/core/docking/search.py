@@ -23,10 +23,10 @@ from visual_servo_epipolar.core.docking.sighting import (
     thinned,
     window_of,
 )
-from visual_servo_epipolar.core.memory.adjustment.equations import Evaluation, OUTLIER
-from visual_servo_epipolar.core.memory.adjustment.refinement import Geometry, refined
-from visual_servo_epipolar.core.memory.adjustment.window import PHOTOGRAPH, Unknowns, Window
-from visual_servo_epipolar.core.memory.initialization import narrowed, shared_at, triangulated
+from visual_servo_epipolar.core.mapping.adjustment.equations import Evaluation, OUTLIER
+from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry, refined
+from visual_servo_epipolar.core.mapping.adjustment.window import PHOTOGRAPH, Unknowns, Window
+from visual_servo_epipolar.core.mapping.initialization import narrowed, shared_at, triangulated
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive

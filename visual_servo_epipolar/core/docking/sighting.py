@@ -7,14 +7,14 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, IntArray
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.docking.path import Place, uncertainty
 from visual_servo_epipolar.core.docking.path_factors import PathFactors
 from visual_servo_epipolar.core.docking.planar import between
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings
-from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.memory.adjustment.window import EMPTY, Window
-from visual_servo_epipolar.core.memory.sightings import Sightings
+from visual_servo_epipolar.core.mapping.adjustment.window import EMPTY, Window
+from visual_servo_epipolar.core.mapping.sightings import Sightings
 from visual_servo_epipolar.core.perception.observation import Observation, observe
 from visual_servo_epipolar.core.tracking.features import Features
 

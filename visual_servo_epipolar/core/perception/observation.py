@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
-from visual_servo_epipolar.core.geometry.camera import LEAST_FORWARD
-from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
+from visual_servo_epipolar.core.cameras.model import CameraModel
+from visual_servo_epipolar.core.cameras.pinhole import LEAST_FORWARD
 from visual_servo_epipolar.core.geometry.lens import corrected, Lens
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose
 from visual_servo_epipolar.core.tracking.features import Features, Passing

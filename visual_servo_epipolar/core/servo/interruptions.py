@@ -4,7 +4,7 @@ from dataclasses import replace
 from enum import Enum
 from typing import TypeVar
 
-from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.laws.command import HALT
 from visual_servo_epipolar.core.laws.phases.table import Event, next_phase, Phase, RUNNING
 from visual_servo_epipolar.core.servo.state import ServoState

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import are_among, IntArray
-from visual_servo_epipolar.core.memory.reading import difference_slope, Reading, reading_of
-from visual_servo_epipolar.core.memory.recollection import Recollection
-from visual_servo_epipolar.core.memory.sightings import MemorySettings, Sightings
-from visual_servo_epipolar.core.memory.view_memory import ViewMemory
+from visual_servo_epipolar.core.mapping.reading import difference_slope, Reading, reading_of
+from visual_servo_epipolar.core.mapping.recollection import Recollection
+from visual_servo_epipolar.core.mapping.sightings import MemorySettings, Sightings
+from visual_servo_epipolar.core.mapping.view_memory import ViewMemory
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import of_few, Perception, with_difference

@@ -1,6 +1,6 @@
 """Sparing: two views are not estimated where the memory of views knows better."""
 
-from visual_servo_epipolar.core.memory.reading import Reading
+from visual_servo_epipolar.core.mapping.reading import Reading
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.perception.perceive import perceive, Perception

@@ -8,8 +8,8 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.lapack import solved
-from visual_servo_epipolar.core.memory.adjustment.window import HEADING
-from visual_servo_epipolar.core.memory.recollection import Recollection
+from visual_servo_epipolar.core.mapping.adjustment.window import HEADING
+from visual_servo_epipolar.core.mapping.recollection import Recollection
 from visual_servo_epipolar.core.values import changed
 
 PLACE = HEADING + 1  # unknowns of a place: right and ahead [m], heading error [rad]

@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.laws.phases.conditions import (
     is_untrusted,
 )
 from visual_servo_epipolar.core.laws.phases.table import DRIVING, Phase, RUNNING
-from visual_servo_epipolar.core.memory.reading import Reading
+from visual_servo_epipolar.core.mapping.reading import Reading
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception, with_difference

@@ -16,7 +16,7 @@ import cv2
 import yaml
 
 from visual_servo_epipolar.core.arrays import as_gray, Image
-from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
+from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera
 from visual_servo_epipolar.core.tracking.tracker import goal_of
 from visual_servo_epipolar.files import whole
 from visual_servo_epipolar.messages import camera_file

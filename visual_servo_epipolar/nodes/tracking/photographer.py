@@ -6,8 +6,8 @@ from pathlib import Path
 from rclpy.clock import Clock, ClockType
 
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
-from visual_servo_epipolar.core.geometry.cameras.plausibility import are_alike
+from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera
+from visual_servo_epipolar.core.cameras.plausibility import are_alike
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.averaging import at_rest, averaged
 from visual_servo_epipolar.nodes.tracking import photograph

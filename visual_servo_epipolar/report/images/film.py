@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import VisualServoError
-from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
 from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.processes import begun, context

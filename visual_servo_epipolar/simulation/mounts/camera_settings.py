@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from visual_servo_epipolar.core.geometry.cameras.calibrated import (
+from visual_servo_epipolar.core.cameras.calibrated import (
     calibrated_camera,
     CalibratedCamera,
     LENSES,

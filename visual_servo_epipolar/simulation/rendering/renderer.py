@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray, Image
-from visual_servo_epipolar.core.geometry.camera import Camera
-from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
+from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera
+from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.simulation.mounts.rig import CameraPose, CameraRig

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
+from visual_servo_epipolar.core.cameras.model import CameraModel
+from visual_servo_epipolar.core.cameras.pinhole import Camera
+from visual_servo_epipolar.core.cameras.plausibility import doubtful_tilt
 from visual_servo_epipolar.core.errors import TrackingError
-from visual_servo_epipolar.core.geometry.camera import Camera
-from visual_servo_epipolar.core.geometry.cameras.model import CameraModel
-from visual_servo_epipolar.core.geometry.cameras.plausibility import doubtful_tilt
 from visual_servo_epipolar.core.geometry.epipolar import in_pixels
 from visual_servo_epipolar.core.perception.inspection.judgement import Inspection, judged
 from visual_servo_epipolar.core.perception.observation import Observation

@@ -11,7 +11,7 @@ import math
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.mount import axle_offset
-from visual_servo_epipolar.core.memory.reading import Reading
+from visual_servo_epipolar.core.mapping.reading import Reading
 from visual_servo_epipolar.core.servo.identification.extrinsics import Extrinsics, with_yaw
 
 LEG_M = 0.25  # over which a direction is told

@@ -6,9 +6,9 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, PointCloud2
 
-from visual_servo_epipolar.core.geometry.camera import Camera
-from visual_servo_epipolar.core.geometry.cameras.calibrated import CalibratedCamera
-from visual_servo_epipolar.core.geometry.cameras.plausibility import doubts
+from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera
+from visual_servo_epipolar.core.cameras.pinhole import Camera
+from visual_servo_epipolar.core.cameras.plausibility import doubts
 from visual_servo_epipolar.core.laws.phases.table import RUNNING
 from visual_servo_epipolar.core.perception.lens_check import LensCheck, looked_at
 from visual_servo_epipolar.core.perception.observation import Observation

@@ -1,0 +1,123 @@
+"""Cameras by their names and matrices: K is taken whole, and a lens by what it is."""
+
+from dataclasses import replace
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from strategies import floats
+
+from visual_servo_epipolar.core.cameras.calibrated import (
+    calibrated_camera,
+    checked_matrix,
+    scaled,
+)
+from visual_servo_epipolar.core.cameras.equidistant import Equidistant
+from visual_servo_epipolar.core.cameras.pinhole import Camera
+
+SIZE = (640, 480)
+K = np.array([[400.0, 3.0, 320.0], [0.0, 401.0, 240.0], [0.0, 0.0, 1.0]])
+P = np.column_stack([K, [-42.0, 0.0, 0.0]])
+FACTORS = st.sampled_from([1.0, -1.0, 1e-3, 2.0, 16.0, 1e6])
+FOUR = (0.01, -0.002, 3e-4, -1e-4)
+
+
+@pytest.mark.parametrize('matrix', [K, P])
+@given(factor=FACTORS, noise=floats(-1e-13, 1e-13))
+def test_a_common_factor_is_divided_out(matrix: np.ndarray, factor: float, noise: float) -> None:
+    rows = (matrix * factor).copy()
+    rows[1, 0] += noise * factor  # as optimisers leave it
+    np.testing.assert_allclose(checked_matrix(rows.ravel()), K, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize(('matrix', 'name'), [(K, 'K'), (P, 'P')])
+@given(factor=FACTORS)
+def test_a_matrix_by_columns_is_named(matrix: np.ndarray, name: str, factor: float) -> None:
+    with pytest.raises(ValueError, match=f'{name} is transposed: its rows must be .* row by row'):
+        checked_matrix((factor * matrix).T.ravel(), name)
+
+
+@pytest.mark.parametrize(('matrix', 'name'), [(K, 'K'), (P, 'P')])
+@given(data=st.data(), value=floats(1e-3, 1e3))
+def test_whatever_stands_where_zeros_must_is_refused(
+    matrix: np.ndarray, name: str, data: st.DataObject, value: float
+) -> None:
+    rows = matrix.copy()
+    places = [(1, 0), (2, 0), (2, 1)] + ([(2, 3)] if name == 'P' else [])
+    rows[data.draw(st.sampled_from(places))] = value
+    with pytest.raises(ValueError, match=f'the rows of {name} must be'):
+        checked_matrix(rows.ravel(), name)
+
+
+@pytest.mark.parametrize('factor', [0.0, 1e-300, 1e-12])
+def test_a_common_factor_that_is_hardly_there_is_refused(factor: float) -> None:
+    rows = K.copy()
+    rows[2, 2] = factor
+    with pytest.raises(ValueError, match='the rows of K must be'):
+        checked_matrix(rows.ravel())
+
+
+@pytest.mark.parametrize('permuted', [K[::-1], K[:, ::-1], np.roll(K, 1, axis=0)])
+def test_other_orders_are_refused(permuted: np.ndarray) -> None:
+    with pytest.raises(ValueError, match='the rows of K must be'):
+        checked_matrix(permuted.ravel())
+
+
+@pytest.mark.parametrize(
+    ('name', 'distortion', 'expected'),
+    [
+        *(
+            (name, (*FOUR, *[0.0] * zeros), FOUR)
+            for name in ('equidistant', 'fisheye', 'kannala_brandt4', 'equi', ' Equidistant ')
+            for zeros in (0, 1, 4)
+        ),
+        *(
+            (name, (*FOUR, *[0.0] * zeros), (*FOUR, 0.0) if zeros else FOUR)
+            for name in ('plumb_bob', 'radtan', 'radial-tangential', 'Plumb_Bob')
+            for zeros in (0, 1, 3, 4, 9)
+        ),
+        *((name, (0.0,) * count, ()) for name in ('', 'none', 'NONE') for count in range(9)),
+        ('rational_polynomial', (*FOUR, 0.1, 0.2, 0.3, 0.4, 0.0), (*FOUR, 0.1, 0.2, 0.3, 0.4)),
+        ('plumb_bob', (0.0,) * 3, ()),
+    ],
+)
+def test_a_lens_is_what_its_name_and_numbers_mean(
+    name: str, distortion: tuple[float, ...], expected: tuple[float, ...]
+) -> None:
+    camera = calibrated_camera(SIZE, K.ravel(), distortion, name)
+    assert camera.distortion == expected
+    fisheye = 'e' in name.strip().lower()[:1] or name in ('fisheye', 'kannala_brandt4')
+    assert isinstance(camera, Equidistant if fisheye else Camera)
+
+
+@pytest.mark.parametrize(
+    ('name', 'distortion'),
+    [
+        ('equidistant', (*FOUR, 0.1)),
+        ('kannala_brandt4', (*FOUR, 0.0, 1e-9)),
+        ('plumb_bob', (*FOUR, 0.1, 0.1)),
+        ('plumb_bob', (0.1, 0.0, 0.0)),
+        ('', (0.1, 0.0, 0.0, 0.0)),
+        ('none', (0.0, 0.0, 0.0, 1e-9)),
+        ('omni', ()),
+        ('ftheta', (0.0,) * 4),
+        ('rational_polynomial', (0.1,) * 5),
+    ],
+)
+def test_a_coefficient_that_means_nothing_is_refused(
+    name: str, distortion: tuple[float, ...]
+) -> None:
+    with pytest.raises(ValueError, match='must (be|have)'):
+        calibrated_camera(SIZE, K.ravel(), distortion, name)
+
+
+@pytest.mark.parametrize('name', ['plumb_bob', 'equidistant'])
+@given(scale=st.tuples(floats(0.2, 5.0), floats(0.2, 5.0)))
+def test_a_scaled_image_shows_the_same_directions(name: str, scale: tuple[float, float]) -> None:
+    camera = calibrated_camera(SIZE, K.ravel(), FOUR, name)
+    pixels = np.random.default_rng(0).uniform(0.0, 480.0, (20, 2))
+    other = scaled(camera, (100, 100), *scale)
+    moved = (pixels + 0.5) * scale - 0.5
+    np.testing.assert_allclose(other.rays(moved), camera.rays(pixels), atol=1e-9)
+    assert other != replace(other, skew=0.0)

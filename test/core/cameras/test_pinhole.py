@@ -1,0 +1,188 @@
+"""The pinhole with distortion: projection and back-projection are inverse, a bad K is refused."""
+
+from dataclasses import replace
+from typing import Any
+
+from hypothesis import given
+from hypothesis import strategies as st
+import numpy as np
+import pytest
+from strategies import floats
+
+from visual_servo_epipolar.core.cameras.pinhole import Camera
+
+PINHOLE = {'width': 1280, 'height': 1024, 'fx': 769.0, 'fy': 771.0, 'cx': 635.0, 'cy': 512.0}
+RATIONAL = (0.4, 0.1, 5e-4, -3e-4, 0.01, 0.7, 0.2, 0.02)
+CAMERAS = {
+    'pinhole': Camera(**PINHOLE),
+    'plumb_bob of 4': Camera(**PINHOLE, distortion=(-0.25, 0.08, 1e-3, -5e-4)),
+    'plumb_bob of 5': Camera(**PINHOLE, distortion=(-0.25, 0.08, 1e-3, -5e-4, -0.01)),
+    'rational_polynomial': Camera(
+        **PINHOLE,
+        distortion=RATIONAL,
+        distortion_model='rational_polynomial',
+    ),
+    'with thin prisms': Camera(
+        **PINHOLE,
+        distortion=(*RATIONAL, 1e-3, -2e-4, 5e-4, 1e-4),
+        distortion_model='rational_polynomial',
+    ),
+    'with a tilted sensor': Camera(
+        **PINHOLE,
+        distortion=(*RATIONAL, 1e-3, -2e-4, 5e-4, 1e-4, 0.01, -0.02),
+        distortion_model='rational_polynomial',
+    ),
+}
+CAMERAS |= {
+    f'{name}, skewed': replace(camera, skew=skew)
+    for name, camera in CAMERAS.items()
+    for skew in (4.0, -37.0)
+}
+
+
+@pytest.mark.parametrize('name', CAMERAS)
+@given(pixel=st.tuples(floats(0.0, 1279.0), floats(0.0, 1023.0)))
+def test_projection_undoes_back_projection(name: str, pixel: tuple[float, float]) -> None:
+    camera = CAMERAS[name]
+    # A thousandth of the tracking error, up to the corners, where the iteration is slowest.
+    np.testing.assert_allclose(camera.pixels_of(camera.image_points([pixel])), [pixel], atol=5e-5)
+
+
+@pytest.mark.parametrize('name', CAMERAS)
+def test_many_pixels_are_back_projected_as_each_alone(name: str) -> None:
+    camera = CAMERAS[name]
+    pixels = np.array([[0.0, 0.0], [635.0, 512.0], [1279.0, 100.0]])
+    np.testing.assert_array_equal(
+        camera.image_points(pixels),
+        np.vstack([camera.image_points(pixel[None]) for pixel in pixels]),
+    )
+
+
+@pytest.mark.parametrize('name', CAMERAS)
+def test_no_pixels_give_no_rays(name: str) -> None:
+    assert CAMERAS[name].image_points(np.empty((0, 2))).shape == (0, 2)
+
+
+def test_projection_is_equation_2_without_distortion() -> None:
+    camera = CAMERAS['pinhole']
+    u, v, _ = camera.matrix @ [0.3, -0.2, 1.0]
+    np.testing.assert_allclose(camera.pixels_of(np.array([[0.3, -0.2]])), [[u, v]], rtol=1e-15)
+
+
+@pytest.mark.parametrize('name', CAMERAS)
+@given(point=st.tuples(floats(-0.8, 0.8), floats(-0.6, 0.6)))
+def test_k_is_applied_whole_after_the_distortion(name: str, point: tuple[float, float]) -> None:
+    camera = CAMERAS[name]
+    plain = replace(camera, width=2, height=2, fx=1.0, fy=1.0, cx=0.0, cy=0.0, skew=0.0)
+    distorted = plain.pixels_of(np.array([point]))[0]
+    u, v, _ = camera.matrix @ [*distorted, 1.0]
+    np.testing.assert_allclose(camera.pixels_of(np.array([point])), [[u, v]], atol=1e-9)
+
+
+def test_barrel_distortion_draws_points_to_the_centre() -> None:
+    ray = np.array([[0.6, 0.4]])
+    centre = [635.0, 512.0]
+    bent = np.linalg.norm(CAMERAS['plumb_bob of 4'].pixels_of(ray) - centre)
+    assert bent < np.linalg.norm(CAMERAS['pinhole'].pixels_of(ray) - centre)
+
+
+def test_the_image_ends_at_its_last_pixel_less_the_margin() -> None:
+    pixels = np.array([[0.0, 0.0], [1279.0, 1023.0], [1279.1, 5.0], [-0.1, 5.0], [9.9, 50.0]])
+    camera = CAMERAS['pinhole']
+    assert camera.contains(pixels).tolist() == [True, True, False, False, True]
+    assert camera.contains(pixels, margin=10.0).tolist() == [False] * 5
+
+
+@pytest.mark.parametrize(
+    ('change', 'message'),
+    [
+        ({'fx': 0.0}, r'focal lengths must be positive.*K\[0\] = 0.*calibrate'),
+        ({'fy': -769.0}, 'focal lengths must be positive'),
+        ({'cx': np.nan}, 'intrinsics must be finite.*nan'),
+        ({'fx': np.inf}, 'intrinsics must be finite.*inf'),
+        ({'distortion': (np.nan, 0.0, 0.0, 0.0)}, 'intrinsics must be finite'),
+        ({'width': 0}, 'image size must be positive, got 0x1024'),
+        ({'height': -1}, 'image size must be positive, got 1280x-1'),
+        ({'distortion': (0.1, 0.1, 0.1)}, r"distortion must be .*got\s+'plumb_bob' with 3"),
+        ({'distortion': (0.1,) * 8}, "'plumb_bob' with 8; rectify"),
+        (
+            {'distortion': (0.1,) * 5, 'distortion_model': 'rational_polynomial'},
+            "'rational_polynomial' with 5",
+        ),
+        ({'distortion_model': 'equidistant'}, "'equidistant' with 0; rectify"),
+    ],
+)
+def test_a_camera_that_cannot_be_is_refused(change: dict[str, Any], message: str) -> None:
+    with pytest.raises(ValueError, match=message):
+        Camera(**(PINHOLE | change))
+
+
+@pytest.mark.parametrize('shape', [(2,), (3, 3), (4, 1, 2)])
+def test_points_of_another_shape_are_refused(shape: tuple[int, ...]) -> None:
+    camera = CAMERAS['pinhole']
+    with pytest.raises(ValueError, match=r'pixels must have shape \(N, 2\), got'):
+        camera.image_points(np.zeros(shape))
+    with pytest.raises(ValueError, match=r'points must have shape \(N, 2\), got'):
+        camera.pixels_of(np.zeros(shape))
+
+
+def test_a_pixel_that_is_not_a_number_is_refused() -> None:
+    with pytest.raises(ValueError, match='pixels must be finite, got 1 rows'):
+        CAMERAS['plumb_bob of 4'].image_points(np.array([[1.0, 2.0], [np.nan, 3.0]]))
+
+
+@pytest.mark.parametrize('name', CAMERAS)
+@given(pixel=st.tuples(floats(0.0, 1279.0), floats(0.0, 1023.0)))
+def test_a_unit_ray_is_projected_where_it_came_from(name: str, pixel: tuple[float, float]) -> None:
+    rays = CAMERAS[name].rays(np.array([pixel]))
+    assert np.linalg.norm(rays) == pytest.approx(1.0, abs=1e-15)
+    np.testing.assert_allclose(CAMERAS[name].pixels(rays), [pixel], atol=5e-5)
+
+
+def test_what_is_behind_is_not_in_the_image() -> None:
+    pixels = CAMERAS['pinhole'].pixels(np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]))
+    assert np.isnan(pixels[0]).all()
+    assert pixels[1].tolist() == [635.0, 512.0]
+
+
+@pytest.mark.parametrize('name', CAMERAS)
+@given(pixel=st.tuples(floats(10.0, 1269.0), floats(10.0, 1013.0)))
+def test_the_resolution_is_the_root_of_the_solid_angle_of_a_pixel(
+    name: str, pixel: tuple[float, float]
+) -> None:
+    camera = CAMERAS[name]
+    corners = np.array(pixel) + [[0.0, 0.0], [0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]]
+    ray, *sides = camera.rays(corners)
+    solid_angle = abs(float(np.linalg.det([ray, sides[0] - sides[1], sides[2] - sides[3]])))
+    resolution = camera.resolution(ray[None])
+    assert resolution[0] == pytest.approx(np.sqrt(solid_angle), rel=1e-3)
+
+
+def test_there_is_no_resolution_where_there_are_no_rays() -> None:
+    for camera in CAMERAS.values():
+        assert camera.resolution(np.empty((0, 3))).shape == (0,)
+
+
+@pytest.mark.parametrize('name', CAMERAS)
+def test_pixels_of_the_image_come_back(name: str) -> None:
+    camera = CAMERAS[name]
+    u, v = np.meshgrid(np.linspace(0.0, 1279.0, 30), np.linspace(0.0, 1023.0, 30))
+    pixels = np.stack([u.ravel(), v.ravel()], axis=1)
+    assert camera.round_trips(pixels, camera.rays(pixels)).all()
+
+
+def test_pixels_beyond_the_fold_of_the_distortion_do_not_come_back() -> None:
+    camera = Camera(**PINHOLE, distortion=(-0.45, 0.0, 0.0, 0.0))
+    # r (1 - 0.45 r^2) grows up to r = 0.861, where it is 0.574.
+    ends = np.array([[635.0 + 0.57 * 769.0, 512.0], [635.0 + 0.58 * 769.0, 512.0]])
+    rays = camera.rays(ends)
+    assert camera.round_trips(ends, rays).tolist() == [True, False]
+    beyond = np.array([[1.2, 0.0, 1.0]]) / np.hypot(1.2, 1.0)  # imaged within, by the fold
+    assert not camera.round_trips(camera.pixels(beyond), beyond).any()
+
+
+def test_a_ray_that_is_not_finite_does_not_come_back() -> None:
+    for camera in CAMERAS.values():
+        rays = np.array([[np.nan, 0.0, 1.0], [0.0, 0.0, 1.0]])
+        pixels = np.array([[10.0, 10.0], [635.0, 512.0]])
+        assert camera.round_trips(pixels, rays).tolist() == [False, True]

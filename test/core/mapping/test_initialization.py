@@ -1,0 +1,156 @@
+"""Initialization: from rough bearings to the geometry, and to that of which features lie ahead."""
+
+from dataclasses import replace
+import math
+
+import numpy as np
+import pytest
+
+from visual_servo_epipolar.benchmarks.memory.study import StudySettings, trial
+from visual_servo_epipolar.core.estimators.base import Attitude
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.mapping import initialization
+from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
+from visual_servo_epipolar.core.mapping.adjustment.window import EMPTY
+from visual_servo_epipolar.core.mapping.initialization import (
+    held_views,
+    initial,
+    is_rival,
+    is_sound,
+    is_sure,
+    oriented,
+    placed,
+    Start,
+    triangulated,
+)
+
+
+def start_at(view: np.ndarray, k: int, off: float = 0.0) -> Start:
+    """Return what two views would tell of a view, ``off`` by as much in psi and phi [rad]."""
+    psi = math.atan2(view[1], view[0]) + off
+    phi = psi - view[2] - 0.5 * math.pi
+    return Start(k, Bearings(psi, phi), Attitude())
+
+
+def test_depths_are_those_of_the_places(exact) -> None:
+    near = triangulated(exact.window, exact.unknowns, np.ones(14, bool))
+    assert near == pytest.approx(exact.unknowns.nearness, rel=1e-4)
+
+
+@pytest.mark.parametrize('off', [0.0, 0.05, -0.2])
+def test_rough_bearings_are_enough_to_begin_with(exact, off: float) -> None:
+    start = start_at(exact.unknowns.views[1], 1, off)
+    geometry = initial(exact.window, [start], Attitude(), 0.05)
+    assert geometry is not None
+    assert geometry.unknowns.views[:, :3] == pytest.approx(exact.unknowns.views[:, :3], abs=0.02)
+
+
+def test_of_several_starts_the_one_that_fits_best_is_taken(exact) -> None:
+    wrong, right = (start_at(exact.unknowns.views[1], 1, off) for off in (1.2, 0.0))
+    for starts in ([wrong, right], [right, wrong]):
+        geometry = initial(exact.window, starts, Attitude(), 0.05)
+        assert geometry is not None
+        assert geometry.evaluation.cost < 1.0
+
+
+def test_of_a_geometry_and_its_reverse_the_one_with_features_ahead_is_taken(exact) -> None:
+    reverse = replace(exact, unknowns=exact.unknowns.scaled(-1.0))
+    assert reverse.cost == pytest.approx(exact.cost, abs=1e-6)  # they look the same
+    assert oriented(exact) is exact
+    for geometry in (oriented(reverse), exact):
+        assert geometry.unknowns.views == pytest.approx(exact.unknowns.views)
+        assert (geometry.unknowns.nearness > 0.0).all()
+
+
+def test_without_a_way_that_was_told_it_begins_all_the_same(exact) -> None:
+    window = replace(exact.window, travelled=np.full((14, 2), np.nan))
+    start = start_at(exact.unknowns.views[0], 0)
+    geometry = initial(window, [start], Attitude(), 0.05)
+    assert geometry is not None
+    ratio = geometry.unknowns.views[:, 1] / exact.unknowns.views[:, 1]
+    assert ratio == pytest.approx(ratio[0], rel=0.01)
+
+
+def test_a_geometry_is_unsound_where_residuals_are_larger_than_noise(exact) -> None:
+    assert is_sound(Geometry(exact))
+    louder = replace(exact.window, sides=exact.window.sides * 10.0)
+    rng = np.random.default_rng(1)
+    offsets = 3.0 * rng.normal(size=exact.unknowns.offsets.shape)
+    shaken = replace(exact.unknowns, offsets=offsets)
+    assert not is_sound(Geometry(replace(exact, window=louder, unknowns=shaken)))
+
+
+def test_a_geometry_is_unsound_where_few_features_are_trusted(exact) -> None:
+    few = np.arange(len(exact.trusted)) < 0.3 * len(exact.trusted)
+    assert not is_sound(Geometry(replace(exact, trusted=few)))
+
+
+def test_a_geometry_is_unsound_where_a_view_is_held_by_nothing(exact) -> None:
+    views = exact.unknowns.views.copy()
+    views[2, :3] += [3.0, 5.0, 1.0]
+    flung = Geometry(replace(exact, unknowns=replace(exact.unknowns, views=views)))
+    assert held_views(flung).tolist() == [k != 2 for k in range(14)]
+    assert not is_sound(flung)
+
+
+@pytest.mark.parametrize(('apart', 'expected'), [(0.4, True), (0.02, False)])
+def test_a_geometry_is_sure_where_its_views_are_apart_whatever_its_scale(
+    truth_of, apart: float, expected: bool
+) -> None:
+    """From views side by side depths may be anything, and with them the place of the next view."""
+    places = np.array([[0.9, -3.0, -0.15], [0.9, -3.0 + apart, -0.15]])
+    for scale_deviation in (0.05, 1.0):
+        at = truth_of(trial(StudySettings(wrong=0.0), 2, places), 2)
+        factors = replace(at.factors, scale_deviation=scale_deviation)
+        assert is_sure(Geometry(replace(at, factors=factors))) is expected
+
+
+def test_a_view_that_does_not_fit_is_left_out_and_the_rest_begins(exact) -> None:
+    # One view shows other features than it says; its place would take the whole scale along.
+    sides = exact.window.sides.copy()
+    sides[2] = np.roll(sides[2], 9, axis=-1)
+    window = replace(exact.window, sides=sides)
+    start = start_at(exact.unknowns.views[1], 1)
+    geometry = initial(window, [start], Attitude(), 0.05)
+    assert geometry is not None
+    assert len(geometry.window) == 13
+    kept = np.delete(exact.unknowns.views, 2, axis=0)
+    assert geometry.unknowns.views[:, :3] == pytest.approx(kept[:, :3], abs=0.02)
+
+
+def test_where_two_geometries_fit_alike_more_views_must_tell(exact) -> None:
+    best = Geometry(exact)
+    turned = exact.unknowns.views.copy()
+    turned[:, 0] -= 0.3 * turned[:, 1]
+    other = Geometry(replace(exact, unknowns=replace(exact.unknowns, views=turned)))
+    assert not is_rival(best, other)  # it fits far worse
+    assert is_rival(other, best)
+    assert not is_rival(best, best)  # the same places
+
+
+def test_views_turned_far_from_each_other_begin_as_well() -> None:
+    # Half a field of view between two views: what one saw the other hardly does.
+    places = np.array([[0.9, -3.0, -0.15], [0.7, -2.6, 0.33], [0.5, -2.2, 0.36], [0.3, -1.8, 0.3]])
+    drive = trial(StudySettings(points=90, wall=True, wrong=0.0), 2, places)
+    window, starts = EMPTY, []
+    for k in range(4):
+        window = window.with_view(drive.sightings(k), drive.views[k, :2])
+        starts.append(start_at(drive.views[k], k))
+    geometry = initial(window, starts, drive.mount, 0.05)
+    assert geometry is not None
+    assert len(geometry.window) == 4
+    assert geometry.unknowns.views[:, :3] == pytest.approx(drive.views[:, :3], abs=0.25)
+
+
+def test_nothing_begins_while_another_geometry_fits_as_well(exact, monkeypatch) -> None:
+    starts = [start_at(exact.unknowns.views[1], 1, off) for off in (0.0, 0.05)]
+    assert initial(exact.window, starts, Attitude(), 0.05) is not None
+    monkeypatch.setattr(initialization, 'is_rival', lambda best, other: True)
+    assert initial(exact.window, starts, Attitude(), 0.05) is None
+
+
+def test_a_view_is_looked_for_where_it_was_told_as_far_off_as_its_neighbour() -> None:
+    near, told = np.array([0.6, -0.8, 0.1, 0.01, 0.02]), Bearings(-1.4, 2.9)
+    expected = [math.cos(-1.4), math.sin(-1.4), told.heading_error, 0.01, 0.02]
+    assert placed(near, told) == pytest.approx(np.array(expected))
+    assert placed(near, None).tolist() == near.tolist()

@@ -1,0 +1,26 @@
+"""Sightings: views to begin with differ by more than a turn, in whatever order features stand."""
+
+import numpy as np
+import pytest
+
+from visual_servo_epipolar.core.mapping.sightings import differ, Sightings
+
+
+def shuffled(view: Sightings) -> Sightings:
+    order = np.random.default_rng(1).permutation(len(view))
+    return Sightings(view.ids[order], view.current[order], view.desired[order], view.noise[order])
+
+
+@pytest.mark.parametrize(('first', 'other', 'expected'), [(2, 2, False), (2, 9, True)])
+def test_the_order_of_features_does_not_matter(drive, first, other, expected) -> None:
+    last, now = drive.sightings(first), drive.sightings(other)
+    assert differ(last, now) is expected
+    assert differ(last, shuffled(now)) is expected
+    assert differ(shuffled(last), now) is expected
+
+
+def test_views_that_share_too_little_differ(drive) -> None:
+    view = drive.sightings(2)
+    few = view.take(np.arange(len(view)) < 2)
+    assert differ(few, few) is True
+    assert differ(view, few) is True

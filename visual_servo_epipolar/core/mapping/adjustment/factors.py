@@ -1,0 +1,127 @@
+"""Factors beside the images: what mount and floor do to attitudes, the lens, and the scale."""
+
+from dataclasses import dataclass
+from functools import cached_property
+import math
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.estimators.base import Attitude
+from visual_servo_epipolar.core.mapping.adjustment.window import (
+    LENS,
+    MOUNT,
+    PHOTOGRAPH,
+    SHARED,
+    TILT,
+    Unknowns,
+    VIEW,
+    Window,
+)
+
+LEAST_JITTER = 1e-4  # [rad]
+UNKNOWN_SCALE = 1.0  # deviation of the logarithm of a scale that nobody told
+LAG = 0.02  # way by which a base may be behind its commands [m]
+LEAST_WAY = 1e-9  # [m]
+LENS_DEVIATION = 0.03  # of the logarithm of a focal length that somebody measured
+LEAST_PLACE = 1e-6  # information of a view that features tell nothing of [1/m^2]
+
+
+@dataclass(frozen=True, eq=False)
+class Factors:
+    """
+    What is known beside the images.
+
+    ``mount`` is the belief of the camera's attitude: that of each view, and of the photograph,
+    differs from it by what the floor does (``mount.jitter``). The scale is one number: the ``way``
+    from keyframe to keyframe as it was told [m] against that of the geometry, to
+    ``scale_deviation``, infinite where something else tells it. Images tell nothing of it, so it
+    tells nothing but itself. The logarithm of the focal length is known to ``lens_deviation``.
+    """
+
+    mount: Attitude
+    views: int
+    way: float
+    scale_deviation: float
+    lens_deviation: float = LENS_DEVIATION
+
+    @property
+    def jitter(self) -> float:
+        """Deviation of the attitude of a view from the mount's, by what the floor does [rad]."""
+        return max(self.mount.jitter, LEAST_JITTER)
+
+    @cached_property
+    def information(self) -> FloatArray:
+        """Information of all attitudes, (5 K + 5, 5 K + 5), and hardly any of places."""
+        size = VIEW * self.views + SHARED
+        matrix = LEAST_PLACE * np.eye(size)
+        jitter = self.jitter**-2
+        attitudes = [*range(TILT, size - SHARED, VIEW), size - SHARED]
+        for axis in range(2):
+            mount = size - 2 + axis
+            each = np.array(attitudes) + axis
+            matrix[each, each] = jitter
+            matrix[each, mount] = matrix[mount, each] = -jitter
+            matrix[mount, mount] = jitter * len(each)
+        matrix[-2:, -2:] += np.linalg.inv(self.mount.covariance)
+        lens = size - SHARED + LENS
+        matrix[lens, lens] = self.lens_deviation**-2
+        return matrix
+
+    def _offset(self, unknowns: Unknowns) -> FloatArray:
+        """Return how far attitudes are from those of the mount; places count nothing here."""
+        mean = np.array([self.mount.tilt, self.mount.roll])
+        views, shared = np.zeros((self.views, VIEW)), unknowns.shared.copy()
+        views[:, TILT:] = unknowns.views[:, TILT:] - mean
+        shared[MOUNT] -= mean
+        shared[PHOTOGRAPH] -= mean
+        return np.concatenate([views.ravel(), shared])
+
+    def _scale(self, unknowns: Unknowns) -> tuple[float, FloatArray, float]:
+        """Return the residual of the scale, the way of each view, and the geometry's whole way."""
+        steps = np.diff(unknowns.views[:, :2], axis=0)
+        ways = np.hypot(steps[:, 0], steps[:, 1])
+        whole = max(float(ways.sum()), LEAST_WAY)
+        told = self.way if self.way > LEAST_WAY else whole
+        directions = steps / np.maximum(ways, LEAST_WAY)[:, None]
+        return math.log(whole / told) / self.scale_deviation, directions, whole
+
+    def at_scale(self, unknowns: Unknowns) -> Unknowns:
+        """Return the same geometry as large as the way that was told: images cannot tell."""
+        return unknowns.scaled(self.ratio(unknowns))
+
+    def ratio(self, unknowns: Unknowns) -> float:
+        """Return how many times as large the geometry is by the way that was told."""
+        residual, _, whole = self._scale(unknowns)
+        told = whole > LEAST_WAY and math.isfinite(self.scale_deviation)
+        return math.exp(-residual * self.scale_deviation) if told else 1.0
+
+    def cost(self, unknowns: Unknowns) -> float:
+        """Return the sum of squares, in deviations."""
+        offset = self._offset(unknowns)
+        residual, _, _ = self._scale(unknowns)
+        return float(offset @ self.information @ offset) + residual * residual
+
+    def equations(self, unknowns: Unknowns) -> tuple[FloatArray, FloatArray]:
+        """Return matrix, (5 K + 5, 5 K + 5), and vector of the normal equations."""
+        vector = self.information @ self._offset(unknowns)
+        residual, _, _ = self._scale(unknowns)
+        slope = self.by_scale(unknowns) / self.scale_deviation
+        return self.information + np.outer(slope, slope), vector + residual * slope
+
+    def by_scale(self, unknowns: Unknowns) -> FloatArray:
+        """Return the slope of the logarithm of the scale by views and shared unknowns."""
+        _, directions, whole = self._scale(unknowns)
+        by_view = np.zeros((self.views, VIEW))
+        by_view[1:, :2] += directions
+        by_view[:-1, :2] -= directions
+        return np.concatenate([by_view.ravel(), np.zeros(SHARED)]) / whole
+
+
+def factors_of(mount: Attitude, window: Window, scale_deviation: float) -> Factors:
+    """Return the factors of a ``window``; without a way that was told the scale is a guess."""
+    way = float(window.ways.sum())
+    known = math.isfinite(way) and way > LEAST_WAY
+    deviation = math.hypot(scale_deviation, LAG / way) if known else UNKNOWN_SCALE
+    deviation = min(deviation, UNKNOWN_SCALE)
+    return Factors(mount, len(window), way if known else 0.0, deviation)

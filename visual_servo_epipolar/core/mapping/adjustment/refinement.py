@@ -1,0 +1,216 @@
+"""Refinement of the window: damped Gauss-Newton steps, and which features are wrong matches."""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+import math
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray, median
+from visual_servo_epipolar.core.lapack import solved
+from visual_servo_epipolar.core.mapping.adjustment.equations import (
+    Evaluation,
+    OUTLIER,
+    System,
+    system_of,
+)
+from visual_servo_epipolar.core.mapping.adjustment.factors import factors_of
+from visual_servo_epipolar.core.mapping.adjustment.projection import projected, squares_of
+from visual_servo_epipolar.core.mapping.adjustment.window import SHARED, Unknowns, Window
+
+DAMPING = 1e-4
+LEAST_GAIN = 0.05  # of the cost, below which nothing changes that matters
+LEAST_NEARNESS = 1e-6  # [1/m]
+NEGLIGIBLE = 1e-2  # square of what an error of keyframes does to all features, in deviations
+WRONG_SHARE = 0.4  # of the sightings that are outliers, from which the whole feature is one
+WRONG_OFFSET = 16.0  # square of what the photograph's ray is off by, in deviations
+# Times nearer than the median feature, by so few views: wrong matches near the photograph are.
+NEAREST, FEW_VIEWS = 50.0, 2
+RETURN = 0.6  # of both bounds: what was wrong must be well below to count again
+
+
+@dataclass(frozen=True, eq=False)
+class Geometry:
+    """Refined window: the ``evaluation`` at the best unknowns, and whether steps still gain."""
+
+    evaluation: Evaluation
+    converged: bool = False
+    damping: float = DAMPING
+
+    @property
+    def unknowns(self) -> Unknowns:
+        """The best values."""
+        return self.evaluation.unknowns
+
+    @property
+    def window(self) -> Window:
+        """The keyframes."""
+        return self.evaluation.window
+
+    @property
+    def trusted(self) -> BoolArray:
+        """Which features are no wrong matches, shape (N,)."""
+        return self.evaluation.trusted
+
+    @cached_property
+    def wrong(self) -> IntArray:
+        """The ids of wrong matches."""
+        return np.asarray(self.window.ids[~self.trusted])
+
+    @cached_property
+    def counted(self) -> BoolArray:
+        """Which features are the photograph's, and no wrong matches, shape (N,)."""
+        return np.asarray(self.trusted & self.window.shown)
+
+    @cached_property
+    def system(self) -> System:
+        """Normal equations at the best unknowns."""
+        return system_of(self.evaluation)
+
+    @cached_property
+    def root(self) -> FloatArray:
+        """Root of the covariance of views and shared unknowns: times its transpose, (D, D)."""
+        matrix = self.system.matrix
+        scale = 1.0 / np.sqrt(np.diag(matrix))
+        lower = np.linalg.cholesky(matrix * scale * scale[:, None])
+        return np.asarray(scale[:, None] * np.linalg.inv(lower).T)
+
+    @cached_property
+    def _coupled(self) -> FloatArray:
+        """The coupling of features with errors of views in units of their own, (N, 3, D)."""
+        return _times(self.system.coupled, self.root)
+
+    @cached_property
+    def feature_roots(self) -> FloatArray:
+        """What the errors of views make of features, (N, 3, D): covariance by the transpose."""
+        return np.asarray(-(self.system.roots @ self._coupled))
+
+    @cached_property
+    def spread(self) -> FloatArray:
+        """
+        Root of the covariance, (D, r), but for directions in which it shows nowhere.
+
+        In those an error of the keyframes displaces no feature by what it could be told from. The
+        root is taken along axes of what it does to all features, in deviations of their own; of
+        75 directions 30 are left, and a view is resected on as many unknowns less.
+        """
+        window, root = self.window, self.root
+        placed = self.trusted & window.placed
+        shown = self._coupled[placed].reshape(-1, len(root))
+        count, noise = max(2 * int(placed.sum()), 1), float(window.photograph_noise.min())
+        photograph = root[-SHARED:-2] * (math.sqrt(count) / noise)
+        mount = root[-2:] / self.evaluation.factors.jitter
+        rows = np.concatenate([shown, photograph, mount])
+        squares, axes = np.linalg.eigh(rows.T @ rows)
+        return np.asarray(root @ axes[:, squares > NEGLIGIBLE])
+
+    @cached_property
+    def feature_spread(self) -> FloatArray:
+        """What the errors of ``spread`` make of features, (N, 3, r)."""
+        return np.asarray(-(self.system.roots @ _times(self.system.coupled, self.spread)))
+
+    @cached_property
+    def feature_covariance(self) -> FloatArray:
+        """Covariance of two offsets and the inverse depth of each feature, (3, 3, N)."""
+        roots = np.concatenate([self.system.roots, self.feature_roots], axis=-1)
+        return np.asarray((roots @ roots.swapaxes(1, 2)).transpose(1, 2, 0))
+
+    @cached_property
+    def depth(self) -> float:
+        """Median depth of trusted features [m]."""
+        near = self.unknowns.nearness[self.trusted]
+        return 1.0 / max(median(near), LEAST_NEARNESS) if len(near) else 1.0
+
+    @cached_property
+    def noise_ratio(self) -> float:
+        """Deviation of residuals over what was expected of the noise."""
+        counted = self.counted
+        weight = self.evaluation.weight * counted
+        squares = float((weight * self.evaluation.squares).sum())
+        squares += float((self.unknowns.offsets**2).sum(0) @ counted)
+        freedom = 2.0 * weight.sum() - counted.sum() - 5 * len(self.window)
+        return math.sqrt(squares / freedom) if freedom > 0.0 else math.inf
+
+    def prepare(self) -> None:
+        """Compute what the next view will ask for, while nobody waits."""
+        several = self.feature_covariance, self.feature_spread, self.wrong
+        for value in (*several, self.depth, self.noise_ratio):
+            assert value is not None
+
+
+def _times(coupled: FloatArray, root: FloatArray) -> FloatArray:
+    """Return the coupling of features, (N, 3, D), times a root, (D, r), in one product."""
+    size, count = root.shape
+    return np.asarray((coupled.reshape(-1, size) @ root).reshape(-1, 3, count))
+
+
+def refined(
+    start: Evaluation, steps: int, damping: float = DAMPING, system: System | None = None
+) -> Geometry:
+    """
+    Return the geometry after at most ``steps`` (Levenberg, Marquardt), and verdicts.
+
+    ``system`` is that of the start, if it is known and the scale of the start is that of the way.
+    """
+    # Damped steps hardly move along what so little is known of.
+    at, converged = start, False
+    if system is None:
+        at = replace(start, unknowns=start.factors.at_scale(start.unknowns))
+    for _ in range(steps):
+        system = system_of(at) if system is None else system
+        candidate = _stepped(at, system, damping)
+        gain = at.cost - candidate.cost
+        if not gain > 0.0:
+            damping = min(100.0 * damping, 1e3)
+            converged = gain > -LEAST_GAIN
+        else:
+            at, damping, converged = candidate, max(0.1 * damping, 1e-9), gain < LEAST_GAIN
+            system = None
+        if converged:
+            break
+    return Geometry(judged(at), converged, damping)
+
+
+def rescaled(geometry: Geometry, window: Window, deviation: float) -> tuple[Geometry, float]:
+    """
+    Return the geometry by another account of the way, and how many times as large it is.
+
+    ``window`` is its own, but for that account; ``deviation`` is that of the scale.
+    """
+    before = geometry.evaluation
+    factors = factors_of(before.factors.mount, window, deviation)
+    start = replace(before, window=window, factors=factors)
+    return refined(start, 0, geometry.damping), factors.ratio(before.unknowns)
+
+
+def _stepped(at: Evaluation, system: System, damping: float) -> Evaluation:
+    scale = 1.0 / np.sqrt(np.diag(system.matrix))
+    matrix = system.matrix * scale * scale[:, None]
+    matrix[np.diag_indices_from(matrix)] += damping
+    step = -scale * solved(matrix, scale * system.vector)
+    return replace(at, unknowns=at.unknowns.moved(step, system.features(step)))
+
+
+def judged(at: Evaluation) -> Evaluation:
+    """Return the evaluation with wrong matches found anew: those that views contradict."""
+    seen = at.window.seen
+    outlying = (seen & (_squares_ahead(at) > OUTLIER)).sum(0) / np.maximum(seen.sum(0), 1)
+    offset = (at.unknowns.offsets**2).sum(0)
+    slack = np.where(at.trusted, 1.0, RETURN)
+    trusted = (outlying <= slack * WRONG_SHARE) & (offset <= slack * WRONG_OFFSET)
+    near = at.unknowns.nearness
+    usual = median(near[at.trusted]) if at.trusted.any() else 0.0
+    if usual > 0.0:  # what few views show may be anywhere
+        trusted &= (near <= slack * NEAREST * usual) | (seen.sum(0) > FEW_VIEWS)
+    if (trusted == at.trusted).all():
+        return at
+    return replace(at, trusted=trusted)
+
+
+def _squares_ahead(at: Evaluation) -> FloatArray:
+    """Return squares, (K, N), with no feature behind the cameras: at infinity at the farthest."""
+    if not (at.unknowns.nearness < 0.0).any():
+        return at.squares
+    ahead = at.structure._replace(nearness=np.maximum(at.structure.nearness, 0.0))
+    projection = projected(ahead, at.unknowns.views, at.window.sides)
+    return squares_of(projection, at.window.rays)

@@ -1,0 +1,184 @@
+"""
+Window: the keyframes of the memory and the features in them, and the values of all unknowns.
+
+Arrays run over views k, features n and components, features last: (K, ..., N).
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
+from visual_servo_epipolar.core.mapping.sightings import sides_of, Sightings
+
+VIEW, SHARED = 5, 5  # unknowns of a view; of all: tilt, roll of the photograph, lens, the mount's
+X, Y, HEADING, TILT, ROLL = range(VIEW)
+FREE = 0.5  # deviation of the ray of the photograph of a feature that it does not show [rad]
+PHOTOGRAPH, LENS, MOUNT = slice(0, 2), 2, slice(3, 5)  # of the shared unknowns
+
+
+@dataclass(frozen=True, eq=False)
+class Window:
+    """
+    What K keyframes show of N features.
+
+    ``sides``, (K, 2, 3, N), are two vectors across each ray, one over its noise long, where
+    ``seen``, (K, N); ``photograph``, (N, 3), the photograph's rays and ``photograph_noise``, (N,)
+    [rad]. ``travelled``, (K, 2), is where the views are by the way that was told [m]; it counts
+    for the scale alone. ``instead``, (K, 2), is where they are if somebody else is to be believed.
+    """
+
+    ids: IntArray
+    photograph: FloatArray
+    photograph_noise: FloatArray
+    sides: FloatArray
+    rays: FloatArray
+    seen: BoolArray
+    travelled: FloatArray
+    instead: FloatArray
+
+    def __len__(self) -> int:
+        return len(self.travelled)
+
+    @cached_property
+    def shown(self) -> BoolArray:
+        """Which features the photograph shows, (N,)."""
+        return np.asarray(self.photograph_noise < FREE)
+
+    @cached_property
+    def placed(self) -> BoolArray:
+        """Which features have a place, (N,): shown by the photograph, or by two views."""
+        return np.asarray(self.shown | (self.seen.sum(0) > 1))
+
+    @cached_property
+    def tangents(self) -> FloatArray:
+        """Two directions across the photograph's rays, as long as their noise, (2, 3, N)."""
+        return sides_of(self.photograph, 1.0 / self.photograph_noise)
+
+    @cached_property
+    def ways(self) -> FloatArray:
+        """The ways between one keyframe and the next [m], shape (K - 1,)."""
+        return np.asarray(np.hypot(*np.diff(self.travelled, axis=0).T))
+
+    def rows_of(self, ids: IntArray) -> IntArray:
+        """Return where ``ids`` stand, shape as theirs, -1 for features that are not here."""
+        if not len(self.ids):
+            return np.full(len(ids), -1)
+        order, ascending = self._sorted
+        rows = order[np.minimum(np.searchsorted(ascending, ids), len(order) - 1)]
+        return np.where(self.ids[rows] == ids, rows, -1)
+
+    @cached_property
+    def _sorted(self) -> tuple[IntArray, IntArray]:
+        order = np.argsort(self.ids, kind='stable')
+        return order, self.ids[order]
+
+    @property
+    def swapped(self) -> 'Window':
+        """The same window for who believes the other account of the way."""
+        return replace(self, travelled=self.instead, instead=self.travelled)
+
+    def with_view(
+        self, sightings: Sightings, travelled: FloatArray, instead: FloatArray | None = None
+    ) -> 'Window':
+        """Return the window with one more keyframe, and with the features that are new in it."""
+        instead = travelled if instead is None else instead
+        rows = self.rows_of(sightings.ids)
+        wider = self._with_features(sightings, rows < 0)
+        rows = wider.rows_of(sightings.ids)
+        count = len(wider.ids)
+        sides, rays, seen = np.zeros((1, 2, 3, count)), np.zeros((1, 3, count)), np.zeros(count)
+        sides[0][..., rows] = sides_of(sightings.current, sightings.noise[:, 0])
+        rays[0][:, rows] = sightings.current.T
+        seen[rows] = 1.0
+        return replace(
+            wider,
+            sides=np.concatenate([wider.sides, sides]),
+            rays=np.concatenate([wider.rays, rays]),
+            seen=np.concatenate([wider.seen, seen[None] > 0.0]),
+            travelled=np.concatenate([wider.travelled, travelled[None]]),
+            instead=np.concatenate([wider.instead, instead[None]]),
+        )
+
+    def _with_features(self, sightings: Sightings, new: BoolArray) -> 'Window':
+        added = int(new.sum())
+        views = len(self)
+        return replace(
+            self,
+            ids=np.concatenate([self.ids, sightings.ids[new]]),
+            photograph=np.concatenate([self.photograph, sightings.desired[new]]),
+            photograph_noise=np.concatenate([self.photograph_noise, sightings.noise[new, 1]]),
+            sides=np.concatenate([self.sides, np.zeros((views, 2, 3, added))], axis=-1),
+            rays=np.concatenate([self.rays, np.zeros((views, 3, added))], axis=-1),
+            seen=np.concatenate([self.seen, np.zeros((views, added), bool)], axis=-1),
+        )
+
+    def without_view(self, k: int) -> 'Window':
+        """Return the window without keyframe ``k``."""
+        return replace(
+            self,
+            sides=np.delete(self.sides, k, axis=0),
+            rays=np.delete(self.rays, k, axis=0),
+            seen=np.delete(self.seen, k, axis=0),
+            travelled=np.delete(self.travelled, k, axis=0),
+            instead=np.delete(self.instead, k, axis=0),
+        )
+
+    def of_features(self, kept: BoolArray) -> 'Window':
+        """Return the window with the features that are ``kept``, shape (N,), alone."""
+        return replace(
+            self,
+            ids=self.ids[kept],
+            photograph=self.photograph[kept],
+            photograph_noise=self.photograph_noise[kept],
+            sides=self.sides[..., kept],
+            rays=self.rays[..., kept],
+            seen=self.seen[:, kept],
+        )
+
+
+EMPTY = Window(
+    np.empty(0, np.int64),
+    np.empty((0, 3)),
+    np.empty(0),
+    np.empty((0, 2, 3, 0)),
+    np.empty((0, 3, 0)),
+    np.empty((0, 0), bool),
+    np.empty((0, 2)),
+    np.empty((0, 2)),
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Unknowns:
+    """
+    Values of all unknowns.
+
+    ``views``, (K, 5): x (right) and y (ahead) of the camera in the plane of the photograph's [m],
+    heading error (left positive), tilt and roll [rad]; ``shared``, (5,): tilt and roll of the
+    photograph, the logarithm of the focal length over the one that was told, tilt and roll of the
+    camera where the floor is even, then what factors add; ``offsets``, (2, N), of the
+    photograph's rays in deviations; ``nearness``, (N,), inverse depths along them [1/m].
+    """
+
+    views: FloatArray
+    shared: FloatArray
+    offsets: FloatArray
+    nearness: FloatArray
+
+    def moved(self, step: FloatArray, features: FloatArray) -> 'Unknowns':
+        """Return the unknowns after a ``step``, (D,), and that of ``features``, (3, N)."""
+        size = self.views.size
+        return Unknowns(
+            self.views + step[:size].reshape(-1, VIEW),
+            self.shared + step[size:],
+            self.offsets + features[:2],
+            self.nearness + features[2],
+        )
+
+    def scaled(self, ratio: float) -> 'Unknowns':
+        """Return the same geometry, ``ratio`` times as large: all behind if negative."""
+        views = self.views.copy()
+        views[:, :HEADING] *= ratio
+        return replace(self, views=views, nearness=self.nearness / ratio)

@@ -1,0 +1,203 @@
+"""
+Fitting: the pose of one view on the structure, by features as if independent of each other.
+
+A few steps, each with the features' own covariance; ``resection`` takes the last one.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray, median
+from visual_servo_epipolar.core.lapack import solved
+from visual_servo_epipolar.core.mapping.adjustment.equations import OUTLIER, robust_weight
+from visual_servo_epipolar.core.mapping.adjustment.projection import (
+    BY_FEATURE,
+    BY_VIEW,
+    is_ahead,
+    OPPOSITE,
+    projected,
+    Projection,
+    slopes,
+    squares_of,
+    Structure,
+)
+from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
+from visual_servo_epipolar.core.mapping.adjustment.window import HEADING, MOUNT, TILT, VIEW
+
+STEPS = 8
+LEAST_STEP = 0.1  # squared, in deviations, below which the last step does the rest
+FAR = 1e3  # squared, likewise, from which slopes are taken anew
+NEAR = 1e2  # squared, likewise, up to which slopes are those of the last step as well
+USUAL_MEDIAN = 1.3863  # of squares of two coordinates
+LEAST_NEARNESS = 1e-6  # information of what no feature shows [1/m^2]
+EMPTY = np.zeros(0)
+EVERY = VIEW + 1  # element of a matrix, (5, 5), is one of its diagonal
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What a view shows of features that are remembered: ``rows``, (n,), of the structure."""
+
+    rows: IntArray
+    rays: FloatArray  # (3, n)
+    sides: FloatArray  # (2, 3, n)
+
+
+@dataclass(frozen=True, eq=False)
+class Anchors:
+    """
+    Features of a ``structure``, each with its own ``covariance``, (3, 3, n).
+
+    ``attitude`` and ``deviation``, (2,), of tilt and roll are what is known of any view.
+    """
+
+    structure: Structure
+    covariance: FloatArray
+    attitude: FloatArray
+    deviation: FloatArray
+
+    def of(self, rows: IntArray) -> 'Anchors':
+        """Return the anchors of these features alone."""
+        rays, by_unknowns, nearness, stretch = self.structure
+        structure = Structure(rays[:, rows], by_unknowns[..., rows], nearness[rows], stretch)
+        covariance = self.covariance[..., rows]
+        return Anchors(structure, covariance, self.attitude, self.deviation)
+
+    @cached_property
+    def known(self) -> tuple[FloatArray, FloatArray]:
+        """Information of tilt and roll, (2,), and of all unknowns of a view, (5,)."""
+        told = self.deviation**-2
+        return told, np.concatenate([np.zeros(TILT), told]) + LEAST_NEARNESS
+
+
+class Fit(NamedTuple):
+    """
+    Pose of a view, (5,), squared residuals, (n,), and how many times wider they are.
+
+    ``slopes``, (11, 2, n), of residuals are those near the pose, None if it has moved far since.
+    """
+
+    pose: FloatArray
+    squares: FloatArray
+    widening: float
+    slopes: FloatArray | None = None
+
+    @property
+    def inliers(self) -> BoolArray:
+        """Which features agree."""
+        return np.asarray(self.squares <= OUTLIER)
+
+
+def anchors_of(geometry: Geometry) -> Anchors:
+    """Return the features of a refined window as anchors."""
+    jitter = geometry.evaluation.factors.jitter
+    spread = (geometry.root[-2:] ** 2).sum(1)
+    return Anchors(
+        geometry.evaluation.structure,
+        geometry.feature_covariance,
+        geometry.unknowns.shared[MOUNT],
+        np.sqrt(jitter * jitter + spread),
+    )
+
+
+class _Slopes(NamedTuple):
+    """Slopes of residuals by the view, (5, 2, n), and what those tell, at some pose."""
+
+    every: FloatArray  # by all unknowns, (11, 2, n)
+    own: FloatArray
+    told: FloatArray  # inverted covariances of residuals, (2, 2, n)
+    weighted: FloatArray  # slopes times those
+
+
+def _slopes(anchors: Anchors, seen: Seen, pose: FloatArray, projection: Projection) -> _Slopes:
+    found = slopes(anchors.structure, pose, seen.sides, projection)
+    told = _information(found[BY_FEATURE], anchors.covariance)
+    return _Slopes(found, found[BY_VIEW], told, _times(told, found[BY_VIEW]))
+
+
+def fitted(anchors: Anchors, seen: Seen, start: FloatArray) -> Fit:
+    """Return the pose that fits best, from ``start``, (5,), by features as if independent."""
+    pose, widening, squares = start, 1.0, EMPTY
+    at: _Slopes | None = None
+    farthest = 0.0  # since slopes were taken
+    known, ridge = anchors.known
+    for _ in range(STEPS):
+        projection = projected(anchors.structure, pose, seen.sides)
+        residuals = projection.residuals
+        if at is None:
+            at, farthest = _slopes(anchors, seen, pose, projection), 0.0
+        told = _times(at.told, residuals)
+        told *= residuals
+        squares = np.where(is_ahead(projection, seen.rays), told[0] + told[1], OPPOSITE)
+        widening = max(1.0, median(squares) / USUAL_MEDIAN)
+        weight = robust_weight(squares if widening == 1.0 else squares / widening)
+        rows = (at.weighted * weight).reshape(VIEW, -1)
+        matrix = rows @ at.own.reshape(VIEW, -1).T
+        matrix.ravel()[::EVERY] += ridge
+        vector = rows @ residuals.ravel()
+        vector[TILT:] += known * (pose[TILT:] - anchors.attitude)
+        step = solved(matrix, vector)
+        pose = pose - step
+        moved = float(step @ vector)
+        farthest = max(farthest, moved)
+        if moved < LEAST_STEP * widening:
+            break
+        at = at if moved < FAR else None
+    near = at is not None and farthest < NEAR
+    return Fit(pose, squares, widening, at.every if at is not None and near else None)
+
+
+def _information(own: FloatArray, covariance: FloatArray) -> FloatArray:
+    """Return inverted covariances, (2, 2, n), of residuals with slopes ``own``, (3, 2, n)."""
+    turned = np.add.reduce(covariance[:, :, None] * own, axis=1)  # (3, 2, n)
+    # Of the first residual with both, and of the other with itself.
+    first, c = np.add.reduce(own[:, :1] * turned, axis=0), own[:, 1] * turned[:, 1]
+    a, b, c = first[0] + 1.0, first[1], np.add.reduce(c, axis=0) + 1.0
+    determinant = a * c - b * b
+    inverse = np.empty((2, 2, own.shape[-1]))
+    np.divide(c, determinant, out=inverse[0, 0])
+    np.divide(a, determinant, out=inverse[1, 1])
+    np.divide(-b, determinant, out=inverse[0, 1])
+    inverse[1, 0] = inverse[0, 1]
+    return inverse
+
+
+def _times(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
+    """Return matrices, (2, 2, n), times vectors, (..., 2, n)."""
+    product = matrices[0] * vectors[..., :1, :]  # they are symmetric
+    product += matrices[1] * vectors[..., 1:, :]
+    return np.asarray(product)
+
+
+def fitted_near(views: FloatArray, anchors: Anchors, seen: Seen, last: FloatArray | None) -> Fit:
+    """
+    Return the pose by the ``last`` one, (5,), or by the view most alike if that does not fit.
+
+    ``views``, (K, 5), are those of the keyframes; the newest is tried where there is no last pose.
+    """
+    fit = fitted(anchors, seen, views[-1] if last is None else last)
+    if 2 * int(fit.inliers.sum()) > len(seen.rows):
+        return fit
+    again = fitted(anchors, seen, nearest_view(anchors, seen, views))
+    return again if again.inliers.sum() > fit.inliers.sum() else fit
+
+
+def nearest_view(anchors: Anchors, seen: Seen, views: FloatArray) -> FloatArray:
+    """
+    Return of ``views``, (K, 5), the one from which features look most alike, turned to fit.
+
+    It is where to start where nothing is known of the pose: pushed, or blind for long.
+    """
+    bearing = np.arctan2(seen.rays[0], seen.rays[2])
+    sides = np.broadcast_to(seen.sides, (len(views), *seen.sides.shape))
+    points = projected(anchors.structure, views, sides).points
+    off = bearing - np.arctan2(points[:, 0], points[:, 2])
+    off = np.sort(np.remainder(off + np.pi, 2.0 * np.pi) - np.pi, axis=1)
+    turned = views.copy()
+    turned[:, HEADING] += off[:, off.shape[1] // 2]  # a left turn moves the image right
+    again = projected(anchors.structure, turned, sides)
+    squares = np.sort(squares_of(again, np.broadcast_to(seen.rays, again.points.shape)), axis=1)
+    return np.asarray(turned[int(squares[:, squares.shape[1] // 2].argmin())])

@@ -1,0 +1,244 @@
+"""Initialization: the first geometry of the window, from what two views told."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+from visual_servo_epipolar.core.estimators.base import Attitude
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.rotation import MIN_POINTS
+from visual_servo_epipolar.core.mapping.adjustment.equations import Evaluation, OUTLIER, system_of
+from visual_servo_epipolar.core.mapping.adjustment.factors import factors_of, LEAST_JITTER
+from visual_servo_epipolar.core.mapping.adjustment.projection import (
+    points_of,
+    projected,
+    structure_of,
+    turns_of,
+)
+from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry, refined
+from visual_servo_epipolar.core.mapping.adjustment.window import (
+    MOUNT,
+    PHOTOGRAPH,
+    SHARED,
+    Unknowns,
+    VIEW,
+    Window,
+)
+from visual_servo_epipolar.core.mapping.fitting import Anchors, fitted, Seen, USUAL_MEDIAN
+from visual_servo_epipolar.core.mapping.twin import twin_bearings
+
+STEPS, MORE_STEPS, ROUNDS = 2, 6, 6
+ALMOST = 1.5  # times the usual squares: as good as there
+COLD_DAMPING = 1e-3
+VOTE = 3.0  # most deviations of an inverse depth that count for its sign
+MOST_NOISE = 2.0  # of residuals over the noise that was told: else it is the wrong geometry
+DECISIVE = 16.0  # of cost, by which one geometry must fit better than another
+ALIKE = 0.05  # direction of the last view, up to which they are the same [rad]
+FIRST_TRUSTED = 0.6  # of the features to begin with: a wrong plane fits half of them
+LEAST_AGREEING = 0.5  # of the trusted features in a view
+MOST_DOUBT = 0.1  # deviation of a place over its distance, to begin with
+LEAST_TRUSTED = 0.35  # of the features
+FIRST_UNCERTAINTY = 0.3  # of depths from two views
+FARTHEST = 10.0  # ways to the first view that another may be off
+LEAST_DEPTH = 0.2  # of the way between the views
+
+
+class Start(NamedTuple):
+    """What two views tell of keyframe ``view``: its bearings, and the camera's attitude."""
+
+    view: int
+    bearings: Bearings
+    attitude: Attitude
+
+
+def initial(
+    window: Window, starts: Sequence[Start], mount: Attitude, scale_deviation: float
+) -> Geometry | None:
+    """
+    Return the geometry of a ``window`` that fits best; None if none does, or if two do.
+
+    Of ``starts``, those of the last view that has one are tried; others say where to look for
+    their views. A view that does not fit the rest is left out.
+    """
+    factors = factors_of(mount, window, scale_deviation)
+
+    def begun(start: Start) -> Geometry | None:
+        everything = np.ones(len(window.ids), bool)
+        unknowns = _resected_views(window, start, starts)
+        geometry = _narrowed(oriented(Evaluation(window, unknowns, everything, factors)))
+        geometry = _of_held_views(geometry, scale_deviation)
+        sound = len(geometry.window) > 1 and is_sound(geometry, FIRST_TRUSTED)
+        return geometry if sound else None
+
+    last = starts[-1]
+    tried = [begun(start) for start in starts if start.view == last.view]
+    found = [geometry for geometry in tried if geometry is not None and is_sure(geometry)]
+    if not found:
+        return None
+    best = min(found, key=lambda geometry: geometry.evaluation.cost)
+    others = [geometry for geometry in found if geometry is not best]
+    bearings = twin_bearings(best) if len(best.window) == len(window) else None
+    twin = None if bearings is None else begun(last._replace(bearings=bearings))
+    if twin is not None:
+        others.append(twin)
+    # Who needs views left out does not fit as well.
+    others = [other for other in others if len(other.window) >= len(best.window)]
+    return None if any(is_rival(best, other) for other in others) else best
+
+
+def is_rival(best: Geometry, other: Geometry) -> bool:
+    """Whether ``other`` fits nearly as well from other places: more views must tell."""
+    if other.evaluation.cost > best.evaluation.cost + DECISIVE:
+        return False
+    first, second = (it.unknowns.views[-1, :2] for it in (best, other))
+    angle = np.arctan2(first[0] * second[1] - first[1] * second[0], first @ second)
+    return bool(abs(angle) > ALIKE)
+
+
+def _narrowed(at: Evaluation) -> Geometry:
+    at, damping = narrowed(at)
+    return refined(oriented(at), MORE_STEPS, damping)
+
+
+def narrowed(at: Evaluation) -> tuple[Evaluation, float]:
+    """Return the geometry refined while outliers are told ever more strictly, and its damping."""
+    damping = COLD_DAMPING
+    for _ in range(ROUNDS):
+        seen = at.window.seen
+        widening = float(np.median(at.squares[seen])) / USUAL_MEDIAN if seen.any() else 1.0
+        if widening < ALMOST:
+            break
+        wide = refined(replace(at, widening=widening), STEPS, damping)
+        at, damping = replace(wide.evaluation, trusted=at.trusted), wide.damping
+    return replace(at, widening=1.0), damping
+
+
+def oriented(at: Evaluation) -> Evaluation:
+    """
+    Return the geometry of which features lie ahead, of two that look the same.
+
+    With all places and depths reversed every ray is where it was; a feature whose depth is hardly
+    known has no vote, none has more than VOTE.
+    """
+    roots = system_of(at).roots[:, 2]
+    deviations = at.unknowns.nearness / np.sqrt((roots * roots).sum(1))
+    vote = float(np.clip(deviations, -VOTE, VOTE) @ at.trusted)
+    return at if vote >= 0.0 else replace(at, unknowns=at.unknowns.scaled(-1.0))
+
+
+def is_sound(geometry: Geometry, trusted: float = LEAST_TRUSTED) -> bool:
+    """
+    Whether residuals are what noise makes them, and a share of features ``trusted``.
+
+    In every view most of those agree: one that none holds drifts away, and takes the scale along.
+    """
+    shown = geometry.trusted[geometry.window.shown]
+    share = shown.mean() if len(shown) else 0.0
+    held = bool(held_views(geometry).all())
+    return held and geometry.noise_ratio < MOST_NOISE and float(share) >= trusted
+
+
+def is_sure(geometry: Geometry) -> bool:
+    """
+    Whether the last view's place is known to a share of its distance, but for the scale.
+
+    Else the views to come are resected on depths that may be anything; ways between them would be
+    noise, far longer than what was driven, and shrink the whole geometry.
+    """
+    root, place = geometry.root, geometry.unknowns.views[-1, :2]
+    along = geometry.evaluation.factors.by_scale(geometry.unknowns) @ root
+    first = VIEW * (len(geometry.window) - 1)
+    last = root[first : first + 2]
+    last = last - np.outer(last @ along, along / (along @ along))
+    return bool((last * last).sum() <= MOST_DOUBT**2 * float(place @ place))
+
+
+def held_views(geometry: Geometry) -> BoolArray:
+    """Return the views in which most of the trusted features agree, (K,)."""
+    seen = geometry.window.seen & geometry.trusted
+    agree = (seen & (geometry.evaluation.squares <= OUTLIER)).sum(1)
+    return np.asarray(agree >= LEAST_AGREEING * np.maximum(seen.sum(1), 1))
+
+
+def _of_held_views(geometry: Geometry, scale_deviation: float) -> Geometry:
+    """Return the geometry without the views that do not fit the rest."""
+    held = held_views(geometry)
+    if held.all() or held.sum() < 2:
+        return geometry
+    window, at = geometry.window, geometry.unknowns
+    for k in np.flatnonzero(~held)[::-1].tolist():
+        window = window.without_view(k)
+    kept = np.asarray(window.seen.any(0))
+    window = window.of_features(kept)
+    unknowns = Unknowns(at.views[held], at.shared, at.offsets[:, kept], at.nearness[kept])
+    factors = factors_of(geometry.evaluation.factors.mount, window, scale_deviation)
+    everything = np.ones(len(window.ids), bool)
+    return refined(Evaluation(window, unknowns, everything, factors), MORE_STEPS, COLD_DAMPING)
+
+
+def _resected_views(window: Window, start: Start, starts: Sequence[Start]) -> Unknowns:
+    """Return all views by features whose depths are those that one of them shows."""
+    told = {it.view: it.bearings for it in starts}
+    attitude = np.array([start.attitude.tilt, start.attitude.roll])
+    psi, heading = start.bearings.psi, start.bearings.heading_error
+    views = np.zeros((len(window), VIEW))
+    views[:, 2], views[:, 3:] = heading, attitude
+    views[start.view, :2] = np.cos(psi), np.sin(psi)
+    count = len(window.ids)
+    unknowns = Unknowns(views, shared_at(attitude), np.zeros((2, count)), np.ones(count))
+    near = triangulated(window, unknowns, np.arange(len(window)) == start.view)
+    unknowns = Unknowns(views, unknowns.shared, unknowns.offsets, near)
+    structure = structure_of(window.photograph, window.tangents, unknowns)
+    covariance = np.zeros((3, 3, count))
+    covariance[[0, 1], [0, 1]], covariance[2, 2] = 1.0, (FIRST_UNCERTAINTY * near) ** 2
+    deviation = np.full(2, max(2.0 * start.attitude.jitter, LEAST_JITTER))
+    anchors = Anchors(structure, covariance, attitude, deviation)
+    order = [*range(start.view + 1, len(window)), *range(start.view - 1, -1, -1)]
+    for k in order:
+        neighbour = k - 1 if k > start.view else k + 1
+        views[k] = placed(views[neighbour], told.get(k))
+        rows = np.flatnonzero(window.seen[k] & window.seen[start.view])
+        if len(rows) >= MIN_POINTS:
+            seen = Seen(rows, window.rays[k][:, rows], window.sides[k][..., rows])
+            pose = fitted(anchors.of(rows), seen, views[k]).pose
+            if np.hypot(*pose[:2]) < FARTHEST:  # else others would start from nowhere
+                views[k] = pose
+    every = triangulated(window, unknowns, np.ones(len(window), bool))
+    return Unknowns(views, unknowns.shared, unknowns.offsets, every)
+
+
+def shared_at(attitude: FloatArray) -> FloatArray:
+    """Return the shared unknowns of a camera at an attitude, (2,), on an even floor."""
+    shared = np.zeros(SHARED)
+    shared[PHOTOGRAPH] = shared[MOUNT] = attitude
+    return shared
+
+
+def placed(near: FloatArray, told: Bearings | None) -> FloatArray:
+    """Return where a view may be that is as far off as one ``near``, by what it was ``told``."""
+    view = near.copy()
+    if told is not None:
+        distance = np.hypot(near[0], near[1])
+        view[:2] = distance * np.cos(told.psi), distance * np.sin(told.psi)
+        view[2] = told.heading_error
+    return np.asarray(view)
+
+
+def triangulated(window: Window, unknowns: Unknowns, views: BoolArray) -> FloatArray:
+    """Return inverse depths, (N,), that fit best what ``views``, (K,), show at their poses."""
+    structure = structure_of(window.photograph, window.tangents, unknowns)
+    flat = structure._replace(nearness=np.zeros(len(window.ids)))
+    chosen, sides = unknowns.views[views], window.sides[views]
+    # r = (s . R ray - near s . R place), in deviations where all is far off.
+    far = projected(flat, chosen, sides).residuals
+    moved = structure._replace(rays=0.0 * structure.rays, nearness=np.ones(len(window.ids)))
+    places = turns_of(chosen, structure.stretch) @ points_of(moved, chosen)
+    by_near = (sides * places[:, None]).sum(2)
+    weight = window.seen[views][:, None]
+    told = (weight * by_near * by_near).sum((0, 1))
+    near = -(weight * by_near * far).sum((0, 1)) / np.maximum(told, 1.0)
+    reach = np.hypot(chosen[:, 0], chosen[:, 1]).max()
+    return np.asarray(np.clip(near, 1e-3 / reach, 1.0 / (LEAST_DEPTH * reach)))

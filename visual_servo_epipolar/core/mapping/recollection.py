@@ -1,0 +1,142 @@
+"""Recollection: what the memory says of one view."""
+
+from dataclasses import dataclass, field
+import math
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
+from visual_servo_epipolar.core.cameras.model import CameraModel
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.mapping.adjustment.projection import points_of, Structure, turns_of
+from visual_servo_epipolar.core.mapping.adjustment.window import HEADING, VIEW, X, Y
+from visual_servo_epipolar.core.mapping.correspondences import Correspondences
+from visual_servo_epipolar.core.mapping.resection import Resection
+
+LEAST_DISTANCE = 1e-9  # [m] of a baseline that has a direction
+
+
+def _nothing() -> FloatArray:
+    return np.full((VIEW, VIEW), np.nan)
+
+
+@dataclass(frozen=True, eq=False)  # without slots: ``values.changed``
+class Recollection:
+    """
+    What the memory says of one view: nothing, and the ``reason`` why, where that is not empty.
+
+    ``pose``, (5,), is that of the camera in the plane of the photograph's: x (right) and y (ahead)
+    [m, as far as the scale is known], heading error (left positive), tilt and roll [rad], with its
+    ``covariance``, (5, 5); ``own``, (5, 5), is the part of that which the noise of this view makes
+    alone and which averages out over views; ``shift``, (5,), the part of the pose that the
+    shrinkage makes. ``inliers``, (N,), are the sightings that agree;
+    ``dropped`` the ids of wrong matches. Of all features remembered: ``ids``, (M,), ``nearness``,
+    inverse depths along the photograph's rays [1/m], and ``nearness_variance``; ``photograph``,
+    (M, 3), are those rays. The photograph has ``shown`` some, (M,), of which those ``counted``,
+    (M,), are no wrong matches. ``depth`` is the median one [m], ``noise_ratio`` the deviation of
+    the window's residuals over what was expected; ``seen`` is what the view looks at, and the
+    pose, (5,), from which. ``slopes`` are those of its correspondences.
+    """
+
+    reason: str = ''
+    pose: FloatArray = field(default_factory=lambda: np.full(VIEW, np.nan))
+    covariance: FloatArray = field(default_factory=_nothing)
+    own: FloatArray = field(default_factory=_nothing)
+    shift: FloatArray = field(default_factory=lambda: np.zeros(VIEW))
+    inliers: BoolArray = field(default_factory=lambda: np.zeros(0, bool))
+    dropped: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
+    ids: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
+    nearness: FloatArray = field(default_factory=lambda: np.empty(0))
+    nearness_variance: FloatArray = field(default_factory=lambda: np.empty(0))
+    photograph: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    shown: BoolArray = field(default_factory=lambda: np.zeros(0, bool))
+    counted: BoolArray = field(default_factory=lambda: np.zeros(0, bool))
+    depth: float = math.nan
+    noise_ratio: float = math.nan
+    seen: tuple[Structure, FloatArray] | None = None
+    slopes: dict[tuple[int, bool], float] = field(default_factory=dict)
+
+    def __bool__(self) -> bool:
+        return not self.reason
+
+    @property
+    def distance(self) -> float:
+        """Distance of the cameras [m]."""
+        return float(np.hypot(self.pose[X], self.pose[Y]))
+
+    @property
+    def bearings(self) -> Bearings | None:
+        """The oriented bearings of the cameras; None without a pose or at the goal."""
+        if self.reason or not self.distance > LEAST_DISTANCE:
+            return None
+        psi = math.atan2(self.pose[Y], self.pose[X])
+        phi = psi - float(self.pose[HEADING]) - 0.5 * math.pi
+        return Bearings(psi, math.remainder(phi, 2.0 * math.pi))
+
+    @property
+    def bearings_covariance(self) -> FloatArray:
+        """Covariance of (psi, phi), (2, 2) [rad^2]: without bound towards the goal."""
+        x, y = self.pose[:HEADING].tolist()
+        square = max(x * x + y * y, LEAST_DISTANCE**2)
+        right, ahead = -y / square, x / square
+        slope = np.array([[right, ahead, 0.0], [right, ahead, -1.0]])
+        return np.asarray(slope @ self.covariance[:3, :3] @ slope.T)
+
+    @property
+    def lateral_deviation(self) -> float:
+        """Deviation of the lateral offset x [m]."""
+        return math.sqrt(self.covariance[X, X])
+
+    @property
+    def longitudinal_deviation(self) -> float:
+        """Deviation of the longitudinal offset y [m]."""
+        return math.sqrt(self.covariance[Y, Y])
+
+    @property
+    def heading_deviation(self) -> float:
+        """Deviation of the heading error [rad]."""
+        return math.sqrt(self.covariance[HEADING, HEADING])
+
+    @property
+    def parallax(self) -> float:
+        """Angle by which the offset moves a feature of median depth [rad]."""
+        return self.distance / self.depth
+
+    @property
+    def rays(self) -> FloatArray:
+        """Where this view would see the features, (M, 3): hardly ever asked for."""
+        return np.empty((0, 3)) if self.seen is None else seen_rays(*self.seen)
+
+    def pixels(self, camera: CameraModel) -> FloatArray:
+        """Return where ``camera`` would see the features, (M, 2) [px]; nan where it would not."""
+        return camera.pixels(self.rays)
+
+
+def seen_rays(structure: Structure, pose: FloatArray) -> FloatArray:
+    """Return the unit rays, (M, 3), at which a view at ``pose``, (5,), sees features."""
+    points = (turns_of(pose[None], structure.stretch) @ points_of(structure, pose[None]))[0]
+    return np.asarray((points / np.sqrt((points * points).sum(0))).T)
+
+
+def recollected(resection: Resection, by: Correspondences) -> Recollection:
+    """Return what is remembered of a view that was resected ``by`` its correspondences."""
+    geometry, inliers = by.geometry, by.known.copy()
+    inliers[by.known] = resection.inliers
+    return Recollection(
+        pose=resection.pose,
+        covariance=resection.covariance,
+        own=resection.own,
+        shift=resection.shift,
+        inliers=inliers,
+        dropped=geometry.wrong,
+        ids=geometry.window.ids,
+        nearness=geometry.unknowns.nearness,
+        nearness_variance=geometry.feature_covariance[2, 2],
+        photograph=geometry.window.photograph,
+        shown=geometry.window.shown,
+        counted=geometry.counted,
+        depth=geometry.depth,
+        noise_ratio=geometry.noise_ratio,
+        seen=(by.everything.structure, resection.pose),
+        slopes=by.slopes,
+    )

@@ -1,0 +1,139 @@
+"""Selection: which views become keyframes, and which keyframes and features are let go."""
+
+from dataclasses import replace
+import math
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+from visual_servo_epipolar.core.geometry.rays import normalised
+from visual_servo_epipolar.core.mapping.adjustment.equations import Evaluation
+from visual_servo_epipolar.core.mapping.adjustment.factors import factors_of
+from visual_servo_epipolar.core.mapping.adjustment.projection import turns_of
+from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
+from visual_servo_epipolar.core.mapping.adjustment.window import (
+    FREE,
+    PHOTOGRAPH,
+    Unknowns,
+    Window,
+    X,
+    Y,
+)
+from visual_servo_epipolar.core.mapping.initialization import triangulated
+from visual_servo_epipolar.core.mapping.sightings import MemorySettings, Sightings
+
+NEW_SHARE = 0.1  # of the sightings of a view that are of features not remembered
+FEWEST_NEW = 3
+MIN_KEYFRAME_FEATURES = 8
+GUESSED_DEPTHS = 1.5  # of the scene, at which what was seen once is looked for
+CLOSEST = 1e-3  # distance that keyframes count as apart at least, in depths of the scene
+
+
+def is_keyframe(
+    geometry: Geometry, pose: FloatArray, *, sightings: int, new: int, settings: MemorySettings
+) -> bool:
+    """
+    Whether a view at ``pose`` tells what others do not: from elsewhere, or of new features.
+
+    New ones must find room. Near the photograph they have no depth: a wrong match may be anywhere
+    there, and a hand's breadth before the camera it would outweigh all others.
+    """
+    if sightings < MIN_KEYFRAME_FEATURES:
+        return False
+    offset = geometry.unknowns.views[:, :2] - pose[:2]
+    least = settings.spread * geometry.depth
+    if float(np.hypot(offset[:, 0], offset[:, 1]).min()) > least:
+        return True
+    enough = max(FEWEST_NEW, NEW_SHARE * sightings)
+    if new < enough or not math.hypot(pose[X], pose[Y]) > least:
+        return False
+    settled = int(((geometry.window.seen.sum(0) > 1) & geometry.trusted).sum())
+    return settings.features - settled >= enough
+
+
+def crowded(places: FloatArray, seen: BoolArray, depth: float) -> int:
+    """
+    Return the keyframe that tells least beside the others: near to them, or with few features.
+
+    ``places`` have shape (K, 2), ``seen`` (K, N). The newest stays.
+    """
+    offset = (places[:, None] - places) / depth
+    square = (offset * offset).sum(-1) + CLOSEST**2
+    np.fill_diagonal(square, np.inf)
+    share = seen.sum(1) / max(seen.sum(1).max(), 1)
+    crowding = (1.0 / square).sum(1) / np.maximum(share, 1e-3) ** 2
+    return int(crowding[:-1].argmax())
+
+
+def kept_features(window: Window, trusted: BoolArray, most: int) -> BoolArray:
+    """Return which features are kept, (N,): those in view of a keyframe, the most seen first."""
+    count = window.seen.sum(0)
+    kept = np.asarray(count > 0)
+    if int(kept.sum()) <= most:
+        return kept
+    rank = np.lexsort((-np.arange(len(count)), count * trusted, kept))
+    best = np.zeros(len(count), bool)
+    best[rank[-most:]] = True
+    return np.asarray(best & kept)
+
+
+def located(sightings: Sightings, pose: FloatArray, geometry: Geometry) -> Sightings:
+    """
+    Return sightings of a view at ``pose``, (5,), all with rays of the photograph.
+
+    Of what it does not show the place is guessed, on the ray of this view; the noise of the ray
+    that it would have in the photograph leaves it free.
+    """
+    unshown = ~sightings.shown
+    if not unshown.any():
+        return sightings
+    upright = np.zeros((2, 5))
+    upright[0, 3:], upright[1] = geometry.unknowns.shared[PHOTOGRAPH], pose
+    photograph, view = turns_of(upright)
+    points = GUESSED_DEPTHS * geometry.depth * sightings.current[unshown] @ view
+    points += [pose[X], 0.0, pose[Y]]
+    desired, noise = sightings.desired.copy(), sightings.noise.copy()
+    desired[unshown] = normalised(points @ photograph.T)
+    noise[unshown, 1] = FREE
+    return Sightings(sightings.ids, sightings.current, desired, noise)
+
+
+def with_keyframe(
+    geometry: Geometry,
+    sightings: Sightings,
+    places: tuple[FloatArray, FloatArray],
+    pose: FloatArray,
+    settings: MemorySettings,
+) -> Evaluation:
+    """
+    Return the window with one more keyframe at ``pose``, and with what is too much let go.
+
+    ``places``, (2,) each, are where it is by the way that was told, and by the other account.
+    """
+    before, trusted = geometry.unknowns, geometry.trusted
+    sightings = located(sightings, pose, geometry)
+    window = geometry.window.with_view(sightings, *places)
+    more = len(window.ids) - len(trusted)
+    unknowns = Unknowns(
+        np.vstack([before.views, pose]),
+        before.shared,
+        np.concatenate([before.offsets, np.zeros((2, more))], axis=1),
+        np.concatenate([before.nearness, np.zeros(more)]),
+    )
+    if more:
+        near = triangulated(window, unknowns, np.arange(len(window)) == len(window) - 1)
+        near[: len(trusted)] = before.nearness
+        unknowns = replace(unknowns, nearness=near)
+    trusted = np.concatenate([trusted, np.ones(more, bool)])
+    if len(window) > settings.keyframes:
+        k = crowded(unknowns.views[:, :2], window.seen & trusted, geometry.depth)
+        window = window.without_view(k)
+        unknowns = replace(unknowns, views=np.delete(unknowns.views, k, axis=0))
+    kept = kept_features(window, trusted, settings.features)
+    if not kept.all():
+        window, trusted = window.of_features(kept), trusted[kept]
+        unknowns = replace(
+            unknowns, offsets=unknowns.offsets[:, kept], nearness=unknowns.nearness[kept]
+        )
+    mount, deviation = geometry.evaluation.factors.mount, settings.scale_deviation
+    return Evaluation(window, unknowns, trusted, factors_of(mount, window, deviation))

@@ -1,0 +1,272 @@
+"""
+View memory: from one view to the next.
+
+Until a geometry is found, views are collected; from then on each view is resected on it, and
+becomes a keyframe where it shows what the others do not. What is told of a view never counts
+twice: it is held against what was known before it.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.estimators.base import Attitude
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry, refined, rescaled
+from visual_servo_epipolar.core.mapping.adjustment.window import EMPTY, HEADING, Window
+from visual_servo_epipolar.core.mapping.collecting import (
+    starts_of,
+    unusable,
+    with_collected,
+    with_room,
+)
+from visual_servo_epipolar.core.mapping.correspondences import Correspondences, correspondences_of
+from visual_servo_epipolar.core.mapping.fitting import fitted_near, Seen
+from visual_servo_epipolar.core.mapping.initialization import initial, is_sound, Start
+from visual_servo_epipolar.core.mapping.recollection import recollected, Recollection
+from visual_servo_epipolar.core.mapping.resection import resected, Resection
+from visual_servo_epipolar.core.mapping.selection import is_keyframe, with_keyframe
+from visual_servo_epipolar.core.mapping.shrinkage import NOTHING, Shrinkage
+from visual_servo_epipolar.core.mapping.sightings import (
+    differ,
+    MemorySettings,
+    sides_of,
+    Sightings,
+)
+from visual_servo_epipolar.core.values import changed
+
+MIN_SIGHTINGS = 5  # of remembered features that agree
+MIN_SHARE = 0.5  # of the remembered features in view that agree
+MOST_REFUSED = 3  # keyframes in a row that do not fit: then the geometry is wrong, not they
+
+
+class Unlearnt(NamedTuple):
+    """View that was resected, by its ``correspondences`` with the geometry before it."""
+
+    sightings: Sightings
+    resection: Resection
+    correspondences: Correspondences
+
+    @property
+    def new(self) -> int:
+        """Number of the photograph's features that are not remembered."""
+        return int(np.count_nonzero((self.correspondences.rows < 0) & self.sightings.shown))
+
+
+@dataclass(frozen=True, eq=False)  # without slots: ``values.changed``
+class ViewMemory:
+    """
+    What is remembered of the views so far; a new photograph needs a new memory.
+
+    ``mount`` is the belief of the camera's attitude; ``window`` the keyframes, ``geometry`` their
+    geometry once there is one; ``starts`` what two views told of collected ones; ``place``, (2,),
+    where the camera is by the way that was told [m], ``instead``, (2,), by the other account of
+    it; ``pose``, (5,), that of the last view.
+    ``trial`` is the geometry with one more keyframe, half refined: the other half is for the next
+    view, so that none takes the time of both. ``refused`` counts unsound trials in a row.
+    ``correspondences`` are those of the last view that was held against it.
+    ``unlearnt`` is the last view while nothing was learnt from it, and ``begins`` that a geometry
+    is yet to be looked for: what is said of a view does not wait for that.
+    """
+
+    mount: Attitude
+    settings: MemorySettings = MemorySettings()
+    window: Window = EMPTY
+    geometry: Geometry | None = None
+    starts: tuple[Start, ...] = ()
+    place: FloatArray = field(default_factory=lambda: np.zeros(2))
+    instead: FloatArray = field(default_factory=lambda: np.zeros(2))
+    pose: FloatArray | None = None
+    trial: Geometry | None = None
+    refused: int = 0
+    last: Sightings | None = None
+    shrinkage: Shrinkage = NOTHING
+    unlearnt: Unlearnt | None = None
+    correspondences: Correspondences | None = None
+    begins: bool = False
+
+    def swapped(self, settings: MemorySettings) -> 'ViewMemory':
+        """Return the same memory, of who believes the other account of the way: another scale."""
+        before = self.learnt()
+        memory = replace(
+            before,
+            settings=settings,
+            window=before.window.swapped,
+            trial=None,
+            place=before.instead,
+            instead=before.place,
+        )
+        if before.geometry is None:
+            return memory
+        geometry, ratio = rescaled(before.geometry, memory.window, settings.scale_deviation)
+        if before.pose is None:
+            return replace(memory, geometry=geometry)
+        pose = np.concatenate([ratio * before.pose[:HEADING], before.pose[HEADING:]])
+        return replace(memory, geometry=geometry, pose=pose)
+
+    @property
+    def wrong(self) -> tuple[int, ...]:
+        """The ids of wrong matches, of the features that are remembered."""
+        if self.geometry is None:
+            return ()
+        return tuple(self.geometry.wrong.tolist())
+
+    def after(
+        self,
+        sightings: Sightings,
+        motion: FloatArray | None = None,
+        *,
+        instead: FloatArray | None = None,
+        bearings: Sequence[Bearings] = (),
+        attitude: Attitude | None = None,
+        learns: bool = True,
+    ) -> 'tuple[ViewMemory, Recollection]':
+        """
+        Return the memory after one more view, yet to be ``learnt``, and what it says of that.
+
+        Parameters
+        ----------
+        sightings : Sightings
+            What the view shows.
+        motion : array, shape (2,)
+            Way of the camera since the last view, right and ahead in its axes then [m], as
+            commanded or measured; nan where nobody knows. It counts for the scale alone.
+        instead : array, shape (2,), optional
+            The same by the other account, which may be believed later; that motion if nothing.
+        bearings : sequence of Bearings
+            What two views (photograph and this one) say, with the alternative if there is one.
+            Needed to begin with.
+        attitude : Attitude, optional
+            What is known by now of the camera's; ``mount`` if nothing.
+        learns : bool
+            Whether the view may become a keyframe; else it is held against what is remembered.
+
+        """
+        before = self.learnt()
+        heading = 0.0 if before.pose is None else float(before.pose[2])
+        way = _turned(np.zeros(2) if motion is None else motion, heading)
+        other = way if instead is None else _turned(instead, heading)
+        memory = changed(before, place=before.place + way, instead=before.instead + other)
+        if memory.geometry is not None:
+            return memory._remembered(memory.geometry, sightings, learns)
+        if not learns:
+            return memory, Recollection('nothing is remembered to hold the view against')
+        shown = sightings.take(sightings.shown)
+        return memory._collected(shown, bearings, attitude or self.mount)
+
+    def learnt(self) -> 'ViewMemory':
+        """Return the memory with what the last view adds: the first geometry, or a better one."""
+        if self.begins:
+            memory = replace(self, begins=False)._begun()
+        elif self.unlearnt is not None and self.geometry is not None:
+            memory = changed(self, unlearnt=None)._grown(self.geometry, self.unlearnt)
+        else:
+            return self
+        geometry, before = memory.geometry, memory.correspondences
+        if geometry is None:
+            return memory
+        geometry.prepare()
+        if before is None or before.geometry is geometry:
+            return memory
+        return changed(memory, correspondences=correspondences_of(geometry, before.ids))
+
+    def _collected(
+        self, sightings: Sightings, bearings: Sequence[Bearings], attitude: Attitude
+    ) -> 'tuple[ViewMemory, Recollection]':
+        """Return the memory with the view collected, with a geometry if that is found."""
+        reason = unusable(sightings, bearings)
+        if reason:
+            return self, Recollection(reason)
+        pose = np.array([0.0, 0.0, bearings[0].heading_error, attitude.tilt, attitude.roll])
+        memory = replace(self, pose=pose)
+        if self.last is not None and not differ(self.last, sightings):
+            return memory, Recollection('views are too alike to begin with')
+        window, starts = with_room(self.window, self.starts)
+        starts = (*starts, *starts_of(len(window), bearings, attitude))
+        places = self.place, self.instead
+        window = with_collected(window, sightings, places, self.settings.features)
+        memory = replace(memory, window=window, starts=starts, last=sightings)
+        if len(window) < 2:
+            return memory, Recollection('one view is collected, two are needed')
+        return replace(memory, begins=True), Recollection('the geometry may begin with this view')
+
+    def _begun(self) -> 'ViewMemory':
+        """Return the memory with the first geometry, if one fits the views that are collected."""
+        geometry = initial(self.window, self.starts, self.mount, self.settings.scale_deviation)
+        if geometry is None:
+            return self
+        pose, window = geometry.unknowns.views[-1], geometry.window
+        return replace(self, geometry=geometry, window=window, starts=(), last=None, pose=pose)
+
+    def _remembered(
+        self, geometry: Geometry, sightings: Sightings, learns: bool
+    ) -> 'tuple[ViewMemory, Recollection]':
+        """Return the memory after a view that is held against its geometry."""
+        it = self.correspondences
+        if it is None or not it.are_of(geometry, sightings.ids):
+            it = correspondences_of(geometry, sightings.ids)
+        count = len(it.chosen)
+        if count < MIN_SIGHTINGS:
+            reason = f'{count} remembered features in view, {MIN_SIGHTINGS} needed'
+            return self, Recollection(reason, ids=self.window.ids)
+        rays = sightings.current[it.known]
+        seen = Seen(it.chosen, rays.T, sides_of(rays, sightings.noise[it.known, 0]))
+        fit = fitted_near(geometry.unknowns.views, it.anchors, seen, self.pose)
+        agree = int(fit.inliers.sum())
+        if agree < max(MIN_SIGHTINGS, MIN_SHARE * count):
+            reason = f'{agree} of {count} remembered features agree with one place'
+            return self, Recollection(reason, ids=self.window.ids)
+        shrinkage = self.shrinkage.before(float(np.hypot(*fit.pose[:2])), geometry.depth)
+        resection = resected(geometry, it.anchors, seen, fit, shrinkage, errors=it.errors)
+        said = recollected(resection, it)
+        after = changed(
+            self,
+            pose=resection.pose,
+            shrinkage=resection.shrinkage,
+            correspondences=it,
+            unlearnt=Unlearnt(sightings, resection, it) if learns else None,
+        )
+        return after, said
+
+    def _grown(self, geometry: Geometry, view: Unlearnt) -> 'ViewMemory':
+        """Return the memory with the view as a keyframe where it is one, or refined."""
+        settings, sightings, pose = self.settings, view.sightings, view.resection.pose
+        if self.trial is not None:
+            return self._tried(self.trial)
+        if is_keyframe(
+            geometry,
+            pose,
+            sightings=int(sightings.shown.sum()),
+            new=view.new,
+            settings=settings,
+        ):
+            places = self.place, self.instead
+            start = with_keyframe(geometry, sightings, places, pose, settings)
+            return replace(self, trial=refined(start, settings.steps // 2, geometry.damping))
+        if geometry.converged:
+            return self
+        return self._with(refined(geometry.evaluation, 1, geometry.damping, geometry.system))
+
+    def _tried(self, trial: Geometry) -> 'ViewMemory':
+        """Return the memory with a keyframe more, unless the geometry is unsound with it."""
+        steps = self.settings.steps - self.settings.steps // 2
+        if not trial.converged:
+            trial = refined(trial.evaluation, steps, trial.damping)
+        if is_sound(trial):
+            return replace(self._with(trial), trial=None, refused=0)
+        if self.refused + 1 < MOST_REFUSED:
+            return replace(self, trial=None, refused=self.refused + 1)
+        return ViewMemory(self.mount, self.settings, place=self.place, instead=self.instead)
+
+    def _with(self, geometry: Geometry) -> 'ViewMemory':
+        return replace(self, window=geometry.window, geometry=geometry)
+
+
+def _turned(motion: FloatArray, heading: float) -> FloatArray:
+    """Return a motion, right and ahead, in axes of the photograph."""
+    cosine, sine = np.cos(heading), np.sin(heading)
+    right, ahead = motion
+    return np.array([cosine * right - sine * ahead, sine * right + cosine * ahead])
