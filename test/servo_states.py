@@ -8,7 +8,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.laws.phases.table import Phase
-from visual_servo_epipolar.core.mapping.reading import Reading
+from visual_servo_epipolar.core.mapping.map_measurement import MapMeasurement
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
@@ -53,9 +53,9 @@ def behind(chi: float, alpha: float) -> Bearings:
     return Bearings(math.atan2(-1.0, math.tan(chi)), math.atan2(math.tan(alpha), -1.0))
 
 
-def reading(deviation: float = 1e-3, **changes: Any) -> Reading:
+def reading(deviation: float = 1e-3, **changes: Any) -> MapMeasurement:
     """Return what a memory of views says 0.5 m behind the goal, its bearings to ``deviation``."""
-    said = Reading(
+    said = MapMeasurement(
         Bearings(-1.55, 0.02),
         np.eye(2) * deviation**2,
         deviation,

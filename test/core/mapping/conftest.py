@@ -14,7 +14,7 @@ from visual_servo_epipolar.benchmarks.memory.study import (
 from visual_servo_epipolar.core.mapping.adjustment.equations import Evaluation
 from visual_servo_epipolar.core.mapping.adjustment.factors import factors_of
 from visual_servo_epipolar.core.mapping.adjustment.window import EMPTY, Unknowns
-from visual_servo_epipolar.core.mapping.view_memory import ViewMemory
+from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
 
 
 def at_truth(drive: Trial, views: int = 14) -> Evaluation:
@@ -63,6 +63,6 @@ def drive() -> Trial:
 
 
 @pytest.fixture(scope='session')
-def memory(drive: Trial) -> ViewMemory:
+def memory(drive: Trial) -> KeyframeMap:
     """Return the memory at the end of it."""
     return remembered(drive)

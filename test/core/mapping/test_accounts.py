@@ -5,17 +5,17 @@ import pytest
 
 from visual_servo_epipolar.benchmarks.memory.study import two_views
 from visual_servo_epipolar.benchmarks.memory.trials import Trial
-from visual_servo_epipolar.core.mapping.sightings import MemorySettings
-from visual_servo_epipolar.core.mapping.view_memory import ViewMemory
+from visual_servo_epipolar.core.mapping.feature_observations import MapSettings
+from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
 
 RATIO = 1.4
-SURE = MemorySettings(scale_deviation=1e-3)
-OTHER = MemorySettings(scale_deviation=2e-3)
+SURE = MapSettings(scale_deviation=1e-3)
+OTHER = MapSettings(scale_deviation=2e-3)
 
 
-def remembered(drive: Trial, swapped_at: int | None = None, ratio: float = RATIO) -> ViewMemory:
+def remembered(drive: Trial, swapped_at: int | None = None, ratio: float = RATIO) -> KeyframeMap:
     """Return the memory of a drive whose way was ``ratio`` as long by the other account."""
-    memory, other = ViewMemory(drive.mount, SURE), False
+    memory, other = KeyframeMap(drive.mount, SURE), False
     for k in range(14):
         if k == swapped_at:
             memory, other = memory.swapped(OTHER), True
@@ -29,7 +29,7 @@ def remembered(drive: Trial, swapped_at: int | None = None, ratio: float = RATIO
     return memory
 
 
-def whole(memory: ViewMemory) -> float:
+def whole(memory: KeyframeMap) -> float:
     """Return the way from keyframe to keyframe in the geometry [m]."""
     steps = np.diff(memory.geometry.unknowns.views[:, :2], axis=0)
     return float(np.hypot(*steps.T).sum())
@@ -72,7 +72,7 @@ def test_the_view_after_it_is_where_it_is_by_the_other_account(drive) -> None:
 
 
 def test_without_another_account_both_are_the_same(drive) -> None:
-    memory = ViewMemory(drive.mount, SURE)
+    memory = KeyframeMap(drive.mount, SURE)
     for k in range(3):
         memory, _ = memory.after(drive.sightings(k), drive.motion(k))
     assert np.array_equal(memory.place, memory.instead)

@@ -8,10 +8,10 @@ import pytest
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
 from visual_servo_epipolar.core.mapping.correspondences import correspondences_of
 from visual_servo_epipolar.core.mapping.errors import errors_of
+from visual_servo_epipolar.core.mapping.feature_observations import sides_of
 from visual_servo_epipolar.core.mapping.fitting import anchors_of, fitted, Seen
 from visual_servo_epipolar.core.mapping.resection import resected
 from visual_servo_epipolar.core.mapping.shrinkage import NOTHING
-from visual_servo_epipolar.core.mapping.sightings import sides_of
 
 
 def test_they_are_of_these_features_and_of_this_geometry(exact, exact_drive) -> None:

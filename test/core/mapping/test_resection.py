@@ -8,6 +8,7 @@ import pytest
 from visual_servo_epipolar.benchmarks.memory.bound import bound
 from visual_servo_epipolar.benchmarks.memory.study import Trial
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
+from visual_servo_epipolar.core.mapping.feature_observations import sides_of
 from visual_servo_epipolar.core.mapping.fitting import (
     Anchors,
     anchors_of,
@@ -17,7 +18,6 @@ from visual_servo_epipolar.core.mapping.fitting import (
 )
 from visual_servo_epipolar.core.mapping.resection import resected
 from visual_servo_epipolar.core.mapping.shrinkage import NOTHING
-from visual_servo_epipolar.core.mapping.sightings import sides_of
 
 
 def seen_by(drive: Trial, geometry: Geometry, k: int) -> tuple[Anchors, Seen]:

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
+from visual_servo_epipolar.core.mapping.feature_observations import MapSettings
 from visual_servo_epipolar.core.mapping.selection import (
     crowded,
     is_keyframe,
     kept_features,
     NEW_SHARE,
 )
-from visual_servo_epipolar.core.mapping.sightings import MemorySettings
 
-SETTINGS = MemorySettings()
+SETTINGS = MapSettings()
 
 
 def test_depth_is_the_median_one(exact) -> None:

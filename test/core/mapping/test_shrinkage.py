@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.benchmarks.memory.study import remembered, StudySettings, Trial, trial
-from visual_servo_epipolar.core.mapping.recollection import Recollection
+from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
+from visual_servo_epipolar.core.mapping.localization import MapLocalization
 from visual_servo_epipolar.core.mapping.shrinkage import (
     CHANCE,
     NOTHING,
     Shrinkage,
     shrinkage_of,
 )
-from visual_servo_epipolar.core.mapping.view_memory import ViewMemory
 
 NEAR = [[0.002, -0.01 + 0.0004 * k, 0.001] for k in range(25)]  # right, ahead [m], heading [rad]
 SHIFT_PX, NOISE_PX = 0.2, 0.03  # of a feature, from afar in all views and in each view anew
@@ -36,7 +36,7 @@ def seen_otherwise_from_afar(seed: int) -> Trial:
     return replace(drive, settings=told, pixels=pixels)
 
 
-def at_the_goal(drive: Trial) -> tuple[ViewMemory, list[Recollection]]:
+def at_the_goal(drive: Trial) -> tuple[KeyframeMap, list[MapLocalization]]:
     """Return the memory at the end, and what it said of the views near the goal."""
     first = len(drive.views) - len(NEAR)
     memory, said = remembered(replace(drive, views=drive.views[: first + 1])), []

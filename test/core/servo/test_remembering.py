@@ -17,14 +17,14 @@ from visual_servo_epipolar.core.geometry.mount import at_axle, offset_at_axle
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.laws.phases.arrival import ARRIVAL_OFFSET, has_parallax
 from visual_servo_epipolar.core.laws.phases.table import Phase
-from visual_servo_epipolar.core.mapping.recollection import Recollection
+from visual_servo_epipolar.core.mapping.localization import MapLocalization
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.remembering import (
+    MapState,
     reading_in_view,
-    Remembered,
     remembered,
     sharpened,
 )
@@ -121,14 +121,14 @@ def test_the_slope_of_d_is_what_the_memory_says_though_other_features_are_in_vie
 
 
 def test_where_nothing_is_said_there_is_no_reading() -> None:
-    said, rays = Recollection('no geometry'), np.tile([0.0, 0.0, 1.0], (4, 1))
+    said, rays = MapLocalization('no geometry'), np.tile([0.0, 0.0, 1.0], (4, 1))
     assert reading_in_view(said, Observation(0, rays, rays, 769.0, ids=np.arange(4))) is None
     assert not said
 
 
 def test_a_wrong_match_has_no_part_in_d() -> None:
     ids, rays = np.arange(4), np.tile([0.1, 0.0, 1.0], (4, 1)) / math.sqrt(1.01)
-    said = Recollection(
+    said = MapLocalization(
         pose=np.array([0.0, -0.5, 0.0, 0.0, 0.0]),
         covariance=1e-6 * np.eye(5),
         own=1e-6 * np.eye(5),
@@ -159,7 +159,7 @@ def test_a_view_of_few_features_that_does_not_count_teaches_nothing() -> None:
         Measurement(0, len(few), 769.0, 0.2), fresh_memory(SETTINGS), observation=observation
     )
     nowhere = Driven(Motion(), Motion())
-    after, said = remembered(Remembered(memory), perception, nowhere, SETTINGS)
+    after, said = remembered(MapState(memory), perception, nowhere, SETTINGS)
     assert said is None
     assert after.views.shrinkage == memory.shrinkage
     assert after.views.pose is memory.pose

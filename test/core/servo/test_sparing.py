@@ -7,14 +7,14 @@ import pytest
 from servo_states import MEMORY, reading, sight
 
 from visual_servo_epipolar.commands.files.resources import scenario_path
-from visual_servo_epipolar.core.mapping.view_memory import ViewMemory
+from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
 from visual_servo_epipolar.core.perception import validated
 from visual_servo_epipolar.core.perception.batch import perceive_each, RobotView
 from visual_servo_epipolar.core.perception.lens_check import LensCheck, looked_at, UNKNOWN
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive, with_difference
 from visual_servo_epipolar.core.servo import update
-from visual_servo_epipolar.core.servo.remembering import measured, Remembered
+from visual_servo_epipolar.core.servo.remembering import MapState, measured
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.sparing import SPARED, spared_after
 from visual_servo_epipolar.core.servo.state import ServoState
@@ -24,7 +24,7 @@ from visual_servo_epipolar.simulation.scenario import load
 from visual_servo_epipolar.simulation.views import points_of
 
 START, SEED = (-0.9, -3.0, 8.0), 4
-VIEWS = Remembered(ViewMemory(ServoSettings().mount))
+VIEWS = MapState(KeyframeMap(ServoSettings().mount))
 Driven = list[tuple[ServoState, Observation, ServoSettings]]
 
 
@@ -63,7 +63,7 @@ def test_one_view_of_four_is_estimated_once_the_memory_knows(driven, monkeypatch
 def test_where_the_memory_fails_two_views_are_estimated_at_once(driven) -> None:
     state, seen, servo = next(it for it in driven if it[0].memory and it[0].memory.spared)
     assert perceive(seen, servo, state.frame, state.memory).measurement.bearings is None
-    after = step(replace(state, views=Remembered()), seen, servo)
+    after = step(replace(state, views=MapState()), seen, servo)
     assert after.measurement is not None
     assert after.measurement.bearings is not None
     assert not after.measurement.remembered

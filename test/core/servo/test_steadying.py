@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.mapping.recollection import Recollection
+from visual_servo_epipolar.core.mapping.localization import MapLocalization
 from visual_servo_epipolar.core.servo.steadying import Motion, Place, steadied
 
 OWN = np.diag([0.8e-3, 0.5e-3, 1.5e-4, 1e-3, 1e-3]) ** 2
@@ -15,13 +15,13 @@ COMMON = np.diag([0.4e-3, 0.3e-3, 0.5e-4, 1e-3, 1e-3]) ** 2
 STILL = Motion()
 
 
-def said(pose: FloatArray) -> Recollection:
-    return Recollection(
+def said(pose: FloatArray) -> MapLocalization:
+    return MapLocalization(
         pose=np.array([*pose, 0.0, 0.0]), covariance=OWN + COMMON, own=OWN, depth=5.0
     )
 
 
-def noisy(place: FloatArray, rng: np.random.Generator) -> Recollection:
+def noisy(place: FloatArray, rng: np.random.Generator) -> MapLocalization:
     return said(place + rng.normal(size=3) * np.sqrt(np.diag(OWN)[:3]))
 
 
@@ -97,7 +97,7 @@ def test_who_is_pushed_begins_anew() -> None:
 
 def test_nothing_said_is_nothing_known() -> None:
     _, place = steadied(said(np.zeros(3)), None, STILL)
-    lost = Recollection('too few features')
+    lost = MapLocalization('too few features')
     assert steadied(lost, place, STILL) == (lost, None)
 
 

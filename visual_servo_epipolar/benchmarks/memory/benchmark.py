@@ -28,8 +28,8 @@ from visual_servo_epipolar.benchmarks.memory.trifocal import by_trifocal
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimators.base import Prior
 from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
-from visual_servo_epipolar.core.mapping.sightings import MemorySettings
-from visual_servo_epipolar.core.mapping.view_memory import ViewMemory
+from visual_servo_epipolar.core.mapping.feature_observations import MapSettings
+from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
 
 TRIALS, QUICK_TRIALS = 30, 2
 ROUNDS, QUICK_ROUNDS = 60, 3
@@ -152,8 +152,8 @@ def times_of(settings: StudySettings, rounds: int) -> dict[str, dict[str, float]
     }
 
 
-def _with_spread(memory: ViewMemory, spread: float) -> ViewMemory:
-    return replace(memory, settings=MemorySettings(spread=spread))
+def _with_spread(memory: KeyframeMap, spread: float) -> KeyframeMap:
+    return replace(memory, settings=MapSettings(spread=spread))
 
 
 def figures(document: Mapping[str, Any]) -> dict[str, float]:

@@ -14,8 +14,11 @@ from visual_servo_epipolar.core.estimators.base import Attitude, Prior
 from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
 from visual_servo_epipolar.core.geometry.attitude import rotation_level_camera
 from visual_servo_epipolar.core.geometry.epipolar import Bearings, rotation_desired_current
-from visual_servo_epipolar.core.mapping.sightings import MemorySettings, Sightings
-from visual_servo_epipolar.core.mapping.view_memory import ViewMemory
+from visual_servo_epipolar.core.mapping.feature_observations import (
+    FeatureObservations,
+    MapSettings,
+)
+from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
 
 SMALL = Camera(640, 480, 600.0, 600.0, 319.5, 239.5)
 PIONEER = Camera(1280, 1024, 769.0, 769.0, 635.0, 512.0)  # of the simulated robot
@@ -65,13 +68,13 @@ class Trial:
     right: BoolArray
     scale: float
 
-    def sightings(self, k: int) -> Sightings:
+    def sightings(self, k: int) -> FeatureObservations:
         """Return what view ``k`` shows, wrong matches with the rest."""
         ids = np.flatnonzero(self.seen[k])
         camera = self.settings.camera
         current, desired = (camera.rays(self.pixels[j, ids]) for j in (k % len(self.views) + 1, 0))
         noise = [self.settings.noise * camera.resolution(each) for each in (current, desired)]
-        return Sightings(ids, current, desired, np.stack(noise, axis=1))
+        return FeatureObservations(ids, current, desired, np.stack(noise, axis=1))
 
     def motion(self, k: int) -> FloatArray:
         """Return the way to view ``k`` from the one before, in axes there, as it was told [m]."""
@@ -169,9 +172,9 @@ def two_views(trial: Trial, k: int) -> Told:
     return Told((estimate.bearings, *other), estimate.attitude)
 
 
-def driven(trial: Trial, settings: MemorySettings | None = None) -> Iterator[ViewMemory]:
+def driven(trial: Trial, settings: MapSettings | None = None) -> Iterator[KeyframeMap]:
     """Yield the memory after each view but the last."""
-    memory = ViewMemory(trial.mount, settings or MemorySettings())
+    memory = KeyframeMap(trial.mount, settings or MapSettings())
     for k in range(len(trial.views) - 1):
         told = two_views(trial, k) if memory.geometry is None else Told()
         memory, _ = memory.after(trial.sightings(k), trial.motion(k), **told._asdict())
@@ -179,7 +182,7 @@ def driven(trial: Trial, settings: MemorySettings | None = None) -> Iterator[Vie
         yield memory
 
 
-def remembered(trial: Trial) -> ViewMemory:
+def remembered(trial: Trial) -> KeyframeMap:
     """Return the memory after all views but the last."""
     *_, memory = driven(trial)
     return memory

@@ -9,7 +9,7 @@ import numpy as np
 from visual_servo_epipolar.benchmarks.memory.bound import bound
 from visual_servo_epipolar.benchmarks.memory.study import remembered, StudySettings, Trial, trial
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.mapping.recollection import Recollection
+from visual_servo_epipolar.core.mapping.localization import MapLocalization
 
 PLANE = slice(0, 3)  # lateral, longitudinal, heading
 
@@ -48,7 +48,7 @@ class Errors:
         return math.sqrt(float(self.squares.mean()) / 3.0)
 
 
-def recollected(drive: Trial) -> Recollection:
+def localized(drive: Trial) -> MapLocalization:
     """Return what the memory says of the last view of a drive."""
     last = len(drive.views) - 1
     _, said = remembered(drive).after(drive.sightings(last), drive.motion(last))
@@ -61,7 +61,7 @@ def errors_of(settings: StudySettings, seeds: Iterable[int]) -> Errors:
     found = wrong = innocent = silent = 0
     for seed in seeds:
         drive = trial(settings, seed)
-        said = recollected(drive)
+        said = localized(drive)
         if said.reason:
             silent += 1
             continue

@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.docking.planar import between
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.mapping.adjustment.window import EMPTY, Window
-from visual_servo_epipolar.core.mapping.sightings import Sightings
+from visual_servo_epipolar.core.mapping.feature_observations import FeatureObservations
 from visual_servo_epipolar.core.perception.observation import Observation, observe
 from visual_servo_epipolar.core.tracking.features import Features
 
@@ -106,7 +106,7 @@ def window_of(views: Sequence[Sighting], noise_px: float) -> Window:
     window = EMPTY
     for view in views:
         noise = noise_px * view.resolution
-        seen = Sightings.owning(view.ids, view.rays, view.photograph, noise)
+        seen = FeatureObservations.owning(view.ids, view.rays, view.photograph, noise)
         window = window.with_view(seen, view.place.pose[:2])
     often = np.argsort(-window.seen.sum(0), kind='stable')[:MOST_FEATURES]
     return window.of_features(np.isin(np.arange(len(window.ids)), often))

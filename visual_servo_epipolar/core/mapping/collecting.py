@@ -8,9 +8,9 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.mapping.adjustment.window import Window
+from visual_servo_epipolar.core.mapping.feature_observations import FeatureObservations
 from visual_servo_epipolar.core.mapping.initialization import Start
 from visual_servo_epipolar.core.mapping.selection import kept_features
-from visual_servo_epipolar.core.mapping.sightings import Sightings
 
 MIN_COLLECTED = 8  # features of a view to begin with
 MOST_COLLECTED = 4  # views to begin with: more cost more time, and are passed soon
@@ -19,7 +19,7 @@ MOST_STARTS = 2  # that are tried at one view
 Starts = tuple[Start, ...]
 
 
-def unusable(sightings: Sightings, bearings: Sequence[Bearings]) -> str:
+def unusable(sightings: FeatureObservations, bearings: Sequence[Bearings]) -> str:
     """Return in words why nothing can begin with a view; empty if it can."""
     if len(sightings) < MIN_COLLECTED:
         return f'{len(sightings)} features, {MIN_COLLECTED} needed to begin'
@@ -40,7 +40,10 @@ def with_room(window: Window, starts: Starts) -> tuple[Window, Starts]:
 
 
 def with_collected(
-    window: Window, sightings: Sightings, places: tuple[FloatArray, FloatArray], most: int
+    window: Window,
+    sightings: FeatureObservations,
+    places: tuple[FloatArray, FloatArray],
+    most: int,
 ) -> Window:
     """Return the window with one more view at ``places`` by both accounts, ``most`` features."""
     window = window.with_view(sightings, *places)

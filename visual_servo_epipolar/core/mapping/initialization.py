@@ -28,7 +28,7 @@ from visual_servo_epipolar.core.mapping.adjustment.window import (
     Window,
 )
 from visual_servo_epipolar.core.mapping.fitting import Anchors, fitted, Seen, USUAL_MEDIAN
-from visual_servo_epipolar.core.mapping.twin import twin_bearings
+from visual_servo_epipolar.core.mapping.planar_ambiguity import ambiguous_bearings
 
 STEPS, MORE_STEPS, ROUNDS = 2, 6, 6
 ALMOST = 1.5  # times the usual squares: as good as there
@@ -80,7 +80,7 @@ def initial(
         return None
     best = min(found, key=lambda geometry: geometry.evaluation.cost)
     others = [geometry for geometry in found if geometry is not best]
-    bearings = twin_bearings(best) if len(best.window) == len(window) else None
+    bearings = ambiguous_bearings(best) if len(best.window) == len(window) else None
     twin = None if bearings is None else begun(last._replace(bearings=bearings))
     if twin is not None:
         others.append(twin)

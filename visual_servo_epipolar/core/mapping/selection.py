@@ -19,8 +19,11 @@ from visual_servo_epipolar.core.mapping.adjustment.window import (
     X,
     Y,
 )
+from visual_servo_epipolar.core.mapping.feature_observations import (
+    FeatureObservations,
+    MapSettings,
+)
 from visual_servo_epipolar.core.mapping.initialization import triangulated
-from visual_servo_epipolar.core.mapping.sightings import MemorySettings, Sightings
 
 NEW_SHARE = 0.1  # of the sightings of a view that are of features not remembered
 FEWEST_NEW = 3
@@ -30,7 +33,7 @@ CLOSEST = 1e-3  # distance that keyframes count as apart at least, in depths of 
 
 
 def is_keyframe(
-    geometry: Geometry, pose: FloatArray, *, sightings: int, new: int, settings: MemorySettings
+    geometry: Geometry, pose: FloatArray, *, sightings: int, new: int, settings: MapSettings
 ) -> bool:
     """
     Whether a view at ``pose`` tells what others do not: from elsewhere, or of new features.
@@ -77,7 +80,9 @@ def kept_features(window: Window, trusted: BoolArray, most: int) -> BoolArray:
     return np.asarray(best & kept)
 
 
-def located(sightings: Sightings, pose: FloatArray, geometry: Geometry) -> Sightings:
+def located(
+    sightings: FeatureObservations, pose: FloatArray, geometry: Geometry
+) -> FeatureObservations:
     """
     Return sightings of a view at ``pose``, (5,), all with rays of the photograph.
 
@@ -95,15 +100,15 @@ def located(sightings: Sightings, pose: FloatArray, geometry: Geometry) -> Sight
     desired, noise = sightings.desired.copy(), sightings.noise.copy()
     desired[unshown] = normalised(points @ photograph.T)
     noise[unshown, 1] = FREE
-    return Sightings(sightings.ids, sightings.current, desired, noise)
+    return FeatureObservations(sightings.ids, sightings.current, desired, noise)
 
 
 def with_keyframe(
     geometry: Geometry,
-    sightings: Sightings,
+    sightings: FeatureObservations,
     places: tuple[FloatArray, FloatArray],
     pose: FloatArray,
-    settings: MemorySettings,
+    settings: MapSettings,
 ) -> Evaluation:
     """
     Return the window with one more keyframe at ``pose``, and with what is too much let go.

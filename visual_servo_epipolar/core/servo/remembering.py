@@ -7,10 +7,17 @@ from typing import Any
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import are_among, IntArray
-from visual_servo_epipolar.core.mapping.reading import difference_slope, Reading, reading_of
-from visual_servo_epipolar.core.mapping.recollection import Recollection
-from visual_servo_epipolar.core.mapping.sightings import MemorySettings, Sightings
-from visual_servo_epipolar.core.mapping.view_memory import ViewMemory
+from visual_servo_epipolar.core.mapping.feature_observations import (
+    FeatureObservations,
+    MapSettings,
+)
+from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
+from visual_servo_epipolar.core.mapping.localization import MapLocalization
+from visual_servo_epipolar.core.mapping.map_measurement import (
+    difference_slope,
+    map_measurement_of,
+    MapMeasurement,
+)
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import of_few, Perception, with_difference
@@ -22,12 +29,12 @@ PREFERENCE = 3.0  # deviations of two views that one of the memory may have
 LEAST_NOISE = 1e-9  # of the angle of a ray [rad]: a memory weighs by it
 # Of views that show too little for two: what must agree with one place, which is where they drove.
 LEAST_CARRIED, CARRIED_SHARE = 6, 0.6
-BY_COMMANDS, BY_WHEELS = MemorySettings(), MemorySettings(scale_deviation=0.03)
+BY_COMMANDS, BY_WHEELS = MapSettings(), MapSettings(scale_deviation=0.03)
 DRIFT_PX = 1.0  # deviation of what nothing anchors
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Remembered:
+class MapState:
     """
     The memory of ``views``, and the ``place`` that they were averaged to; None without one.
 
@@ -35,27 +42,27 @@ class Remembered:
     have been since [s]; ``is_over`` whether that alone keeps the memory from carrying on.
     """
 
-    views: ViewMemory | None = None
+    views: KeyframeMap | None = None
     place: Place | None = None
     few_s: float = 0.0
     is_over: bool = False
 
-    def learnt(self) -> 'Remembered':
+    def learnt(self) -> 'MapState':
         """Return what is remembered after the views have learnt from the last one."""
         views = None if self.views is None else self.views.learnt()
         if views is self.views:
             return self
-        return Remembered(views, self.place, self.few_s, self.is_over)
+        return MapState(views, self.place, self.few_s, self.is_over)
 
 
 def remembered(
-    before: Remembered,
+    before: MapState,
     perception: Perception,
     driven: Driven,
     settings: ServoSettings,
     *,
     dt: float = 0.0,
-) -> tuple[Remembered, Reading | None]:
+) -> tuple[MapState, MapMeasurement | None]:
     """
     Return the memory ``dt`` [s] after the last view, and what it reads of this; None if nothing.
 
@@ -64,13 +71,13 @@ def remembered(
     """
     observation, motion = perception.observation, driven.motion
     if not settings.remembers:
-        return Remembered(), None
-    views = before.views or ViewMemory(settings.mount, BY_COMMANDS)
+        return MapState(), None
+    views = before.views or KeyframeMap(settings.mount, BY_COMMANDS)
     if driven.trusted != (views.settings == BY_WHEELS):
         views = views.swapped(BY_WHEELS if driven.trusted else BY_COMMANDS)
         before = replace(before, place=None)  # it was of another scale
     if observation is None or observation.ids is None:
-        return Remembered(views), None
+        return MapState(views), None
     is_few = perception.measurement.features < settings.min_features
     few_s = max(before.few_s + (dt if is_few else -dt), 0.0)
     few_s = min(few_s, settings.few_features_timeout)
@@ -92,25 +99,25 @@ def remembered(
             # Who seems to be elsewhere was not seen.
             unseen = replace(after, pose=views.pose, shrinkage=views.shrinkage)
             is_over = is_over and (carries or before.is_over)  # the cause, also of what follows
-            return Remembered(unseen, place, few_s, is_over), None
+            return MapState(unseen, place, few_s, is_over), None
     said, place = steadied(said, before.place, motion)
     reading = reading_in_view(said, observation)
     agree = int(said.inliers[: len(observation)].sum())
     if reading is not None and is_few and agree < LEAST_CARRIED:
         reading = replace(reading, view_rays=said.rays[said.counted])
-    return Remembered(after, place, few_s), reading
+    return MapState(after, place, few_s), reading
 
 
-def sightings_of(observation: Observation, noise_px: float) -> Sightings:
+def sightings_of(observation: Observation, noise_px: float) -> FeatureObservations:
     """Return what an observation shows, passing features as well; of deviation ``noise_px``."""
     noise = np.maximum(noise_px * observation.resolution, LEAST_NOISE)
     current, desired, passing = observation.current, observation.desired, observation.passing
     ids = np.arange(len(observation)) if observation.ids is None else observation.ids
     if passing is None:
-        return Sightings.owning(ids, current, desired, noise)
+        return FeatureObservations.owning(ids, current, desired, noise)
     new = ~are_among(passing.ids, ids)
     own = np.maximum(max(noise_px, DRIFT_PX) * passing.resolution[new], LEAST_NOISE)
-    return Sightings.owning(
+    return FeatureObservations.owning(
         np.concatenate([ids, passing.ids[new]]),
         np.concatenate([current, passing.current[new]]),
         np.concatenate([desired, np.full((int(new.sum()), 3), np.nan)]),
@@ -118,7 +125,7 @@ def sightings_of(observation: Observation, noise_px: float) -> Sightings:
     )
 
 
-def _carries(said: Recollection, ids: IntArray, place: Place | None, motion: Motion) -> bool:
+def _carries(said: MapLocalization, ids: IntArray, place: Place | None, motion: Motion) -> bool:
     """Return whether few features, of ``ids`` (N,), show the robot where it has driven to."""
     if said.reason or place is None:
         return False
@@ -129,7 +136,10 @@ def _carries(said: Recollection, ids: IntArray, place: Place | None, motion: Mot
 
 
 def measured(
-    perception: Perception, reading: Reading | None, after: Remembered, settings: ServoSettings
+    perception: Perception,
+    reading: MapMeasurement | None,
+    after: MapState,
+    settings: ServoSettings,
 ) -> Measurement:
     """Return the measurement of a view, by two views, or by what is remembered ``after`` it."""
     measurement = perception.measurement
@@ -149,7 +159,7 @@ def measured(
 
 
 def sharpened(
-    measurement: Measurement, reading: Reading | None, settings: ServoSettings
+    measurement: Measurement, reading: MapMeasurement | None, settings: ServoSettings
 ) -> Measurement:
     """
     Return ``measurement`` with what the memory knows better, by deviations.
@@ -186,7 +196,7 @@ def sharpened(
     )
 
 
-def reading_in_view(said: Recollection, observation: Observation) -> Reading | None:
+def reading_in_view(said: MapLocalization, observation: Observation) -> MapMeasurement | None:
     """
     Return what is said, with D over the remembered features in view but wrong matches.
 
@@ -201,4 +211,4 @@ def reading_in_view(said: Recollection, observation: Observation) -> Reading | N
         counted = in_view if in_view.any() else counted
         desired, nearness = said.photograph[counted], said.nearness[counted]
         said.slopes[which] = difference_slope(desired, nearness, wide=observation.wide)
-    return reading_of(said, said.slopes[which])
+    return map_measurement_of(said, said.slopes[which])

@@ -1,10 +1,10 @@
 """Sparing: two views are not estimated where the memory of views knows better."""
 
-from visual_servo_epipolar.core.mapping.reading import Reading
+from visual_servo_epipolar.core.mapping.map_measurement import MapMeasurement
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.perception.perceive import perceive, Perception
-from visual_servo_epipolar.core.servo.remembering import Remembered
+from visual_servo_epipolar.core.servo.remembering import MapState
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.values import changed
@@ -15,8 +15,8 @@ SPARED = 3  # views between two that are estimated all the same: noise and attit
 def spared_after(
     memory: PerceptionMemory,
     measurement: Measurement,
-    reading: Reading | None,
-    views: Remembered,
+    reading: MapMeasurement | None,
+    views: MapState,
 ) -> PerceptionMemory:
     """Return what perception carries on, after a ``measurement`` that may be by a ``reading``."""
     by_two = measurement.bearings is not None and not measurement.remembered
@@ -31,7 +31,7 @@ def spared_after(
     )
 
 
-def learnt_after(memory: PerceptionMemory | None, views: Remembered) -> PerceptionMemory | None:
+def learnt_after(memory: PerceptionMemory | None, views: MapState) -> PerceptionMemory | None:
     """Return what perception carries on, with wrong matches as ``views`` have learnt them."""
     if memory is None or memory.wrong is None or views.views is None:
         return memory

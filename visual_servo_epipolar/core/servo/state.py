@@ -21,13 +21,13 @@ from visual_servo_epipolar.core.servo.identification.ranging import Leg
 from visual_servo_epipolar.core.servo.identification.slope import Slope
 from visual_servo_epipolar.core.servo.identification.straight_leg import StraightLeg
 from visual_servo_epipolar.core.servo.motion.check import MotionCheck
-from visual_servo_epipolar.core.servo.remembering import Remembered
+from visual_servo_epipolar.core.servo.remembering import MapState
 
 
 class Known(NamedTuple):
     """What was learnt of base, camera and way by a view."""
 
-    views: Remembered
+    views: MapState
     extrinsics: Extrinsics | None
     curvature: Curvature
     dead_band: DeadBand
@@ -84,7 +84,7 @@ class ServoState:
     command: Command = HALT
     measurement: Measurement | None = None
     memory: PerceptionMemory | None = None
-    views: Remembered = Remembered()
+    views: MapState = MapState()
     distance: float = math.nan
     target: float = 0.0
     side: float = 1.0

@@ -9,7 +9,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.lapack import solved
 from visual_servo_epipolar.core.mapping.adjustment.window import HEADING
-from visual_servo_epipolar.core.mapping.recollection import Recollection
+from visual_servo_epipolar.core.mapping.localization import MapLocalization
 from visual_servo_epipolar.core.values import changed
 
 PLACE = HEADING + 1  # unknowns of a place: right and ahead [m], heading error [rad]
@@ -111,8 +111,8 @@ class Place:
 
 
 def steadied(
-    said: Recollection, place: Place | None, motion: Motion
-) -> tuple[Recollection, Place | None]:
+    said: MapLocalization, place: Place | None, motion: Motion
+) -> tuple[MapLocalization, Place | None]:
     """
     Return a recollection averaged with those before it, and the place for the next.
 
@@ -141,7 +141,7 @@ def steadied(
     return changed(said, pose=pose, covariance=covariance, own=own), now
 
 
-def agrees(said: Recollection, place: Place) -> bool:
+def agrees(said: MapLocalization, place: Place) -> bool:
     """
     Return whether a recollection is of a robot at ``place``, within the noise of a view.
 
@@ -152,7 +152,7 @@ def agrees(said: Recollection, place: Place) -> bool:
     return float(change @ solved(covariance, change)) <= SURPRISE
 
 
-def _change(said: Recollection, place: Place) -> FloatArray:
+def _change(said: MapLocalization, place: Place) -> FloatArray:
     """Return where a recollection is, (3,), less a ``place``."""
     change = said.pose[:PLACE] - said.shift[:PLACE] - place.mean
     change[HEADING] = math.remainder(change[HEADING], 2.0 * math.pi)

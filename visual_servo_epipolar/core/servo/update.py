@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.laws.phases.conditions import (
     is_untrusted,
 )
 from visual_servo_epipolar.core.laws.phases.table import DRIVING, Phase, RUNNING
-from visual_servo_epipolar.core.mapping.reading import Reading
+from visual_servo_epipolar.core.mapping.map_measurement import MapMeasurement
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception, with_difference
@@ -25,7 +25,7 @@ from visual_servo_epipolar.core.servo.identification.extrinsics import Extrinsic
 from visual_servo_epipolar.core.servo.identification.ranging import UNKNOWN_RANGE
 from visual_servo_epipolar.core.servo.identification.slope import Slope
 from visual_servo_epipolar.core.servo.identification.straight_leg import straight_on
-from visual_servo_epipolar.core.servo.remembering import measured, Remembered, remembered
+from visual_servo_epipolar.core.servo.remembering import MapState, measured, remembered
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.settling import with_settled
 from visual_servo_epipolar.core.servo.sparing import is_missed, looked_again, spared_after
@@ -70,7 +70,7 @@ def updated(
         missed=state.attempts > 1 or state.restarts >= MANY_RESTARTS,
     )
     if extrinsics.contradicts:
-        perception, views = _disproved(perception, settings), Remembered()
+        perception, views = _disproved(perception, settings), MapState()
         measurement, extrinsics, reading = perception.measurement, settings.extrinsics, None
         memory = perception.memory
     straight = None
@@ -213,7 +213,7 @@ def _slope(state: ServoState, measurement: Measurement, dt: float) -> Slope:
 def _dead_band(
     state: ServoState,
     measurement: Measurement,
-    reading: Reading | None,
+    reading: MapMeasurement | None,
     dt: float,
     settings: ServoSettings,
 ) -> DeadBand:

@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.mapping.adjustment.equations import Evaluation
 from visual_servo_epipolar.core.mapping.adjustment.factors import Factors, factors_of, LAG
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry, refined
-from visual_servo_epipolar.core.mapping.view_memory import ViewMemory
+from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
 
 
 def scaled(geometry: Geometry, ratio: float) -> Geometry:
@@ -21,7 +21,7 @@ def scaled(geometry: Geometry, ratio: float) -> Geometry:
     return refined(start, 15)
 
 
-def test_another_way_makes_the_same_geometry_larger_and_nothing_else(memory: ViewMemory) -> None:
+def test_another_way_makes_the_same_geometry_larger_and_nothing_else(memory: KeyframeMap) -> None:
     before = refined(memory.geometry.evaluation, 10)
     after = scaled(before, 1.2)
     assert after.unknowns.views[:, :2] == pytest.approx(

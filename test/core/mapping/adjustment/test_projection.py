@@ -11,7 +11,7 @@ from visual_servo_epipolar.core.geometry.attitude import rotation_level_camera
 from visual_servo_epipolar.core.geometry.epipolar import rotation_desired_current
 from visual_servo_epipolar.core.mapping.adjustment import projection
 from visual_servo_epipolar.core.mapping.adjustment.window import Unknowns
-from visual_servo_epipolar.core.mapping.sightings import sides_of
+from visual_servo_epipolar.core.mapping.feature_observations import sides_of
 
 STEP = 1e-6
 ANGLE = st.floats(-0.5, 0.5)

@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.mapping.adjustment.refinement import (
     WRONG_SHARE,
 )
 from visual_servo_epipolar.core.mapping.adjustment.window import Unknowns
-from visual_servo_epipolar.core.mapping.sightings import sides_of
+from visual_servo_epipolar.core.mapping.feature_observations import sides_of
 
 
 def disturbed(exact: Evaluation) -> Evaluation:

@@ -8,17 +8,21 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.mapping.adjustment.window import EMPTY, Unknowns
-from visual_servo_epipolar.core.mapping.sightings import MemorySettings, sides_of, Sightings
+from visual_servo_epipolar.core.mapping.feature_observations import (
+    FeatureObservations,
+    MapSettings,
+    sides_of,
+)
 
 RAYS = np.random.default_rng(1).normal(size=(40, 3))
 RAYS /= np.linalg.norm(RAYS, axis=1)[:, None]
 IDS = st.lists(st.integers(0, 39), max_size=12, unique=True)
 
 
-def sightings(ids) -> Sightings:
+def sightings(ids) -> FeatureObservations:
     """Return sightings of rays that tell their ids."""
     ids = np.array(ids, np.int64)
-    return Sightings(ids, RAYS[ids], RAYS[ids][:, ::-1], np.full((len(ids), 2), 1e-3))
+    return FeatureObservations(ids, RAYS[ids], RAYS[ids][:, ::-1], np.full((len(ids), 2), 1e-3))
 
 
 @given(views=st.lists(IDS, min_size=1, max_size=5))
@@ -89,4 +93,4 @@ def test_bad_sightings_are_refused(change, message: str) -> None:
 )
 def test_bad_settings_are_refused(change, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        MemorySettings(**change)
+        MapSettings(**change)

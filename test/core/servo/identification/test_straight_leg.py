@@ -24,7 +24,7 @@ from visual_servo_epipolar.core.servo.identification.straight_leg import (
     straight_on,
     StraightLeg,
 )
-from visual_servo_epipolar.core.servo.remembering import Remembered
+from visual_servo_epipolar.core.servo.remembering import MapState
 from visual_servo_epipolar.core.servo.update import updated
 
 STEP = 0.02
@@ -141,7 +141,7 @@ def test_legs_are_those_of_step_2_alone() -> None:
 
 def test_what_driving_disproves_is_part_of_no_leg(monkeypatch) -> None:
     """The memory begins anew, at another place and scale: no leg leads from one to the other."""
-    monkeypatch.setattr(update, 'remembered', lambda *_, **__: (Remembered(), reading()))
+    monkeypatch.setattr(update, 'remembered', lambda *_, **__: (MapState(), reading()))
     leg = StraightLeg(0.0, -1.0, 1e-3, 0.0)
     state = in_phase(Phase.MATCHING_FEATURES, straight=leg, extrinsics=SETTINGS.extrinsics)
     assert updated(state, Perception(sight(), MEMORY), 0.1, SETTINGS).straight is not None

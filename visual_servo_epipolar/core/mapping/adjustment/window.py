@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
-from visual_servo_epipolar.core.mapping.sightings import sides_of, Sightings
+from visual_servo_epipolar.core.mapping.feature_observations import FeatureObservations, sides_of
 
 VIEW, SHARED = 5, 5  # unknowns of a view; of all: tilt, roll of the photograph, lens, the mount's
 X, Y, HEADING, TILT, ROLL = range(VIEW)
@@ -80,7 +80,10 @@ class Window:
         return replace(self, travelled=self.instead, instead=self.travelled)
 
     def with_view(
-        self, sightings: Sightings, travelled: FloatArray, instead: FloatArray | None = None
+        self,
+        sightings: FeatureObservations,
+        travelled: FloatArray,
+        instead: FloatArray | None = None,
     ) -> 'Window':
         """Return the window with one more keyframe, and with the features that are new in it."""
         instead = travelled if instead is None else instead
@@ -101,7 +104,7 @@ class Window:
             instead=np.concatenate([wider.instead, instead[None]]),
         )
 
-    def _with_features(self, sightings: Sightings, new: BoolArray) -> 'Window':
+    def _with_features(self, sightings: FeatureObservations, new: BoolArray) -> 'Window':
         added = int(new.sum())
         views = len(self)
         return replace(

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 import math
 
 from visual_servo_epipolar.core.geometry.motion import Twist
-from visual_servo_epipolar.core.mapping.reading import Reading
+from visual_servo_epipolar.core.mapping.map_measurement import MapMeasurement
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.identification.curvature import heading_deviation
 from visual_servo_epipolar.core.servo.identification.physical import LARGEST_DEAD_BAND
@@ -95,7 +95,7 @@ class DeadBand:
     def updated(
         self,
         measurement: Measurement,
-        reading: Reading | None,
+        reading: MapMeasurement | None,
         twist: Twist,
         dt: float,
         settings: ServoSettings,
@@ -162,7 +162,7 @@ def _way(before: tuple[float, float], now: tuple[float, float], heading: float) 
     return ahead * math.cos(heading) - right * math.sin(heading)
 
 
-def _way_deviation(reading: Reading | None) -> float:
+def _way_deviation(reading: MapMeasurement | None) -> float:
     """Return the deviation of a place from view to view [m]; nan where no memory has one."""
     if reading is None:
         return math.nan

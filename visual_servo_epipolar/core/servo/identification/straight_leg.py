@@ -11,7 +11,7 @@ import math
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.mount import axle_offset
-from visual_servo_epipolar.core.mapping.reading import Reading
+from visual_servo_epipolar.core.mapping.map_measurement import MapMeasurement
 from visual_servo_epipolar.core.servo.identification.extrinsics import Extrinsics, with_yaw
 
 LEG_M = 0.25  # over which a direction is told
@@ -82,7 +82,7 @@ class StraightLeg:
 
 
 def straight_on(
-    leg: StraightLeg | None, reading: Reading | None, travel: float, belief: Extrinsics
+    leg: StraightLeg | None, reading: MapMeasurement | None, travel: float, belief: Extrinsics
 ) -> tuple[StraightLeg | None, Extrinsics]:
     """
     Return the ``leg`` after ``travel`` [m] to where a ``reading`` has the robot, and the belief.

@@ -21,7 +21,7 @@ def _nothing() -> FloatArray:
 
 
 @dataclass(frozen=True, eq=False)  # without slots: ``values.changed``
-class Recollection:
+class MapLocalization:
     """
     What the memory says of one view: nothing, and the ``reason`` why, where that is not empty.
 
@@ -118,11 +118,11 @@ def seen_rays(structure: Structure, pose: FloatArray) -> FloatArray:
     return np.asarray((points / np.sqrt((points * points).sum(0))).T)
 
 
-def recollected(resection: Resection, by: Correspondences) -> Recollection:
+def localization_of(resection: Resection, by: Correspondences) -> MapLocalization:
     """Return what is remembered of a view that was resected ``by`` its correspondences."""
     geometry, inliers = by.geometry, by.known.copy()
     inliers[by.known] = resection.inliers
-    return Recollection(
+    return MapLocalization(
         pose=resection.pose,
         covariance=resection.covariance,
         own=resection.own,

@@ -24,18 +24,18 @@ from visual_servo_epipolar.core.mapping.collecting import (
     with_room,
 )
 from visual_servo_epipolar.core.mapping.correspondences import Correspondences, correspondences_of
+from visual_servo_epipolar.core.mapping.feature_observations import (
+    differ,
+    FeatureObservations,
+    MapSettings,
+    sides_of,
+)
 from visual_servo_epipolar.core.mapping.fitting import fitted_near, Seen
 from visual_servo_epipolar.core.mapping.initialization import initial, is_sound, Start
-from visual_servo_epipolar.core.mapping.recollection import recollected, Recollection
+from visual_servo_epipolar.core.mapping.localization import localization_of, MapLocalization
 from visual_servo_epipolar.core.mapping.resection import resected, Resection
 from visual_servo_epipolar.core.mapping.selection import is_keyframe, with_keyframe
 from visual_servo_epipolar.core.mapping.shrinkage import NOTHING, Shrinkage
-from visual_servo_epipolar.core.mapping.sightings import (
-    differ,
-    MemorySettings,
-    sides_of,
-    Sightings,
-)
 from visual_servo_epipolar.core.values import changed
 
 MIN_SIGHTINGS = 5  # of remembered features that agree
@@ -43,10 +43,10 @@ MIN_SHARE = 0.5  # of the remembered features in view that agree
 MOST_REFUSED = 3  # keyframes in a row that do not fit: then the geometry is wrong, not they
 
 
-class Unlearnt(NamedTuple):
+class PendingKeyframe(NamedTuple):
     """View that was resected, by its ``correspondences`` with the geometry before it."""
 
-    sightings: Sightings
+    sightings: FeatureObservations
     resection: Resection
     correspondences: Correspondences
 
@@ -57,7 +57,7 @@ class Unlearnt(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)  # without slots: ``values.changed``
-class ViewMemory:
+class KeyframeMap:
     """
     What is remembered of the views so far; a new photograph needs a new memory.
 
@@ -73,7 +73,7 @@ class ViewMemory:
     """
 
     mount: Attitude
-    settings: MemorySettings = MemorySettings()
+    settings: MapSettings = MapSettings()
     window: Window = EMPTY
     geometry: Geometry | None = None
     starts: tuple[Start, ...] = ()
@@ -82,13 +82,13 @@ class ViewMemory:
     pose: FloatArray | None = None
     trial: Geometry | None = None
     refused: int = 0
-    last: Sightings | None = None
+    last: FeatureObservations | None = None
     shrinkage: Shrinkage = NOTHING
-    unlearnt: Unlearnt | None = None
+    unlearnt: PendingKeyframe | None = None
     correspondences: Correspondences | None = None
     begins: bool = False
 
-    def swapped(self, settings: MemorySettings) -> 'ViewMemory':
+    def swapped(self, settings: MapSettings) -> 'KeyframeMap':
         """Return the same memory, of who believes the other account of the way: another scale."""
         before = self.learnt()
         memory = replace(
@@ -116,14 +116,14 @@ class ViewMemory:
 
     def after(
         self,
-        sightings: Sightings,
+        sightings: FeatureObservations,
         motion: FloatArray | None = None,
         *,
         instead: FloatArray | None = None,
         bearings: Sequence[Bearings] = (),
         attitude: Attitude | None = None,
         learns: bool = True,
-    ) -> 'tuple[ViewMemory, Recollection]':
+    ) -> 'tuple[KeyframeMap, MapLocalization]':
         """
         Return the memory after one more view, yet to be ``learnt``, and what it says of that.
 
@@ -153,11 +153,11 @@ class ViewMemory:
         if memory.geometry is not None:
             return memory._remembered(memory.geometry, sightings, learns)
         if not learns:
-            return memory, Recollection('nothing is remembered to hold the view against')
+            return memory, MapLocalization('nothing is remembered to hold the view against')
         shown = sightings.take(sightings.shown)
         return memory._collected(shown, bearings, attitude or self.mount)
 
-    def learnt(self) -> 'ViewMemory':
+    def learnt(self) -> 'KeyframeMap':
         """Return the memory with what the last view adds: the first geometry, or a better one."""
         if self.begins:
             memory = replace(self, begins=False)._begun()
@@ -174,26 +174,28 @@ class ViewMemory:
         return changed(memory, correspondences=correspondences_of(geometry, before.ids))
 
     def _collected(
-        self, sightings: Sightings, bearings: Sequence[Bearings], attitude: Attitude
-    ) -> 'tuple[ViewMemory, Recollection]':
+        self, sightings: FeatureObservations, bearings: Sequence[Bearings], attitude: Attitude
+    ) -> 'tuple[KeyframeMap, MapLocalization]':
         """Return the memory with the view collected, with a geometry if that is found."""
         reason = unusable(sightings, bearings)
         if reason:
-            return self, Recollection(reason)
+            return self, MapLocalization(reason)
         pose = np.array([0.0, 0.0, bearings[0].heading_error, attitude.tilt, attitude.roll])
         memory = replace(self, pose=pose)
         if self.last is not None and not differ(self.last, sightings):
-            return memory, Recollection('views are too alike to begin with')
+            return memory, MapLocalization('views are too alike to begin with')
         window, starts = with_room(self.window, self.starts)
         starts = (*starts, *starts_of(len(window), bearings, attitude))
         places = self.place, self.instead
         window = with_collected(window, sightings, places, self.settings.features)
         memory = replace(memory, window=window, starts=starts, last=sightings)
         if len(window) < 2:
-            return memory, Recollection('one view is collected, two are needed')
-        return replace(memory, begins=True), Recollection('the geometry may begin with this view')
+            return memory, MapLocalization('one view is collected, two are needed')
+        return replace(memory, begins=True), MapLocalization(
+            'the geometry may begin with this view'
+        )
 
-    def _begun(self) -> 'ViewMemory':
+    def _begun(self) -> 'KeyframeMap':
         """Return the memory with the first geometry, if one fits the views that are collected."""
         geometry = initial(self.window, self.starts, self.mount, self.settings.scale_deviation)
         if geometry is None:
@@ -202,8 +204,8 @@ class ViewMemory:
         return replace(self, geometry=geometry, window=window, starts=(), last=None, pose=pose)
 
     def _remembered(
-        self, geometry: Geometry, sightings: Sightings, learns: bool
-    ) -> 'tuple[ViewMemory, Recollection]':
+        self, geometry: Geometry, sightings: FeatureObservations, learns: bool
+    ) -> 'tuple[KeyframeMap, MapLocalization]':
         """Return the memory after a view that is held against its geometry."""
         it = self.correspondences
         if it is None or not it.are_of(geometry, sightings.ids):
@@ -211,27 +213,27 @@ class ViewMemory:
         count = len(it.chosen)
         if count < MIN_SIGHTINGS:
             reason = f'{count} remembered features in view, {MIN_SIGHTINGS} needed'
-            return self, Recollection(reason, ids=self.window.ids)
+            return self, MapLocalization(reason, ids=self.window.ids)
         rays = sightings.current[it.known]
         seen = Seen(it.chosen, rays.T, sides_of(rays, sightings.noise[it.known, 0]))
         fit = fitted_near(geometry.unknowns.views, it.anchors, seen, self.pose)
         agree = int(fit.inliers.sum())
         if agree < max(MIN_SIGHTINGS, MIN_SHARE * count):
             reason = f'{agree} of {count} remembered features agree with one place'
-            return self, Recollection(reason, ids=self.window.ids)
+            return self, MapLocalization(reason, ids=self.window.ids)
         shrinkage = self.shrinkage.before(float(np.hypot(*fit.pose[:2])), geometry.depth)
         resection = resected(geometry, it.anchors, seen, fit, shrinkage, errors=it.errors)
-        said = recollected(resection, it)
+        said = localization_of(resection, it)
         after = changed(
             self,
             pose=resection.pose,
             shrinkage=resection.shrinkage,
             correspondences=it,
-            unlearnt=Unlearnt(sightings, resection, it) if learns else None,
+            unlearnt=PendingKeyframe(sightings, resection, it) if learns else None,
         )
         return after, said
 
-    def _grown(self, geometry: Geometry, view: Unlearnt) -> 'ViewMemory':
+    def _grown(self, geometry: Geometry, view: PendingKeyframe) -> 'KeyframeMap':
         """Return the memory with the view as a keyframe where it is one, or refined."""
         settings, sightings, pose = self.settings, view.sightings, view.resection.pose
         if self.trial is not None:
@@ -250,7 +252,7 @@ class ViewMemory:
             return self
         return self._with(refined(geometry.evaluation, 1, geometry.damping, geometry.system))
 
-    def _tried(self, trial: Geometry) -> 'ViewMemory':
+    def _tried(self, trial: Geometry) -> 'KeyframeMap':
         """Return the memory with a keyframe more, unless the geometry is unsound with it."""
         steps = self.settings.steps - self.settings.steps // 2
         if not trial.converged:
@@ -259,9 +261,9 @@ class ViewMemory:
             return replace(self._with(trial), trial=None, refused=0)
         if self.refused + 1 < MOST_REFUSED:
             return replace(self, trial=None, refused=self.refused + 1)
-        return ViewMemory(self.mount, self.settings, place=self.place, instead=self.instead)
+        return KeyframeMap(self.mount, self.settings, place=self.place, instead=self.instead)
 
-    def _with(self, geometry: Geometry) -> 'ViewMemory':
+    def _with(self, geometry: Geometry) -> 'KeyframeMap':
         return replace(self, window=geometry.window, geometry=geometry)
 
 

@@ -13,7 +13,7 @@ COLLECTED_PARALLAX = 20.0  # in deviations of the noise, that collected views di
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sightings:
+class FeatureObservations:
     """
     The features that one view shows, rows are features.
 
@@ -50,7 +50,7 @@ class Sightings:
     @classmethod
     def owning(
         cls, ids: IntArray, current: FloatArray, desired: FloatArray, noise: FloatArray
-    ) -> 'Sightings':
+    ) -> 'FeatureObservations':
         """Return sightings of columns that fit and that nobody changes: not copied nor checked."""
         sightings = object.__new__(cls)
         columns = (ids, current, desired, noise)
@@ -66,11 +66,13 @@ class Sightings:
         """Which features the photograph shows, (N,)."""
         return np.asarray(~np.isnan(self.desired[:, 0]))
 
-    def take(self, rows: BoolArray) -> 'Sightings':
+    def take(self, rows: BoolArray) -> 'FeatureObservations':
         """Return the rows chosen by a mask, shape (N,)."""
         if rows.all():
             return self
-        return Sightings(self.ids[rows], self.current[rows], self.desired[rows], self.noise[rows])
+        return FeatureObservations(
+            self.ids[rows], self.current[rows], self.desired[rows], self.noise[rows]
+        )
 
 
 def _checked(array: Any, name: str, shape: tuple[int, int]) -> FloatArray:
@@ -90,7 +92,7 @@ def _checked(array: Any, name: str, shape: tuple[int, int]) -> FloatArray:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class MemorySettings:
+class MapSettings:
     """
     Bounds of the memory.
 
@@ -126,7 +128,7 @@ def sides_of(rays: FloatArray, noise: FloatArray) -> FloatArray:
     return sides
 
 
-def differ(last: Sightings, now: Sightings) -> bool:
+def differ(last: FeatureObservations, now: FeatureObservations) -> bool:
     """Whether two views differ by more than a turn."""
     before, after = last.current, now.current
     if not (len(before) == len(after) and _ascend_alike(last.ids, now.ids)):

@@ -8,13 +8,13 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.mapping.adjustment.window import HEADING
-from visual_servo_epipolar.core.mapping.recollection import Recollection
+from visual_servo_epipolar.core.mapping.localization import MapLocalization
 
 LEAST_AHEAD = 0.1  # cosine off the axis, below which a feature has no image point
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Reading:
+class MapMeasurement:
     """
     What a view's recollection says in the terms of a measurement.
 
@@ -49,13 +49,13 @@ class Reading:
     view_rays: FloatArray | None = None
 
 
-def reading_of(said: Recollection, slope: float) -> Reading:
+def map_measurement_of(said: MapLocalization, slope: float) -> MapMeasurement:
     """Return what a recollection says, where D has a ``slope`` by the longitudinal offset."""
     covariance = said.bearings_covariance
     own = said.own.ravel()[:: len(said.own) + 1][: HEADING + 1].tolist()
     lateral, longitudinal, heading_error = said.pose[: HEADING + 1].tolist()
     longitudinal_deviation = said.longitudinal_deviation
-    return Reading(
+    return MapMeasurement(
         said.bearings,
         covariance,
         math.sqrt(max(covariance[0, 0], covariance[1, 1])),

@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.mapping.sightings import differ, Sightings
+from visual_servo_epipolar.core.mapping.feature_observations import differ, FeatureObservations
 
 
-def shuffled(view: Sightings) -> Sightings:
+def shuffled(view: FeatureObservations) -> FeatureObservations:
     order = np.random.default_rng(1).permutation(len(view))
-    return Sightings(view.ids[order], view.current[order], view.desired[order], view.noise[order])
+    return FeatureObservations(
+        view.ids[order], view.current[order], view.desired[order], view.noise[order]
+    )
 
 
 @pytest.mark.parametrize(('first', 'other', 'expected'), [(2, 2, False), (2, 9, True)])

@@ -10,17 +10,17 @@ import pytest
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.core.mapping.reading import difference_slope, reading_of
-from visual_servo_epipolar.core.mapping.recollection import Recollection
+from visual_servo_epipolar.core.mapping.localization import MapLocalization
+from visual_servo_epipolar.core.mapping.map_measurement import difference_slope, map_measurement_of
 from visual_servo_epipolar.core.perception.measures import feature_difference
 
 PLACES = st.tuples(st.floats(-1.0, 1.0), st.floats(-3.0, -0.2), st.floats(-1.0, 1.0))
 COVARIANCE = np.diag([1e-6, 4e-6, 4e-6, 1e-8, 1e-8])
 
 
-def recollection(place, covariance=COVARIANCE) -> Recollection:
+def recollection(place, covariance=COVARIANCE) -> MapLocalization:
     """Return what would be said of a place."""
-    return Recollection(
+    return MapLocalization(
         pose=np.array([*place, 0.0, 0.0]), covariance=covariance, own=0.5 * covariance, depth=5.0
     )
 
@@ -54,7 +54,7 @@ def test_at_the_goal_itself_there_are_no_bearings_but_offsets() -> None:
     assert said.lateral_deviation == pytest.approx(1e-3)
     assert said.longitudinal_deviation == pytest.approx(2e-3)
     slope = difference_slope(np.array([[0.6, 0.0, 0.8]]), np.array([0.2]))
-    reading = reading_of(said, slope)
+    reading = map_measurement_of(said, slope)
     assert reading.bearings is None
     assert (reading.lateral, reading.difference) == (0.0, 0.0)
     assert math.isfinite(reading.difference_deviation)
@@ -79,7 +79,7 @@ def test_a_reading_tells_offsets_in_depths_whatever_the_scale() -> None:
     )
     ray = np.array([[0.6, 0.0, 0.8]])
     one, other = (
-        reading_of(each, difference_slope(ray, np.array([1.0 / each.depth])))
+        map_measurement_of(each, difference_slope(ray, np.array([1.0 / each.depth])))
         for each in (said, larger)
     )
     assert one.depth_ratio == other.depth_ratio == pytest.approx(-0.004)

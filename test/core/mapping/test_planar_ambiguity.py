@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.mapping.twin import exchanged
+from visual_servo_epipolar.core.mapping.planar_ambiguity import exchanged
 
 
 def homography(place: np.ndarray, heading: float, wall: np.ndarray) -> np.ndarray:

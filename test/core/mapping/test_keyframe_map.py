@@ -17,12 +17,15 @@ from visual_servo_epipolar.benchmarks.memory.study import (
 )
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.mapping import view_memory
+from visual_servo_epipolar.core.mapping import keyframe_map
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
 from visual_servo_epipolar.core.mapping.adjustment.window import LENS, SHARED
-from visual_servo_epipolar.core.mapping.recollection import Recollection
-from visual_servo_epipolar.core.mapping.sightings import MemorySettings, Sightings
-from visual_servo_epipolar.core.mapping.view_memory import MOST_REFUSED, ViewMemory
+from visual_servo_epipolar.core.mapping.feature_observations import (
+    FeatureObservations,
+    MapSettings,
+)
+from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap, MOST_REFUSED
+from visual_servo_epipolar.core.mapping.localization import MapLocalization
 
 DEVIATIONS = 4.0
 
@@ -32,16 +35,16 @@ def last_of(drive: Trial) -> int:
     return len(drive.views) - 1
 
 
-def near_truth(said: Recollection, truth: np.ndarray, scale: float = 1.0) -> bool:
+def near_truth(said: MapLocalization, truth: np.ndarray, scale: float = 1.0) -> bool:
     """Whether x, y and heading are as near to the truth as they are said to be."""
     assert not said.reason
     error = (said.pose - truth)[:3] - [*(truth[:2] * (scale - 1.0)), 0.0]
     return bool((np.abs(error) < DEVIATIONS * np.sqrt(np.diag(said.covariance)[:3])).all())
 
 
-def fewer(sightings: Sightings, rows: np.ndarray) -> Sightings:
+def fewer(sightings: FeatureObservations, rows: np.ndarray) -> FeatureObservations:
     """Return some rows of sightings."""
-    return Sightings(
+    return FeatureObservations(
         sightings.ids[rows],
         sightings.current[rows],
         sightings.desired[rows],
@@ -49,11 +52,11 @@ def fewer(sightings: Sightings, rows: np.ndarray) -> Sightings:
     )
 
 
-def a_third_unshown(sightings: Sightings) -> Sightings:
+def a_third_unshown(sightings: FeatureObservations) -> FeatureObservations:
     """Return sightings of which each third feature is none of the photograph's."""
     desired = sightings.desired.copy()
     desired[sightings.ids % 3 == 0] = np.nan
-    return Sightings(sightings.ids, sightings.current, desired, sightings.noise)
+    return FeatureObservations(sightings.ids, sightings.current, desired, sightings.noise)
 
 
 def standing(drive: Trial, place: tuple[float, float, float]) -> Trial:
@@ -86,7 +89,7 @@ def test_the_same_drive_gives_the_same_bits(drive, memory) -> None:
 
 def test_what_a_view_shows_is_not_counted_twice(drive, memory) -> None:
     # A view that becomes a keyframe is held against what was known before it.
-    far, near = (replace(memory, settings=MemorySettings(spread=s)) for s in (9.0, 1e-6))
+    far, near = (replace(memory, settings=MapSettings(spread=s)) for s in (9.0, 1e-6))
     keyframe, one = near.after(drive.sightings(14))
     same, other = far.after(drive.sightings(14))
     keyframe = keyframe.learnt()
@@ -105,9 +108,9 @@ def test_what_is_said_of_a_view_does_not_wait_for_what_is_learnt_from_it(
     def refuse(*_: object) -> None:
         raise AssertionError('the window is refined')
 
-    moved = replace(memory, settings=MemorySettings(spread=1e-6))
+    moved = replace(memory, settings=MapSettings(spread=1e-6))
     with monkeypatch.context() as patch:
-        patch.setattr(view_memory, 'refined', refuse)
+        patch.setattr(keyframe_map, 'refined', refuse)
         after, said = moved.after(drive.sightings(14))
         assert not said.reason
         with pytest.raises(AssertionError, match='is refined'):
@@ -118,14 +121,14 @@ def test_what_is_said_of_a_view_does_not_wait_for_what_is_learnt_from_it(
 def test_a_view_that_nobody_let_it_learn_from_is_learnt_from_before_the_next(
     drive, memory
 ) -> None:
-    moved = replace(memory, settings=MemorySettings(spread=1e-6))
+    moved = replace(memory, settings=MapSettings(spread=1e-6))
     after, _ = moved.after(drive.sightings(14))
     late, soon = (each.after(drive.sightings(14))[1] for each in (after, after.learnt()))
     assert late.pose.tolist() == soon.pose.tolist()
 
 
 def test_where_it_does_not_converge_at_once_it_goes_on_at_the_next_view(drive, memory) -> None:
-    settings = MemorySettings(spread=9.0)
+    settings = MapSettings(spread=9.0)
     unfinished = replace(memory, geometry=replace(memory.geometry, converged=False))
     after = replace(unfinished, settings=settings).after(drive.sightings(14))[0].learnt()
     assert after.geometry.evaluation.cost <= memory.geometry.evaluation.cost
@@ -139,7 +142,7 @@ def test_steps_go_on_until_there_is_no_more_to_gain(drive, memory) -> None:
     off = rng.normal(size=geometry.unknowns.views.shape) * [2e-3, 2e-3, 5e-4, 0.0, 0.0]
     unknowns = replace(geometry.unknowns, views=geometry.unknowns.views + off)
     worse = replace(geometry.evaluation, unknowns=unknowns)
-    unfinished = replace(memory, geometry=Geometry(worse), settings=MemorySettings(spread=9.0))
+    unfinished = replace(memory, geometry=Geometry(worse), settings=MapSettings(spread=9.0))
     after = unfinished.after(drive.sightings(14))[0].learnt()
     assert after.geometry.evaluation.cost < 0.8 * worse.cost
 
@@ -151,7 +154,9 @@ def test_the_next_view_is_looked_for_where_this_one_was(drive, memory) -> None:
 
 def test_the_way_is_turned_as_the_camera_was(memory) -> None:
     turned = replace(memory, pose=np.array([0.0, 0.0, 0.5 * math.pi, 0.0, 0.0]))
-    nothing = Sightings(np.empty(0), np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 2)))
+    nothing = FeatureObservations(
+        np.empty(0), np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 2))
+    )
     after, _ = turned.after(nothing, np.array([0.0, 1.0]))
     assert after.place - memory.place == pytest.approx([-1.0, 0.0])  # facing left
 
@@ -178,7 +183,7 @@ def test_a_geometry_that_new_keyframes_contradict_again_and_again_is_forgotten(
         memory,
         geometry=Geometry(evaluation),
         window=louder,
-        settings=MemorySettings(spread=1e-6),
+        settings=MapSettings(spread=1e-6),
     )
     after = deceived
     for refused in range(1, MOST_REFUSED):
@@ -188,7 +193,7 @@ def test_a_geometry_that_new_keyframes_contradict_again_and_again_is_forgotten(
         assert not said.reason
         assert (after.window, after.geometry) == (deceived.window, deceived.geometry)
         assert after.refused == refused
-    fits = replace(memory, refused=1, settings=MemorySettings(spread=1e-6))
+    fits = replace(memory, refused=1, settings=MapSettings(spread=1e-6))
     for _ in range(2):
         fits, _ = fits.after(drive.sightings(14))
         after, said = after.after(drive.sightings(14))
@@ -213,7 +218,7 @@ def test_another_way_that_was_told_makes_all_larger_and_turns_nothing(drive) -> 
 
 
 def test_without_any_way_it_is_still_exact_at_the_goal(drive) -> None:
-    memory = ViewMemory(drive.mount)
+    memory = KeyframeMap(drive.mount)
     for k in range(14):
         told = two_views(drive, k) if memory.geometry is None else None
         memory, _ = memory.after(
@@ -265,7 +270,7 @@ def test_features_of_elsewhere_say_that_they_do_not_agree(drive, memory) -> None
 def test_features_unseen_before_join_and_become_known(drive) -> None:
     late = set(range(0, 60, 3))
     # A scale that is sure leaves what images tell of depths.
-    memory = ViewMemory(drive.mount, MemorySettings(scale_deviation=1e-3))
+    memory = KeyframeMap(drive.mount, MapSettings(scale_deviation=1e-3))
     variance = {}
     for k in range(15):
         sightings = drive.sightings(k)
@@ -285,8 +290,8 @@ def test_features_unseen_before_join_and_become_known(drive) -> None:
 
 
 def test_it_grows_to_its_bounds_and_no_further(drive) -> None:
-    settings = MemorySettings(keyframes=5, features=40, spread=1e-4)
-    memory = ViewMemory(drive.mount, settings)
+    settings = MapSettings(keyframes=5, features=40, spread=1e-4)
+    memory = KeyframeMap(drive.mount, settings)
     for k in range(15):
         told = two_views(drive, k).bearings if memory.geometry is None else ()
         memory, said = memory.after(drive.sightings(k), drive.motion(k), bearings=told)
@@ -300,7 +305,7 @@ def test_it_grows_to_its_bounds_and_no_further(drive) -> None:
 
 def test_a_turn_in_place_tells_no_geometry_and_harms_none() -> None:
     drive = trial(StudySettings(), 3, np.column_stack([np.zeros((9, 2)), np.linspace(0, 0.1, 9)]))
-    memory = ViewMemory(drive.mount)
+    memory = KeyframeMap(drive.mount)
     for k in range(9):
         told = two_views(drive, k).bearings
         memory, said = memory.after(drive.sightings(k), bearings=told[:1])
@@ -350,7 +355,7 @@ def test_a_camera_that_looks_down_needs_no_calibration() -> None:
 @pytest.mark.parametrize('wall', [False, True], ids=['room', 'wall'])
 def test_of_two_geometries_that_two_views_allow_the_views_choose(wall: bool) -> None:
     drive = trial(StudySettings(wall=wall), 3)
-    memory = ViewMemory(drive.mount)
+    memory = KeyframeMap(drive.mount)
     for k in range(14):
         x, y, heading = drive.views[k, :3]
         psi = math.atan2(y, x)
@@ -368,7 +373,7 @@ def test_where_a_wall_has_a_twin_it_waits_for_more_views(wall: bool) -> None:
     """Straight back from 5 cm aside: in the twin the robot is straight before the wall."""
     behind = 0.06 + 0.018 * np.arange(14)
     drive = trial(StudySettings(wall=wall), 2, np.array([[0.05, -y, 0.0] for y in behind]))
-    memory = ViewMemory(drive.mount)
+    memory = KeyframeMap(drive.mount)
     for k, (x, y, heading) in enumerate(drive.views[:, :3].tolist()):
         psi = math.atan2(y, x)
         told = (Bearings(psi, psi - heading - 0.5 * math.pi),)
@@ -385,7 +390,7 @@ def test_what_the_photograph_does_not_show_is_learnt_and_is_enough() -> None:
     errors = []
     for seed in range(6):
         drive = trial(StudySettings(wrong=0.0), seed)
-        memory = ViewMemory(drive.mount)
+        memory = KeyframeMap(drive.mount)
         for k in range(last_of(drive)):
             told = two_views(drive, k)._asdict() if memory.geometry is None else {}
             memory, _ = memory.after(a_third_unshown(drive.sightings(k)), drive.motion(k), **told)
@@ -402,7 +407,7 @@ def test_what_the_photograph_does_not_show_is_learnt_and_is_enough() -> None:
 
 
 def test_a_geometry_begins_without_what_the_photograph_does_not_show(drive) -> None:
-    memory = ViewMemory(drive.mount)
+    memory = KeyframeMap(drive.mount)
     for k in range(last_of(drive)):
         told = two_views(drive, k)._asdict() if memory.geometry is None else {}
         memory, _ = memory.after(a_third_unshown(drive.sightings(k)), drive.motion(k), **told)
@@ -416,13 +421,13 @@ def test_a_geometry_begins_without_what_the_photograph_does_not_show(drive) -> N
 
 def test_what_walks_about_does_not_silence_it(drive) -> None:
     """More of it than of the photograph's features that are known: each view has other rays."""
-    rng, memory, said = np.random.default_rng(3), ViewMemory(drive.mount), []
+    rng, memory, said = np.random.default_rng(3), KeyframeMap(drive.mount), []
     for k in range(last_of(drive)):
         told = two_views(drive, k)._asdict() if memory.geometry is None else {}
         seen = drive.sightings(k)
         walking = rng.normal([0.0, 0.0, 2.0], 0.5, (2 * len(seen), 3))
         walking /= np.linalg.norm(walking, axis=1)[:, None]
-        both = Sightings(
+        both = FeatureObservations(
             np.concatenate([seen.ids, 1000 + np.arange(len(walking))]),
             np.concatenate([seen.current, walking]),
             np.concatenate([seen.desired, np.full(walking.shape, np.nan)]),
@@ -436,7 +441,7 @@ def test_what_walks_about_does_not_silence_it(drive) -> None:
 
 def test_no_geometry_begins_where_none_fits(drive) -> None:
     rng = np.random.default_rng(4)
-    memory = ViewMemory(drive.mount)
+    memory = KeyframeMap(drive.mount)
     for k in range(4):
         sightings = drive.sightings(k)
         random = replace(sightings, current=rng.permutation(sightings.current))
@@ -450,14 +455,14 @@ def test_no_geometry_begins_where_none_fits(drive) -> None:
 @settings(max_examples=30, deadline=None)
 def test_whatever_is_seen_it_stays_within_bounds_and_never_raises(seed, count, same) -> None:
     rng = np.random.default_rng(seed)
-    memory = ViewMemory(Attitude(), MemorySettings(keyframes=4, features=20))
+    memory = KeyframeMap(Attitude(), MapSettings(keyframes=4, features=20))
     rays = rng.normal(size=(30, 3))
     for _ in range(8):
         ids = rng.permutation(30)[:count]
         drawn = rays[ids] if same else rng.normal(size=(count, 3))
         drawn = drawn / np.linalg.norm(drawn, axis=1)[:, None]
         noise = np.full((count, 2), 1e-3)
-        sightings = Sightings(ids, drawn, drawn[::-1] if seed % 2 else drawn, noise)
+        sightings = FeatureObservations(ids, drawn, drawn[::-1] if seed % 2 else drawn, noise)
         memory, said = memory.after(
             sightings, rng.normal(size=2), bearings=(Bearings(*rng.uniform(-3, 3, 2)),)
         )

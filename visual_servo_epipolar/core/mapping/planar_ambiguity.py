@@ -20,7 +20,7 @@ from visual_servo_epipolar.core.mapping.adjustment.window import HEADING
 LEAST_ON_PLANE = 3  # features that a plane is fitted to, at least
 
 
-def twin_bearings(geometry: Geometry) -> Bearings | None:
+def ambiguous_bearings(geometry: Geometry) -> Bearings | None:
     """Return the bearings of the last view in the twin of a ``geometry``; None without a plane."""
     if int(geometry.trusted.sum()) <= LEAST_ON_PLANE:
         return None
