@@ -1,5 +1,5 @@
 """
-Measures where runs on images end that come as drivers send them: python docs/measurements/image_encodings.py.
+Measures where runs on images end that come as drivers send them: python image_encodings.py.
 
 The same starts, each image packed into a message and read from it: raw in every encoding, JPEG.
 Prints how far the grey levels are off, and the ends of the runs from those of mono8.

@@ -1,4 +1,4 @@
-"""Prints the table of docs/measurements/tracking.md on photographs of the same and of another room."""
+"""Prints the table of tracking.md on photographs of the same and of another room."""
 
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,7 +1,7 @@
 """
-Draws docs/measurements/mounts.png and prints the tables of docs/measurements/mounts.md.
+Draws mounts.png and prints the tables of mounts.md.
 
-`python docs/measurements/mounts_figure.py [RESULT.json] [TARGET.png]`: of what `visual_servo bench mounts
+`python mounts_figure.py [RESULT.json] [TARGET.png]`: of what `visual_servo bench mounts
 --json RESULT.json` wrote, or of a run of its own, which takes an hour on one core.
 """
 
@@ -19,9 +19,15 @@ from matplotlib.colors import Normalize, to_hex
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from visual_servo_epipolar.benchmarks.mounts import benchmark as mounts
-from visual_servo_epipolar.benchmarks.mounts.cells import AHEADS, ASIDES, ROLLS, TILTS, YAWS
-from visual_servo_epipolar.benchmarks.mounts.table import number
+from visual_servo_epipolar.evaluation.benchmarks.mounts import benchmark as mounts
+from visual_servo_epipolar.evaluation.benchmarks.mounts.cells import (
+    AHEADS,
+    ASIDES,
+    ROLLS,
+    TILTS,
+    YAWS,
+)
+from visual_servo_epipolar.evaluation.benchmarks.mounts.table import number
 from visual_servo_epipolar.report.legend import legend_outside
 from visual_servo_epipolar.report.style import FIGURE_SETTINGS, text_colour_on
 

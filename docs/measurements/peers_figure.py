@@ -1,4 +1,4 @@
-"""Draws docs/measurements/peers.png and prints the table of docs/measurements/peers.md: python docs/measurements/peers_figure.py."""
+"""Draws peers.png and prints the table of peers.md: python peers_figure.py."""
 
 from collections.abc import Mapping
 import math
@@ -12,9 +12,9 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 import numpy as np
 
-from visual_servo_epipolar.benchmarks.laws import benchmark as laws
-from visual_servo_epipolar.benchmarks.laws.adapter import PEERS
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
+from visual_servo_epipolar.evaluation.benchmarks.laws import benchmark as laws
+from visual_servo_epipolar.evaluation.benchmarks.laws.adapter import PEERS
 from visual_servo_epipolar.report.legend import legend_outside
 from visual_servo_epipolar.report.style import FIGURE_SETTINGS, INK, robot_body, robot_nose
 

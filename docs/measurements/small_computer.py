@@ -1,8 +1,8 @@
 """
-What the tracker costs on small images with few features: the table of docs/measurements/tracking.md.
+What the tracker costs on small images with few features: the table of tracking.md.
 
 Processor time of a frame on one thread, and the error against ground truth, on rendered approaches
-of the tracking benchmark. Usage: python docs/measurements/small_computer.py
+of the tracking benchmark. Usage: python small_computer.py
 """
 
 from dataclasses import replace
@@ -11,10 +11,10 @@ from time import process_time
 import cv2
 import numpy as np
 
-from visual_servo_epipolar.benchmarks.tracking.benchmark import QUICK
-from visual_servo_epipolar.benchmarks.tracking.world import approach, start_of, World
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
+from visual_servo_epipolar.evaluation.benchmarks.tracking.benchmark import QUICK
+from visual_servo_epipolar.evaluation.benchmarks.tracking.world import approach, start_of, World
 
 SCENES, FRAMES, STANDING = (101, 102, 103), 100, 5
 SIZES, FEATURES = ((320, 240), (640, 480)), (30, 60)

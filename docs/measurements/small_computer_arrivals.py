@@ -1,8 +1,8 @@
 """
-What small images, few features and other rates cost in accuracy: the table of docs/measurements/performance.md.
+What small images, few features and other rates cost in accuracy: the table of performance.md.
 
 Closed loops on rendered images from the same starts in `front`, furnished room and poor texture.
-Usage: python docs/measurements/small_computer_arrivals.py [STARTS]
+Usage: python small_computer_arrivals.py [STARTS]
 """
 
 from collections.abc import Sequence

@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
 from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.laws.gains import longest_transient
-from visual_servo_epipolar.reproduction import theory
+from visual_servo_epipolar.evaluation.reproduction import theory
 
 SIGNS = st.sampled_from([-1.0, 1.0])
 RATIOS = st.one_of(st.just(1.0), floats(1.0, 4.0))

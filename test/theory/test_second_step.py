@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.perception.measures import feature_difference
-from visual_servo_epipolar.reproduction import theory
+from visual_servo_epipolar.evaluation.reproduction import theory
 
 FEATURES = st.lists(
     st.tuples(floats(-2.0, 2.0), floats(-1.5, 1.5), floats(3.0, 8.0)), min_size=1, max_size=8

@@ -3,12 +3,13 @@
 import argparse
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from importlib import import_module
 import re
 import sys
 from typing import Any, NoReturn
 
 from visual_servo_epipolar import __version__
-from visual_servo_epipolar.commands import bench, faults, reproduce, simulate
+from visual_servo_epipolar.commands import simulate
 from visual_servo_epipolar.commands.demo import command as demo
 from visual_servo_epipolar.commands.ending import (
     INTERRUPTED,
@@ -27,14 +28,45 @@ from visual_servo_epipolar.commands.sweep import command as sweep
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
 from visual_servo_epipolar.nodes.startup.missing import remedy
 
+PACKAGE = 'visual_servo_epipolar'
 SUCCESS, FAILURE, BAD_INPUT, UNREAD = 0, 1, 2, 141
-COMMANDS = (demo, simulate, sweep, inspect, replay, report, reproduce, bench, faults, gains)
+COMMANDS = (demo, simulate, sweep, inspect, replay, report, gains)
+# Tools that no robot needs: each is a module with add_options(parser), imported when it is called.
+EVALUATION: Mapping[str, tuple[str, str]] = {
+    'reproduce': ('reproduction.command', "the paper's figures, and the paper against us"),
+    'bench': ('benchmarks.command', 'accuracy and speed beside the peers'),
+    'faults': (
+        'faults.command',
+        'closed loops with faults in them: does the robot stand, or arrive right?',
+    ),
+}
 
 
 class Parser(argparse.ArgumentParser):
     """A parser that says what is wrong in one line, by the name of the subcommand."""
 
     commands: Mapping[str, argparse.ArgumentParser]
+
+    def __init__(self, *args: Any, module: str | None = None, **options: Any) -> None:
+        super().__init__(*args, **options)
+        self._module = module
+
+    def load(self) -> None:
+        """Take description and options from the module, if one was named."""
+        if self._module is not None:
+            module, self._module = import_module(self._module), None
+            self.description = _plain(module.__doc__ or '')
+            module.add_options(self)
+
+    def format_help(self) -> str:
+        """Return the help, with the options of the module."""
+        self.load()
+        return super().format_help()
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """Parse ``args``, with the options of the module."""
+        self.load()
+        return super().parse_known_args(args, namespace)
 
     def error(self, message: str) -> NoReturn:
         """Exit with code 2."""
@@ -58,6 +90,8 @@ def parser() -> Parser:
     kinds = top.add_subparsers(dest='command', required=True, metavar='COMMAND')
     for module in COMMANDS:
         module.add_to(kinds)
+    for name, (tool, summary) in EVALUATION.items():
+        kinds.add_parser(name, help=summary, module=f'{PACKAGE}.evaluation.{tool}')
     top.commands = kinds.choices
     for command in top.commands.values():
         command.description = _plain(command.description or '')

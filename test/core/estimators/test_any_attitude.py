@@ -8,13 +8,6 @@ import cv2
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.benchmarks.estimation.scenes import (
-    Cell,
-    draw_pair,
-    draw_pairs,
-    FOCAL,
-    Pair,
-)
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Attitude, Estimate, Prior
 from visual_servo_epipolar.core.estimators.machinery.search.general_hypotheses import (
@@ -25,6 +18,13 @@ from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
 from visual_servo_epipolar.core.geometry.attitude import rotation_level_camera
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.rays import image_points
+from visual_servo_epipolar.evaluation.benchmarks.estimation.scenes import (
+    Cell,
+    draw_pair,
+    draw_pairs,
+    FOCAL,
+    Pair,
+)
 
 GENERAL_PX = 1.5  # inlier threshold of the general geometry of OpenCV
 LEVEL = Cell(baseline=3.0, points=60, noise=0.2, outliers=0.2, jitter=0.1)

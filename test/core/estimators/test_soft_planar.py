@@ -7,11 +7,16 @@ import numpy as np
 import pytest
 from strategies import floats
 
-from visual_servo_epipolar.benchmarks.estimation.scenes import Cell, draw_pair, draw_pairs, error
 from visual_servo_epipolar.core.estimators.base import Attitude, Estimate, Prior
 from visual_servo_epipolar.core.estimators.machinery.tilted_planar import matrices
 from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
 from visual_servo_epipolar.core.geometry.epipolar import sampson_distance
+from visual_servo_epipolar.evaluation.benchmarks.estimation.scenes import (
+    Cell,
+    draw_pair,
+    draw_pairs,
+    error,
+)
 
 REALISTIC = Cell(baseline=3.0, tilt=1.0, roll=0.5, jitter=0.1, outliers=0.2)
 KNOWN = Attitude(math.radians(1.0), math.radians(0.5), 5e-4, 5e-4, math.radians(0.1))

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from strategies import floats
 
-from visual_servo_epipolar.benchmarks.estimation.scenes import Cell, draw_pair, error, Pair
 from visual_servo_epipolar.core.estimators.base import Estimate, Prior
 from visual_servo_epipolar.core.estimators.machinery.eight_point import image_sampson_distance
 from visual_servo_epipolar.core.estimators.machinery.tilted_planar import matrices
@@ -15,6 +14,12 @@ from visual_servo_epipolar.core.estimators.machinery.wrong_lens import model
 from visual_servo_epipolar.core.estimators.registry import estimate
 from visual_servo_epipolar.core.geometry.lens import unknown_lens
 from visual_servo_epipolar.core.geometry.rays import image_points, unit_rays
+from visual_servo_epipolar.evaluation.benchmarks.estimation.scenes import (
+    Cell,
+    draw_pair,
+    error,
+    Pair,
+)
 
 CELL = Cell(baseline=3.0, points=60, noise=0.2, tilt=0.5, roll=-0.3)
 UNKNOWN = Prior(lens=unknown_lens(1.0))

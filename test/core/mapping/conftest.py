@@ -5,16 +5,16 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.benchmarks.memory.study import (
+from visual_servo_epipolar.core.mapping.adjustment.equations import Evaluation
+from visual_servo_epipolar.core.mapping.adjustment.factors import factors_of
+from visual_servo_epipolar.core.mapping.adjustment.window import EMPTY, Unknowns
+from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
+from visual_servo_epipolar.evaluation.benchmarks.memory.study import (
     remembered,
     StudySettings,
     Trial,
     trial,
 )
-from visual_servo_epipolar.core.mapping.adjustment.equations import Evaluation
-from visual_servo_epipolar.core.mapping.adjustment.factors import factors_of
-from visual_servo_epipolar.core.mapping.adjustment.window import EMPTY, Unknowns
-from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
 
 
 def at_truth(drive: Trial, views: int = 14) -> Evaluation:

@@ -6,7 +6,6 @@ import math
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.benchmarks.memory.study import StudySettings, trial
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.mapping import initialization
@@ -23,6 +22,7 @@ from visual_servo_epipolar.core.mapping.initialization import (
     Start,
     triangulated,
 )
+from visual_servo_epipolar.evaluation.benchmarks.memory.study import StudySettings, trial
 
 
 def start_at(view: np.ndarray, k: int, off: float = 0.0) -> Start:

@@ -8,13 +8,6 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.benchmarks.memory.study import (
-    remembered,
-    StudySettings,
-    Trial,
-    trial,
-    two_views,
-)
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.mapping import keyframe_map
@@ -26,6 +19,13 @@ from visual_servo_epipolar.core.mapping.feature_observations import (
 )
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap, MOST_REFUSED
 from visual_servo_epipolar.core.mapping.localization import MapLocalization
+from visual_servo_epipolar.evaluation.benchmarks.memory.study import (
+    remembered,
+    StudySettings,
+    Trial,
+    trial,
+    two_views,
+)
 
 DEVIATIONS = 4.0
 

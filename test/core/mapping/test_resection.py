@@ -5,8 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.benchmarks.memory.bound import bound
-from visual_servo_epipolar.benchmarks.memory.study import Trial
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
 from visual_servo_epipolar.core.mapping.feature_observations import sides_of
 from visual_servo_epipolar.core.mapping.fitting import (
@@ -18,6 +16,8 @@ from visual_servo_epipolar.core.mapping.fitting import (
 )
 from visual_servo_epipolar.core.mapping.resection import resected
 from visual_servo_epipolar.core.mapping.shrinkage import NOTHING
+from visual_servo_epipolar.evaluation.benchmarks.memory.bound import bound
+from visual_servo_epipolar.evaluation.benchmarks.memory.study import Trial
 
 
 def seen_by(drive: Trial, geometry: Geometry, k: int) -> tuple[Anchors, Seen]:

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.benchmarks.memory.study import remembered, StudySettings, Trial, trial
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
 from visual_servo_epipolar.core.mapping.localization import MapLocalization
 from visual_servo_epipolar.core.mapping.shrinkage import (
@@ -13,6 +12,12 @@ from visual_servo_epipolar.core.mapping.shrinkage import (
     NOTHING,
     Shrinkage,
     shrinkage_of,
+)
+from visual_servo_epipolar.evaluation.benchmarks.memory.study import (
+    remembered,
+    StudySettings,
+    Trial,
+    trial,
 )
 
 NEAR = [[0.002, -0.01 + 0.0004 * k, 0.001] for k in range(25)]  # right, ahead [m], heading [rad]

@@ -7,10 +7,6 @@ import numpy as np
 import pytest
 from servo_states import in_phase, reading
 
-from visual_servo_epipolar.benchmarks.memory.study import (
-    remembered as after_drive,
-)
-from visual_servo_epipolar.benchmarks.memory.study import StudySettings, trial
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.geometry.mount import at_axle, offset_at_axle
@@ -32,6 +28,10 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.steadying import Driven, Motion
 from visual_servo_epipolar.core.servo.update import lateral_offset, updated
+from visual_servo_epipolar.evaluation.benchmarks.memory.study import (
+    remembered as after_drive,
+)
+from visual_servo_epipolar.evaluation.benchmarks.memory.study import StudySettings, trial
 
 SETTINGS = ServoSettings()
 TWO_VIEWS, MEMORY = Bearings(-1.5, 0.1), reading().bearings

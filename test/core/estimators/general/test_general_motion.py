@@ -7,12 +7,6 @@ import cv2
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.benchmarks.estimation.photographs import (
-    draw_photographs,
-    Kind,
-    KINDS,
-    PhotographPair,
-)
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.general.deviation import bearings_of
 from visual_servo_epipolar.core.estimators.general.motion import general_motion
@@ -22,6 +16,12 @@ from visual_servo_epipolar.core.geometry.rays import image_points
 from visual_servo_epipolar.core.perception.inspection.judgement import Inspection, judged
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.evaluation.benchmarks.estimation.photographs import (
+    draw_photographs,
+    Kind,
+    KINDS,
+    PhotographPair,
+)
 
 PAIRS = 12
 MAGSAC_PX = 1.5

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from strategies import CAMERA
 
-from visual_servo_epipolar.benchmarks.estimation.scenes import Cell, draw_pair, Pair
 from visual_servo_epipolar.core.errors import DegenerateGeometryError
 from visual_servo_epipolar.core.estimators.base import Prior
 from visual_servo_epipolar.core.estimators.registry import EACH, estimate, estimates, ESTIMATORS
@@ -22,6 +21,7 @@ from visual_servo_epipolar.core.perception.observation import Observation, obser
 from visual_servo_epipolar.core.perception.perceive import perceive
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.tracking.features import Features
+from visual_servo_epipolar.evaluation.benchmarks.estimation.scenes import Cell, draw_pair, Pair
 
 CELL = Cell(baseline=3.0, tilt=0.3, jitter=0.1, outliers=0.1, points=30)
 

@@ -1,0 +1,99 @@
+"""The estimation benchmark runs, measures what it says, and its bound is a bound."""
+
+import math
+
+import numpy as np
+import pytest
+
+from visual_servo_epipolar.core.estimators.machinery.eight_point import image_sampson_distance
+from visual_servo_epipolar.core.geometry.epipolar import (
+    Bearings,
+    fundamental_from_bearings,
+    sampson_distance,
+)
+from visual_servo_epipolar.core.geometry.rays import image_points
+from visual_servo_epipolar.evaluation.benchmarks.estimation import benchmark as estimation
+from visual_servo_epipolar.evaluation.benchmarks.estimation import methods as estimation_peers
+from visual_servo_epipolar.evaluation.benchmarks.estimation.scenes import (
+    Cell,
+    difference,
+    draw_pair,
+    draw_pairs,
+    error,
+    fisher_information,
+)
+
+
+def test_pairs_obey_the_geometry_they_are_drawn_from() -> None:
+    for pair in draw_pairs(Cell(baseline=3.0), 5, 1):
+        fundamental = fundamental_from_bearings(pair.bearings)
+        clean = sampson_distance(fundamental, pair.clean_current, pair.clean_desired)
+        noisy = sampson_distance(fundamental, pair.current, pair.desired)
+        assert float(np.abs(clean).max()) < 1e-12
+        assert 0.5 < float(np.sqrt((noisy**2).mean())) / Cell(baseline=3.0).ray_noise < 1.5
+
+
+def test_the_same_seed_draws_the_same_pairs() -> None:
+    one, other = (draw_pairs(Cell(baseline=1.0), 3, 7) for _ in range(2))
+    np.testing.assert_array_equal(one[2].current, other[2].current)
+
+
+def test_outliers_are_as_many_as_said() -> None:
+    pair = draw_pair(Cell(baseline=3.0, outliers=0.2), np.random.default_rng(0))
+    distance = sampson_distance(
+        fundamental_from_bearings(pair.bearings), pair.current, pair.desired
+    )
+    assert int((np.abs(distance) > 4.0 * 0.3 / 770.0).sum()) <= 5
+    assert float(np.abs(distance[5:]).max()) < 4.5 * 0.3 / 770.0
+
+
+def test_the_error_is_that_of_the_axes() -> None:
+    true = Bearings(-1.5, 3.0)
+    assert error(true.reversed(), true) == pytest.approx(0.0, abs=1e-9)
+    found = Bearings(-1.5 + math.radians(1.0), 3.0 - math.radians(1.0))
+    assert error(found, true) == pytest.approx(1.0)
+    np.testing.assert_allclose(np.degrees(difference(found, true)), [1.0, -1.0])
+
+
+def test_the_information_is_the_curvature_of_the_sampson_cost() -> None:
+    pair = draw_pair(Cell(baseline=2.0), np.random.default_rng(3))
+    psi, phi = pair.bearings.psi, pair.bearings.phi
+
+    def cost(a: float, b: float) -> float:
+        fundamental = fundamental_from_bearings(Bearings(psi + a, phi + b))
+        points = image_points(pair.clean_current), image_points(pair.clean_desired)
+        distance = image_sampson_distance(fundamental, *points)
+        return float((distance**2).sum()) / 4e-4**2
+
+    h = 1e-5
+    found = fisher_information(pair, 4e-4)
+    assert found[0, 0] == pytest.approx(cost(h, 0.0) / h**2, rel=1e-3)
+    assert found[1, 1] == pytest.approx(cost(0.0, h) / h**2, rel=1e-3)
+    both = (cost(h, h) - cost(h, 0.0) - cost(0.0, h)) / (2.0 * h**2)
+    assert found[0, 1] == pytest.approx(both, rel=1e-2)
+
+
+@pytest.fixture(scope='module')
+def document() -> dict[str, object]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(estimation, 'QUICK_TRIALS', 3)
+        patch.setattr(estimation, 'BASELINES', (3.0, 1.5, 0.75, 0.4))
+        return estimation.run(seed=1, quick=True, say=lambda _: None)
+
+
+def test_the_benchmark_runs_and_prints_its_tables(document: dict[str, object]) -> None:
+    text = estimation.table(document)
+    for heading in ('ideal', 'realistic', 'Cramer-Rao', 'reversed', 'Pure rotation', 'Time'):
+        assert heading in text
+    assert 'opencv LMedS F' in text
+
+
+def test_a_missing_poselib_is_said(document: dict[str, object]) -> None:
+    versions = {**document['versions'], 'poselib': None}  # type: ignore[dict-item]
+    text = estimation.table({**document, 'versions': versions})
+    assert 'poselib is not installed: its rows are left out' in text
+
+
+def test_without_poselib_opencv_is_the_only_peer(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(estimation_peers, 'find_spec', lambda _: None)
+    assert set(estimation_peers.peers()) == {'opencv LMedS F', 'opencv MAGSAC F'}

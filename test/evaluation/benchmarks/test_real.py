@@ -1,0 +1,88 @@
+"""Photographs with truth, and what is believed of them."""
+
+import json
+import math
+from pathlib import Path
+
+import cv2
+import pytest
+
+from visual_servo_epipolar.commands.main import main
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
+from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+
+PAIRS = Path(__file__).resolve().parents[4] / 'shared' / 'real_pairs'
+POSE = Pose.from_start(0.8, -3.0, 10.0)
+SMALL = {
+    'width': 640,
+    'height': 480,
+    'focal_length': 384.6,
+    'principal_u': 327.0,
+    'principal_v': 233.0,
+}
+CAMERA = """
+image_width: 640
+image_height: 480
+camera_matrix: {rows: 3, cols: 3, data: [384.6, 0, 327, 0, 384.6, 233, 0, 0, 1]}
+distortion_model: plumb_bob
+distortion_coefficients: {rows: 1, cols: 5, data: [0, 0, 0, 0, 0]}
+"""
+
+
+def bench(folder: Path | str, result: Path) -> tuple[int, list[dict]]:
+    code = main(['bench', 'real', str(folder), '--json', str(result)])
+    return code, json.loads(result.read_text())['real']['pairs'] if result.exists() else []
+
+
+def test_a_folder_of_photographs_is_judged_by_its_truth(tmp_path: Path, capsys) -> None:
+    world = CameraSimulator(CameraSettings(**SMALL))
+    cv2.imwrite(str(tmp_path / 'goal.png'), world.photograph())
+    cv2.imwrite(str(tmp_path / 'start.png'), world.capture(POSE, 0))
+    (tmp_path / 'room.yaml').write_text(CAMERA)
+    bearings = Bearings.from_pose(POSE)
+    truth = {
+        'bearing_current_deg': math.degrees(bearings.current),
+        'bearing_desired_deg': math.degrees(bearings.desired),
+        'rotation_deg': 10.0,
+    }
+    files = {'desired': 'goal.png', 'current': 'start.png', 'camera': 'room.yaml'}
+    (tmp_path / 'truth.json').write_text(json.dumps([{'name': 'a', **files, 'truth': truth}]))
+    code, (row,) = bench(tmp_path, tmp_path / 'result.json')
+    assert code == 0
+    assert (row['trusted'], row['group']) == (True, 'room')
+    assert row['error_deg'] < 0.3
+    assert row['peers_deg']['MAGSAC'] < 3.0
+    assert 'room' in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ('text', 'words'),
+    [
+        (None, 'No such file'),
+        ('{', 'must be JSON'),
+        ('[]', 'must be a list of pairs'),
+        ('[{"name": "a"}]', 'a pair must have name, desired, current, camera and truth'),
+    ],
+)
+def test_a_folder_without_truth_is_bad_input(
+    tmp_path: Path, capsys, text: str | None, words: str
+) -> None:
+    if text is not None:
+        (tmp_path / 'truth.json').write_text(text)
+    code, _ = bench(tmp_path, tmp_path / 'result.json')
+    errors = capsys.readouterr().err
+    assert code == 2
+    assert words in errors
+    assert errors.count('\n') == 1
+
+
+@pytest.mark.skipif(not PAIRS.is_dir(), reason=f'{PAIRS.name} of photographs is not there')
+def test_real_photographs_are_believed_where_they_are_right(tmp_path: Path) -> None:
+    code, rows = bench(PAIRS, tmp_path / 'result.json')
+    assert code == 0
+    assert not [row['name'] for row in rows if row['trusted'] and row['error_deg'] > 3.0]
+    peers = [(row['peers_deg']['MAGSAC'], row['trusted']) for row in rows]
+    right = [trusted for error, trusted in peers if error is not None and error <= 3.0]
+    assert sum(right) >= 0.85 * len(right)  # 8 of 9

@@ -1,0 +1,121 @@
+"""``visual_servo bench``: accuracy and speed, with the peers beside us in one run."""
+
+import argparse
+from collections.abc import Mapping
+from contextlib import closing
+from importlib import import_module
+from pathlib import Path
+import sys
+from typing import Any
+
+from visual_servo_epipolar.commands.arguments import duration, seed, write_json
+from visual_servo_epipolar.commands.console import Progress
+from visual_servo_epipolar.commands.files.output import check_json
+from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.nodes.startup.missing import remedy
+
+# Each module has run(*, seed, quick, say) -> document and table(document) -> text; OPTIONS are
+# those of the command line that its run takes beside, figures(document) what histories compare.
+BENCHMARKS: Mapping[str, str] = {
+    'estimation': 'visual_servo_epipolar.evaluation.benchmarks.estimation.benchmark',
+    'memory': 'visual_servo_epipolar.evaluation.benchmarks.memory.benchmark',
+    'tracking': 'visual_servo_epipolar.evaluation.benchmarks.tracking.benchmark',
+    'sweep': 'visual_servo_epipolar.evaluation.benchmarks.sweep',
+    'laws': 'visual_servo_epipolar.evaluation.benchmarks.laws.benchmark',
+    'loop': 'visual_servo_epipolar.evaluation.benchmarks.loop',
+    'latency': 'visual_servo_epipolar.evaluation.benchmarks.latency.benchmark',
+    'soak': 'visual_servo_epipolar.evaluation.benchmarks.soak.benchmark',
+    'recording': 'visual_servo_epipolar.evaluation.benchmarks.recording.benchmark',
+    'calibration': 'visual_servo_epipolar.evaluation.benchmarks.calibration',
+    'render': 'visual_servo_epipolar.evaluation.benchmarks.rendering.benchmark',
+    'ablation': 'visual_servo_epipolar.evaluation.benchmarks.ablation',
+    'mounts': 'visual_servo_epipolar.evaluation.benchmarks.mounts.benchmark',
+    'mounts_images': 'visual_servo_epipolar.evaluation.benchmarks.mounts.images',
+    'real': 'visual_servo_epipolar.evaluation.benchmarks.real',
+}
+LATENCY_NODES = ('unicycle,camera,tracker,servo', 'tracker,servo')
+ON_REQUEST = ('mounts_images', 'soak', 'real')  # too long to be run unless they are named
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the subcommand."""
+    parser.add_argument(
+        'which',
+        nargs='*',
+        metavar='WHICH',
+        help=f'any of {", ".join(BENCHMARKS)} (default all but {", ".join(ON_REQUEST)}); '
+        'after real a FOLDER of photographs with truth.json, simulated ones without',
+    )
+    parser.add_argument('--quick', action='store_true', help='few trials, to see that it runs')
+    parser.add_argument('--seed', type=seed, default=0, metavar='N', help='seed (default 0)')
+    parser.add_argument(
+        '--nodes',
+        choices=LATENCY_NODES,
+        default=LATENCY_NODES[0],
+        help='processes of the latency: all four, or those alone that a robot has (default all)',
+    )
+    parser.add_argument(
+        '--seconds',
+        type=duration,
+        metavar='S',
+        help='seconds a row of the latency (default 60), or of the soak (default 1800)',
+    )
+    parser.add_argument(
+        '--json', metavar='FILE', help='write the result as JSON to FILE, - for standard output'
+    )
+    parser.add_argument(
+        '--history',
+        metavar='FILE',
+        help='append the figures to FILE, and say what got worse on this machine',
+    )
+    parser.set_defaults(run=run)
+
+
+def run(options: argparse.Namespace) -> int:
+    """Run the benchmarks one after the other, print their tables; return 0."""
+    from visual_servo_epipolar.evaluation.benchmarks import history
+
+    if options.history == '-':
+        raise InputError('--history appends to a file, - is none; name one')
+    check_json(options.history)
+    earlier = history.read(Path(options.history)) if options.history else []
+    options.photographs = _photographs(options.which)
+    unknown = sorted(set(options.which) - set(BENCHMARKS))
+    if unknown:
+        raise InputError(f'no benchmark {", ".join(unknown)}; there are {", ".join(BENCHMARKS)}')
+    results: dict[str, Any] = {}
+    figures: dict[str, dict[str, float]] = {}
+    for name in options.which or [name for name in BENCHMARKS if name not in ON_REQUEST]:
+        benchmark = _benchmark(name)
+        with closing(Progress()) as progress:
+            more = {key: getattr(options, key) for key in getattr(benchmark, 'OPTIONS', ())}
+            results[name] = benchmark.run(
+                seed=options.seed, quick=options.quick, say=progress.say, **more
+            )
+        if options.json != '-':
+            print(benchmark.table(results[name]))
+        if hasattr(benchmark, 'figures'):
+            figures[name] = benchmark.figures(results[name])
+    write_json(results, options.json)
+    if options.history:
+        now = history.entry(figures)
+        print(history.comparison(earlier, now), file=sys.stderr)
+        history.append(Path(options.history), now)
+    return 0
+
+
+def _photographs(which: list[str]) -> Any:
+    """Return the pairs of the folder that follows ``real``, and take it out of ``which``."""
+    place = which.index('real') + 1 if 'real' in which else len(which)
+    if place == len(which) or which[place] in BENCHMARKS:
+        return None
+    from visual_servo_epipolar.evaluation.benchmarks.estimation.pairs import read_pairs
+
+    return read_pairs(which.pop(place))
+
+
+def _benchmark(name: str) -> Any:
+    try:
+        return import_module(BENCHMARKS[name])
+    except ImportError as error:
+        raise InputError(f'benchmark {name} cannot be run: {remedy(error)}') from None

@@ -1,0 +1,105 @@
+"""Benchmark of control laws: shared starts, features, base and measure of success."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+import math
+from typing import Any
+
+import numpy as np
+
+from visual_servo_epipolar.core.servo.run_log import summarise
+from visual_servo_epipolar.evaluation.benchmarks.laws.adapter import PEERS
+from visual_servo_epipolar.evaluation.benchmarks.laws.table import (
+    table as table,  # part of the interface
+)
+from visual_servo_epipolar.simulation.closed_loop import run as drive
+from visual_servo_epipolar.simulation.regions import start_in
+from visual_servo_epipolar.simulation.scenario import Scenario
+from visual_servo_epipolar.simulation.views import points_of
+
+REGIONS = ('front', 'beside')
+STARTS, QUICK_STARTS = 20, 1
+REACHED_M, REACHED_DEG = 0.05, 2.0
+LONGEST_S = 120.0
+PEER_PARALLAX_PX = 1.0  # of trusted bearings; ours changes law at its own, larger bound
+
+Run = dict[str, Any]
+
+
+def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
+    """Drive every law from every start, and return all runs and a row of figures for each law."""
+    count = QUICK_STARTS if quick else STARTS
+    runs = []
+    for region in REGIONS:
+        for index in range(count):
+            start = start_in(region, seed, index, Scenario())
+            for law in PEERS:
+                say(f'laws: {region} {index + 1} of {count}, {law} ...')
+                runs.append(one_run(law, start, seed + index) | {'region': region})
+    return {
+        'starts': count,
+        'seed': seed,
+        'longest_s': LONGEST_S,
+        'reached': {'position_m': REACHED_M, 'heading_deg': REACHED_DEG},
+        'rows': [
+            {'law': law, 'region': region} | scores(_of(runs, law, region))
+            for region in REGIONS
+            for law in PEERS
+        ],
+        'runs': runs,
+    }
+
+
+def one_run(law: str, start: tuple[float, float, float], seed: int) -> Run:
+    """Return the result of one run of ``law`` from ``start``: x [m], y [m], heading [deg]."""
+    scenario = Scenario().seeded(seed)
+    servo = scenario.servo
+    if law != 'ours':
+        servo = replace(servo, min_parallax=PEER_PARALLAX_PX)
+    scenario = replace(scenario, run=replace(scenario.run, max_duration=LONGEST_S), servo=servo)
+    log = drive(
+        scenario.loop(start, seed),
+        points_of(scenario, seed),
+        scenario.camera.camera,
+        control=PEERS[law],
+    )
+    return summarise(log) | {'law': law, 'fate': ''} | _true_outcome(summarise(log))
+
+
+def _true_outcome(summary: Mapping[str, Any]) -> Run:
+    """Return how a run ended by ground truth; what the robot reports is ``outcome``."""
+    position = summary['position_error_m']
+    reached = position <= REACHED_M and abs(summary['heading_error_deg']) <= REACHED_DEG
+    if reached:
+        return {'fate': 'reached'}
+    lost = 'features' in summary['reason'] and 'lost' in summary['reason']
+    return {'fate': 'lost' if lost else 'missed'}
+
+
+def _of(runs: Iterable[Run], law: str, region: str) -> list[Run]:
+    return [it for it in runs if it['law'] == law and it['region'] == region]
+
+
+def scores(runs: list[Run]) -> dict[str, float]:
+    """Return the figures of one row; what no run reached is nan."""
+    reached = [it for it in runs if it['fate'] == 'reached']
+    seeing = [it for it in runs if it['fate'] != 'lost']
+    wrong = [it for it in runs if it['outcome'] == 'arrived' and it['fate'] != 'reached']
+
+    def quantile(of: list[Run], name: str, share: float) -> float:
+        values = [abs(it[name]) for it in of]
+        return float(np.quantile(values, share)) if values else math.nan
+
+    ratios = [it['path_length_m'] / math.hypot(*it['start'][:2]) for it in reached]
+    return {
+        'runs': len(runs),
+        'reached': len(reached) / len(runs),
+        'lost': sum(it['fate'] == 'lost' for it in runs) / len(runs),
+        'wrong': len(wrong) / len(runs),
+        'position_median_m': quantile(seeing, 'position_error_m', 0.5),
+        'position_p95_m': quantile(seeing, 'position_error_m', 0.95),
+        'heading_median_deg': quantile(seeing, 'heading_error_deg', 0.5),
+        'path_ratio': float(np.median(ratios)) if ratios else math.nan,
+        'duration_s': quantile(reached, 'duration_s', 0.5),
+        'fewest_features': quantile(runs, 'min_visible_features', 0.0),
+    }

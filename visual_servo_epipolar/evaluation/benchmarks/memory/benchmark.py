@@ -1,0 +1,200 @@
+"""
+Memory of views beside its bound and its peers, and what it costs.
+
+Errors are those of one view 0-20 mm before the goal, after 14 views along a spiral and a line.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+import math
+import time
+from typing import Any
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.estimators.base import Prior
+from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
+from visual_servo_epipolar.core.mapping.feature_observations import MapSettings
+from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
+from visual_servo_epipolar.evaluation.benchmarks.memory.bound import bound_of_two_views
+from visual_servo_epipolar.evaluation.benchmarks.memory.peers import by_opencv, by_two_views
+from visual_servo_epipolar.evaluation.benchmarks.memory.study import (
+    PIONEER,
+    remembered,
+    SMALL,
+    StudySettings,
+    Trial,
+    trial,
+    two_views,
+)
+from visual_servo_epipolar.evaluation.benchmarks.memory.trials import Errors, errors_of, PLANE
+from visual_servo_epipolar.evaluation.benchmarks.memory.trifocal import by_trifocal
+
+TRIALS, QUICK_TRIALS = 30, 2
+ROUNDS, QUICK_ROUNDS = 60, 3
+UNITS = np.array([1e3, 1e3, math.degrees(1.0)])
+COLUMNS = ('lateral_mm', 'longitudinal_mm', 'heading_deg')
+CAMERAS = {'640x480, f 600': SMALL, '1280x1024, f 769': PIONEER}
+ROOM, WALL = 'room, 3-8 m deep', 'one wall at 5 m, 4 % relief'
+MEMORY, BOUND = 'memory', 'bound of all views'
+TWO_VIEWS = 'two views, from the last bearings'
+
+
+def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
+    """Return the document: root mean square errors by scene and method, and times."""
+    trials = QUICK_TRIALS if quick else TRIALS
+    scenes = []
+    for camera, noise, wall in _cells(quick):
+        settings = StudySettings(wall=wall, noise=noise, camera=CAMERAS[camera])
+        scene = {'scene': WALL if wall else ROOM, 'noise_px': noise, 'camera': camera}
+        say(f'memory: {scene["scene"]}, {noise} px, {camera} ...')
+        scenes.append(scene | _scene(settings, range(seed, seed + trials)))
+    say('memory: times ...')
+    rounds = QUICK_ROUNDS if quick else ROUNDS
+    return {'trials': trials, 'scenes': scenes, 'times_ms': times_of(StudySettings(), rounds)}
+
+
+def _cells(quick: bool) -> list[tuple[str, float, bool]]:
+    cells = [(it, noise, wall) for it in CAMERAS for noise in (0.2, 0.03) for wall in (0, 1)]
+    return [(camera, noise, bool(wall)) for camera, noise, wall in (cells[:1] if quick else cells)]
+
+
+def _scene(settings: StudySettings, seeds: range) -> dict[str, Any]:
+    """Return the errors of one scene: memory and bound, then peers."""
+    errors = errors_of(settings, seeds)
+    drives = [trial(settings, seed) for seed in seeds]
+    methods = {
+        MEMORY: errors.rms,
+        BOUND: errors.bound,
+        'OpenCV solvePnP on the same structure': opencv_errors(drives),
+        '1-D trifocal tensor, told the distance': trifocal_errors(drives),
+        'bound of two views, told the distance': two_views_bound(drives),
+        'soft_planar, told the distance': two_views_errors(drives),
+    }
+    rows = [
+        {'method': name, **dict(zip(COLUMNS, (UNITS * values).tolist(), strict=True))}
+        for name, values in methods.items()
+    ]
+    return {'rows': rows, 'normalised': errors.normalised, 'wrong_matches': _found(errors)}
+
+
+def _found(errors: Errors) -> dict[str, int]:
+    """Return which wrong matches were found."""
+    return {
+        'dropped': errors.found,
+        'of': errors.wrong,
+        'others_dropped': errors.innocent,
+        'without_a_pose': errors.silent,
+    }
+
+
+def _rms(errors: list[FloatArray]) -> FloatArray:
+    return np.asarray(np.sqrt(np.nanmean(np.square(errors), axis=0)))
+
+
+def opencv_errors(drives: list[Trial]) -> FloatArray:
+    """Return the root mean square errors of OpenCV on what the memory knows, (3,)."""
+    poses = []
+    for drive in drives:
+        geometry, k = remembered(drive).geometry, len(drive.views) - 1
+        if geometry is not None:
+            poses.append(np.array(by_opencv(drive, k, geometry)) - drive.views[k, PLANE])
+    return _rms(poses)
+
+
+def trifocal_errors(drives: list[Trial]) -> FloatArray:
+    """Return the root mean square errors of photograph, first and last view, (3,)."""
+    return _rms([by_trifocal(it, len(it.views) - 1) - it.views[-1, PLANE] for it in drives])
+
+
+def two_views_errors(drives: list[Trial]) -> FloatArray:
+    """Return the root mean square errors of photograph and last view alone, (3,)."""
+    return _rms([np.array(by_two_views(it, -1)) - it.views[-1, PLANE] for it in drives])
+
+
+def two_views_bound(drives: list[Trial]) -> FloatArray:
+    """Return the least deviations that photograph and last view alone allow, (3,)."""
+    variances = [np.diag(bound_of_two_views(drive))[PLANE] for drive in drives]
+    return np.asarray(np.sqrt(np.mean(variances, axis=0)))
+
+
+def times_of(settings: StudySettings, rounds: int) -> dict[str, dict[str, float]]:
+    """Return the processor's time [ms], by turns with two views from the last bearings."""
+    drive = trial(settings, 3)
+    k = len(drive.views) - 1
+    sightings, told = drive.sightings(k), two_views(drive, k - 2)
+    memory = remembered(drive)
+    while memory.geometry is not None and not memory.geometry.converged:
+        memory = memory.after(drive.sightings(k - 1))[0].learnt()
+    prior = Prior(told.attitude or drive.mount, told.bearings[0], mount=drive.mount)
+    before = drive.sightings(k - 2)
+    rng = np.random.default_rng(0)
+
+    def two() -> None:
+        soft_planar(before.current, before.desired, noise=before.noise, prior=prior, rng=rng)
+
+    still, moved = (_with_spread(memory, spread) for spread in (9.0, 1e-6))
+    calls: dict[str, Callable[[], Any]] = {
+        'a view': lambda: still.after(sightings)[0].learnt(),
+        'a view that becomes a keyframe': lambda: moved.after(sightings)[0].learnt(),
+        TWO_VIEWS: two,
+    }
+    times: dict[str, list[float]] = {name: [] for name in calls}
+    for _ in range(rounds):
+        for name, call in calls.items():
+            start = time.process_time()
+            call()
+            times[name].append(1e3 * (time.process_time() - start))
+    return {
+        name: {'median': float(np.median(each)), 'p99': float(np.percentile(each, 99.0))}
+        for name, each in times.items()
+    }
+
+
+def _with_spread(memory: KeyframeMap, spread: float) -> KeyframeMap:
+    return replace(memory, settings=MapSettings(spread=spread))
+
+
+def figures(document: Mapping[str, Any]) -> dict[str, float]:
+    """Return what to compare between runs; less is better."""
+    floor = document['times_ms'][TWO_VIEWS]['median']
+    times = {
+        f'{name}, over two views': each['median'] / floor
+        for name, each in document['times_ms'].items()
+        if name != TWO_VIEWS
+    }
+    lateral = {
+        f'{scene["scene"]}, {scene["noise_px"]} px, {scene["camera"]}: lateral over bound': (
+            scene['rows'][0]['lateral_mm'] / scene['rows'][1]['lateral_mm']
+        )
+        for scene in document['scenes']
+    }
+    return {**lateral, **times}
+
+
+def table(document: Mapping[str, Any]) -> str:
+    """Return the document as text."""
+    return '\n'.join([*_error_lines(document), '', *_time_lines(document)])
+
+
+def _error_lines(document: Mapping[str, Any]) -> Iterator[str]:
+    for scene in document['scenes']:
+        where = f'{scene["scene"]}, {scene["noise_px"]} px, {scene["camera"]}'
+        yield f'{where}, {document["trials"]} trials, root mean square'
+        yield f'{"":<40}{"lateral mm":>12}{"along mm":>12}{"heading deg":>13}'
+        for row in scene['rows']:
+            lateral, along, heading = (row[name] for name in COLUMNS)
+            yield f'{row["method"]:<40}{lateral:12.2f}{along:12.2f}{heading:13.4f}'
+        found = scene['wrong_matches']
+        yield (
+            f'errors are {scene["normalised"]:.2f} of what was told; wrong matches: '
+            f'{found["dropped"]} of {found["of"]} dropped, {found["others_dropped"]} others'
+        )
+        yield ''
+
+
+def _time_lines(document: Mapping[str, Any]) -> Iterator[str]:
+    yield f'{"processor time":<40}{"median ms":>12}{"p99 ms":>12}'
+    for name, each in document['times_ms'].items():
+        yield f'{name:<40}{each["median"]:12.2f}{each["p99"]:12.2f}'

@@ -1,0 +1,101 @@
+"""Bound: Fisher information of photograph and all views, by differences of a plain projection."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
+from visual_servo_epipolar.evaluation.benchmarks.memory.study import seen_from, Trial
+
+STEP = 1e-6
+TINY, KNOWN = 1e-9, 1e-4
+VIEW = 5
+
+
+def bound(trial: Trial) -> FloatArray:
+    """
+    Return the least covariance of the last view's pose, (5, 5), that an estimate can have.
+
+    Unknown are all features, all views, the attitudes of photograph and mount. What is wrong does
+    not count: no estimate knows more than one that is told which matches are wrong.
+    """
+    views, count = len(trial.views), len(trial.features)
+    photograph = np.concatenate([np.zeros(3), trial.attitude])
+    first = VIEW * (views + 1) + 2
+    information = np.zeros((first + 3 * count, first + 3 * count))
+    for k, view in enumerate((*trial.views, photograph)):
+        right = trial.seen[k] & trial.right[k] if k < views else trial.right.any(0)
+        _add_view(information, trial, k, view, np.asarray(right, bool))
+    _add_attitudes(information, trial)
+    _add_scale(information, trial)
+    # The photograph is where it is: x, y and heading of it are no unknowns.
+    fixed = VIEW * views + np.arange(3)
+    diagonal = np.arange(first, len(information))
+    information[diagonal, diagonal] += 1e-6
+    free = np.setdiff1d(np.arange(len(information)), fixed)
+    covariance = np.linalg.inv(information[np.ix_(free, free)])
+    last = VIEW * (views - 1) + np.arange(VIEW)
+    return np.asarray(covariance[np.ix_(last, last)])
+
+
+def _add_view(
+    information: FloatArray, trial: Trial, k: int, view: FloatArray, seen: BoolArray
+) -> None:
+    rows = np.flatnonzero(seen)
+    features = trial.features[rows]
+    first = VIEW * (len(trial.views) + 1) + 2
+
+    def pixels(step: FloatArray, move: FloatArray) -> FloatArray:
+        return trial.settings.camera.pixels(seen_from(features + move, view + step))
+
+    still, nothing = np.zeros(VIEW), np.zeros(3)
+    here = pixels(still, nothing)
+    scale = STEP * trial.settings.noise
+    views = [(pixels(STEP * axis, nothing) - here) / scale for axis in np.eye(VIEW)]
+    moves = [(pixels(still, STEP * axis) - here) / scale for axis in np.eye(3)]
+    by_view, by_point = (np.stack(each, axis=-1) for each in (views, moves))
+    own, points = VIEW * k + np.arange(VIEW), first + 3 * rows[:, None] + np.arange(3)
+    information[np.ix_(own, own)] += np.einsum('nri,nrj->ij', by_view, by_view)
+    information[points[:, :, None], points[:, None]] += by_point.swapaxes(1, 2) @ by_point
+    cross = by_view.swapaxes(1, 2) @ by_point
+    information[own[None, :, None], points[:, None]] += cross
+    information[points[:, :, None], own[None, None]] += cross.swapaxes(1, 2)
+
+
+def _add_attitudes(information: FloatArray, trial: Trial) -> None:
+    views = len(trial.views) + 1
+    jitter = max(trial.settings.jitter, 1e-4) ** -2
+    for axis in range(2):
+        each, mount = VIEW * np.arange(views) + 3 + axis, VIEW * views + axis
+        information[each, each] += jitter
+        information[each, mount] -= jitter
+        information[mount, each] -= jitter
+        information[mount, mount] += views * jitter + trial.settings.tilt_deviation**-2
+
+
+def _add_scale(information: FloatArray, trial: Trial) -> None:
+    """Add what is known of the whole way from view to view; of one view, how far off it is."""
+    places = trial.views[:-1, :2] if len(trial.views) > 1 else trial.views[:, :2]
+    slope = np.zeros((len(places), 2))
+    steps = np.diff(places, axis=0)
+    ways = np.hypot(*steps.T)
+    slope[1:] += steps / ways[:, None]
+    slope[:-1] -= steps / ways[:, None]
+    slope /= max(float(ways.sum()), TINY) * max(trial.settings.scale_error, 1e-3)
+    if len(trial.views) == 1:
+        slope = places / (places**2).sum() / KNOWN
+    row = np.zeros(len(information))
+    row[: VIEW * len(places)].reshape(-1, VIEW)[:, :2] = slope
+    information += np.outer(row, row)
+
+
+def bound_of_two_views(trial: Trial) -> FloatArray:
+    """Return the bound of photograph and last view alone, told how far apart they are, (5, 5)."""
+    alone = replace(
+        trial,
+        views=trial.views[-1:],
+        pixels=trial.pixels[[0, -1]],
+        seen=trial.seen[-1:],
+        right=trial.right[-1:],
+    )
+    return bound(alone)

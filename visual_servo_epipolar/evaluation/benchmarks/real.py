@@ -1,0 +1,186 @@
+"""
+Photographs with truth: what ``inspect`` believes of them, OpenCV's MAGSAC and RANSAC beside it.
+
+The pairs of a folder with a truth.json, or simulated ones as hands, phones and cars take them.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+import math
+from typing import Any
+
+import cv2
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray, Image
+from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera
+from visual_servo_epipolar.core.cameras.pinhole import LEAST_FORWARD
+from visual_servo_epipolar.core.estimators.general.deviation import bearings_of
+from visual_servo_epipolar.core.estimators.general.steps import Motions
+from visual_servo_epipolar.core.geometry.rays import image_points
+from visual_servo_epipolar.core.perception.inspection.judgement import Inspection, judged
+from visual_servo_epipolar.core.perception.inspection.photographs import inspect
+from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.perception.settings import PerceptionSettings
+from visual_servo_epipolar.evaluation.benchmarks.estimation.photographs import (
+    draw_photographs,
+    KINDS,
+    PhotographPair,
+)
+
+OPTIONS = ('photographs',)
+TRIALS, QUICK_TRIALS = 60, 2
+PEERS = {'MAGSAC': cv2.USAC_MAGSAC, 'RANSAC': cv2.RANSAC}
+PEER_PX = 1.5
+WRONG = 3.0  # error [deg]
+
+Rays = tuple[FloatArray, FloatArray]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Photographs:
+    """
+    Two photographs, desired and current, with their ``cameras``, and the truth.
+
+    ``ground`` and ``own``, shape (3,), are bearings, current and desired, and heading [rad]: in
+    the ground plane, and in axes of the cameras. ``group`` names the set they are of.
+    """
+
+    name: str
+    group: str
+    images: tuple[Image, Image]
+    cameras: tuple[CalibratedCamera, CalibratedCamera]
+    ground: FloatArray
+    own: FloatArray
+
+
+def run(
+    *,
+    seed: int,
+    quick: bool,
+    say: Callable[[str], None],
+    photographs: Iterable[Photographs] | None = None,
+) -> dict[str, Any]:
+    """Return the document: a row for each pair of ``photographs``, or of simulated ones."""
+    settings = PerceptionSettings()
+    if photographs is None:
+        trials = QUICK_TRIALS if quick else TRIALS
+        pairs = [
+            _simulated(kind, (seed, k), settings, say) for kind in KINDS for k in range(trials)
+        ]
+    else:
+        pairs = [_photographed(pair, settings, say) for pair in photographs]
+    return {'seed': seed, 'pairs': pairs}
+
+
+def _photographed(
+    pair: Photographs, settings: PerceptionSettings, say: Callable[[str], None]
+) -> dict[str, Any]:
+    """Return the row of a pair of photographs."""
+    say(pair.name)
+    desired, current = pair.cameras
+    found = inspect(*pair.images, desired, current, settings)
+    rays = current.rays(found.current), desired.rays(found.desired)
+    row = _row(found, rays, (pair.ground, pair.own), desired.focal)
+    return {'name': pair.name, 'group': pair.group, **row}
+
+
+def _simulated(
+    kind: str, seed: tuple[int, int], settings: PerceptionSettings, say: Callable[[str], None]
+) -> dict[str, Any]:
+    """Return the row of a simulated pair."""
+    say(f'{kind} {seed[1]}')
+    pair = draw_photographs(KINDS[kind], seed)
+    view = observation_of(pair)
+    found, _ = judged(view, settings)
+    truths = pair.truth(ground=True), pair.truth(ground=False)
+    row = _row(found, (view.current, view.desired), truths, view.focal)
+    return {'name': f'{kind} {seed[1]}', 'group': kind, **row}
+
+
+def observation_of(pair: PhotographPair) -> Observation:
+    """Return the matches of a simulated pair as rays."""
+    camera = pair.camera
+    current, desired = camera.rays(pair.current), camera.rays(pair.desired)
+    angles = np.stack([camera.resolution(current), camera.resolution(desired)], axis=1)
+    return Observation(0, current, desired, camera.focal, pixel_angles=angles)
+
+
+def _row(
+    found: Inspection, rays: Rays, truths: tuple[FloatArray, FloatArray], focal: float
+) -> dict[str, Any]:
+    """Return errors [deg] of a pair, ours in the frame that is named; ``truths`` are of both."""
+    told = np.array([found.bearing_current, found.bearing_desired, found.rotation])
+    away = _errors(told, truths[0] if found.ground else truths[1])
+    return {
+        'trusted': found.trusted,
+        'reason': found.reason,
+        'planar': found.planar,
+        'matches': len(rays[0]),
+        'error_deg': away[:2].max(),
+        'rotation_error_deg': away[2],
+        'deviation_deg': math.degrees(found.deviation),
+        'peers_deg': {
+            name: _peer(rays, truths[1], focal, method) for name, method in PEERS.items()
+        },
+    }
+
+
+def _errors(found: FloatArray, true: FloatArray) -> FloatArray:
+    """Return the sizes of differences of angles [deg]."""
+    return np.degrees(np.abs(np.remainder(found - true + np.pi, 2.0 * np.pi) - np.pi))
+
+
+def _peer(rays: Rays, true: FloatArray, focal: float, method: int) -> float:
+    """Return the larger error of the bearings of OpenCV's essential matrix [deg]; nan of none."""
+    front = np.minimum(rays[0][:, 2], rays[1][:, 2]) > LEAST_FORWARD
+    points = image_points(rays[0][front]), image_points(rays[1][front])
+    cv2.setRNGSeed(0)
+    try:
+        essential, mask = cv2.findEssentialMat(*points, np.eye(3), method, 0.999, PEER_PX / focal)
+    except cv2.error:  # of too few matches
+        return math.nan
+    if essential is None or essential.shape != (3, 3):
+        return math.nan
+    _, rotation, centre, _ = cv2.recoverPose(essential, *points, np.eye(3), mask=mask)
+    bearings = bearings_of(Motions(rotation[None], centre.ravel()[None]))[0]
+    return float(_errors(bearings, true)[:2].max())
+
+
+def table(document: Mapping[str, Any]) -> str:
+    """Return the document as text: a line for each set of pairs, and one for all."""
+    pairs = document['pairs']
+    groups = {name: [it for it in pairs if it['group'] == name] for name in _groups(pairs)}
+    head = f'{"set":<14}{"n":>5}{"trusted":>9}{"median / p90 / max [deg]":>26}{"wrong":>7}'
+    head += f'{"error/dev., median / p95":>26}{"MAGSAC, RANSAC wrong":>22}{"of MAGSAC right":>17}'
+    rows = [_line(name, each) for name, each in {**groups, 'all': pairs}.items()]
+    words = (
+        f'The larger error of both bearings, of trusted pairs; wrong: > {WRONG:g} deg; peers '
+        'on the same matches, of all pairs; of those that MAGSAC has right, how many are trusted'
+    )
+    return '\n'.join(['Photographs', words, head, *rows])
+
+
+def _groups(pairs: Iterable[Mapping[str, Any]]) -> list[str]:
+    return list(dict.fromkeys(it['group'] for it in pairs))
+
+
+def _line(name: str, pairs: list[Mapping[str, Any]]) -> str:
+    trusted = [it for it in pairs if it['trusted']]
+    errors = np.array([it['error_deg'] for it in trusted])
+    normalised = np.array([it['error_deg'] / it['deviation_deg'] for it in trusted])
+    peers = [np.array([it['peers_deg'][peer] for it in pairs]) for peer in PEERS]
+    right = [it for it in pairs if it['peers_deg']['MAGSAC'] <= WRONG]
+    believed = sum(it['trusted'] for it in right)
+    return (
+        f'{name:<14}{len(pairs):>5}{len(trusted):>9}{_percentiles(errors, 50, 90, 100):>26}'
+        f'{int((errors > WRONG).sum()):>7}{_percentiles(normalised, 50, 95):>26}'
+        f'{", ".join(str(int((~(each <= WRONG)).sum())) for each in peers):>22}'
+        f'{f"{believed} of {len(right)}":>17}'
+    )
+
+
+def _percentiles(values: FloatArray, *which: int) -> str:
+    if not len(values):
+        return '-'
+    return ' / '.join(f'{value:.2f}' for value in np.percentile(values, which))

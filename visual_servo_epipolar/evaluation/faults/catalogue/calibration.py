@@ -1,0 +1,184 @@
+"""Faults of calibration and of the photograph: what is told is not so."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from sensor_msgs.msg import Image
+
+from visual_servo_epipolar.core.arrays import Image as Pixels
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
+from visual_servo_epipolar.evaluation.faults.catalogue.fault import (
+    ALWAYS,
+    AT_FIRST,
+    EVERYWHERE,
+    Fault,
+    Scene,
+)
+from visual_servo_epipolar.evaluation.faults.wire.parcel import Parcel
+from visual_servo_epipolar.evaluation.faults.wire.wire import HOP_NS
+from visual_servo_epipolar.evaluation.faults.world import WorldSettings
+from visual_servo_epipolar.messages import write
+from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
+from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+
+INFO, DESIRED = '/camera_info', '/desired/image_raw'
+SCALES = (0.25, 0.35, 0.5, 0.7, 1.4, 2.0, 2.8, 4.0)
+FOCAL_RATIOS = (0.8, 0.85, 1.2, 1.25)
+
+
+def _wrong_focal(settings: WorldSettings, rng: np.random.Generator) -> WorldSettings:
+    ratio = float(rng.choice(FOCAL_RATIOS))
+    return replace(settings, camera=replace(settings.camera, believed_focal_ratio=ratio))
+
+
+def _info(change: Callable[[Any], object]) -> Callable[[Scene], None]:
+    """Change what camera_info says, from now on."""
+
+    def strike(scene: Scene) -> None:
+        def alter(parcel: Parcel) -> list[Parcel]:
+            change(parcel.message)
+            return [parcel]
+
+        scene.filter(INFO, alter)
+
+    return strike
+
+
+def _lens(model: str, *coefficients: float) -> Callable[[Any], None]:
+    def change(info: Any) -> None:
+        info.distortion_model, info.d = model, list(coefficients)
+
+    return change
+
+
+def _longer(info: Any) -> None:
+    info.k[0], info.k[4] = 1.3 * info.k[0], 1.3 * info.k[4]
+
+
+def _transposed(info: Any) -> None:
+    info.k = np.asarray(info.k).reshape(3, 3).T.ravel()
+
+
+def _scaled(scene: Scene) -> None:
+    """Let K be that of images of another size, or of another lens."""
+    ratio, whole = float(scene.rng.choice(SCALES)), scene.hits(0.5)
+    scene.notes.append(f'{"K" if whole else "focal length"} times {ratio:g}')
+
+    def scale(info: Any) -> None:
+        k = np.array(info.k)
+        k[[0, 4]] *= ratio
+        if whole:
+            k[[2, 5]] *= ratio
+        info.k = k
+
+    _info(scale)(scene)
+
+
+def _uncalibrated(info: Any) -> None:
+    info.k[0] = 0.0
+
+
+def _senseless(info: Any) -> None:
+    info.k[0] = np.nan
+
+
+def _larger(info: Any) -> None:
+    info.width, info.height = 2 * info.width, 2 * info.height
+
+
+def _missing(scene: Scene) -> None:
+    scene.filter(INFO, lambda parcel: [])
+
+
+def _flickering(scene: Scene) -> None:
+    """Let two cameras speak in turns."""
+
+    def alter(parcel: Parcel) -> list[Parcel]:
+        if scene.hits(0.5):
+            _longer(parcel.message)
+        return [parcel]
+
+    scene.filter(INFO, alter)
+
+
+def photograph(pixels: Callable[[Scene], Pixels]) -> Callable[[Scene], None]:
+    """Let somebody publish another photograph."""
+
+    def strike(scene: Scene) -> None:
+        image = pixels(scene)
+        message: Image = write.image(image, 'mono8', 0, 'camera_optical_frame')
+        scene.world.wire.filters[DESIRED].append(lambda parcel: [parcel.changed(message=message)])
+        scene.world.wire.send(Parcel(DESIRED, message, 2 * HOP_NS))
+
+    return strike
+
+
+def _other_room(scene: Scene) -> Pixels:
+    return taken(replace(scene.world.settings.camera, scene_seed=77), DESIRED_POSE)
+
+
+def _other_pose(scene: Scene) -> Pixels:
+    goal, turn = DESIRED_POSE, scene.draw(-0.05, 0.05)
+    pose = Pose(goal.x + scene.draw(-0.2, 0.2), goal.y - scene.draw(0.1, 0.3), goal.theta + turn)
+    return taken(scene.world.settings.camera, pose)
+
+
+def _black(scene: Scene) -> Pixels:
+    camera = scene.world.settings.camera
+    return np.zeros((camera.height, camera.width), np.uint8)
+
+
+def taken(camera: CameraSettings, pose: Pose) -> Pixels:
+    """Return an image as the camera takes it."""
+    return CameraSimulator(camera).capture(pose, 0)
+
+
+FAULTS: Mapping[str, Fault] = MappingProxyType(
+    {
+        'focal_wrong': Fault(
+            what='focal length told 15 to 25 % wrong', prepare=_wrong_focal, phases=AT_FIRST
+        ),
+        'lens_wrong': Fault(
+            what='told a distortion that is not there',
+            strike=_info(_lens('plumb_bob', -0.35, 0.12, 0.0, 0.0, 0.0)),
+            phases=AT_FIRST,
+        ),
+        'lens_fisheye': Fault(
+            what='told a fisheye',
+            strike=_info(_lens('equidistant', 0.0, 0.0, 0.0, 0.0)),
+            phases=AT_FIRST,
+        ),
+        'matrix_transposed': Fault(
+            what='K column by column', strike=_info(_transposed), phases=AT_FIRST
+        ),
+        'matrix_scaled': Fault(
+            what='K, or its focal length alone, of 1/4 to 4 times the size',
+            strike=_scaled,
+            phases=AT_FIRST,
+        ),
+        'info_missing': Fault(what='no camera_info', strike=_missing, phases=ALWAYS),
+        'info_uncalibrated': Fault(
+            what='K[0] of camera_info is 0', strike=_info(_uncalibrated), phases=ALWAYS
+        ),
+        'info_nan': Fault(what='K[0] is nan', strike=_info(_senseless), phases=ALWAYS),
+        'info_changes': Fault(
+            what='another focal length in mid-run', strike=_info(_longer), phases=EVERYWHERE
+        ),
+        'info_flickers': Fault(what='two cameras in turns', strike=_flickering, phases=ALWAYS),
+        'info_larger': Fault(
+            what='camera_info of larger images', strike=_info(_larger), phases=ALWAYS
+        ),
+        'photograph_other_room': Fault(
+            what='a photograph of another room', strike=photograph(_other_room), phases=ALWAYS
+        ),
+        'photograph_other_pose': Fault(
+            what='another photograph in mid-run', strike=photograph(_other_pose)
+        ),
+        'photograph_black': Fault(
+            what='a black photograph', strike=photograph(_black), phases=ALWAYS
+        ),
+    }
+)

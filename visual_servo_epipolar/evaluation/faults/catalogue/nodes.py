@@ -1,0 +1,95 @@
+"""Faults of nodes: gone, hung, restarted, ended, taken through their states."""
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from types import MappingProxyType
+
+from visual_servo_epipolar.evaluation.faults.catalogue.fault import ALWAYS, Fault, Scene
+from visual_servo_epipolar.evaluation.faults.world import NODES
+
+TRANSITIONS = ('configure', 'activate', 'deactivate', 'cleanup', 'shutdown')
+TRANSITIONS_IN_A_RUN = 12
+
+
+def _killed(name: str) -> Callable[[Scene], None]:
+    return lambda scene: scene.world.kill(name)
+
+
+def _ended(name: str) -> Callable[[Scene], None]:
+    return lambda scene: scene.world.end(name)
+
+
+def _hung(name: str) -> Callable[[Scene], None]:
+    def strike(scene: Scene) -> None:
+        seconds = scene.spell(0.3, 8.0)
+        scene.world.hang(name)
+        if seconds < float('inf'):
+            scene.later(seconds, lambda: scene.world.resume(name))
+
+    return strike
+
+
+def _restarted(name: str) -> Callable[[Scene], None]:
+    """Return a node that is gone for a while; the base begins at the start again."""
+
+    def strike(scene: Scene) -> None:
+        seconds = scene.draw(0.05, 4.0)
+        scene.notes.append(f'after {seconds:.1f} s')
+        scene.world.kill(name)
+        scene.later(seconds, lambda: _again(scene, name))
+
+    return strike
+
+
+def _again(scene: Scene, name: str) -> None:
+    if name == 'unicycle_node':
+        scene.witness.record.moved_s.append(scene.witness.now_s)
+    scene.world.restart(name)
+
+
+def managed(name: str) -> bool:
+    """Return whether a node is managed (lifecycle)."""
+    return hasattr(NODES[name], 'trigger_deactivate')
+
+
+def _transitions(name: str) -> Callable[[Scene], None]:
+    """Take a managed node through transitions, in any order."""
+
+    def turn(scene: Scene, label: str) -> None:
+        scene.notes.append(f'{label}: {scene.world.change_state(name, label)}')
+
+    def strike(scene: Scene) -> None:
+        for _ in range(TRANSITIONS_IN_A_RUN):
+            label = TRANSITIONS[int(scene.rng.integers(len(TRANSITIONS)))]
+            scene.later(scene.draw(0.0, 5.0), partial(turn, scene, label))
+
+    return strike
+
+
+KINDS: Mapping[str, tuple[str, Callable[[str], Callable[[Scene], None]]]] = MappingProxyType(
+    {
+        'killed': ('is gone without a word', _killed),
+        'ended': ('ends as by SIGINT', _ended),
+        'hung': ('does nothing, for a while or for good', _hung),
+        'restarted': ('is gone, and comes back', _restarted),
+    }
+)
+FAULTS: Mapping[str, Fault] = MappingProxyType(
+    {
+        f'{name.removesuffix("_node")}_{kind}': Fault(
+            what=f'{name} {words}',
+            strike=strike(name),
+            phases=ALWAYS,
+            base_alone=name == 'servo_node' and kind != 'ended',
+        )
+        for name in NODES
+        for kind, (words, strike) in KINDS.items()
+    }
+    | {
+        f'{name.removesuffix("_node")}_transitions': Fault(
+            what=f'{name} is taken through its states', strike=_transitions(name), phases=ALWAYS
+        )
+        for name in NODES
+        if managed(name)
+    }
+)

@@ -1,0 +1,250 @@
+"""Orders as faults: every service and any parameter, at any moment."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import fields, replace
+from functools import partial
+import math
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from std_msgs.msg import Bool
+
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.settings import range_of, Settings
+from visual_servo_epipolar.core.stamps import NANOSECONDS
+from visual_servo_epipolar.core.tracking.settings import TrackerSettings
+from visual_servo_epipolar.evaluation.faults.catalogue.fault import (
+    ALWAYS,
+    AT_FIRST,
+    EVERYWHERE,
+    Fault,
+    Scene,
+)
+from visual_servo_epipolar.evaluation.faults.wire.parcel import Parcel
+from visual_servo_epipolar.evaluation.faults.wire.wire import HOP_NS
+from visual_servo_epipolar.evaluation.faults.world import WorldSettings
+from visual_servo_epipolar.messages import write
+
+SERVICES = (
+    '/servo_node/start',
+    '/servo_node/stop',
+    '/servo_node/reset',
+    '/tracker_node/capture_desired',
+    '/tracker_node/redetect',
+)
+# A person who changes these says what counts as arrived, or as seen.
+MEANT = ('arrival_', 'near_parallax', 'max_attempts', 'stale_timeout', 'law', 'final_turn')
+ORDERS_IN_A_STORM = 30
+BUTTON, PHOTOGRAPH, CLOCK = '/stop_button', '/desired/image_raw', '/clock'
+PRESSED_S = 8.0
+LATER_S = 60.0  # when what was missing comes
+
+
+def called(service: str) -> Callable[[Scene], None]:
+    """Call ``service``."""
+
+    def strike(scene: Scene) -> None:
+        call(scene, service)
+
+    return strike
+
+
+def call(scene: Scene, service: str) -> None:
+    """Call ``service``, and note what that means for the goal, or for a robot that moves."""
+    record, witness = scene.witness.record, scene.witness
+    if service.endswith('/capture_desired'):
+        record.goals.append(witness.seen_pose)
+    if service == '/servo_node/stop':
+        record.stopped_s = witness.now_s
+    answer = scene.world.call(service)
+    if service == '/servo_node/start' and answer.startswith(('started', 'armed')):
+        record.stopped_s = math.inf
+    scene.notes.append(f'{service}: {answer}')
+
+
+def _stop_then_start(scene: Scene) -> None:
+    call(scene, '/servo_node/stop')
+    scene.later(scene.draw(0.2, 3.0), lambda: call(scene, '/servo_node/start'))
+
+
+def _storm(scene: Scene) -> None:
+    """Call services at random, ending with a stop: nothing but the stop counts then."""
+    for number in range(ORDERS_IN_A_STORM):
+        service = SERVICES[int(scene.rng.integers(len(SERVICES)))]
+        scene.later(0.1 * number, partial(call, scene, service))
+    scene.later(0.1 * ORDERS_IN_A_STORM, lambda: call(scene, '/servo_node/stop'))
+
+
+def _pressed(scene: Scene) -> None:
+    """Press the stop button for a while; released, it leaves the robot standing."""
+    _button(scene, pressed=True)
+    scene.witness.record.stopped_s = scene.witness.now_s
+    scene.later(scene.draw(0.05, 5.0), partial(_button, scene, pressed=False))
+
+
+def _button(scene: Scene, *, pressed: bool) -> None:
+    scene.world.wire.post(Parcel(BUTTON, Bool(data=pressed), HOP_NS))
+
+
+def _two_buttons(scene: Scene) -> None:
+    """Press one stop button while a second one says all the time that it is not pressed."""
+    press, other = (scene.world.talker(name, Bool, BUTTON) for name in ('button', 'second_button'))
+    scene.witness.record.stopped_s = scene.witness.now_s
+    for number in range(round(2 * PRESSED_S)):
+        scene.later(0.5 * number, partial(press, Bool(data=True)))
+        scene.later(0.5 * number + 0.1, partial(other, Bool(data=False)))
+    scene.later(scene.draw(1.0, PRESSED_S), partial(_unheard_start, scene))
+
+
+def _unheard_start(scene: Scene) -> None:
+    """Call ``~/start`` where nothing may follow from it."""
+    scene.notes.append(f'start: {scene.world.call(SERVICES[0])}')
+
+
+def _started_too_early(missing: str) -> Callable[[Scene], None]:
+    """Order to start while something is ``missing`` that comes a minute later: a node of ours."""
+
+    def strike(scene: Scene) -> None:
+        scene.world.kill(missing)
+        scene.later(1.0, partial(_unheard_start, scene))
+        scene.witness.record.stopped_s = scene.witness.now_s
+        scene.later(LATER_S, partial(scene.world.restart, missing))
+
+    return strike
+
+
+def _started_without_photograph(scene: Scene) -> None:
+    """Order to start before there is a photograph, which comes a minute later."""
+    wire = scene.world.wire
+    scene.filter(PHOTOGRAPH, lambda parcel: [], LATER_S)
+    for name in ('camera_node', 'tracker_node'):
+        scene.world.kill(name)
+    wire.forget(PHOTOGRAPH)
+    for name in ('tracker_node', 'camera_node'):  # once what is under way has arrived nowhere
+        scene.later(0.1, partial(scene.world.start, name))
+    scene.later(2.0, partial(_unheard_start, scene))
+    scene.witness.record.stopped_s = scene.witness.now_s
+    scene.later(LATER_S + 0.1, partial(scene.world.restart, 'camera_node'))
+
+
+def _started_without_clock(scene: Scene) -> None:
+    """Order to start a servo of simulated time, of which /clock comes a minute later."""
+    wire = scene.world.wire
+    scene.later(2.0, partial(_unheard_start, scene))
+    scene.witness.record.stopped_s = scene.witness.now_s
+
+    def tick() -> None:
+        wire.post(Parcel(CLOCK, write.clock(wire.wall_ns), 0))
+        wire.at(wire.now_ns + NANOSECONDS // 50, tick)
+
+    scene.later(LATER_S, tick)
+
+
+def _waits(settings: WorldSettings, rng: np.random.Generator) -> WorldSettings:
+    """Let the servo wait for ``~/start``."""
+    return replace(settings, servo=replace(settings.servo, autostart=False))
+
+
+def _waits_without_clock(settings: WorldSettings, rng: np.random.Generator) -> WorldSettings:
+    return replace(_waits(settings, rng), more={'servo_node': {'use_sim_time': True}})
+
+
+def _carried(scene: Scene) -> None:
+    """Carry the robot back to the start, as ``~/reset`` of the base does."""
+    scene.witness.record.moved_s.append(scene.witness.now_s)
+    scene.notes.append(scene.world.call('/unicycle_node/reset'))
+
+
+def _limits(scene: Scene) -> None:
+    """Lower the speed limits of a robot that drives."""
+    values = {'max_linear': scene.draw(0.02, 0.1), 'max_angular': scene.draw(0.02, 0.1)}
+    scene.notes.append(str(values) + scene.world.set('servo_node', values))
+
+
+def _parameters(node: str, settings: Settings) -> Callable[[Scene], None]:
+    """Set some parameters of ``node`` to anything that they may be, one by one."""
+    names = [
+        item
+        for item in fields(settings)
+        if not range_of(item).read_only and not item.name.startswith(MEANT)
+    ]
+
+    def strike(scene: Scene) -> None:
+        for number in range(int(scene.rng.integers(1, 4))):
+            item = names[int(scene.rng.integers(len(names)))]
+            values = {item.name: _drawn(item, getattr(settings, item.name), scene)}
+            scene.later(0.5 * number, partial(_set, scene, node, values))
+
+    return strike
+
+
+def _set(scene: Scene, node: str, values: Mapping[str, Any]) -> None:
+    refusal = scene.world.set(node, values)
+    scene.notes.append(f'{dict(values)}{": " if refusal else ""}{refusal}')
+
+
+def _drawn(item: Any, now: Any, scene: Scene) -> Any:
+    """Draw a value of a setting out of its range."""
+    allowed = range_of(item)
+    if isinstance(now, bool):
+        return not now
+    if allowed.choices:
+        return str(scene.rng.choice(list(allowed.choices)))
+    if not isinstance(now, (int, float)):
+        return now
+    factor = math.exp(scene.draw(-2.0, 2.0))
+    low = -math.inf if allowed.low is None else allowed.low
+    high = math.inf if allowed.high is None else allowed.high
+    value = min(max(now * factor, low), high)
+    return round(value) if isinstance(now, int) else float(value)
+
+
+ARMING: Mapping[str, tuple[str, Callable[[Scene], None]]] = MappingProxyType(
+    {
+        'camera': ('the camera comes', _started_too_early('camera_node')),
+        'tracker': ('the tracker comes', _started_too_early('tracker_node')),
+        'photograph': ('a photograph comes', _started_without_photograph),
+        'clock': ('/clock comes', _started_without_clock),
+    }
+)
+FAULTS: Mapping[str, Fault] = MappingProxyType(
+    {
+        'order_start': Fault(what='~/start', strike=called(SERVICES[0]), phases=ALWAYS),
+        'order_stop': Fault(what='~/stop', strike=called(SERVICES[1]), phases=ALWAYS),
+        'order_reset': Fault(what='~/reset', strike=called(SERVICES[2]), phases=ALWAYS),
+        'order_capture': Fault(
+            what='~/capture_desired', strike=called(SERVICES[3]), phases=ALWAYS
+        ),
+        'order_redetect': Fault(what='~/redetect', strike=called(SERVICES[4]), phases=ALWAYS),
+        'order_stop_and_start': Fault(
+            what='~/stop, and ~/start a little later', strike=_stop_then_start, phases=ALWAYS
+        ),
+        'order_storm': Fault(what='30 services in 3 s, then ~/stop', strike=_storm, phases=ALWAYS),
+        'order_button': Fault(
+            what='the stop button is pressed, and released', strike=_pressed, phases=ALWAYS
+        ),
+        'order_two_buttons': Fault(
+            what='one of two stop buttons is pressed', strike=_two_buttons, phases=ALWAYS
+        ),
+        **{
+            f'arming_{name}': Fault(
+                what=f'~/start, and a minute later {what}',
+                strike=strike,
+                prepare=_waits_without_clock if name == 'clock' else _waits,
+                phases=AT_FIRST,
+            )
+            for name, (what, strike) in ARMING.items()
+        },
+        'carried': Fault(what='somebody carries the robot', strike=_carried, phases=ALWAYS),
+        'limits_lowered': Fault(what='max_linear, max_angular lowered', strike=_limits),
+        'parameters_servo': Fault(
+            what='parameters of the servo', strike=_parameters('servo_node', ServoSettings())
+        ),
+        'parameters_tracker': Fault(
+            what='parameters of the tracker',
+            strike=_parameters('tracker_node', TrackerSettings()),
+            phases=EVERYWHERE,
+        ),
+    }
+)

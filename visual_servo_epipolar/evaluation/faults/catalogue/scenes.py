@@ -1,0 +1,94 @@
+"""Faults of worlds that are others from the beginning: a deep scene, compressed images."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from types import MappingProxyType
+
+import cv2
+import numpy as np
+from sensor_msgs.msg import CompressedImage
+from std_msgs.msg import Header
+
+from visual_servo_epipolar.core.arrays import Image as Pixels
+from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
+from visual_servo_epipolar.evaluation.faults.catalogue.calibration import DESIRED, taken
+from visual_servo_epipolar.evaluation.faults.catalogue.fault import AT_FIRST, Fault, Scene
+from visual_servo_epipolar.evaluation.faults.catalogue.streams import IMAGES
+from visual_servo_epipolar.evaluation.faults.wire.parcel import Parcel
+from visual_servo_epipolar.evaluation.faults.wire.wire import HOP_NS
+from visual_servo_epipolar.evaluation.faults.world import WorldSettings
+
+TRUTH = '/ground_truth'
+FARTHER = 4.0  # than else, where the scene is deep
+QUALITY = 80  # of JPEGs
+
+
+def _deep(settings: WorldSettings, rng: np.random.Generator) -> WorldSettings:
+    x, y, heading = settings.start
+    start = FARTHER * x, FARTHER * y, heading
+    return replace(settings, start=start, depth=float(rng.uniform(15.0, 25.0)))
+
+
+def _look_far(scene: Scene) -> None:
+    """Let the scene be deeper, 60 to 200 m: the camera is moved by so much less."""
+    depth = scene.world.settings.depth
+    scene.notes.append(f'{depth:.0f} times as deep')
+
+    def look(parcel: Parcel) -> list[Parcel]:
+        position = parcel.message.pose.pose.position
+        position.x, position.y = position.x / depth, position.y / depth
+        return [parcel]
+
+    scene.filter(TRUTH, look)
+
+
+def _compressing(settings: WorldSettings, rng: np.random.Generator) -> WorldSettings:
+    return replace(settings, more={'tracker_node': {'transport': 'compressed'}})
+
+
+def _jpeg_damaged(scene: Scene) -> None:
+    """Send JPEGs, some damaged in the middle for a while: they decode all the same."""
+    begin_s, share = scene.witness.now_s + scene.draw(3.0, 10.0), scene.draw(0.3, 1.0)
+    end_s = begin_s + scene.draw(0.5, 8.0)
+    scene.notes.append(f'{share:.0%} of them, for {end_s - begin_s:.1f} s')
+    scene.later(end_s - scene.witness.now_s, lambda: None)
+
+    def compress(parcel: Parcel) -> list[Parcel]:
+        image = parcel.message
+        jpeg = _jpeg(np.frombuffer(image.data, np.uint8).reshape(image.height, image.width))
+        if begin_s <= scene.witness.now_s < end_s and scene.hits(share):
+            first = int(len(jpeg) * scene.draw(0.3, 0.7))
+            jpeg[first : first + len(jpeg) // 10] = scene.rng.integers(0, 255)
+        message = _compressed(image.header, jpeg)
+        return [parcel.changed(topic=f'{IMAGES}/compressed', message=message)]
+
+    photograph = _jpeg(taken(scene.world.settings.camera, DESIRED_POSE))
+    message = _compressed(Header(), photograph)
+    scene.world.wire.send(Parcel(f'{DESIRED}/compressed', message, HOP_NS))
+    scene.filter(IMAGES, compress)
+
+
+def _jpeg(pixels: Pixels) -> Pixels:
+    jpeg = cv2.imencode('.jpg', pixels, [cv2.IMWRITE_JPEG_QUALITY, QUALITY])[1]
+    return np.array(jpeg, np.uint8).ravel()
+
+
+def _compressed(header: Header, jpeg: Pixels) -> CompressedImage:
+    message = CompressedImage(header=header, format='mono8; jpeg compressed mono8')
+    message.data.frombytes(jpeg.tobytes())
+    return message
+
+
+FAULTS: Mapping[str, Fault] = MappingProxyType(
+    {
+        'scene_deep': Fault(
+            what='a scene 60 to 200 m deep', strike=_look_far, prepare=_deep, phases=AT_FIRST
+        ),
+        'jpeg_damaged': Fault(
+            what='JPEGs damaged in the middle',
+            strike=_jpeg_damaged,
+            prepare=_compressing,
+            phases=AT_FIRST,
+        ),
+    }
+)

@@ -1,0 +1,24 @@
+"""The table of all faults by name."""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from visual_servo_epipolar.evaluation.faults.catalogue import (
+    base,
+    calibration,
+    clocks,
+    images,
+    nodes,
+    odometry,
+    orders,
+    scenes,
+    streams,
+    tracks,
+)
+from visual_servo_epipolar.evaluation.faults.catalogue.fault import Fault
+
+GROUPS = (streams, images, scenes, tracks, calibration, clocks, orders, base, nodes, odometry)
+FAULTS: Mapping[str, Fault] = MappingProxyType(
+    {'none': Fault(what='nothing is wrong')}
+    | {name: fault for group in GROUPS for name, fault in group.FAULTS.items()}
+)

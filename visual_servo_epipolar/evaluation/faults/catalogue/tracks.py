@@ -1,0 +1,99 @@
+"""Faults of tracks: wrong ones, and clouds that lie about themselves."""
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from visual_servo_epipolar.evaluation.faults.catalogue.fault import ALWAYS, Fault, Scene
+from visual_servo_epipolar.evaluation.faults.catalogue.streams import dropped, late
+from visual_servo_epipolar.evaluation.faults.wire.parcel import Parcel
+from visual_servo_epipolar.messages.write import TRACK_LAYOUT
+
+TRACKS = '/tracks'
+LONGEST_S = 10.0
+Rows = Any
+
+
+def _changed(
+    change: Callable[[Rows, Scene], Rows], *, true: bool = False
+) -> Callable[[Scene], None]:
+    """Return tracks whose rows ``change``; ``true`` where enough of them is left."""
+
+    def strike(scene: Scene) -> None:
+        def alter(parcel: Parcel) -> list[Parcel]:
+            message = parcel.message
+            rows = change(np.frombuffer(message.data, TRACK_LAYOUT).copy(), scene)
+            message.width, message.row_step = len(rows), len(rows) * message.point_step
+            del message.data[:]
+            message.data.frombytes(rows.tobytes())
+            sight = parcel.sight if true or parcel.sight is None else parcel.sight.lie()
+            return [parcel.changed(sight=sight)]
+
+        scene.filter(TRACKS, alter, scene.spell(0.5, LONGEST_S))
+
+    return strike
+
+
+def _half_random(rows: Rows, scene: Scene) -> Rows:
+    wrong = scene.rng.random(len(rows)) < 0.5
+    for name, size in (('u', 320.0), ('v', 256.0)):
+        rows[name][wrong] = scene.rng.uniform(0.0, size, np.count_nonzero(wrong))
+    return rows
+
+
+def _half_shifted(rows: Rows, scene: Scene) -> Rows:
+    """Let half of the features, always the same, be elsewhere, as those of what moves."""
+    wrong = rows['id'] % 2 == 0
+    rows['u'][wrong] += 25.0
+    return rows
+
+
+def _nan(rows: Rows, scene: Scene) -> Rows:
+    wrong = scene.rng.random(len(rows)) < scene.draw(0.0, 1.0)
+    rows['u'][wrong] = np.nan
+    rows['v'][scene.rng.random(len(rows)) < 0.1] = np.inf
+    return rows
+
+
+def _none(rows: Rows, scene: Scene) -> Rows:
+    return rows[:0]
+
+
+def _few(rows: Rows, scene: Scene) -> Rows:
+    return rows[: int(scene.rng.integers(1, 12))]
+
+
+def _one_point(rows: Rows, scene: Scene) -> Rows:
+    rows['u'], rows['v'] = 160.0, 128.0
+    return rows
+
+
+def _lying(scene: Scene) -> None:
+    def lie(parcel: Parcel) -> list[Parcel]:
+        message = parcel.message
+        message.width = int(scene.rng.integers(0, 2**31))
+        message.point_step = int(scene.rng.integers(0, 200))
+        return [parcel.changed(sight=parcel.sight and parcel.sight.lie())]
+
+    scene.filter(TRACKS, lie, scene.spell(0.3, LONGEST_S))
+
+
+FAULTS: Mapping[str, Fault] = MappingProxyType(
+    {
+        'tracks_half_random': Fault(
+            what='half of the tracks anywhere', strike=_changed(_half_random, true=True)
+        ),
+        'tracks_half_shifted': Fault(
+            what='half of the tracks 25 px aside', strike=_changed(_half_shifted, true=True)
+        ),
+        'tracks_nan': Fault(what='nan and inf in tracks', strike=_changed(_nan, true=True)),
+        'tracks_empty': Fault(what='no features', strike=_changed(_none), phases=ALWAYS),
+        'tracks_few': Fault(what='a few features', strike=_changed(_few, true=True)),
+        'tracks_one_point': Fault(what='all features at one point', strike=_changed(_one_point)),
+        'tracks_lying': Fault(what='clouds whose size lies', strike=_lying, phases=ALWAYS),
+        'tracks_dropped': Fault(what='up to half of the tracks lost', strike=dropped(TRACKS)),
+        'tracks_late': Fault(what='tracks 0.1 to 0.5 s late', strike=late(TRACKS, 0.1, 0.5)),
+    }
+)

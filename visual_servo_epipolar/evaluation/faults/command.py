@@ -1,0 +1,107 @@
+"""``visual_servo faults``: closed loops on images with faults in them, judged by ground truth."""
+
+import argparse
+from collections.abc import Mapping
+from contextlib import closing
+from pathlib import Path
+import sys
+from typing import Any
+
+from visual_servo_epipolar.commands.arguments import publish, seed
+from visual_servo_epipolar.commands.console import Progress
+from visual_servo_epipolar.commands.files.output import write_whole
+from visual_servo_epipolar.commands.sweep.command import count
+from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.nodes.startup.missing import require
+from visual_servo_epipolar.processes import cores
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the subcommand."""
+    parser.epilog = (
+        'Exit code 0 only if every run is safe: arrived right, or at rest with a reason. A '
+        'run is repeated alone by its --only and --seed.'
+    )
+    parser.add_argument('--runs', type=count, metavar='N', help='runs (default one a fault)')
+    parser.add_argument('--seed', type=seed, default=0, metavar='S', help='seed (default 0)')
+    parser.add_argument(
+        '--only',
+        metavar='NAME,...',
+        help='these faults alone; simulated or processes for all such',
+    )
+    parser.add_argument('--list', action='store_true', help='list the faults, and run nothing')
+    parser.add_argument(
+        '--jobs', type=count, metavar='J', help='worker processes (default one a core)'
+    )
+    parser.add_argument(
+        '--json', metavar='FILE', help='write each run as JSON to FILE, - for standard output'
+    )
+    parser.add_argument('--table', metavar='FILE', help='write the table to FILE as well')
+    parser.set_defaults(run=faults)
+
+
+def faults(options: argparse.Namespace) -> int:
+    """Run the campaign, print the table; return 0 if every verdict is safe."""
+    require('rclpy')
+    from visual_servo_epipolar.evaluation.faults import campaign, report
+
+    if options.list:
+        print(_listed())
+        return 0
+    names = _names(options.only)
+    runs = campaign.plan(names, options.runs or len(names or campaign.NAMES), options.seed)
+    with closing(Progress()) as progress:
+        progress.say('starting workers ...')
+        ended: list[Mapping[str, Any]] = []
+
+        def watch(result: Mapping[str, Any]) -> None:
+            ended.append(result)
+            if not result['safe']:
+                progress.close()
+                print(report.offence(result), file=sys.stderr)
+            unsafe = sum(not it['safe'] for it in ended)
+            progress.say(
+                f'faults: {len(ended)} of {len(runs)}, {unsafe} unsafe; '
+                f'{result["fault"]}: {result["verdict"]}'
+            )
+
+        results = campaign.drive(runs, min(options.jobs or cores(), len(runs)), watch)
+    document = campaign.document(results, options.seed)
+    text = report.table(document)
+    if options.table is not None:
+        _write(Path(options.table), text)
+    publish(document, text, options.json)
+    if document['unsafe']:
+        print(
+            f'visual_servo faults: {document["unsafe"]} of {len(runs)} runs are unsafe',
+            file=sys.stderr,
+        )
+    return 1 if document['unsafe'] else 0
+
+
+def _names(text: str | None) -> list[str]:
+    """Return the faults that are asked for; none stands for all."""
+    from visual_servo_epipolar.evaluation.faults.catalogue.table import FAULTS
+    from visual_servo_epipolar.evaluation.faults.processes.table import PROCESSES
+
+    groups = {'simulated': list(FAULTS), 'processes': list(PROCESSES)}
+    names: list[str] = []
+    for name in text.split(',') if text is not None else ():
+        names += groups.get(name, [name])
+    return names
+
+
+def _listed() -> str:
+    from visual_servo_epipolar.evaluation.faults.catalogue.table import FAULTS
+    from visual_servo_epipolar.evaluation.faults.processes.table import PROCESSES
+
+    whats = {name: fault.what for name, fault in FAULTS.items()}
+    whats |= {name: fault.what for name, fault in PROCESSES.items()}
+    return '\n'.join(f'{name:<28} {what}' for name, what in whats.items())
+
+
+def _write(path: Path, text: str) -> None:
+    try:
+        write_whole(path, f'{text}\n'.encode())
+    except OSError as error:
+        raise InputError(f'{path}: table cannot be written: {error.strerror}') from None

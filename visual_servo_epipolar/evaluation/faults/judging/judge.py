@@ -1,0 +1,200 @@
+"""The judge: the verdict on the record of a run, by ground truth."""
+
+from bisect import bisect_right
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+import math
+
+from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, wrap_angle
+from visual_servo_epipolar.core.laws.phases.table import Phase
+from visual_servo_epipolar.evaluation.faults.judging.blindness import blindness
+from visual_servo_epipolar.evaluation.faults.judging.motion import braking_s, moving, speed
+from visual_servo_epipolar.evaluation.faults.judging.record import (
+    Bounds,
+    Record,
+    SAFE,
+    Truth,
+    Verdict,
+)
+
+ROUNDING = 1e-6  # by which a limit may be exceeded
+STEP = 1.5  # the longest time between two images over the mean
+RAMP_M_S, RAMP_RAD_S = 0.01, 0.02  # what a ramp may be off by where images come unevenly
+
+
+@dataclass(frozen=True, slots=True)
+class Judgement:
+    """
+    Verdict on a run, and why; with the excursion [m], the time moved without sight [s].
+
+    ``charges`` are all that could be said against it: the verdict is the first of them.
+    """
+
+    verdict: Verdict
+    detail: str
+    excursion_m: float
+    blind_s: float
+    position_error_m: float
+    charges: tuple[str, ...]
+
+    @property
+    def safe(self) -> bool:
+        """Whether the robot arrived right, or stands and says why."""
+        return self.verdict in SAFE
+
+
+def judged(record: Record, bounds: Bounds) -> Judgement:
+    """Return the verdict on a run."""
+    charges = list(_charges(record, bounds))
+    goal = min(record.goals, key=lambda it: _off(record, it)[0])
+    verdict, detail = charges[0] if charges else _harmless(record)
+    return Judgement(
+        verdict,
+        detail,
+        excursion_m=max((it.pose.distance for it in record.truths), default=0.0),
+        blind_s=blindness(record, bounds).time_s,
+        position_error_m=_off(record, goal)[0],
+        charges=tuple(f'{name.value}: {text}' for name, text in charges),
+    )
+
+
+def _harmless(record: Record) -> tuple[Verdict, str]:
+    if record.phase == Phase.ARRIVED.value:
+        return Verdict.ARRIVED, record.reason
+    return Verdict.AT_REST, record.why[-1]
+
+
+def _charges(record: Record, bounds: Bounds) -> Iterator[tuple[Verdict, str]]:
+    """Yield what can be said against a run, the worst first."""
+    if record.crashes:
+        yield Verdict.TRACEBACK, ' '.join(record.crashes[0].split())[-300:]
+    blind = blindness(record, bounds)
+    if blind.charge:
+        yield Verdict.BLIND, blind.charge
+    yield from _named(Verdict.DISOBEYED, _disobeyed(record, bounds))
+    yield from _named(Verdict.LIMITS, _limits(record, bounds))
+    yield from _named(Verdict.RAN_AWAY, _excursion(record, bounds))
+    last = record.truths[-1] if record.truths else None
+    if last is not None and moving(last.twist):
+        yield Verdict.STILL_MOVING, f'{speed(last.twist)} in {record.phase}'
+    elif record.phase == Phase.ARRIVED.value:
+        yield from _named(Verdict.WRONG_ARRIVAL, _missed(record, bounds))
+    elif not record.why:
+        yield Verdict.UNEXPLAINED, f'stands in {record.phase}, and nobody says why'
+
+
+def _named(verdict: Verdict, charge: str) -> Iterator[tuple[Verdict, str]]:
+    if charge:
+        yield verdict, charge
+
+
+def _disobeyed(record: Record, bounds: Bounds) -> str:
+    """Return how the robot moved after it was told to stand."""
+    at_stop = STANDSTILL
+    for truth in record.truths:
+        at_stop = truth.twist if truth.time_s <= record.stopped_s else at_stop
+        limit_s = record.stopped_s + bounds.period_s + braking_s(at_stop, bounds)
+        if truth.time_s > limit_s and moving(truth.twist):
+            return f'{speed(truth.twist)} {truth.time_s - record.stopped_s:.1f} s after the stop'
+    return ''
+
+
+def _limits(record: Record, bounds: Bounds) -> str:
+    """Return which limit of speed or acceleration was exceeded, of the servo or of the base."""
+    for order in record.orders:
+        over = (
+            abs(order.twist.linear) > order.limits.linear + ROUNDING
+            or abs(order.twist.angular) > order.limits.angular + ROUNDING
+        )
+        if over:
+            limits = f'{order.limits.linear:.2f} m/s, {order.limits.angular:.2f} rad/s'
+            return f'the servo commands {speed(order.twist)} where {limits} are allowed'
+    return record.senseless or _ramps(record, bounds) or _base(record, bounds)
+
+
+def _ramps(record: Record, bounds: Bounds) -> str:
+    """
+    Return where the servo's commands rise faster than its ramps.
+
+    It goes by the times of its images: one that came late is followed at once by one in time.
+    """
+    for before, after in pairwise(record.orders):
+        commanded, taken = after.time_s - before.time_s, _taken_s(record, after.time_s)
+        dt = max(commanded, taken - _taken_s(record, before.time_s), STEP * bounds.period_s)
+        linear = _rise(before.twist.linear, after.twist.linear)
+        angular = _rise(before.twist.angular, after.twist.angular)
+        if (
+            linear > after.limits.acceleration * dt + RAMP_M_S
+            or angular > after.limits.angular_acceleration * dt + RAMP_RAD_S
+        ):
+            return f'the servo goes from {speed(before.twist)} to {speed(after.twist)} at once'
+    return ''
+
+
+def _rise(before: float, after: float) -> float:
+    """Return by how much a speed has risen; beyond zero all of it."""
+    return abs(after) - (abs(before) if before * after >= 0.0 else 0.0)
+
+
+def _taken_s(record: Record, time_s: float) -> float:
+    """Return when the newest image was taken that had come by ``time_s``; 0 if none had."""
+    count = bisect_right(record.seen, time_s, key=lambda seen: seen.time_s)
+    return max((seen.taken_s for seen in record.seen[max(0, count - 5) : count]), default=0.0)
+
+
+def _base(record: Record, bounds: Bounds) -> str:
+    """Return where the base exceeds its own limits."""
+    for before, after in pairwise(record.truths):
+        leaps = (*record.moved_s, *record.broken_s)  # by no motor
+        if any(before.time_s <= leap <= after.time_s for leap in leaps):
+            continue
+        dt = after.time_s - before.time_s
+        linear = abs(after.twist.linear - before.twist.linear)
+        angular = abs(after.twist.angular - before.twist.angular)
+        change = max(bounds.base_acceleration, bounds.base_deceleration)
+        if (
+            abs(after.twist.linear) > bounds.base_linear + ROUNDING
+            or abs(after.twist.angular) > bounds.base_angular + ROUNDING
+            or linear > STEP * change * dt + RAMP_M_S
+            or angular > STEP * bounds.base_angular_acceleration * dt + RAMP_RAD_S
+        ):
+            return f'the base goes from {speed(before.twist)} to {speed(after.twist)} at once'
+    return ''
+
+
+def _excursion(record: Record, bounds: Bounds) -> str:
+    """Return how far the robot ran away from the goal."""
+    if not record.truths:
+        return ''
+    begin = record.truths[0].pose.distance
+    limit = bounds.excursion_ratio * begin + bounds.excursion_m
+    farthest = max(it.pose.distance for it in record.truths)
+    return f'{farthest:.1f} m from the goal, from {begin:.1f} m' if farthest > limit else ''
+
+
+def _missed(record: Record, bounds: Bounds) -> str:
+    """Return how far from each goal a robot stands that says it has arrived."""
+    offs = [_off(record, goal) for goal in record.goals]
+    if any(off <= bounds.position_m and turn <= bounds.heading_rad for off, turn in offs):
+        return ''
+    off, turn = min(offs)
+    return f'{1e3 * off:.0f} mm, {math.degrees(turn):.1f} deg from the goal'
+
+
+def _last(record: Record) -> Truth:
+    """Return the end of a run; who is carried away after the arrival had arrived all the same."""
+    if record.phase != Phase.ARRIVED.value:
+        return record.truths[-1]
+    away_s = min((it for it in record.moved_s if it > record.arrived_s), default=math.inf)
+    there = [truth for truth in record.truths if truth.time_s < away_s]
+    return there[-1] if there else record.truths[-1]
+
+
+def _off(record: Record, goal: Pose) -> tuple[float, float]:
+    """Return how far [m] and how turned [rad] from ``goal`` the robot is at the end."""
+    if not record.truths:
+        return math.nan, math.nan
+    pose = _last(record).pose
+    off = math.hypot(pose.x - goal.x, pose.y - goal.y)
+    return off, abs(wrap_angle(pose.theta - goal.theta))

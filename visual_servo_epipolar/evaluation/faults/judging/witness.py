@@ -1,0 +1,193 @@
+"""Witness of a run: writes down what happens in a world."""
+
+from bisect import bisect_right
+import math
+from typing import Any
+
+from rclpy.node import Node
+
+from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
+from visual_servo_epipolar.core.laws.phases.table import ARMED, Phase
+from visual_servo_epipolar.core.stamps import NANOSECONDS
+from visual_servo_epipolar.evaluation.faults.judging.record import Limits, Order, Record, Truth
+from visual_servo_epipolar.evaluation.faults.wire.parcel import Parcel, Sight
+from visual_servo_epipolar.evaluation.faults.wire.wire import WARNING
+from visual_servo_epipolar.evaluation.faults.world import World
+from visual_servo_epipolar.messages import read
+from visual_servo_epipolar.simulation.mounts.registry import new_rig
+from visual_servo_epipolar.simulation.mounts.true_geometry import true_geometry
+from visual_servo_epipolar.simulation.run_monitor import LEAST_BASELINE_M, WRONG_BEARING
+
+SERVO, BASE = 'servo_node', 'unicycle_node'
+LONGEST_STEP_S = 0.5  # between two measurements that count as one drive
+LIMITS = (
+    'max_linear',
+    'max_angular',
+    'max_acceleration',
+    'max_angular_acceleration',
+    'speed_ramps',
+    'dead_band_linear',
+    'dead_band_angular',
+)
+# Have a reason, or should.
+MUTE = (Phase.HOLDING.value, Phase.FAILED.value, Phase.WAITING.value, ARMED)
+
+
+class Witness:
+    """Witness of a ``world``; ``record`` is what it saw up to now."""
+
+    def __init__(self, world: World) -> None:
+        self.record, self._world, self._wire = Record(), world, world.wire
+        self.struck_ns = 0  # what was said before explains nothing
+        self._rig = new_rig(world.settings.camera)
+        self._image: Sight | None = None  # the last one that reached the tracker
+        self._sight: Sight | None = None  # what the servo saw last
+        self._measured_s: float | None = None
+        self._learnt_dead_band = STANDSTILL
+        for topic, tap in (
+            ('/ground_truth', self._on_truth),
+            ('/image_raw', self._on_image),
+            ('/tracks', self._on_tracks),
+            ('/cmd_vel', self._on_command),
+            ('/phase', self._on_phase),
+            ('/diagnostics', self._on_diagnostics),
+            ('/epipoles', self._on_epipoles),
+        ):
+            self._wire.taps[topic].append(tap)
+        for topic in ('/image_raw', '/image_raw/compressed'):
+            self._wire.ears[topic].append(self._on_arrival)
+        self._wire.ears['/tracks'].append(self._on_sight)
+
+    @property
+    def now_s(self) -> float:
+        """The time [s]."""
+        return self._wire.now_ns / NANOSECONDS
+
+    @property
+    def pose(self) -> Pose:
+        """Where the robot is: at its start, before the first word of ground truth."""
+        truths = self.record.truths
+        return truths[-1].pose if truths else Pose.from_start(*self._world.settings.start)
+
+    def pose_at(self, taken_ns: int) -> Pose:
+        """Return where the robot was."""
+        times = [truth.time_s for truth in self.record.truths]
+        return self.record.truths[max(bisect_right(times, taken_ns / NANOSECONDS) - 1, 0)].pose
+
+    @property
+    def seen_pose(self) -> Pose:
+        """Where the image was taken that the tracker had last."""
+        return self.pose if self._image is None else self.pose_at(self._image.taken_ns)
+
+    def finish(self) -> Record:
+        """Return the record, with what was said about why the robot stands."""
+        record = self.record
+        record.crashes = list(self._wire.crashes)
+        if record.truths and not self._world.works(BASE):  # without its process it stands
+            record.truths.append(Truth(self.now_s, self.pose, STANDSTILL))
+        record.why += [
+            text
+            for time_ns, _, severity, text in self._wire.logs
+            if severity >= WARNING and time_ns >= self.struck_ns
+        ]
+        if not self._world.works(SERVO):  # as one that hangs for good, from before it drove
+            record.why.append(f'{SERVO} is gone, or hangs')
+        if record.stopped_s < math.inf:
+            record.why.append('it was told to')
+        if record.phase in MUTE and record.reason:
+            record.why.append(record.reason)
+        return record
+
+    def _on_truth(self, parcel: Parcel) -> None:
+        pose, twist = read.pose(parcel.message), read.twist(parcel.message.twist)
+        self.record.truths.append(Truth(self.now_s, pose, twist))
+
+    def _on_image(self, parcel: Parcel) -> None:
+        parcel.sight = Sight(self._wire.now_ns)
+
+    def _on_arrival(self, node: Node, parcel: Parcel) -> None:
+        self._image = parcel.sight
+
+    def _on_tracks(self, parcel: Parcel) -> None:
+        # An image that waited for its camera_info was not what the tracker was called for.
+        parcel.sight = parcel.sight or self._image
+
+    def _on_sight(self, node: Node, parcel: Parcel) -> None:
+        if node.get_name() != SERVO or parcel.sight is None:
+            return
+        self._sight = parcel.sight
+        if not parcel.sight.true:
+            return
+        carried_s = 0.0
+        if node.get_parameter('memory').value:
+            carried_s = float(node.get_parameter('few_features_timeout').value)
+        enough = int(node.get_parameter('min_features').value)
+        taken_s = parcel.sight.taken_ns / NANOSECONDS
+        self.record.sees(_shown(parcel.message), self.now_s, taken_s, enough, carried_s)
+
+    def _on_command(self, parcel: Parcel) -> None:
+        servo = self._world.nodes.get(parcel.sender)
+        if servo is None or parcel.sender != SERVO:
+            return
+        try:
+            twist = read.twist(parcel.message)
+        except ValueError as error:
+            self.record.senseless = str(error)
+            return
+        limits = _limits(servo, twist, self._learnt_dead_band)
+        self.record.orders.append(Order(self.now_s, twist, limits))
+
+    def _on_phase(self, parcel: Parcel) -> None:
+        if parcel.sender not in (SERVO, ''):
+            return
+        before, self.record.phase = self.record.phase, str(parcel.message.data)
+        if self.record.phase == Phase.ARRIVED.value != before:
+            self.record.arrived_s = self.now_s
+
+    def _on_diagnostics(self, parcel: Parcel) -> None:
+        said = read.diagnosis(parcel.message)
+        if parcel.sender == SERVO and 'reason' in said:
+            self.record.reason = said['reason']
+
+    def _on_epipoles(self, parcel: Parcel) -> None:
+        """Add up the time driven on a wrong geometry; note whether a dead band was learnt."""
+        if parcel.sender != SERVO:
+            return
+        said: dict[str, Any] = read.telemetry(parcel.message)
+        self._learnt_dead_band = Twist(
+            said['dead_band_linear_m_s'], said['dead_band_angular_rad_s']
+        )
+        if self._sight is None or len(self.record.goals) > 1:
+            return
+        truth = true_geometry(self._rig, self.pose_at(self._sight.taken_ns))
+        error = truth.error(said['bearing_current_rad'], said['bearing_desired_rad'])
+        before_s, self._measured_s = self._measured_s, self.now_s
+        driven = bool(self.record.orders) and self.record.orders[-1].twist != STANDSTILL
+        wrong = truth.baseline > LEAST_BASELINE_M and error > WRONG_BEARING
+        if driven and wrong and before_s is not None:
+            self.record.wrong_geometry_s += min(self.now_s - before_s, LONGEST_STEP_S)
+
+
+def _limits(servo: Node, twist: Twist, learnt: Twist) -> Limits:
+    """
+    Return the limits that a servo obeys.
+
+    Slow commands may jump to a dead band that is told, or that it says it has ``learnt``.
+    """
+    said = {name: servo.get_parameter(name).value for name in LIMITS}
+    ramps = said['speed_ramps'] and not (said['dead_band_linear'] or said['dead_band_angular'])
+    hops = abs(twist.linear) <= learnt.linear, abs(twist.angular) <= learnt.angular
+    return Limits(
+        float(said['max_linear']),
+        float(said['max_angular']),
+        float(said['max_acceleration']) if ramps and not hops[0] else math.inf,
+        float(said['max_angular_acceleration']) if ramps and not hops[1] else math.inf,
+    )
+
+
+def _shown(tracks: Any) -> int:
+    """Return how many features of the photograph a message of ``tracks`` has."""
+    try:
+        return len(read.features(tracks))
+    except ValueError:
+        return int(tracks.width)

@@ -1,0 +1,111 @@
+"""One run of real processes, one of which is harmed while the robot drives."""
+
+from contextlib import ExitStack
+from dataclasses import asdict
+from pathlib import Path
+import signal
+import tempfile
+from typing import Any
+import zlib
+
+import numpy as np
+
+from visual_servo_epipolar.evaluation.benchmarks.wire.processes import Process, started
+from visual_servo_epipolar.evaluation.faults.judging.judge import judged
+from visual_servo_epipolar.evaluation.faults.judging.record import Bounds
+from visual_servo_epipolar.evaluation.faults.processes.listener import RunListener, SETTINGS
+from visual_servo_epipolar.evaluation.faults.processes.table import NODES, ProcessFault
+from visual_servo_epipolar.evaluation.faults.world import FRAME_RATE, small_camera
+from visual_servo_epipolar.nodes.startup import signals
+from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
+from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
+
+START_S, REST_S, LONGEST_S = 90.0, 3.0, 120.0
+LATE_S = 0.5  # by which a busy machine may deliver what is sent, or run who is due
+BASE = PioneerSettings()
+
+
+def run(name: str, fault: ProcessFault, seed: int) -> dict[str, Any]:
+    """Start the nodes, harm one while the robot drives, and return what became of it."""
+    rng = np.random.default_rng((seed, zlib.crc32(name.encode())))
+    start = [float(rng.uniform(-0.3, 0.3)), float(rng.uniform(-3.0, -2.0)), 0.0]
+    after_s, hung_s = float(rng.uniform(0.3, 4.0)), float(rng.uniform(0.3, 4.0))
+    resumes = fault.resumes and bool(rng.random() < 0.5)
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        listener = RunListener(stack)
+        harmed = _team(stack, folder, seed, start, fault, listener)[fault.node]
+        listener.wait(lambda: listener.moving, 'no robot has moved', START_S)
+        listener.spin_for(after_s)
+        logs = {node: folder / f'{node}.log' for node in NODES}
+        listener.strike(fault.node, logs)
+        harmed.send_signal(fault.signal)
+        if resumes:
+            listener.spin_for(hung_s)
+            listener.resumed()
+            harmed.send_signal(signal.SIGCONT)
+        listener.watch_until_rest(REST_S, LONGEST_S)
+        record = listener.finish()
+    judgement = judged(record, _bounds())
+    return {
+        'fault': name,
+        'seed': seed,
+        'start': start,
+        'struck_s': listener.struck_s,
+        'struck_in': listener.struck_in,
+        'notes': [f'continued after {hung_s:.1f} s'] if resumes else [],
+        'safe': judgement.safe,
+        **asdict(judgement),
+        'verdict': judgement.verdict.value,
+        'wrong_geometry_s': 0.0,
+        'phase': record.phase,
+        'reason': record.reason,
+        'duration_s': listener.time_s,
+    }
+
+
+def _team(
+    stack: ExitStack,
+    folder: Path,
+    seed: int,
+    start: list[float],
+    fault: ProcessFault,
+    listener: RunListener,
+) -> dict[str, Process]:
+    """
+    Start the four nodes; they end with the stack.
+
+    The camera comes last: a robot that drives before the tracks are heard would be judged blind.
+    The base stops by itself only where nobody else can stop it.
+    """
+    camera = small_camera(seed)
+    names = ('width', 'height', 'focal_length', 'principal_u', 'principal_v', 'seed')
+    timeout_s = BASE.command_timeout if fault.mute else 0.0
+    more = {
+        'camera_node': [f'{name}:={getattr(camera, name)}' for name in names],
+        'unicycle_node': [f'start:={start}', f'command_timeout:={timeout_s}'],
+        'servo_node': ['autostart:=true'],
+    }
+    arguments = {
+        node: [word for text in more.get(node, ()) for word in ('-p', text)] for node in NODES
+    }
+    if fault.signal in (*signals.ENDING, signal.SIGTSTP):
+        # What this process ignores, as nohup has it, its children would ignore as well.
+        stack.callback(signal.signal, fault.signal, signal.signal(fault.signal, signal.SIG_DFL))
+    camera_arguments = {'camera_node': arguments.pop('camera_node')}
+    processes = started(stack, arguments, folder, logs=True)
+    listener.wait(lambda: listener.hears_all, 'not every node is heard', START_S)
+    return {**processes, **started(stack, camera_arguments, folder, logs=True)}
+
+
+def _bounds() -> Bounds:
+    """Return what is allowed; ramps of the base between messages are not judged."""
+    latency_s = ServoNodeSettings().max_latency
+    period_s = 1.0 / FRAME_RATE
+    return Bounds(
+        sight_s=SETTINGS.stale_timeout + latency_s + period_s + LATE_S,
+        period_s=period_s,
+        base_acceleration=float('inf'),
+        base_deceleration=BASE.deceleration,
+        base_angular_acceleration=BASE.angular_acceleration,
+    )

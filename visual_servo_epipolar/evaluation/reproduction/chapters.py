@@ -1,0 +1,132 @@
+"""The parts of the paper that can be reproduced: each gives figures, statements, metrics."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from visual_servo_epipolar.core.servo.run_log import summarise
+from visual_servo_epipolar.evaluation.reproduction.experiment import figures as experiment_figures
+from visual_servo_epipolar.evaluation.reproduction.experiment import sensitivity
+from visual_servo_epipolar.evaluation.reproduction.experiment.claims import (
+    claims,
+    ERROR_OF_THE_PAPER_M,
+)
+from visual_servo_epipolar.evaluation.reproduction.experiment.experiment import (
+    experiment,
+    experiment_scenario,
+)
+from visual_servo_epipolar.evaluation.reproduction.simulations import figures
+from visual_servo_epipolar.evaluation.reproduction.simulations.claims import claims_1, claims_2
+from visual_servo_epipolar.evaluation.reproduction.simulations.runs import (
+    metrics,
+    Simulation1,
+    Simulation2,
+    simulation_1,
+    simulation_2,
+)
+from visual_servo_epipolar.evaluation.reproduction.simulations.sign_figure import printed_sign
+from visual_servo_epipolar.evaluation.reproduction.statements import Statement
+
+Say = Callable[[str], None]
+
+
+@dataclass(frozen=True)
+class Chapter:
+    """One part: figures by name, statements, metrics, a further table."""
+
+    title: str
+    figures: Mapping[str, Figure]
+    statements: list[Statement]
+    metrics: Mapping[str, Any] = field(default_factory=dict)
+    succeeded: bool = True
+    more: str = ''
+
+
+def chapter_1(say: Say) -> Chapter:
+    """Run simulation 1 and draw figures 7 to 13."""
+    say('simulation 1 ...')
+    return calibrated(simulation_1())
+
+
+def calibrated(runs: Simulation1) -> Chapter:
+    """Return the chapter on simulation 1."""
+    course = runs.course
+    drawn = {
+        'figure_07': figures.epipoles(course, 7),
+        'figure_08': figures.velocities(course, 8),
+        'figure_09': figures.path(course, 9, 1),
+        'figure_10': figures.distance(course, 10),
+        'figure_11': figures.linear_velocity(course, 11),
+        'figure_12': figures.path(course, 12, 2),
+        'figure_13': figures.feature_motion(course, 13),
+        'sign': printed_sign(runs),
+    }
+    results = {
+        'printed': metrics(course),
+        'corrected': metrics(runs.corrected),
+        'behind_printed': metrics(runs.behind_printed),
+        'behind_corrected': metrics(runs.behind_corrected),
+    }
+    succeeded = course.outcome == runs.corrected.outcome == 'arrived'
+    return Chapter('Simulation 1: calibrated camera', drawn, claims_1(runs), results, succeeded)
+
+
+def chapter_2(say: Say) -> Chapter:
+    """Run simulation 2 and draw figures 14 and 15."""
+    say('simulation 2 ...')
+    return partially_calibrated(simulation_2())
+
+
+def partially_calibrated(runs: Simulation2) -> Chapter:
+    """Return the chapter on simulation 2."""
+    drawn = {
+        'figure_14': figures.epipoles(runs.course, 14),
+        'figure_15': figures.path(runs.course, 15, 1),
+    }
+    results = {name: metrics(getattr(runs, name)) for name in ('course', 'held', 'voted')}
+    succeeded = runs.course.outcome == 'arrived'
+    return Chapter(
+        'Simulation 2: partially calibrated camera', drawn, claims_2(runs), results, succeeded
+    )
+
+
+def chapter_3(say: Say) -> Chapter:
+    """Run the experiment with images, draw figures 17 to 20, perturb it with point features."""
+    run = experiment(say)
+    say('sensitivity of the experiment ...')
+    rows = sensitivity.sensitivities()
+    behind = {
+        law: sensitivity.from_points(experiment_scenario(law=law), sensitivity.BEHIND, 0)
+        for law in ('paper', 'corrected')
+    }
+    drawn = {
+        'figure_17': experiment_figures.epipoles(run),
+        'figure_18': experiment_figures.difference(run),
+        'figure_19': experiment_figures.snapshots(run, 19),
+        'figure_20': experiment_figures.snapshots(run, 20),
+    }
+    summary = summarise(run.log)
+    results = {
+        'run': summary,
+        'difference_rate_per_s': experiment_figures.difference_decay(run.log).rate,
+        'sensitivity': sensitivity.document(rows),
+        'behind': behind,
+    }
+    near = summary['position_error_m'] < ERROR_OF_THE_PAPER_M
+    return Chapter(
+        'Experiment',
+        drawn,
+        claims(run, rows, behind),
+        results,
+        summary['outcome'] == 'arrived' and near,
+        sensitivity.markdown(rows),
+    )
+
+
+CHAPTERS: Mapping[str, Callable[[Say], Chapter]] = {
+    'sim1': chapter_1,
+    'sim2': chapter_2,
+    'experiment': chapter_3,
+}

@@ -1,0 +1,42 @@
+"""``visual_servo reproduce``: the paper's figures, and a table of the paper against us."""
+
+import argparse
+from contextlib import closing
+
+from visual_servo_epipolar import __version__
+from visual_servo_epipolar.commands.arguments import output_folder, publish
+from visual_servo_epipolar.commands.console import Progress
+
+PARTS = ('sim1', 'sim2', 'experiment')
+SUCCESS, FAILURE = 0, 1
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """Add the options of the subcommand."""
+    parser.add_argument(
+        'which', choices=(*PARTS, 'all'), help='simulation 1 or 2, experiment, all'
+    )
+    parser.add_argument(
+        '--out', metavar='DIR', required=True, help='where the figures and the table go'
+    )
+    parser.add_argument(
+        '--json', metavar='FILE', help='write the result as JSON to FILE, - for standard output'
+    )
+    parser.set_defaults(run=reproduce)
+
+
+def reproduce(options: argparse.Namespace) -> int:
+    """Run, draw, compare; return 0 if every run came to the end that the paper gives it."""
+    # Only here: matplotlib takes a second to load, and the other commands need none of it.
+    from visual_servo_epipolar.evaluation.reproduction.chapters import CHAPTERS
+    from visual_servo_epipolar.evaluation.reproduction.publish import document, text
+    from visual_servo_epipolar.evaluation.reproduction.publish import publish as draw
+
+    folder = output_folder(options.out)
+    parts = PARTS if options.which == 'all' else (options.which,)
+    with closing(Progress()) as progress:
+        chapters = {part: CHAPTERS[part](progress.say) for part in parts}
+    draw(chapters, folder)
+    words = f'{text(chapters)}\nfigures and table in {folder}'
+    publish({'version': __version__, **document(chapters)}, words, options.json)
+    return SUCCESS if all(chapter.succeeded for chapter in chapters.values()) else FAILURE

@@ -1,0 +1,241 @@
+"""
+The paper's two-step law in continuous time, as in its simulations (section VII).
+
+Every stage of the integration projects the points anew, estimates F, takes the epipoles and asks
+``core.laws``, the functions that the robot runs, for the velocities.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+import math
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, Twist
+from visual_servo_epipolar.core.laws import equations
+from visual_servo_epipolar.evaluation.reproduction.simulations.camera import (
+    EpipoleReading,
+    PointCamera,
+)
+
+GRADING = 0.02  # of the remaining time until e_du = 0: there the law is not Lipschitz
+LONGEST_STEP_S = 0.01  # before e_du is zero
+ROTATION_STEP_S = 0.05
+TRANSLATION_STEP_S = 1.0
+LONGEST_RUN_S = 5000.0
+FARTHEST_M = 100.0
+FINAL_DIFFERENCE = 1e-9  # |D| at which the second step ends [m^2]
+
+State = FloatArray  # x, y [m], theta [rad], d_hat [m]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """
+    One simulation: the parameters of section VII. Lengths in m, angles in rad.
+
+    ``sign`` is the sigma of the law: 'printed' sign(e_au e_du), 'cheirality' the vote of the
+    points at every instant, 'held' their vote at the start.
+    """
+
+    name: str
+    focal: float = 0.03
+    focal_guess: float = 0.03
+    start: Pose = field(default_factory=lambda: Pose(1.0, 1.0, HALF_PI))
+    k1: float = 0.5
+    k2: float = 0.5
+    exponent: float = 5.0 / 9.0
+    initial_distance: float = 2.0
+    k_t: float = 100.0
+    tolerance: float = 1e-9
+    sign: str = 'printed'
+
+
+@dataclass(frozen=True, slots=True)
+class Instant:
+    """State, epipoles and twist at one time [s]; ``step`` is 1 or 2, D in m^2, d_hat in m."""
+
+    time: float
+    pose: Pose
+    distance_estimate: float
+    reading: EpipoleReading
+    twist: Twist
+    difference: float
+    step: int
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """A whole run: its instants, when e_du became zero [s], and how it ended."""
+
+    case: Case
+    instants: tuple[Instant, ...]
+    zeroed_at: float
+    outcome: str
+
+    def column(self, name: str, step: int | None = None) -> FloatArray:
+        """Return one quantity of all instants, or of those of one step, shape (N,)."""
+        take = _COLUMNS[name]
+        return np.array([take(i) for i in self.instants if step in (None, i.step)])
+
+
+_COLUMNS: dict[str, Callable[[Instant], float]] = {
+    'time': lambda i: i.time,
+    'x': lambda i: i.pose.x,
+    'y': lambda i: i.pose.y,
+    'theta': lambda i: i.pose.theta,
+    'distance': lambda i: i.pose.distance,
+    'distance_estimate': lambda i: i.distance_estimate,
+    'e_current': lambda i: i.reading.e_current,
+    'e_desired': lambda i: i.reading.e_desired,
+    'linear': lambda i: i.twist.linear,
+    'angular': lambda i: i.twist.angular,
+    'difference': lambda i: i.difference,
+}
+
+
+class Simulation:
+    """Runs one ``Case``; ``course`` is the answer."""
+
+    def __init__(self, case: Case) -> None:
+        self.case, self.camera = case, PointCamera(case.focal, case.focal_guess)
+        self._held = self.camera.read(case.start).sigma
+        self._zeroed = False
+
+    def course(self) -> Course:
+        """Drive both steps and return what happened."""
+        start = self.case.start
+        state = np.array([start.x, start.y, start.theta, self.case.initial_distance])
+        instants, zeroed_at = [self.first(0.0, state)], math.nan
+        try:
+            outcome = self._transient(instants)
+            if not outcome:
+                zeroed_at = instants[-1].time + self._time_to_zero(instants[-1])
+                self._rotate(instants)
+                outcome = self._translate(instants)
+        except ValueError:
+            outcome = 'a point left the half-space before the camera'
+        return Course(self.case, tuple(instants), zeroed_at, outcome)
+
+    def _transient(self, instants: list[Instant]) -> str:
+        """Integrate until e_du counts as zero; return why it failed, if it did."""
+        side = math.copysign(1.0, instants[0].reading.e_desired)
+        while instants[-1].reading.e_desired * side > self.case.tolerance:
+            now = instants[-1]
+            step = min(GRADING * self._time_to_zero(now), LONGEST_STEP_S)
+            instants.append(self._after(now, step, self.first))
+            if instants[-1].pose.distance > FARTHEST_M or not step > 0.0:
+                return f'diverged, {instants[-1].pose.distance:.0f} m from the goal'
+            if now.reading.e_current * instants[-1].reading.e_current < 0.0:
+                far = abs(now.reading.e_current) > self.case.focal
+                return f'e_au passed through {"infinity" if far else "zero"}'
+        return ''
+
+    def _rotate(self, instants: list[Instant]) -> None:
+        """Turn in place until e_au is within the tolerance: u_1 is zero with e_du."""
+        self._zeroed = True
+        instants.append(self.first(instants[-1].time, _state(instants[-1])))
+        while abs(instants[-1].reading.e_current) > self.case.tolerance:
+            instants.append(self._after(instants[-1], ROTATION_STEP_S, self.first))
+
+    def _translate(self, instants: list[Instant]) -> str:
+        """Drive straight until the features match (21)."""
+        instants.append(self._second(instants[-1].time, _state(instants[-1])))
+        while abs(instants[-1].difference) > FINAL_DIFFERENCE:
+            instants.append(self._after(instants[-1], TRANSLATION_STEP_S, self._second))
+            if instants[-1].time > LONGEST_RUN_S:
+                return f'not there after {LONGEST_RUN_S:.0f} s'
+        return 'arrived'
+
+    def _after(self, now: Instant, dt: float, at: Callable[[float, State], Instant]) -> Instant:
+        """Return the instant ``dt`` later, by the classical Runge-Kutta method of order four."""
+
+        def slope(offset: float, state: State) -> State:
+            return self.rate(at(now.time + offset, state))
+
+        state = _state(now)
+        k_1 = self.rate(now)
+        k_2 = slope(0.5 * dt, state + 0.5 * dt * k_1)
+        k_3 = slope(0.5 * dt, state + 0.5 * dt * k_2)
+        k_4 = slope(dt, state + dt * k_3)
+        return at(now.time + dt, state + dt / 6.0 * (k_1 + 2.0 * k_2 + 2.0 * k_3 + k_4))
+
+    def rate(self, now: Instant) -> State:
+        """Return the derivative of the state: the unicycle (4), and d_hat (13), (25)."""
+        theta, twist, reading = now.pose.theta, now.twist, now.reading
+        growth = equations.distance_rate(
+            twist.linear,
+            reading.e_current,
+            sigma=self._sigma(reading),
+            focal=self.case.focal_guess,
+        )
+        return np.array(
+            [
+                twist.linear * math.cos(theta),
+                twist.linear * math.sin(theta),
+                twist.angular,
+                growth if now.step == 1 else 0.0,
+            ]
+        )
+
+    def first(self, time: float, state: State) -> Instant:
+        """Return the first step at ``time`` [s] and ``state``: eqs. (12), (16), (17)."""
+        case, pose = self.case, Pose(*state[:3].tolist())
+        reading, image = self.camera.read(pose), self.camera.image(pose)
+        nu_1, nu_2 = equations.auxiliary_controls(
+            reading.e_current, reading.e_desired, k1=case.k1, k2=case.k2, exponent=case.exponent
+        )
+        twist = equations.linearizing_control(
+            reading.e_current,
+            reading.e_desired,
+            sigma=self._sigma(reading),
+            distance=float(state[3]),
+            nu=(nu_1, 0.0 if self._zeroed else nu_2),
+            focal=case.focal_guess,
+        )
+        difference = self._difference(image)
+        return Instant(time, pose, float(state[3]), reading, twist, difference, 1)
+
+    def _second(self, time: float, state: State) -> Instant:
+        """Return the second step at ``state``: eqs. (21), (22); it asks for no epipoles."""
+        pose = Pose(*state[:3].tolist())
+        difference = self._difference(self.camera.image(pose))
+        twist = equations.match_features(difference, k_t=self.case.k_t)
+        reading = EpipoleReading(math.nan, math.nan, math.nan)
+        return Instant(time, pose, float(state[3]), reading, twist, difference, 2)
+
+    def _difference(self, image: FloatArray) -> float:
+        """Return D [m^2] of image points, shape (N, 2) [m]: eq. (23)."""
+        squares = (image**2).sum(axis=1) - (self.camera.desired**2).sum(axis=1)
+        return float(squares.mean())
+
+    def _sigma(self, reading: EpipoleReading) -> float:
+        if self.case.sign == 'printed':
+            return equations.printed_sigma(reading.e_current, reading.e_desired)
+        return self._held if self.case.sign == 'held' else reading.sigma
+
+    def _time_to_zero(self, now: Instant) -> float:
+        """Return the time until e_du = 0 [s] if d_hat / d stayed as it is: (15) in closed form."""
+        _, rate = equations.epipole_rates(
+            now.twist,
+            now.reading.e_current,
+            now.reading.e_desired,
+            sigma=Bearings.from_pose(now.pose).sigma,
+            distance=now.pose.distance,
+            focal=self.case.focal,
+        )
+        closing = -rate * math.copysign(1.0, now.reading.e_desired)
+        if not closing > 0.0:
+            return LONGEST_STEP_S / GRADING  # e_du runs away: no end to step towards
+        return abs(now.reading.e_desired) / ((1.0 - self.case.exponent) * closing)
+
+
+def _state(now: Instant) -> State:
+    return np.array([now.pose.x, now.pose.y, now.pose.theta, now.distance_estimate])
+
+
+def run(case: Case) -> Course:
+    """Return the course of ``case``."""
+    return Simulation(case).course()
