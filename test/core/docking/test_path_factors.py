@@ -13,9 +13,13 @@ from visual_servo_epipolar.core.docking.settings import DockPoseSettings
 from visual_servo_epipolar.core.docking.sighting import factors_along, window_of
 from visual_servo_epipolar.core.geometry.motion import HALF_PI
 from visual_servo_epipolar.core.mapping.adjustment.equations import Evaluation
-from visual_servo_epipolar.core.mapping.adjustment.refinement import refined
+from visual_servo_epipolar.core.mapping.adjustment.refinement import refine
 from visual_servo_epipolar.core.mapping.adjustment.window import Unknowns
-from visual_servo_epipolar.core.mapping.initialization import narrowed, shared_at, triangulated
+from visual_servo_epipolar.core.mapping.initialization import (
+    refine_narrowing,
+    shared_at,
+    triangulate,
+)
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
 from visual_servo_epipolar.simulation.point_world import PointSettings
 
@@ -47,8 +51,8 @@ def exact():
     shared = np.concatenate([shared_at(np.array([TILT, ROLL])), factors.prior])
     count = len(window.ids)
     unknowns = Unknowns(views, shared, np.zeros((2, count)), np.ones(count))
-    near = triangulated(window, unknowns, np.ones(len(views), bool))
-    return Evaluation(window, replace(unknowns, nearness=near), np.ones(count, bool), factors)
+    near = triangulate(window, unknowns, np.ones(len(views), bool))
+    return Evaluation(window, replace(unknowns, inverse_depth=near), np.ones(count, bool), factors)
 
 
 def view_at(pose):
@@ -71,10 +75,10 @@ def test_refinement_finds_the_truth_from_the_nearest_guess(exact) -> None:
     ratio = math.sqrt(FIRST_DISTANCES[1] / FIRST_DISTANCES[0])  # halfway between two of them
     true = exact.unknowns
     wrong = true.views * [ratio, ratio, 1.0, 1.0, 1.0] + [0.05, 0.0, 0.01, 0.0, 0.0]
-    near = triangulated(exact.window, replace(true, views=wrong), np.ones(len(wrong), bool))
-    start = replace(exact, unknowns=replace(true, views=wrong, nearness=near))
-    at, damping = narrowed(start)
-    geometry = refined(at, 40, damping)
+    near = triangulate(exact.window, replace(true, views=wrong), np.ones(len(wrong), bool))
+    start = replace(exact, unknowns=replace(true, views=wrong, inverse_depth=near))
+    at, damping = refine_narrowing(start)
+    geometry = refine(at, 40, damping)
     assert geometry.unknowns.views[:, :3] == pytest.approx(true.views[:, :3], abs=0.03)
     assert exact.factors.path_ratio(geometry.unknowns) < 0.2
 

@@ -18,14 +18,14 @@ def remembered(drive: Trial, swapped_at: int | None = None, ratio: float = RATIO
     memory, other = KeyframeMap(drive.mount, SURE), False
     for k in range(14):
         if k == swapped_at:
-            memory, other = memory.swapped(OTHER), True
+            memory, other = memory.with_alternative(OTHER), True
         motion = drive.motion(k)
         accounts = (ratio * motion, motion) if other else (motion, ratio * motion)
         told = two_views(drive, k).bearings if memory.geometry is None else ()
         memory, _ = memory.after(
-            drive.sightings(k), accounts[0], instead=accounts[1], bearings=told
+            drive.sightings(k), accounts[0], alternative_motion=accounts[1], bearings=told
         )
-        memory = memory.learnt()
+        memory = memory.update_map()
     return memory
 
 
@@ -37,7 +37,7 @@ def whole(memory: KeyframeMap) -> float:
 
 def test_the_same_memory_is_as_large_as_the_other_way(drive) -> None:
     before = remembered(drive)
-    after = before.swapped(OTHER)
+    after = before.with_alternative(OTHER)
     assert whole(after) == pytest.approx(RATIO * whole(before), rel=1e-3)
     assert after.geometry.depth == pytest.approx(RATIO * before.geometry.depth, rel=1e-3)
     assert after.pose[:2] == pytest.approx(RATIO * before.pose[:2], rel=1e-3)
@@ -48,10 +48,10 @@ def test_the_same_memory_is_as_large_as_the_other_way(drive) -> None:
 
 def test_who_swaps_twice_is_where_he_was(drive) -> None:
     before = remembered(drive)
-    again = before.swapped(OTHER).swapped(SURE)
+    again = before.with_alternative(OTHER).with_alternative(SURE)
     assert whole(again) == pytest.approx(whole(before), rel=1e-6)
     assert np.array_equal(again.place, before.place)
-    assert np.array_equal(again.window.travelled, before.window.travelled)
+    assert np.array_equal(again.window.driven_places, before.window.driven_places)
 
 
 @pytest.mark.parametrize('at', [0, 1, 9])
@@ -64,7 +64,7 @@ def test_who_comes_to_believe_it_has_it_of_the_whole_way(drive, at: int) -> None
 
 def test_the_view_after_it_is_where_it_is_by_the_other_account(drive) -> None:
     places = []
-    for memory in (remembered(drive), remembered(drive).swapped(OTHER)):
+    for memory in (remembered(drive), remembered(drive).with_alternative(OTHER)):
         _, said = memory.after(drive.sightings(14), drive.motion(14))
         assert not said.reason
         places.append(said.pose[:2])
@@ -75,4 +75,4 @@ def test_without_another_account_both_are_the_same(drive) -> None:
     memory = KeyframeMap(drive.mount, SURE)
     for k in range(3):
         memory, _ = memory.after(drive.sightings(k), drive.motion(k))
-    assert np.array_equal(memory.place, memory.instead)
+    assert np.array_equal(memory.place, memory.alternative_place)

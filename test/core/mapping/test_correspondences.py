@@ -8,9 +8,9 @@ import pytest
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
 from visual_servo_epipolar.core.mapping.correspondences import correspondences_of
 from visual_servo_epipolar.core.mapping.errors import errors_of
-from visual_servo_epipolar.core.mapping.feature_observations import sides_of
-from visual_servo_epipolar.core.mapping.fitting import anchors_of, fitted, Seen
-from visual_servo_epipolar.core.mapping.resection import resected
+from visual_servo_epipolar.core.mapping.feature_observations import tangent_basis_of
+from visual_servo_epipolar.core.mapping.fitting import anchors_of, fit_pose, MatchedFeatures
+from visual_servo_epipolar.core.mapping.resection import resect
 from visual_servo_epipolar.core.mapping.shrinkage import NOTHING
 
 
@@ -33,12 +33,14 @@ def test_a_view_of_the_same_features_says_what_it_would_alone(drive, memory) -> 
         assert said.pose.tolist() == alone.pose.tolist()
 
 
-def view_of(drive, geometry: Geometry, k: int) -> Seen:
+def view_of(drive, geometry: Geometry, k: int) -> MatchedFeatures:
     """Return what view ``k`` shows of features that are trusted."""
     sightings = drive.sightings(k)
     found = correspondences_of(geometry, sightings.ids)
     rays = sightings.current[found.known]
-    return Seen(found.chosen, rays.T, sides_of(rays, sightings.noise[found.known, 0]))
+    return MatchedFeatures(
+        found.chosen, rays.T, tangent_basis_of(rays, sightings.noise[found.known, 0])
+    )
 
 
 @pytest.mark.parametrize('k', [2, 8, 14])
@@ -46,7 +48,7 @@ def test_errors_that_show_nowhere_are_left_out_of_a_view(drive, memory, k: int) 
     geometry = memory.geometry
     seen = view_of(drive, geometry, k)
     anchors = anchors_of(geometry).of(seen.rows)
-    fit = fitted(anchors, seen, drive.views[k])
+    fit = fit_pose(anchors, seen, drive.views[k])
     some = errors_of(geometry, seen.rows)
     every = some._replace(
         shared=np.concatenate(
@@ -60,7 +62,7 @@ def test_errors_that_show_nowhere_are_left_out_of_a_view(drive, memory, k: int) 
     )
     assert some.shared.shape[2] < every.shared.shape[2]
     found, whole = (
-        resected(geometry, anchors, seen, fit, NOTHING, errors=errors) for errors in (some, every)
+        resect(geometry, anchors, seen, fit, NOTHING, errors=errors) for errors in (some, every)
     )
     own = np.sqrt(np.diag(whole.own))
     assert (np.abs(found.pose - whole.pose) < 0.01 * own).all()
@@ -71,11 +73,11 @@ def test_slopes_of_a_short_last_step_are_good_enough(drive, memory) -> None:
     geometry = memory.geometry
     seen = view_of(drive, geometry, 13)
     anchors = anchors_of(geometry).of(seen.rows)
-    begun = fitted(anchors, seen, drive.views[13])
-    fit = fitted(anchors, seen, begun.pose)
+    begun = fit_pose(anchors, seen, drive.views[13])
+    fit = fit_pose(anchors, seen, begun.pose)
     assert fit.slopes is not None
-    near = resected(geometry, anchors, seen, fit, NOTHING)
-    anew = resected(geometry, anchors, seen, fit._replace(slopes=None), NOTHING)
+    near = resect(geometry, anchors, seen, fit, NOTHING)
+    anew = resect(geometry, anchors, seen, fit._replace(slopes=None), NOTHING)
     assert near.pose == pytest.approx(anew.pose, abs=0.01 * np.sqrt(anew.own[0, 0]))
 
 
@@ -83,6 +85,6 @@ def test_after_a_longer_step_slopes_are_taken_anew(drive, memory) -> None:
     geometry = memory.geometry
     seen = view_of(drive, geometry, 13)
     anchors = anchors_of(geometry).of(seen.rows)
-    begun = fitted(anchors, seen, drive.views[13]).pose
+    begun = fit_pose(anchors, seen, drive.views[13]).pose
     far = [0.0, 0.0, 7e-4, 0.0, 0.0]  # twenty deviations: slopes serve to get back, no more
-    assert fitted(anchors, seen, begun + far).slopes is None
+    assert fit_pose(anchors, seen, begun + far).slopes is None

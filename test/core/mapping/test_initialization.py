@@ -13,14 +13,14 @@ from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
 from visual_servo_epipolar.core.mapping.adjustment.window import EMPTY
 from visual_servo_epipolar.core.mapping.initialization import (
     held_views,
-    initial,
+    initial_geometry,
     is_rival,
     is_sound,
     is_sure,
-    oriented,
+    orient_ahead,
     placed,
     Start,
-    triangulated,
+    triangulate,
 )
 from visual_servo_epipolar.evaluation.benchmarks.memory.study import StudySettings, trial
 
@@ -33,14 +33,14 @@ def start_at(view: np.ndarray, k: int, off: float = 0.0) -> Start:
 
 
 def test_depths_are_those_of_the_places(exact) -> None:
-    near = triangulated(exact.window, exact.unknowns, np.ones(14, bool))
-    assert near == pytest.approx(exact.unknowns.nearness, rel=1e-4)
+    near = triangulate(exact.window, exact.unknowns, np.ones(14, bool))
+    assert near == pytest.approx(exact.unknowns.inverse_depth, rel=1e-4)
 
 
 @pytest.mark.parametrize('off', [0.0, 0.05, -0.2])
 def test_rough_bearings_are_enough_to_begin_with(exact, off: float) -> None:
     start = start_at(exact.unknowns.views[1], 1, off)
-    geometry = initial(exact.window, [start], Attitude(), 0.05)
+    geometry = initial_geometry(exact.window, [start], Attitude(), 0.05)
     assert geometry is not None
     assert geometry.unknowns.views[:, :3] == pytest.approx(exact.unknowns.views[:, :3], abs=0.02)
 
@@ -48,7 +48,7 @@ def test_rough_bearings_are_enough_to_begin_with(exact, off: float) -> None:
 def test_of_several_starts_the_one_that_fits_best_is_taken(exact) -> None:
     wrong, right = (start_at(exact.unknowns.views[1], 1, off) for off in (1.2, 0.0))
     for starts in ([wrong, right], [right, wrong]):
-        geometry = initial(exact.window, starts, Attitude(), 0.05)
+        geometry = initial_geometry(exact.window, starts, Attitude(), 0.05)
         assert geometry is not None
         assert geometry.evaluation.cost < 1.0
 
@@ -56,16 +56,16 @@ def test_of_several_starts_the_one_that_fits_best_is_taken(exact) -> None:
 def test_of_a_geometry_and_its_reverse_the_one_with_features_ahead_is_taken(exact) -> None:
     reverse = replace(exact, unknowns=exact.unknowns.scaled(-1.0))
     assert reverse.cost == pytest.approx(exact.cost, abs=1e-6)  # they look the same
-    assert oriented(exact) is exact
-    for geometry in (oriented(reverse), exact):
+    assert orient_ahead(exact) is exact
+    for geometry in (orient_ahead(reverse), exact):
         assert geometry.unknowns.views == pytest.approx(exact.unknowns.views)
-        assert (geometry.unknowns.nearness > 0.0).all()
+        assert (geometry.unknowns.inverse_depth > 0.0).all()
 
 
 def test_without_a_way_that_was_told_it_begins_all_the_same(exact) -> None:
-    window = replace(exact.window, travelled=np.full((14, 2), np.nan))
+    window = replace(exact.window, driven_places=np.full((14, 2), np.nan))
     start = start_at(exact.unknowns.views[0], 0)
-    geometry = initial(window, [start], Attitude(), 0.05)
+    geometry = initial_geometry(window, [start], Attitude(), 0.05)
     assert geometry is not None
     ratio = geometry.unknowns.views[:, 1] / exact.unknowns.views[:, 1]
     assert ratio == pytest.approx(ratio[0], rel=0.01)
@@ -73,7 +73,7 @@ def test_without_a_way_that_was_told_it_begins_all_the_same(exact) -> None:
 
 def test_a_geometry_is_unsound_where_residuals_are_larger_than_noise(exact) -> None:
     assert is_sound(Geometry(exact))
-    louder = replace(exact.window, sides=exact.window.sides * 10.0)
+    louder = replace(exact.window, tangent_basis=exact.window.tangent_basis * 10.0)
     rng = np.random.default_rng(1)
     offsets = 3.0 * rng.normal(size=exact.unknowns.offsets.shape)
     shaken = replace(exact.unknowns, offsets=offsets)
@@ -107,11 +107,11 @@ def test_a_geometry_is_sure_where_its_views_are_apart_whatever_its_scale(
 
 def test_a_view_that_does_not_fit_is_left_out_and_the_rest_begins(exact) -> None:
     # One view shows other features than it says; its place would take the whole scale along.
-    sides = exact.window.sides.copy()
-    sides[2] = np.roll(sides[2], 9, axis=-1)
-    window = replace(exact.window, sides=sides)
+    tangent_basis = exact.window.tangent_basis.copy()
+    tangent_basis[2] = np.roll(tangent_basis[2], 9, axis=-1)
+    window = replace(exact.window, tangent_basis=tangent_basis)
     start = start_at(exact.unknowns.views[1], 1)
-    geometry = initial(window, [start], Attitude(), 0.05)
+    geometry = initial_geometry(window, [start], Attitude(), 0.05)
     assert geometry is not None
     assert len(geometry.window) == 13
     kept = np.delete(exact.unknowns.views, 2, axis=0)
@@ -136,7 +136,7 @@ def test_views_turned_far_from_each_other_begin_as_well() -> None:
     for k in range(4):
         window = window.with_view(drive.sightings(k), drive.views[k, :2])
         starts.append(start_at(drive.views[k], k))
-    geometry = initial(window, starts, drive.mount, 0.05)
+    geometry = initial_geometry(window, starts, drive.mount, 0.05)
     assert geometry is not None
     assert len(geometry.window) == 4
     assert geometry.unknowns.views[:, :3] == pytest.approx(drive.views[:, :3], abs=0.25)
@@ -144,9 +144,9 @@ def test_views_turned_far_from_each_other_begin_as_well() -> None:
 
 def test_nothing_begins_while_another_geometry_fits_as_well(exact, monkeypatch) -> None:
     starts = [start_at(exact.unknowns.views[1], 1, off) for off in (0.0, 0.05)]
-    assert initial(exact.window, starts, Attitude(), 0.05) is not None
+    assert initial_geometry(exact.window, starts, Attitude(), 0.05) is not None
     monkeypatch.setattr(initialization, 'is_rival', lambda best, other: True)
-    assert initial(exact.window, starts, Attitude(), 0.05) is None
+    assert initial_geometry(exact.window, starts, Attitude(), 0.05) is None
 
 
 def test_a_view_is_looked_for_where_it_was_told_as_far_off_as_its_neighbour() -> None:

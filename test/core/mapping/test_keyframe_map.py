@@ -83,19 +83,19 @@ def test_a_focal_length_that_is_wrong_is_found_out_on_the_way(drive, ratio) -> N
 def test_the_same_drive_gives_the_same_bits(drive, memory) -> None:
     again = remembered(drive)
     one, other = (m.after(drive.sightings(14), drive.motion(14))[1] for m in (memory, again))
-    for name in ('pose', 'covariance', 'own', 'nearness', 'nearness_variance', 'rays'):
+    for name in ('pose', 'covariance', 'own', 'inverse_depth', 'inverse_depth_variance', 'rays'):
         assert np.array_equal(getattr(one, name), getattr(other, name))
 
 
 def test_what_a_view_shows_is_not_counted_twice(drive, memory) -> None:
     # A view that becomes a keyframe is held against what was known before it.
-    far, near = (replace(memory, settings=MapSettings(spread=s)) for s in (9.0, 1e-6))
+    far, near = (replace(memory, settings=MapSettings(keyframe_spacing=s)) for s in (9.0, 1e-6))
     keyframe, one = near.after(drive.sightings(14))
     same, other = far.after(drive.sightings(14))
-    keyframe = keyframe.learnt()
+    keyframe = keyframe.update_map()
     assert keyframe.trial is not None
     assert keyframe.geometry is memory.geometry
-    done = keyframe.after(drive.sightings(14))[0].learnt()
+    done = keyframe.after(drive.sightings(14))[0].update_map()
     assert len(done.window) == min(len(same.window) + 1, 14)
     assert done.trial is None
     assert one.pose.tolist() == other.pose.tolist()
@@ -108,32 +108,32 @@ def test_what_is_said_of_a_view_does_not_wait_for_what_is_learnt_from_it(
     def refuse(*_: object) -> None:
         raise AssertionError('the window is refined')
 
-    moved = replace(memory, settings=MapSettings(spread=1e-6))
+    moved = replace(memory, settings=MapSettings(keyframe_spacing=1e-6))
     with monkeypatch.context() as patch:
-        patch.setattr(keyframe_map, 'refined', refuse)
+        patch.setattr(keyframe_map, 'refine', refuse)
         after, said = moved.after(drive.sightings(14))
         assert not said.reason
         with pytest.raises(AssertionError, match='is refined'):
-            after.learnt()
-    assert after.learnt().trial is not None
+            after.update_map()
+    assert after.update_map().trial is not None
 
 
 def test_a_view_that_nobody_let_it_learn_from_is_learnt_from_before_the_next(
     drive, memory
 ) -> None:
-    moved = replace(memory, settings=MapSettings(spread=1e-6))
+    moved = replace(memory, settings=MapSettings(keyframe_spacing=1e-6))
     after, _ = moved.after(drive.sightings(14))
-    late, soon = (each.after(drive.sightings(14))[1] for each in (after, after.learnt()))
+    late, soon = (each.after(drive.sightings(14))[1] for each in (after, after.update_map()))
     assert late.pose.tolist() == soon.pose.tolist()
 
 
 def test_where_it_does_not_converge_at_once_it_goes_on_at_the_next_view(drive, memory) -> None:
-    settings = MapSettings(spread=9.0)
+    settings = MapSettings(keyframe_spacing=9.0)
     unfinished = replace(memory, geometry=replace(memory.geometry, converged=False))
-    after = replace(unfinished, settings=settings).after(drive.sightings(14))[0].learnt()
+    after = replace(unfinished, settings=settings).after(drive.sightings(14))[0].update_map()
     assert after.geometry.evaluation.cost <= memory.geometry.evaluation.cost
     done = replace(memory, geometry=replace(memory.geometry, converged=True), settings=settings)
-    assert done.after(drive.sightings(14))[0].learnt().geometry is done.geometry
+    assert done.after(drive.sightings(14))[0].update_map().geometry is done.geometry
 
 
 def test_steps_go_on_until_there_is_no_more_to_gain(drive, memory) -> None:
@@ -142,8 +142,10 @@ def test_steps_go_on_until_there_is_no_more_to_gain(drive, memory) -> None:
     off = rng.normal(size=geometry.unknowns.views.shape) * [2e-3, 2e-3, 5e-4, 0.0, 0.0]
     unknowns = replace(geometry.unknowns, views=geometry.unknowns.views + off)
     worse = replace(geometry.evaluation, unknowns=unknowns)
-    unfinished = replace(memory, geometry=Geometry(worse), settings=MapSettings(spread=9.0))
-    after = unfinished.after(drive.sightings(14))[0].learnt()
+    unfinished = replace(
+        memory, geometry=Geometry(worse), settings=MapSettings(keyframe_spacing=9.0)
+    )
+    after = unfinished.after(drive.sightings(14))[0].update_map()
     assert after.geometry.evaluation.cost < 0.8 * worse.cost
 
 
@@ -177,27 +179,27 @@ def test_a_geometry_that_new_keyframes_contradict_again_and_again_is_forgotten(
 ) -> None:
     """One alone may be a view of who passes by: it is not kept, and all else is."""
     window = memory.window
-    louder = replace(window, sides=5.0 * window.sides)  # noise was told too small
+    louder = replace(window, tangent_basis=5.0 * window.tangent_basis)  # noise was told too small
     evaluation = replace(memory.geometry.evaluation, window=louder)
     deceived = replace(
         memory,
         geometry=Geometry(evaluation),
         window=louder,
-        settings=MapSettings(spread=1e-6),
+        settings=MapSettings(keyframe_spacing=1e-6),
     )
     after = deceived
     for refused in range(1, MOST_REFUSED):
         after, _ = after.after(drive.sightings(14))
         after, said = after.after(drive.sightings(14))  # the other half of the trial
-        after = after.learnt()
+        after = after.update_map()
         assert not said.reason
         assert (after.window, after.geometry) == (deceived.window, deceived.geometry)
         assert after.refused == refused
-    fits = replace(memory, refused=1, settings=MapSettings(spread=1e-6))
+    fits = replace(memory, refused=1, settings=MapSettings(keyframe_spacing=1e-6))
     for _ in range(2):
         fits, _ = fits.after(drive.sightings(14))
         after, said = after.after(drive.sightings(14))
-        after, fits = after.learnt(), fits.learnt()
+        after, fits = after.update_map(), fits.update_map()
     assert fits.refused == 0
     assert not said.reason
     assert after.geometry is None
@@ -224,7 +226,7 @@ def test_without_any_way_it_is_still_exact_at_the_goal(drive) -> None:
         memory, _ = memory.after(
             drive.sightings(k), np.full(2, np.nan), bearings=told.bearings if told else ()
         )
-        memory = memory.learnt()
+        memory = memory.update_map()
     _, said = memory.after(drive.sightings(14))
     assert math.degrees(abs(said.pose[2] - drive.views[14, 2])) < 0.05
     assert said.pose[0] / said.depth == pytest.approx(drive.views[14, 0] / 5.5, abs=1e-3)
@@ -280,7 +282,9 @@ def test_features_unseen_before_join_and_become_known(drive) -> None:
             )
         told = two_views(drive, k).bearings if memory.geometry is None else ()
         memory, said = memory.after(sightings, drive.motion(k), bearings=told)
-        variance[k] = dict(zip(said.ids.tolist(), said.nearness_variance.tolist(), strict=False))
+        variance[k] = dict(
+            zip(said.ids.tolist(), said.inverse_depth_variance.tolist(), strict=False)
+        )
     assert not late & set(variance[5])
     new = sorted(late & set(variance[14]) - set(said.dropped.tolist()))
     assert len(new) > 12
@@ -290,7 +294,7 @@ def test_features_unseen_before_join_and_become_known(drive) -> None:
 
 
 def test_it_grows_to_its_bounds_and_no_further(drive) -> None:
-    settings = MapSettings(keyframes=5, features=40, spread=1e-4)
+    settings = MapSettings(keyframes=5, features=40, keyframe_spacing=1e-4)
     memory = KeyframeMap(drive.mount, settings)
     for k in range(15):
         told = two_views(drive, k).bearings if memory.geometry is None else ()
@@ -309,7 +313,7 @@ def test_a_turn_in_place_tells_no_geometry_and_harms_none() -> None:
     for k in range(9):
         told = two_views(drive, k).bearings
         memory, said = memory.after(drive.sightings(k), bearings=told[:1])
-    assert memory.learnt().geometry is None
+    assert memory.update_map().geometry is None
     assert said.reason
 
 
@@ -382,7 +386,7 @@ def test_where_a_wall_has_a_twin_it_waits_for_more_views(wall: bool) -> None:
             drive.motion(k),
             bearings=told if memory.geometry is None else (),
         )
-    assert (memory.learnt().geometry is None) == wall
+    assert (memory.update_map().geometry is None) == wall
 
 
 def test_what_the_photograph_does_not_show_is_learnt_and_is_enough() -> None:
@@ -411,7 +415,7 @@ def test_a_geometry_begins_without_what_the_photograph_does_not_show(drive) -> N
     for k in range(last_of(drive)):
         told = two_views(drive, k)._asdict() if memory.geometry is None else {}
         memory, _ = memory.after(a_third_unshown(drive.sightings(k)), drive.motion(k), **told)
-        memory = memory.learnt()
+        memory = memory.update_map()
         assert np.isfinite(memory.window.photograph).all()
         if memory.geometry is not None:
             break
@@ -446,8 +450,8 @@ def test_no_geometry_begins_where_none_fits(drive) -> None:
         sightings = drive.sightings(k)
         random = replace(sightings, current=rng.permutation(sightings.current))
         memory, said = memory.after(random, bearings=(Bearings(-1.4, 3.0),))
-    assert memory.begins
-    assert memory.learnt().geometry is None
+    assert memory.initializes
+    assert memory.update_map().geometry is None
     assert said.reason == 'the geometry may begin with this view'
 
 

@@ -6,27 +6,27 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
-from visual_servo_epipolar.core.mapping.feature_observations import sides_of
+from visual_servo_epipolar.core.mapping.feature_observations import tangent_basis_of
 from visual_servo_epipolar.core.mapping.fitting import (
     Anchors,
     anchors_of,
-    fitted,
+    fit_pose,
+    MatchedFeatures,
     nearest_view,
-    Seen,
 )
-from visual_servo_epipolar.core.mapping.resection import resected
+from visual_servo_epipolar.core.mapping.resection import resect
 from visual_servo_epipolar.core.mapping.shrinkage import NOTHING
 from visual_servo_epipolar.evaluation.benchmarks.memory.bound import bound
 from visual_servo_epipolar.evaluation.benchmarks.memory.study import Trial
 
 
-def seen_by(drive: Trial, geometry: Geometry, k: int) -> tuple[Anchors, Seen]:
+def seen_by(drive: Trial, geometry: Geometry, k: int) -> tuple[Anchors, MatchedFeatures]:
     """Return what view ``k`` shows of a geometry, and the anchors of it."""
     sightings = drive.sightings(k)
     rows = geometry.window.rows_of(sightings.ids)
     kept = (rows >= 0) & geometry.trusted[rows]
-    sides = sides_of(sightings.current[kept], sightings.noise[kept, 0])
-    seen = Seen(rows[kept], sightings.current[kept].T, sides)
+    tangent_basis = tangent_basis_of(sightings.current[kept], sightings.noise[kept, 0])
+    seen = MatchedFeatures(rows[kept], sightings.current[kept].T, tangent_basis)
     return anchors_of(geometry).of(seen.rows), seen
 
 
@@ -39,16 +39,16 @@ def last(exact_drive, exact):
 
 def test_the_exact_pose_is_met(exact_drive, last) -> None:
     geometry, anchors, seen = last
-    fit = fitted(anchors, seen, exact_drive.views[13])
-    found = resected(geometry, anchors, seen, fit, NOTHING)
+    fit = fit_pose(anchors, seen, exact_drive.views[13])
+    found = resect(geometry, anchors, seen, fit, NOTHING)
     assert found.pose == pytest.approx(exact_drive.views[14], abs=1e-5)
     assert found.inliers.all()
 
 
 def test_it_is_as_sure_as_all_views_together(exact_drive, last) -> None:
     geometry, anchors, seen = last
-    fit = fitted(anchors, seen, exact_drive.views[14])
-    covariance = resected(geometry, anchors, seen, fit, NOTHING).covariance
+    fit = fit_pose(anchors, seen, exact_drive.views[14])
+    covariance = resect(geometry, anchors, seen, fit, NOTHING).covariance
     least = bound(exact_drive)
     # Noise is taken to be as large along a ray's meridian as across: that costs a few percent.
     assert np.sqrt(np.diag(covariance) / np.diag(least)) == pytest.approx(1.0, abs=0.06)
@@ -58,8 +58,8 @@ def test_features_as_if_independent_would_be_too_sure(exact_drive, last) -> None
     # What keyframes have in common, first of all the scale, does not average out over features.
     geometry, anchors, seen = last
     far = np.array([0.3, -2.5, 0.0, 0.0, 0.0])
-    fit = fitted(anchors, seen, exact_drive.views[14])._replace(pose=far, slopes=None)
-    assert resected(geometry, anchors, seen, fit, NOTHING).covariance[1, 1] > (0.04 * 2.5) ** 2
+    fit = fit_pose(anchors, seen, exact_drive.views[14])._replace(pose=far, slopes=None)
+    assert resect(geometry, anchors, seen, fit, NOTHING).covariance[1, 1] > (0.04 * 2.5) ** 2
 
 
 def test_own_noise_is_what_views_draw_anew(exact_drive, last) -> None:
@@ -67,22 +67,22 @@ def test_own_noise_is_what_views_draw_anew(exact_drive, last) -> None:
     rng = np.random.default_rng(3)
     poses = []
     for _ in range(200):
-        directions = seen.rays + (seen.sides / (seen.sides**2).sum(1)[:, None]).transpose(1, 0, 2)[
-            :, 0
-        ] * rng.normal(size=seen.rays.shape[1])
-        directions += (seen.sides[1] / (seen.sides[1] ** 2).sum(0)) * rng.normal(
+        directions = seen.rays + (
+            seen.tangent_basis / (seen.tangent_basis**2).sum(1)[:, None]
+        ).transpose(1, 0, 2)[:, 0] * rng.normal(size=seen.rays.shape[1])
+        directions += (seen.tangent_basis[1] / (seen.tangent_basis[1] ** 2).sum(0)) * rng.normal(
             size=seen.rays.shape[1]
         )
         rays = directions / np.linalg.norm(directions, axis=0)
-        noise = 1.0 / np.sqrt((seen.sides[0] ** 2).sum(0))
-        noisy = replace(seen, rays=rays, sides=sides_of(rays.T, noise))
+        noise = 1.0 / np.sqrt((seen.tangent_basis[0] ** 2).sum(0))
+        noisy = replace(seen, rays=rays, tangent_basis=tangent_basis_of(rays.T, noise))
         poses.append(
-            resected(
-                geometry, anchors, noisy, fitted(anchors, noisy, exact_drive.views[14]), NOTHING
+            resect(
+                geometry, anchors, noisy, fit_pose(anchors, noisy, exact_drive.views[14]), NOTHING
             ).pose
         )
-    own = resected(
-        geometry, anchors, seen, fitted(anchors, seen, exact_drive.views[14]), NOTHING
+    own = resect(
+        geometry, anchors, seen, fit_pose(anchors, seen, exact_drive.views[14]), NOTHING
     ).own
     drawn = np.std(poses, axis=0)[:3]
     assert drawn / np.sqrt(np.diag(own)[:3]) == pytest.approx(1.0, abs=0.15)
@@ -90,8 +90,8 @@ def test_own_noise_is_what_views_draw_anew(exact_drive, last) -> None:
 
 def test_own_noise_is_a_part_of_the_whole(drive, memory) -> None:
     anchors, seen = seen_by(drive, memory.geometry, 14)
-    found = resected(
-        memory.geometry, anchors, seen, fitted(anchors, seen, drive.views[13]), NOTHING
+    found = resect(
+        memory.geometry, anchors, seen, fit_pose(anchors, seen, drive.views[13]), NOTHING
     )
     rest = found.covariance - found.own
     scale = np.sqrt(np.diag(found.covariance))
@@ -106,33 +106,35 @@ def test_after_a_push_the_keyframe_most_alike_is_where_to_start(
     lost = exact.unknowns.views + [0.2, 0.3, turn, 0.0, 0.0]
     start = nearest_view(anchors, seen, lost)
     assert start[2] == pytest.approx(exact_drive.views[14, 2], abs=0.1)
-    fit = fitted(anchors, seen, start)
+    fit = fit_pose(anchors, seen, start)
     assert fit.pose == pytest.approx(exact_drive.views[14], abs=1e-3)
 
 
 def test_it_finds_the_way_from_afar(exact_drive, last) -> None:
     _, anchors, seen = last
     start = exact_drive.views[14] + [0.5, -0.9, 0.45, 0.05, 0.1]
-    assert fitted(anchors, seen, start).pose == pytest.approx(exact_drive.views[14], abs=1e-4)
+    assert fit_pose(anchors, seen, start).pose == pytest.approx(exact_drive.views[14], abs=1e-4)
 
 
 def test_what_the_floor_can_do_bounds_what_is_not_known_of_the_attitude(last) -> None:
     geometry, anchors, seen = last
     rows = np.arange(3)  # hardly anything
-    few = Seen(seen.rows[rows], seen.rays[:, rows], seen.sides[..., rows] * 1e-3)
+    few = MatchedFeatures(
+        seen.rows[rows], seen.rays[:, rows], seen.tangent_basis[..., rows] * 1e-3
+    )
     chosen = anchors.of(rows)
-    fit = fitted(chosen, few, geometry.unknowns.views[-1])
-    deviations = np.sqrt(np.diag(resected(geometry, chosen, few, fit, NOTHING).covariance)[3:])
+    fit = fit_pose(chosen, few, geometry.unknowns.views[-1])
+    deviations = np.sqrt(np.diag(resect(geometry, chosen, few, fit, NOTHING).covariance)[3:])
     assert deviations == pytest.approx(anchors.deviation, rel=0.05)
 
 
 def test_wrong_sightings_do_not_pull(exact_drive, last) -> None:
     geometry, anchors, seen = last
-    rays, sides = seen.rays.copy(), seen.sides.copy()
-    rays[:, :9], sides[..., :9] = seen.rays[:, 9:18], seen.sides[..., 9:18]
-    wrong = replace(seen, rays=rays, sides=sides)
-    found = resected(
-        geometry, anchors, wrong, fitted(anchors, wrong, exact_drive.views[13]), NOTHING
+    rays, tangent_basis = seen.rays.copy(), seen.tangent_basis.copy()
+    rays[:, :9], tangent_basis[..., :9] = seen.rays[:, 9:18], seen.tangent_basis[..., 9:18]
+    wrong = replace(seen, rays=rays, tangent_basis=tangent_basis)
+    found = resect(
+        geometry, anchors, wrong, fit_pose(anchors, wrong, exact_drive.views[13]), NOTHING
     )
     assert not found.inliers[:9].any()
     assert found.inliers[9:].all()

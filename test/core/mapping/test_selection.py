@@ -8,9 +8,9 @@ import pytest
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
 from visual_servo_epipolar.core.mapping.feature_observations import MapSettings
 from visual_servo_epipolar.core.mapping.selection import (
-    crowded,
     is_keyframe,
     kept_features,
+    most_crowded,
     NEW_SHARE,
 )
 
@@ -18,7 +18,7 @@ SETTINGS = MapSettings()
 
 
 def test_depth_is_the_median_one(exact) -> None:
-    expected = float(np.median(1.0 / exact.unknowns.nearness))
+    expected = float(np.median(1.0 / exact.unknowns.inverse_depth))
     assert Geometry(exact).depth == pytest.approx(expected, rel=0.02)
 
 
@@ -26,7 +26,7 @@ def test_depth_is_the_median_one(exact) -> None:
 def test_a_view_from_elsewhere_is_a_keyframe(exact, apart: float, expected: bool) -> None:
     geometry = Geometry(exact)
     pose = exact.unknowns.views[0].copy()
-    pose[1] -= apart * SETTINGS.spread * geometry.depth
+    pose[1] -= apart * SETTINGS.keyframe_spacing * geometry.depth
     assert is_keyframe(geometry, pose, sightings=40, new=0, settings=SETTINGS) is expected
 
 
@@ -39,7 +39,7 @@ def test_a_view_of_other_features_is_one(exact, share: float, expected: bool) ->
 
 def test_features_that_only_show_near_the_photograph_make_none(exact) -> None:
     """They have no depth there: a wrong match may be right before the camera, and outweigh all."""
-    near = 0.9 * SETTINGS.spread * Geometry(exact).depth
+    near = 0.9 * SETTINGS.keyframe_spacing * Geometry(exact).depth
     views = exact.unknowns.views.copy()
     views[3, :2] = 0.0, -near
     geometry = Geometry(replace(exact, unknowns=replace(exact.unknowns, views=views)))
@@ -65,18 +65,18 @@ def test_a_view_of_hardly_anything_is_none(exact) -> None:
 def test_the_keyframe_in_the_crowd_goes_and_the_newest_stays() -> None:
     places = np.array([[0.0, -4.0], [0.0, -3.0], [0.0, -2.9], [0.0, -2.0], [0.0, -1.99]])
     everything = np.ones((5, 10), bool)
-    assert crowded(places, everything, 5.0) == 3
-    assert crowded(places[:4], everything[:4], 5.0) in (1, 2)
+    assert most_crowded(places, everything, 5.0) == 3
+    assert most_crowded(places[:4], everything[:4], 5.0) in (1, 2)
     between = np.array([[0.0, -4.0], [0.0, -3.0], [0.0, -2.0], [0.0, -1.98], [0.0, -1.99]])
-    assert crowded(between, everything, 5.0) in (2, 3)
+    assert most_crowded(between, everything, 5.0) in (2, 3)
 
 
 def test_of_two_alike_the_one_with_fewer_features_goes() -> None:
     places = np.array([[0.0, -4.0], [0.0, -3.0], [0.0, -2.9], [0.0, -1.0]])
     seen = np.ones((4, 10), bool)
     seen[2, 4:] = False
-    assert crowded(places, seen, 5.0) == 2
-    assert crowded(places, seen[[0, 2, 1, 3]], 5.0) == 1
+    assert most_crowded(places, seen, 5.0) == 2
+    assert most_crowded(places, seen[[0, 2, 1, 3]], 5.0) == 1
 
 
 def test_features_that_no_keyframe_shows_are_let_go(exact) -> None:

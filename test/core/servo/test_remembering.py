@@ -134,7 +134,7 @@ def test_a_wrong_match_has_no_part_in_d() -> None:
         own=1e-6 * np.eye(5),
         ids=ids,
         dropped=ids[3:],
-        nearness=np.array([0.2, 0.2, 0.2, 500.0]),
+        inverse_depth=np.array([0.2, 0.2, 0.2, 500.0]),
         photograph=rays,
         shown=np.ones(4, bool),
         counted=ids < 3,

@@ -24,9 +24,13 @@ from visual_servo_epipolar.core.docking.sighting import (
     window_of,
 )
 from visual_servo_epipolar.core.mapping.adjustment.equations import Evaluation, OUTLIER
-from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry, refined
+from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry, refine
 from visual_servo_epipolar.core.mapping.adjustment.window import PHOTOGRAPH, Unknowns, Window
-from visual_servo_epipolar.core.mapping.initialization import narrowed, shared_at, triangulated
+from visual_servo_epipolar.core.mapping.initialization import (
+    refine_narrowing,
+    shared_at,
+    triangulate,
+)
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive
@@ -161,8 +165,8 @@ def _best(
 
 
 def _refined(start: Evaluation, iterations: int) -> Solution:
-    at, damping = narrowed(start)
-    geometry = refined(at, iterations, damping)
+    at, damping = refine_narrowing(start)
+    geometry = refine(at, iterations, damping)
     evaluation = geometry.evaluation
     factors, seen = evaluation.factors, evaluation.window.seen[-1]
     assert isinstance(factors, PathFactors)
@@ -211,9 +215,9 @@ def _guess(
     count = len(window.ids)
     rows = views_of(cameras, shared[PHOTOGRAPH])
     unknowns = Unknowns(rows, shared, np.zeros((2, count)), np.ones(count))
-    near = triangulated(window, unknowns, np.ones(len(views), bool))
+    near = triangulate(window, unknowns, np.ones(len(views), bool))
     everything = np.ones(count, bool)
-    return Evaluation(window, replace(unknowns, nearness=near), everything, factors, WIDENING)
+    return Evaluation(window, replace(unknowns, inverse_depth=near), everything, factors, WIDENING)
 
 
 def _judged(search: DockSearch, now: Sighting, settings: DockPoseSettings) -> DockSearch:

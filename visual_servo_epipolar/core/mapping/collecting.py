@@ -19,7 +19,7 @@ MOST_STARTS = 2  # that are tried at one view
 Starts = tuple[Start, ...]
 
 
-def unusable(sightings: FeatureObservations, bearings: Sequence[Bearings]) -> str:
+def bootstrap_obstacle(sightings: FeatureObservations, bearings: Sequence[Bearings]) -> str:
     """Return in words why nothing can begin with a view; empty if it can."""
     if len(sightings) < MIN_COLLECTED:
         return f'{len(sightings)} features, {MIN_COLLECTED} needed to begin'
@@ -31,7 +31,7 @@ def starts_of(view: int, bearings: Sequence[Bearings], attitude: Attitude) -> St
     return tuple(Start(view, each, attitude) for each in bearings[:MOST_STARTS])
 
 
-def with_room(window: Window, starts: Starts) -> tuple[Window, Starts]:
+def with_bootstrap_room(window: Window, starts: Starts) -> tuple[Window, Starts]:
     """Return a window with room for one more view, and the starts of the views in it."""
     if len(window) < MOST_COLLECTED:
         return window, starts
@@ -39,7 +39,7 @@ def with_room(window: Window, starts: Starts) -> tuple[Window, Starts]:
     return window.without_view(0), earlier
 
 
-def with_collected(
+def with_bootstrap_view(
     window: Window,
     sightings: FeatureObservations,
     places: tuple[FloatArray, FloatArray],

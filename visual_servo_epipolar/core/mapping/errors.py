@@ -26,13 +26,16 @@ class Errors(NamedTuple):
 
 def errors_of(geometry: Geometry, rows: IntArray) -> Errors:
     """Return the errors of the features in ``rows``, (n,), of a geometry."""
-    spread, count = geometry.spread, len(rows)
-    shared = np.empty((count, 6, spread.shape[1]))
-    shared[:, :3], shared[:, 3:] = geometry.feature_spread[rows], spread[-SHARED:-2]
+    covariance_root, count = geometry.covariance_root, len(rows)
+    shared = np.empty((count, 6, covariance_root.shape[1]))
+    shared[:, :3], shared[:, 3:] = (
+        geometry.feature_covariance_root[rows],
+        covariance_root[-SHARED:-2],
+    )
     jitter = geometry.evaluation.factors.jitter
     return Errors(
         geometry.system.roots[rows],
         shared,
-        spread[-2:] / jitter,
+        covariance_root[-2:] / jitter,
         geometry.unknowns.offsets[:, None, rows],
     )

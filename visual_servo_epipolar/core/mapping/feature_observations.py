@@ -97,14 +97,14 @@ class MapSettings:
     Bounds of the memory.
 
     ``keyframes`` and ``features`` that it holds at most; ``steps``, iterations a frame when a
-    keyframe is new; ``spread``, the least way between keyframes, in depths of the scene;
+    keyframe is new; ``keyframe_spacing``, the least way between keyframes, in depths of the scene;
     ``scale_deviation`` of the logarithm of the true way over the one that was told.
     """
 
     keyframes: int = 14
     features: int = 120
     steps: int = 2
-    spread: float = 0.03
+    keyframe_spacing: float = 0.03
     scale_deviation: float = 0.05
 
     def __post_init__(self) -> None:
@@ -114,21 +114,21 @@ class MapSettings:
                 raise ValueError(
                     f'{name} must be at least {low}, got {getattr(self, name)}; give it more'
                 )
-        for name in ('spread', 'scale_deviation'):
+        for name in ('keyframe_spacing', 'scale_deviation'):
             if not 0.0 < getattr(self, name) < 10.0:
                 raise ValueError(f'{name} must be above 0, got {getattr(self, name)}; raise it')
 
 
-def sides_of(rays: FloatArray, noise: FloatArray) -> FloatArray:
+def tangent_basis_of(rays: FloatArray, noise: FloatArray) -> FloatArray:
     """Return two vectors across rays, (N, 3), one over the noise (N,) long: shape (2, 3, N)."""
-    sides = np.empty((2, 3, len(rays)))
-    for side, parts in zip(sides, tangents(*rays.T), strict=True):
+    tangent_basis = np.empty((2, 3, len(rays)))
+    for side, parts in zip(tangent_basis, tangents(*rays.T), strict=True):
         for row, part in zip(side, parts, strict=True):
             np.divide(part, noise, out=row)
-    return sides
+    return tangent_basis
 
 
-def differ(last: FeatureObservations, now: FeatureObservations) -> bool:
+def differ_in_place(last: FeatureObservations, now: FeatureObservations) -> bool:
     """Whether two views differ by more than a turn."""
     before, after = last.current, now.current
     if not (len(before) == len(after) and _ascend_alike(last.ids, now.ids)):

@@ -18,7 +18,7 @@ from visual_servo_epipolar.core.mapping.adjustment.projection import (
     BY_VIEW,
     is_ahead,
     OPPOSITE,
-    projected,
+    project,
     Projection,
     slopes,
     squares_of,
@@ -32,18 +32,18 @@ LEAST_STEP = 0.1  # squared, in deviations, below which the last step does the r
 FAR = 1e3  # squared, likewise, from which slopes are taken anew
 NEAR = 1e2  # squared, likewise, up to which slopes are those of the last step as well
 USUAL_MEDIAN = 1.3863  # of squares of two coordinates
-LEAST_NEARNESS = 1e-6  # information of what no feature shows [1/m^2]
+RIDGE = 1e-6  # information of what no feature shows [1/m^2]
 EMPTY = np.zeros(0)
 EVERY = VIEW + 1  # element of a matrix, (5, 5), is one of its diagonal
 
 
 @dataclass(frozen=True, eq=False)
-class Seen:
+class MatchedFeatures:
     """What a view shows of features that are remembered: ``rows``, (n,), of the structure."""
 
     rows: IntArray
     rays: FloatArray  # (3, n)
-    sides: FloatArray  # (2, 3, n)
+    tangent_basis: FloatArray  # (2, 3, n)
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,8 +61,8 @@ class Anchors:
 
     def of(self, rows: IntArray) -> 'Anchors':
         """Return the anchors of these features alone."""
-        rays, by_unknowns, nearness, stretch = self.structure
-        structure = Structure(rays[:, rows], by_unknowns[..., rows], nearness[rows], stretch)
+        rays, by_unknowns, inverse_depth, stretch = self.structure
+        structure = Structure(rays[:, rows], by_unknowns[..., rows], inverse_depth[rows], stretch)
         covariance = self.covariance[..., rows]
         return Anchors(structure, covariance, self.attitude, self.deviation)
 
@@ -70,7 +70,7 @@ class Anchors:
     def known(self) -> tuple[FloatArray, FloatArray]:
         """Information of tilt and roll, (2,), and of all unknowns of a view, (5,)."""
         told = self.deviation**-2
-        return told, np.concatenate([np.zeros(TILT), told]) + LEAST_NEARNESS
+        return told, np.concatenate([np.zeros(TILT), told]) + RIDGE
 
 
 class Fit(NamedTuple):
@@ -94,12 +94,12 @@ class Fit(NamedTuple):
 def anchors_of(geometry: Geometry) -> Anchors:
     """Return the features of a refined window as anchors."""
     jitter = geometry.evaluation.factors.jitter
-    spread = (geometry.root[-2:] ** 2).sum(1)
+    attitude_variance = (geometry.root[-2:] ** 2).sum(1)
     return Anchors(
         geometry.evaluation.structure,
         geometry.feature_covariance,
         geometry.unknowns.shared[MOUNT],
-        np.sqrt(jitter * jitter + spread),
+        np.sqrt(jitter * jitter + attitude_variance),
     )
 
 
@@ -112,20 +112,22 @@ class _Slopes(NamedTuple):
     weighted: FloatArray  # slopes times those
 
 
-def _slopes(anchors: Anchors, seen: Seen, pose: FloatArray, projection: Projection) -> _Slopes:
-    found = slopes(anchors.structure, pose, seen.sides, projection)
+def _slopes(
+    anchors: Anchors, seen: MatchedFeatures, pose: FloatArray, projection: Projection
+) -> _Slopes:
+    found = slopes(anchors.structure, pose, seen.tangent_basis, projection)
     told = _information(found[BY_FEATURE], anchors.covariance)
     return _Slopes(found, found[BY_VIEW], told, _times(told, found[BY_VIEW]))
 
 
-def fitted(anchors: Anchors, seen: Seen, start: FloatArray) -> Fit:
+def fit_pose(anchors: Anchors, seen: MatchedFeatures, start: FloatArray) -> Fit:
     """Return the pose that fits best, from ``start``, (5,), by features as if independent."""
     pose, widening, squares = start, 1.0, EMPTY
     at: _Slopes | None = None
     farthest = 0.0  # since slopes were taken
     known, ridge = anchors.known
     for _ in range(STEPS):
-        projection = projected(anchors.structure, pose, seen.sides)
+        projection = project(anchors.structure, pose, seen.tangent_basis)
         residuals = projection.residuals
         if at is None:
             at, farthest = _slopes(anchors, seen, pose, projection), 0.0
@@ -172,32 +174,34 @@ def _times(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
     return np.asarray(product)
 
 
-def fitted_near(views: FloatArray, anchors: Anchors, seen: Seen, last: FloatArray | None) -> Fit:
+def fit_pose_near(
+    views: FloatArray, anchors: Anchors, seen: MatchedFeatures, last: FloatArray | None
+) -> Fit:
     """
     Return the pose by the ``last`` one, (5,), or by the view most alike if that does not fit.
 
     ``views``, (K, 5), are those of the keyframes; the newest is tried where there is no last pose.
     """
-    fit = fitted(anchors, seen, views[-1] if last is None else last)
+    fit = fit_pose(anchors, seen, views[-1] if last is None else last)
     if 2 * int(fit.inliers.sum()) > len(seen.rows):
         return fit
-    again = fitted(anchors, seen, nearest_view(anchors, seen, views))
+    again = fit_pose(anchors, seen, nearest_view(anchors, seen, views))
     return again if again.inliers.sum() > fit.inliers.sum() else fit
 
 
-def nearest_view(anchors: Anchors, seen: Seen, views: FloatArray) -> FloatArray:
+def nearest_view(anchors: Anchors, seen: MatchedFeatures, views: FloatArray) -> FloatArray:
     """
     Return of ``views``, (K, 5), the one from which features look most alike, turned to fit.
 
     It is where to start where nothing is known of the pose: pushed, or blind for long.
     """
     bearing = np.arctan2(seen.rays[0], seen.rays[2])
-    sides = np.broadcast_to(seen.sides, (len(views), *seen.sides.shape))
-    points = projected(anchors.structure, views, sides).points
+    tangent_basis = np.broadcast_to(seen.tangent_basis, (len(views), *seen.tangent_basis.shape))
+    points = project(anchors.structure, views, tangent_basis).points
     off = bearing - np.arctan2(points[:, 0], points[:, 2])
     off = np.sort(np.remainder(off + np.pi, 2.0 * np.pi) - np.pi, axis=1)
     turned = views.copy()
     turned[:, HEADING] += off[:, off.shape[1] // 2]  # a left turn moves the image right
-    again = projected(anchors.structure, turned, sides)
+    again = project(anchors.structure, turned, tangent_basis)
     squares = np.sort(squares_of(again, np.broadcast_to(seen.rays, again.points.shape)), axis=1)
     return np.asarray(turned[int(squares[:, squares.shape[1] // 2].argmin())])

@@ -14,11 +14,11 @@ from visual_servo_epipolar.core.mapping.adjustment.equations import Evaluation, 
 from visual_servo_epipolar.core.mapping.adjustment.factors import factors_of, LEAST_JITTER
 from visual_servo_epipolar.core.mapping.adjustment.projection import (
     points_of,
-    projected,
+    project,
     structure_of,
     turns_of,
 )
-from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry, refined
+from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry, refine
 from visual_servo_epipolar.core.mapping.adjustment.window import (
     MOUNT,
     PHOTOGRAPH,
@@ -27,7 +27,12 @@ from visual_servo_epipolar.core.mapping.adjustment.window import (
     VIEW,
     Window,
 )
-from visual_servo_epipolar.core.mapping.fitting import Anchors, fitted, Seen, USUAL_MEDIAN
+from visual_servo_epipolar.core.mapping.fitting import (
+    Anchors,
+    fit_pose,
+    MatchedFeatures,
+    USUAL_MEDIAN,
+)
 from visual_servo_epipolar.core.mapping.planar_ambiguity import ambiguous_bearings
 
 STEPS, MORE_STEPS, ROUNDS = 2, 6, 6
@@ -54,7 +59,7 @@ class Start(NamedTuple):
     attitude: Attitude
 
 
-def initial(
+def initial_geometry(
     window: Window, starts: Sequence[Start], mount: Attitude, scale_deviation: float
 ) -> Geometry | None:
     """
@@ -68,7 +73,7 @@ def initial(
     def begun(start: Start) -> Geometry | None:
         everything = np.ones(len(window.ids), bool)
         unknowns = _resected_views(window, start, starts)
-        geometry = _narrowed(oriented(Evaluation(window, unknowns, everything, factors)))
+        geometry = _narrowed(orient_ahead(Evaluation(window, unknowns, everything, factors)))
         geometry = _of_held_views(geometry, scale_deviation)
         sound = len(geometry.window) > 1 and is_sound(geometry, FIRST_TRUSTED)
         return geometry if sound else None
@@ -99,11 +104,11 @@ def is_rival(best: Geometry, other: Geometry) -> bool:
 
 
 def _narrowed(at: Evaluation) -> Geometry:
-    at, damping = narrowed(at)
-    return refined(oriented(at), MORE_STEPS, damping)
+    at, damping = refine_narrowing(at)
+    return refine(orient_ahead(at), MORE_STEPS, damping)
 
 
-def narrowed(at: Evaluation) -> tuple[Evaluation, float]:
+def refine_narrowing(at: Evaluation) -> tuple[Evaluation, float]:
     """Return the geometry refined while outliers are told ever more strictly, and its damping."""
     damping = COLD_DAMPING
     for _ in range(ROUNDS):
@@ -111,12 +116,12 @@ def narrowed(at: Evaluation) -> tuple[Evaluation, float]:
         widening = float(np.median(at.squares[seen])) / USUAL_MEDIAN if seen.any() else 1.0
         if widening < ALMOST:
             break
-        wide = refined(replace(at, widening=widening), STEPS, damping)
+        wide = refine(replace(at, widening=widening), STEPS, damping)
         at, damping = replace(wide.evaluation, trusted=at.trusted), wide.damping
     return replace(at, widening=1.0), damping
 
 
-def oriented(at: Evaluation) -> Evaluation:
+def orient_ahead(at: Evaluation) -> Evaluation:
     """
     Return the geometry of which features lie ahead, of two that look the same.
 
@@ -124,7 +129,7 @@ def oriented(at: Evaluation) -> Evaluation:
     known has no vote, none has more than VOTE.
     """
     roots = system_of(at).roots[:, 2]
-    deviations = at.unknowns.nearness / np.sqrt((roots * roots).sum(1))
+    deviations = at.unknowns.inverse_depth / np.sqrt((roots * roots).sum(1))
     vote = float(np.clip(deviations, -VOTE, VOTE) @ at.trusted)
     return at if vote >= 0.0 else replace(at, unknowns=at.unknowns.scaled(-1.0))
 
@@ -173,10 +178,10 @@ def _of_held_views(geometry: Geometry, scale_deviation: float) -> Geometry:
         window = window.without_view(k)
     kept = np.asarray(window.seen.any(0))
     window = window.of_features(kept)
-    unknowns = Unknowns(at.views[held], at.shared, at.offsets[:, kept], at.nearness[kept])
+    unknowns = Unknowns(at.views[held], at.shared, at.offsets[:, kept], at.inverse_depth[kept])
     factors = factors_of(geometry.evaluation.factors.mount, window, scale_deviation)
     everything = np.ones(len(window.ids), bool)
-    return refined(Evaluation(window, unknowns, everything, factors), MORE_STEPS, COLD_DAMPING)
+    return refine(Evaluation(window, unknowns, everything, factors), MORE_STEPS, COLD_DAMPING)
 
 
 def _resected_views(window: Window, start: Start, starts: Sequence[Start]) -> Unknowns:
@@ -189,7 +194,7 @@ def _resected_views(window: Window, start: Start, starts: Sequence[Start]) -> Un
     views[start.view, :2] = np.cos(psi), np.sin(psi)
     count = len(window.ids)
     unknowns = Unknowns(views, shared_at(attitude), np.zeros((2, count)), np.ones(count))
-    near = triangulated(window, unknowns, np.arange(len(window)) == start.view)
+    near = triangulate(window, unknowns, np.arange(len(window)) == start.view)
     unknowns = Unknowns(views, unknowns.shared, unknowns.offsets, near)
     structure = structure_of(window.photograph, window.tangents, unknowns)
     covariance = np.zeros((3, 3, count))
@@ -202,11 +207,13 @@ def _resected_views(window: Window, start: Start, starts: Sequence[Start]) -> Un
         views[k] = placed(views[neighbour], told.get(k))
         rows = np.flatnonzero(window.seen[k] & window.seen[start.view])
         if len(rows) >= MIN_POINTS:
-            seen = Seen(rows, window.rays[k][:, rows], window.sides[k][..., rows])
-            pose = fitted(anchors.of(rows), seen, views[k]).pose
+            seen = MatchedFeatures(
+                rows, window.rays[k][:, rows], window.tangent_basis[k][..., rows]
+            )
+            pose = fit_pose(anchors.of(rows), seen, views[k]).pose
             if np.hypot(*pose[:2]) < FARTHEST:  # else others would start from nowhere
                 views[k] = pose
-    every = triangulated(window, unknowns, np.ones(len(window), bool))
+    every = triangulate(window, unknowns, np.ones(len(window), bool))
     return Unknowns(views, unknowns.shared, unknowns.offsets, every)
 
 
@@ -227,16 +234,16 @@ def placed(near: FloatArray, told: Bearings | None) -> FloatArray:
     return np.asarray(view)
 
 
-def triangulated(window: Window, unknowns: Unknowns, views: BoolArray) -> FloatArray:
+def triangulate(window: Window, unknowns: Unknowns, views: BoolArray) -> FloatArray:
     """Return inverse depths, (N,), that fit best what ``views``, (K,), show at their poses."""
     structure = structure_of(window.photograph, window.tangents, unknowns)
-    flat = structure._replace(nearness=np.zeros(len(window.ids)))
-    chosen, sides = unknowns.views[views], window.sides[views]
+    flat = structure._replace(inverse_depth=np.zeros(len(window.ids)))
+    chosen, tangent_basis = unknowns.views[views], window.tangent_basis[views]
     # r = (s . R ray - near s . R place), in deviations where all is far off.
-    far = projected(flat, chosen, sides).residuals
-    moved = structure._replace(rays=0.0 * structure.rays, nearness=np.ones(len(window.ids)))
+    far = project(flat, chosen, tangent_basis).residuals
+    moved = structure._replace(rays=0.0 * structure.rays, inverse_depth=np.ones(len(window.ids)))
     places = turns_of(chosen, structure.stretch) @ points_of(moved, chosen)
-    by_near = (sides * places[:, None]).sum(2)
+    by_near = (tangent_basis * places[:, None]).sum(2)
     weight = window.seen[views][:, None]
     told = (weight * by_near * by_near).sum((0, 1))
     near = -(weight * by_near * far).sum((0, 1)) / np.maximum(told, 1.0)

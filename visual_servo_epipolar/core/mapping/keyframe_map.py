@@ -15,25 +15,25 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry, refined, rescaled
+from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry, refine, rescale
 from visual_servo_epipolar.core.mapping.adjustment.window import EMPTY, HEADING, Window
 from visual_servo_epipolar.core.mapping.collecting import (
+    bootstrap_obstacle,
     starts_of,
-    unusable,
-    with_collected,
-    with_room,
+    with_bootstrap_room,
+    with_bootstrap_view,
 )
 from visual_servo_epipolar.core.mapping.correspondences import Correspondences, correspondences_of
 from visual_servo_epipolar.core.mapping.feature_observations import (
-    differ,
+    differ_in_place,
     FeatureObservations,
     MapSettings,
-    sides_of,
+    tangent_basis_of,
 )
-from visual_servo_epipolar.core.mapping.fitting import fitted_near, Seen
-from visual_servo_epipolar.core.mapping.initialization import initial, is_sound, Start
+from visual_servo_epipolar.core.mapping.fitting import fit_pose_near, MatchedFeatures
+from visual_servo_epipolar.core.mapping.initialization import initial_geometry, is_sound, Start
 from visual_servo_epipolar.core.mapping.localization import localization_of, MapLocalization
-from visual_servo_epipolar.core.mapping.resection import resected, Resection
+from visual_servo_epipolar.core.mapping.resection import resect, Resection
 from visual_servo_epipolar.core.mapping.selection import is_keyframe, with_keyframe
 from visual_servo_epipolar.core.mapping.shrinkage import NOTHING, Shrinkage
 from visual_servo_epipolar.core.values import changed
@@ -59,17 +59,17 @@ class PendingKeyframe(NamedTuple):
 @dataclass(frozen=True, eq=False)  # without slots: ``values.changed``
 class KeyframeMap:
     """
-    What is remembered of the views so far; a new photograph needs a new memory.
+    Map of keyframes and features; a new photograph needs a new map.
 
     ``mount`` is the belief of the camera's attitude; ``window`` the keyframes, ``geometry`` their
-    geometry once there is one; ``starts`` what two views told of collected ones; ``place``, (2,),
-    where the camera is by the way that was told [m], ``instead``, (2,), by the other account of
-    it; ``pose``, (5,), that of the last view.
+    geometry once there is one; ``starts`` what two views told of those to begin with; ``place``,
+    (2,), where the camera is by the motion that counts [m], ``alternative_place``, (2,), by the
+    alternative; ``pose``, (5,), that of the last view.
     ``trial`` is the geometry with one more keyframe, half refined: the other half is for the next
     view, so that none takes the time of both. ``refused`` counts unsound trials in a row.
-    ``correspondences`` are those of the last view that was held against it.
-    ``unlearnt`` is the last view while nothing was learnt from it, and ``begins`` that a geometry
-    is yet to be looked for: what is said of a view does not wait for that.
+    ``correspondences`` are those of the last view that was localized.
+    ``pending`` is the last view until the map is updated with it, and ``initializes`` says that a
+    first geometry is yet to be looked for: no localization waits for either.
     """
 
     mount: Attitude
@@ -78,30 +78,30 @@ class KeyframeMap:
     geometry: Geometry | None = None
     starts: tuple[Start, ...] = ()
     place: FloatArray = field(default_factory=lambda: np.zeros(2))
-    instead: FloatArray = field(default_factory=lambda: np.zeros(2))
+    alternative_place: FloatArray = field(default_factory=lambda: np.zeros(2))
     pose: FloatArray | None = None
     trial: Geometry | None = None
     refused: int = 0
     last: FeatureObservations | None = None
     shrinkage: Shrinkage = NOTHING
-    unlearnt: PendingKeyframe | None = None
+    pending: PendingKeyframe | None = None
     correspondences: Correspondences | None = None
-    begins: bool = False
+    initializes: bool = False
 
-    def swapped(self, settings: MapSettings) -> 'KeyframeMap':
+    def with_alternative(self, settings: MapSettings) -> 'KeyframeMap':
         """Return the same memory, of who believes the other account of the way: another scale."""
-        before = self.learnt()
+        before = self.update_map()
         memory = replace(
             before,
             settings=settings,
-            window=before.window.swapped,
+            window=before.window.with_alternative,
             trial=None,
-            place=before.instead,
-            instead=before.place,
+            place=before.alternative_place,
+            alternative_place=before.place,
         )
         if before.geometry is None:
             return memory
-        geometry, ratio = rescaled(before.geometry, memory.window, settings.scale_deviation)
+        geometry, ratio = rescale(before.geometry, memory.window, settings.scale_deviation)
         if before.pose is None:
             return replace(memory, geometry=geometry)
         pose = np.concatenate([ratio * before.pose[:HEADING], before.pose[HEADING:]])
@@ -119,13 +119,13 @@ class KeyframeMap:
         sightings: FeatureObservations,
         motion: FloatArray | None = None,
         *,
-        instead: FloatArray | None = None,
+        alternative_motion: FloatArray | None = None,
         bearings: Sequence[Bearings] = (),
         attitude: Attitude | None = None,
         learns: bool = True,
     ) -> 'tuple[KeyframeMap, MapLocalization]':
         """
-        Return the memory after one more view, yet to be ``learnt``, and what it says of that.
+        Return the memory after one more view, yet to be ``update_map``, and what it says of that.
 
         Parameters
         ----------
@@ -134,7 +134,7 @@ class KeyframeMap:
         motion : array, shape (2,)
             Way of the camera since the last view, right and ahead in its axes then [m], as
             commanded or measured; nan where nobody knows. It counts for the scale alone.
-        instead : array, shape (2,), optional
+        alternative_motion : array, shape (2,), optional
             The same by the other account, which may be believed later; that motion if nothing.
         bearings : sequence of Bearings
             What two views (photograph and this one) say, with the alternative if there is one.
@@ -145,24 +145,26 @@ class KeyframeMap:
             Whether the view may become a keyframe; else it is held against what is remembered.
 
         """
-        before = self.learnt()
+        before = self.update_map()
         heading = 0.0 if before.pose is None else float(before.pose[2])
         way = _turned(np.zeros(2) if motion is None else motion, heading)
-        other = way if instead is None else _turned(instead, heading)
-        memory = changed(before, place=before.place + way, instead=before.instead + other)
+        other = way if alternative_motion is None else _turned(alternative_motion, heading)
+        memory = changed(
+            before, place=before.place + way, alternative_place=before.alternative_place + other
+        )
         if memory.geometry is not None:
-            return memory._remembered(memory.geometry, sightings, learns)
+            return memory._localize(memory.geometry, sightings, learns)
         if not learns:
             return memory, MapLocalization('nothing is remembered to hold the view against')
         shown = sightings.take(sightings.shown)
-        return memory._collected(shown, bearings, attitude or self.mount)
+        return memory._bootstrap(shown, bearings, attitude or self.mount)
 
-    def learnt(self) -> 'KeyframeMap':
+    def update_map(self) -> 'KeyframeMap':
         """Return the memory with what the last view adds: the first geometry, or a better one."""
-        if self.begins:
-            memory = replace(self, begins=False)._begun()
-        elif self.unlearnt is not None and self.geometry is not None:
-            memory = changed(self, unlearnt=None)._grown(self.geometry, self.unlearnt)
+        if self.initializes:
+            memory = replace(self, initializes=False)._initialize()
+        elif self.pending is not None and self.geometry is not None:
+            memory = changed(self, pending=None)._with_keyframe(self.geometry, self.pending)
         else:
             return self
         geometry, before = memory.geometry, memory.correspondences
@@ -173,37 +175,39 @@ class KeyframeMap:
             return memory
         return changed(memory, correspondences=correspondences_of(geometry, before.ids))
 
-    def _collected(
+    def _bootstrap(
         self, sightings: FeatureObservations, bearings: Sequence[Bearings], attitude: Attitude
     ) -> 'tuple[KeyframeMap, MapLocalization]':
         """Return the memory with the view collected, with a geometry if that is found."""
-        reason = unusable(sightings, bearings)
+        reason = bootstrap_obstacle(sightings, bearings)
         if reason:
             return self, MapLocalization(reason)
         pose = np.array([0.0, 0.0, bearings[0].heading_error, attitude.tilt, attitude.roll])
         memory = replace(self, pose=pose)
-        if self.last is not None and not differ(self.last, sightings):
+        if self.last is not None and not differ_in_place(self.last, sightings):
             return memory, MapLocalization('views are too alike to begin with')
-        window, starts = with_room(self.window, self.starts)
+        window, starts = with_bootstrap_room(self.window, self.starts)
         starts = (*starts, *starts_of(len(window), bearings, attitude))
-        places = self.place, self.instead
-        window = with_collected(window, sightings, places, self.settings.features)
+        places = self.place, self.alternative_place
+        window = with_bootstrap_view(window, sightings, places, self.settings.features)
         memory = replace(memory, window=window, starts=starts, last=sightings)
         if len(window) < 2:
             return memory, MapLocalization('one view is collected, two are needed')
-        return replace(memory, begins=True), MapLocalization(
+        return replace(memory, initializes=True), MapLocalization(
             'the geometry may begin with this view'
         )
 
-    def _begun(self) -> 'KeyframeMap':
+    def _initialize(self) -> 'KeyframeMap':
         """Return the memory with the first geometry, if one fits the views that are collected."""
-        geometry = initial(self.window, self.starts, self.mount, self.settings.scale_deviation)
+        geometry = initial_geometry(
+            self.window, self.starts, self.mount, self.settings.scale_deviation
+        )
         if geometry is None:
             return self
         pose, window = geometry.unknowns.views[-1], geometry.window
         return replace(self, geometry=geometry, window=window, starts=(), last=None, pose=pose)
 
-    def _remembered(
+    def _localize(
         self, geometry: Geometry, sightings: FeatureObservations, learns: bool
     ) -> 'tuple[KeyframeMap, MapLocalization]':
         """Return the memory after a view that is held against its geometry."""
@@ -215,29 +219,31 @@ class KeyframeMap:
             reason = f'{count} remembered features in view, {MIN_SIGHTINGS} needed'
             return self, MapLocalization(reason, ids=self.window.ids)
         rays = sightings.current[it.known]
-        seen = Seen(it.chosen, rays.T, sides_of(rays, sightings.noise[it.known, 0]))
-        fit = fitted_near(geometry.unknowns.views, it.anchors, seen, self.pose)
+        seen = MatchedFeatures(
+            it.chosen, rays.T, tangent_basis_of(rays, sightings.noise[it.known, 0])
+        )
+        fit = fit_pose_near(geometry.unknowns.views, it.anchors, seen, self.pose)
         agree = int(fit.inliers.sum())
         if agree < max(MIN_SIGHTINGS, MIN_SHARE * count):
             reason = f'{agree} of {count} remembered features agree with one place'
             return self, MapLocalization(reason, ids=self.window.ids)
         shrinkage = self.shrinkage.before(float(np.hypot(*fit.pose[:2])), geometry.depth)
-        resection = resected(geometry, it.anchors, seen, fit, shrinkage, errors=it.errors)
+        resection = resect(geometry, it.anchors, seen, fit, shrinkage, errors=it.errors)
         said = localization_of(resection, it)
         after = changed(
             self,
             pose=resection.pose,
             shrinkage=resection.shrinkage,
             correspondences=it,
-            unlearnt=PendingKeyframe(sightings, resection, it) if learns else None,
+            pending=PendingKeyframe(sightings, resection, it) if learns else None,
         )
         return after, said
 
-    def _grown(self, geometry: Geometry, view: PendingKeyframe) -> 'KeyframeMap':
+    def _with_keyframe(self, geometry: Geometry, view: PendingKeyframe) -> 'KeyframeMap':
         """Return the memory with the view as a keyframe where it is one, or refined."""
         settings, sightings, pose = self.settings, view.sightings, view.resection.pose
         if self.trial is not None:
-            return self._tried(self.trial)
+            return self._with_trial(self.trial)
         if is_keyframe(
             geometry,
             pose,
@@ -245,23 +251,25 @@ class KeyframeMap:
             new=view.new,
             settings=settings,
         ):
-            places = self.place, self.instead
+            places = self.place, self.alternative_place
             start = with_keyframe(geometry, sightings, places, pose, settings)
-            return replace(self, trial=refined(start, settings.steps // 2, geometry.damping))
+            return replace(self, trial=refine(start, settings.steps // 2, geometry.damping))
         if geometry.converged:
             return self
-        return self._with(refined(geometry.evaluation, 1, geometry.damping, geometry.system))
+        return self._with(refine(geometry.evaluation, 1, geometry.damping, geometry.system))
 
-    def _tried(self, trial: Geometry) -> 'KeyframeMap':
+    def _with_trial(self, trial: Geometry) -> 'KeyframeMap':
         """Return the memory with a keyframe more, unless the geometry is unsound with it."""
         steps = self.settings.steps - self.settings.steps // 2
         if not trial.converged:
-            trial = refined(trial.evaluation, steps, trial.damping)
+            trial = refine(trial.evaluation, steps, trial.damping)
         if is_sound(trial):
             return replace(self._with(trial), trial=None, refused=0)
         if self.refused + 1 < MOST_REFUSED:
             return replace(self, trial=None, refused=self.refused + 1)
-        return KeyframeMap(self.mount, self.settings, place=self.place, instead=self.instead)
+        return KeyframeMap(
+            self.mount, self.settings, place=self.place, alternative_place=self.alternative_place
+        )
 
     def _with(self, geometry: Geometry) -> 'KeyframeMap':
         return replace(self, window=geometry.window, geometry=geometry)

@@ -23,19 +23,19 @@ def _nothing() -> FloatArray:
 @dataclass(frozen=True, eq=False)  # without slots: ``values.changed``
 class MapLocalization:
     """
-    What the memory says of one view: nothing, and the ``reason`` why, where that is not empty.
+    Localization of one view in the map; without one, the ``reason`` why is not empty.
 
     ``pose``, (5,), is that of the camera in the plane of the photograph's: x (right) and y (ahead)
     [m, as far as the scale is known], heading error (left positive), tilt and roll [rad], with its
     ``covariance``, (5, 5); ``own``, (5, 5), is the part of that which the noise of this view makes
     alone and which averages out over views; ``shift``, (5,), the part of the pose that the
-    shrinkage makes. ``inliers``, (N,), are the sightings that agree;
-    ``dropped`` the ids of wrong matches. Of all features remembered: ``ids``, (M,), ``nearness``,
-    inverse depths along the photograph's rays [1/m], and ``nearness_variance``; ``photograph``,
-    (M, 3), are those rays. The photograph has ``shown`` some, (M,), of which those ``counted``,
-    (M,), are no wrong matches. ``depth`` is the median one [m], ``noise_ratio`` the deviation of
-    the window's residuals over what was expected; ``seen`` is what the view looks at, and the
-    pose, (5,), from which. ``slopes`` are those of its correspondences.
+    shrinkage makes. ``inliers``, (N,), are the observations that agree;
+    ``dropped`` the ids of wrong matches. Of all features of the map: ``ids``, (M,),
+    ``inverse_depth`` along the photograph's rays [1/m] and ``inverse_depth_variance``;
+    ``photograph``, (M, 3), are those rays. The photograph has ``shown`` some, (M,), of which those
+    ``counted``, (M,), are no wrong matches. ``depth`` is the median one [m], ``noise_ratio`` the
+    deviation of the window's residuals over that expected; ``seen`` are the features and the pose, (5,), that
+    they are seen from. ``slopes`` are those of its correspondences.
     """
 
     reason: str = ''
@@ -46,8 +46,8 @@ class MapLocalization:
     inliers: BoolArray = field(default_factory=lambda: np.zeros(0, bool))
     dropped: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
     ids: IntArray = field(default_factory=lambda: np.empty(0, np.int64))
-    nearness: FloatArray = field(default_factory=lambda: np.empty(0))
-    nearness_variance: FloatArray = field(default_factory=lambda: np.empty(0))
+    inverse_depth: FloatArray = field(default_factory=lambda: np.empty(0))
+    inverse_depth_variance: FloatArray = field(default_factory=lambda: np.empty(0))
     photograph: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     shown: BoolArray = field(default_factory=lambda: np.zeros(0, bool))
     counted: BoolArray = field(default_factory=lambda: np.zeros(0, bool))
@@ -130,8 +130,8 @@ def localization_of(resection: Resection, by: Correspondences) -> MapLocalizatio
         inliers=inliers,
         dropped=geometry.wrong,
         ids=geometry.window.ids,
-        nearness=geometry.unknowns.nearness,
-        nearness_variance=geometry.feature_covariance[2, 2],
+        inverse_depth=geometry.unknowns.inverse_depth,
+        inverse_depth_variance=geometry.feature_covariance[2, 2],
         photograph=geometry.window.photograph,
         shown=geometry.window.shown,
         counted=geometry.counted,

@@ -76,14 +76,16 @@ def map_measurement_of(said: MapLocalization, slope: float) -> MapMeasurement:
     )
 
 
-def difference_slope(desired: FloatArray, nearness: FloatArray, *, wide: bool = False) -> float:
+def difference_slope(
+    desired: FloatArray, inverse_depth: FloatArray, *, wide: bool = False
+) -> float:
     """Return dD/dy at the goal [1/m], averaged over features ahead: positive past the goal."""
     z = desired[:, 2]
     square = 1.0 - z * z
     if wide:  # D counts 2 (1 - z)
-        return float(np.mean(2.0 * square * nearness)) if len(z) else math.nan
+        return float(np.mean(2.0 * square * inverse_depth)) if len(z) else math.nan
     ahead = z > LEAST_AHEAD
     if not ahead.any():
         return math.nan
     # |p|^2 = (X^2 + Y^2) / (Z - y)^2 grows by 2 |p|^2 / Z, and Z = z / nearness.
-    return float(np.mean(2.0 * square[ahead] * nearness[ahead] / z[ahead] ** 3))
+    return float(np.mean(2.0 * square[ahead] * inverse_depth[ahead] / z[ahead] ** 3))

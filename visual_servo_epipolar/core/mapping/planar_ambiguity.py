@@ -24,10 +24,10 @@ def ambiguous_bearings(geometry: Geometry) -> Bearings | None:
     """Return the bearings of the last view in the twin of a ``geometry``; None without a plane."""
     if int(geometry.trusted.sum()) <= LEAST_ON_PLANE:
         return None
-    return exchanged(geometry.unknowns.views[-1], _plane(geometry)[[0, 2]])
+    return exchanged_bearings(geometry.unknowns.views[-1], _plane(geometry)[[0, 2]])
 
 
-def exchanged(view: FloatArray, across: FloatArray) -> Bearings | None:
+def exchanged_bearings(view: FloatArray, across: FloatArray) -> Bearings | None:
     """
     Return the bearings of a ``view``, (5,), whose place and wall have changed parts.
 
@@ -52,5 +52,5 @@ def _plane(geometry: Geometry) -> FloatArray:
     rays = structure_of(window.photograph, window.tangents, unknowns).rays[:, rows]
     roots = geometry.system.roots[rows, 2]
     weight = 1.0 / np.sqrt((roots * roots).sum(1))
-    near = unknowns.nearness[rows]
+    near = unknowns.inverse_depth[rows]
     return np.asarray(np.linalg.lstsq((rays * weight).T, near * weight, rcond=None)[0])

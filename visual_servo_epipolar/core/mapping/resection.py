@@ -16,8 +16,8 @@ from visual_servo_epipolar.core.mapping.adjustment.equations import robust_weigh
 from visual_servo_epipolar.core.mapping.adjustment.projection import (
     BY_FEATURE,
     BY_VIEW,
-    NEARNESS,
-    projected,
+    INVERSE_DEPTH,
+    project,
     slopes,
 )
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
@@ -26,12 +26,12 @@ from visual_servo_epipolar.core.mapping.errors import Errors, errors_of
 from visual_servo_epipolar.core.mapping.fitting import (
     Anchors,
     Fit,
-    LEAST_NEARNESS,
-    Seen,
+    MatchedFeatures,
+    RIDGE,
 )
 from visual_servo_epipolar.core.mapping.shrinkage import Shrinkage, shrinkage_of
 
-OFFSETS = slice(BY_FEATURE.start, NEARNESS)  # of the slopes by a feature's unknowns
+OFFSETS = slice(BY_FEATURE.start, INVERSE_DEPTH)  # of the slopes by a feature's unknowns
 
 
 class Resection(NamedTuple):
@@ -52,10 +52,10 @@ class Resection(NamedTuple):
     shift: FloatArray
 
 
-def resected(
+def resect(
     geometry: Geometry,
     anchors: Anchors,
-    seen: Seen,
+    seen: MatchedFeatures,
     fit: Fit,
     shrinkage: Shrinkage,
     *,
@@ -68,10 +68,10 @@ def resected(
     ``errors`` are those of the features that are seen, where somebody has looked them up.
     """
     errors = errors_of(geometry, seen.rows) if errors is None else errors
-    projection = projected(anchors.structure, fit.pose, seen.sides)
+    projection = project(anchors.structure, fit.pose, seen.tangent_basis)
     found = fit.slopes
     if found is None:
-        found = slopes(anchors.structure, fit.pose, seen.sides, projection)
+        found = slopes(anchors.structure, fit.pose, seen.tangent_basis, projection)
     # Rows: by the five unknowns of the view and the shrinkage, and the residual; by errors of the
     # window.
     own = np.empty((len(seen.rows), 2, VIEW + 2))
@@ -87,7 +87,7 @@ def resected(
     joint.ravel()[:: len(joint) + 1] += 1.0  # errors of the window, one deviation each
     left = rows - shared @ solved(joint, shared.T @ rows)
     matrix = rows[:, :-1].T @ left[:, :-1]
-    matrix.ravel()[: VIEW * (VIEW + 2) : VIEW + 2] += LEAST_NEARNESS  # of the view
+    matrix.ravel()[: VIEW * (VIEW + 2) : VIEW + 2] += RIDGE  # of the view
     covariance = inverse(matrix)
     gain = covariance @ left[:, :-1].T
     covariance = 0.5 * (covariance + covariance.T)

@@ -23,7 +23,7 @@ from visual_servo_epipolar.core.mapping.feature_observations import (
     FeatureObservations,
     MapSettings,
 )
-from visual_servo_epipolar.core.mapping.initialization import triangulated
+from visual_servo_epipolar.core.mapping.initialization import triangulate
 
 NEW_SHARE = 0.1  # of the sightings of a view that are of features not remembered
 FEWEST_NEW = 3
@@ -44,7 +44,7 @@ def is_keyframe(
     if sightings < MIN_KEYFRAME_FEATURES:
         return False
     offset = geometry.unknowns.views[:, :2] - pose[:2]
-    least = settings.spread * geometry.depth
+    least = settings.keyframe_spacing * geometry.depth
     if float(np.hypot(offset[:, 0], offset[:, 1]).min()) > least:
         return True
     enough = max(FEWEST_NEW, NEW_SHARE * sightings)
@@ -54,7 +54,7 @@ def is_keyframe(
     return settings.features - settled >= enough
 
 
-def crowded(places: FloatArray, seen: BoolArray, depth: float) -> int:
+def most_crowded(places: FloatArray, seen: BoolArray, depth: float) -> int:
     """
     Return the keyframe that tells least beside the others: near to them, or with few features.
 
@@ -80,7 +80,7 @@ def kept_features(window: Window, trusted: BoolArray, most: int) -> BoolArray:
     return np.asarray(best & kept)
 
 
-def located(
+def with_guessed_rays(
     sightings: FeatureObservations, pose: FloatArray, geometry: Geometry
 ) -> FeatureObservations:
     """
@@ -116,29 +116,29 @@ def with_keyframe(
     ``places``, (2,) each, are where it is by the way that was told, and by the other account.
     """
     before, trusted = geometry.unknowns, geometry.trusted
-    sightings = located(sightings, pose, geometry)
+    sightings = with_guessed_rays(sightings, pose, geometry)
     window = geometry.window.with_view(sightings, *places)
     more = len(window.ids) - len(trusted)
     unknowns = Unknowns(
         np.vstack([before.views, pose]),
         before.shared,
         np.concatenate([before.offsets, np.zeros((2, more))], axis=1),
-        np.concatenate([before.nearness, np.zeros(more)]),
+        np.concatenate([before.inverse_depth, np.zeros(more)]),
     )
     if more:
-        near = triangulated(window, unknowns, np.arange(len(window)) == len(window) - 1)
-        near[: len(trusted)] = before.nearness
-        unknowns = replace(unknowns, nearness=near)
+        near = triangulate(window, unknowns, np.arange(len(window)) == len(window) - 1)
+        near[: len(trusted)] = before.inverse_depth
+        unknowns = replace(unknowns, inverse_depth=near)
     trusted = np.concatenate([trusted, np.ones(more, bool)])
     if len(window) > settings.keyframes:
-        k = crowded(unknowns.views[:, :2], window.seen & trusted, geometry.depth)
+        k = most_crowded(unknowns.views[:, :2], window.seen & trusted, geometry.depth)
         window = window.without_view(k)
         unknowns = replace(unknowns, views=np.delete(unknowns.views, k, axis=0))
     kept = kept_features(window, trusted, settings.features)
     if not kept.all():
         window, trusted = window.of_features(kept), trusted[kept]
         unknowns = replace(
-            unknowns, offsets=unknowns.offsets[:, kept], nearness=unknowns.nearness[kept]
+            unknowns, offsets=unknowns.offsets[:, kept], inverse_depth=unknowns.inverse_depth[kept]
         )
     mount, deviation = geometry.evaluation.factors.mount, settings.scale_deviation
     return Evaluation(window, unknowns, trusted, factors_of(mount, window, deviation))

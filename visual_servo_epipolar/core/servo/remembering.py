@@ -47,9 +47,9 @@ class MapState:
     few_s: float = 0.0
     is_over: bool = False
 
-    def learnt(self) -> 'MapState':
+    def update_map(self) -> 'MapState':
         """Return what is remembered after the views have learnt from the last one."""
-        views = None if self.views is None else self.views.learnt()
+        views = None if self.views is None else self.views.update_map()
         if views is self.views:
             return self
         return MapState(views, self.place, self.few_s, self.is_over)
@@ -74,7 +74,7 @@ def remembered(
         return MapState(), None
     views = before.views or KeyframeMap(settings.mount, BY_COMMANDS)
     if driven.trusted != (views.settings == BY_WHEELS):
-        views = views.swapped(BY_WHEELS if driven.trusted else BY_COMMANDS)
+        views = views.with_alternative(BY_WHEELS if driven.trusted else BY_COMMANDS)
         before = replace(before, place=None)  # it was of another scale
     if observation is None or observation.ids is None:
         return MapState(views), None
@@ -86,7 +86,7 @@ def remembered(
     after, said = views.after(
         sightings,
         np.array([0.0, motion.way]),
-        instead=None if driven.other is motion else np.array([0.0, driven.other.way]),
+        alternative_motion=None if driven.other is motion else np.array([0.0, driven.other.way]),
         bearings=() if bearings is None else (bearings,),
         attitude=perception.memory.attitude,
         learns=not is_few,
@@ -209,6 +209,6 @@ def reading_in_view(said: MapLocalization, observation: Observation) -> MapMeasu
         counted = said.counted
         in_view = counted & are_among(said.ids, observation.ids)
         counted = in_view if in_view.any() else counted
-        desired, nearness = said.photograph[counted], said.nearness[counted]
-        said.slopes[which] = difference_slope(desired, nearness, wide=observation.wide)
+        desired, inverse_depth = said.photograph[counted], said.inverse_depth[counted]
+        said.slopes[which] = difference_slope(desired, inverse_depth, wide=observation.wide)
     return map_measurement_of(said, said.slopes[which])

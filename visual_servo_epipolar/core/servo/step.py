@@ -87,7 +87,7 @@ def learnt(state: ServoState, *, noise: bool = True) -> ServoState:
 
     Without ``noise`` that is left to the next perception, which many robots have in common.
     """
-    views, memory = state.views.learnt(), state.memory
+    views, memory = state.views.update_map(), state.memory
     if noise and memory is not None:
         memory = noise_learnt(memory)
     if views is not state.views:

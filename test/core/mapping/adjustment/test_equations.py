@@ -22,12 +22,12 @@ def moved(exact, seed=0):
     """Return the evaluation a little off the truth."""
     rng = np.random.default_rng(seed)
     at = exact.unknowns
-    count = len(at.nearness)
+    count = len(at.inverse_depth)
     unknowns = Unknowns(
         at.views + 1e-3 * rng.normal(size=at.views.shape),
         at.shared + 1e-3 * rng.normal(size=5),
         at.offsets + 0.5 * rng.normal(size=(2, count)),
-        at.nearness * (1.0 + 1e-3 * rng.normal(size=count)),
+        at.inverse_depth * (1.0 + 1e-3 * rng.normal(size=count)),
     )
     return replace(exact, unknowns=unknowns)
 
@@ -37,7 +37,9 @@ def whole(at):
     views, count = at.window.seen.shape
     size = 5 * views + 5
     jacobian = np.zeros((views, 2, count, size + 3 * count))
-    found = projection.slopes(at.structure, at.unknowns.views, at.window.sides, at.projection)
+    found = projection.slopes(
+        at.structure, at.unknowns.views, at.window.tangent_basis, at.projection
+    )
     for k in range(views):
         for n in range(count):
             jacobian[k, :, n, 5 * k : 5 * k + 5] = found[k, :5, :, n].T
@@ -109,13 +111,13 @@ def test_a_feature_that_is_not_trusted_moves_no_view(exact) -> None:
 def test_a_feature_that_is_not_trusted_still_follows_the_views(exact) -> None:
     trusted = exact.trusted.copy()
     trusted[0] = False
-    near = exact.unknowns.nearness.copy()
+    near = exact.unknowns.inverse_depth.copy()
     near[0] *= 1.02
-    at = replace(exact, trusted=trusted, unknowns=replace(exact.unknowns, nearness=near))
+    at = replace(exact, trusted=trusted, unknowns=replace(exact.unknowns, inverse_depth=near))
     system = system_of(at)
     step = -np.linalg.solve(system.matrix, system.vector)
     back = near[0] + system.features(step)[2, 0]
-    assert back == pytest.approx(exact.unknowns.nearness[0], rel=2e-3)
+    assert back == pytest.approx(exact.unknowns.inverse_depth[0], rel=2e-3)
 
 
 def test_far_from_the_best_unknowns_outliers_are_told_less_strictly(exact) -> None:

@@ -11,7 +11,7 @@ from visual_servo_epipolar.core.geometry.attitude import rotation_level_camera
 from visual_servo_epipolar.core.geometry.epipolar import rotation_desired_current
 from visual_servo_epipolar.core.mapping.adjustment import projection
 from visual_servo_epipolar.core.mapping.adjustment.window import Unknowns
-from visual_servo_epipolar.core.mapping.feature_observations import sides_of
+from visual_servo_epipolar.core.mapping.feature_observations import tangent_basis_of
 
 STEP = 1e-6
 ANGLE = st.floats(-0.5, 0.5)
@@ -22,7 +22,7 @@ def seen(photograph, unknowns, view):
     """Return features as DESIGN has it: levelled, moved and turned by the core's own matrices."""
     x, y, heading, tilt, roll = view
     upright = photograph @ rotation_level_camera(*unknowns.shared[:2]).T
-    points = upright / unknowns.nearness[:, None] - [x, 0.0, y]
+    points = upright / unknowns.inverse_depth[:, None] - [x, 0.0, y]
     back = rotation_desired_current(heading) @ rotation_level_camera(tilt, roll)
     return points @ back
 
@@ -36,9 +36,11 @@ def test_features_lie_where_the_conventions_of_the_core_say(view, tilt, roll) ->
     unknowns = Unknowns(
         np.array([view]), np.array([tilt, roll, 0, 0, 0]), np.zeros((2, 9)), rng.uniform(0.1, 1, 9)
     )
-    structure = projection.structure_of(photograph, sides_of(photograph, np.ones(9)), unknowns)
+    structure = projection.structure_of(
+        photograph, tangent_basis_of(photograph, np.ones(9)), unknowns
+    )
     points = projection.turns_of(unknowns.views) @ projection.points_of(structure, unknowns.views)
-    expected = seen(photograph, unknowns, view) * unknowns.nearness[:, None]
+    expected = seen(photograph, unknowns, view) * unknowns.inverse_depth[:, None]
     assert points[0].T == pytest.approx(expected, abs=1e-12)
 
 
@@ -48,22 +50,24 @@ def test_derivatives_are_those_of_the_residuals(view, tilt, roll, lens) -> None:
     rng = np.random.default_rng(2)
     rays = rng.normal(size=(9, 3))
     photograph = rays / np.linalg.norm(rays, axis=1)[:, None]
-    tangents = sides_of(photograph, np.full(9, 1e3))  # a thousandth of a radian a deviation
+    tangents = tangent_basis_of(
+        photograph, np.full(9, 1e3)
+    )  # a thousandth of a radian a deviation
     shared, offsets = np.array([tilt, roll, lens, 0.0, 0.0]), rng.normal(size=(2, 9))
     at = Unknowns(np.array([view]), shared, offsets, rng.uniform(0.1, 1.0, 9))
-    sides = sides_of(photograph, np.full(9, 1.0))[None]
+    tangent_basis = tangent_basis_of(photograph, np.full(9, 1.0))[None]
 
     def residuals(unknowns):
         structure = projection.structure_of(photograph, tangents, unknowns)
-        return projection.projected(structure, unknowns.views, sides).residuals
+        return projection.project(structure, unknowns.views, tangent_basis).residuals
 
     structure = projection.structure_of(photograph, tangents, at)
-    here = projection.projected(structure, at.views, sides)
-    told = projection.slopes(structure, at.views, sides, here)
+    here = projection.project(structure, at.views, tangent_basis)
+    told = projection.slopes(structure, at.views, tangent_basis, here)
     axes, pair = np.eye(5), np.eye(2)
     others = [replace(at, views=at.views + STEP * axis) for axis in axes]
     others += [replace(at, offsets=at.offsets + STEP * axis[:, None]) for axis in pair]
-    others += [replace(at, nearness=at.nearness + STEP)]
+    others += [replace(at, inverse_depth=at.inverse_depth + STEP)]
     others += [replace(at, shared=at.shared + STEP * np.eye(5)[j]) for j in range(3)]
     for j, other in enumerate(others):
         expected = (residuals(other) - here.residuals) / STEP
@@ -82,9 +86,13 @@ def test_a_camera_of_a_longer_lens_sees_features_farther_from_the_centre(lens) -
     stretch = np.array([np.exp(lens), np.exp(lens), 1.0])
     photograph, rays = true * stretch, points * stretch
     unknowns = Unknowns(view[None], shared, np.zeros((2, 9)), near)
-    structure = projection.structure_of(photograph, sides_of(photograph, np.ones(9)), unknowns)
-    sides = sides_of(rays / np.linalg.norm(rays, axis=1)[:, None], np.ones(9))[None]
-    found = projection.projected(structure, view[None], sides)
+    structure = projection.structure_of(
+        photograph, tangent_basis_of(photograph, np.ones(9)), unknowns
+    )
+    tangent_basis = tangent_basis_of(rays / np.linalg.norm(rays, axis=1)[:, None], np.ones(9))[
+        None
+    ]
+    found = projection.project(structure, view[None], tangent_basis)
     assert found.residuals == pytest.approx(0.0, abs=1e-12)
 
 
@@ -94,4 +102,4 @@ def test_what_would_lie_behind_its_ray_is_far_off(exact) -> None:
     behind = projection.squares_of(exact.projection, -window.rays)[window.seen]
     assert ahead.max() < 1e-6
     assert behind.min() == projection.OPPOSITE
-    assert len(unknowns.nearness) == len(window.ids)
+    assert len(unknowns.inverse_depth) == len(window.ids)

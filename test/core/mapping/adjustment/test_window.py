@@ -11,7 +11,7 @@ from visual_servo_epipolar.core.mapping.adjustment.window import EMPTY, Unknowns
 from visual_servo_epipolar.core.mapping.feature_observations import (
     FeatureObservations,
     MapSettings,
-    sides_of,
+    tangent_basis_of,
 )
 
 RAYS = np.random.default_rng(1).normal(size=(40, 3))
@@ -53,17 +53,17 @@ def test_features_are_found_by_their_ids_and_others_are_not(ids, others) -> None
 
 
 def test_sides_are_across_and_as_long_as_a_deviation_is_short() -> None:
-    sides = sides_of(RAYS, np.full(40, 0.01))
-    assert np.einsum('ajn,nj->an', sides, RAYS) == pytest.approx(0.0, abs=1e-12)
-    assert np.sqrt((sides**2).sum(1)) == pytest.approx(100.0)
-    assert (sides[0] * sides[1]).sum(0) == pytest.approx(0.0, abs=1e-8)
+    tangent_basis = tangent_basis_of(RAYS, np.full(40, 0.01))
+    assert np.einsum('ajn,nj->an', tangent_basis, RAYS) == pytest.approx(0.0, abs=1e-12)
+    assert np.sqrt((tangent_basis**2).sum(1)) == pytest.approx(100.0)
+    assert (tangent_basis[0] * tangent_basis[1]).sum(0) == pytest.approx(0.0, abs=1e-8)
 
 
 def test_a_geometry_is_scaled_as_a_whole() -> None:
     views = np.array([[1.0, -2.0, 0.1, 0.2, 0.3]])
     unknowns = Unknowns(views, np.zeros(4), np.zeros((2, 3)), np.ones(3)).scaled(2.0)
     assert unknowns.views.tolist() == [[2.0, -4.0, 0.1, 0.2, 0.3]]
-    assert unknowns.nearness.tolist() == [0.5, 0.5, 0.5]
+    assert unknowns.inverse_depth.tolist() == [0.5, 0.5, 0.5]
 
 
 @pytest.mark.parametrize(
@@ -87,7 +87,7 @@ def test_bad_sightings_are_refused(change, message: str) -> None:
         ({'keyframes': 2}, 'keyframes must be at least 3, got 2'),
         ({'features': 5}, 'features must be at least 12, got 5'),
         ({'steps': 0}, 'steps must be at least 1, got 0'),
-        ({'spread': 0.0}, 'spread must be above 0, got 0.0'),
+        ({'keyframe_spacing': 0.0}, 'keyframe_spacing must be above 0, got 0.0'),
         ({'scale_deviation': -1.0}, 'scale_deviation must be above 0, got -1.0'),
     ],
 )

@@ -61,7 +61,7 @@ class Evaluation:
     def __post_init__(self) -> None:
         window, unknowns = self.window, self.unknowns
         structure = projection.structure_of(window.photograph, window.tangents, unknowns)
-        projected = projection.projected(structure, unknowns.views, window.sides)
+        projected = projection.project(structure, unknowns.views, window.tangent_basis)
         squares = projection.squares_of(projected, window.rays)
         offsets = (unknowns.offsets**2).sum(0) / self.widening
         counted = robust_cost(squares / self.widening) * window.seen
@@ -106,7 +106,7 @@ def system_of(at: Evaluation) -> System:
     """Return the normal equations; features that are not trusted follow views, not lead them."""
     window, size = at.window, at.unknowns.views.size + len(at.unknowns.shared)
     root = np.sqrt(at.weight)
-    found = projection.slopes(at.structure, at.unknowns.views, window.sides, at.projection)
+    found = projection.slopes(at.structure, at.unknowns.views, window.tangent_basis, at.projection)
     found *= root[:, None, None]
     found[:, BY_VIEW] *= at.trusted
     found[:, BY_SHARED] *= at.trusted

@@ -17,7 +17,7 @@ from visual_servo_epipolar.core.mapping.adjustment.window import (
 
 # x, y, heading, tilt, roll; two offsets, nearness; tilt and roll of the photograph, lens.
 BY_VIEW, BY_FEATURE, BY_SHARED = slice(0, 5), slice(5, 8), slice(8, 11)
-OFFSETS, NEARNESS = slice(5, 7), 7
+OFFSETS, INVERSE_DEPTH = slice(5, 7), 7
 UNKNOWNS = 11
 BACKWARD = np.array([-1.0, 1.0])
 OPPOSITE = 1e12  # square of a residual of what would lie behind its ray
@@ -37,7 +37,7 @@ class Structure(NamedTuple):
 
     rays: FloatArray
     slopes: FloatArray  # by two offsets, tilt and roll of the photograph, lens
-    nearness: FloatArray
+    inverse_depth: FloatArray
     stretch: float = 1.0
 
 
@@ -73,7 +73,7 @@ def structure_of(photograph: FloatArray, tangents: FloatArray, unknowns: Unknown
     slopes = np.stack(
         [upright @ tangents[0], upright @ tangents[1], tilted, upright @ rolled, inward], axis=1
     )
-    return Structure(upright @ own, slopes, unknowns.nearness, stretch)
+    return Structure(upright @ own, slopes, unknowns.inverse_depth, stretch)
 
 
 def _turn(heading: float, tilt: float, roll: float) -> list[list[float]]:
@@ -105,21 +105,21 @@ def points_of(structure: Structure, views: FloatArray) -> FloatArray:
     """Return features over their depths as seen from views, but not turned, (..., 3, N)."""
     places = np.zeros((*views.shape[:-1], 3, 1))
     places[..., ::2, 0] = views[..., :HEADING]
-    return np.asarray(structure.rays - places * structure.nearness)
+    return np.asarray(structure.rays - places * structure.inverse_depth)
 
 
-def projected(structure: Structure, views: FloatArray, sides: FloatArray) -> Projection:
-    """Project features into ``views``, (..., 5), whose rays have ``sides``, (..., 2, 3, N)."""
+def project(structure: Structure, views: FloatArray, tangent_basis: FloatArray) -> Projection:
+    """Project features into ``views``, (..., 5), with a ``tangent_basis``, (..., 2, 3, N)."""
     turns, upright = turns_of(views, structure.stretch), points_of(structure, views)
     points = turns @ upright
     length = np.sqrt(np.add.reduce(points * points, axis=-2))
-    residuals = np.add.reduce(sides * points[..., None, :, :], axis=-2)
+    residuals = np.add.reduce(tangent_basis * points[..., None, :, :], axis=-2)
     residuals /= length[..., None, :]
     return Projection(points, length, residuals, turns, upright)
 
 
 def slopes(
-    structure: Structure, views: FloatArray, sides: FloatArray, projection: Projection
+    structure: Structure, views: FloatArray, tangent_basis: FloatArray, projection: Projection
 ) -> FloatArray:
     """
     Return the derivatives of residuals by the unknowns of each, (..., 11, 2, N).
@@ -131,15 +131,15 @@ def slopes(
     # Of a point to the direction in which it lies: only what is across counts.
     inverse = (1.0 / length)[..., None, :]
     across = residuals[..., None, :] * (points * inverse)[..., None, :, :]
-    np.subtract(sides, across, out=across)
+    np.subtract(tangent_basis, across, out=across)
     across *= inverse[..., None, :]
     # In upright axes of the photograph.
     carried = turns.swapaxes(-1, -2)[..., None, :, :] @ across
     found = np.empty((*points.shape[:-2], UNKNOWNS, 2, points.shape[-1]))
     level = carried[..., ::2, :].swapaxes(-3, -2)  # right, ahead
-    np.multiply(level, -structure.nearness, out=found[..., :HEADING, :, :])
+    np.multiply(level, -structure.inverse_depth, out=found[..., :HEADING, :, :])
     moved = level * (views[..., :HEADING] * BACKWARD)[..., None, None]
-    np.subtract(moved[..., 0, :, :], moved[..., 1, :, :], out=found[..., NEARNESS, :, :])
+    np.subtract(moved[..., 0, :, :], moved[..., 1, :, :], out=found[..., INVERSE_DEPTH, :, :])
     moved = level * upright[..., ::-2, None, :]
     np.subtract(moved[..., 0, :, :], moved[..., 1, :, :], out=found[..., HEADING, :, :])
     a0, a1 = across[..., 0, :], across[..., 1, :]

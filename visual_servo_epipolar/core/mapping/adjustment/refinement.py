@@ -15,12 +15,12 @@ from visual_servo_epipolar.core.mapping.adjustment.equations import (
     system_of,
 )
 from visual_servo_epipolar.core.mapping.adjustment.factors import factors_of
-from visual_servo_epipolar.core.mapping.adjustment.projection import projected, squares_of
+from visual_servo_epipolar.core.mapping.adjustment.projection import project, squares_of
 from visual_servo_epipolar.core.mapping.adjustment.window import SHARED, Unknowns, Window
 
 DAMPING = 1e-4
 LEAST_GAIN = 0.05  # of the cost, below which nothing changes that matters
-LEAST_NEARNESS = 1e-6  # [1/m]
+LEAST_INVERSE_DEPTH = 1e-6  # [1/m]
 NEGLIGIBLE = 1e-2  # square of what an error of keyframes does to all features, in deviations
 WRONG_SHARE = 0.4  # of the sightings that are outliers, from which the whole feature is one
 WRONG_OFFSET = 16.0  # square of what the photograph's ray is off by, in deviations
@@ -86,7 +86,7 @@ class Geometry:
         return np.asarray(-(self.system.roots @ self._coupled))
 
     @cached_property
-    def spread(self) -> FloatArray:
+    def covariance_root(self) -> FloatArray:
         """
         Root of the covariance, (D, r), but for directions in which it shows nowhere.
 
@@ -105,9 +105,9 @@ class Geometry:
         return np.asarray(root @ axes[:, squares > NEGLIGIBLE])
 
     @cached_property
-    def feature_spread(self) -> FloatArray:
-        """What the errors of ``spread`` make of features, (N, 3, r)."""
-        return np.asarray(-(self.system.roots @ _times(self.system.coupled, self.spread)))
+    def feature_covariance_root(self) -> FloatArray:
+        """What the errors of ``covariance_root`` make of features, (N, 3, r)."""
+        return np.asarray(-(self.system.roots @ _times(self.system.coupled, self.covariance_root)))
 
     @cached_property
     def feature_covariance(self) -> FloatArray:
@@ -118,8 +118,8 @@ class Geometry:
     @cached_property
     def depth(self) -> float:
         """Median depth of trusted features [m]."""
-        near = self.unknowns.nearness[self.trusted]
-        return 1.0 / max(median(near), LEAST_NEARNESS) if len(near) else 1.0
+        near = self.unknowns.inverse_depth[self.trusted]
+        return 1.0 / max(median(near), LEAST_INVERSE_DEPTH) if len(near) else 1.0
 
     @cached_property
     def noise_ratio(self) -> float:
@@ -133,7 +133,7 @@ class Geometry:
 
     def prepare(self) -> None:
         """Compute what the next view will ask for, while nobody waits."""
-        several = self.feature_covariance, self.feature_spread, self.wrong
+        several = self.feature_covariance, self.feature_covariance_root, self.wrong
         for value in (*several, self.depth, self.noise_ratio):
             assert value is not None
 
@@ -144,7 +144,7 @@ def _times(coupled: FloatArray, root: FloatArray) -> FloatArray:
     return np.asarray((coupled.reshape(-1, size) @ root).reshape(-1, 3, count))
 
 
-def refined(
+def refine(
     start: Evaluation, steps: int, damping: float = DAMPING, system: System | None = None
 ) -> Geometry:
     """
@@ -168,10 +168,10 @@ def refined(
             system = None
         if converged:
             break
-    return Geometry(judged(at), converged, damping)
+    return Geometry(judge_matches(at), converged, damping)
 
 
-def rescaled(geometry: Geometry, window: Window, deviation: float) -> tuple[Geometry, float]:
+def rescale(geometry: Geometry, window: Window, deviation: float) -> tuple[Geometry, float]:
     """
     Return the geometry by another account of the way, and how many times as large it is.
 
@@ -180,7 +180,7 @@ def rescaled(geometry: Geometry, window: Window, deviation: float) -> tuple[Geom
     before = geometry.evaluation
     factors = factors_of(before.factors.mount, window, deviation)
     start = replace(before, window=window, factors=factors)
-    return refined(start, 0, geometry.damping), factors.ratio(before.unknowns)
+    return refine(start, 0, geometry.damping), factors.ratio(before.unknowns)
 
 
 def _stepped(at: Evaluation, system: System, damping: float) -> Evaluation:
@@ -191,14 +191,14 @@ def _stepped(at: Evaluation, system: System, damping: float) -> Evaluation:
     return replace(at, unknowns=at.unknowns.moved(step, system.features(step)))
 
 
-def judged(at: Evaluation) -> Evaluation:
+def judge_matches(at: Evaluation) -> Evaluation:
     """Return the evaluation with wrong matches found anew: those that views contradict."""
     seen = at.window.seen
     outlying = (seen & (_squares_ahead(at) > OUTLIER)).sum(0) / np.maximum(seen.sum(0), 1)
     offset = (at.unknowns.offsets**2).sum(0)
     slack = np.where(at.trusted, 1.0, RETURN)
     trusted = (outlying <= slack * WRONG_SHARE) & (offset <= slack * WRONG_OFFSET)
-    near = at.unknowns.nearness
+    near = at.unknowns.inverse_depth
     usual = median(near[at.trusted]) if at.trusted.any() else 0.0
     if usual > 0.0:  # what few views show may be anywhere
         trusted &= (near <= slack * NEAREST * usual) | (seen.sum(0) > FEW_VIEWS)
@@ -209,8 +209,8 @@ def judged(at: Evaluation) -> Evaluation:
 
 def _squares_ahead(at: Evaluation) -> FloatArray:
     """Return squares, (K, N), with no feature behind the cameras: at infinity at the farthest."""
-    if not (at.unknowns.nearness < 0.0).any():
+    if not (at.unknowns.inverse_depth < 0.0).any():
         return at.squares
-    ahead = at.structure._replace(nearness=np.maximum(at.structure.nearness, 0.0))
-    projection = projected(ahead, at.unknowns.views, at.window.sides)
+    ahead = at.structure._replace(inverse_depth=np.maximum(at.structure.inverse_depth, 0.0))
+    projection = project(ahead, at.unknowns.views, at.window.tangent_basis)
     return squares_of(projection, at.window.rays)

@@ -10,7 +10,10 @@ from functools import cached_property
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
-from visual_servo_epipolar.core.mapping.feature_observations import FeatureObservations, sides_of
+from visual_servo_epipolar.core.mapping.feature_observations import (
+    FeatureObservations,
+    tangent_basis_of,
+)
 
 VIEW, SHARED = 5, 5  # unknowns of a view; of all: tilt, roll of the photograph, lens, the mount's
 X, Y, HEADING, TILT, ROLL = range(VIEW)
@@ -23,23 +26,23 @@ class Window:
     """
     What K keyframes show of N features.
 
-    ``sides``, (K, 2, 3, N), are two vectors across each ray, one over its noise long, where
-    ``seen``, (K, N); ``photograph``, (N, 3), the photograph's rays and ``photograph_noise``, (N,)
-    [rad]. ``travelled``, (K, 2), is where the views are by the way that was told [m]; it counts
-    for the scale alone. ``instead``, (K, 2), is where they are if somebody else is to be believed.
+    ``tangent_basis``, (K, 2, 3, N), holds two vectors across each ray, one over its noise long,
+    where ``seen``, (K, N); ``photograph``, (N, 3), the photograph's rays and ``photograph_noise``,
+    (N,) [rad]. ``driven_places``, (K, 2), are the places of the views by the motion that counts,
+    ``alternative_places``, (K, 2), those by the alternative motion [m]; they tell the scale alone.
     """
 
     ids: IntArray
     photograph: FloatArray
     photograph_noise: FloatArray
-    sides: FloatArray
+    tangent_basis: FloatArray
     rays: FloatArray
     seen: BoolArray
-    travelled: FloatArray
-    instead: FloatArray
+    driven_places: FloatArray
+    alternative_places: FloatArray
 
     def __len__(self) -> int:
-        return len(self.travelled)
+        return len(self.driven_places)
 
     @cached_property
     def shown(self) -> BoolArray:
@@ -54,12 +57,12 @@ class Window:
     @cached_property
     def tangents(self) -> FloatArray:
         """Two directions across the photograph's rays, as long as their noise, (2, 3, N)."""
-        return sides_of(self.photograph, 1.0 / self.photograph_noise)
+        return tangent_basis_of(self.photograph, 1.0 / self.photograph_noise)
 
     @cached_property
     def ways(self) -> FloatArray:
         """The ways between one keyframe and the next [m], shape (K - 1,)."""
-        return np.asarray(np.hypot(*np.diff(self.travelled, axis=0).T))
+        return np.asarray(np.hypot(*np.diff(self.driven_places, axis=0).T))
 
     def rows_of(self, ids: IntArray) -> IntArray:
         """Return where ``ids`` stand, shape as theirs, -1 for features that are not here."""
@@ -75,33 +78,41 @@ class Window:
         return order, self.ids[order]
 
     @property
-    def swapped(self) -> 'Window':
+    def with_alternative(self) -> 'Window':
         """The same window for who believes the other account of the way."""
-        return replace(self, travelled=self.instead, instead=self.travelled)
+        return replace(
+            self, driven_places=self.alternative_places, alternative_places=self.driven_places
+        )
 
     def with_view(
         self,
         sightings: FeatureObservations,
-        travelled: FloatArray,
-        instead: FloatArray | None = None,
+        driven_places: FloatArray,
+        alternative_places: FloatArray | None = None,
     ) -> 'Window':
         """Return the window with one more keyframe, and with the features that are new in it."""
-        instead = travelled if instead is None else instead
+        alternative_places = driven_places if alternative_places is None else alternative_places
         rows = self.rows_of(sightings.ids)
         wider = self._with_features(sightings, rows < 0)
         rows = wider.rows_of(sightings.ids)
         count = len(wider.ids)
-        sides, rays, seen = np.zeros((1, 2, 3, count)), np.zeros((1, 3, count)), np.zeros(count)
-        sides[0][..., rows] = sides_of(sightings.current, sightings.noise[:, 0])
+        tangent_basis, rays, seen = (
+            np.zeros((1, 2, 3, count)),
+            np.zeros((1, 3, count)),
+            np.zeros(count),
+        )
+        tangent_basis[0][..., rows] = tangent_basis_of(sightings.current, sightings.noise[:, 0])
         rays[0][:, rows] = sightings.current.T
         seen[rows] = 1.0
         return replace(
             wider,
-            sides=np.concatenate([wider.sides, sides]),
+            tangent_basis=np.concatenate([wider.tangent_basis, tangent_basis]),
             rays=np.concatenate([wider.rays, rays]),
             seen=np.concatenate([wider.seen, seen[None] > 0.0]),
-            travelled=np.concatenate([wider.travelled, travelled[None]]),
-            instead=np.concatenate([wider.instead, instead[None]]),
+            driven_places=np.concatenate([wider.driven_places, driven_places[None]]),
+            alternative_places=np.concatenate(
+                [wider.alternative_places, alternative_places[None]]
+            ),
         )
 
     def _with_features(self, sightings: FeatureObservations, new: BoolArray) -> 'Window':
@@ -112,7 +123,9 @@ class Window:
             ids=np.concatenate([self.ids, sightings.ids[new]]),
             photograph=np.concatenate([self.photograph, sightings.desired[new]]),
             photograph_noise=np.concatenate([self.photograph_noise, sightings.noise[new, 1]]),
-            sides=np.concatenate([self.sides, np.zeros((views, 2, 3, added))], axis=-1),
+            tangent_basis=np.concatenate(
+                [self.tangent_basis, np.zeros((views, 2, 3, added))], axis=-1
+            ),
             rays=np.concatenate([self.rays, np.zeros((views, 3, added))], axis=-1),
             seen=np.concatenate([self.seen, np.zeros((views, added), bool)], axis=-1),
         )
@@ -121,11 +134,11 @@ class Window:
         """Return the window without keyframe ``k``."""
         return replace(
             self,
-            sides=np.delete(self.sides, k, axis=0),
+            tangent_basis=np.delete(self.tangent_basis, k, axis=0),
             rays=np.delete(self.rays, k, axis=0),
             seen=np.delete(self.seen, k, axis=0),
-            travelled=np.delete(self.travelled, k, axis=0),
-            instead=np.delete(self.instead, k, axis=0),
+            driven_places=np.delete(self.driven_places, k, axis=0),
+            alternative_places=np.delete(self.alternative_places, k, axis=0),
         )
 
     def of_features(self, kept: BoolArray) -> 'Window':
@@ -135,7 +148,7 @@ class Window:
             ids=self.ids[kept],
             photograph=self.photograph[kept],
             photograph_noise=self.photograph_noise[kept],
-            sides=self.sides[..., kept],
+            tangent_basis=self.tangent_basis[..., kept],
             rays=self.rays[..., kept],
             seen=self.seen[:, kept],
         )
@@ -162,13 +175,13 @@ class Unknowns:
     heading error (left positive), tilt and roll [rad]; ``shared``, (5,): tilt and roll of the
     photograph, the logarithm of the focal length over the one that was told, tilt and roll of the
     camera where the floor is even, then what factors add; ``offsets``, (2, N), of the
-    photograph's rays in deviations; ``nearness``, (N,), inverse depths along them [1/m].
+    photograph's rays in deviations; ``inverse_depth``, (N,), inverse depths along them [1/m].
     """
 
     views: FloatArray
     shared: FloatArray
     offsets: FloatArray
-    nearness: FloatArray
+    inverse_depth: FloatArray
 
     def moved(self, step: FloatArray, features: FloatArray) -> 'Unknowns':
         """Return the unknowns after a ``step``, (D,), and that of ``features``, (3, N)."""
@@ -177,11 +190,11 @@ class Unknowns:
             self.views + step[:size].reshape(-1, VIEW),
             self.shared + step[size:],
             self.offsets + features[:2],
-            self.nearness + features[2],
+            self.inverse_depth + features[2],
         )
 
     def scaled(self, ratio: float) -> 'Unknowns':
         """Return the same geometry, ``ratio`` times as large: all behind if negative."""
         views = self.views.copy()
         views[:, :HEADING] *= ratio
-        return replace(self, views=views, nearness=self.nearness / ratio)
+        return replace(self, views=views, inverse_depth=self.inverse_depth / ratio)

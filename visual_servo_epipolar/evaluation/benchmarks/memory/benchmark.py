@@ -126,7 +126,7 @@ def times_of(settings: StudySettings, rounds: int) -> dict[str, dict[str, float]
     sightings, told = drive.sightings(k), two_views(drive, k - 2)
     memory = remembered(drive)
     while memory.geometry is not None and not memory.geometry.converged:
-        memory = memory.after(drive.sightings(k - 1))[0].learnt()
+        memory = memory.after(drive.sightings(k - 1))[0].update_map()
     prior = Prior(told.attitude or drive.mount, told.bearings[0], mount=drive.mount)
     before = drive.sightings(k - 2)
     rng = np.random.default_rng(0)
@@ -134,10 +134,10 @@ def times_of(settings: StudySettings, rounds: int) -> dict[str, dict[str, float]
     def two() -> None:
         soft_planar(before.current, before.desired, noise=before.noise, prior=prior, rng=rng)
 
-    still, moved = (_with_spread(memory, spread) for spread in (9.0, 1e-6))
+    still, moved = (_with_spacing(memory, keyframe_spacing) for keyframe_spacing in (9.0, 1e-6))
     calls: dict[str, Callable[[], Any]] = {
-        'a view': lambda: still.after(sightings)[0].learnt(),
-        'a view that becomes a keyframe': lambda: moved.after(sightings)[0].learnt(),
+        'a view': lambda: still.after(sightings)[0].update_map(),
+        'a view that becomes a keyframe': lambda: moved.after(sightings)[0].update_map(),
         TWO_VIEWS: two,
     }
     times: dict[str, list[float]] = {name: [] for name in calls}
@@ -152,8 +152,8 @@ def times_of(settings: StudySettings, rounds: int) -> dict[str, dict[str, float]
     }
 
 
-def _with_spread(memory: KeyframeMap, spread: float) -> KeyframeMap:
-    return replace(memory, settings=MapSettings(spread=spread))
+def _with_spacing(memory: KeyframeMap, keyframe_spacing: float) -> KeyframeMap:
+    return replace(memory, settings=MapSettings(keyframe_spacing=keyframe_spacing))
 
 
 def figures(document: Mapping[str, Any]) -> dict[str, float]:

@@ -56,7 +56,7 @@ def by_opencv(drive: Trial, k: int, geometry: Geometry) -> PeerPose:
     sightings, window = drive.sightings(k), geometry.window
     rows = window.rows_of(sightings.ids)
     known = (rows >= 0) & geometry.trusted[rows]
-    near = geometry.unknowns.nearness[rows[known]]
+    near = geometry.unknowns.inverse_depth[rows[known]]
     ahead = near > 0.0
     structure = geometry.evaluation.structure.rays[:, rows[known]][:, ahead].T
     points = structure / near[ahead, None]

@@ -178,7 +178,7 @@ def driven(trial: Trial, settings: MapSettings | None = None) -> Iterator[Keyfra
     for k in range(len(trial.views) - 1):
         told = two_views(trial, k) if memory.geometry is None else Told()
         memory, _ = memory.after(trial.sightings(k), trial.motion(k), **told._asdict())
-        memory = memory.learnt()
+        memory = memory.update_map()
         yield memory
 
 
