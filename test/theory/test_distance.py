@@ -8,8 +8,7 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from strategies import floats
-
-from visual_servo_epipolar.evaluation.reproduction import theory
+import theory_bounds as theory
 
 SIGNS = st.sampled_from([-1.0, 1.0])
 EXPONENTS = st.sampled_from([1.0 / 9.0, 5.0 / 9.0, 7.0 / 9.0])

@@ -25,7 +25,8 @@ def resolve(name: str, path: str) -> Any:
     file = (DOCS / path).resolve()
     module, *names = name.split('.')
     assert file.stem == module, f'{name} is linked to {path}'
-    found: Any = import_module('.'.join(file.relative_to(ROOT).with_suffix('').parts))
+    package = () if file.parent == DOCS else file.parent.relative_to(ROOT).parts
+    found: Any = import_module('.'.join((*package, file.stem)))
     for part in names:
         found = getattr(found, part)
     return found

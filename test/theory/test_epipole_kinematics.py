@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from strategies import floats, pose_with, seen_from, twists
+import theory_bounds as theory
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
 from visual_servo_epipolar.core.laws import equations
-from visual_servo_epipolar.evaluation.reproduction import theory
 
 STEP = 1e-6  # of the central differences [s]
 CASES = [

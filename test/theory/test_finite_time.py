@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from strategies import floats
+import theory_bounds as theory
 
 from visual_servo_epipolar.core.laws import equations
-from visual_servo_epipolar.evaluation.reproduction import theory
 
 SIGNS = st.sampled_from([-1.0, 1.0])
 EXPONENTS = st.sampled_from([1.0 / 3.0, 5.0 / 9.0, 7.0 / 9.0])

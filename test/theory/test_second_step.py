@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 from strategies import floats, seen_from
+import theory_bounds as theory
 
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.perception.measures import feature_difference
-from visual_servo_epipolar.evaluation.reproduction import theory
 
 FEATURES = st.lists(
     st.tuples(floats(-2.0, 2.0), floats(-1.5, 1.5), floats(3.0, 8.0)), min_size=1, max_size=8
