@@ -15,9 +15,9 @@ from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.messages import read, transforms, write
 from visual_servo_epipolar.messages.frames import Frame, frames, upright
 from visual_servo_epipolar.nodes import parameters, qos
-from visual_servo_epipolar.nodes.run import spin
+from visual_servo_epipolar.nodes.frames import TransformBroadcaster
+from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import CameraFrames
-from visual_servo_epipolar.nodes.transforms.broadcaster import TransformBroadcaster
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.disturbances.image import DisturbanceSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings

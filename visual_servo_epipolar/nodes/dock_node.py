@@ -23,10 +23,10 @@ from visual_servo_epipolar.nodes.docking.reports import DockReports
 from visual_servo_epipolar.nodes.docking.reversal import Reversal
 from visual_servo_epipolar.nodes.docking.server import DEACTIVATED, DockServer
 from visual_servo_epipolar.nodes.docking.settings import DockNodeSettings
+from visual_servo_epipolar.nodes.frames import StaticMount
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
-from visual_servo_epipolar.nodes.run import spin
+from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.tracking.camera_subscriptions import CameraSubscriptions
-from visual_servo_epipolar.nodes.transforms.static_mount import StaticMount
 
 WARN_PERIOD_S = 5.0
 MOST_PENDING = 10  # tracks that wait for odometry: more are of a base that is silent

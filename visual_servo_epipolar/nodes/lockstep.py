@@ -20,8 +20,8 @@ from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.nodes import parameters
 from visual_servo_epipolar.nodes.camera_node import CameraNode
 from visual_servo_epipolar.nodes.servo_node import ServoNode
-from visual_servo_epipolar.nodes.startup.transport import discovery_range, tune_transport
-from visual_servo_epipolar.nodes.startup.waiting import hand_out
+from visual_servo_epipolar.nodes.startup.executor import hand_out
+from visual_servo_epipolar.nodes.startup.process import discovery_range, tune_transport
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
 from visual_servo_epipolar.simulation.rendering.assistant import Assistant

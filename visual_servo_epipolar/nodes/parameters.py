@@ -1,7 +1,9 @@
 """Settings as ROS parameters: declared with text and range, validated as a whole."""
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import fields, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+import re
 import sys
 from types import MappingProxyType
 from typing import Any, TypeVar
@@ -14,14 +16,28 @@ from rcl_interfaces.msg import (
 )
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+import yaml
 
 from visual_servo_epipolar.core.settings import alike, range_of, Settings
-from visual_servo_epipolar.nodes.startup import command_line, parameter_files, table
-from visual_servo_epipolar.nodes.startup.guards import guard
-from visual_servo_epipolar.nodes.startup.parameter_files import Section
-from visual_servo_epipolar.nodes.startup.parameter_types import explain_refusals, wrong_type
+from visual_servo_epipolar.nodes.startup import command_line, table
+from visual_servo_epipolar.nodes.startup.guards import explain_refusals, guard, wrong_type
 
 SettingsT = TypeVar('SettingsT', bound=Settings)
+PARAMETERS = 'ros__parameters'
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """Section of a parameter file: the nodes it is for, as written, and names of parameters."""
+
+    key: str
+    names: frozenset[str]
+
+    def reaches(self, node: str) -> bool:
+        """Return whether the section is for a node of this full name, by the rules of rcl."""
+        # As rclpy does it: /* becomes one part of a name, and so /** any number of them.
+        pattern = ('/' + self.key.lstrip('/')).replace('/*', r'(/\w+)')
+        return re.fullmatch(pattern, node) is not None
 
 
 def declare(node: Node, kind: type[SettingsT]) -> SettingsT:
@@ -96,7 +112,7 @@ def refuse_unknown(node: Node, options: Mapping[str, Any] = MappingProxyType({})
     node was made with. Warns of a file that sets nothing of the node.
     """
     name, words = node.get_name(), _ros_arguments(options)
-    files = {path: parameter_files.sections(path) for path in command_line.parameter_files(words)}
+    files = {path: read_sections(path) for path in command_line.parameter_files(words)}
     told = command_line.parameter_names(words, name)
     told |= {item.name for item in options.get('parameter_overrides') or ()}
     shared = {item for sections in files.values() for item in _heard(node, sections)} - told
@@ -193,3 +209,34 @@ def _descriptor(item: Any) -> ParameterDescriptor:
         low, high = int(limits.low), int(limits.high)
         descriptor.integer_range = [IntegerRange(from_value=low, to_value=high, step=1)]
     return descriptor
+
+
+def read_sections(path: str) -> list[Section]:
+    """Return the sections of a file that rcl has accepted; none if it cannot be read again."""
+    if not Path(path).is_file():
+        return []  # a pipe is read up, and to read it once more waits for ever
+    try:
+        document = yaml.safe_load(Path(path).read_text(encoding='utf-8'))
+    except (OSError, ValueError, yaml.YAMLError):
+        return []
+    return list(_walk(document, ''))
+
+
+def _walk(body: Any, key: str) -> Iterator[Section]:
+    """Yield sections; namespaces may be nested."""
+    if not isinstance(body, dict):
+        return
+    for name, inner in body.items():
+        if name == PARAMETERS:
+            yield Section(key, frozenset(_names(inner, '')))
+        else:
+            yield from _walk(inner, f'{key}/{str(name).strip("/")}' if key else str(name))
+
+
+def _names(body: Any, prefix: str) -> Iterator[str]:
+    """Yield names of parameters; nested ones are joined by points."""
+    for name, value in body.items() if isinstance(body, dict) else ():
+        if isinstance(value, dict):
+            yield from _names(value, f'{prefix}{name}.')
+        else:
+            yield f'{prefix}{name}'

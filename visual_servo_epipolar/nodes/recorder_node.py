@@ -21,7 +21,7 @@ from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 from visual_servo_epipolar.nodes.recording.discovery import TopicSelection
 from visual_servo_epipolar.nodes.recording.raw_subscriptions import RawSubscriptions
 from visual_servo_epipolar.nodes.recording.settings import RecorderNodeSettings
-from visual_servo_epipolar.nodes.run import spin
+from visual_servo_epipolar.nodes.startup.run import spin
 
 DISCOVERY_PERIOD_S = 0.2
 DISCOVERIES_A_REPORT = 5  # one report a second

@@ -20,13 +20,12 @@ from visual_servo_epipolar.messages.images.encodings import GrayReader
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.complaints import Complaints
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
-from visual_servo_epipolar.nodes.run import spin
+from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import TrackerNodeSettings
 from visual_servo_epipolar.nodes.tracking.camera_subscriptions import CameraSubscriptions
-from visual_servo_epipolar.nodes.tracking.lateness import Lateness
+from visual_servo_epipolar.nodes.tracking.image_faults import Lateness, Repetition
 from visual_servo_epipolar.nodes.tracking.photograph import read_photograph
 from visual_servo_epipolar.nodes.tracking.photographer import Photographer
-from visual_servo_epipolar.nodes.tracking.repetition import Repetition
 from visual_servo_epipolar.nodes.tracking.reports import TrackerReports
 
 WARN_PERIOD_S, LAST_WORD_S = 5.0, 0.2

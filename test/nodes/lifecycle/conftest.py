@@ -11,7 +11,7 @@ from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.lifecycle.gates import in_every_state
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
-from visual_servo_epipolar.nodes.lifecycle.settings import LifecycleSettings
+from visual_servo_epipolar.nodes.startup.settings import LifecycleSettings
 
 PERIOD_S = 0.01
 

@@ -128,7 +128,7 @@ def test_a_node_that_is_ended_before_it_began_says_so_in_one_line(number: str) -
 SPIN = """
 import os, signal
 from rclpy.node import Node
-from visual_servo_epipolar.nodes.run import spin
+from visual_servo_epipolar.nodes.startup.run import spin
 
 class Short(Node):
     def __init__(self):

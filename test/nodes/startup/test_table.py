@@ -7,8 +7,8 @@ import re
 
 import pytest
 
-from visual_servo_epipolar.nodes.run import _executable
 from visual_servo_epipolar.nodes.startup import executables
+from visual_servo_epipolar.nodes.startup.run import _executable
 from visual_servo_epipolar.nodes.startup.table import NODES, owner_of, settings_of
 
 ROOT = Path(__file__).parents[3]

@@ -23,7 +23,7 @@ from visual_servo_epipolar.nodes import parameters
 from visual_servo_epipolar.nodes.camera_node import CameraNode
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.startup import inputs
-from visual_servo_epipolar.nodes.startup.transport import discovery_range
+from visual_servo_epipolar.nodes.startup.process import discovery_range
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings

@@ -3,8 +3,7 @@
 from dataclasses import dataclass
 
 from visual_servo_epipolar.core.settings import setting
-from visual_servo_epipolar.nodes.lifecycle.settings import LifecycleSettings
-from visual_servo_epipolar.nodes.startup.settings import RELIABILITIES
+from visual_servo_epipolar.nodes.startup.settings import LifecycleSettings, RELIABILITIES
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,9 +9,8 @@ from rclpy.lifecycle.node import LifecycleState
 
 from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.nodes.lifecycle import changes
-from visual_servo_epipolar.nodes.lifecycle.gates import Callback, gated, Mailbox
-from visual_servo_epipolar.nodes.lifecycle.managed_publisher import ManagedPublisher
-from visual_servo_epipolar.nodes.lifecycle.settings import LifecycleSettings
+from visual_servo_epipolar.nodes.lifecycle.gates import Callback, gated, Mailbox, ManagedPublisher
+from visual_servo_epipolar.nodes.startup.settings import LifecycleSettings
 
 SUCCESS, FAILURE, ERROR = (
     TransitionCallbackReturn.SUCCESS,

@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.nodes.lifecycle.gates import in_every_state
 from visual_servo_epipolar.nodes.recording import discovery
 from visual_servo_epipolar.nodes.recording.discovery import TopicSelection
-from visual_servo_epipolar.nodes.startup.waiting import hand_out
+from visual_servo_epipolar.nodes.startup.executor import hand_out
 
 
 @dataclass(slots=True)

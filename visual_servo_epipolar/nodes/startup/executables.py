@@ -1,12 +1,13 @@
 """Executables of the nodes: they import ROS only when they run, and say it if there is none."""
 
+from functools import partial
 from importlib import import_module
 import signal
 import sys
 
 from visual_servo_epipolar.nodes.startup.command_line import answer, USAGE_ERROR
 from visual_servo_epipolar.nodes.startup.missing import NO_ROS, remedy
-from visual_servo_epipolar.nodes.startup.signals import on_ending
+from visual_servo_epipolar.nodes.startup.process import on_ending
 from visual_servo_epipolar.nodes.startup.table import PACKAGE
 from visual_servo_epipolar.threads import one_thread
 
@@ -53,31 +54,13 @@ def _missing(error: ImportError) -> str:
     return NO_ROS.format(text)
 
 
-def servo_node() -> None:
-    """Run the servo."""
-    sys.exit(run('servo_node'))
+def _main(node: str) -> None:
+    sys.exit(run(node))
 
 
-def tracker_node() -> None:
-    """Run the tracker."""
-    sys.exit(run('tracker_node'))
-
-
-def dock_node() -> None:
-    """Run the node that tells the dock's pose, and docks on request."""
-    sys.exit(run('dock_node'))
-
-
-def unicycle_node() -> None:
-    """Run the simulated base."""
-    sys.exit(run('unicycle_node'))
-
-
-def camera_node() -> None:
-    """Run the simulated camera."""
-    sys.exit(run('camera_node'))
-
-
-def recorder_node() -> None:
-    """Run the recorder."""
-    sys.exit(run('recorder_node'))
+servo_node = partial(_main, 'servo_node')
+tracker_node = partial(_main, 'tracker_node')
+dock_node = partial(_main, 'dock_node')
+unicycle_node = partial(_main, 'unicycle_node')
+camera_node = partial(_main, 'camera_node')
+recorder_node = partial(_main, 'recorder_node')

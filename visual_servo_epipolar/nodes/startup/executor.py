@@ -9,7 +9,8 @@ from rclpy.executors import ShutdownException, SingleThreadedExecutor, TimeoutEx
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.subscription import Subscription
 
-from visual_servo_epipolar.nodes.startup.waiting import hand_out
+WITH_INFO = Subscription.CallbackType.WithMessageInfo
+
 
 # After which events, actions and guards are looked at as well, and tasks that wait for something.
 LOOK_S, TASK_S = 0.05, 0.02
@@ -21,6 +22,20 @@ KINDS = {
     'service': 'services',
 }
 NANOSECONDS = 1e9
+
+
+def hand_out(subscription: Subscription) -> bool:
+    """Call back for the next message that waits, and return whether there was one."""
+    try:
+        with subscription.handle:
+            taken = subscription.handle.take_message(subscription.msg_type, subscription.raw)
+    except InvalidHandle:  # another callback has just destroyed it
+        return False
+    if taken is None:
+        return False
+    with_info = subscription._callback_type is WITH_INFO
+    subscription.callback(*taken if with_info else taken[:1])
+    return True
 
 
 class MessageExecutor(SingleThreadedExecutor):

@@ -3,11 +3,19 @@
 from dataclasses import dataclass
 
 from visual_servo_epipolar.core.settings import setting, Settings
-from visual_servo_epipolar.nodes.lifecycle.settings import LifecycleSettings
 
 RELIABILITIES = ('auto', 'reliable', 'best_effort')  # of images, as in nodes.qos
 RESUMES = ('automatic', 'manual')
 TRANSPORTS = ('raw', 'compressed')
+
+
+@dataclass(frozen=True, kw_only=True)
+class LifecycleSettings(Settings):
+    """Settings of a managed node."""
+
+    autostart_node: bool = setting(
+        True, 'Configure and activate at the start; false: ros2 lifecycle does it', read_only=True
+    )
 
 
 @dataclass(frozen=True, kw_only=True)

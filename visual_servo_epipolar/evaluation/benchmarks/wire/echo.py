@@ -8,7 +8,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import Image
 
 from visual_servo_epipolar.nodes import qos
-from visual_servo_epipolar.nodes.run import spin
+from visual_servo_epipolar.nodes.startup.run import spin
 
 IMAGES, ANSWERS = 'echo/image_raw', 'echo/cmd_vel'
 

@@ -10,7 +10,7 @@ import subprocess
 import sys
 from typing import Any
 
-from visual_servo_epipolar.nodes.startup.transport import discovery_range, tune_transport
+from visual_servo_epipolar.nodes.startup.process import discovery_range, tune_transport
 from visual_servo_epipolar.threads import ONE_THREAD
 
 # Its own among benchmarks that run at a time, and above those that people use.

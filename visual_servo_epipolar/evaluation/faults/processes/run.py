@@ -16,7 +16,7 @@ from visual_servo_epipolar.evaluation.faults.judging.record import Bounds
 from visual_servo_epipolar.evaluation.faults.processes.listener import RunListener, SETTINGS
 from visual_servo_epipolar.evaluation.faults.processes.table import NODES, ProcessFault
 from visual_servo_epipolar.evaluation.faults.world import FRAME_RATE, small_camera
-from visual_servo_epipolar.nodes.startup import signals
+from visual_servo_epipolar.nodes.startup import process
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 
@@ -89,7 +89,7 @@ def _team(
     arguments = {
         node: [word for text in more.get(node, ()) for word in ('-p', text)] for node in NODES
     }
-    if fault.signal in (*signals.ENDING, signal.SIGTSTP):
+    if fault.signal in (*process.ENDING, signal.SIGTSTP):
         # What this process ignores, as nohup has it, its children would ignore as well.
         stack.callback(signal.signal, fault.signal, signal.signal(fault.signal, signal.SIG_DFL))
     camera_arguments = {'camera_node': arguments.pop('camera_node')}

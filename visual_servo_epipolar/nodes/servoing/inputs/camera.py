@@ -19,8 +19,8 @@ from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import read, validation
 from visual_servo_epipolar.nodes import qos
+from visual_servo_epipolar.nodes.frames import StaticMount
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
-from visual_servo_epipolar.nodes.transforms.static_mount import StaticMount
 
 LOOK_PERIOD_S = 0.5  # at how camera_info is published
 NO_CAMERA = 'no usable camera_info yet; tracks wait for it, the robot stands'

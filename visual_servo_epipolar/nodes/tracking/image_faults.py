@@ -1,14 +1,20 @@
-"""Repetition of images: a driver may stamp its last one anew for ever, or one of another time."""
+"""Faults of the images as they come: late ones, and those that repeat."""
 
 from collections import deque
 import zlib
 
 import numpy as np
+from rclpy.node import Node
 
 from visual_servo_epipolar.core.arrays import Image
+from visual_servo_epipolar.core.stamps import OTHER_CLOCK_S, seconds_between
 
 KEPT = 64  # images that are known again: six seconds of them
 ROWS = 8  # of so many one is looked at, which costs 0.1 ms where there are 1280x1024 px
+
+
+BEHIND_S = 0.5  # age of an image at which its tracks come late
+BEHIND_IMAGES = 3  # so many one after the other are no single match of the whole image
 
 
 class Repetition:
@@ -42,3 +48,32 @@ class Repetition:
 def _fingerprint(image: Image) -> tuple[tuple[int, ...], int]:
     """Return what two images that are not the very same hardly ever share."""
     return image.shape, zlib.crc32(np.ascontiguousarray(image[::ROWS]).data)
+
+
+class Lateness:
+    """Lateness of the tracks of ``node``, by the age of each image."""
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._late = 0  # images in a row whose tracks came late
+
+    def age_s(self, stamp_ns: int) -> float | None:
+        """
+        Return the age of the image whose tracks are published now [s].
+
+        None in simulated time, which may wait for the tracks, and of a stamp by another clock.
+        """
+        if self._node.get_parameter('use_sim_time').value:
+            return None
+        age_s = seconds_between(stamp_ns, self._node.get_clock().now().nanoseconds)
+        return age_s if abs(age_s) < OTHER_CLOCK_S else None
+
+    def complaint(self, age_s: float | None) -> str:
+        """Count an image of this age, and return that tracks come late, and what to do, or ''."""
+        self._late = self._late + 1 if age_s is not None and age_s >= BEHIND_S else 0
+        if age_s is None or self._late < BEHIND_IMAGES:
+            return ''
+        return (
+            f'the tracker falls behind: the newest image was {age_s:.1f} s old when its tracks '
+            'came; send smaller images or fewer, or lower max_features'
+        )

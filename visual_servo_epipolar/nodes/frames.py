@@ -1,8 +1,9 @@
-"""The mount of the camera out of /tf_static, where robots say how their parts are fixed."""
+"""Frames over ROS: /tf of the simulated robot, and the mount of the camera out of /tf_static."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol, TypeVar
 
+from geometry_msgs.msg import TransformStamped
 import numpy as np
 from rclpy.node import Node
 
@@ -15,6 +16,33 @@ Transform = tuple[FloatArray, FloatArray]
 MountedT = TypeVar('MountedT', bound='Mountable')
 UNTOLD = Mount(tilt=0.0, roll=0.0, yaw=0.0, forward=0.0, left=0.0)
 DEEPEST = 100  # frames between a camera and its base: more are a circle
+
+
+class TransformBroadcaster:
+    """
+    Publishes transforms on /tf, or ``static`` ones on /tf_static, which reach those who come late.
+
+    Without tf2_msgs it says so once, and publishes nothing: headers name the frames all the same.
+    """
+
+    def __init__(self, node: Node, *, static: bool = False) -> None:
+        topic, profile = ('/tf_static', qos.LATCHED) if static else ('/tf', qos.TRANSFORMS)
+        self._kind = transforms.tf_message_class()
+        self._publisher = None
+        if self._kind is not None:
+            self._publisher = node.create_publisher(self._kind, topic, profile)
+        else:
+            node.get_logger().info(transforms.without_tf2_msgs(f'{topic} is not published'))
+
+    @property
+    def publishes(self) -> bool:
+        """Whether what is sent is published."""
+        return self._publisher is not None
+
+    def send(self, messages: Sequence[TransformStamped]) -> None:
+        """Publish all ``messages`` as one; a static one replaces what was sent before."""
+        if self._publisher is not None:
+            self._publisher.publish(transforms.tf_message(self._kind, messages))
 
 
 class Mountable(Protocol):

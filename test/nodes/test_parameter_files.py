@@ -11,14 +11,14 @@ from visual_servo_epipolar.core.docking.settings import DockPoseSettings
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.nodes.camera_node import CameraNode
 from visual_servo_epipolar.nodes.dock_node import DockNode
+from visual_servo_epipolar.nodes.parameters import read_sections
 from visual_servo_epipolar.nodes.recorder_node import RecorderNode
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.startup import table
-from visual_servo_epipolar.nodes.startup.parameter_files import sections
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
 
-CONFIG = Path(__file__).parents[3] / 'config'
+CONFIG = Path(__file__).parents[2] / 'config'
 KINDS = {
     'servo_node': ServoNode,
     'tracker_node': TrackerNode,
@@ -86,13 +86,13 @@ def test_a_section_reaches_the_nodes_that_rcl_gives_it_to(
         automatically_declare_parameters_from_overrides=True,
     )
     bench.nodes.append(node)
-    (section,) = sections(str(path))
+    (section,) = read_sections(str(path))
     assert section.names == {'k1'}
     assert section.reaches(node.get_fully_qualified_name()) is node.has_parameter('k1')
 
 
 def test_nested_parameters_have_points(tmp_path) -> None:
-    (section,) = sections(str(file(tmp_path, **under('/**', a={'b': {'c': 1}}, d=2))))
+    (section,) = read_sections(str(file(tmp_path, **under('/**', a={'b': {'c': 1}}, d=2))))
     assert section.names == {'a.b.c', 'd'}
 
 
@@ -129,7 +129,7 @@ def test_every_file_is_keyed_for_any_node(path) -> None:
         'small_computer': ['/**/tracker_node'],
         'obstacles': ['/**/twist_mux', '/**/collision_monitor'],
     }
-    assert [section.key for section in sections(str(path))] == keys.get(path.stem, ['/**'])
+    assert [section.key for section in read_sections(str(path))] == keys.get(path.stem, ['/**'])
 
 
 def test_a_file_that_sets_nothing_is_warned_of(bench, tmp_path) -> None:

@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.messages import read, transforms, write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.camera_node import CameraNode
-from visual_servo_epipolar.nodes.transforms.broadcaster import TransformBroadcaster
+from visual_servo_epipolar.nodes.frames import TransformBroadcaster
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
 
 TINY = {

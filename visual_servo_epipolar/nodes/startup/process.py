@@ -1,15 +1,18 @@
-"""Transport of a process: shared memory and buffers for images, and how far it sees."""
+"""Process of a node: the signals that end or suspend it, its transport, how far it sees."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import ctypes
 import os
 from pathlib import Path
+import signal
 import sys
 
 MALLOPT_MMAP_THRESHOLD, MALLOPT_TRIM_THRESHOLD = -3, -1
 KEEP_BYTES = 2**29 - 1
 DISCOVERY = ('ROS_AUTOMATIC_DISCOVERY_RANGE', 'ROS_LOCALHOST_ONLY', 'ROS_STATIC_PEERS')
+# Ctrl-C, kill, a terminal that is closed, Ctrl-backslash.
+ENDING = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGQUIT)
 
 
 def tune_transport() -> None:
@@ -47,3 +50,29 @@ def discovery_range(reach: str) -> Iterator[None]:
             os.environ.pop(name, None)
             if value is not None:
                 os.environ[name] = value
+
+
+def on_ending(action: Callable[[signal.Signals], None]) -> None:
+    """Let ``action`` be called, with the signal, in place of what would kill the process."""
+    for number in ENDING:
+        # Who starts a node by nohup wants it to outlive its terminal.
+        if number is signal.SIGHUP and signal.getsignal(number) is signal.SIG_IGN:
+            continue
+        signal.signal(number, lambda received, _: action(signal.Signals(received)))
+
+
+def ignore_ending() -> None:
+    """Ignore these signals from now on: a second Ctrl-C finds nothing left to end."""
+    for number in ENDING:
+        signal.signal(number, signal.SIG_IGN)
+
+
+def on_suspending(action: Callable[[], None]) -> None:
+    """Let ``action`` be called in place of what Ctrl-Z does: it stops a node, not the robot."""
+    if signal.getsignal(signal.SIGTSTP) is not signal.SIG_IGN:
+        signal.signal(signal.SIGTSTP, lambda *_: action())
+
+
+def suspend() -> None:
+    """Suspend this process, until SIGCONT."""
+    os.kill(os.getpid(), signal.SIGSTOP)

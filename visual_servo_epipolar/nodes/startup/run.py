@@ -14,9 +14,9 @@ from rclpy.signals import SignalHandlerOptions
 
 from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
-from visual_servo_epipolar.nodes.startup import command_line, inputs, signals
+from visual_servo_epipolar.nodes.startup import command_line, inputs, process
 from visual_servo_epipolar.nodes.startup.executor import MessageExecutor
-from visual_servo_epipolar.nodes.startup.transport import tune_transport
+from visual_servo_epipolar.nodes.startup.process import tune_transport
 
 FAREWELL_S = 0.5  # after `shutdown`, until who asked for it has the answer
 
@@ -36,8 +36,8 @@ def spin(kind: type[Any], args: list[str] | None = None) -> int:
         return code
     tune_transport()
     ending, suspending = threading.Event(), threading.Event()
-    signals.on_ending(lambda _: ending.set())
-    signals.on_suspending(suspending.set)
+    process.on_ending(lambda _: ending.set())
+    process.on_suspending(suspending.set)
     node: Node | None = None
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
@@ -51,7 +51,7 @@ def spin(kind: type[Any], args: list[str] | None = None) -> int:
             if suspending.is_set():
                 suspending.clear()
                 _call(node, 'suspend')
-                signals.suspend()
+                process.suspend()
         if not ending.is_set():
             ending.wait(FAREWELL_S)
     except (ParameterException, VisualServoError, ValueError, RuntimeError, OSError) as error:
@@ -65,7 +65,7 @@ def spin(kind: type[Any], args: list[str] | None = None) -> int:
             node.destroy_node()
         rclpy.try_shutdown()
         gc.unfreeze()
-        signals.ignore_ending()
+        process.ignore_ending()
     return 0
 
 
