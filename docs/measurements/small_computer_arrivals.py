@@ -10,8 +10,9 @@ from itertools import product
 import sys
 from typing import TypeAlias
 
+from visual_servo_epipolar.processes import cores
 from visual_servo_epipolar.simulation.scenario import from_document, Scenario
-from visual_servo_epipolar.sweeping.local import cores, local_workers
+from visual_servo_epipolar.sweeping.local import local_workers
 from visual_servo_epipolar.sweeping.plan import Chunk, Plan
 from visual_servo_epipolar.sweeping.summary import Result, summary_of
 

@@ -1,4 +1,4 @@
-"""Guards of the parameters and of /clock: refusals with reasons, where rclpy would raise out of spin."""
+"""Guards of parameters and /clock: refusals in words, where rclpy would raise out of spin."""
 
 from collections.abc import Callable
 from typing import Any
