@@ -18,13 +18,13 @@ from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.frames import TransformBroadcaster
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import UnicycleSettings
-from visual_servo_epipolar.simulation.bases.base import Base
 from visual_servo_epipolar.simulation.bases.dead_reckoning import (
     DeadReckoning,
     world_to_odometry,
 )
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 from visual_servo_epipolar.simulation.bases.registry import new_base
+from visual_servo_epipolar.simulation.bases.simulated_base import SimulatedBase
 from visual_servo_epipolar.simulation.run_monitor import period_ns
 
 WARN_PERIOD_S = 2.0
@@ -33,7 +33,7 @@ BEGIN_PERIOD_S = 0.5
 
 class UnicycleNode(Node):
     """
-    Hosts a ``Base``.
+    Hosts a ``SimulatedBase``.
 
     In wall time a steady timer moves the base, and a silent commander is noticed by the base
     itself. In lockstep each command moves it by exactly one frame, the node owns /clock, and
@@ -81,7 +81,7 @@ class UnicycleNode(Node):
     def _use(self, settings: PioneerSettings) -> None:
         self._base_settings = self._base.settings = settings
 
-    def _new_base(self) -> Base:
+    def _new_base(self) -> SimulatedBase:
         start = Pose.from_start(*self._settings.start)
         now_ns = 0 if self._settings.lockstep else self._steady.now().nanoseconds
         return new_base(self._base_settings, start, seed=self._settings.seed, now_ns=now_ns)

@@ -13,8 +13,8 @@ from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.simulation.disturbances.image import Disturbances
-from visual_servo_epipolar.simulation.mounts.rig import CameraRig
 from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME
+from visual_servo_epipolar.simulation.mounts.simulated_rig import SimulatedRig
 from visual_servo_epipolar.simulation.view import View
 
 MIN_DEPTH_M = 0.3
@@ -56,7 +56,7 @@ class PointWorld(View):
     def __init__(
         self,
         settings: PointSettings,
-        rig: CameraRig,
+        rig: SimulatedRig,
         *,
         seed: int,
         disturbances: Disturbances | None = None,

@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
-from visual_servo_epipolar.simulation.mounts.rig import CameraRig
+from visual_servo_epipolar.simulation.mounts.simulated_rig import SimulatedRig
 from visual_servo_epipolar.simulation.mounts.true_geometry import true_geometry
 
 WRONG_BEARING = math.radians(10.0)  # beyond which a geometry is wrong [rad]
@@ -108,7 +108,7 @@ class RunMonitor:
         )
 
 
-def verdict(log: RunLog, rig: CameraRig) -> dict[str, Any]:
+def verdict(log: RunLog, rig: SimulatedRig) -> dict[str, Any]:
     """
     Return the verdict on a simulated run: that of ``summarise``, and what only the world knows.
 
@@ -118,7 +118,7 @@ def verdict(log: RunLog, rig: CameraRig) -> dict[str, Any]:
     return summarise(log) | {'wrong_geometry_s': wrong_geometry_s(log, rig)}
 
 
-def wrong_geometry_s(log: RunLog, rig: CameraRig) -> float:
+def wrong_geometry_s(log: RunLog, rig: SimulatedRig) -> float:
     """
     Return the time driven on a geometry more than 10 deg wrong [s].
 
@@ -133,7 +133,7 @@ def wrong_geometry_s(log: RunLog, rig: CameraRig) -> float:
     return time_ns / NANOSECONDS
 
 
-def _is_wrong(step: Sample, rig: CameraRig, frame: int) -> bool:
+def _is_wrong(step: Sample, rig: SimulatedRig, frame: int) -> bool:
     truth = true_geometry(rig, step.pose, frame)
     error = truth.error(step.bearing_current, step.bearing_desired)
     return truth.baseline > LEAST_BASELINE_M and error > WRONG_BEARING

@@ -12,10 +12,18 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import hint, setting, Settings, updated
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
-from visual_servo_epipolar.simulation.bases.registry import base_name, BaseModel, BASES
+from visual_servo_epipolar.simulation.bases.registry import (
+    base_name,
+    SIMULATED_BASES,
+    SimulatedBaseModel,
+)
 from visual_servo_epipolar.simulation.disturbances.image import DisturbanceSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
-from visual_servo_epipolar.simulation.mounts.registry import rig_name, RigModel, RIGS
+from visual_servo_epipolar.simulation.mounts.registry import (
+    rig_name,
+    SIMULATED_RIGS,
+    SimulatedRigModel,
+)
 from visual_servo_epipolar.simulation.point_world import PointSettings
 from visual_servo_epipolar.simulation.run_monitor import LoopSettings
 
@@ -74,9 +82,9 @@ class Scenario:
 
 
 # Sections that come in several kinds: the key that names the kind, and settings by its name.
-KINDS: Mapping[str, tuple[str, Mapping[str, BaseModel | RigModel]]] = {
-    'base': ('model', BASES),
-    'camera': ('rig', RIGS),
+KINDS: Mapping[str, tuple[str, Mapping[str, SimulatedBaseModel | SimulatedRigModel]]] = {
+    'base': ('model', SIMULATED_BASES),
+    'camera': ('rig', SIMULATED_RIGS),
 }
 
 # Nodes whose parameters are a section: lines such as `visual_servo gains` prints may be pasted.

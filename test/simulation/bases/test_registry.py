@@ -8,7 +8,7 @@ from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTI
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.core.settings import setting, Settings
-from visual_servo_epipolar.simulation.bases.registry import BaseModel, BASES
+from visual_servo_epipolar.simulation.bases.registry import SIMULATED_BASES, SimulatedBaseModel
 from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.scenario import from_document, Scenario
 from visual_servo_epipolar.simulation.views import points_of
@@ -51,7 +51,7 @@ class IdealBase:
 
 @pytest.fixture
 def ideal(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(BASES, 'ideal', BaseModel(IdealSettings, IdealBase))
+    monkeypatch.setitem(SIMULATED_BASES, 'ideal', SimulatedBaseModel(IdealSettings, IdealBase))
 
 
 @pytest.mark.usefixtures('ideal')

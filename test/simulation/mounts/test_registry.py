@@ -12,8 +12,8 @@ from visual_servo_epipolar.core.settings import setting
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
-from visual_servo_epipolar.simulation.mounts.registry import RigModel, RIGS
-from visual_servo_epipolar.simulation.mounts.rig import CameraPose
+from visual_servo_epipolar.simulation.mounts.registry import SIMULATED_RIGS, SimulatedRigModel
+from visual_servo_epipolar.simulation.mounts.simulated_rig import CameraPose
 from visual_servo_epipolar.simulation.scenario import from_document, Scenario
 from visual_servo_epipolar.simulation.views import points_of
 
@@ -50,8 +50,10 @@ class PannedRig:
 @pytest.fixture
 def panned(monkeypatch: pytest.MonkeyPatch) -> Scenario:
     """Return a scenario whose camera looks 30 deg to the left."""
-    row = RigModel(PannedSettings, lambda settings: PannedRig(settings.camera, settings.pan))
-    monkeypatch.setitem(RIGS, 'panned', row)
+    row = SimulatedRigModel(
+        PannedSettings, lambda settings: PannedRig(settings.camera, settings.pan)
+    )
+    monkeypatch.setitem(SIMULATED_RIGS, 'panned', row)
     camera = {'rig': 'panned', 'pan': math.radians(30.0), **SMALL}
     return from_document({'camera': camera}, 'test')
 

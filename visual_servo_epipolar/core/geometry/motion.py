@@ -109,68 +109,6 @@ def saturate(twist: Twist, *, max_linear: float, max_angular: float) -> Twist:
     return Twist(twist.linear / excess, twist.angular / excess)
 
 
-def ramped(wanted: Twist, before: Twist, dt: float, *, linear: float, angular: float) -> Twist:
-    """
-    Limit the change from ``before`` to what ``linear`` [m/s^2] and ``angular`` [rad/s^2] allow.
-
-    Slowing down is allowed twice as fast as speeding up: what brakes is never held up for comfort.
-    """
-    return Twist(
-        _ramp(wanted.linear, before.linear, linear * dt),
-        _ramp(wanted.angular, before.angular, angular * dt),
-    )
-
-
-def beyond_dead_band(twist: Twist, *, linear: float, angular: float, mode: str) -> Twist:
-    """
-    Return velocities that the motors can follow, which stand still below a threshold.
-
-    ``raise`` lifts what is smaller up to the threshold, as the paper did (section VIII), ``zero``
-    drops it; a velocity of exactly zero stays zero. Thresholds in m/s and rad/s.
-    """
-    return Twist(
-        _beyond(twist.linear, linear, mode == 'raise'),
-        _beyond(twist.angular, angular, mode == 'raise'),
-    )
-
-
-def pulsed(
-    wanted: Twist, residual: Twist, *, linear: float, angular: float
-) -> tuple[Twist, Twist]:
-    """
-    Return velocities beyond the thresholds whose average is the wanted one, and the new residual.
-
-    First-order sigma-delta modulation: what is below a threshold [m/s, rad/s] adds up, frame by
-    frame, until it is worth a pulse. Lifting every small command instead turns a proportional law
-    into a switch, and dropping it into one that never gets there.
-    """
-    first = _pulse(wanted.linear, residual.linear, linear)
-    second = _pulse(wanted.angular, residual.angular, angular)
-    return Twist(first[0], second[0]), Twist(first[1], second[1])
-
-
-def _pulse(wanted: float, residual: float, threshold: float) -> tuple[float, float]:
-    if wanted == 0.0 or abs(wanted) >= threshold:
-        return wanted, 0.0
-    residual += wanted
-    pulse = math.copysign(threshold, residual) if abs(residual) >= 0.5 * threshold else 0.0
-    return pulse, residual - pulse
-
-
-def _beyond(value: float, threshold: float, lift: bool) -> float:
-    if value == 0.0 or abs(value) >= threshold:
-        return value
-    return math.copysign(threshold, value) if lift else 0.0
-
-
-def _ramp(wanted: float, before: float, change: float) -> float:
-    slower = abs(wanted) < abs(before) or wanted * before < 0.0
-    limit = 2.0 * change if slower else change
-    if wanted * before < 0.0:  # once it stands, it speeds up the other way
-        limit = min(limit, change + 0.5 * abs(before))
-    return before + min(max(wanted - before, -limit), limit)
-
-
 def quaternion_from_yaw(yaw: float) -> tuple[float, float, float, float]:
     """Return the quaternion (x, y, z, w) of a rotation by ``yaw`` [rad] about +z."""
     return 0.0, 0.0, math.sin(0.5 * yaw), math.cos(0.5 * yaw)

@@ -1,9 +1,12 @@
 """Settings of control: the law, its gains, and the limits of the base."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
+from functools import cached_property
 from typing import Any, ClassVar
 
+from visual_servo_epipolar.core.bases.base import Base, BaseLimits
+from visual_servo_epipolar.core.bases.registry import base_of, DEFAULT_BASE
 from visual_servo_epipolar.core.laws.registry import DEFAULT_LAW, DEPARTURES, law_options
 from visual_servo_epipolar.core.laws.registry import TEXT as LAW_TEXT
 from visual_servo_epipolar.core.settings import setting, Settings
@@ -137,6 +140,11 @@ class ControlSettings(Settings):
     singular_epipole: float = setting(
         0.02, 'Bearing of e_au below which the paper displaces it first [rad]', low=0, high=0.5
     )
+    base: str = setting(
+        DEFAULT_BASE,
+        'Base: differential_drive, or one of another package',
+        read_only=True,
+    )
     max_linear: float = setting(0.4, 'Largest linear speed [m/s]', low=0.01, high=5.0)
     max_angular: float = setting(0.5, 'Largest angular speed [rad/s]', low=0.01, high=10.0)
     max_speed_ratio: float = setting(
@@ -161,6 +169,7 @@ class ControlSettings(Settings):
     def __post_init__(self) -> None:
         super().__post_init__()
         law_options(self.law)
+        _ = self.drive  # raises ValueError for an unknown base
         if self.dead_band_linear > self.max_linear or self.dead_band_angular > self.max_angular:
             raise ValueError(
                 'dead bands must not exceed max_linear and max_angular, got '
@@ -174,6 +183,12 @@ class ControlSettings(Settings):
             )
         if self.derives:
             self._check_derivation()
+
+    @cached_property
+    def drive(self) -> Base:
+        """The base, within the limits that these settings give it."""
+        limits = {item.name: getattr(self, item.name) for item in fields(BaseLimits)}
+        return base_of(self.base, BaseLimits(**limits))
 
     @property
     def derives(self) -> bool:

@@ -34,8 +34,8 @@ class MapLocalization:
     ``inverse_depth`` along the photograph's rays [1/m] and ``inverse_depth_variance``;
     ``photograph``, (M, 3), are those rays. The photograph has ``shown`` some, (M,), of which those
     ``counted``, (M,), are no wrong matches. ``depth`` is the median one [m], ``noise_ratio`` the
-    deviation of the window's residuals over that expected; ``seen`` are the features and the pose, (5,), that
-    they are seen from. ``slopes`` are those of its correspondences.
+    deviation of the window's residuals over that expected; ``seen`` are the features and the pose,
+    (5,), that they are seen from. ``slopes`` are those of its correspondences.
     """
 
     reason: str = ''

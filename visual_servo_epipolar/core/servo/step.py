@@ -11,14 +11,7 @@ phase a nominal velocity (``phases.commands``), which is then limited to what th
 from dataclasses import replace
 import math
 
-from visual_servo_epipolar.core.geometry.motion import (
-    beyond_dead_band,
-    pulsed,
-    ramped,
-    saturate,
-    STANDSTILL,
-    Twist,
-)
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.laws.phases.commands import curvature_compensated, nominal_twist
 from visual_servo_epipolar.core.laws.phases.events import classify
@@ -46,7 +39,6 @@ from visual_servo_epipolar.core.values import changed
 
 MAX_START_STEPS = 1.5  # usual times between two images that a robot speeds up at first
 LATE_S = 0.02  # by which a command may go out late of its image, and the next in time
-ROUNDING = 1e-15  # of a command within its limits
 
 
 def step(
@@ -165,34 +157,18 @@ def _limited(
     nominal: Twist, last: Twist, dt: float, state: ServoState, settings: ServoSettings
 ) -> Twist:
     """Return ``nominal`` within the limits of speed, and of acceleration since ``last``."""
-    limits = {'max_linear': settings.max_linear, 'max_angular': settings.max_angular}
-    ratio = settings.max_speed_ratio
-    twist = saturate(nominal, **{name: ratio * limit for name, limit in limits.items()})
+    twist = settings.drive.within_speed(nominal, ratio=settings.max_speed_ratio)
     if not settings.options.speed_ramps or state.phase not in DRIVING:
         return twist
-    twist = ramped(
-        twist,
-        last,
-        dt,
-        linear=settings.max_acceleration,
-        angular=settings.max_angular_acceleration,
-    )
-    # A limit that was lowered on the way holds at once.
-    excess = max(
-        abs(twist.linear) / settings.max_linear, abs(twist.angular) / settings.max_angular
-    )
-    return saturate(twist, **limits) if excess > 1.0 + ROUNDING else twist
+    return settings.drive.within_acceleration(twist, last, dt)
 
 
 def _beyond_dead_band(
     limited: Twist, state: ServoState, settings: ServoSettings
 ) -> tuple[Twist, Twist]:
     """Return the part of ``limited`` that the motors can follow, and the residual for later."""
-    thresholds = {'linear': settings.dead_band_linear, 'angular': settings.dead_band_angular}
     # Where the aim is fulfilled, a small command made larger would only undo it.
     mode = 'zero' if state.settled else settings.dead_band_mode
     if mode == 'pulse' and trims(state, settings):
         return trimmed(limited, state, settings)
-    if mode == 'pulse':
-        return pulsed(limited, state.dead_band_residual, **thresholds)
-    return beyond_dead_band(limited, mode=mode, **thresholds), STANDSTILL
+    return settings.drive.beyond_dead_band(limited, state.dead_band_residual, mode=mode)

@@ -2,8 +2,8 @@
 
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
-from visual_servo_epipolar.simulation.bases.base import Base
 from visual_servo_epipolar.simulation.bases.pioneer import Pioneer
+from visual_servo_epipolar.simulation.bases.simulated_base import SimulatedBase
 
 
 class BreakablePioneer(Pioneer):
@@ -27,7 +27,7 @@ class BreakableUnicycleNode(UnicycleNode):
         assert isinstance(self._base, BreakablePioneer)
         self._base.grip = left, right
 
-    def _new_base(self) -> Base:
+    def _new_base(self) -> SimulatedBase:
         start = Pose.from_start(*self._settings.start)
         now_ns = int(self._steady.now().nanoseconds)
         return BreakablePioneer(

@@ -4,25 +4,30 @@ from typing import NamedTuple
 
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.settings import Settings
-from visual_servo_epipolar.simulation.bases.base import Base, BaseFactory
 from visual_servo_epipolar.simulation.bases.pioneer import Pioneer, PioneerSettings
+from visual_servo_epipolar.simulation.bases.simulated_base import (
+    SimulatedBase,
+    SimulatedBaseFactory,
+)
 
 
-class BaseModel(NamedTuple):
+class SimulatedBaseModel(NamedTuple):
     """One row: the class of settings, which no other row has, and who makes the base."""
 
     settings: type[Settings]
-    factory: BaseFactory
+    factory: SimulatedBaseFactory
 
 
-BASES: dict[str, BaseModel] = {'pioneer': BaseModel(PioneerSettings, Pioneer)}
+SIMULATED_BASES: dict[str, SimulatedBaseModel] = {
+    'pioneer': SimulatedBaseModel(PioneerSettings, Pioneer)
+}
 
 
 def base_name(settings: Settings) -> str:
     """Return the name of the base that ``settings`` belong to; KeyError if there is none."""
-    return {model.settings: name for name, model in BASES.items()}[type(settings)]
+    return {model.settings: name for name, model in SIMULATED_BASES.items()}[type(settings)]
 
 
-def new_base(settings: Settings, pose: Pose, *, seed: int, now_ns: int = 0) -> Base:
+def new_base(settings: Settings, pose: Pose, *, seed: int, now_ns: int = 0) -> SimulatedBase:
     """Return the base that ``settings`` describe, at ``pose`` and time ``now_ns`` [ns]."""
-    return BASES[base_name(settings)].factory(settings, pose, seed=seed, now_ns=now_ns)
+    return SIMULATED_BASES[base_name(settings)].factory(settings, pose, seed=seed, now_ns=now_ns)

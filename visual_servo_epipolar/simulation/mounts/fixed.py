@@ -6,7 +6,7 @@ from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, floor_jitter
-from visual_servo_epipolar.simulation.mounts.rig import CameraPose
+from visual_servo_epipolar.simulation.mounts.simulated_rig import CameraPose
 
 
 @dataclass(frozen=True, slots=True)

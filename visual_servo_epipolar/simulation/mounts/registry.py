@@ -5,24 +5,26 @@ from typing import Any, NamedTuple
 
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.fixed import fixed_rig
-from visual_servo_epipolar.simulation.mounts.rig import CameraRig
+from visual_servo_epipolar.simulation.mounts.simulated_rig import SimulatedRig
 
 
-class RigModel(NamedTuple):
+class SimulatedRigModel(NamedTuple):
     """One row: the class of settings, which no other row has, and who makes the rig of them."""
 
     settings: type[CameraSettings]
-    factory: Callable[[Any], CameraRig]
+    factory: Callable[[Any], SimulatedRig]
 
 
-RIGS: dict[str, RigModel] = {'fixed': RigModel(CameraSettings, fixed_rig)}
+SIMULATED_RIGS: dict[str, SimulatedRigModel] = {
+    'fixed': SimulatedRigModel(CameraSettings, fixed_rig)
+}
 
 
 def rig_name(settings: CameraSettings) -> str:
     """Return the name of the rig that ``settings`` belong to; KeyError if there is none."""
-    return {model.settings: name for name, model in RIGS.items()}[type(settings)]
+    return {model.settings: name for name, model in SIMULATED_RIGS.items()}[type(settings)]
 
 
-def new_rig(settings: CameraSettings) -> CameraRig:
+def new_rig(settings: CameraSettings) -> SimulatedRig:
     """Return the rig that ``settings`` describe."""
-    return RIGS[rig_name(settings)].factory(settings)
+    return SIMULATED_RIGS[rig_name(settings)].factory(settings)

@@ -4,8 +4,8 @@ import math
 from typing import NamedTuple
 
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose, wrap_angle
-from visual_servo_epipolar.simulation.mounts.rig import CameraRig
 from visual_servo_epipolar.simulation.mounts.sensor import DESIRED_FRAME
+from visual_servo_epipolar.simulation.mounts.simulated_rig import SimulatedRig
 
 
 class TrueGeometry(NamedTuple):
@@ -28,7 +28,7 @@ class TrueGeometry(NamedTuple):
         return max(map(abs, errors))
 
 
-def true_geometry(rig: CameraRig, pose: Pose, frame: int | None = None) -> TrueGeometry:
+def true_geometry(rig: SimulatedRig, pose: Pose, frame: int | None = None) -> TrueGeometry:
     """Return the geometry of the view from ``pose`` in ``frame`` and of the photograph."""
     (x, y), heading = _upright(rig, pose, frame)
     (goal_x, goal_y), goal_heading = _upright(rig, DESIRED_POSE, DESIRED_FRAME)
@@ -40,7 +40,9 @@ def true_geometry(rig: CameraRig, pose: Pose, frame: int | None = None) -> TrueG
     )
 
 
-def _upright(rig: CameraRig, pose: Pose, frame: int | None) -> tuple[tuple[float, float], float]:
+def _upright(
+    rig: SimulatedRig, pose: Pose, frame: int | None
+) -> tuple[tuple[float, float], float]:
     """Return place [m] and heading [rad] of the upright camera that looks as the true one does."""
     axes, centre = rig.camera_pose(pose, frame)
     return (float(centre[0]), float(centre[1])), math.atan2(axes[1, 2], axes[0, 2])

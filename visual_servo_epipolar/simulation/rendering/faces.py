@@ -7,7 +7,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.cameras.equidistant import Equidistant
-from visual_servo_epipolar.simulation.mounts.rig import CameraPose
+from visual_servo_epipolar.simulation.mounts.simulated_rig import CameraPose
 from visual_servo_epipolar.simulation.rendering.assistant import Assistant
 from visual_servo_epipolar.simulation.rendering.drawing import draw
 from visual_servo_epipolar.simulation.rendering.raster import View

@@ -12,7 +12,7 @@ from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.geometry.rays import normalised
-from visual_servo_epipolar.simulation.mounts.rig import CameraPose, CameraRig
+from visual_servo_epipolar.simulation.mounts.simulated_rig import CameraPose, SimulatedRig
 from visual_servo_epipolar.simulation.rendering.assistant import Assistant
 from visual_servo_epipolar.simulation.rendering.drawing import draw
 from visual_servo_epipolar.simulation.rendering.faces import Faces
@@ -34,7 +34,7 @@ class Renderer:
     help.
     """
 
-    def __init__(self, scene: Scene, rig: CameraRig) -> None:
+    def __init__(self, scene: Scene, rig: SimulatedRig) -> None:
         self.scene, self.camera, self.rig = scene, rig.camera, rig
         self.assistant: Assistant | None = None
         self._drawing = (

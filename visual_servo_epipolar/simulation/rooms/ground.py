@@ -4,7 +4,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
-from visual_servo_epipolar.simulation.mounts.rig import CameraRig
+from visual_servo_epipolar.simulation.mounts.simulated_rig import SimulatedRig
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 
 CLEARANCE = 0.3  # from the middle of the axle to the farthest corner of a Pioneer 3-DX [m]
@@ -20,7 +20,7 @@ class Ground:
     that reaches down to the robot is in the way.
     """
 
-    def __init__(self, scene: Scene, rig: CameraRig) -> None:
+    def __init__(self, scene: Scene, rig: SimulatedRig) -> None:
         self._rig = rig
         height = float(rig.camera_pose(DESIRED_POSE).centre[2])
         level = np.ptp(scene.corners[..., 2], axis=1) < LEVEL

@@ -1,4 +1,4 @@
-"""Ranging by two bearings and the path between, ramps, dead bands, line following."""
+"""Ranging by two bearings and the path between, and line following."""
 
 import math
 
@@ -7,24 +7,13 @@ from hypothesis import strategies as st
 import pytest
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.geometry.motion import (
-    beyond_dead_band,
-    integrate,
-    Pose,
-    pulsed,
-    ramped,
-    STANDSTILL,
-    Twist,
-    wrap_angle,
-)
+from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist, wrap_angle
 from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.laws.phases.commands import curvature_compensated
 from visual_servo_epipolar.core.servo.identification.curvature import Curvature
 from visual_servo_epipolar.core.servo.identification.ranging import Leg, MIN_TURN
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-
-SPEEDS = st.floats(-1.0, 1.0, allow_subnormal=False)
 
 
 @given(
@@ -51,33 +40,6 @@ def test_a_straight_approach_says_nothing_about_the_distance() -> None:
     assert Leg(bearings.psi).extended(bearings, 1.0).distance(bearings.psi) is None
 
 
-@given(nominal=SPEEDS, last=SPEEDS)
-def test_a_ramp_never_changes_faster_than_allowed(nominal: float, last: float) -> None:
-    speed = ramped(Twist(nominal, 0.0), Twist(last, 0.0), 0.1, linear=0.5, angular=1.0).linear
-    limit = 0.1 if abs(nominal) < abs(last) or nominal * last < 0.0 else 0.05
-    assert abs(speed - last) <= limit + 1e-12
-    assert min(last, nominal) - 1e-12 <= speed <= max(last, nominal) + 1e-12
-
-
-def test_a_ramp_arrives_at_the_nominal_twist() -> None:
-    twist = STANDSTILL
-    for _ in range(20):
-        twist = ramped(Twist(0.4, -0.5), twist, 0.1, linear=0.25, angular=1.0)
-    assert twist == Twist(0.4, -0.5)
-
-
-@pytest.mark.parametrize(
-    ('mode', 'expected'), [('raise', Twist(0.02, -0.05)), ('zero', Twist(0.0, 0.0))]
-)
-def test_slower_commands_than_the_motors_follow(mode: str, expected: Twist) -> None:
-    assert beyond_dead_band(Twist(0.001, -0.01), linear=0.02, angular=0.05, mode=mode) == expected
-
-
-@pytest.mark.parametrize('mode', ['raise', 'zero'])
-def test_a_standstill_is_never_raised(mode: str) -> None:
-    assert beyond_dead_band(STANDSTILL, linear=0.1, angular=0.1, mode=mode) == STANDSTILL
-
-
 @pytest.mark.parametrize('speed', [0.4, -0.4])
 def test_following_the_line_removes_offset_and_heading_at_either_sign_of_speed(
     speed: float,
@@ -99,18 +61,3 @@ def test_a_known_curvature_is_steered_against() -> None:
     assert curvature_compensated(Twist(0.4, 0.1), state, ServoSettings(law='paper')) == Twist(
         0.4, 0.1
     )
-
-
-def test_pulses_have_the_nominal_average() -> None:
-    residual, twists = STANDSTILL, []
-    for _ in range(1000):
-        twist, residual = pulsed(Twist(0.003, -0.007), residual, linear=0.01, angular=0.01)
-        twists.append(twist)
-    assert {twist.linear for twist in twists} == {0.0, 0.01}
-    assert sum(twist.linear for twist in twists) == pytest.approx(3.0, abs=0.01)
-    assert sum(twist.angular for twist in twists) == pytest.approx(-7.0, abs=0.01)
-
-
-@pytest.mark.parametrize('nominal', [Twist(0.01, -0.5), STANDSTILL])
-def test_a_twist_that_the_motors_can_follow_is_not_changed(nominal: Twist) -> None:
-    assert pulsed(nominal, Twist(0.004, 0.004), linear=0.01, angular=0.01) == (nominal, STANDSTILL)

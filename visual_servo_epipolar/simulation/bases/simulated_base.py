@@ -6,7 +6,7 @@ from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 from visual_servo_epipolar.core.laws.command import Command
 
 
-class Base(Protocol):
+class SimulatedBase(Protocol):
     """
     A robot on the floor: commands in, ground truth and odometry out.
 
@@ -59,9 +59,9 @@ class Base(Protocol):
         ...
 
 
-class BaseFactory(Protocol):
+class SimulatedBaseFactory(Protocol):
     """Makes a base from settings of its own class, at ``pose`` and time ``now_ns`` [ns]."""
 
-    def __call__(self, settings: Any, pose: Pose, *, seed: int, now_ns: int = 0) -> Base:
+    def __call__(self, settings: Any, pose: Pose, *, seed: int, now_ns: int = 0) -> SimulatedBase:
         """Return the base at a standstill; ``seed`` fixes the noise of its odometry."""
         ...

@@ -14,7 +14,7 @@ class CameraPose(NamedTuple):
     centre: FloatArray
 
 
-class CameraRig(Protocol):
+class SimulatedRig(Protocol):
     """What holds the camera on the robot; all that it does follows from pose and frame."""
 
     @property

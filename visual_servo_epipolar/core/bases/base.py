@@ -1,0 +1,65 @@
+"""Base: which velocities a robot's base can follow. Servo and phases ask it."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol, TypeAlias
+
+from visual_servo_epipolar.core.geometry.motion import Twist
+
+
+@dataclass(frozen=True, slots=True)
+class BaseLimits:
+    """
+    Limits of a base as its settings have them: speeds, accelerations, dead bands [m, rad, s].
+
+    A base speeds up by its accelerations and slows down twice as fast; a speed within its dead
+    band does not move it.
+    """
+
+    max_linear: float
+    max_angular: float
+    max_acceleration: float
+    max_angular_acceleration: float
+    dead_band_linear: float
+    dead_band_angular: float
+
+
+class Base(Protocol):
+    """A base within its ``limits``; equal bases are equal values."""
+
+    @property
+    def limits(self) -> BaseLimits:
+        """Limits of speed and acceleration, and dead bands."""
+        ...
+
+    @property
+    def max_curvature(self) -> float:
+        """Largest curvature of its path [1/m]; 0 where there is none, and it turns in place."""
+        ...
+
+    def within_speed(self, wanted: Twist, *, ratio: float = 1.0) -> Twist:
+        """Return what it can drive of ``wanted`` at ``ratio`` of its speed, on the same curve."""
+        ...
+
+    def within_acceleration(self, wanted: Twist, before: Twist, dt: float) -> Twist:
+        """Return what it can drive ``dt`` [s] after ``before``, on the way to ``wanted``."""
+        ...
+
+    def beyond_dead_band(
+        self, wanted: Twist, residual: Twist, *, mode: str
+    ) -> tuple[Twist, Twist]:
+        """
+        Return what its motors follow of ``wanted``, and the residual for the next step.
+
+        ``mode`` is what becomes of slower commands: ``raise``, ``zero`` or ``pulse``, which adds
+        them up with the ``residual`` of the step before.
+        """
+        ...
+
+
+BaseFactory: TypeAlias = Callable[[BaseLimits], Base]
+
+
+def turns_in_place(base: Base) -> bool:
+    """Whether a ``base`` turns without driving."""
+    return base.max_curvature == 0.0

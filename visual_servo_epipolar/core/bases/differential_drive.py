@@ -1,0 +1,113 @@
+"""Differential drive: two wheels, any speed and turn at once, and turns in place."""
+
+from dataclasses import dataclass
+import math
+
+from visual_servo_epipolar.core.bases.base import BaseLimits
+from visual_servo_epipolar.core.geometry.motion import saturate, STANDSTILL, Twist
+
+ROUNDING = 1e-15  # of a command within its limits
+
+
+@dataclass(frozen=True, slots=True)
+class DifferentialDrive:
+    """Base of two driven wheels: each velocity has its own limit, ramp and dead band."""
+
+    limits: BaseLimits
+    max_curvature: float = 0.0
+
+    def within_speed(self, wanted: Twist, *, ratio: float = 1.0) -> Twist:
+        """Return ``wanted`` at ``ratio`` of the speed limits at most, on the same curve."""
+        limits = self.limits
+        return saturate(
+            wanted,
+            max_linear=ratio * limits.max_linear,
+            max_angular=ratio * limits.max_angular,
+        )
+
+    def within_acceleration(self, wanted: Twist, before: Twist, dt: float) -> Twist:
+        """Return what follows ``before`` in ``dt`` [s]; a speed limit lowered by then holds."""
+        limits = self.limits
+        twist = ramp(
+            wanted,
+            before,
+            dt,
+            linear=limits.max_acceleration,
+            angular=limits.max_angular_acceleration,
+        )
+        excess = max(
+            abs(twist.linear) / limits.max_linear, abs(twist.angular) / limits.max_angular
+        )
+        return self.within_speed(twist) if excess > 1.0 + ROUNDING else twist
+
+    def beyond_dead_band(
+        self, wanted: Twist, residual: Twist, *, mode: str
+    ) -> tuple[Twist, Twist]:
+        """Return what the motors follow of ``wanted``, and the residual of ``mode`` pulse."""
+        limits = self.limits
+        bands = {'linear': limits.dead_band_linear, 'angular': limits.dead_band_angular}
+        if mode == 'pulse':
+            return modulate_pulses(wanted, residual, **bands)
+        return clear_dead_band(wanted, lift=mode == 'raise', **bands), STANDSTILL
+
+
+def ramp(wanted: Twist, before: Twist, dt: float, *, linear: float, angular: float) -> Twist:
+    """
+    Limit the change from ``before`` to what ``linear`` [m/s^2] and ``angular`` [rad/s^2] allow.
+
+    Slowing down is allowed twice as fast as speeding up: what brakes is never held up for comfort.
+    """
+    return Twist(
+        _ramped_speed(wanted.linear, before.linear, linear * dt),
+        _ramped_speed(wanted.angular, before.angular, angular * dt),
+    )
+
+
+def _ramped_speed(wanted: float, before: float, change: float) -> float:
+    slower = abs(wanted) < abs(before) or wanted * before < 0.0
+    limit = 2.0 * change if slower else change
+    if wanted * before < 0.0:  # once it stands, it speeds up the other way
+        limit = min(limit, change + 0.5 * abs(before))
+    return before + min(max(wanted - before, -limit), limit)
+
+
+def clear_dead_band(twist: Twist, *, linear: float, angular: float, lift: bool) -> Twist:
+    """
+    Return velocities that the motors can follow, which stand still below a threshold.
+
+    ``lift`` raises what is smaller to the threshold, as the paper did (section VIII), else it is
+    dropped; a velocity of exactly zero stays zero. Thresholds in m/s and rad/s.
+    """
+    return Twist(
+        _beyond(twist.linear, linear, lift),
+        _beyond(twist.angular, angular, lift),
+    )
+
+
+def _beyond(value: float, threshold: float, lift: bool) -> float:
+    if value == 0.0 or abs(value) >= threshold:
+        return value
+    return math.copysign(threshold, value) if lift else 0.0
+
+
+def modulate_pulses(
+    wanted: Twist, residual: Twist, *, linear: float, angular: float
+) -> tuple[Twist, Twist]:
+    """
+    Return velocities beyond the thresholds whose average is the wanted one, and the new residual.
+
+    First-order sigma-delta modulation: what is below a threshold [m/s, rad/s] adds up, frame by
+    frame, until it is worth a pulse. Lifting every small command instead turns a proportional law
+    into a switch, and dropping it into one that never gets there.
+    """
+    first = _pulse(wanted.linear, residual.linear, linear)
+    second = _pulse(wanted.angular, residual.angular, angular)
+    return Twist(first[0], second[0]), Twist(first[1], second[1])
+
+
+def _pulse(wanted: float, residual: float, threshold: float) -> tuple[float, float]:
+    if wanted == 0.0 or abs(wanted) >= threshold:
+        return wanted, 0.0
+    residual += wanted
+    pulse = math.copysign(threshold, residual) if abs(residual) >= 0.5 * threshold else 0.0
+    return pulse, residual - pulse
