@@ -3,7 +3,7 @@
 from dataclasses import replace
 from typing import Any
 
-from visual_servo_epipolar.commands.files.resources import scenario_path
+from visual_servo_epipolar.commands.arguments import scenario_path
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings

@@ -6,7 +6,7 @@ import math
 import pytest
 import yaml
 
-from visual_servo_epipolar.commands.gains import command
+from visual_servo_epipolar.commands import options
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.laws.gains import Circumstances, derive
 from visual_servo_epipolar.core.laws.settling_times import longest_landing, longest_matching
@@ -19,9 +19,9 @@ CIRCUMSTANCES = Circumstances(farthest=12.0, nearest=2.0, rate=11.0, latency=0.0
 
 def test_help_knows_the_phase_timeout_of_the_servo() -> None:
     limits = range_of(ServoSettings.__dataclass_fields__['phase_timeout'])
-    assert command.PHASE_TIMEOUT == ServoSettings.phase_timeout
-    assert command.PHASE_TIMEOUT_HELP == (
-        f'{limits.text}, {limits.low:g} to {limits.high:g} (default {command.PHASE_TIMEOUT:g})'
+    assert options.PHASE_TIMEOUT == ServoSettings.phase_timeout
+    assert options.PHASE_TIMEOUT_HELP == (
+        f'{limits.text}, {limits.low:g} to {limits.high:g} (default {options.PHASE_TIMEOUT:g})'
     )
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 import untold_bases
 
-from visual_servo_epipolar.commands.files.resources import scenario_path
+from visual_servo_epipolar.commands.arguments import scenario_path
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.perception.observation import Observation

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.commands.files.resources import scenario_path
+from visual_servo_epipolar.commands.arguments import scenario_path
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
 from visual_servo_epipolar.core.laws.phases.table import Phase
 from visual_servo_epipolar.core.perception.observation import Observation, observe, PassingRays

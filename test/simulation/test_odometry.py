@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.commands.files.resources import scenario_path
+from visual_servo_epipolar.commands.arguments import scenario_path
 from visual_servo_epipolar.core.geometry.motion import integrate, motion_between, Pose, Twist
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.run_log import RunLog, summarise

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.commands.files.resources import scenario_path
+from visual_servo_epipolar.commands.arguments import scenario_path
 from visual_servo_epipolar.core.servo.run_log import Sample, summarise
 from visual_servo_epipolar.simulation.closed_loop import run, run_many
 from visual_servo_epipolar.simulation.regions import start_in

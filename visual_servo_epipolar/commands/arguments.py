@@ -1,30 +1,30 @@
-"""Arguments and outputs shared by subcommands."""
+"""Arguments of the command line: what words may be, and the options that commands share."""
 
 import argparse
-from collections.abc import Mapping
+from collections.abc import Iterator
 from dataclasses import replace
-import json
 import math
+import os
 from pathlib import Path
 import sys
 from typing import Any, TYPE_CHECKING
 
-from visual_servo_epipolar.commands.files.output import check_json, write_whole
-from visual_servo_epipolar.commands.files.resources import scenario_path
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.laws.registry import law_options, LAWS
+from visual_servo_epipolar.core.settings import alike
 from visual_servo_epipolar.simulation.choices import SOURCES
 
 if TYPE_CHECKING:
     from visual_servo_epipolar.simulation.scenario import Scenario
 
-MAX_SEED = 2**31 - 1
+MAX_SEED, MAX_RUNS, MAX_SCENES = 2**31 - 1, 1_000_000, 10_000
 FARTHEST, FULL_TURN = 100.0, 360.0  # start [m], [deg]: nothing drives home from farther
 CAMERA_HELP = (
     'camera file of camera_calibration, OpenCV, Kalibr, COLMAP or nerfstudio, or a camera_info '
     'as ros2 topic echo prints it; FILE#cam1 where it has several cameras'
 )
 CROPPED_HELP = 'the images are cut out of larger ones: the principal point may lie anywhere'
+PACKAGE = 'visual_servo_epipolar'
 
 
 def finite(text: str) -> float:
@@ -60,6 +60,52 @@ def law_expression(text: str) -> str:
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
     return text
+
+
+def count(text: str) -> int:
+    """Parse a number of runs or of processes."""
+    if not text.isdecimal() or not 1 <= int(text) <= MAX_RUNS:
+        raise argparse.ArgumentTypeError(f'{text!r} is not a whole number from 1 to {MAX_RUNS}')
+    return int(text)
+
+
+def laws(text: str) -> tuple[str, ...]:
+    """Parse a list of laws, each once."""
+    names = tuple(law_expression(name) for name in text.split(','))
+    if len(set(names)) < len(names):
+        raise argparse.ArgumentTypeError(f'{text!r} must list each law once')
+    return names
+
+
+def scenes(text: str) -> tuple[int, ...]:
+    """Parse seeds of rooms: single ones and ranges, with commas between."""
+    seeds: list[int] = []
+    for part in text.split(','):
+        first, dash, last = part.partition('-')
+        ends = seed(first), seed(last if dash else first)
+        if not 0 <= ends[1] - ends[0] < MAX_SCENES:
+            raise argparse.ArgumentTypeError(f'{part!r} is not a range of up to {MAX_SCENES}')
+        seeds += range(ends[0], ends[1] + 1)
+    return tuple(seeds)
+
+
+def angle(text: str) -> float:
+    """Return an angle [deg], or raise what argparse turns into a message."""
+    try:
+        degrees = float(text)
+    except ValueError:
+        degrees = math.nan
+    if not abs(degrees) <= 90.0:
+        raise argparse.ArgumentTypeError(f'{text!r} is no angle of -90 to 90 deg')
+    return degrees
+
+
+def tolerance(text: str) -> float:
+    """Parse how far numbers may differ."""
+    value = finite(text)
+    if value < 0.0:
+        raise argparse.ArgumentTypeError(f'{text!r} is negative')
+    return value
 
 
 class Start(argparse.Action):
@@ -120,6 +166,11 @@ def add_run_options(parser: argparse.ArgumentParser) -> None:
         '--scene', type=seed, metavar='N', help='seed of the room in images (default 1)'
     )
     parser.add_argument('--seed', type=seed, default=0, metavar='N', help='seed (default 0)')
+    add_json(parser)
+
+
+def add_json(parser: argparse.ArgumentParser) -> None:
+    """Add --json."""
     parser.add_argument(
         '--json', metavar='FILE', help='write the result as JSON to FILE, - for standard output'
     )
@@ -140,43 +191,26 @@ def scenario_of(options: argparse.Namespace) -> 'Scenario':
     return scenario.seeded(options.seed).with_servo(changes)
 
 
-def output_folder(name: str) -> Path:
-    """Return the folder called ``name``, created if missing; raises InputError if that fails."""
-    folder = Path(name)
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f'{folder}: folder cannot be made: {error.strerror}') from None
-    return folder
+def config_folders() -> Iterator[Path]:
+    """Yield the folders that may hold the configuration, nearest first."""
+    yield Path(__file__).resolve().parents[2] / 'config'
+    for prefix in filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)):
+        yield Path(prefix) / 'share' / PACKAGE / 'config'
+    yield Path(sys.prefix) / 'share' / PACKAGE / 'config'
 
 
-def publish(document: Mapping[str, Any], text: str, target: str | None) -> None:
-    """Write ``document`` to ``target``, then print ``text``, unless standard output has it."""
-    write_json(document, target)
-    if target != '-':
-        print(text)
-
-
-def write_json(document: Mapping[str, Any], target: str | None) -> None:
-    """Write ``document`` to a file, by rename, or to standard output; nan becomes null."""
-    if target is None:
-        return
-    text = json.dumps(_plain(document), indent=2, allow_nan=False) + '\n'
-    if target == '-':
-        sys.stdout.write(text)
-        return
-    check_json(target)
-    try:
-        write_whole(Path(target), text.encode())
-    except OSError as error:
-        raise InputError(f'{target}: result cannot be written: {error.strerror}') from None
-
-
-def _plain(value: Any) -> Any:
-    if isinstance(value, Mapping):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value
+def scenario_path(name: str) -> Path:
+    """Return the scenario file called ``name``: a path, or the name of an installed one."""
+    if Path(name).is_file():
+        return Path(name)
+    installed = [folder / 'scenarios' for folder in config_folders()]
+    for folder in installed:
+        if (folder / f'{name}.yaml').is_file():
+            return folder / f'{name}.yaml'
+    names = sorted({path.stem for folder in installed for path in folder.glob('*.yaml')})
+    close = alike(name, names)
+    meant = f'; did you mean {close[0]}?' if close else ''
+    raise InputError(
+        f'no scenario file {name!r}; give a path, or one of '
+        f'{", ".join(names) or "none installed"}{meant}'
+    )

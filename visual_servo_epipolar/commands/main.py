@@ -3,14 +3,13 @@
 import argparse
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from functools import partial
 from importlib import import_module
 import re
 import sys
 from typing import Any, NoReturn
 
 from visual_servo_epipolar import __version__
-from visual_servo_epipolar.commands import simulate
-from visual_servo_epipolar.commands.demo import command as demo
 from visual_servo_epipolar.commands.ending import (
     INTERRUPTED,
     reader_left,
@@ -20,17 +19,12 @@ from visual_servo_epipolar.commands.ending import (
     unread,
 )
 from visual_servo_epipolar.commands.files.output import check_json, check_out
-from visual_servo_epipolar.commands.gains import command as gains
-from visual_servo_epipolar.commands.inspect import command as inspect
-from visual_servo_epipolar.commands.replay import command as replay
-from visual_servo_epipolar.commands.report import command as report
-from visual_servo_epipolar.commands.sweep import command as sweep
+from visual_servo_epipolar.commands.options import COMMANDS
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
 from visual_servo_epipolar.nodes.startup.missing import remedy
 
 PACKAGE = 'visual_servo_epipolar'
 SUCCESS, FAILURE, BAD_INPUT, UNREAD = 0, 1, 2, 141
-COMMANDS = (demo, simulate, sweep, inspect, replay, report, gains)
 # Tools that no robot needs: each is a module with add_options(parser), imported when it is called.
 EVALUATION: Mapping[str, tuple[str, str]] = {
     'reproduce': ('reproduction.command', "the paper's figures, and the paper against us"),
@@ -88,14 +82,20 @@ def parser() -> Parser:
     )
     top.add_argument('--version', action='version', version=f'%(prog)s {__version__}')
     kinds = top.add_subparsers(dest='command', required=True, metavar='COMMAND')
-    for module in COMMANDS:
-        module.add_to(kinds)
+    for name, row in COMMANDS.items():
+        command = kinds.add_parser(name, help=row.summary, description=row.description)
+        row.add_options(command)
+        command.set_defaults(run=partial(_call, row.function))
     for name, (tool, summary) in EVALUATION.items():
         kinds.add_parser(name, help=summary, module=f'{PACKAGE}.evaluation.{tool}')
     top.commands = kinds.choices
-    for command in top.commands.values():
-        command.description = _plain(command.description or '')
     return top
+
+
+def _call(function: str, options: argparse.Namespace) -> int:
+    """Call a function of this folder, module:name; only now is what it needs loaded."""
+    module, _, name = function.partition(':')
+    return int(getattr(import_module(f'{PACKAGE}.commands.{module}'), name)(options))
 
 
 def main(args: Sequence[str] | None = None) -> int:

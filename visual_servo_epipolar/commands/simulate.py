@@ -2,40 +2,20 @@
 
 import argparse
 from contextlib import closing
-from typing import Any
 
-from visual_servo_epipolar.commands.arguments import (
-    add_run_options,
-    add_source,
-    add_start,
-    output_folder,
-    publish,
-    scenario_of,
-)
+from visual_servo_epipolar.commands.arguments import scenario_of
 from visual_servo_epipolar.commands.console import Progress, summary, written_to
+from visual_servo_epipolar.commands.files.output import output_folder, publish
+from visual_servo_epipolar.commands.files.run_folder import write_run
 from visual_servo_epipolar.nodes.startup.missing import require
-
-
-def add_to(kinds: Any) -> None:
-    """Add the subcommand."""
-    parser = kinds.add_parser(
-        'simulate', help='one closed loop in memory, without ROS', description=__doc__
-    )
-    add_start(parser, None)
-    add_source(parser)
-    parser.add_argument('--out', metavar='DIR', help='folder for result, samples and figures')
-    add_run_options(parser)
-    parser.set_defaults(run=simulate)
+from visual_servo_epipolar.simulation import closed_loop
+from visual_servo_epipolar.simulation.mounts.registry import new_rig
+from visual_servo_epipolar.simulation.run_monitor import verdict
+from visual_servo_epipolar.simulation.views import view_of
 
 
 def simulate(options: argparse.Namespace) -> int:
     """Run, write, print; return 0 if the robot arrived."""
-    from visual_servo_epipolar.commands.files.run_folder import write_run
-    from visual_servo_epipolar.simulation import closed_loop
-    from visual_servo_epipolar.simulation.mounts.registry import new_rig
-    from visual_servo_epipolar.simulation.run_monitor import verdict
-    from visual_servo_epipolar.simulation.views import view_of
-
     if options.out is not None:
         require('matplotlib', otherwise='leave out --out')
     scenario = scenario_of(options)

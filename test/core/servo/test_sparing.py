@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from servo_states import MEMORY, reading, sight
 
-from visual_servo_epipolar.commands.files.resources import scenario_path
+from visual_servo_epipolar.commands.arguments import scenario_path
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
 from visual_servo_epipolar.core.perception import validated
 from visual_servo_epipolar.core.perception.batch import perceive_each, RobotView

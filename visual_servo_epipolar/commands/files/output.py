@@ -1,9 +1,15 @@
-"""Output files: tried out before a run, whole or not there after it."""
+"""Outputs of commands: tried out before a run, and whole or not there after it."""
 
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from errno import EACCES
+import json
+import math
 import os
 from pathlib import Path
-from tempfile import TemporaryFile
+import sys
+from tempfile import TemporaryDirectory, TemporaryFile
+from typing import Any
 
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.files import whole
@@ -59,3 +65,87 @@ def _try_out(folder: Path) -> None:
         folder = folder.parent
     with TemporaryFile(dir=folder) as file:  # has no name: no kill can leave it behind
         file.write(b'tried out')
+
+
+def output_folder(name: str) -> Path:
+    """Return the folder called ``name``, created if missing; raises InputError if that fails."""
+    folder = Path(name)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f'{folder}: folder cannot be made: {error.strerror}') from None
+    return folder
+
+
+def publish(document: Mapping[str, Any], text: str, target: str | None) -> None:
+    """Write ``document`` to ``target``, then print ``text``, unless standard output has it."""
+    write_json(document, target)
+    if target != '-':
+        print(text)
+
+
+def write_json(document: Mapping[str, Any], target: str | None) -> None:
+    """Write ``document`` to a file, by rename, or to standard output; nan becomes null."""
+    if target is None:
+        return
+    text = json.dumps(_plain(document), indent=2, allow_nan=False) + '\n'
+    if target == '-':
+        sys.stdout.write(text)
+        return
+    check_json(target)
+    try:
+        write_whole(Path(target), text.encode())
+    except OSError as error:
+        raise InputError(f'{target}: result cannot be written: {error.strerror}') from None
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
+
+
+@contextmanager
+def output_folder_for(path: Path) -> Iterator[Path]:
+    """
+    Make the folder ``path``, and take away what was made if the block fails or is interrupted.
+
+    Raises
+    ------
+    InputError
+        If it cannot be made, or nothing can be written into it.
+
+    """
+    made = [item for item in (path, *path.parents) if not item.exists()]
+    try:
+        _make(path)
+        yield path
+    except BaseException:
+        for item in made:
+            with suppress(OSError):  # somebody else has put something there
+                item.rmdir()
+        raise
+
+
+@contextmanager
+def all_at_once(folder: Path) -> Iterator[Path]:
+    """Yield a folder to write files into; those appear in ``folder`` when the block has ended."""
+    with TemporaryDirectory(dir=folder, prefix='.partial_') as scratch:
+        yield Path(scratch)
+        for file in sorted(Path(scratch).iterdir()):
+            file.replace(folder / file.name)
+
+
+def _make(path: Path) -> None:
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        with TemporaryFile(dir=path):  # has no name: nothing can leave it behind
+            pass
+    except OSError as error:
+        raise InputError(
+            f'{path}: folder cannot be made or written to: {error.strerror}; give another --out'
+        ) from None

@@ -6,7 +6,7 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-from visual_servo_epipolar.commands.arguments import write_json
+from visual_servo_epipolar.commands.files.output import write_json
 from visual_servo_epipolar.core.servo.run_log import RunLog
 from visual_servo_epipolar.messages.versions import installed
 from visual_servo_epipolar.report.run_file import RunFile, save_run

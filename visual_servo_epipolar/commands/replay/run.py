@@ -34,12 +34,13 @@ from visual_servo_epipolar.bags.replaying.plan import (
 )
 from visual_servo_epipolar.bags.replaying.replay import Plan, replay, Step, TrackedImage, Watch
 from visual_servo_epipolar.bags.replaying.result import document, has_truth, run_log
-from visual_servo_epipolar.commands.arguments import publish, write_json
 from visual_servo_epipolar.commands.console import Progress
 from visual_servo_epipolar.commands.files.camera import read_camera, read_photograph
-from visual_servo_epipolar.commands.replay.outputs import (
+from visual_servo_epipolar.commands.files.output import (
     all_at_once,
     output_folder_for,
+    publish,
+    write_json,
 )
 from visual_servo_epipolar.commands.replay.settings import Changes, changes_of
 from visual_servo_epipolar.commands.replay.text import in_words
@@ -106,8 +107,8 @@ class ReplayedBag:
         return {'recorded': named, 'replayed': installed()}
 
 
-def replay_and_report(options: argparse.Namespace) -> bool:
-    """Replay, print, write; return whether nothing differs from what was recorded."""
+def replay_and_report(options: argparse.Namespace) -> int:
+    """Replay, print, write; return 0 if nothing differs from what was recorded."""
     with ExitStack() as stack:
         folder = None
         if options.out is not None:
@@ -119,7 +120,7 @@ def replay_and_report(options: argparse.Namespace) -> bool:
         if folder is not None:
             _write(result, figure_of(replayed), folder)
     publish(result, in_words(result), options.json)
-    return replayed.comparison.equal
+    return 0 if replayed.comparison.equal else 1
 
 
 def _write(result: Mapping[str, Any], figure: 'Figure', folder: Path) -> None:

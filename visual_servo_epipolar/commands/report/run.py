@@ -1,13 +1,17 @@
-"""Report on a run, from the folder of demo or simulate."""
+"""``visual_servo report``: the page on a run, from the folder of demo or simulate, or on a bag."""
 
+import argparse
 from collections.abc import Mapping
 import math
+import os
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import cv2
 import numpy as np
 
+from visual_servo_epipolar.commands.files.output import output_folder_for
 from visual_servo_epipolar.commands.files.run_folder import versions
 from visual_servo_epipolar.commands.report.tables import (
     parameter_section,
@@ -15,7 +19,7 @@ from visual_servo_epipolar.commands.report.tables import (
     result_table,
     version_section,
 )
-from visual_servo_epipolar.commands.report.video import shown_video
+from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.servo.run_log import (
     phase_spans,
     RunLog,
@@ -23,12 +27,74 @@ from visual_servo_epipolar.core.servo.run_log import (
     summarise,
 )
 from visual_servo_epipolar.report import figures
-from visual_servo_epipolar.report.page import drawn, jpeg, Section, strip, Verdict, write_page
+from visual_servo_epipolar.report.page import (
+    drawn,
+    FILE,
+    film,
+    jpeg,
+    linked_film,
+    paragraph,
+    Section,
+    strip,
+    Verdict,
+    write_page,
+)
+from visual_servo_epipolar.report.run_file import FILE as RUN_FILE
 from visual_servo_epipolar.report.run_file import load_run
 from visual_servo_epipolar.report.style import phase_label
 
 MOST_PICTURES = 12
 VIDEOS = ('video.webm', 'video.mp4', 'video.avi')
+SIGNALS = (
+    'What was measured and commanded. A dashed line marks where the run ended. The estimate d_hat '
+    'is no measurement: it begins at initial_distance, an upper bound, is carried on by the '
+    'commands, and scales the speed of step 1, which works while it is not below the distance d.'
+)
+FOOTER = (
+    'Plane of the paper: the goal lies in the origin and looks along +y; x to the right. Errors '
+    'are against ground truth, which the servo never sees.'
+)
+EMBEDDED_BYTES = 8_000_000  # largest video that a page holds; a mail takes about 20 MB
+MIME = {'.mp4': 'video/mp4', '.webm': 'video/webm'}
+IN_BROWSERS = ('h264', 'avc1', 'VP80', 'VP90', 'vp09', 'AV01', 'av01')  # as OpenCV names them
+
+
+def report(options: argparse.Namespace) -> int:
+    """Write the page; return 0 when it is there, whatever became of the run."""
+    source = Path(options.bag)
+    if source.name == RUN_FILE and source.is_file():
+        source = source.parent
+    is_run = (source / RUN_FILE).is_file()
+    folder = _default_folder(source, is_run) if options.out is None else Path(options.out)
+    if is_run:
+        _refuse_bag_options(options)
+        with output_folder_for(folder):
+            report_run(source, folder / FILE)
+    else:
+        from visual_servo_epipolar.commands.report.bag import report_bag  # which imports this one
+
+        with output_folder_for(folder):
+            report_bag(options, folder / FILE)
+    print(f'written: {folder / FILE}')
+    return 0
+
+
+def _default_folder(source: Path, is_run: bool) -> Path:
+    """Return where the page goes: not into a bag, which is no place for other files."""
+    if is_run:
+        return source
+    named = source if source.name not in ('', '..') else source.resolve()
+    return named.with_name(f'{named.stem if named.is_file() else named.name}_report')
+
+
+def _refuse_bag_options(options: argparse.Namespace) -> None:
+    names = ('set', 'params', 'topics', 'namespace', 'desired', 'camera', 'tracks', 'repair')
+    given = [f'--{name}' for name in names if getattr(options, name)]
+    if given:
+        raise InputError(
+            f'{options.bag} is a run, not a bag: {", ".join(given)} cannot change what it did; '
+            'leave out, or report on its bag'
+        )
 
 
 def report_run(folder: Path, path: Path) -> None:
@@ -45,17 +111,6 @@ def report_run(folder: Path, path: Path) -> None:
         version_section(run_file.versions, versions()),
     ]
     write_page(path, title_of(log), verdict_of(result), sections, footer=FOOTER)
-
-
-SIGNALS = (
-    'What was measured and commanded. A dashed line marks where the run ended. The estimate d_hat '
-    'is no measurement: it begins at initial_distance, an upper bound, is carried on by the '
-    'commands, and scales the speed of step 1, which works while it is not below the distance d.'
-)
-FOOTER = (
-    'Plane of the paper: the goal lies in the origin and looks along +y; x to the right. Errors '
-    'are against ground truth, which the servo never sees.'
-)
 
 
 def title_of(log: RunLog) -> str:
@@ -126,3 +181,28 @@ def _pictures(video: Path, log: RunLog) -> list[tuple[bytes, str]]:
 def _frame_of(number: int, samples: int, frames: int) -> int:
     """Return the frame of a video that shows a sample, whatever its stride was."""
     return round(number * max(frames - 1, 0) / max(samples - 1, 1))
+
+
+def shown_video(video: Path, page: Path) -> str:
+    """Return ``video`` as HTML for ``page``, or a sentence where no browser plays it."""
+    codec, size = codec_of(video), video.stat().st_size
+    if codec not in IN_BROWSERS:
+        return paragraph(
+            f'{video.name} ({codec or "unknown codec"}) plays in no browser: open it in a video '
+            'player, or drive again where PyAV is installed.'
+        )
+    if size <= EMBEDDED_BYTES:
+        caption = f'The whole run, {size / 1e6:.1f} MB inside this page.'
+        return film(video.read_bytes(), MIME[video.suffix], caption)
+    link = Path(os.path.relpath(video, page.parent)).as_posix()
+    caption = f'The whole run, {size / 1e6:.1f} MB, not inside this page: it is loaded from {link}'
+    return linked_film(quote(link), caption)
+
+
+def codec_of(video: Path) -> str:
+    """Return the four letters of the codec of a video; empty if it cannot be read."""
+    capture = cv2.VideoCapture(str(video))
+    code = int(capture.get(cv2.CAP_PROP_FOURCC)) if capture.isOpened() else 0
+    capture.release()
+    letters = max(code, 0).to_bytes(4, 'little')
+    return letters.decode('ascii', 'replace').strip('\0')

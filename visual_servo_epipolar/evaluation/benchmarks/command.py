@@ -8,9 +8,9 @@ from pathlib import Path
 import sys
 from typing import Any
 
-from visual_servo_epipolar.commands.arguments import duration, seed, write_json
+from visual_servo_epipolar.commands.arguments import duration, seed
 from visual_servo_epipolar.commands.console import Progress
-from visual_servo_epipolar.commands.files.output import check_json
+from visual_servo_epipolar.commands.files.output import check_json, write_json
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.nodes.startup.missing import remedy
 

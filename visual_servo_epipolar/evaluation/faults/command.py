@@ -7,10 +7,9 @@ from pathlib import Path
 import sys
 from typing import Any
 
-from visual_servo_epipolar.commands.arguments import publish, seed
+from visual_servo_epipolar.commands.arguments import count, seed
 from visual_servo_epipolar.commands.console import Progress
-from visual_servo_epipolar.commands.files.output import write_whole
-from visual_servo_epipolar.commands.sweep.command import count
+from visual_servo_epipolar.commands.files.output import publish, write_whole
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.nodes.startup.missing import require
 from visual_servo_epipolar.processes import cores

@@ -4,8 +4,8 @@ import argparse
 from contextlib import closing
 
 from visual_servo_epipolar import __version__
-from visual_servo_epipolar.commands.arguments import output_folder, publish
 from visual_servo_epipolar.commands.console import Progress
+from visual_servo_epipolar.commands.files.output import output_folder, publish
 
 PARTS = ('sim1', 'sim2', 'experiment')
 SUCCESS, FAILURE = 0, 1

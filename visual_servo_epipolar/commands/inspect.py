@@ -8,9 +8,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from visual_servo_epipolar.commands.arguments import publish
 from visual_servo_epipolar.commands.files.camera import read_camera, read_photograph, scaled_to
-from visual_servo_epipolar.commands.files.output import write_whole
+from visual_servo_epipolar.commands.files.output import publish, write_whole
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera
 from visual_servo_epipolar.core.cameras.pinhole import Camera

@@ -2,7 +2,7 @@
 
 from sweeps import result
 
-from visual_servo_epipolar.commands.sweep.progress import SweepProgress
+from visual_servo_epipolar.commands.sweep import SweepProgress
 
 FAILED = result(outcome='failed')
 

@@ -6,7 +6,7 @@ import math
 import sys
 from typing import Any
 
-from visual_servo_epipolar.commands.arguments import publish
+from visual_servo_epipolar.commands.files.output import publish
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.laws.gains import Circumstances, derive, Gains
 from visual_servo_epipolar.core.laws.phases.table import Phase

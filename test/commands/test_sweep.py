@@ -21,7 +21,7 @@ from visual_servo_epipolar.sweeping.chunk import work
 from visual_servo_epipolar.sweeping.plan import Chunk
 from visual_servo_epipolar.sweeping.store import FILE
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[2]
 TIMEOUT_SEC = 60.0
 MANY = '4000'  # runs, never to end before something happens to them
 BRIEF = 'run: {max_duration: 2.0}\n'  # too short to arrive

@@ -17,7 +17,7 @@ from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.commands.replay import run
 from visual_servo_epipolar.messages import read, write
 
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope='module')

@@ -1,19 +1,20 @@
 """A sweep: many starts through the closed loop, here or on a cluster."""
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import AbstractContextManager
 import hashlib
 import json
 from pathlib import Path
 import sys
+import time
 from typing import Any
 
-from visual_servo_epipolar.commands.arguments import publish, scenario_of
+from visual_servo_epipolar.commands.arguments import scenario_of
 from visual_servo_epipolar.commands.console import Progress, written_to
-from visual_servo_epipolar.commands.files.output import write_whole
-from visual_servo_epipolar.commands.sweep.command import DEFAULT_FOLDER
-from visual_servo_epipolar.commands.sweep.progress import SweepProgress
+from visual_servo_epipolar.commands.files.output import publish, write_whole
+from visual_servo_epipolar.commands.options import SWEEP_FOLDER
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.nodes.startup.missing import require
 from visual_servo_epipolar.processes import cores
@@ -23,9 +24,10 @@ from visual_servo_epipolar.sweeping.local import local_workers
 from visual_servo_epipolar.sweeping.plan import Plan
 from visual_servo_epipolar.sweeping.provenance import digest
 from visual_servo_epipolar.sweeping.store import FILE, Store
-from visual_servo_epipolar.sweeping.summary import defective, summaries, wrong
+from visual_servo_epipolar.sweeping.summary import arrived, defective, summaries, wrong
 
 SHOWN = 3  # runs to look into that are named
+BAR = 20  # width [characters]
 
 
 def sweep(options: argparse.Namespace) -> int:
@@ -34,7 +36,7 @@ def sweep(options: argparse.Namespace) -> int:
     if options.scheduler is not None:
         require('distributed', otherwise='leave out --scheduler')
     plan = _plan(options)
-    folder = Path(options.out or Path(DEFAULT_FOLDER, _name(plan)))
+    folder = Path(options.out or Path(SWEEP_FOLDER, _name(plan)))
     with Store(folder, plan) as store:
         _work(plan, store, options)
         documents = summaries(plan, store)
@@ -139,3 +141,50 @@ def _name_suspect_runs(plan: Plan, documents: Mapping[str, Mapping[str, Any]]) -
                 file=sys.stderr,
             )
     return 1 if any(defective(run) for *_, run in runs) else 0
+
+
+class SweepProgress:
+    """
+    Progress of a sweep out of ``total`` runs; ``clock`` gives seconds.
+
+    ``before`` are results of an earlier session: they count, but say nothing about the speed.
+    """
+
+    def __init__(
+        self,
+        total: int,
+        before: Iterable[Mapping[str, Any]] = (),
+        *,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._total, self._clock, self._began = total, clock, clock()
+        self._counts: Counter[str] = Counter()
+        self.add(before)
+        self._before = self._counts['runs']
+
+    def add(self, results: Iterable[Mapping[str, Any]]) -> None:
+        """Count results."""
+        for result in results:
+            self._counts['runs'] += 1
+            self._counts['arrived' if arrived(result) else 'failed'] += 1
+            self._counts['wrong'] += wrong(result)
+            self._counts['raised'] += defective(result)
+
+    def line(self) -> str:
+        """Return bar, counts, runs a second, and remaining time."""
+        runs = self._counts['runs']
+        filled = BAR * runs // self._total
+        rate = (runs - self._before) / max(self._clock() - self._began, 1e-3)
+        remaining = _minutes((self._total - runs) / rate) if rate else '?'
+        counts = [f'{self._counts[name]} {name}' for name in ('arrived', 'failed')]
+        counts += [f'{n} {name}' for name in ('wrong', 'raised') if (n := self._counts[name])]
+        return (
+            f'[{"#" * filled}{"." * (BAR - filled)}] {runs}/{self._total}  {"  ".join(counts)}  '
+            f'{rate:.2g} runs/s  {remaining} left'
+        )
+
+
+def _minutes(seconds: float) -> str:
+    hours, rest = divmod(round(seconds), 3600)
+    minutes, seconds = divmod(rest, 60)
+    return f'{hours}:{minutes:02d}:{seconds:02d}' if hours else f'{minutes}:{seconds:02d}'

@@ -1,1 +1,0 @@
-"""The subcommand ``demo``: its options, and the four nodes in lockstep."""

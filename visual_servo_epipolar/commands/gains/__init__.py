@@ -1,1 +1,0 @@
-"""The subcommand ``gains``: its options, and what is derived from them."""

@@ -1,1 +1,0 @@
-"""The subcommand ``inspect``: its options, and what two photographs say."""

@@ -1,1 +1,0 @@
-"""The subcommand ``sweep``: its options, the sweep, and its progress."""
