@@ -14,7 +14,7 @@ from test_msgs.action import Fibonacci
 
 from visual_servo_epipolar.core.docking.task import State
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
-from visual_servo_epipolar.core.laws.phases.table import Phase
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.dock_node import DockNode

@@ -15,10 +15,10 @@ from rclpy.serialization import deserialize_message, serialize_message
 from rosidl_parser.definition import AbstractNestedType, AbstractString, Array, BasicType
 from sensor_msgs.msg import CameraInfo, PointCloud2
 from servo_rig import AWAY, CAMERA, WORLD
+from servo_states import PHASES
 from std_msgs.msg import String
 
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
-from visual_servo_epipolar.core.laws.phases.table import Phase
 from visual_servo_epipolar.messages import write
 
 # On each subscription and service; before a release by hand: FUZZ_MESSAGES=2000.
@@ -88,7 +88,7 @@ def nearly(kind: Any, rng: np.random.Generator) -> Any:
     if kind is TwistStamped:
         return write.twist_stamped(Twist(0.1, 0.1), stamp_ns, str(rng.choice(WORDS)))
     if kind is String:
-        return write.text(str(rng.choice([phase.value for phase in Phase])))
+        return write.text(str(rng.choice([phase.value for phase in PHASES])))
     return None
 
 

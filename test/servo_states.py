@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.laws.phases.table import Phase
+from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.two_steps import TWO_STEPS
 from visual_servo_epipolar.core.mapping.map_measurement import MapMeasurement
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
@@ -25,6 +26,10 @@ from visual_servo_epipolar.core.servo.step import advance
 SETTINGS = ServoSettings()
 TWO_VIEWS = ServoSettings(memory=False)  # who has no memory of views never doubts
 MEMORY = fresh_memory(SETTINGS)
+PHASES = tuple(TWO_STEPS.rows)
+DRIVING = tuple(phase for phase in PHASES if phase.drives)
+ENDED = tuple(phase for phase in PHASES if phase.ended)
+EVENTS = tuple(Event.known.values())
 STEPS = (Phase.ZEROING_EPIPOLES, Phase.MATCHING_FEATURES)
 BEARINGS = Bearings(math.atan2(-1.0, math.tan(0.3)), math.atan2(math.tan(0.2), -1.0))
 

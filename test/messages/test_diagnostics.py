@@ -4,14 +4,15 @@ from dataclasses import replace
 
 from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
-from servo_states import in_phase, MEMORY, sight
+from servo_states import EVENTS, in_phase, MEMORY, PHASES, sight
 
-from visual_servo_epipolar.core.laws.phases.table import Event, Phase, TRANSITIONS
-from visual_servo_epipolar.core.laws.phases.words import EVENT_WORDS, PHASE_WORDS, sentence
+from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.registry import phase_words, sentence
+from visual_servo_epipolar.core.laws.two_steps import TWO_STEPS
 from visual_servo_epipolar.core.servo.identification.odometry import Odometry
 from visual_servo_epipolar.messages.diagnostics import diagnosis
 
-STEP_1 = 'zeroing_epipoles: step 1: the robot drives onto the axis of the photograph'
+STEP_1 = 'zeroing_epipoles: the robot drives onto the axis of the photograph (step 1)'
 
 
 @pytest.mark.parametrize(
@@ -44,21 +45,21 @@ def test_odometry_that_is_not_used_any_more_is_a_warning() -> None:
     assert {item.key: item.value for item in status.values}['odometry'] == 'odometry leaps'
 
 
-@pytest.mark.parametrize('phase', Phase)
+@pytest.mark.parametrize('phase', PHASES)
 def test_what_a_phase_does_is_said_in_a_sentence(phase: Phase) -> None:
-    reasons = [event for (_, event), then in TRANSITIONS.items() if then is phase]
-    for reason in ('', *(event.value for event in reasons if event in EVENT_WORDS)):
+    reasons = [event for (_, event), then in TWO_STEPS.transitions.items() if then is phase]
+    for reason in ('', *(event.value for event in reasons if event.sentence)):
         text = sentence(phase, reason)
         assert text.startswith(f'{phase.value}: ') and len(text.split()) >= 4
         assert not reason or not text.endswith(f' {reason}')
-    assert set(PHASE_WORDS) == set(Phase)
+    assert phase_words(phase.value)
 
 
 def test_an_event_that_is_a_reason_by_its_name_has_words() -> None:
     state = in_phase(Phase.DISPLACING, measurement=sight(), memory=MEMORY)
     status = diagnosis(replace(state, reason=Event.APART.value), 1, name='servo').status[0]
     assert status.message.endswith('; both epipoles can be trusted')
-    named = {event for event in Event if event.value == event.name.lower().replace('_', ' ')}
     with_own_reason = {Event.NOTHING, Event.LOST, Event.MISSED, Event.EXHAUSTED, Event.NO_GAIN}
-    with_own_reason |= {Event.DIVERGED, Event.ASTRAY, Event.TIMED_OUT, Event.STOPPED}
-    assert named - with_own_reason == set(EVENT_WORDS)
+    with_own_reason |= {Event.DIVERGED, Event.EXCURSION, Event.TIMED_OUT, Event.STOPPED}
+    with_own_reason |= {Event.DISOBEYED}
+    assert with_own_reason == {event for event in EVENTS if not event.sentence}

@@ -14,7 +14,7 @@ import yaml
 from visual_servo_epipolar.bags.recording.settings import RecordSettings
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings
 from visual_servo_epipolar.core.docking.task_settings import DockTaskSettings
-from visual_servo_epipolar.core.laws.registry import law_options
+from visual_servo_epipolar.core.laws.registry import law_named
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import range_of
 from visual_servo_epipolar.core.tracking.tracker import TrackerSettings
@@ -248,10 +248,10 @@ def test_a_law_is_changed_by_an_expression_and_by_its_departures(
 ) -> None:
     servo = bench.start(ServoNode)
     before = servo._settings
-    assert before.options == law_options('full')
+    assert before.options == law_named('full')
     changed = [Parameter(name, value=value) for name, value in values.items()]
     assert set_one(bench, 'servo_node', *changed).successful
-    assert servo._settings.options == law_options(expression) != before.options
+    assert servo._settings.options == law_named(expression) != before.options
     assert servo._settings.law_expression == expression
     back = [Parameter(name, value=getattr(before, name)) for name in values]
     assert set_one(bench, 'servo_node', *back).successful
@@ -263,7 +263,7 @@ def test_a_misspelt_departure_is_refused_while_the_node_runs(bench) -> None:
     result = set_one(bench, 'servo_node', Parameter('law', value='full-retreet'))
     assert not result.successful
     assert 'names no departure retreet; there are true_sigma' in result.reason
-    assert servo._settings.options == law_options('full')
+    assert servo._settings.options == law_named('full')
 
 
 def test_a_misspelt_parameter_is_refused_at_the_start_with_a_suggestion(bench) -> None:

@@ -6,7 +6,7 @@ import math
 import pytest
 
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, saturate, Twist
-from visual_servo_epipolar.core.laws.phases.table import Phase
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 

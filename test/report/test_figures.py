@@ -11,14 +11,14 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 import numpy as np
 import pytest
+from servo_states import PHASES
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
-from visual_servo_epipolar.core.laws.phases.table import Phase
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.run_log import RunLog
 from visual_servo_epipolar.report.figures import save, signals, trajectory
 from visual_servo_epipolar.report.panels import robust_limit
-from visual_servo_epipolar.report.style import PHASE_COLOURS
 
 Draw = Callable[[RunLog], Figure]
 
@@ -42,7 +42,8 @@ def words(figure: Figure) -> set[str]:
 
 def test_path_has_every_pose_and_one_line_a_phase(log: RunLog) -> None:
     lines = trajectory(log).axes[0].get_lines()
-    stretches = [drawn_points(line) for line in lines if line.get_label() in PHASE_COLOURS]
+    words = {phase.value for phase in PHASES}
+    stretches = [drawn_points(line) for line in lines if line.get_label() in words]
     # A stretch ends on the first pose of the next one, so that the path has no gaps.
     joined = np.concatenate([s[:-1] for s in stretches[:-1]] + [stretches[-1]])
     np.testing.assert_array_equal(joined, [(s.pose.x, s.pose.y) for s in log.samples])

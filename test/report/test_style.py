@@ -5,10 +5,10 @@ import math
 
 import numpy as np
 import pytest
+from servo_states import PHASES
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose
-from visual_servo_epipolar.core.laws.phases.table import Phase
 from visual_servo_epipolar.report.style import (
     phase_colour,
     rgb,
@@ -33,7 +33,7 @@ def perceived(colour: str, eye: FloatArray) -> FloatArray:
 
 @pytest.mark.parametrize('eye', [NORMAL, DEUTERANOPIA, PROTANOPIA])
 def test_phases_differ_even_to_the_colour_blind(eye: FloatArray) -> None:
-    for one, other in combinations(Phase, 2):
+    for one, other in combinations(PHASES, 2):
         colours = [perceived(phase_colour(phase.value), eye) for phase in (one, other)]
         # Thirty of 441: the closest pair of the palette of Okabe and Ito is at 37.
         assert np.linalg.norm(colours[0] - colours[1]) > 30.0, (one, other)
@@ -41,7 +41,7 @@ def test_phases_differ_even_to_the_colour_blind(eye: FloatArray) -> None:
 
 def test_word_that_is_no_phase_has_a_colour() -> None:
     assert phase_colour('tracking') == UNKNOWN_COLOUR
-    assert UNKNOWN_COLOUR not in [phase_colour(phase.value) for phase in Phase]
+    assert UNKNOWN_COLOUR not in [phase_colour(phase.value) for phase in PHASES]
 
 
 def test_text_is_black_on_bright_and_white_on_dark() -> None:

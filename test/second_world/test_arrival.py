@@ -15,7 +15,7 @@ from second_world.robot import excursion, GOAL, Mast, Moment, Place, Robot, wron
 from second_world.scene import Lens, Painter
 
 from visual_servo_epipolar.core.cameras.pinhole import Camera
-from visual_servo_epipolar.core.laws.phases.table import ENDED, Phase
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
@@ -65,7 +65,7 @@ def driven(painter: Painter, mast: Mast, start: tuple[float, float, float]) -> D
         state = step(state, observe(features, CAMERA, frame * PERIOD_NS), settings)
         moments.append(moment(robot.place, state))
         robot.drive(state.command.twist.linear, state.command.twist.angular, 1e-9 * PERIOD_NS)
-        ended += state.phase in ENDED
+        ended += state.phase.ended
         if ended > BRAKING:
             break
     return Drive(state.phase, state.reason, robot.place, moments)

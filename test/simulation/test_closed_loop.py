@@ -9,7 +9,7 @@ import pytest
 from strategies import CAMERA
 
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL
-from visual_servo_epipolar.core.laws.phases.table import ENDED, Phase
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.run_log import (
     phase_spans,
     RunLog,
@@ -159,7 +159,7 @@ def test_the_printed_sign_leads_to_the_line_beside_the_goal() -> None:
 @pytest.mark.parametrize('law', ['full', 'paper'])
 def test_an_ended_run_stands_still(law: str) -> None:
     *_, last_but_one, last = driven((1.0, -3.0, 0.0), law).samples
-    assert last.phase in ENDED
+    assert last.phase.ended
     assert last.twist == STANDSTILL
     assert last.pose == last_but_one.pose
 

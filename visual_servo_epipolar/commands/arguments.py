@@ -10,7 +10,7 @@ import sys
 from typing import Any, TYPE_CHECKING
 
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.laws.registry import law_options, LAWS
+from visual_servo_epipolar.core.laws.registry import law_named, LAWS
 from visual_servo_epipolar.core.settings import alike
 from visual_servo_epipolar.simulation.choices import SOURCES
 
@@ -56,7 +56,7 @@ def seed(text: str) -> int:
 def law_expression(text: str) -> str:
     """Parse the expression that names a law."""
     try:
-        law_options(text)
+        law_named(text)
     except ValueError as error:
         raise argparse.ArgumentTypeError(str(error)) from None
     return text

@@ -4,28 +4,13 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 import sys
 import time
-from types import MappingProxyType
 from typing import Any, TextIO
 
-from visual_servo_epipolar.core.laws.phases.table import Phase
+from visual_servo_epipolar.core.laws.registry import phase_words
 from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 
 REFRESH_S = 0.1
-
-PHASE_DESCRIPTIONS: Mapping[str, str] = MappingProxyType(
-    {
-        Phase.WAITING.value: 'wait for tracks',
-        Phase.ORIENTING.value: 'turn to the heading of the photograph',
-        Phase.RETREATING.value: 'back off straight, to come in from behind',
-        Phase.DISPLACING.value: 'turn the epipole to the discordant side',
-        Phase.ZEROING_EPIPOLES.value: 'first step: bring both epipoles to the principal point',
-        Phase.MATCHING_FEATURES.value: 'second step: drive until the features match',
-        Phase.ARRIVED.value: 'at the goal, at a standstill',
-        Phase.HOLDING.value: 'stand, tracks lost or not trusted',
-        Phase.FAILED.value: 'stand, given up',
-    }
-)
 
 
 class Progress:
@@ -68,7 +53,7 @@ def summary(result: Mapping[str, Any]) -> str:
     lines = [f'start x {x:g} m, y {y:g} m, heading {heading:+g} deg, law {result["law"]}', head]
     lines += [
         f'  {phase["start_s"]:6.1f} - {phase["end_s"]:6.1f} s  {phase["name"]:<18} '
-        f'{PHASE_DESCRIPTIONS[phase["name"]]}'
+        f'{phase_words(phase["name"])}'
         for phase in result['phases']
     ]
     lines += [

@@ -7,8 +7,8 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import Point
 from visualization_msgs.msg import Marker, MarkerArray
 
-from visual_servo_epipolar.core.laws.phases.table import ARMED, ENDED, Phase, RUNNING
-from visual_servo_epipolar.core.laws.phases.words import sentence
+from visual_servo_epipolar.core.laws.phase import ARMED, Phase
+from visual_servo_epipolar.core.laws.registry import sentence
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.telemetry import progress, telemetry
 from visual_servo_epipolar.messages import write
@@ -98,11 +98,11 @@ def standing_diagnosis(
 
 def outcome(before: Phase, after: Phase) -> str:
     """Return in a word what a change of phase makes of a run; '' where it changes nothing."""
-    if after in ENDED:
+    if after.ended:
         return '' if before is after else after.value
-    if after in RUNNING:
-        return '' if before in RUNNING else 'running'
-    return 'stopped' if before in RUNNING else ''
+    if after.runs:
+        return '' if before.runs else 'running'
+    return 'stopped' if before.runs else ''
 
 
 def result(

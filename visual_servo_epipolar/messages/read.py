@@ -20,7 +20,7 @@ from visual_servo_epipolar.core.cameras.calibrated import (
 )
 from visual_servo_epipolar.core.cameras.plausibility import refuse_implausible
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist, yaw_from_quaternion
-from visual_servo_epipolar.core.laws.phases.table import ARMED, Phase
+from visual_servo_epipolar.core.laws.phase import ARMED, Phase
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.features import Features, NO_GOAL, Passing
 from visual_servo_epipolar.messages.images.encodings import GrayReader

@@ -7,7 +7,7 @@ from typing import Any
 from sensor_msgs.msg import CameraInfo, PointCloud2
 from std_srvs.srv import Trigger
 
-from visual_servo_epipolar.core.laws.phases.table import DRIVING, Phase, RUNNING
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
@@ -124,7 +124,7 @@ class ServoNode(ManagedNode):
 
     def _on_withdrawn(self, reason: str) -> None:
         """Hold a robot that drives, as soon as it is not enabled any more."""
-        if self._state.phase in DRIVING:
+        if self._state.phase.drives:
             self._run.lose(reason)
 
     def _stop(self, reason: str = '') -> None:
@@ -159,7 +159,7 @@ class ServoNode(ManagedNode):
 
     def _on_info(self, message: CameraInfo) -> None:
         trouble = self._camera.hear(message, self._state, self._settings)
-        if trouble and self._state.phase in DRIVING:
+        if trouble and self._state.phase.drives:
             self._run.lose(trouble)
         pending, self._pending_tracks = self._pending_tracks, None
         if pending is not None and self._camera.model is not None and not self._watch.is_stale:
@@ -251,7 +251,7 @@ class ServoNode(ManagedNode):
         return '; '.join(filter(None, missing))
 
     def _on_start(self, request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        if self._state.phase in RUNNING and not self._admission.waits_for_start:
+        if self._state.phase.runs and not self._admission.waits_for_start:
             response.success, response.message = True, 'a run is under way'
             return response
         refusal = self._refusal()

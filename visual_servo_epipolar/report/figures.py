@@ -15,7 +15,6 @@ from matplotlib.patches import Circle, Patch, Polygon, Rectangle
 import numpy as np
 
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
-from visual_servo_epipolar.core.laws.phases.table import ENDED
 from visual_servo_epipolar.core.servo.run_log import end_s, phase_spans, RunLog, Sample, seconds
 from visual_servo_epipolar.files import whole
 from visual_servo_epipolar.report.legend import legend_outside
@@ -93,7 +92,7 @@ def signals(log: RunLog) -> Figure:
         axes = figure.add_subplot(grid[row], sharex=strip)
         draw(axes, log)
         shade(axes, spans)
-        if log.samples[-1].phase in ENDED:
+        if log.samples[-1].phase.ended:
             axes.axvline(end_s(log), color=INK, linewidth=0.9, linestyle='--')
         axes.tick_params(labelbottom=row == len(PANELS))
         axes.yaxis.set_label_coords(LABELS_AT, 0.5)  # ``align_ylabels`` takes 0.15 s for seven

@@ -13,7 +13,7 @@ from typing import Any
 
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
-from visual_servo_epipolar.core.laws.phases.table import Phase
+from visual_servo_epipolar.core.laws.registry import phase_named
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
 from visual_servo_epipolar.files import whole
 
@@ -108,7 +108,7 @@ def _sample(row: Mapping[str, Any]) -> Sample:
         stamp_ns=int(row['stamp_ns']),
         pose=Pose(float(row['x']), float(row['y']), float(row['theta'])),
         twist=Twist(float(row['linear']), float(row['angular'])),
-        phase=Phase(row['phase']),
+        phase=phase_named(row['phase']),
         features=int(row['features']),
         **{name: math.nan if row[name] is None else float(row[name]) for name in PLAIN[1:]},
     )

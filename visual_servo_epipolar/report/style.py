@@ -1,31 +1,14 @@
 """Style of figures: one colour a phase, the shape of the robot, settings of matplotlib."""
 
-from collections.abc import Mapping
 import math
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.core.laws.phases.table import Phase
+from visual_servo_epipolar.core.laws.registry import phase_row
 
-# Okabe and Ito's palette, which stays apart under every common colour blindness. Its yellow, faint
-# on white, is for the phase in which the robot stands.
-PHASE_COLOURS: Mapping[str, str] = MappingProxyType(
-    {
-        Phase.WAITING.value: '#B0B0B0',
-        Phase.ORIENTING.value: '#CC79A7',
-        Phase.RETREATING.value: '#E69F00',
-        Phase.DISPLACING.value: '#56B4E9',
-        Phase.ZEROING_EPIPOLES.value: '#0072B2',
-        Phase.MATCHING_FEATURES.value: '#009E73',
-        Phase.ARRIVED.value: '#44337A',
-        Phase.HOLDING.value: '#F0E442',
-        Phase.FAILED.value: '#D55E00',
-    }
-)
 UNKNOWN_COLOUR = '#5A5A5A'
 CURRENT_COLOUR = '#D55E00'
 DESIRED_COLOUR = '#0072B2'
@@ -64,7 +47,8 @@ _NOSE = ((0.20, 0.0), (0.05, 0.09), (0.05, -0.09))
 
 def phase_colour(phase: str) -> str:
     """Return the colour of a phase as '#RRGGBB'; a word that is no phase is grey."""
-    return PHASE_COLOURS.get(phase, UNKNOWN_COLOUR)
+    row = phase_row(phase)
+    return row.colour if row else UNKNOWN_COLOUR
 
 
 def phase_label(phase: str) -> str:

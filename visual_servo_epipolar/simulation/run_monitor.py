@@ -6,8 +6,8 @@ import math
 from typing import Any
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
-from visual_servo_epipolar.core.laws.phases.switch import too_few_features
-from visual_servo_epipolar.core.laws.phases.table import ENDED, Phase
+from visual_servo_epipolar.core.laws.decisions import too_few_features
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample, SETTLE_FRAMES, summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import Settings
@@ -84,7 +84,7 @@ class RunMonitor:
             return
         self.samples.append(sample)
         self._reason, self._attempts = reason, attempts
-        self._braking = self._braking + 1 if sample.phase in ENDED else 0
+        self._braking = self._braking + 1 if sample.phase.ended else 0
         few = sample.features < self.settings.servo.min_features
         if not (few and sample.phase is Phase.WAITING) or self._seen_ns is None:
             self._seen_ns = sample.stamp_ns
@@ -94,7 +94,7 @@ class RunMonitor:
         phase, reason = self.samples[-1].phase, self._reason
         if self.hopeless:
             reason = too_few_features(self.samples[-1].features, self.settings.servo)
-        elif phase not in ENDED:
+        elif not phase.ended:
             cut = f'not arrived within {self.settings.max_duration:g} s, still {phase.value}'
             reason = f'{cut}: {reason}' if reason else cut
         return RunLog(

@@ -15,7 +15,7 @@ from visual_servo_epipolar.bags.replaying.replay import replay
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.core.laws.phases.events import RESUMING_FRAMES
+from visual_servo_epipolar.core.laws.phases.standing import RESUMING_FRAMES
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.servoing.inputs import camera

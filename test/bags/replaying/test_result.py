@@ -11,7 +11,7 @@ from visual_servo_epipolar.bags.replaying.result import document, run_log
 from visual_servo_epipolar.bags.replaying.result import SETTLE_FRAMES as BRAKING_STEPS
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.core.laws.phases.table import Phase
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.simulation.run_monitor import SETTLE_FRAMES
 
 PERIOD_NS = 100_000_000

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import pytest
+from servo_states import DRIVING
 
 from visual_servo_epipolar.core.docking.task import (
     answered,
@@ -21,7 +22,7 @@ from visual_servo_epipolar.core.docking.task import (
     Task,
 )
 from visual_servo_epipolar.core.docking.task_settings import DockTaskSettings
-from visual_servo_epipolar.core.laws.phases.table import DRIVING, Phase
+from visual_servo_epipolar.core.laws.phase import Phase
 
 SETTINGS = DockTaskSettings(max_retries=1)
 CHARGING = DockTaskSettings(max_retries=1, wait_for_charge=True)

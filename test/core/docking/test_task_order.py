@@ -19,7 +19,7 @@ from visual_servo_epipolar.core.docking.task import (
     Task,
 )
 from visual_servo_epipolar.core.docking.task_settings import DockTaskSettings
-from visual_servo_epipolar.core.laws.phases.table import Phase
+from visual_servo_epipolar.core.laws.phase import Phase
 
 SETTINGS = DockTaskSettings(max_retries=1)
 CHARGING = DockTaskSettings(wait_for_charge=True)

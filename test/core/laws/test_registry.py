@@ -15,14 +15,8 @@ import pytest
 from visual_servo_epipolar.core import registry
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws import registry as law_registry
-from visual_servo_epipolar.core.laws.registry import (
-    DEPARTURES,
-    epipole_controls,
-    law_options,
-    LawOptions,
-    LAWS,
-    matching_control,
-)
+from visual_servo_epipolar.core.laws.law import DEPARTURES, epipole_controls, Law, matching_control
+from visual_servo_epipolar.core.laws.registry import law_named, LAWS
 from visual_servo_epipolar.core.laws.settings import ControlSettings
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import range_of
@@ -46,9 +40,9 @@ def foreign(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     points = [EntryPoint(name, f'{__name__}:{law}', GROUP) for name, law in names.items()]
     monkeypatch.setattr(registry, 'entry_points', lambda group: points)
     monkeypatch.setattr(LAWS, '_loaded', {})
-    law_options.cache_clear()
+    law_named.cache_clear()
     yield
-    law_options.cache_clear()
+    law_named.cache_clear()
 
 
 def test_the_paper_departs_in_nothing_but_its_own_section_ix() -> None:
@@ -67,14 +61,14 @@ def test_the_full_law_takes_every_departure() -> None:
 @given(st.sets(st.sampled_from(sorted(DEPARTURES))))
 def test_leaving_all_of_some_departures_out_and_adding_them_again_is_the_law(names) -> None:
     out, back = (''.join(f'{sign}{name}' for name in sorted(names)) for sign in '-+')
-    assert law_options(f'full{out}{back}') == LAWS['full']
-    assert all(not getattr(law_options(f'full{out}'), name) for name in names)
+    assert law_named(f'full{out}{back}') == LAWS['full']
+    assert all(not getattr(law_named(f'full{out}'), name) for name in names)
 
 
 @pytest.mark.parametrize('name', DEPARTURES)
 def test_each_departure_can_be_left_out_by_a_setting_of_its_name(name: str) -> None:
     options = ServoSettings(**{name: False}).options
-    assert options == law_options(f'full-{name}')
+    assert options == law_named(f'full-{name}')
     assert ServoSettings(law=f'full-{name}').options == options
 
 
@@ -100,7 +94,7 @@ def test_a_setting_tells_of_its_departure_in_the_words_of_the_table(name: str) -
 @given(EXPRESSIONS, st.sets(st.sampled_from(sorted(DEPARTURES))))
 def test_settings_name_the_law_that_drives(law: str, out: set[str]) -> None:
     settings = ServoSettings(law=law, **dict.fromkeys(out, False))
-    assert law_options(settings.law_expression) == settings.options
+    assert law_named(settings.law_expression) == settings.options
     assert ServoSettings(law=settings.law_expression).options == settings.options
 
 
@@ -138,7 +132,7 @@ def test_what_a_setting_leaves_out_is_left_out_of_the_expression(
     ],
 )
 def test_a_name_that_another_package_gives_may_hold_signs(
-    foreign: None, law: str, options: LawOptions
+    foreign: None, law: str, options: Law
 ) -> None:
     assert ServoSettings(law=law).options == options
     assert ServoSettings(law=law, final_turn=False).options == replace(options, final_turn=False)
@@ -182,7 +176,7 @@ def test_an_unknown_law_or_departure_is_named(law: str, message: str) -> None:
 
 
 def test_a_law_of_ones_own_brings_its_controls() -> None:
-    own = LawOptions(
+    own = Law(
         epipole_controls=lambda *_, **__: (1.0, 2.0),
         matching_control=lambda *_, k_t: Twist(k_t, 0),
     )

@@ -8,7 +8,7 @@ from servo_states import in_phase, MEMORY, sight
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
-from visual_servo_epipolar.core.laws.phases.table import Phase
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.anticipation import anticipated, as_obeyed, longest_obeyed
 from visual_servo_epipolar.core.servo.commands_sent import CommandsSent

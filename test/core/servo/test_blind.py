@@ -6,14 +6,14 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
-from servo_states import BEARINGS, in_phase, SETTINGS, sight, then
+from servo_states import BEARINGS, DRIVING, ENDED, in_phase, PHASES, SETTINGS, sight, then
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.command import Command
-from visual_servo_epipolar.core.laws.phases.commands import nominal_twist
-from visual_servo_epipolar.core.laws.phases.events import classify, RESUMING_FRAMES
-from visual_servo_epipolar.core.laws.phases.table import DRIVING, ENDED, Event, Phase
+from visual_servo_epipolar.core.laws.decisions import classify, nominal_twist
+from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.phases.standing import RESUMING_FRAMES
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.interruptions import interrupted, Interruption
 from visual_servo_epipolar.core.servo.state import ServoState
@@ -68,7 +68,7 @@ def test_what_is_driven_between_trusted_sight_and_the_stop_is_bounded(
     state, now, driven = in_phase(phase), 0.0, 0.0
     for gap, what in images:
         obeyed = gap
-        if state.phase in DRIVING and gap > SETTINGS.stale_timeout:
+        if state.phase.drives and gap > SETTINGS.stale_timeout:
             obeyed, before = SETTINGS.stale_timeout, state.twist
             state = interrupted(state, Interruption.LOST, 'no new tracks')
             assert (state.phase, state.twist) == (Phase.HOLDING, STANDSTILL)
@@ -120,7 +120,7 @@ def test_images_that_are_refused_begin_it_anew() -> None:
     assert interrupted(holding, Interruption.LOST, 'out of order').settled == 0
 
 
-@pytest.mark.parametrize('phase', Phase)
+@pytest.mark.parametrize('phase', PHASES)
 def test_before_the_first_image_no_phase_moves_the_robot(phase: Phase) -> None:
     assert nominal_twist(ServoState(phase=phase), SETTINGS) == STANDSTILL
 

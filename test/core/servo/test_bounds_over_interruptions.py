@@ -8,8 +8,9 @@ import pytest
 from servo_states import BEARINGS, in_phase, learnt_yaw, SETTINGS, sight, then, TWO_VIEWS
 
 from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
-from visual_servo_epipolar.core.laws.phases.events import classify, RESUMING_FRAMES
-from visual_servo_epipolar.core.laws.phases.table import Event, Phase
+from visual_servo_epipolar.core.laws.decisions import classify
+from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.phases.standing import RESUMING_FRAMES
 from visual_servo_epipolar.core.servo.identification.ranging import Leg
 from visual_servo_epipolar.core.servo.state import ServoState
 

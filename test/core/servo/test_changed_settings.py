@@ -6,14 +6,14 @@ import math
 from hypothesis import given
 from hypothesis import strategies as st
 import pytest
-from servo_states import in_phase, SETTINGS, sight, then
+from servo_states import DRIVING, in_phase, SETTINGS, sight, then
 from strategies import floats
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.command import Command
-from visual_servo_epipolar.core.laws.phases.commands import nominal_twist
-from visual_servo_epipolar.core.laws.phases.table import DRIVING, Phase
+from visual_servo_epipolar.core.laws.decisions import nominal_twist
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState

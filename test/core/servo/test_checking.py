@@ -8,7 +8,7 @@ from strategies import blurred, matches, through_lens
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.laws.command import HALT
-from visual_servo_epipolar.core.laws.phases.table import Event, Phase
+from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.checking import driven_off_by, parallax_of_way
 from visual_servo_epipolar.core.servo.state import ServoState

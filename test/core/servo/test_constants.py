@@ -8,8 +8,8 @@ from servo_states import BEARINGS, in_phase, ranged, SETTINGS, sight, TWO_VIEWS
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.phases.arrival import has_parallax
-from visual_servo_epipolar.core.laws.phases.table import Phase
 from visual_servo_epipolar.core.servo.identification.curvature import Curvature
 from visual_servo_epipolar.core.servo.identification.extrinsics import (
     CORRELATION,

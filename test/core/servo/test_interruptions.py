@@ -1,12 +1,12 @@
 """Interruptions: whatever comes from outside leaves a robot that stands, in the right phase."""
 
 import pytest
-from servo_states import in_phase, sight
+from servo_states import DRIVING, in_phase, PHASES, sight
 
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.command import Command
-from visual_servo_epipolar.core.laws.phases.table import DRIVING, Phase
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.interruptions import (
     camera_of_run,
     interrupted,
@@ -19,16 +19,16 @@ RUNNING = (*DRIVING, Phase.HOLDING)
 
 
 @pytest.mark.parametrize('kind', Interruption)
-@pytest.mark.parametrize('phase', Phase)
+@pytest.mark.parametrize('phase', PHASES)
 def test_after_any_interruption_the_robot_stands(phase: Phase, kind: Interruption) -> None:
     state = in_phase(phase, measurement=sight(30), command=MOVE)
     assert interrupted(state, kind, 'a reason').twist == STANDSTILL
 
 
-@pytest.mark.parametrize('phase', Phase)
+@pytest.mark.parametrize('phase', PHASES)
 def test_tracks_that_stay_away_make_a_robot_hold_that_drives(phase: Phase) -> None:
     state = interrupted(in_phase(phase, measurement=sight(30)), Interruption.LOST, 'no new tracks')
-    if phase in DRIVING:
+    if phase.drives:
         assert (state.phase, state.reason) == (Phase.HOLDING, 'no new tracks')
         assert state.phase_start_ns == sight(30).stamp_ns
     elif phase is not Phase.WAITING:
@@ -53,20 +53,20 @@ def test_who_holds_says_the_newest_reason_and_who_has_ended_his_own() -> None:
         assert (state.phase, state.reason) == (phase, reason)
 
 
-@pytest.mark.parametrize('phase', Phase)
+@pytest.mark.parametrize('phase', PHASES)
 def test_a_run_keeps_to_the_goal_that_it_began_with(phase: Phase) -> None:
     goal = RunGoal()
     assert not goal.is_other(7, in_phase(Phase.WAITING))
     assert not goal.is_other(None, in_phase(phase))  # nothing tells which: that is no other one
-    assert goal.is_other(8, in_phase(phase)) == (phase in RUNNING)
-    assert not goal.is_other(7 if phase in RUNNING else 8, in_phase(Phase.HOLDING))
+    assert goal.is_other(8, in_phase(phase)) == (phase.runs)
+    assert not goal.is_other(7 if phase.runs else 8, in_phase(Phase.HOLDING))
 
 
-@pytest.mark.parametrize('phase', Phase)
+@pytest.mark.parametrize('phase', PHASES)
 def test_a_run_keeps_to_the_camera_that_it_began_with(phase: Phase) -> None:
     first, second = (
         Camera(640, 480, 500.0, 500.0, 320.0, 240.0),
         Camera(64, 48, 50.0, 50.0, 32, 24),
     )
-    assert camera_of_run(in_phase(phase), first, second) == (first if phase in RUNNING else second)
+    assert camera_of_run(in_phase(phase), first, second) == (first if phase.runs else second)
     assert camera_of_run(in_phase(phase), None, second) == second

@@ -7,7 +7,7 @@ import pytest
 from servo_states import in_phase, SETTINGS, sight, then
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.laws.phases.table import Phase
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.measurement import Measurement
 
 BIAS = 0.017  # of the best rotation, as a baseline of 0.1 m at 6 m depth shows

@@ -11,8 +11,9 @@ from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.geometry.mount import at_axle, offset_at_axle
 from visual_servo_epipolar.core.laws.command import Command
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.phases.arrival import ARRIVAL_OFFSET, has_parallax
-from visual_servo_epipolar.core.laws.phases.table import Phase
+from visual_servo_epipolar.core.laws.phases.lines import lateral_offset
 from visual_servo_epipolar.core.mapping.localization import MapLocalization
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
@@ -27,7 +28,7 @@ from visual_servo_epipolar.core.servo.remembering import (
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.steadying import Driven, Motion
-from visual_servo_epipolar.core.servo.update import lateral_offset, updated
+from visual_servo_epipolar.core.servo.update import updated
 from visual_servo_epipolar.evaluation.benchmarks.memory.study import (
     remembered as after_drive,
 )

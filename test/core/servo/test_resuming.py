@@ -6,13 +6,10 @@ import math
 import pytest
 from servo_states import in_phase, SETTINGS, sight
 
+from visual_servo_epipolar.core.laws.decisions import classify
+from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.conditions import TURNED
-from visual_servo_epipolar.core.laws.phases.events import (
-    classify,
-    RESUMING_FRAMES,
-    TURNED_FRAMES,
-)
-from visual_servo_epipolar.core.laws.phases.table import Event, Phase
+from visual_servo_epipolar.core.laws.phases.standing import RESUMING_FRAMES, TURNED_FRAMES
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.state import ServoState

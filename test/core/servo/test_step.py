@@ -7,16 +7,17 @@ from typing import Any
 from hypothesis import example, given
 from hypothesis import strategies as st
 import pytest
+from servo_states import DRIVING, PHASES
 from strategies import bearings, CAMERA, floats, matches, twists
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.laws.command import Command
-from visual_servo_epipolar.core.laws.phases.commands import nominal_twist
+from visual_servo_epipolar.core.laws.decisions import nominal_twist
+from visual_servo_epipolar.core.laws.law import DEPARTURES
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.phases.conditions import displacement
-from visual_servo_epipolar.core.laws.phases.table import DRIVING, Phase
-from visual_servo_epipolar.core.laws.registry import DEPARTURES
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.observation import Observation
@@ -134,7 +135,7 @@ def sights() -> st.SearchStrategy[Measurement]:
 def states() -> st.SearchStrategy[ServoState]:
     return st.builds(
         ServoState,
-        phase=st.sampled_from(Phase),
+        phase=st.sampled_from(PHASES),
         phase_start_ns=st.integers(0, stamp(10.0)),
         command=st.builds(Command, st.builds(Twist, floats(-0.4, 0.4), floats(-0.5, 0.5))),
         measurement=sights(),
@@ -552,7 +553,7 @@ def test_a_phase_that_takes_too_long_fails_with_its_name(phase: Phase) -> None:
     assert state.reason == f'{phase.value} took longer than 120 s'
 
 
-@pytest.mark.parametrize('phase', Phase)
+@pytest.mark.parametrize('phase', PHASES)
 def test_a_stop_leaves_a_fresh_servo_at_a_standstill(phase: Phase) -> None:
     state = stop(in_phase(phase, command=Command(Twist(0.3, 0.1)), frame=9))
     assert state.phase is Phase.WAITING
@@ -594,6 +595,6 @@ def test_a_gap_in_a_long_phase_counts_from_the_last_tracks_on() -> None:
     state = in_phase(Phase.ZEROING_EPIPOLES, measurement=measurement(long))
     state = interrupted(state, Interruption.LOST, 'no new tracks for 0.6 s')
     assert state.phase is Phase.HOLDING
-    assert after(*seen(long + 0.7, long + 0.8, long + 0.9), state=state).phase in DRIVING
+    assert after(*seen(long + 0.7, long + 0.8, long + 0.9), state=state).phase.drives
     silence = SETTINGS.holding_timeout + 0.1
     assert advance(state, measurement(long + silence), SETTINGS).phase is Phase.FAILED

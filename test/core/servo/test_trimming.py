@@ -9,8 +9,8 @@ import pytest
 from servo_states import in_phase, SETTINGS, sight
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.phases.bounds import PATIENCE_S
-from visual_servo_epipolar.core.laws.phases.table import Phase
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.commands_sent import CommandsSent
 from visual_servo_epipolar.core.servo.settings import ServoSettings

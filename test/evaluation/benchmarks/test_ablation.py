@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 
 from visual_servo_epipolar.core import registry
-from visual_servo_epipolar.core.laws.registry import DEPARTURES, law_options, LAWS, PAPER
+from visual_servo_epipolar.core.laws.law import DEPARTURES
+from visual_servo_epipolar.core.laws.registry import law_named, LAWS, PAPER
 from visual_servo_epipolar.evaluation.benchmarks import ablation
 from visual_servo_epipolar.sweeping.summary import summary_of
 
@@ -29,15 +30,15 @@ def test_every_departure_is_left_out_of_full_once() -> None:
 
 
 def test_every_departure_stands_alone_on_the_paper_once() -> None:
-    paper = law_options('paper')
+    paper = law_named('paper')
     alone = [paper.changed({name: not getattr(paper, name)}) for name in DEPARTURES]
-    compared = [law_options(law) for law in ablation.laws()]
+    compared = [law_named(law) for law in ablation.laws()]
     assert [compared.count(law) for law in alone] == [1] * len(DEPARTURES)
 
 
 def test_no_law_is_compared_twice_under_two_names() -> None:
     laws = ablation.laws()
-    assert len({law_options(law) for law in laws}) == len(laws) == 2 * (1 + len(DEPARTURES))
+    assert len({law_named(law) for law in laws}) == len(laws) == 2 * (1 + len(DEPARTURES))
 
 
 def test_paper_with_the_true_sigma_is_named_corrected() -> None:

@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.geometry.motion import (
     Twist,
     wrap_angle,
 )
-from visual_servo_epipolar.core.laws.phases.table import Phase
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState

@@ -9,7 +9,7 @@ from rclpy.publisher import Publisher
 from std_msgs.msg import String
 
 from visual_servo_epipolar.core.geometry.motion import Twist
-from visual_servo_epipolar.core.laws.phases.table import Phase
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.evaluation.faults import campaign, drive
 from visual_servo_epipolar.evaluation.faults import run as runs
 from visual_servo_epipolar.evaluation.faults.base import BreakableUnicycleNode

@@ -10,7 +10,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.laws.phases.table import Phase
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.evaluation.reproduction.canvas import figure_data, thinned

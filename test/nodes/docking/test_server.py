@@ -13,7 +13,7 @@ from dock_requests import Client, drives, Led, SERVED, served, Servo, started  #
 from fibonacci_wire import BY_POSE  # noqa: E402
 
 from visual_servo_epipolar.core.docking.task import Error, State  # noqa: E402
-from visual_servo_epipolar.core.laws.phases.table import Phase  # noqa: E402
+from visual_servo_epipolar.core.laws.phase import Phase  # noqa: E402
 from visual_servo_epipolar.core.servo.state import ServoState  # noqa: E402
 from visual_servo_epipolar.messages import diagnostics  # noqa: E402
 from visual_servo_epipolar.nodes import qos  # noqa: E402

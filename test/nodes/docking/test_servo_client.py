@@ -8,7 +8,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 import pytest
 from std_msgs.msg import String
 
-from visual_servo_epipolar.core.laws.phases.table import ARMED, Phase
+from visual_servo_epipolar.core.laws.phase import ARMED, Phase
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.messages import diagnostics, write
 from visual_servo_epipolar.nodes import qos

@@ -12,7 +12,7 @@ pytest.importorskip('test_msgs', reason='pip install ros-jazzy-test-msgs==2.0.3'
 from dock_requests import Client, SERVED, served, Servo, started  # noqa: E402
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL  # noqa: E402
-from visual_servo_epipolar.core.laws.phases.table import Phase  # noqa: E402
+from visual_servo_epipolar.core.laws.phase import Phase  # noqa: E402
 from visual_servo_epipolar.messages import read  # noqa: E402
 
 A_GOAL = 30  # messages to each subscription

@@ -13,7 +13,7 @@ pytest.importorskip('test_msgs', reason='pip install ros-jazzy-test-msgs==2.0.3'
 from dock_requests import Led, SERVED, served  # noqa: E402
 
 from visual_servo_epipolar.core.docking.task import Error  # noqa: E402
-from visual_servo_epipolar.core.laws.phases.table import Phase  # noqa: E402
+from visual_servo_epipolar.core.laws.phase import Phase  # noqa: E402
 from visual_servo_epipolar.nodes.docking.server import DEACTIVATED  # noqa: E402
 
 GIVEN_UP = (GoalStatus.STATUS_ABORTED, [0, int(Error.UNKNOWN), 0])

@@ -5,8 +5,7 @@ from servo_rig import HandSetClock, Rig
 from std_msgs.msg import Bool
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
-from visual_servo_epipolar.core.laws.phases.events import RESUMING_FRAMES
-from visual_servo_epipolar.core.laws.phases.table import DRIVING
+from visual_servo_epipolar.core.laws.phases.standing import RESUMING_FRAMES
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import write
 
@@ -51,7 +50,7 @@ def test_a_heartbeat_that_ends_stops_the_robot_and_it_goes_on_with_the_next(benc
     rig = Enabled(bench).drive()
     rig.clock.now_ns += round((TIMEOUT_S - 0.1) * SECOND)
     rig.node._watch._on_watch()
-    assert rig.node._state.phase in DRIVING
+    assert rig.node._state.phase.drives
     rig.clock.now_ns += round(0.2 * SECOND)
     bench.until(lambda: rig.phase == 'holding', 'the robot to hold, without any image')
     bench.settle()
@@ -83,7 +82,7 @@ def test_a_false_is_not_lost_by_a_true_that_comes_before_it_is_heard(bench) -> N
 def test_who_asks_for_no_heartbeat_does_not_hear_one(bench) -> None:
     rig = Enabled(bench, enable_timeout=0.0)
     rig.drive().enable(value=False)
-    assert rig.node._state.phase in DRIVING
+    assert rig.node._state.phase.drives
 
 
 def test_a_hold_for_want_of_it_ends_as_any_other(bench) -> None:

@@ -3,7 +3,7 @@
 import pytest
 from servo_rig import HandSetClock
 
-from visual_servo_epipolar.core.laws.phases.table import Phase
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.nodes.servoing.freshness import Freshness
 
 

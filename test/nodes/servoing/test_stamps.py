@@ -7,7 +7,7 @@ from rosgraph_msgs.msg import Clock
 from servo_rig import AWAY, HandSetClock, Rig, STAMP_NS, tracks
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
-from visual_servo_epipolar.core.laws.phases.events import RESUMING_FRAMES
+from visual_servo_epipolar.core.laws.phases.standing import RESUMING_FRAMES
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.servoing.inputs.stamps import disorder, refusal

@@ -3,7 +3,7 @@
 from servo_rig import AWAY, PERIOD_NS, Rig, WORLD
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
-from visual_servo_epipolar.core.laws.phases.events import RESUMING_FRAMES
+from visual_servo_epipolar.core.laws.phases.standing import RESUMING_FRAMES
 from visual_servo_epipolar.messages import write
 
 DISTRUST_S = 2.0  # as the servo has it

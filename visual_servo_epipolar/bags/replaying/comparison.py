@@ -7,7 +7,7 @@ from typing import Any
 
 from visual_servo_epipolar.bags.reading.run import RecordedTwist, Recording
 from visual_servo_epipolar.bags.replaying.replay import Step
-from visual_servo_epipolar.core.laws.phases.table import ENDED, Phase
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.stamps import seconds_between
 
 ROUNDING = 1e-6  # differences up to this, in units of the tolerance, come from other arithmetic
@@ -177,8 +177,8 @@ def _count_unpublished(commands: Sequence[RecordedTwist], steps: Sequence[Step])
 
 def _is_commanded(before: Step | None, step: Step) -> bool:
     """Return whether the servo certainly commands a step: one of a run, or its end."""
-    if step.phase in ENDED:
-        return before is not None and before.phase not in ENDED
+    if step.phase.ended:
+        return before is not None and not before.phase.ended
     return step.phase is not Phase.WAITING
 
 

@@ -7,7 +7,8 @@ from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.bags.reading.run import Key, Recording, StampSequence
 from visual_servo_epipolar.bags.replaying.replay import value_at
 from visual_servo_epipolar.core.cameras.model import CameraModel
-from visual_servo_epipolar.core.laws.phases.table import Phase, TRANSITIONS
+from visual_servo_epipolar.core.laws.law import DEFAULT_LAW
+from visual_servo_epipolar.core.laws.registry import law_named, machine_of
 from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
@@ -17,9 +18,6 @@ from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import validation
 
 CLOSE = 1e-6  # what other arithmetic may make of one step
-FIRST_PHASES = {Phase.WAITING} | {
-    phase for (before, _), phase in TRANSITIONS.items() if before is Phase.WAITING
-}
 TRACKER = (
     'the recording began after the tracker: what it had seen before is unknown, so that replayed '
     'images may give other tracks; --tracks replays those that were recorded'
@@ -51,7 +49,8 @@ def _is_servo_at_work(
 ) -> bool:
     """Return whether a servo that begins would not have done the first step that is recorded."""
     phase = run.diagnoses.get(first[0], {}).get('phase')
-    if phase is not None and phase not in {item.value for item in FIRST_PHASES}:
+    machine = machine_of(law_named(DEFAULT_LAW)) if settings is None else settings.machine
+    if phase is not None and phase not in {item.value for item in machine.first_phases}:
         return True
     same_version = all(item.version in ('', __version__) for _, item in run.servo)
     cameras = run.cameras_of()

@@ -11,7 +11,7 @@ from typing import Any
 from visual_servo_epipolar.bags.reading.run import Recording
 from visual_servo_epipolar.bags.replaying.replay import Step
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
-from visual_servo_epipolar.core.laws.phases.table import ENDED, Phase
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.run_log import RunLog, SETTLE_FRAMES, summarise
 from visual_servo_epipolar.core.servo.telemetry import sample
 
@@ -34,7 +34,7 @@ def has_truth(run: Recording, steps: Sequence[Step]) -> bool:
 def driven(steps: Sequence[Step]) -> Sequence[Step]:
     """Return the steps to the end of the run, with some more in which the base brakes."""
     phase, count = steps[-1].phase, len(steps)
-    if phase not in ENDED:
+    if not phase.ended:
         return steps
     while count and steps[count - 1].phase is phase:
         count -= 1
@@ -56,7 +56,7 @@ def run_log(run: Recording, steps: Sequence[Step], *, seed: int, law: str) -> Ru
     )
     last = steps[-1]
     reason = last.reason
-    if last.phase not in ENDED:
+    if not last.phase.ended:
         reason = f'the bag ends in {last.phase.value}' + (f': {reason}' if reason else '')
     return RunLog(
         _start(poses[0]),

@@ -47,7 +47,6 @@ from visual_servo_epipolar.commands.replay.text import in_words
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.core.laws.phases.table import ENDED
 from visual_servo_epipolar.core.servo.run_log import end_s, RunLog
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
 from visual_servo_epipolar.messages.versions import installed
@@ -225,7 +224,7 @@ def figure_of(replayed: ReplayedBag) -> 'Figure':
         recorded,
         Signals(times, phases, columns(replayed_rows, names)),
         None if divergence is None else divergence.time_s,
-        end if replayed.steps[-1].phase in ENDED else None,
+        end if replayed.steps[-1].phase.ended else None,
     )
 
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any
 
-from visual_servo_epipolar.commands.console import PHASE_DESCRIPTIONS
+from visual_servo_epipolar.core.laws.registry import phase_words
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import range_of, Settings
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
@@ -58,7 +58,7 @@ def phase_table(result: Mapping[str, Any]) -> str:
                 f'{item["start_s"]:.2f}',
                 f'{item["end_s"]:.2f}',
                 item['name'],
-                PHASE_DESCRIPTIONS[item['name']],
+                phase_words(item['name']),
             ]
             for item in result['phases']
         ],

@@ -11,7 +11,7 @@ from enum import Enum, IntEnum
 import math
 
 from visual_servo_epipolar.core.docking.task_settings import DockTaskSettings
-from visual_servo_epipolar.core.laws.phases.table import DRIVING, Phase
+from visual_servo_epipolar.core.laws.phase import Phase
 
 
 class State(IntEnum):
@@ -141,7 +141,7 @@ def said(task: Task, phase: Phase, reason: str, now: float, settings: DockTaskSe
         return _started(replace(task, cleared=cleared), now)
     if task.step is Step.STARTING and phase is Phase.WAITING:
         return task
-    if phase in DRIVING:
+    if phase.drives:
         return _driving(task, phase)
     if phase is Phase.ARRIVED:
         return _arrived(task, now, settings)

@@ -7,8 +7,9 @@ from typing import Any, ClassVar
 
 from visual_servo_epipolar.core.bases.base import Base, BaseLimits
 from visual_servo_epipolar.core.bases.registry import base_of, DEFAULT_BASE
-from visual_servo_epipolar.core.laws.registry import DEFAULT_LAW, DEPARTURES, law_options
-from visual_servo_epipolar.core.laws.registry import TEXT as LAW_TEXT
+from visual_servo_epipolar.core.laws.law import DEFAULT_LAW, DEPARTURES, Law
+from visual_servo_epipolar.core.laws.law import TEXT as LAW_TEXT
+from visual_servo_epipolar.core.laws.machine import StateMachine
 from visual_servo_epipolar.core.settings import setting, Settings
 
 
@@ -168,8 +169,7 @@ class ControlSettings(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        law_options(self.law)
-        _ = self.drive  # raises ValueError for an unknown base
+        _ = self._named_law, self.drive  # raises ValueError for an unknown base
         if self.dead_band_linear > self.max_linear or self.dead_band_angular > self.max_angular:
             raise ValueError(
                 'dead bands must not exceed max_linear and max_angular, got '
@@ -194,6 +194,37 @@ class ControlSettings(Settings):
     def derives(self) -> bool:
         """Whether gains are derived where step 1 begins."""
         return self.gains == 'derived'
+
+    @cached_property
+    def _named_law(self) -> Law:
+        # The registry needs the phases, and they need settings.
+        from visual_servo_epipolar.core.laws.registry import law_named
+
+        return law_named(self.law)
+
+    @cached_property
+    def options(self) -> Law:
+        """The law, without the departures that these settings leave out."""
+        off = {name: False for name in DEPARTURES if not getattr(self, name)}
+        return self._named_law.changed(off)
+
+    @cached_property
+    def machine(self) -> StateMachine:
+        """The state machine of the law."""
+        from visual_servo_epipolar.core.laws.registry import machine_of
+
+        return machine_of(self._named_law)
+
+    @property
+    def law_expression(self) -> str:
+        """
+        Expression of the law that drives: ``law``, less what other settings leave out of it.
+
+        It is ``law`` as written, then ``-departure`` for each departure that ``law`` takes and
+        the setting of that name leaves out: ``full-retreat`` for law full and retreat False.
+        """
+        taken = (name for name in DEPARTURES if getattr(self._named_law, name))
+        return self.law + ''.join(f'-{name}' for name in taken if not getattr(self, name))
 
     def _check_derivation(self) -> None:
         if self.finite_time:

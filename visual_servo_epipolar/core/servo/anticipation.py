@@ -12,7 +12,6 @@ import math
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.command import Command
-from visual_servo_epipolar.core.laws.phases.table import DRIVING
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.identification.delay import is_late
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -40,7 +39,7 @@ def longest_obeyed(state: ServoState, stamp_ns: int, dt: float, settings: ServoS
 def anticipated(state: ServoState, settings: ServoSettings) -> ServoState:
     """Return ``state`` with its measurement as it will be when the next command acts."""
     measurement = state.measurement
-    if measurement is None or state.phase not in DRIVING or not is_late(settings):
+    if measurement is None or not state.phase.drives or not is_late(settings):
         return state
     now_ns = measurement.stamp_ns
     late_ns = round(settings.latency * NANOSECONDS)

@@ -11,13 +11,7 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import median
-from visual_servo_epipolar.core.laws.phases.table import (
-    DRIVING,
-    Event,
-    next_phase,
-    Phase,
-    RUNNING,
-)
+from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.perception.lens_check import contradicted_by_pair
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
@@ -41,13 +35,13 @@ def checked(
     Where it contradicts them, the measurement says why, and what was learnt from it is undone.
     """
     measurement = state.measurement
-    if observation is None or measurement is None or state.phase not in RUNNING:
+    if observation is None or measurement is None or not state.phase.runs:
         return state if state.motion.reference is None else changed(state, motion=MotionCheck())
     if dt == 0.0:
         return changed(state, motion=state.motion.restarted())
     shown = parallax_of_way(state, measurement, observation, settings)
     evidence = Evidence(observation, measurement.noise, shown)
-    drives = state.phase in DRIVING
+    drives = state.phase.drives
     motion = state.motion.updated(evidence, state.sent, settings, drives=drives)
     if motion.disturbed(measurement.stamp_ns):
         return _undone(changed(state, motion=motion), measurement)
@@ -67,9 +61,9 @@ def driven_off_by(
     That is looked at when a run begins, after a hold and before a retreat: by a focal length that
     is wrong a goal ahead may look as if it lay beside, and the robot would back off from it.
     """
-    after = next_phase(state.phase, event)
-    starts = state.phase in (Phase.WAITING, Phase.HOLDING) and after in DRIVING
-    retreats = after is Phase.RETREATING is not state.phase
+    after = settings.machine.next_phase(state.phase, event)
+    starts = state.phase in (Phase.WAITING, Phase.HOLDING) and after.drives
+    retreats = after.backs_off and not state.phase.backs_off
     if not (starts or retreats) or observation is None or state.measurement is None:
         return state, event
     trouble = contradicted_by_pair(observation, settings)

@@ -6,7 +6,8 @@ from typing import TypeVar
 
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.laws.command import HALT
-from visual_servo_epipolar.core.laws.phases.table import Event, next_phase, Phase, RUNNING
+from visual_servo_epipolar.core.laws.machine import interruption
+from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.values import changed
 
@@ -55,9 +56,9 @@ def _halted(state: ServoState) -> ServoState:
 
 def lost(state: ServoState, reason: str) -> ServoState:
     """Return the state after tracks stopped coming: holding where it drove, at a standstill."""
-    phase = next_phase(state.phase, Event.LOST)
-    if phase is state.phase:
-        reason = reason if phase is Phase.HOLDING else state.reason
+    phase = interruption(state.phase, Event.LOST)
+    if phase is None:
+        reason = reason if state.phase is Phase.HOLDING else state.reason
         return changed(_halted(state), settled=0, reason=reason)
     # It holds since the last tracks: a phase that had lasted long would count as waiting.
     start_ns = state.phase_start_ns if state.measurement is None else state.measurement.stamp_ns
@@ -66,8 +67,8 @@ def lost(state: ServoState, reason: str) -> ServoState:
 
 def timed_out(state: ServoState, reason: str) -> ServoState:
     """Return the state of a run that has held for too long: failed; no other changes."""
-    phase = next_phase(state.phase, Event.TIMED_OUT)
-    if phase is state.phase:
+    phase = interruption(state.phase, Event.TIMED_OUT)
+    if phase is None:
         return _halted(state)
     return changed(_halted(state), phase=phase, settled=0, reason=reason)
 
@@ -75,8 +76,7 @@ def timed_out(state: ServoState, reason: str) -> ServoState:
 def stop(state: ServoState) -> ServoState:
     """Return the state after an order to stop: waiting, at a standstill, by the same base."""
     sent = replace(state.sent, withdrawn=True)
-    phase = next_phase(state.phase, Event.STOPPED)
-    return ServoState(phase=phase, frame=state.frame, delay=state.delay, sent=sent)
+    return ServoState(frame=state.frame, delay=state.delay, sent=sent)
 
 
 class RunGoal:
@@ -89,14 +89,14 @@ class RunGoal:
         """Return whether a run goes on that began with another than ``goal``; None is any."""
         if goal is None:
             return False
-        if state.phase not in RUNNING or self._begun_with is None:
+        if not state.phase.runs or self._begun_with is None:
             self._begun_with = goal
         return self._begun_with != goal
 
 
 def camera_of_run(state: ServoState, begun_with: Camera | None, camera: Camera) -> Camera:
     """Return the camera that a run goes by: that which it began with, ``camera`` before it."""
-    if state.phase not in RUNNING or begun_with is None:
+    if not state.phase.runs or begun_with is None:
         return camera
     return begun_with
 

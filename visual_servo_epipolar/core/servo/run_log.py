@@ -6,7 +6,7 @@ import math
 from typing import Any
 
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
-from visual_servo_epipolar.core.laws.phases.table import ENDED, Phase
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 
 SETTLE_FRAMES = 6  # the base may still be braking when the servo says that it has arrived
@@ -87,7 +87,7 @@ def phase_spans(log: RunLog) -> list[PhaseSpan]:
 def end_s(log: RunLog) -> float:
     """Return the time at which the servo arrived or failed, or of the last sample if neither."""
     last = phase_spans(log)[-1]
-    return last.start_s if log.samples[-1].phase in ENDED else last.end_s
+    return last.start_s if log.samples[-1].phase.ended else last.end_s
 
 
 def summarise(log: RunLog) -> dict[str, Any]:

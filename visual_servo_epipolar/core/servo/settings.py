@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from visual_servo_epipolar.core.geometry.mount import Mount
-from visual_servo_epipolar.core.laws.registry import DEPARTURES, law_options, LawOptions
 from visual_servo_epipolar.core.laws.settings import ControlSettings
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.servo.identification.extrinsics import Extrinsics, told_extrinsics
@@ -207,24 +206,6 @@ class ServoSettings(PerceptionSettings, ControlSettings):
     def __getstate__(self) -> dict[str, Any]:
         # Without the cached options: a law of one's own may hold functions that do not pickle.
         return {item.name: getattr(self, item.name) for item in fields(self)}
-
-    @cached_property
-    def options(self) -> LawOptions:
-        """The law, without the departures that these settings leave out."""
-        off = {name: False for name in DEPARTURES if not getattr(self, name)}
-        return law_options(self.law).changed(off)
-
-    @property
-    def law_expression(self) -> str:
-        """
-        Expression of the law that drives: ``law``, less what other settings leave out of it.
-
-        It is ``law`` as written, then ``-departure`` for each departure that ``law`` takes and
-        the setting of that name leaves out: ``full-retreat`` for law full and retreat False.
-        """
-        law = law_options(self.law)
-        out = (name for name in DEPARTURES if getattr(law, name) and not getattr(self, name))
-        return self.law + ''.join(f'-{name}' for name in out)
 
     @property
     def compensates(self) -> bool:

@@ -3,17 +3,15 @@
 import math
 
 from visual_servo_epipolar.core.geometry.wall import aside
+from visual_servo_epipolar.core.laws.decisions import is_settled
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.phases.arrival import is_in_doubt, sees_nothing_of_it
-from visual_servo_epipolar.core.laws.phases.conditions import is_settled
-from visual_servo_epipolar.core.laws.phases.table import Phase
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.values import changed
-
-LAST_PHASES = (Phase.MATCHING_FEATURES, Phase.ORIENTING)
 
 
 def with_settled(
@@ -25,7 +23,7 @@ def with_settled(
     """Return the state with its count of settled frames and the mean of what they show."""
     measurement = state.measurement or perception.measurement
     # Whether this is the goal the photograph's features alone can tell.
-    blind = state.phase in LAST_PHASES and sees_nothing_of_it(measurement)
+    blind = state.phase.by_photograph and sees_nothing_of_it(measurement)
     if blind or not is_settled(state, settings):
         return changed(state, settled=0) if state.settled else state
     if state.phase is Phase.HOLDING and not _follows(measurement, previous, settings):
@@ -46,8 +44,7 @@ def _aside(
 ) -> float:
     """Return the mean by which settled frames look aside, where nobody knows better."""
     seen, before = perception.observation, state.settled_aside if state.settled else 0.0
-    in_step_2 = state.phase is Phase.MATCHING_FEATURES
-    if seen is None or not in_step_2 or not is_in_doubt(measurement, settings):
+    if seen is None or not state.phase.straight or not is_in_doubt(measurement, settings):
         return before
     return before + (aside(seen.current, seen.desired) - before) / (state.settled + 1)
 

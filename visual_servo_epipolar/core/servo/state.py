@@ -8,7 +8,7 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.command import Command, HALT
 from visual_servo_epipolar.core.laws.gains import Gains
-from visual_servo_epipolar.core.laws.phases.table import ENDED, Phase
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.servo.commands_sent import CommandsSent
@@ -146,4 +146,4 @@ class ServoState:
     @property
     def ended(self) -> bool:
         """Whether the run is over, arrived or failed."""
-        return self.phase in ENDED
+        return self.phase.ended

@@ -4,8 +4,8 @@ Control step: from an observation and the state to the next state, with its comm
 The replay of a bag and the simulation in memory call ``step``; the live node calls its two halves,
 ``decided`` and ``learnt``, and sends the command in between. An observation is perceived
 (estimated, validated, measured: ``perception.perceive``), the measurement updates the state
-(``update``), it becomes an event (``phases.events``), the event a phase (``phases.table``), the
-phase a nominal velocity (``phases.commands``), which is then limited to what the base can follow.
+(``update``), it becomes an event, the event a phase, the phase a nominal velocity, as the law has
+it (``laws.decisions``), which is then limited to what the base can follow.
 """
 
 from dataclasses import replace
@@ -13,11 +13,14 @@ import math
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.command import Command
-from visual_servo_epipolar.core.laws.phases.commands import curvature_compensated, nominal_twist
-from visual_servo_epipolar.core.laws.phases.events import classify
-from visual_servo_epipolar.core.laws.phases.switch import switched
-from visual_servo_epipolar.core.laws.phases.table import DRIVING, Event
-from visual_servo_epipolar.core.laws.phases.timing import (
+from visual_servo_epipolar.core.laws.decisions import (
+    classify,
+    curvature_compensated,
+    nominal_twist,
+    switched,
+)
+from visual_servo_epipolar.core.laws.phase import Event
+from visual_servo_epipolar.core.laws.timing import (
     after_leap,
     interval,
     leap,
@@ -108,7 +111,7 @@ def advance(
     state = updated(state, perception, dt, settings, told)
     state = checked(state, perception.observation, dt, settings)
     event = classify(state, settings)
-    if leapt and event not in (Event.TIMED_OUT, Event.ASTRAY):
+    if leapt and event not in (Event.TIMED_OUT, Event.EXCURSION):
         state, event = _held(state, leapt)
     state, event = driven_off_by(state, perception.observation, event, settings)
     state = switched(state, state.measurement or measurement, event, settings)
@@ -148,7 +151,7 @@ def _ramp_step(last: Twist, dt: float, usual_s: float, since_command: float) -> 
 
 def _held(state: ServoState, leapt: str) -> tuple[ServoState, Event]:
     """Return state and event of an image whose stamp leaps: hold if driving."""
-    if state.phase not in DRIVING or state.measurement is None:
+    if not state.phase.drives or state.measurement is None:
         return state, Event.NOTHING
     return changed(state, measurement=replace(state.measurement, reason=leapt)), Event.LOST
 
@@ -158,7 +161,7 @@ def _limited(
 ) -> Twist:
     """Return ``nominal`` within the limits of speed, and of acceleration since ``last``."""
     twist = settings.drive.within_speed(nominal, ratio=settings.max_speed_ratio)
-    if not settings.options.speed_ramps or state.phase not in DRIVING:
+    if not settings.options.speed_ramps or not state.phase.drives:
         return twist
     return settings.drive.within_acceleration(twist, last, dt)
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 import math
 
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
-from visual_servo_epipolar.core.laws.phases.table import Phase
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import PerceptionMemory
 from visual_servo_epipolar.core.servo.run_log import Sample
@@ -76,7 +76,7 @@ def progress(state: ServoState) -> dict[str, float]:
         'heading_error_rad': heading,
         'attempt': float(state.attempts),
         'elapsed_s': elapsed(state),
-        'phase': float(list(Phase).index(state.phase)),
+        'phase': float(list(Phase.known).index(state.phase.value)),
     }
 
 

@@ -11,8 +11,7 @@ import math
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phases.bounds import facing_bound, is_trimmed, trial_of
-from visual_servo_epipolar.core.laws.phases.table import Phase
-from visual_servo_epipolar.core.laws.phases.timing import usual_step
+from visual_servo_epipolar.core.laws.timing import usual_step
 from visual_servo_epipolar.core.servo.anticipation import anticipated
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
@@ -23,7 +22,7 @@ SEEN_S = 0.6  # after which a pulse has acted and was seen, of a base that obeys
 def trims(state: ServoState, settings: ServoSettings) -> bool:
     """Return whether the robot turns in place to a heading that it knows finer than its hops."""
     measurement = state.measurement
-    if state.phase is not Phase.ORIENTING or measurement is None:
+    if not state.phase.turns_in_place or measurement is None:
         return False
     return is_trimmed(measurement, settings, trial_of(state))
 

@@ -6,13 +6,8 @@ import math
 from visual_servo_epipolar.core.estimators.base import UNKNOWN_COVARIANCE
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.geometry.mount import at_axle, offset_at_axle
-from visual_servo_epipolar.core.laws.phases.bounds import engage_bound
-from visual_servo_epipolar.core.laws.phases.conditions import (
-    has_turned,
-    is_close,
-    is_untrusted,
-)
-from visual_servo_epipolar.core.laws.phases.table import DRIVING, Phase, RUNNING
+from visual_servo_epipolar.core.laws.decisions import is_close, row_of
+from visual_servo_epipolar.core.laws.phases.conditions import has_turned, is_untrusted
 from visual_servo_epipolar.core.mapping.map_measurement import MapMeasurement
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
@@ -22,7 +17,6 @@ from visual_servo_epipolar.core.servo.anticipation import as_obeyed, longest_obe
 from visual_servo_epipolar.core.servo.identification.dead_band import DeadBand, learns
 from visual_servo_epipolar.core.servo.identification.delay import Delay
 from visual_servo_epipolar.core.servo.identification.extrinsics import Extrinsics, learnt
-from visual_servo_epipolar.core.servo.identification.ranging import UNKNOWN_RANGE
 from visual_servo_epipolar.core.servo.identification.slope import Slope
 from visual_servo_epipolar.core.servo.identification.straight_leg import straight_on
 from visual_servo_epipolar.core.servo.remembering import MapState, measured, remembered
@@ -56,7 +50,7 @@ def updated(
     odometry, both = state.odometry.checked(pose, commanded, dt, settings)
     driven = both.motion.way
     views, reading = remembered(
-        state.views, perception, both, settings, dt=dt if state.phase in RUNNING else 0.0
+        state.views, perception, both, settings, dt=dt if state.phase.runs else 0.0
     )
     measurement = measured(perception, reading, views, settings)
     if is_missed(perception, measurement, settings):
@@ -74,7 +68,7 @@ def updated(
         measurement, extrinsics, reading = perception.measurement, settings.extrinsics, None
         memory = perception.memory
     straight = None
-    if state.phase is Phase.MATCHING_FEATURES:
+    if state.phase.straight:
         straight, extrinsics = straight_on(state.straight, reading, driven, extrinsics)
     measurement = _of_the_axle(measurement, extrinsics)
     odometry = odometry.judged(measurement)
@@ -102,7 +96,6 @@ def updated(
         slope=_slope(obeyed, measurement, dt),
         dead_band=_dead_band(state, measurement, reading, dt, settings),
         delay=_delay(state, measurement, told or settings),
-        latched=_latch(state, measurement, settings),
         rotation_bias=bias,
         measurement=measurement,
         memory=memory,
@@ -112,6 +105,7 @@ def updated(
         straight=straight if odometry.trusted is state.odometry.trusted else None,
         trusted_heading=_trusted_heading(state, measurement, settings),
     )
+    state = row_of(state, settings).observe(state, measurement, settings)
     if is_close(state, settings):
         state = changed(state, lingered=state.lingered + dt)
     return with_settled(state, perception, previous, settings)
@@ -158,7 +152,7 @@ def _rotation_bias(state: ServoState, measurement: Measurement) -> float:
     It takes a small baseline for a turn. In place that does not change, so that what bearings show
     of it holds as well for images of a parallax too small for them.
     """
-    if state.phase is not Phase.ORIENTING:
+    if not state.phase.turns_in_place:
         return math.nan
     before = state.rotation_bias
     if measurement.bearings is None:
@@ -180,19 +174,9 @@ def _trusted_heading(
     state: ServoState, measurement: Measurement, settings: ServoSettings
 ) -> float:
     """Return the heading error of the last trusted image by which it drove [rad]."""
-    if state.phase not in DRIVING or is_untrusted(measurement, settings):
+    if not state.phase.drives or is_untrusted(measurement, settings):
         return state.trusted_heading
     return state.trusted_heading if has_turned(state, measurement) else measurement.heading_error
-
-
-def lateral_offset(state: ServoState, measurement: Measurement) -> float:
-    """Return the lateral offset x = d cos(psi) [m], right positive; 0 without bearings."""
-    if measurement.offset is not None:
-        return measurement.offset[0]
-    if measurement.bearings is None:
-        return 0.0
-    distance = min(state.distance, UNKNOWN_RANGE) if math.isnan(state.range) else state.range
-    return distance * math.cos(measurement.bearings.psi)
 
 
 def _slope(state: ServoState, measurement: Measurement, dt: float) -> Slope:
@@ -203,7 +187,7 @@ def _slope(state: ServoState, measurement: Measurement, dt: float) -> Slope:
     """
     if measurement.difference_slope > 0.0:
         return Slope(measurement.difference_slope, state.slope.weight)
-    if state.phase is not Phase.MATCHING_FEATURES or state.measurement is None:
+    if not state.phase.straight or state.measurement is None:
         return state.slope
     return state.slope.updated(
         measurement.difference - state.measurement.difference, state.twist.linear * dt
@@ -229,12 +213,3 @@ def _delay(state: ServoState, measurement: Measurement, told: ServoSettings) -> 
     if not told.options.anticipation:
         return state.delay
     return state.delay.updated(measurement, state.sent, told)
-
-
-def _latch(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
-    """Return whether e_du counts as zero: once small or of the other sign, until a new phase."""
-    if state.phase is not Phase.ZEROING_EPIPOLES or measurement.bearings is None:
-        return state.latched
-    bearing = measurement.bearings.chi
-    near = abs(bearing) <= engage_bound(measurement, settings)
-    return state.latched or near or bearing * state.side < 0.0

@@ -3,8 +3,7 @@
 import math
 
 from visual_servo_epipolar.core.laws import equations
-from visual_servo_epipolar.core.laws.phases.table import Phase
-from visual_servo_epipolar.core.laws.phases.timing import usual_step
+from visual_servo_epipolar.core.laws.timing import usual_step
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.identification.ranging import Leg, MIN_TURN
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -80,7 +79,7 @@ def ranged(state: ServoState, measurement: Measurement, leg: Leg | None, dt: flo
 
 def measured_range(state: ServoState, measurement: Measurement, leg: Leg | None) -> float | None:
     """Return the distance that the ``leg`` shows [m]; None outside step 1, or at a standstill."""
-    if leg is None or measurement.bearings is None or state.phase is not Phase.ZEROING_EPIPOLES:
+    if leg is None or measurement.bearings is None or not state.phase.ranges:
         return None
     if abs(state.twist.linear) < MIN_SPEED:  # noise alone would move the estimate
         return None

@@ -4,7 +4,8 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from visual_servo_epipolar.core.laws.registry import DEPARTURES, law_options
+from visual_servo_epipolar.core.laws.law import DEPARTURES
+from visual_servo_epipolar.core.laws.registry import law_named
 from visual_servo_epipolar.processes import cores
 from visual_servo_epipolar.simulation.scenario import Scenario
 from visual_servo_epipolar.sweeping.local import local_workers
@@ -29,14 +30,14 @@ def _laws() -> Iterator[str]:
     yield 'full'
     yield from (f'full-{name}' for name in DEPARTURES)
     yield 'paper'
-    paper = law_options('paper')
+    paper = law_named('paper')
     for name in DEPARTURES:
         yield _known(f'paper{"-" if getattr(paper, name) else "+"}{name}')
 
 
 def _known(expression: str) -> str:
     """Return the name of our law that is the same as ``expression``, or the expression."""
-    same = (name for name in NAMES if law_options(name) == law_options(expression))
+    same = (name for name in NAMES if law_named(name) == law_named(expression))
     return next(same, expression)
 
 

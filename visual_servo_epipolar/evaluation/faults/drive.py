@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-from visual_servo_epipolar.core.laws.phases.table import DRIVING, ENDED, Phase
+from visual_servo_epipolar.core.laws.phase import ARMED, Phase
+from visual_servo_epipolar.core.laws.registry import phase_named
 from visual_servo_epipolar.evaluation.faults.catalogue.fault import Fault, Scene
 from visual_servo_epipolar.evaluation.faults.judging.motion import moving
 from visual_servo_epipolar.evaluation.faults.judging.witness import BASE, SERVO
@@ -58,7 +59,7 @@ class Drive:
         if self._reached_s is None and record.phase == self._moment.phase.value:
             self._reached_s = now_s
         reached = self._reached_s is not None and now_s >= self._reached_s + self._moment.delay_s
-        never = record.phase in ENDED or self.time_s > PATIENCE_S
+        never = self._phase.ended or self.time_s > PATIENCE_S
         if self.struck_s is None and (reached or (never and self._reached_s is None)):
             self._strike()
 
@@ -69,9 +70,15 @@ class Drive:
         self._moved_s = self.scene.witness.now_s
 
     @property
+    def _phase(self) -> Phase:
+        """Phase that the servo published last."""
+        word = self.scene.witness.record.phase
+        return Phase.WAITING if word == ARMED else phase_named(word)
+
+    @property
     def _may_drive_on(self) -> bool:
         """Whether a servo works that drives: it may stand for as long as a phase lasts."""
-        return self.scene.witness.record.phase in DRIVING and self.scene.world.works(SERVO)
+        return self._phase.drives and self.scene.world.works(SERVO)
 
     def _done(self) -> bool:
         if self.time_s >= (self.struck_s or 0.0) + LONGEST_S:
@@ -79,6 +86,5 @@ class Drive:
         if self.struck_s is None or self._may_drive_on:
             return False
         quiet_s = self.scene.witness.now_s - max(self._moved_s, self.scene.busy_s)
-        ended = self.scene.witness.record.phase in ENDED
-        calm = ended and self.time_s > self.struck_s + REST_S
+        calm = self._phase.ended and self.time_s > self.struck_s + REST_S
         return quiet_s >= (TAIL_S if calm else REST_S)

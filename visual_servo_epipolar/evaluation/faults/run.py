@@ -8,7 +8,7 @@ import zlib
 import cv2
 import numpy as np
 
-from visual_servo_epipolar.core.laws.phases.table import Phase
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.evaluation.faults.catalogue.fault import EVERYWHERE, Fault, Scene
 from visual_servo_epipolar.evaluation.faults.drive import Drive, Moment
 from visual_servo_epipolar.evaluation.faults.judging.judge import judged

@@ -12,7 +12,7 @@ from sensor_msgs.msg import BatteryState
 from visual_servo_epipolar.core.docking import task as tasks
 from visual_servo_epipolar.core.docking.task import Order, Outcome, Task
 from visual_servo_epipolar.core.docking.task_settings import DockTaskSettings
-from visual_servo_epipolar.core.laws.phases.table import Phase
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.messages import docking
 from visual_servo_epipolar.messages.docking import DockWire

@@ -11,7 +11,8 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.docking.task import Order
-from visual_servo_epipolar.core.laws.phases.table import ARMED, Phase
+from visual_servo_epipolar.core.laws.phase import ARMED, Phase
+from visual_servo_epipolar.core.laws.registry import phase_named
 from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.nodes import qos
 
@@ -84,7 +85,7 @@ class ServoClient:
             self._on_armed()
             return
         try:
-            phase = Phase(message.data)
+            phase = phase_named(message.data)
         except ValueError:
             return  # of another program
         if self._unexplained and phase is self.phase:

@@ -6,8 +6,8 @@ from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 
 from visual_servo_epipolar.core.laws.command import HALT
-from visual_servo_epipolar.core.laws.phases.switch import too_few_features
-from visual_servo_epipolar.core.laws.phases.table import Phase, RUNNING
+from visual_servo_epipolar.core.laws.decisions import too_few_features
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.interruptions import GOAL_CHANGED, RunGoal
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.messages import read
@@ -98,7 +98,7 @@ class Admission:
             return ''
         stamp_ns, run = read.stamp_ns(message.header), self._run
         now_ns = self._node.get_clock().now().nanoseconds
-        newest_ns = run.stamp_ns if run.state.phase in RUNNING else None
+        newest_ns = run.stamp_ns if run.state.phase.runs else None
         trouble = stamps.refusal(
             stamp_ns, now_ns, self._settings().max_latency, run.freshness.clock_stands_still()
         )

@@ -9,7 +9,6 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 
 from visual_servo_epipolar.core.laws.command import Command
-from visual_servo_epipolar.core.laws.phases.table import RUNNING
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.messages import write
@@ -44,7 +43,7 @@ class Commands:
             self._ended_ns = None
         elif not before.ended:
             self._ended_ns = now_ns
-        if self._always or _just_now(self._ended_ns, now_ns) or state.phase in RUNNING:
+        if self._always or _just_now(self._ended_ns, now_ns) or state.phase.runs:
             self._stopped_ns = None
             self.send(state.command, stamp_ns)
 

@@ -2,7 +2,7 @@
 
 from rclpy.clock import Clock, ClockType
 
-from visual_servo_epipolar.core.laws.phases.table import Phase
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.stamps import seconds_between
 
 

@@ -6,7 +6,7 @@ import math
 from rclpy.node import Node
 
 from visual_servo_epipolar.core.laws.command import HALT
-from visual_servo_epipolar.core.laws.phases.table import DRIVING, Phase
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.interruptions import interrupted, Interruption
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import learnt
@@ -107,7 +107,7 @@ class Run:
     def refuse(self, trouble: str) -> None:
         """Take no step by tracks: hold a robot that drives, and say why."""
         self.trouble = trouble
-        if self.state.phase in DRIVING:
+        if self.state.phase.drives:
             self.lose(trouble)
             return
         if self.state.phase is Phase.HOLDING and self.state.settled:  # not in a row any more

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from rclpy.node import Node
 
-from visual_servo_epipolar.core.laws.phases.table import DRIVING, Phase
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.nodes.servoing.admission import Admission
 from visual_servo_epipolar.nodes.servoing.run import Run
@@ -47,7 +47,7 @@ class Watch:
         freshness.clock_stands_still()  # or it would be looked at by images alone
         if self._run.is_armed and self._run.arming.has_expired:
             self._run.expire()
-        if self._run.state.phase in DRIVING:
+        if self._run.state.phase.drives:
             silent = f'no new tracks for {freshness.age:.2f} s{self._run.clock_note}'
             trouble = silent if self.is_stale else self._admission.withheld()
             if trouble:

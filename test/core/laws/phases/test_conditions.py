@@ -4,9 +4,18 @@ from dataclasses import replace
 import math
 
 import pytest
-from servo_states import BEARINGS, behind, in_phase, ranged, SETTINGS, sight
+from servo_states import BEARINGS, behind, DRIVING, in_phase, ranged, SETTINGS, sight
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.laws.decisions import (
+    classify,
+    is_close,
+    is_settled,
+    nominal_twist,
+    switched,
+)
+from visual_servo_epipolar.core.laws.excursion import excursion_limit
+from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.arrival import has_parallax, is_at_goal
 from visual_servo_epipolar.core.laws.phases.bounds import (
     align_bound,
@@ -17,17 +26,7 @@ from visual_servo_epipolar.core.laws.phases.bounds import (
     release_bound,
     trial_of,
 )
-from visual_servo_epipolar.core.laws.phases.commands import nominal_twist
-from visual_servo_epipolar.core.laws.phases.conditions import (
-    astray,
-    is_close,
-    is_off_course,
-    is_settled,
-    is_sideways,
-)
-from visual_servo_epipolar.core.laws.phases.events import classify
-from visual_servo_epipolar.core.laws.phases.switch import switched
-from visual_servo_epipolar.core.laws.phases.table import DRIVING, Event, Phase
+from visual_servo_epipolar.core.laws.phases.conditions import is_off_course, is_sideways
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.identification.ranging import Leg
@@ -185,7 +184,7 @@ def test_an_excursion_refers_to_half_a_metre_at_least(first: float, led: bool) -
     leg = Leg(psi, (distance - first) * math.cos(psi), (distance - first) * math.sin(psi))
     state = in_phase(Phase.ZEROING_EPIPOLES, leg=leg, extrinsics=ranged(distance))
     settings = type(SETTINGS)(max_excursion=1.5)
-    assert bool(astray(state, sight(), settings)) == led
+    assert bool(excursion_limit(state, sight(), settings)) == led
 
 
 @pytest.mark.parametrize(
@@ -204,7 +203,7 @@ def test_what_the_leg_leads_backward_is_no_excursion(
     psi = BEARINGS.psi
     leg = Leg(psi, away * math.cos(psi), away * math.sin(psi), travel)
     state = in_phase(Phase.MATCHING_FEATURES, leg=leg, extrinsics=ranged(1.0 + away))
-    assert bool(astray(state, sight(), type(SETTINGS)(max_excursion=1.5))) == led
+    assert bool(excursion_limit(state, sight(), type(SETTINGS)(max_excursion=1.5))) == led
 
 
 @pytest.mark.parametrize('phase', DRIVING)

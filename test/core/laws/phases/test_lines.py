@@ -6,15 +6,15 @@ import math
 import pytest
 from servo_states import in_phase, SETTINGS, sight
 
+from visual_servo_epipolar.core.laws.decisions import classify
 from visual_servo_epipolar.core.laws.equations import follow_line
+from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.conditions import is_far_enough, KNOWN, ROOM
-from visual_servo_epipolar.core.laws.phases.events import classify
 from visual_servo_epipolar.core.laws.phases.lines import (
     LAST_LOOK_AHEAD,
     leads_home,
     line_look_ahead,
 )
-from visual_servo_epipolar.core.laws.phases.table import Event, Phase
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.identification.ranging import (
     LEAST_LOOK_AHEAD,

@@ -11,6 +11,8 @@ from strategies import floats
 
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.command import Command
+from visual_servo_epipolar.core.laws.decisions import classify, is_settled, switched
+from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.arrival import (
     faces_goal,
     has_parallax,
@@ -18,10 +20,6 @@ from visual_servo_epipolar.core.laws.phases.arrival import (
     is_near_enough,
 )
 from visual_servo_epipolar.core.laws.phases.bounds import FACING, facing_bound, FIRST
-from visual_servo_epipolar.core.laws.phases.conditions import is_settled
-from visual_servo_epipolar.core.laws.phases.events import classify
-from visual_servo_epipolar.core.laws.phases.switch import switched
-from visual_servo_epipolar.core.laws.phases.table import Event, Phase
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.identification.slope import Slope
 from visual_servo_epipolar.core.servo.settings import ServoSettings

@@ -7,7 +7,7 @@ import pytest
 from servo_states import in_phase, MEMORY, reading, SETTINGS, sight, then
 
 from visual_servo_epipolar.core.geometry.motion import Twist
-from visual_servo_epipolar.core.laws.phases.table import Phase
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.identification.dead_band import (

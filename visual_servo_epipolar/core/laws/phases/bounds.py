@@ -9,7 +9,7 @@ usual. The tolerances of the owner make them coarser, less what the measurement 
 import math
 from typing import NamedTuple
 
-from visual_servo_epipolar.core.laws.phases.timing import usual_step, USUAL_STEP_S
+from visual_servo_epipolar.core.laws.timing import usual_step, USUAL_STEP_S
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState

@@ -1,56 +1,21 @@
-"""
-Conditions on a measurement: the predicates that its bounds decide.
-
-``events`` classifies by them, ``switch`` and ``derived_gains`` take the displacement from them.
-"""
+"""Conditions on a measurement that phases share: where the goal lies, what can be trusted."""
 
 import math
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.laws import equations
-from visual_servo_epipolar.core.laws.phases.arrival import faces_goal, is_near_enough
-from visual_servo_epipolar.core.laws.phases.bounds import (
-    align_bound,
-    engage_bound,
-    is_matched,
-    release_bound,
-    trial_of,
-    trimming_bound,
-)
-from visual_servo_epipolar.core.laws.phases.table import Phase
+from visual_servo_epipolar.core.laws.phase import Event
+from visual_servo_epipolar.core.laws.phases.bounds import engage_bound
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.anticipation import anticipated
-from visual_servo_epipolar.core.servo.identification.ranging import look_ahead, UNKNOWN_RANGE
+from visual_servo_epipolar.core.servo.identification.ranging import Leg
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.values import changed
 
-RESIDUAL_OFFSET = 1e-3  # at the end of line following [m]
-LARGEST_ESCAPE = 0.1  # [rad]
-LONGEST_WAY = 1.5  # in upper bounds of the distance
-MOST_BACKWARD = 1.0  # of a leg, that is no excursion [m]
-CORRECTION = 0.1  # backward, of who never backs off [m]
-LEADING_AWAY = 1.5  # what a law without retreat may drive backward, in that of others
-LEAST_FIRST = 0.5  # distance that a ratio of distances refers to at least [m]
 TURNED = 1.0  # more than a robot turns between two images, or while it stands [rad]
 ROOM = 0.18  # behind a goal whose place is known, to begin step 1 [m]
 KNOWN = 0.009  # deviation of its bearing from there [rad]
 LEAST_RATIO = 1e-9  # part of the distance that a law without retreat keeps
-
-
-def escape_bound(state: ServoState, measurement: Measurement, settings: ServoSettings) -> float:
-    """
-    Return the bearing of e_du [rad] beyond which step 1 has to begin anew.
-
-    Line following shrinks an offset x by exp(0.9 d / L) over the remaining distance d: one that
-    ends below a millimetre need not be zeroed first, as when a camera ahead of the axle swings
-    aside while the robot turns.
-    """
-    bound = release_bound(measurement, settings)
-    if not settings.options.line_following:
-        return bound
-    distance = state.range if state.range > 0.0 else min(state.distance, UNKNOWN_RANGE)
-    decay = min(equations.LINE_DAMPING * distance / look_ahead(distance, settings.look_ahead), 9.0)
-    return max(bound, min(RESIDUAL_OFFSET * math.exp(decay) / distance, LARGEST_ESCAPE))
 
 
 def is_sideways(measurement: Measurement, settings: ServoSettings) -> bool:
@@ -86,17 +51,6 @@ def is_far_enough(measurement: Measurement, settings: ServoSettings) -> bool:
     if measurement.offset is not None and measurement.offset[1] <= -ROOM and known:
         return True
     return measurement.difference <= -settings.retreat_difference
-
-
-def has_run_up(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
-    """
-    Return whether a retreat after a miss has led as far as that asks for.
-
-    Who missed twice knows less of where the goal is than it believes: before a wall, straight
-    back, a short way tells hardly what is aside.
-    """
-    misses = state.attempts - 1
-    return misses < 2 or measurement.difference <= -misses * settings.retreat_difference
 
 
 def is_behind(bearings: Bearings) -> bool:
@@ -144,20 +98,6 @@ def discordant_bearing(measurement: Measurement, settings: ServoSettings) -> flo
     return displacement(measurement, settings, least_ratio=least_ratio) or 0.0
 
 
-def leads_away(measurement: Measurement, settings: ServoSettings) -> bool:
-    """
-    Return whether both epipoles are on one side, from where step 1 drives away from the goal.
-
-    e_au is turned to the other side first, but on the sign that e_du had then: it may have been
-    lost in noise, or that of a mount that was taken for another.
-    """
-    law, bearings = settings.options, measurement.bearings
-    if bearings is None or not (law.discordant_turn and law.retreat):
-        return False
-    known = abs(bearings.chi) > release_bound(measurement, settings)
-    return known and bearings.alpha * bearings.chi > 0.0
-
-
 def sees_too_little(measurement: Measurement, settings: ServoSettings) -> bool:
     """Return whether too few features are in view, and no memory of views carries on."""
     return measurement.features < settings.min_features and not measurement.carried
@@ -175,89 +115,15 @@ def has_turned(state: ServoState, measurement: Measurement) -> bool:
     return abs(turn) > TURNED
 
 
-def is_settled(state: ServoState, settings: ServoSettings) -> bool:
-    """Return whether this frame fulfils the aim of the phase."""
-    if not _is_settled(state, settings):
-        return False
-    # Commands that have not acted yet must not lead away again.
-    ahead = anticipated(state, settings)
-    return ahead is state or _is_settled(ahead, settings)
+def begun_step_1(measurement: Measurement, settings: ServoSettings, event: Event) -> Event:
+    """Return the ``event`` that begins step 1; but from too near a goal the robot backs off."""
+    near = not is_far_enough(measurement, settings)
+    return Event.SIDEWAYS if near and settings.options.retreat else event
 
 
-def _is_settled(state: ServoState, settings: ServoSettings) -> bool:
-    """Return whether the measurement of ``state`` fulfils the aim of the phase."""
-    measurement = state.measurement
-    if measurement is None or sees_too_little(measurement, settings):
-        return False
-    if state.phase is Phase.HOLDING:
-        return not is_untrusted(measurement, settings)
-    if state.phase is Phase.ORIENTING:
-        return faces_goal(state, measurement, settings)
-    if state.phase is Phase.MATCHING_FEATURES:
-        matched = is_matched(measurement, settings, trial_of(state))
-        return matched or is_near_enough(state, measurement, settings)
-    if (
-        state.phase is Phase.ZEROING_EPIPOLES
-        and state.latched
-        and measurement.bearings is not None
-    ):
-        return abs(measurement.bearings.alpha) <= align_bound(measurement, settings)
-    return False
-
-
-def is_close(state: ServoState, settings: ServoSettings) -> bool:
-    """Return whether this frame is within the usual bounds, where a memory asks for finer ones."""
-    measurement = state.measurement
-    if measurement is None or state.phase not in (Phase.ORIENTING, Phase.MATCHING_FEATURES):
-        return False
-    if state.phase is Phase.ORIENTING:
-        bound = trimming_bound(measurement, settings, trial_of(state))
-        return abs(measurement.heading_error) <= bound
-    return is_matched(measurement, settings, trial_of(state, spent=True))
-
-
-def astray(state: ServoState, measurement: Measurement, settings: ServoSettings) -> str:
-    """
-    Return in words that the robot is farther from the goal than its run may lead it.
-
-    What is driven backward has a bound of its own, over all phases and attempts; who may not back
-    off at all corrects by decimetres near the goal, no more. Laws without
-    retreat, whose first step may lead away by itself, have a wider one. In steps 1 and 2 of a law
-    that spirals inwards the distance hardly grows, and no way is longer than its upper bound
-    allows.
-    """
-    name, law = state.phase.value, settings.options
-    backward, wider = state.reversed, 1.0 if law.retreat else LEADING_AWAY
-    if settings.max_retreat == 0.0 and state.phase is Phase.RETREATING:
-        return (
-            'the robot would have to back off, and max_retreat is 0; begin farther away and in '
-            'front of the goal, or give it the metres of free floor behind the robot'
-        )
-    if backward > wider * max(settings.max_retreat, CORRECTION):
-        return f'drove {backward:.1f} m backward in this run (max_retreat), still {name}'
-    spirals = law.discordant_turn and law.retreat  # laws without lead away first
-    if not spirals or state.phase not in (Phase.ZEROING_EPIPOLES, Phase.MATCHING_FEATURES):
-        return ''
-    longest = LONGEST_WAY * settings.initial_distance
-    if abs(state.travel) > longest:
-        return f'drove {longest:.0f} m in {name} and is not there (initial_distance)'
-    ratio = _excursion(state, measurement)
-    if settings.max_excursion == 0.0 or ratio <= settings.max_excursion:
-        return ''
-    return f'{name} leads away from the goal: {ratio:.1f} times the distance (max_excursion)'
-
-
-def _excursion(state: ServoState, measurement: Measurement) -> float:
-    """
-    Return the distance over that at which the leg began; 1 where it is not known.
-
-    What the leg has led backward is left out, up to a metre: near the goal step 1 may need it.
-    """
-    extrinsics, leg, bearings = state.extrinsics, state.leg, measurement.bearings
-    if extrinsics is None or leg is None or bearings is None or not extrinsics.is_ranged:
-        return 1.0
-    distance = extrinsics.distance
-    x = distance * math.cos(bearings.psi) - leg.x
-    y = distance * math.sin(bearings.psi) - leg.y
-    backward = min(max(-leg.travel, 0.0), MOST_BACKWARD)
-    return (distance - backward) / max(math.hypot(x, y), LEAST_FIRST)
+def with_new_leg(state: ServoState, measurement: Measurement) -> ServoState:
+    """Return ``state`` where step 1 begins: the side of e_du, not at zero yet, and a new leg."""
+    if measurement.bearings is None:
+        return state
+    side = math.copysign(1.0, measurement.bearings.chi)
+    return changed(state, side=side, latched=False, leg=Leg(measurement.bearings.psi))

@@ -4,7 +4,11 @@ import math
 
 from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.identification.ranging import LEAST_REMEMBERED, look_ahead
+from visual_servo_epipolar.core.servo.identification.ranging import (
+    LEAST_REMEMBERED,
+    look_ahead,
+    UNKNOWN_RANGE,
+)
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 
@@ -47,3 +51,13 @@ def leads_home(measurement: Measurement, settings: ServoSettings) -> bool:
         return False
     aside = abs(x) + length * math.tan(abs(turned))
     return aside * math.exp(equations.LINE_DAMPING * y / length) <= RESIDUAL_OFFSET
+
+
+def lateral_offset(state: ServoState, measurement: Measurement) -> float:
+    """Return the lateral offset x = d cos(psi) [m], right positive; 0 without bearings."""
+    if measurement.offset is not None:
+        return measurement.offset[0]
+    if measurement.bearings is None:
+        return 0.0
+    distance = min(state.distance, UNKNOWN_RANGE) if math.isnan(state.range) else state.range
+    return distance * math.cos(measurement.bearings.psi)

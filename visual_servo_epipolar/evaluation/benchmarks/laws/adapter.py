@@ -6,7 +6,7 @@ from dataclasses import dataclass, fields, replace
 from visual_servo_epipolar.core.geometry.motion import saturate, Twist
 from visual_servo_epipolar.core.geometry.rays import image_points
 from visual_servo_epipolar.core.laws.command import Command, HALT
-from visual_servo_epipolar.core.laws.phases.table import Phase
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive

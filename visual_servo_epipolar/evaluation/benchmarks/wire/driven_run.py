@@ -10,7 +10,6 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
-from visual_servo_epipolar.core.laws.phases.table import ENDED
 from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
@@ -75,7 +74,7 @@ def driven(settings: CameraSettings, seconds: float, folder: Path) -> DrivenRun:
     twists: list[Twist] = []
 
     def keep(sample: Sample) -> None:
-        if sample.phase not in ENDED and len(twists) < len(images):
+        if not sample.phase.ended and len(twists) < len(images):
             images[len(twists)] = view.image
             twists.append(sample.twist)
 

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.laws.phases.table import Phase
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.evaluation.faults.judging.witness import Witness
 from visual_servo_epipolar.evaluation.faults.wire.parcel import Filter

@@ -7,7 +7,7 @@ from itertools import pairwise
 import math
 
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, wrap_angle
-from visual_servo_epipolar.core.laws.phases.table import Phase
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.evaluation.faults.judging.blindness import blindness
 from visual_servo_epipolar.evaluation.faults.judging.motion import braking_s, moving, speed
 from visual_servo_epipolar.evaluation.faults.judging.record import (

@@ -7,7 +7,7 @@ from typing import Any
 from rclpy.node import Node
 
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
-from visual_servo_epipolar.core.laws.phases.table import ARMED, Phase
+from visual_servo_epipolar.core.laws.phase import ARMED, Phase
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.evaluation.faults.judging.record import Limits, Order, Record, Truth
 from visual_servo_epipolar.evaluation.faults.wire.parcel import Parcel, Sight

@@ -11,7 +11,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
-from visual_servo_epipolar.core.laws.phases.table import Phase
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.run_log import RunLog, seconds
 from visual_servo_epipolar.evaluation.reproduction.canvas import (
     draw_robot,
@@ -26,7 +26,7 @@ from visual_servo_epipolar.report.style import (
     DESIRED_COLOUR,
     FIGURE_SETTINGS,
     INK,
-    PHASE_COLOURS,
+    phase_colour,
 )
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
@@ -91,7 +91,7 @@ def difference(experiment: Experiment) -> Figure:
     time = np.array(seconds(log)[first:])
     time, values = time - time[0], signal(log, 'feature_difference')[first:]
     linear, logarithmic = figure.subplots(1, 2)
-    colour = PHASE_COLOURS['matching_features']
+    colour = phase_colour('matching_features')
     linear.plot(time, values, color=colour, label='D')
     logarithmic.plot(time, np.abs(values), color=colour, label='|D|')
     fit = difference_decay(log)

@@ -21,10 +21,10 @@ from visual_servo_epipolar.report.style import (
     DESIRED_COLOUR,
     FIGURE_SETTINGS,
     INK,
-    PHASE_COLOURS,
+    phase_colour,
 )
 
-FIRST, SECOND = PHASE_COLOURS['zeroing_epipoles'], PHASE_COLOURS['matching_features']
+FIRST, SECOND = phase_colour('zeroing_epipoles'), phase_colour('matching_features')
 TRANSIENT = 1.3  # of the time at which e_du is zero: what the close-ups show
 SHOWN_S = 12.0  # of the first step on a linear scale: later everything is zero to the eye
 MILLI = 1000.0

@@ -9,7 +9,6 @@ from sensor_msgs.msg import CameraInfo, PointCloud2
 from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.cameras.plausibility import doubts
-from visual_servo_epipolar.core.laws.phases.table import RUNNING
 from visual_servo_epipolar.core.perception.lens_check import LensCheck, looked_at
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.servo.interruptions import camera_changed, camera_of_run
@@ -85,7 +84,7 @@ class ServoCamera:
 
     def distrusted(self, stamp_ns: int, state: ServoState) -> str:
         """Return that another camera spoke up shortly before an image, in mid-run; or ''."""
-        if self._other is None or state.phase not in RUNNING:
+        if self._other is None or not state.phase.runs:
             return ''
         camera, heard_ns = self._other
         recent = abs(seconds_between(heard_ns, stamp_ns)) <= DISTRUST_S

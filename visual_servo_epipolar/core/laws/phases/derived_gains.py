@@ -8,10 +8,10 @@ a phase may last are a warning.
 
 import math
 
-from visual_servo_epipolar.core.laws.gains import Circumstances, derive
+from visual_servo_epipolar.core.laws.gains import Circumstances, derive, Gains
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.laws.phases.bounds import engage_bound
 from visual_servo_epipolar.core.laws.phases.conditions import discordant_bearing, displacement
-from visual_servo_epipolar.core.laws.phases.table import Phase
 from visual_servo_epipolar.core.laws.settling_times import longest_landing, longest_matching
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.identification.delay import felt_latency
@@ -21,6 +21,11 @@ from visual_servo_epipolar.core.values import changed
 
 NEARLY_ZERO = 2.0  # bearing of an e_du that counts as zero, in landings
 USUAL_RATE = 11.0  # before two images have come [Hz]
+
+
+def gains_in_use(state: ServoState, settings: ServoSettings) -> Gains | None:
+    """Return the gains derived for this step, unless those given are to hold by now."""
+    return state.gains if settings.derives else None
 
 
 def with_gains_of_now(

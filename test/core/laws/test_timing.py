@@ -4,12 +4,12 @@ from dataclasses import replace
 import math
 
 import pytest
-from servo_states import in_phase, SETTINGS, sight, then
+from servo_states import DRIVING, in_phase, PHASES, SETTINGS, sight, then
 
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.command import Command
-from visual_servo_epipolar.core.laws.phases.events import RESUMING_FRAMES
-from visual_servo_epipolar.core.laws.phases.table import DRIVING, Phase
+from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.laws.phases.standing import RESUMING_FRAMES
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.state import ServoState
 
@@ -53,7 +53,7 @@ def test_who_drives_stands_for_the_image_that_leaps_and_goes_on(phase: Phase, le
         state = then(state, at(1000.1 + 0.1 * number + leap))
         assert (state.phase, state.twist) == (Phase.HOLDING, STANDSTILL)
     state = then(state, at(1000.1 + 0.1 * RESUMING_FRAMES + leap))
-    assert state.phase in DRIVING
+    assert state.phase.drives
     assert state.twist != STANDSTILL
 
 
@@ -143,7 +143,7 @@ def test_who_drove_too_far_backward_has_failed_also_by_an_image_that_leaps(leap:
     assert 'max_retreat' in state.reason
 
 
-@pytest.mark.parametrize('phase', [phase for phase in Phase if phase not in DRIVING])
+@pytest.mark.parametrize('phase', [phase for phase in PHASES if not phase.drives])
 def test_who_stands_takes_no_step_by_a_stamp_that_does_not_advance(phase: Phase) -> None:
     state = then(driving(phase), at(1000.0))
     assert (state.phase, state.twist) == (phase, STANDSTILL)

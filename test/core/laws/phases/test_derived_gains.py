@@ -7,17 +7,18 @@ from typing import Any
 from hypothesis import example, given
 from hypothesis import strategies as st
 import pytest
+from servo_states import PHASES
 from strategies import bearings, floats
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.laws.gains import derive
-from visual_servo_epipolar.core.laws.phases.table import Phase
+from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.laws.phases.derived_gains import circumstances
 from visual_servo_epipolar.core.laws.settling_times import longest_landing
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.memory import fresh_memory
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo import step
-from visual_servo_epipolar.core.servo.derived_gains import circumstances
 from visual_servo_epipolar.core.servo.identification.delay import BORNE
 from visual_servo_epipolar.core.servo.identification.slope import Slope
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -285,7 +286,7 @@ UNDERFLOW = [
 @example(UNDERFLOW, Phase.MATCHING_FEATURES, 'paper', 1.0, 0.0)
 @given(
     st.lists(anything(), min_size=1, max_size=6),
-    st.sampled_from(Phase),
+    st.sampled_from(PHASES),
     LAWS,
     floats(0.3, 500.0),
     floats(0.0, 2.0),

@@ -1,29 +1,101 @@
-"""Switch of the phase: the target, gains and counters of the new one, the reason to leave."""
+"""
+Decisions of a step: what the machine of the law makes of a measurement in the phase of the servo.
+
+A measurement becomes an event, the event a phase, the phase a nominal twist, before limits, ramps
+and the dead band.
+"""
 
 import math
 
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.laws.excursion import excursion_limit
+from visual_servo_epipolar.core.laws.machine import PhaseRow
+from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.phases.bounds import FACING
-from visual_servo_epipolar.core.laws.phases.conditions import (
-    astray,
-    discordant_bearing,
-    sees_too_little,
-)
-from visual_servo_epipolar.core.laws.phases.table import Event, next_phase, Phase
-from visual_servo_epipolar.core.laws.phases.timing import usual_step
+from visual_servo_epipolar.core.laws.phases.conditions import sees_too_little
+from visual_servo_epipolar.core.laws.timing import has_timed_out, usual_step
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.derived_gains import legal_target, with_gains_of_now
-from visual_servo_epipolar.core.servo.identification.ranging import Leg
+from visual_servo_epipolar.core.servo.anticipation import anticipated
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
 from visual_servo_epipolar.core.values import changed
 
 
+def row_of(state: ServoState, settings: ServoSettings) -> PhaseRow:
+    """Return the row of the present phase, of the law that drives."""
+    return settings.machine.row(state.phase)
+
+
+def classify(state: ServoState, settings: ServoSettings) -> Event:
+    """Return the event of ``state.measurement`` in ``state.phase``."""
+    measurement, phase = state.measurement, state.phase
+    if measurement is None or phase.ended:
+        return Event.NOTHING
+    if has_timed_out(state, measurement, settings):
+        return Event.TIMED_OUT
+    if state.motion.trouble:
+        return _disobeyed(state)
+    if sees_too_little(measurement, settings):
+        return Event.LOST if phase.drives else Event.NOTHING
+    if excursion_limit(state, measurement, settings):
+        return Event.EXCURSION
+    event = row_of(state, settings).classify(state, measurement, settings)
+    straight_on = settings.machine.next_phase(phase, event).straight
+    return Event.LOST if straight_on and not math.isfinite(measurement.difference) else event
+
+
+def _disobeyed(state: ServoState) -> Event:
+    """Return the event of a motion that contradicts the commands: hold, or end where it recurs."""
+    if not state.phase.drives:
+        return Event.NOTHING
+    return Event.DISOBEYED if state.motion.is_final else Event.LOST
+
+
+def nominal_twist(state: ServoState, settings: ServoSettings) -> Twist:
+    """Return the nominal twist of the phase: that of its law, before saturation."""
+    if state.measurement is None:
+        return STANDSTILL
+    return row_of(state, settings).command(state, state.measurement, settings)
+
+
+def curvature_compensated(twist: Twist, state: ServoState, settings: ServoSettings) -> Twist:
+    """Return ``twist`` less the turn c u_1 that the identified curvature c would add to it."""
+    if not settings.options.curvature_feedforward:
+        return twist
+    return Twist(twist.linear, twist.angular - state.curvature.value * twist.linear)
+
+
+def is_settled(state: ServoState, settings: ServoSettings) -> bool:
+    """Return whether this frame fulfils the aim of the phase."""
+    if not _is_settled(state, settings):
+        return False
+    # Commands that have not acted yet must not lead away again.
+    ahead = anticipated(state, settings)
+    return ahead is state or _is_settled(ahead, settings)
+
+
+def _is_settled(state: ServoState, settings: ServoSettings) -> bool:
+    """Return whether the measurement of ``state`` fulfils the aim of the phase."""
+    measurement = state.measurement
+    if measurement is None or sees_too_little(measurement, settings):
+        return False
+    return row_of(state, settings).is_settled(state, measurement, settings)
+
+
+def is_close(state: ServoState, settings: ServoSettings) -> bool:
+    """Return whether this frame is within the usual bounds, where a memory asks for finer ones."""
+    measurement = state.measurement
+    if measurement is None:
+        return False
+    return row_of(state, settings).is_close(state, measurement, settings)
+
+
 def switched(
     state: ServoState, measurement: Measurement, event: Event, settings: ServoSettings
 ) -> ServoState:
     """Return the state in the phase that follows ``event``; that of NO_GAIN if none is legal."""
-    phase = next_phase(state.phase, event)
+    phase = settings.machine.next_phase(state.phase, event)
     if phase is state.phase:
         return _waiting(state, measurement, settings)
     state = changed(
@@ -42,14 +114,8 @@ def switched(
         attempts=state.attempts + (event is Event.MISSED),
         warning='',
     )
-    if phase in (Phase.DISPLACING, Phase.ZEROING_EPIPOLES) and measurement.bearings is not None:
-        side = math.copysign(1.0, measurement.bearings.chi)
-        leg = Leg(measurement.bearings.psi)
-        state = changed(state, side=side, latched=False, leg=leg)
-    if phase is Phase.RETREATING:
-        state = changed(state, leg=None)
     try:
-        return _prepared(state, measurement, settings)
+        return row_of(state, settings).begin(state, measurement, settings)
     except ValueError as error:
         state = switched(state, measurement, Event.NO_GAIN, settings)
         return changed(state, reason=str(error))
@@ -74,27 +140,6 @@ def too_few_features(features: int, settings: ServoSettings) -> str:
     )
 
 
-def _prepared(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
-    """Return ``state`` with the target or the gains of its phase; ValueError if none is legal."""
-    if state.phase is Phase.DISPLACING and settings.derives:
-        return changed(state, target=legal_target(state, measurement, settings))
-    if state.phase is Phase.DISPLACING:
-        return changed(state, target=_target(measurement, settings))
-    if settings.derives and state.phase in (Phase.ZEROING_EPIPOLES, Phase.MATCHING_FEATURES):
-        return with_gains_of_now(state, measurement, settings)
-    return state
-
-
-def _target(measurement: Measurement, settings: ServoSettings) -> float:
-    """Return the abscissa of e_au for DISPLACING (section IV-B, remarks; or discordant)."""
-    bearings = measurement.bearings
-    if bearings is None:
-        return 0.0
-    if not settings.options.discordant_turn:
-        return math.copysign(math.tan(2.0 * settings.singular_epipole), bearings.epipole_current)
-    return math.tan(discordant_bearing(measurement, settings))
-
-
 def _reason(
     state: ServoState, measurement: Measurement, event: Event, settings: ServoSettings
 ) -> str:
@@ -112,8 +157,8 @@ def _reason(
     if event is Event.TIMED_OUT:
         because = f': {state.warning}' if state.warning else ''
         return f'{name} took longer than {settings.phase_timeout:g} s{because}'
-    if event is Event.ASTRAY:
-        return astray(state, measurement, settings)
+    if event is Event.EXCURSION:
+        return excursion_limit(state, measurement, settings)
     if event is Event.DIVERGED:
         return f'the desired epipole ran away to infinity in {name}'
     if event in (Event.MISSED, Event.EXHAUSTED):

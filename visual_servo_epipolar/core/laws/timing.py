@@ -6,7 +6,7 @@ stamps at which phase and run began are moved along, so that limits count the ti
 one usual period, and go on by the new clock.
 """
 
-from visual_servo_epipolar.core.laws.phases.table import DRIVING, Phase, RUNNING
+from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
@@ -34,7 +34,7 @@ def leap(state: ServoState, stamp_ns: int, settings: ServoSettings) -> str:
     gap = seconds_between(state.measurement.stamp_ns, stamp_ns)
     if gap <= 0.0:
         return NOT_ADVANCING
-    if state.phase not in DRIVING or gap <= max(settings.stale_timeout, MAX_STEP_S):
+    if not state.phase.drives or gap <= max(settings.stale_timeout, MAX_STEP_S):
         return ''
     return f'no image for {gap:.1f} s by their stamps'
 
@@ -59,7 +59,7 @@ def after_leap(state: ServoState, stamp_ns: int) -> ServoState:
 
 def has_timed_out(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
     """Return whether the run or the phase has lasted too long; waiting may last for ever."""
-    if state.phase not in RUNNING:
+    if not state.phase.runs:
         return False
     holding = state.phase is Phase.HOLDING
     run_time = seconds_between(state.run_start_ns, measurement.stamp_ns)

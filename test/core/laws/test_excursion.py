@@ -5,22 +5,14 @@ import math
 from typing import Any
 
 import pytest
-from servo_states import (
-    BEARINGS,
-    in_phase,
-    ranged,
-    SETTINGS,
-    sight,
-    STEPS,
-    then,
-)
+from servo_states import BEARINGS, DRIVING, in_phase, ranged, SETTINGS, sight, STEPS, then
 
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.command import Command, HALT
-from visual_servo_epipolar.core.laws.phases.conditions import astray
-from visual_servo_epipolar.core.laws.phases.events import classify
-from visual_servo_epipolar.core.laws.phases.table import DRIVING, Event, Phase
+from visual_servo_epipolar.core.laws.decisions import classify
+from visual_servo_epipolar.core.laws.excursion import excursion_limit
+from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.servo.identification.ranging import Leg
 from visual_servo_epipolar.core.servo.interruptions import interrupted, Interruption
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -45,8 +37,12 @@ def test_the_bound_holds_while_tracks_are_lost() -> None:
 @pytest.mark.parametrize('law', ['paper', 'corrected', 'full-retreat'])
 def test_a_law_that_leads_away_by_itself_may_drive_half_as_far_again_backward(law: str) -> None:
     settings = replace(SETTINGS, law=law)
-    assert astray(in_phase(Phase.ZEROING_EPIPOLES, reversed=29.9), sight(), settings) == ''
-    assert 'max_retreat' in astray(in_phase(Phase.RETREATING, reversed=30.1), sight(), settings)
+    assert (
+        excursion_limit(in_phase(Phase.ZEROING_EPIPOLES, reversed=29.9), sight(), settings) == ''
+    )
+    assert 'max_retreat' in excursion_limit(
+        in_phase(Phase.RETREATING, reversed=30.1), sight(), settings
+    )
 
 
 SIDEWAYS = sight(bearings=Bearings(-0.3, -0.3 - math.pi / 2.0), difference=0.1)
@@ -115,7 +111,7 @@ def test_no_way_is_longer_than_the_distance_allows(phase: Phase, sign: float) ->
 
 @pytest.mark.parametrize('phase', [Phase.ORIENTING, Phase.DISPLACING, Phase.RETREATING])
 def test_other_phases_have_no_longest_way(phase: Phase) -> None:
-    assert astray(in_phase(phase, travel=1e3), sight(), SETTINGS) == ''
+    assert excursion_limit(in_phase(phase, travel=1e3), sight(), SETTINGS) == ''
 
 
 # The excursion
@@ -165,23 +161,23 @@ def test_no_bound_of_the_excursion_is_zero() -> None:
     ids=['no leg', 'no belief', 'not ranged', 'backing off', 'displacing'],
 )
 def test_a_distance_that_is_not_known_leads_nobody_astray(changes: dict[str, Any]) -> None:
-    assert astray(off(2.0), sight(), SETTINGS) != ''
-    assert astray(replace(off(2.0), **changes), sight(), SETTINGS) == ''
+    assert excursion_limit(off(2.0), sight(), SETTINGS) != ''
+    assert excursion_limit(replace(off(2.0), **changes), sight(), SETTINGS) == ''
 
 
 def test_without_bearings_nobody_is_astray() -> None:
-    assert astray(off(2.0), sight(bearings=None), SETTINGS) == ''
+    assert excursion_limit(off(2.0), sight(bearings=None), SETTINGS) == ''
 
 
 def test_a_law_that_leads_away_by_itself_may_do_so() -> None:
     # Without retreat a law begins with concordant epipoles as well, and backs away.
-    assert astray(off(2.0), sight(), replace(SETTINGS, law='full-retreat')) == ''
+    assert excursion_limit(off(2.0), sight(), replace(SETTINGS, law='full-retreat')) == ''
 
 
 def test_near_the_goal_the_excursion_refers_to_half_a_metre() -> None:
     near = ranged(0.3)
     at_first = Leg(BEARINGS.psi, 0.29 * math.cos(BEARINGS.psi), 0.29 * math.sin(BEARINGS.psi))
-    assert astray(off(2.0, leg=at_first, extrinsics=near), sight(), SETTINGS) == ''
+    assert excursion_limit(off(2.0, leg=at_first, extrinsics=near), sight(), SETTINGS) == ''
 
 
 @pytest.mark.parametrize('phase', DRIVING)
@@ -189,7 +185,7 @@ def test_steps_1_and_2_end_where_they_lead_astray(phase: Phase) -> None:
     state = off(2.0, phase, travel=-1e3)
     state = replace(state, measurement=sight())
     bounded = phase in STEPS
-    assert (classify(state, SETTINGS) is Event.ASTRAY) == bounded
+    assert (classify(state, SETTINGS) is Event.EXCURSION) == bounded
 
 
 def test_who_may_not_back_off_at_all_does_not_and_says_what_to_do() -> None:
@@ -203,7 +199,9 @@ def test_who_may_not_back_off_at_all_does_not_and_says_what_to_do() -> None:
 
 def test_small_corrections_backward_are_no_backing_off() -> None:
     settings = replace(SETTINGS, max_retreat=0.0)
-    assert astray(in_phase(Phase.MATCHING_FEATURES, reversed=0.09), sight(), settings) == ''
-    assert 'backward' in astray(
+    assert (
+        excursion_limit(in_phase(Phase.MATCHING_FEATURES, reversed=0.09), sight(), settings) == ''
+    )
+    assert 'backward' in excursion_limit(
         in_phase(Phase.MATCHING_FEATURES, reversed=0.11), sight(), settings
     )

@@ -1,0 +1,123 @@
+"""
+State machine of a law: one row for each of its phases, and the events that lead between them.
+
+A row holds what a step asks of a phase, as functions of state, measurement and settings. Every
+machine stops, loses its tracks and fails in the same way, whatever phases a law brings.
+"""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import TYPE_CHECKING, TypeAlias
+
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.perception.measurement import Measurement
+
+if TYPE_CHECKING:
+    from visual_servo_epipolar.core.servo.settings import ServoSettings
+    from visual_servo_epipolar.core.servo.state import ServoState
+
+Classifier: TypeAlias = Callable[['ServoState', Measurement, 'ServoSettings'], Event]
+Command: TypeAlias = Callable[['ServoState', Measurement, 'ServoSettings'], Twist]
+Predicate: TypeAlias = Callable[['ServoState', Measurement, 'ServoSettings'], bool]
+Update: TypeAlias = Callable[['ServoState', Measurement, 'ServoSettings'], 'ServoState']
+
+FAILURES = (
+    Event.TIMED_OUT,
+    Event.DIVERGED,
+    Event.EXHAUSTED,
+    Event.DISOBEYED,
+    Event.EXCURSION,
+)
+REQUIRED = (Phase.WAITING, Phase.HOLDING, Phase.ARRIVED, Phase.FAILED)  # of any law
+
+
+def no_event(state: 'ServoState', measurement: Measurement, settings: 'ServoSettings') -> Event:
+    """Return the event of a phase that only an interruption ends."""
+    return Event.NOTHING
+
+
+def _lost(state: 'ServoState', measurement: Measurement, settings: 'ServoSettings') -> Event:
+    return Event.LOST
+
+
+def stand(state: 'ServoState', measurement: Measurement, settings: 'ServoSettings') -> Twist:
+    """Return the command of a phase in which the robot stands."""
+    return STANDSTILL
+
+
+def never(state: 'ServoState', measurement: Measurement, settings: 'ServoSettings') -> bool:
+    """Return that a phase has no aim that it could fulfil."""
+    return False
+
+
+def unchanged(
+    state: 'ServoState', measurement: Measurement, settings: 'ServoSettings'
+) -> 'ServoState':
+    """Return ``state`` as it is."""
+    return state
+
+
+@dataclass(frozen=True, kw_only=True)
+class PhaseRow:
+    """
+    Row of a phase: what a law does in it, and how people read it.
+
+    ``words``: what the robot does in it, a verb first; ``colour``: '#RRGGBB' in figures.
+    ``classify`` returns the event of an image, ``command`` the nominal twist, before limits, ramps
+    and dead band. ``is_settled``: whether an image fulfils the aim of the phase; ``state.settled``
+    counts such images in a row. ``is_close``: whether it is within the usual tolerance, where a
+    memory of views asks for less. ``begin`` changes the state when the phase begins, and raises
+    ValueError where it cannot: the event is then NO_GAIN. ``observe`` changes it at each image.
+    """
+
+    phase: Phase
+    words: str
+    colour: str
+    classify: Classifier = no_event
+    command: Command = stand
+    is_settled: Predicate = never
+    is_close: Predicate = never
+    begin: Update = unchanged
+    observe: Update = unchanged
+
+
+class StateMachine:
+    """State machine of a law: ``rows`` by phase, and the ``transitions`` between them."""
+
+    def __init__(
+        self, rows: Iterable[PhaseRow], transitions: Mapping[tuple[Phase, Event], Phase]
+    ) -> None:
+        self.rows: Mapping[Phase, PhaseRow] = MappingProxyType({row.phase: row for row in rows})
+        self.transitions = MappingProxyType(dict(transitions))
+        named = {phase for phase, _ in transitions} | {*transitions.values(), *REQUIRED}
+        missing = [phase.value for phase in named if phase not in self.rows]
+        if missing:
+            raise ValueError(
+                f'there is no row for {", ".join(sorted(missing))}, to or from which transitions '
+                'lead; add a PhaseRow for each to the machine of the law'
+            )
+
+    def row(self, phase: Phase) -> PhaseRow:
+        """Return the row of ``phase``; for one of another law, one that loses it: it will hold."""
+        return self.rows.get(phase) or PhaseRow(phase=phase, words='', colour='', classify=_lost)
+
+    @property
+    def first_phases(self) -> set[Phase]:
+        """Phases in which a servo may be after its first image."""
+        after = {phase for (before, _), phase in self.transitions.items() if not before.runs}
+        return {Phase.WAITING, Phase.HOLDING} | after
+
+    def next_phase(self, phase: Phase, event: Event) -> Phase:
+        """Return the phase that follows ``event``; a pair not in the table keeps the phase."""
+        return interruption(phase, event) or self.transitions.get((phase, event), phase)
+
+
+def interruption(phase: Phase, event: Event) -> Phase | None:
+    """Return the phase after an ``event`` that interrupts or ends any run; None for others."""
+    if event is Event.STOPPED:
+        return Phase.WAITING
+    if event is Event.LOST and (phase.drives or phase is Phase.WAITING):
+        return Phase.HOLDING
+    return Phase.FAILED if event in FAILURES and phase.runs else None

@@ -1,0 +1,69 @@
+"""
+Displacing: the turn in place that brings e_au to where step 1 can begin.
+
+The paper turns it away from zero alone (section IV-B, remarks); a discordant turn brings it to the
+side of e_au where the distance shrinks in step 1.
+"""
+
+import math
+
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.laws import equations
+from visual_servo_epipolar.core.laws.machine import PhaseRow
+from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.phases.bounds import engage_bound
+from visual_servo_epipolar.core.laws.phases.conditions import discordant_bearing, with_new_leg
+from visual_servo_epipolar.core.laws.phases.derived_gains import legal_target
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.values import changed
+
+
+def _classify(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
+    if measurement.bearings is None:
+        return Event.LOST
+    alpha = measurement.bearings.alpha
+    if abs(measurement.bearings.chi) <= engage_bound(measurement, settings):
+        return Event.DISPLACED  # e_du is zero already: any e_au will do
+    if not settings.options.discordant_turn and not settings.derives:
+        return Event.DISPLACED if abs(alpha) > settings.singular_epipole else Event.NOTHING
+    near = abs(alpha - math.atan(state.target)) <= settings.displacement_tolerance
+    return Event.DISPLACED if near else Event.NOTHING
+
+
+def _command(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Twist:
+    """Return the turn in place of e_au to its target (section IV-B, remarks)."""
+    if measurement.bearings is None:
+        return STANDSTILL
+    return equations.turn_epipole(
+        measurement.bearings.epipole_current, state.target, k1=settings.turn_gain
+    )
+
+
+def _begin(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
+    """Return ``state`` with a new leg, and the target of e_au; ValueError if none is legal."""
+    state = with_new_leg(state, measurement)
+    if settings.derives:
+        return changed(state, target=legal_target(state, measurement, settings))
+    return changed(state, target=_target(measurement, settings))
+
+
+def _target(measurement: Measurement, settings: ServoSettings) -> float:
+    """Return the abscissa of e_au for DISPLACING (section IV-B, remarks; or discordant)."""
+    bearings = measurement.bearings
+    if bearings is None:
+        return 0.0
+    if not settings.options.discordant_turn:
+        return math.copysign(math.tan(2.0 * settings.singular_epipole), bearings.epipole_current)
+    return math.tan(discordant_bearing(measurement, settings))
+
+
+DISPLACING = PhaseRow(
+    phase=Phase.DISPLACING,
+    words='turns, to begin step 1 with the goal on the right side',
+    colour='#56B4E9',
+    classify=_classify,
+    command=_command,
+    begin=_begin,
+)

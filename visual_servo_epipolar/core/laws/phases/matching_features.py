@@ -1,0 +1,121 @@
+"""
+Matching features: step 2, which drives straight until the features match, eqs. (21)-(22).
+
+The law says which departures are taken (``law.Law``).
+"""
+
+import math
+
+from visual_servo_epipolar.core.geometry.motion import Twist
+from visual_servo_epipolar.core.laws import equations
+from visual_servo_epipolar.core.laws.gains import CRITICAL_GAIN_DELAY
+from visual_servo_epipolar.core.laws.law import matching_control
+from visual_servo_epipolar.core.laws.machine import PhaseRow
+from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.phases.arrival import (
+    faces_goal,
+    has_parallax,
+    is_in_doubt,
+    is_near_enough,
+    stands_aside,
+)
+from visual_servo_epipolar.core.laws.phases.bounds import FACING, is_matched, trial_of
+from visual_servo_epipolar.core.laws.phases.conditions import is_untrusted
+from visual_servo_epipolar.core.laws.phases.derived_gains import gains_in_use, with_gains_of_now
+from visual_servo_epipolar.core.laws.phases.lines import lateral_offset, line_look_ahead
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.identification.delay import felt_latency
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+
+DOUBTFUL_LOOKS = 3  # times the frames of one that is sure: the noise has to be known
+YAW_FOR_NEW_ATTEMPT = math.radians(0.5)  # that the camera is learnt to differ by in this phase
+LEAST_DELAY = 1e-3  # of a loop [s]
+
+
+def _classify(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
+    if is_untrusted(measurement, settings):
+        return Event.LOST
+    if state.settled < _looks(state, measurement, settings) * settings.arrival_frames:
+        return Event.NOTHING
+    attempts_remain = state.attempts < settings.max_attempts
+    repeats = settings.options.new_attempts and attempts_remain
+    missed = Event.MISSED if repeats else Event.EXHAUSTED
+    if has_parallax(state, measurement, settings):
+        # Within a tolerance of the owner's alone it is no miss: it goes on, nearer.
+        return missed if is_matched(measurement, settings, trial_of(state)) else Event.NOTHING
+    if repeats and measurement.offset is None and state.yaw_learnt > YAW_FOR_NEW_ATTEMPT:
+        return Event.MISSED  # aside by as much as two views cannot tell
+    if faces_goal(state, measurement, settings):
+        return Event.MATCHED
+    if settings.options.final_turn:
+        return Event.TURNED
+    return missed if settings.arrival_heading > FACING else Event.MATCHED
+
+
+def _looks(state: ServoState, measurement: Measurement, settings: ServoSettings) -> int:
+    """Return how many times the usual frames decide whether this is the goal."""
+    if not is_in_doubt(measurement, settings) or stands_aside(state, measurement, settings):
+        return 1
+    return DOUBTFUL_LOOKS
+
+
+def _command(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Twist:
+    """Return eqs. (21)-(22), or their u_1 with line following instead of u_2 = 0."""
+    control = matching_control(settings.options)
+    twist = control(measurement.difference, k_t=_matching_gain(state, measurement, settings))
+    if not settings.options.line_following:
+        return twist
+    linear = min(max(twist.linear, -settings.max_linear), settings.max_linear)
+    return equations.follow_line(
+        linear,
+        lateral_offset(state, measurement),
+        measurement.heading_error,
+        look_ahead=line_look_ahead(state, measurement, settings),
+    )
+
+
+def _matching_gain(state: ServoState, measurement: Measurement, settings: ServoSettings) -> float:
+    """Return k_t of (21) [m/s]: given, derived, or a rate over the slope of D once it is known."""
+    derived = gains_in_use(state, settings)
+    k_t = settings.k_t if derived is None else derived.k_t
+    if not settings.options.slope_gain or not state.slope.value > 0.0:
+        return k_t
+    factor = equations.adaptive_gain(
+        measurement.difference, at_zero=settings.gain_at_goal, far=1.0, slope=settings.gain_slope
+    )
+    rate = settings.approach_rate
+    rate = min(k_t * state.slope.value, rate) if derived is None else min(derived.rate, rate)
+    return min(factor * rate, max(rate, _damped_rate(state, settings))) / state.slope.value
+
+
+def _damped_rate(state: ServoState, settings: ServoSettings) -> float:
+    """Return the rate [1/s] that is critically damped under the delay of the loop."""
+    delay = felt_latency(settings) + (state.period if state.period > 0.0 else 0.0)
+    return CRITICAL_GAIN_DELAY / max(delay, LEAST_DELAY)
+
+
+def _is_settled(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
+    matched = is_matched(measurement, settings, trial_of(state))
+    return matched or is_near_enough(state, measurement, settings)
+
+
+def _is_close(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
+    return is_matched(measurement, settings, trial_of(state, spent=True))
+
+
+def _begin(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
+    """Return ``state`` with its derived gains, if any; ValueError if none is legal."""
+    return with_gains_of_now(state, measurement, settings) if settings.derives else state
+
+
+MATCHING_FEATURES = PhaseRow(
+    phase=Phase.MATCHING_FEATURES,
+    words='drives straight until the features match (step 2)',
+    colour='#009E73',
+    classify=_classify,
+    command=_command,
+    is_settled=_is_settled,
+    is_close=_is_close,
+    begin=_begin,
+)

@@ -1,0 +1,53 @@
+"""
+Two steps: the laws of the paper, which zero the epipoles, then match the features.
+
+They share phases and transitions, and differ in the departures that they take.
+"""
+
+from visual_servo_epipolar.core.laws.law import DEPARTURES, Law
+from visual_servo_epipolar.core.laws.machine import StateMachine
+from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.phases.displacing import DISPLACING
+from visual_servo_epipolar.core.laws.phases.matching_features import MATCHING_FEATURES
+from visual_servo_epipolar.core.laws.phases.orienting import ORIENTING
+from visual_servo_epipolar.core.laws.phases.retreating import RETREATING
+from visual_servo_epipolar.core.laws.phases.standing import STANDING
+from visual_servo_epipolar.core.laws.phases.zeroing_epipoles import ZEROING_EPIPOLES
+
+# From a survey of the situation: at the start, and after tracks came back.
+SURVEY = {
+    Event.NO_BASELINE: Phase.ORIENTING,
+    Event.SIDEWAYS: Phase.RETREATING,
+    Event.APART: Phase.DISPLACING,
+    Event.ALIGNED: Phase.MATCHING_FEATURES,
+    Event.MATCHED: Phase.ARRIVED,
+}
+
+TWO_STEPS = StateMachine(
+    (*STANDING, ORIENTING, RETREATING, DISPLACING, ZEROING_EPIPOLES, MATCHING_FEATURES),
+    {
+        **{(Phase.WAITING, event): phase for event, phase in SURVEY.items()},
+        **{(Phase.HOLDING, event): phase for event, phase in SURVEY.items()},
+        (Phase.ORIENTING, Event.APART): Phase.DISPLACING,
+        (Phase.ORIENTING, Event.SIDEWAYS): Phase.RETREATING,
+        (Phase.ORIENTING, Event.ALIGNED): Phase.MATCHING_FEATURES,
+        (Phase.ORIENTING, Event.MATCHED): Phase.ARRIVED,
+        (Phase.RETREATING, Event.APART): Phase.DISPLACING,
+        (Phase.RETREATING, Event.ALIGNED): Phase.MATCHING_FEATURES,
+        (Phase.DISPLACING, Event.DISPLACED): Phase.ZEROING_EPIPOLES,
+        (Phase.DISPLACING, Event.NO_GAIN): Phase.FAILED,
+        (Phase.ZEROING_EPIPOLES, Event.ALIGNED): Phase.MATCHING_FEATURES,
+        (Phase.ZEROING_EPIPOLES, Event.SIDEWAYS): Phase.RETREATING,
+        (Phase.ZEROING_EPIPOLES, Event.ESCAPED): Phase.DISPLACING,
+        (Phase.ZEROING_EPIPOLES, Event.NO_BASELINE): Phase.ORIENTING,
+        (Phase.ZEROING_EPIPOLES, Event.NO_GAIN): Phase.DISPLACING,
+        (Phase.MATCHING_FEATURES, Event.NO_GAIN): Phase.FAILED,
+        (Phase.MATCHING_FEATURES, Event.MATCHED): Phase.ARRIVED,
+        (Phase.MATCHING_FEATURES, Event.TURNED): Phase.ORIENTING,
+        (Phase.MATCHING_FEATURES, Event.MISSED): Phase.RETREATING,
+    },
+)
+
+PAPER = Law(new_attempts=True)
+CORRECTED = PAPER.changed({'true_sigma': True})
+FULL = PAPER.changed(dict.fromkeys(DEPARTURES, True))
