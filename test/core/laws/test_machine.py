@@ -1,12 +1,15 @@
 """The state machine, executed: every transition, and what must always be possible."""
 
 from itertools import product
+import pickle
 
 import pytest
-from servo_states import DRIVING, ENDED, EVENTS, PHASES
+from servo_states import DRIVING, ENDED, EVENTS, in_phase, PHASES, SETTINGS, sight
 
-from visual_servo_epipolar.core.laws.machine import interruption
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL
+from visual_servo_epipolar.core.laws.machine import interruption, StateMachine
 from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.phases.standing import STANDING
 from visual_servo_epipolar.core.laws.two_steps import TWO_STEPS
 
 # Written down anew on purpose: the transitions that are meant, not a copy of the code's.
@@ -40,7 +43,7 @@ def test_the_machine_goes_where_the_design_sends_it(
 
 
 # What each event means to whom it may happen, in words of its own.
-STANDING = {Phase.WAITING, Phase.HOLDING}
+SURVEYING = {Phase.WAITING, Phase.HOLDING}
 DRIVERS = {
     Phase.ORIENTING,
     Phase.RETREATING,
@@ -50,19 +53,19 @@ DRIVERS = {
 }
 MEANING = {
     Event.NOTHING: {},
-    Event.NO_BASELINE: dict.fromkeys({*STANDING, Phase.ZEROING_EPIPOLES}, Phase.ORIENTING),
+    Event.NO_BASELINE: dict.fromkeys({*SURVEYING, Phase.ZEROING_EPIPOLES}, Phase.ORIENTING),
     Event.SIDEWAYS: dict.fromkeys(
-        {*STANDING, Phase.ORIENTING, Phase.ZEROING_EPIPOLES}, Phase.RETREATING
+        {*SURVEYING, Phase.ORIENTING, Phase.ZEROING_EPIPOLES}, Phase.RETREATING
     ),
-    Event.APART: dict.fromkeys({*STANDING, Phase.ORIENTING, Phase.RETREATING}, Phase.DISPLACING),
+    Event.APART: dict.fromkeys({*SURVEYING, Phase.ORIENTING, Phase.RETREATING}, Phase.DISPLACING),
     Event.ALIGNED: dict.fromkeys(
-        {*STANDING, Phase.ORIENTING, Phase.RETREATING, Phase.ZEROING_EPIPOLES},
+        {*SURVEYING, Phase.ORIENTING, Phase.RETREATING, Phase.ZEROING_EPIPOLES},
         Phase.MATCHING_FEATURES,
     ),
     Event.DISPLACED: {Phase.DISPLACING: Phase.ZEROING_EPIPOLES},
     Event.ESCAPED: {Phase.ZEROING_EPIPOLES: Phase.DISPLACING},
     Event.MATCHED: dict.fromkeys(
-        {*STANDING, Phase.ORIENTING, Phase.MATCHING_FEATURES}, Phase.ARRIVED
+        {*SURVEYING, Phase.ORIENTING, Phase.MATCHING_FEATURES}, Phase.ARRIVED
     ),
     Event.TURNED: {Phase.MATCHING_FEATURES: Phase.ORIENTING},
     Event.MISSED: {Phase.MATCHING_FEATURES: Phase.RETREATING},
@@ -163,3 +166,33 @@ def test_the_names_are_those_of_the_contract() -> None:
 def test_the_table_cannot_be_changed() -> None:
     with pytest.raises(TypeError, match='does not support item assignment'):
         TWO_STEPS.transitions[Phase.FAILED, Event.APART] = Phase.WAITING  # type: ignore[index]
+
+
+def test_no_law_overrides_what_interrupts_a_run() -> None:
+    daring = {(Phase.DISPLACING, Event.LOST): Phase.MATCHING_FEATURES}
+    machine = StateMachine(TWO_STEPS.rows.values(), {**TWO_STEPS.transitions, **daring})
+    assert machine.next_phase(Phase.DISPLACING, Event.LOST) is Phase.HOLDING
+
+
+def test_a_transition_to_a_phase_without_a_row_is_refused() -> None:
+    with pytest.raises(ValueError, match='no row for zeroing_epipoles'):
+        StateMachine(STANDING, {(Phase.WAITING, Event.APART): Phase.ZEROING_EPIPOLES})
+
+
+def test_a_word_is_that_of_one_phase() -> None:
+    with pytest.raises(ValueError, match="'holding' is defined already; choose another word"):
+        Phase('holding')
+
+
+@pytest.mark.parametrize('phase', PHASES)
+def test_a_phase_is_the_same_object_after_a_trip_to_another_process(phase: Phase) -> None:
+    assert pickle.loads(pickle.dumps(phase)) is phase
+
+
+def test_the_servo_holds_in_a_phase_that_its_law_does_not_have() -> None:
+    """The law was changed on the way."""
+    machine = StateMachine(STANDING, {})
+    row = machine.row(Phase.DISPLACING)
+    state = in_phase(Phase.DISPLACING)
+    assert row.command(state, sight(), SETTINGS) == STANDSTILL
+    assert row.classify(state, sight(), SETTINGS) is Event.LOST
