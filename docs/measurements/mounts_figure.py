@@ -19,15 +19,15 @@ from matplotlib.colors import Normalize, to_hex
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
-from visual_servo_epipolar.evaluation.benchmarks.mounts import benchmark as mounts
-from visual_servo_epipolar.evaluation.benchmarks.mounts.cells import (
+from visual_servo_epipolar.evaluation.benchmarks.arrivals import mounts
+from visual_servo_epipolar.evaluation.benchmarks.arrivals.mount_cells import (
     AHEADS,
     ASIDES,
     ROLLS,
     TILTS,
     YAWS,
 )
-from visual_servo_epipolar.evaluation.benchmarks.mounts.table import number
+from visual_servo_epipolar.evaluation.tables import number
 from visual_servo_epipolar.report.legend import legend_outside
 from visual_servo_epipolar.report.style import FIGURE_SETTINGS, text_colour_on
 
@@ -87,7 +87,7 @@ def _cell(axes: Axes, x: int, y: int, row: Row) -> None:
     if alarming(row):
         frame = {'fill': False, 'edgecolor': ALARM, 'lw': 2.0, 'zorder': 3}
         axes.add_patch(Rectangle((x - 0.47, y - 0.45), 0.94, 0.9, **frame))
-    p95 = number(row['position_error_m']['p95'], 1e3, 1)
+    p95 = number(row['position_error_m']['p95'], 1, 1e3)
     text = f'{share:.0f} %' + ('' if p95 == '-' else f'\n{p95} mm')
     axes.text(
         x, y, text, ha='center', va='center', fontsize=7.0, color=text_colour_on(colour), zorder=4

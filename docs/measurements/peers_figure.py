@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
-from visual_servo_epipolar.evaluation.benchmarks.laws import benchmark as laws
-from visual_servo_epipolar.evaluation.benchmarks.laws.adapter import PEERS
+from visual_servo_epipolar.evaluation.benchmarks.arrivals import laws
+from visual_servo_epipolar.evaluation.benchmarks.arrivals.peer_steps import PEERS
 from visual_servo_epipolar.report.legend import legend_outside
 from visual_servo_epipolar.report.style import FIGURE_SETTINGS, INK, robot_body, robot_nose
 

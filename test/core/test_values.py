@@ -6,7 +6,7 @@ import pytest
 
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.values import changed
-from visual_servo_epipolar.evaluation.benchmarks.laws.adapter import PeerState
+from visual_servo_epipolar.evaluation.benchmarks.arrivals.peer_steps import PeerState
 
 
 def test_a_changed_copy_is_what_replace_gives() -> None:

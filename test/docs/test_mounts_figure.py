@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 import pytest
 from sweeps import result
 
-from visual_servo_epipolar.evaluation.benchmarks.mounts.cells import on_features
+from visual_servo_epipolar.evaluation.benchmarks.arrivals.mount_cells import on_features
 from visual_servo_epipolar.sweeping.summary import summary_of
 
 DOCS = Path(__file__).parents[2] / 'docs' / 'measurements'

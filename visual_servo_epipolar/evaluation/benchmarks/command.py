@@ -3,8 +3,8 @@
 import argparse
 from collections.abc import Mapping
 from contextlib import closing
-from importlib import import_module
 from pathlib import Path
+from pkgutil import resolve_name
 import sys
 from typing import Any
 
@@ -14,24 +14,26 @@ from visual_servo_epipolar.commands.files.output import check_json, write_json
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.nodes.startup.missing import remedy
 
-# Each module has run(*, seed, quick, say) -> document and table(document) -> text; OPTIONS are
-# those of the command line that its run takes beside, figures(document) what histories compare.
+# Each row names a module, or a name in one, with run(*, seed, quick, say) -> document and
+# table(document) -> text; OPTIONS are those of the command line that its run takes beside,
+# figures(document) what histories compare.
+HERE = 'visual_servo_epipolar.evaluation.benchmarks'
 BENCHMARKS: Mapping[str, str] = {
-    'estimation': 'visual_servo_epipolar.evaluation.benchmarks.estimation.benchmark',
-    'memory': 'visual_servo_epipolar.evaluation.benchmarks.memory.benchmark',
-    'tracking': 'visual_servo_epipolar.evaluation.benchmarks.tracking.benchmark',
-    'sweep': 'visual_servo_epipolar.evaluation.benchmarks.sweep',
-    'laws': 'visual_servo_epipolar.evaluation.benchmarks.laws.benchmark',
-    'loop': 'visual_servo_epipolar.evaluation.benchmarks.loop',
-    'latency': 'visual_servo_epipolar.evaluation.benchmarks.latency.benchmark',
-    'soak': 'visual_servo_epipolar.evaluation.benchmarks.soak.benchmark',
-    'recording': 'visual_servo_epipolar.evaluation.benchmarks.recording.benchmark',
-    'calibration': 'visual_servo_epipolar.evaluation.benchmarks.calibration',
-    'render': 'visual_servo_epipolar.evaluation.benchmarks.rendering.benchmark',
-    'ablation': 'visual_servo_epipolar.evaluation.benchmarks.ablation',
-    'mounts': 'visual_servo_epipolar.evaluation.benchmarks.mounts.benchmark',
-    'mounts_images': 'visual_servo_epipolar.evaluation.benchmarks.mounts.images',
-    'real': 'visual_servo_epipolar.evaluation.benchmarks.real',
+    'estimation': f'{HERE}.estimation.benchmark',
+    'memory': f'{HERE}.memory.benchmark',
+    'tracking': f'{HERE}.tracking.benchmark',
+    'sweep': f'{HERE}.speed.sweep',
+    'laws': f'{HERE}.arrivals.laws',
+    'loop': f'{HERE}.speed.demo',
+    'latency': f'{HERE}.speed.latency',
+    'soak': f'{HERE}.speed.soak',
+    'recording': f'{HERE}.speed.recording',
+    'calibration': f'{HERE}.arrivals.calibration',
+    'render': f'{HERE}.speed.rendering',
+    'ablation': f'{HERE}.arrivals.ablation',
+    'mounts': f'{HERE}.arrivals.mounts',
+    'mounts_images': f'{HERE}.arrivals.mounts:ON_IMAGES',
+    'real': f'{HERE}.real',
 }
 LATENCY_NODES = ('unicycle,camera,tracker,servo', 'tracker,servo')
 ON_REQUEST = ('mounts_images', 'soak', 'real')  # too long to be run unless they are named
@@ -116,6 +118,6 @@ def _photographs(which: list[str]) -> Any:
 
 def _benchmark(name: str) -> Any:
     try:
-        return import_module(BENCHMARKS[name])
+        return resolve_name(BENCHMARKS[name])
     except ImportError as error:
         raise InputError(f'benchmark {name} cannot be run: {remedy(error)}') from None

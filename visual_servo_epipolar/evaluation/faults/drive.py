@@ -7,7 +7,7 @@ from visual_servo_epipolar.core.laws.registry import phase_named
 from visual_servo_epipolar.evaluation.faults.catalogue.fault import Fault, Scene
 from visual_servo_epipolar.evaluation.faults.judging.motion import moving
 from visual_servo_epipolar.evaluation.faults.judging.witness import BASE, SERVO
-from visual_servo_epipolar.evaluation.faults.world import NODES
+from visual_servo_epipolar.evaluation.live.world import NODES
 
 LOOK_S = 0.1  # how often the phase is looked at
 REST_S = 8.0  # that a robot must stand until a run is over: longer than the servo holds

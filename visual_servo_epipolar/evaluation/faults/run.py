@@ -14,7 +14,7 @@ from visual_servo_epipolar.evaluation.faults.drive import Drive, Moment
 from visual_servo_epipolar.evaluation.faults.judging.judge import judged
 from visual_servo_epipolar.evaluation.faults.judging.record import Bounds
 from visual_servo_epipolar.evaluation.faults.judging.witness import SERVO, Witness
-from visual_servo_epipolar.evaluation.faults.world import small_camera, World, WorldSettings
+from visual_servo_epipolar.evaluation.live.world import small_camera, World, WorldSettings
 
 SLACK_S = 0.15  # watchdog, messages and ticks of the base
 BESIDE = 0.25  # part of the starts from which the robot turns and backs off first

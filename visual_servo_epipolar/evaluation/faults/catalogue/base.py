@@ -6,10 +6,10 @@ from types import MappingProxyType
 
 from geometry_msgs.msg import Twist as TwistMessage
 
-from visual_servo_epipolar.evaluation.faults.base import BreakableUnicycleNode
 from visual_servo_epipolar.evaluation.faults.catalogue.fault import ALWAYS, Fault, Scene
 from visual_servo_epipolar.evaluation.faults.catalogue.streams import dropped
-from visual_servo_epipolar.evaluation.faults.wire.parcel import Parcel
+from visual_servo_epipolar.evaluation.live.breakable_base import BreakableUnicycleNode
+from visual_servo_epipolar.evaluation.live.wire import Envelope
 
 COMMANDS = '/cmd_vel'
 DELAY_S = 0.3
@@ -41,7 +41,7 @@ def _garbage(scene: Scene) -> None:
     def send() -> None:
         twist = TwistMessage()
         twist.linear.x, twist.angular.z = OTHERS[int(scene.rng.integers(len(OTHERS)))]
-        scene.world.wire.send(Parcel(COMMANDS, twist, 0))
+        scene.world.wire.send(Envelope(COMMANDS, twist, 0))
 
     for number in range(round(OTHERS_S * 20)):
         scene.later(number / 20, send)
@@ -49,7 +49,7 @@ def _garbage(scene: Scene) -> None:
 
 def _disconnected(scene: Scene) -> None:
     """Let no command reach the base."""
-    scene.filter(COMMANDS, lambda parcel: [], scene.spell(3.0, 10.0))
+    scene.filter(COMMANDS, lambda envelope: [], scene.spell(3.0, 10.0))
 
 
 def _joystick(scene: Scene) -> None:
@@ -60,7 +60,7 @@ def _joystick(scene: Scene) -> None:
     scene.notes.append(f'{twist.linear.x:.2f} m/s, {twist.angular.z:.2f} rad/s')
     for number in range(round(JOYSTICK_S * JOYSTICK_RATE)):
         scene.later(
-            number / JOYSTICK_RATE, lambda: scene.world.wire.send(Parcel(COMMANDS, twist, 0))
+            number / JOYSTICK_RATE, lambda: scene.world.wire.send(Envelope(COMMANDS, twist, 0))
         )
 
 

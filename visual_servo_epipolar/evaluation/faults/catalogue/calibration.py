@@ -17,9 +17,8 @@ from visual_servo_epipolar.evaluation.faults.catalogue.fault import (
     Fault,
     Scene,
 )
-from visual_servo_epipolar.evaluation.faults.wire.parcel import Parcel
-from visual_servo_epipolar.evaluation.faults.wire.wire import HOP_NS
-from visual_servo_epipolar.evaluation.faults.world import WorldSettings
+from visual_servo_epipolar.evaluation.live.wire import Envelope, HOP_NS
+from visual_servo_epipolar.evaluation.live.world import WorldSettings
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
@@ -38,9 +37,9 @@ def _info(change: Callable[[Any], object]) -> Callable[[Scene], None]:
     """Change what camera_info says, from now on."""
 
     def strike(scene: Scene) -> None:
-        def alter(parcel: Parcel) -> list[Parcel]:
-            change(parcel.message)
-            return [parcel]
+        def alter(envelope: Envelope) -> list[Envelope]:
+            change(envelope.message)
+            return [envelope]
 
         scene.filter(INFO, alter)
 
@@ -90,16 +89,16 @@ def _larger(info: Any) -> None:
 
 
 def _missing(scene: Scene) -> None:
-    scene.filter(INFO, lambda parcel: [])
+    scene.filter(INFO, lambda envelope: [])
 
 
 def _flickering(scene: Scene) -> None:
     """Let two cameras speak in turns."""
 
-    def alter(parcel: Parcel) -> list[Parcel]:
+    def alter(envelope: Envelope) -> list[Envelope]:
         if scene.hits(0.5):
-            _longer(parcel.message)
-        return [parcel]
+            _longer(envelope.message)
+        return [envelope]
 
     scene.filter(INFO, alter)
 
@@ -110,8 +109,8 @@ def photograph(pixels: Callable[[Scene], Pixels]) -> Callable[[Scene], None]:
     def strike(scene: Scene) -> None:
         image = pixels(scene)
         message: Image = write.image(image, 'mono8', 0, 'camera_optical_frame')
-        scene.world.wire.filters[DESIRED].append(lambda parcel: [parcel.changed(message=message)])
-        scene.world.wire.send(Parcel(DESIRED, message, 2 * HOP_NS))
+        scene.filter(DESIRED, lambda envelope: [envelope.changed(message=message)])
+        scene.world.wire.send(Envelope(DESIRED, message, 2 * HOP_NS))
 
     return strike
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.evaluation.faults.catalogue.fault import ALWAYS, AT_FIRST, Fault, Scene
-from visual_servo_epipolar.evaluation.faults.wire.parcel import Parcel
-from visual_servo_epipolar.evaluation.faults.world import WorldSettings
+from visual_servo_epipolar.evaluation.live.wire import Envelope
+from visual_servo_epipolar.evaluation.live.world import WorldSettings
 from visual_servo_epipolar.messages import write
 
 CLOCK = '/clock'
@@ -31,20 +31,20 @@ def _simulated(settings: WorldSettings, rng: np.random.Generator) -> WorldSettin
 
 
 def _stop(scene: Scene) -> None:
-    scene.filter(CLOCK, lambda parcel: [], scene.spell(0.5, 10.0))
+    scene.filter(CLOCK, lambda envelope: [], scene.spell(0.5, 10.0))
 
 
 def _restart(scene: Scene) -> None:
     """Let the simulation begin at 0 again."""
     begin: list[int] = []
 
-    def again(parcel: Parcel) -> list[Parcel]:
-        clock = parcel.message.clock
+    def again(envelope: Envelope) -> list[Envelope]:
+        clock = envelope.message.clock
         now_ns = int(clock.sec) * NANOSECONDS + int(clock.nanosec)
         if not begin:
             begin.append(now_ns)
         clock.sec, clock.nanosec = divmod(now_ns - begin[0] + NANOSECONDS, NANOSECONDS)
-        return [parcel]
+        return [envelope]
 
     scene.filter(CLOCK, again)
 
@@ -56,7 +56,7 @@ def _freeze(scene: Scene) -> None:
     end_ns = wire.now_ns + round(seconds * NANOSECONDS)
 
     def tick() -> None:
-        wire.post(Parcel(CLOCK, write.clock(wire.wall_ns), 0))
+        wire.post(Envelope(CLOCK, write.clock(wire.wall_ns), 0))
         if wire.now_ns < end_ns:
             wire.at(wire.now_ns + NANOSECONDS // 50, tick)
 

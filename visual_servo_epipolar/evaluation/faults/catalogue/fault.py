@@ -9,8 +9,8 @@ import numpy as np
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.evaluation.faults.judging.witness import Witness
-from visual_servo_epipolar.evaluation.faults.wire.parcel import Filter
-from visual_servo_epipolar.evaluation.faults.world import World, WorldSettings
+from visual_servo_epipolar.evaluation.live.wire import Filter
+from visual_servo_epipolar.evaluation.live.world import World, WorldSettings
 
 # Phases that nearly every run goes through, where the robot moves.
 EVERYWHERE = (Phase.DISPLACING, Phase.ZEROING_EPIPOLES, Phase.MATCHING_FEATURES)

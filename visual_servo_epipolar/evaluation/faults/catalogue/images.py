@@ -12,16 +12,16 @@ from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.evaluation.faults.catalogue.calibration import photograph, taken
 from visual_servo_epipolar.evaluation.faults.catalogue.fault import ALWAYS, AT_FIRST, Fault, Scene
 from visual_servo_epipolar.evaluation.faults.catalogue.streams import IMAGES
-from visual_servo_epipolar.evaluation.faults.wire.parcel import Parcel
+from visual_servo_epipolar.evaluation.live.wire import Envelope
 
 LONGEST_S = 10.0
 KEPT = 40  # images that another may be swapped for
 BLOB = 0.45  # of the image's height and width, what covers part of it
 
 
-def untrue(parcel: Parcel, message: Any) -> Parcel:
-    """Return ``parcel`` with a message that does not show what was there."""
-    return parcel.changed(message=message, sight=parcel.sight and parcel.sight.lie())
+def untrue(envelope: Envelope, message: Any) -> Envelope:
+    """Return ``envelope`` with a message that does not show what was there."""
+    return envelope.changed(message=message, sight=envelope.sight and envelope.sight.lie())
 
 
 def showing(message: Any, data: bytes) -> Any:
@@ -36,15 +36,15 @@ def _frozen(*, stamps: bool) -> Callable[[Scene], None]:
     """Return a camera that hangs: it repeats an image, with stamps that go on or not."""
 
     def strike(scene: Scene) -> None:
-        kept: list[Parcel] = []
+        kept: list[Envelope] = []
 
-        def freeze(parcel: Parcel) -> list[Parcel]:
+        def freeze(envelope: Envelope) -> list[Envelope]:
             if not kept:
-                kept.append(parcel)
+                kept.append(envelope)
             message = showing(kept[0].message, kept[0].message.data.tobytes())
             if stamps:
-                message.header = parcel.message.header
-            return [parcel.changed(message=message, sight=kept[0].sight)]
+                message.header = envelope.message.header
+            return [envelope.changed(message=message, sight=kept[0].sight)]
 
         scene.filter(IMAGES, freeze, scene.spell(0.5, LONGEST_S))
 
@@ -52,13 +52,13 @@ def _frozen(*, stamps: bool) -> Callable[[Scene], None]:
 
 
 def _swapped(scene: Scene) -> None:
-    kept: deque[Parcel] = deque(maxlen=KEPT)
+    kept: deque[Envelope] = deque(maxlen=KEPT)
 
-    def swap(parcel: Parcel) -> list[Parcel]:
-        kept.append(parcel)
+    def swap(envelope: Envelope) -> list[Envelope]:
+        kept.append(envelope)
         other = kept[int(scene.rng.integers(len(kept)))]
-        message = showing(parcel.message, other.message.data.tobytes())
-        return [parcel.changed(message=message, sight=other.sight)]
+        message = showing(envelope.message, other.message.data.tobytes())
+        return [envelope.changed(message=message, sight=other.sight)]
 
     scene.filter(IMAGES, swap, scene.spell(0.5, LONGEST_S))
 
@@ -66,19 +66,19 @@ def _swapped(scene: Scene) -> None:
 def _loop(scene: Scene) -> None:
     """Play the images of the next seconds again and again, as a bag in a loop: old stamps, too."""
     length = int(scene.rng.integers(10, 60))
-    bag: list[Parcel] = []
+    bag: list[Envelope] = []
     scene.notes.append(f'{length} images long')
     played = 0
 
-    def play(parcel: Parcel) -> list[Parcel]:
+    def play(envelope: Envelope) -> list[Envelope]:
         nonlocal played
         if len(bag) < length:
-            bag.append(parcel)
-            return [parcel]
+            bag.append(envelope)
+            return [envelope]
         old = bag[played % length]
         played += 1
         message = showing(old.message, old.message.data.tobytes())
-        return [parcel.changed(message=message, sight=old.sight)]
+        return [envelope.changed(message=message, sight=old.sight)]
 
     scene.filter(IMAGES, play)
 
@@ -87,11 +87,11 @@ def _seen(pixels: Callable[[Pixels, Scene], Any]) -> Callable[[Scene], None]:
     """Return images in which ``pixels`` stand for those that were taken."""
 
     def strike(scene: Scene) -> None:
-        def show(parcel: Parcel) -> list[Parcel]:
-            message = parcel.message
+        def show(envelope: Envelope) -> list[Envelope]:
+            message = envelope.message
             image = np.frombuffer(message.data, np.uint8).reshape(message.height, message.width)
             shown = _contiguous(pixels(image, scene))
-            return [untrue(parcel, showing(message, shown.tobytes()))]
+            return [untrue(envelope, showing(message, shown.tobytes()))]
 
         scene.filter(IMAGES, show, scene.spell(0.3, LONGEST_S))
 
@@ -125,11 +125,11 @@ def _mounted(pixels: Callable[[Pixels, Scene], Any]) -> Callable[[Scene], None]:
         return _contiguous(pixels(taken(scene.world.settings.camera, DESIRED_POSE), scene))
 
     def strike(scene: Scene) -> None:
-        def show(parcel: Parcel) -> list[Parcel]:
-            message = parcel.message
+        def show(envelope: Envelope) -> list[Envelope]:
+            message = envelope.message
             image = np.frombuffer(message.data, np.uint8).reshape(message.height, message.width)
             shown = _contiguous(pixels(image, scene))
-            return [parcel.changed(message=showing(message, shown.tobytes()))]
+            return [envelope.changed(message=showing(message, shown.tobytes()))]
 
         scene.filter(IMAGES, show)
         photograph(taken_so)(scene)
@@ -145,13 +145,13 @@ def _covered(scene: Scene) -> None:
     """Cover part of the images with what moves along: what is left is true."""
     place, shade = scene.rng.random(2), scene.rng.integers(0, 256)
 
-    def cover(parcel: Parcel) -> list[Parcel]:
-        message = parcel.message
+    def cover(envelope: Envelope) -> list[Envelope]:
+        message = envelope.message
         image = np.frombuffer(message.data, np.uint8).reshape(message.height, message.width).copy()
         size = (BLOB * np.array(image.shape)).astype(int)
         top, left = (place * (np.array(image.shape) - size)).astype(int)
         image[top : top + size[0], left : left + size[1]] = shade
-        return [parcel.changed(message=showing(message, image.tobytes()))]
+        return [envelope.changed(message=showing(message, image.tobytes()))]
 
     scene.filter(IMAGES, cover, scene.spell(0.3, LONGEST_S))
 
@@ -160,9 +160,9 @@ def _damaged(change: Callable[[Any, Scene], None]) -> Callable[[Scene], None]:
     """Return images that contradict their own head."""
 
     def strike(scene: Scene) -> None:
-        def damage(parcel: Parcel) -> list[Parcel]:
-            change(parcel.message, scene)
-            return [untrue(parcel, parcel.message)]
+        def damage(envelope: Envelope) -> list[Envelope]:
+            change(envelope.message, scene)
+            return [untrue(envelope, envelope.message)]
 
         scene.filter(IMAGES, damage, scene.spell(0.3, LONGEST_S))
 

@@ -5,7 +5,7 @@ from functools import partial
 from types import MappingProxyType
 
 from visual_servo_epipolar.evaluation.faults.catalogue.fault import ALWAYS, Fault, Scene
-from visual_servo_epipolar.evaluation.faults.world import NODES
+from visual_servo_epipolar.evaluation.live.world import NODES
 
 TRANSITIONS = ('configure', 'activate', 'deactivate', 'cleanup', 'shutdown')
 TRANSITIONS_IN_A_RUN = 12

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from visual_servo_epipolar.evaluation.faults.catalogue.fault import EVERYWHERE, Fault, Scene
-from visual_servo_epipolar.evaluation.faults.wire.parcel import Parcel
-from visual_servo_epipolar.evaluation.faults.world import WorldSettings
+from visual_servo_epipolar.evaluation.live.wire import Envelope
+from visual_servo_epipolar.evaluation.live.world import WorldSettings
 
 ODOMETRY = '/odom'
 
@@ -24,13 +24,13 @@ def _told(change: Callable[[Any, list[Any]], object]) -> Callable[[Scene], None]
     def strike(scene: Scene) -> None:
         first: list[Any] = []
 
-        def alter(parcel: Parcel) -> list[Parcel]:
-            pose = parcel.message.pose.pose
+        def alter(envelope: Envelope) -> list[Envelope]:
+            pose = envelope.message.pose.pose
             if not first:
                 place, turn = pose.position, pose.orientation
                 first.extend((place.x, place.y, turn.z, turn.w))
             change(pose, first)
-            return [parcel]
+            return [envelope]
 
         scene.filter(ODOMETRY, alter)
 

@@ -21,9 +21,8 @@ from visual_servo_epipolar.evaluation.faults.catalogue.fault import (
     Fault,
     Scene,
 )
-from visual_servo_epipolar.evaluation.faults.wire.parcel import Parcel
-from visual_servo_epipolar.evaluation.faults.wire.wire import HOP_NS
-from visual_servo_epipolar.evaluation.faults.world import WorldSettings
+from visual_servo_epipolar.evaluation.live.wire import Envelope, HOP_NS
+from visual_servo_epipolar.evaluation.live.world import WorldSettings
 from visual_servo_epipolar.messages import write
 
 SERVICES = (
@@ -84,7 +83,7 @@ def _pressed(scene: Scene) -> None:
 
 
 def _button(scene: Scene, *, pressed: bool) -> None:
-    scene.world.wire.post(Parcel(BUTTON, Bool(data=pressed), HOP_NS))
+    scene.world.wire.post(Envelope(BUTTON, Bool(data=pressed), HOP_NS))
 
 
 def _two_buttons(scene: Scene) -> None:
@@ -117,7 +116,7 @@ def _started_too_early(missing: str) -> Callable[[Scene], None]:
 def _started_without_photograph(scene: Scene) -> None:
     """Order to start before there is a photograph, which comes a minute later."""
     wire = scene.world.wire
-    scene.filter(PHOTOGRAPH, lambda parcel: [], LATER_S)
+    scene.filter(PHOTOGRAPH, lambda envelope: [], LATER_S)
     for name in ('camera_node', 'tracker_node'):
         scene.world.kill(name)
     wire.forget(PHOTOGRAPH)
@@ -135,7 +134,7 @@ def _started_without_clock(scene: Scene) -> None:
     scene.witness.record.stopped_s = scene.witness.now_s
 
     def tick() -> None:
-        wire.post(Parcel(CLOCK, write.clock(wire.wall_ns), 0))
+        wire.post(Envelope(CLOCK, write.clock(wire.wall_ns), 0))
         wire.at(wire.now_ns + NANOSECONDS // 50, tick)
 
     scene.later(LATER_S, tick)

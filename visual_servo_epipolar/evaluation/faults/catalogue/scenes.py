@@ -14,9 +14,8 @@ from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.evaluation.faults.catalogue.calibration import DESIRED, taken
 from visual_servo_epipolar.evaluation.faults.catalogue.fault import AT_FIRST, Fault, Scene
 from visual_servo_epipolar.evaluation.faults.catalogue.streams import IMAGES
-from visual_servo_epipolar.evaluation.faults.wire.parcel import Parcel
-from visual_servo_epipolar.evaluation.faults.wire.wire import HOP_NS
-from visual_servo_epipolar.evaluation.faults.world import WorldSettings
+from visual_servo_epipolar.evaluation.live.wire import Envelope, HOP_NS
+from visual_servo_epipolar.evaluation.live.world import WorldSettings
 
 TRUTH = '/ground_truth'
 FARTHER = 4.0  # than else, where the scene is deep
@@ -34,10 +33,10 @@ def _look_far(scene: Scene) -> None:
     depth = scene.world.settings.depth
     scene.notes.append(f'{depth:.0f} times as deep')
 
-    def look(parcel: Parcel) -> list[Parcel]:
-        position = parcel.message.pose.pose.position
+    def look(envelope: Envelope) -> list[Envelope]:
+        position = envelope.message.pose.pose.position
         position.x, position.y = position.x / depth, position.y / depth
-        return [parcel]
+        return [envelope]
 
     scene.filter(TRUTH, look)
 
@@ -53,18 +52,18 @@ def _jpeg_damaged(scene: Scene) -> None:
     scene.notes.append(f'{share:.0%} of them, for {end_s - begin_s:.1f} s')
     scene.later(end_s - scene.witness.now_s, lambda: None)
 
-    def compress(parcel: Parcel) -> list[Parcel]:
-        image = parcel.message
+    def compress(envelope: Envelope) -> list[Envelope]:
+        image = envelope.message
         jpeg = _jpeg(np.frombuffer(image.data, np.uint8).reshape(image.height, image.width))
         if begin_s <= scene.witness.now_s < end_s and scene.hits(share):
             first = int(len(jpeg) * scene.draw(0.3, 0.7))
             jpeg[first : first + len(jpeg) // 10] = scene.rng.integers(0, 255)
         message = _compressed(image.header, jpeg)
-        return [parcel.changed(topic=f'{IMAGES}/compressed', message=message)]
+        return [envelope.changed(topic=f'{IMAGES}/compressed', message=message)]
 
     photograph = _jpeg(taken(scene.world.settings.camera, DESIRED_POSE))
     message = _compressed(Header(), photograph)
-    scene.world.wire.send(Parcel(f'{DESIRED}/compressed', message, HOP_NS))
+    scene.world.wire.send(Envelope(f'{DESIRED}/compressed', message, HOP_NS))
     scene.filter(IMAGES, compress)
 
 

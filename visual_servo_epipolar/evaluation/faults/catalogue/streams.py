@@ -5,15 +5,15 @@ from types import MappingProxyType
 
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.evaluation.faults.catalogue.fault import ALWAYS, Fault, Scene
-from visual_servo_epipolar.evaluation.faults.wire.parcel import Parcel
+from visual_servo_epipolar.evaluation.live.wire import Envelope
 
 IMAGES = '/image_raw'
 Stamp = Callable[[int, Scene], int]
 
 
-def delayed(parcel: Parcel, seconds: float) -> Parcel:
-    """Return ``parcel``, later by ``seconds``."""
-    return parcel.changed(delay_ns=parcel.delay_ns + round(seconds * NANOSECONDS))
+def delayed(envelope: Envelope, seconds: float) -> Envelope:
+    """Return ``envelope``, later by ``seconds``."""
+    return envelope.changed(delay_ns=envelope.delay_ns + round(seconds * NANOSECONDS))
 
 
 def dropped(topic: str) -> Callable[[Scene], None]:
@@ -22,7 +22,7 @@ def dropped(topic: str) -> Callable[[Scene], None]:
     def strike(scene: Scene) -> None:
         share = scene.draw(0.1, 0.5)
         scene.notes.append(f'{share:.0%} of them')
-        scene.filter(topic, lambda parcel: [] if scene.hits(share) else [parcel])
+        scene.filter(topic, lambda envelope: [] if scene.hits(share) else [envelope])
 
     return strike
 
@@ -33,7 +33,7 @@ def gap(topic: str) -> Callable[[Scene], None]:
     def strike(scene: Scene) -> None:
         seconds = scene.draw(0.3, 8.0)
         scene.notes.append(f'for {seconds:.1f} s')
-        scene.filter(topic, lambda parcel: [], seconds)
+        scene.filter(topic, lambda envelope: [], seconds)
 
     return strike
 
@@ -44,34 +44,34 @@ def late(topic: str, low: float, high: float) -> Callable[[Scene], None]:
     def strike(scene: Scene) -> None:
         delay = scene.draw(low, high)
         scene.notes.append(f'by {delay:.2f} s')
-        scene.filter(topic, lambda parcel: [delayed(parcel, delay)])
+        scene.filter(topic, lambda envelope: [delayed(envelope, delay)])
 
     return strike
 
 
 def _end(scene: Scene) -> None:
-    scene.filter(IMAGES, lambda parcel: [])
+    scene.filter(IMAGES, lambda envelope: [])
 
 
 def _uneven(scene: Scene) -> None:
-    scene.filter(IMAGES, lambda parcel: [delayed(parcel, scene.draw(0.0, 0.5))])
+    scene.filter(IMAGES, lambda envelope: [delayed(envelope, scene.draw(0.0, 0.5))])
 
 
 def _out_of_order(scene: Scene) -> None:
-    scene.filter(IMAGES, lambda parcel: [delayed(parcel, 0.2 if scene.hits(0.3) else 0.0)])
+    scene.filter(IMAGES, lambda envelope: [delayed(envelope, 0.2 if scene.hits(0.3) else 0.0)])
 
 
 def _repeated(scene: Scene) -> None:
-    scene.filter(IMAGES, lambda parcel: [delayed(parcel, 0.02 * number) for number in range(3)])
+    scene.filter(IMAGES, lambda envelope: [delayed(envelope, 0.02 * k) for k in range(3)])
 
 
 def _stamped(stamp: Stamp) -> Callable[[Scene], None]:
     def strike(scene: Scene) -> None:
-        def change(parcel: Parcel) -> list[Parcel]:
-            time = parcel.message.header.stamp
+        def change(envelope: Envelope) -> list[Envelope]:
+            time = envelope.message.header.stamp
             stamp_ns = stamp(int(time.sec) * NANOSECONDS + int(time.nanosec), scene)
             time.sec, time.nanosec = divmod(stamp_ns, NANOSECONDS)
-            return [parcel]
+            return [envelope]
 
         scene.filter(IMAGES, change)
 

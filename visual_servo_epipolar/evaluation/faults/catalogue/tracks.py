@@ -8,7 +8,7 @@ import numpy as np
 
 from visual_servo_epipolar.evaluation.faults.catalogue.fault import ALWAYS, Fault, Scene
 from visual_servo_epipolar.evaluation.faults.catalogue.streams import dropped, late
-from visual_servo_epipolar.evaluation.faults.wire.parcel import Parcel
+from visual_servo_epipolar.evaluation.live.wire import Envelope
 from visual_servo_epipolar.messages.write import TRACK_LAYOUT
 
 TRACKS = '/tracks'
@@ -22,14 +22,14 @@ def _changed(
     """Return tracks whose rows ``change``; ``true`` where enough of them is left."""
 
     def strike(scene: Scene) -> None:
-        def alter(parcel: Parcel) -> list[Parcel]:
-            message = parcel.message
+        def alter(envelope: Envelope) -> list[Envelope]:
+            message = envelope.message
             rows = change(np.frombuffer(message.data, TRACK_LAYOUT).copy(), scene)
             message.width, message.row_step = len(rows), len(rows) * message.point_step
             del message.data[:]
             message.data.frombytes(rows.tobytes())
-            sight = parcel.sight if true or parcel.sight is None else parcel.sight.lie()
-            return [parcel.changed(sight=sight)]
+            sight = envelope.sight if true or envelope.sight is None else envelope.sight.lie()
+            return [envelope.changed(sight=sight)]
 
         scene.filter(TRACKS, alter, scene.spell(0.5, LONGEST_S))
 
@@ -71,11 +71,11 @@ def _one_point(rows: Rows, scene: Scene) -> Rows:
 
 
 def _lying(scene: Scene) -> None:
-    def lie(parcel: Parcel) -> list[Parcel]:
-        message = parcel.message
+    def lie(envelope: Envelope) -> list[Envelope]:
+        message = envelope.message
         message.width = int(scene.rng.integers(0, 2**31))
         message.point_step = int(scene.rng.integers(0, 200))
-        return [parcel.changed(sight=parcel.sight and parcel.sight.lie())]
+        return [envelope.changed(sight=envelope.sight and envelope.sight.lie())]
 
     scene.filter(TRACKS, lie, scene.spell(0.3, LONGEST_S))
 

@@ -10,9 +10,8 @@ from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import ARMED, Phase
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.evaluation.faults.judging.record import Limits, Order, Record, Truth
-from visual_servo_epipolar.evaluation.faults.wire.parcel import Parcel, Sight
-from visual_servo_epipolar.evaluation.faults.wire.wire import WARNING
-from visual_servo_epipolar.evaluation.faults.world import World
+from visual_servo_epipolar.evaluation.live.wire import Envelope, Sight, WARNING
+from visual_servo_epipolar.evaluation.live.world import World
 from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.mounts.true_geometry import true_geometry
@@ -44,7 +43,7 @@ class Witness:
         self._sight: Sight | None = None  # what the servo saw last
         self._measured_s: float | None = None
         self._learnt_dead_band = STANDSTILL
-        for topic, tap in (
+        for topic, hear in (
             ('/ground_truth', self._on_truth),
             ('/image_raw', self._on_image),
             ('/tracks', self._on_tracks),
@@ -53,10 +52,10 @@ class Witness:
             ('/diagnostics', self._on_diagnostics),
             ('/epipoles', self._on_epipoles),
         ):
-            self._wire.taps[topic].append(tap)
+            self._wire.publish_listeners[topic].append(hear)
         for topic in ('/image_raw', '/image_raw/compressed'):
-            self._wire.ears[topic].append(self._on_arrival)
-        self._wire.ears['/tracks'].append(self._on_sight)
+            self._wire.delivery_listeners[topic].append(self._on_arrival)
+        self._wire.delivery_listeners['/tracks'].append(self._on_sight)
 
     @property
     def now_s(self) -> float:
@@ -98,62 +97,62 @@ class Witness:
             record.why.append(record.reason)
         return record
 
-    def _on_truth(self, parcel: Parcel) -> None:
-        pose, twist = read.pose(parcel.message), read.twist(parcel.message.twist)
+    def _on_truth(self, envelope: Envelope) -> None:
+        pose, twist = read.pose(envelope.message), read.twist(envelope.message.twist)
         self.record.truths.append(Truth(self.now_s, pose, twist))
 
-    def _on_image(self, parcel: Parcel) -> None:
-        parcel.sight = Sight(self._wire.now_ns)
+    def _on_image(self, envelope: Envelope) -> None:
+        envelope.sight = Sight(self._wire.now_ns)
 
-    def _on_arrival(self, node: Node, parcel: Parcel) -> None:
-        self._image = parcel.sight
+    def _on_arrival(self, node: Node, envelope: Envelope) -> None:
+        self._image = envelope.sight
 
-    def _on_tracks(self, parcel: Parcel) -> None:
+    def _on_tracks(self, envelope: Envelope) -> None:
         # An image that waited for its camera_info was not what the tracker was called for.
-        parcel.sight = parcel.sight or self._image
+        envelope.sight = envelope.sight or self._image
 
-    def _on_sight(self, node: Node, parcel: Parcel) -> None:
-        if node.get_name() != SERVO or parcel.sight is None:
+    def _on_sight(self, node: Node, envelope: Envelope) -> None:
+        if node.get_name() != SERVO or envelope.sight is None:
             return
-        self._sight = parcel.sight
-        if not parcel.sight.true:
+        self._sight = envelope.sight
+        if not envelope.sight.true:
             return
         carried_s = 0.0
         if node.get_parameter('memory').value:
             carried_s = float(node.get_parameter('few_features_timeout').value)
         enough = int(node.get_parameter('min_features').value)
-        taken_s = parcel.sight.taken_ns / NANOSECONDS
-        self.record.sees(_shown(parcel.message), self.now_s, taken_s, enough, carried_s)
+        taken_s = envelope.sight.taken_ns / NANOSECONDS
+        self.record.sees(_shown(envelope.message), self.now_s, taken_s, enough, carried_s)
 
-    def _on_command(self, parcel: Parcel) -> None:
-        servo = self._world.nodes.get(parcel.sender)
-        if servo is None or parcel.sender != SERVO:
+    def _on_command(self, envelope: Envelope) -> None:
+        servo = self._world.nodes.get(envelope.sender)
+        if servo is None or envelope.sender != SERVO:
             return
         try:
-            twist = read.twist(parcel.message)
+            twist = read.twist(envelope.message)
         except ValueError as error:
             self.record.senseless = str(error)
             return
         limits = _limits(servo, twist, self._learnt_dead_band)
         self.record.orders.append(Order(self.now_s, twist, limits))
 
-    def _on_phase(self, parcel: Parcel) -> None:
-        if parcel.sender not in (SERVO, ''):
+    def _on_phase(self, envelope: Envelope) -> None:
+        if envelope.sender not in (SERVO, ''):
             return
-        before, self.record.phase = self.record.phase, str(parcel.message.data)
+        before, self.record.phase = self.record.phase, str(envelope.message.data)
         if self.record.phase == Phase.ARRIVED.value != before:
             self.record.arrived_s = self.now_s
 
-    def _on_diagnostics(self, parcel: Parcel) -> None:
-        said = read.diagnosis(parcel.message)
-        if parcel.sender == SERVO and 'reason' in said:
+    def _on_diagnostics(self, envelope: Envelope) -> None:
+        said = read.diagnosis(envelope.message)
+        if envelope.sender == SERVO and 'reason' in said:
             self.record.reason = said['reason']
 
-    def _on_epipoles(self, parcel: Parcel) -> None:
+    def _on_epipoles(self, envelope: Envelope) -> None:
         """Add up the time driven on a wrong geometry; note whether a dead band was learnt."""
-        if parcel.sender != SERVO:
+        if envelope.sender != SERVO:
             return
-        said: dict[str, Any] = read.telemetry(parcel.message)
+        said: dict[str, Any] = read.telemetry(envelope.message)
         self._learnt_dead_band = Twist(
             said['dead_band_linear_m_s'], said['dead_band_angular_rad_s']
         )

@@ -10,12 +10,12 @@ import zlib
 
 import numpy as np
 
-from visual_servo_epipolar.evaluation.benchmarks.wire.processes import Process, started
 from visual_servo_epipolar.evaluation.faults.judging.judge import judged
 from visual_servo_epipolar.evaluation.faults.judging.record import Bounds
 from visual_servo_epipolar.evaluation.faults.processes.listener import RunListener, SETTINGS
 from visual_servo_epipolar.evaluation.faults.processes.table import NODES, ProcessFault
-from visual_servo_epipolar.evaluation.faults.world import FRAME_RATE, small_camera
+from visual_servo_epipolar.evaluation.live.processes import Process, started
+from visual_servo_epipolar.evaluation.live.world import FRAME_RATE, small_camera
 from visual_servo_epipolar.nodes.startup import process
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings

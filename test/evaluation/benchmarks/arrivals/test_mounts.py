@@ -1,0 +1,157 @@
+"""The bench of mounts: which cameras it drives, what it measures of their runs, its table."""
+
+from collections.abc import Callable
+import json
+import math
+from typing import Any
+
+import pytest
+
+from visual_servo_epipolar.commands.main import main
+from visual_servo_epipolar.evaluation.benchmarks.arrivals import mount_cells as cells
+from visual_servo_epipolar.evaluation.benchmarks.arrivals import mounts
+from visual_servo_epipolar.evaluation.benchmarks.arrivals.mount_cells import (
+    Cell,
+    LENSES,
+    LEVEL,
+    Mount,
+    sized,
+    SIZES,
+)
+from visual_servo_epipolar.evaluation.benchmarks.command import BENCHMARKS, ON_REQUEST
+from visual_servo_epipolar.simulation.scenario import Scenario
+from visual_servo_epipolar.sweeping.summary import summary_of
+
+FAILURE = {'outcome': 'failed', 'reason': 'tracks lost for 5 s'}
+BRIEF_S = 2.0
+
+
+def quiet(text: str) -> None:
+    """Say nothing."""
+
+
+@pytest.fixture(scope='module')
+def document() -> dict[str, Any]:
+    """Return the document of two cells, a start each."""
+    few = [cells.of_mount('attitude', LEVEL), cells.of_mount('yaw', Mount(yaw=1.5))]
+    return mounts.measured(few, 'features', 1, seed=0, say=quiet)
+
+
+def test_every_tilt_and_roll_and_every_yaw_and_place_is_driven_once() -> None:
+    driven = [(it.group, it.mount) for it in cells.on_features()]
+    attitudes = {(m.tilt, m.roll) for group, m in driven if group == 'attitude'}
+    assert attitudes == {(tilt, roll) for tilt in cells.TILTS for roll in cells.ROLLS}
+    places = [(m.yaw, m.ahead, m.aside) for group, m in driven if group == 'yaw']
+    wanted = len(cells.YAWS) * len(cells.AHEADS) * len(cells.ASIDES)
+    assert len(places) == len(set(places)) == wanted
+
+
+def test_every_size_and_every_lens_is_driven_level_and_leaning() -> None:
+    driven = list(cells.on_features())
+    for group, kinds in (('size', len(SIZES)), ('lens', len(LENSES))):
+        mounts = [it.mount for it in driven if it.group == group]
+        assert mounts == [LEVEL, cells.LEANING] * kinds
+
+
+def test_names_of_a_group_are_unique() -> None:
+    for listed in (cells.on_features(), cells.on_images()):
+        names = [(it.group, it.name) for it in listed]
+        assert len(set(names)) == len(names)
+
+
+@pytest.mark.parametrize('drives', [cells.on_features, cells.on_images])
+def test_every_cell_is_a_scenario_that_tells_the_servo_nothing(
+    drives: Callable[..., Any],
+) -> None:
+    for quick in (False, True):
+        for cell in drives(quick=quick):
+            scenario = cell.scenario(BRIEF_S)
+            mount = scenario.camera.mount
+            assert math.degrees(mount.tilt) == pytest.approx(cell.mount.tilt)
+            assert math.degrees(mount.roll) == pytest.approx(cell.mount.roll)
+            assert math.degrees(mount.yaw) == pytest.approx(cell.mount.yaw)
+            assert (mount.forward, mount.left) == (cell.mount.ahead, cell.mount.aside)
+            assert scenario.servo == Scenario().servo
+            assert scenario.tracker == Scenario().tracker
+
+
+@pytest.mark.parametrize(('width', 'height'), SIZES)
+def test_a_size_keeps_the_field_of_view(width: int, height: int) -> None:
+    cell = Cell(group='size', name='', camera=sized(width, height))
+    camera, usual = cell.scenario(BRIEF_S).camera.camera, Scenario().camera.camera
+    assert camera.width / camera.fx == pytest.approx(usual.width / usual.fx)
+    assert (camera.width, camera.height) == (width, height)
+
+
+def test_a_lens_and_a_base_reach_the_scenario() -> None:
+    cell = Cell(group='lens', name='', camera={'focal_length': 500.0}, base={'wheel_ratio': 1.01})
+    scenario = cell.scenario(BRIEF_S)
+    assert (scenario.camera.focal_length, scenario.base.wheel_ratio) == (500.0, 1.01)
+
+
+def test_a_level_camera_arrives_and_is_judged(document: dict[str, Any]) -> None:
+    level = document['rows'][0]
+    assert level['success_rate'] == 1.0
+    assert level['arrived_but_wrong'] == 0
+    assert level['wrong_geometry_s']['max'] < 1.0
+    assert level['excursion']['max'] < 1.2
+
+
+def test_a_row_is_the_summary_of_the_runs_of_its_own_cell(document: dict[str, Any]) -> None:
+    level, yawed = document['rows']
+    assert (level['name'], yawed['name']) == ('level', 'yaw +1.5 deg')
+    assert level['position_error_m'] != yawed['position_error_m']
+    assert all('runs' not in row for row in document['rows'])
+    json.dumps(document)
+
+
+def test_the_bench_on_images_drives_images(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked: list[tuple[Any, ...]] = []
+
+    def measured(*arguments: Any, **options: Any) -> dict[str, Any]:
+        asked.append((*arguments, options['seed']))
+        return {}
+
+    monkeypatch.setattr(mounts, 'measured', measured)
+    mounts.ON_IMAGES.run(seed=3, quick=False, say=quiet)
+    ((listed, source, starts, seed),) = asked
+    sizes = len(cells.SIZES_ON_IMAGES) * len(cells.SCENES)
+    assert (source, starts, seed) == ('images', mounts.STARTS['images'], 3)
+    assert len(list(listed)) == len(cells.ON_IMAGES) + sizes
+
+
+def test_the_table_has_a_line_for_each_row(document: dict[str, Any]) -> None:
+    lines = [line for line in mounts.table(document).splitlines() if line.startswith('|')]
+    assert len(lines) == 2 * (2 + 1)
+    assert len({line.count('|') for line in lines}) == 1
+    assert lines[2].startswith('| level | 100 % | 0 |')
+
+
+def test_a_camera_with_which_no_run_arrived_has_dashes(document: dict[str, Any]) -> None:
+    runs = [{**FAILURE, 'max_distance_ratio': 5.0, 'wrong_geometry_s': 30.0}]
+    row = document['rows'][0] | summary_of(runs)
+    line = mounts.table({**document, 'rows': [row]}).splitlines()[-1]
+    assert line == '| level | 0 % | 0 | - / - | - | 5.00 / 5.00 | 30.0 | - |'
+
+
+def test_the_bench_on_images_runs_only_if_it_is_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    ran: list[str] = []
+
+    class Fake:
+        def __init__(self, name: str) -> None:
+            self.name = name
+
+        def run(self, **_: Any) -> dict[str, Any]:
+            ran.append(self.name)
+            return {}
+
+        def table(self, _: Any) -> str:
+            return self.name
+
+    monkeypatch.setattr('visual_servo_epipolar.evaluation.benchmarks.command._benchmark', Fake)
+    assert main(['bench']) == 0
+    assert ran == [name for name in BENCHMARKS if name not in ON_REQUEST]
+    assert main(['bench', 'mounts_images']) == 0
+    assert ran[-1] == 'mounts_images'

@@ -1,0 +1,246 @@
+"""Worlds with real nodes on a wire: repeatable, and the judge finds what was broken in them."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from rclpy.publisher import Publisher
+from std_msgs.msg import String
+
+from visual_servo_epipolar.core.geometry.motion import Twist
+from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.evaluation.faults import campaign, drive
+from visual_servo_epipolar.evaluation.faults import run as runs
+from visual_servo_epipolar.evaluation.faults.catalogue import orders
+from visual_servo_epipolar.evaluation.faults.catalogue.fault import Fault, Scene
+from visual_servo_epipolar.evaluation.faults.catalogue.table import FAULTS
+from visual_servo_epipolar.evaluation.faults.judging.record import Record
+from visual_servo_epipolar.evaluation.faults.processes.listener import RunListener
+from visual_servo_epipolar.evaluation.live.breakable_base import BreakableUnicycleNode
+from visual_servo_epipolar.evaluation.live.wire import Envelope
+from visual_servo_epipolar.evaluation.live.world import small_camera, World, WorldSettings
+from visual_servo_epipolar.messages import write
+from visual_servo_epipolar.messages.write import TRACK_LAYOUT
+from visual_servo_epipolar.nodes.servo_node import ServoNode
+from visual_servo_epipolar.nodes.servoing.arming import Arming
+from visual_servo_epipolar.nodes.servoing.watch import Watch
+from visual_servo_epipolar.simulation.bases.pioneer import Pioneer, PioneerSettings
+
+SEED = 3  # starts in front, without a retreat
+MOVING = (Phase.ZEROING_EPIPOLES,)
+
+
+def images_end(scene: Scene) -> None:
+    scene.filter('/image_raw', lambda envelope: [])
+
+
+def few_tracks(scene: Scene) -> None:
+    def leave_eight(envelope: Envelope) -> list[Envelope]:
+        message = envelope.message
+        rows = np.frombuffer(message.data, TRACK_LAYOUT)
+        rows = np.sort(rows, order='id')[:8]  # the same ones, as far as they are in view
+        message.width, message.row_step = len(rows), len(rows) * message.point_step
+        del message.data[:]
+        message.data.frombytes(rows.tobytes())
+        return [envelope]
+
+    scene.filter('/tracks', leave_eight, 4.0)
+
+
+def without_a_base_that_stops_by_itself(settings: object, rng: object) -> object:
+    return replace(settings, base=PioneerSettings(command_timeout=0.0))
+
+
+def driven(name: str, fault: Fault) -> dict[str, object]:
+    return runs.run(name, replace(fault, phases=MOVING), SEED)
+
+
+def test_a_run_in_which_nothing_is_wrong_arrives_and_is_repeatable() -> None:
+    first, second = (runs.run('none', FAULTS['none'], SEED) for _ in range(2))
+    assert first['verdict'] == 'arrived', first['charges']
+    assert first == second
+
+
+def test_a_camera_that_dies_leaves_a_robot_at_rest_with_a_reason() -> None:
+    result = driven('end', Fault(what='', strike=images_end))
+    assert (result['verdict'], result['safe']) == ('at rest', True)
+    assert result['struck_in'] == 'zeroing_epipoles'
+
+
+def test_eight_features_for_four_seconds_are_no_harm() -> None:
+    fault = Fault(what='', strike=few_tracks)
+    result = runs.run('few', replace(fault, phases=(Phase.MATCHING_FEATURES,)), SEED)
+    assert (result['verdict'], result['safe']) == ('arrived', True)
+    assert result['blind_s'] == 0.0
+
+
+def test_a_servo_whose_stop_was_removed_moves_without_sight(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(Watch, '_on_watch', lambda self: None)
+    monkeypatch.setattr(drive, 'LONGEST_S', 20.0)
+    fault = Fault(what='', strike=images_end, prepare=without_a_base_that_stops_by_itself)
+    result = driven('end', fault)
+    assert (result['verdict'], result['safe']) == ('moved without sight', False)
+    assert result['blind_s'] > 1.0
+    assert any('still moving' in charge for charge in result['charges'])
+
+
+def test_a_base_that_obeys_nobody_is_condemned(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(drive, 'LONGEST_S', 20.0)
+
+    def strike(scene: Scene) -> None:
+        monkeypatch.setattr(Pioneer, 'command', lambda self, command: None)
+        monkeypatch.setattr(Pioneer, 'timed_out', False)
+        scene.world.call('/servo_node/stop')
+        scene.witness.record.stopped_s = scene.witness.now_s
+
+    result = driven('deaf', Fault(what='', strike=strike))
+    assert any('moved after stop' in charge for charge in result['charges'])
+
+
+def test_a_servo_that_ignores_its_limits_is_condemned(monkeypatch: pytest.MonkeyPatch) -> None:
+    def twice(value: Twist) -> object:
+        return real(Twist(2.0 * value.linear, 2.0 * value.angular))
+
+    real: Callable[[Twist], object] = write.twist
+
+    def strike(scene: Scene) -> None:
+        monkeypatch.setattr(write, 'twist', twice)
+        scene.later(5.0, lambda: scene.world.call('/servo_node/stop'))
+
+    result = driven('wild', Fault(what='', strike=strike))
+    assert any('limits exceeded' in charge for charge in result['charges'])
+
+
+def test_a_node_that_raises_is_a_traceback_and_its_world_goes_on(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def strike(scene: Scene) -> None:
+        monkeypatch.setattr(ServoNode, '_drive_by', lambda *_: {}['nothing'])
+
+    result = driven('raises', Fault(what='', strike=strike))
+    assert result['verdict'] == 'traceback'
+    assert "KeyError: 'nothing'" in str(result['detail'])
+
+
+def test_a_servo_that_arrives_elsewhere_is_condemned() -> None:
+    def strike(scene: Scene) -> None:
+        scene.world.kill('servo_node')  # and somebody else says that it has arrived
+        scene.witness.record.phase = 'arrived'
+
+    result = driven('elsewhere', Fault(what='', strike=strike, base_alone=True))
+    assert any('wrong arrival' in charge for charge in result['charges'])
+
+
+def test_messages_reach_nodes_through_cdr_and_hooks_do_not_stay() -> None:
+    before, heard = Publisher.publish, []
+    settings = WorldSettings(start=(0.0, -1.0, 0.0), seed=0, camera=small_camera(0))
+    with World(settings) as world:
+        world.wire.publish_listeners['/phase'].append(heard.append)
+        world.start('servo_node')
+        assert Publisher.publish is not before
+        assert [envelope.message for envelope in heard] == [String(data='armed')]
+    assert Publisher.publish is before
+
+
+def test_a_base_that_stands_is_watched_until_the_run_fails_for_it() -> None:
+    def strike(scene: Scene) -> None:
+        FAULTS['wheel_stuck'].strike(scene)
+        base = scene.world.nodes['unicycle_node']
+        assert isinstance(base, BreakableUnicycleNode)
+        base.break_wheels(0.0, 0.0)
+
+    result = driven('stuck', Fault(what='', strike=strike))
+    assert (result['verdict'], result['phase']) == ('at rest', 'failed'), result['charges']
+    assert '3 times in this run: the base does not follow' in str(result['detail'])
+
+
+def test_runs_are_watched_for_longer_than_any_timeout_of_theirs() -> None:
+    settings = WorldSettings(start=(0.0, -1.0, 0.0), seed=0, camera=small_camera(0)).servo
+    longest_s = max(settings.run_timeout, settings.phase_timeout) + settings.holding_timeout
+    assert drive.LONGEST_S > longest_s + drive.REST_S
+
+
+def test_a_servo_that_hangs_is_not_waited_for() -> None:
+    settings = WorldSettings(start=(0.0, -1.0, 0.0), seed=0, camera=small_camera(0))
+    with World(settings) as world:
+        assert not world.works('servo_node')
+        world.start('servo_node')
+        assert world.works('servo_node')
+        world.hang('servo_node')
+        assert not world.works('servo_node')
+
+
+def test_what_fails_in_the_campaign_itself_is_not_judged(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fail(run: object) -> object:
+        raise KeyError('wire')
+
+    monkeypatch.setattr(campaign, '_driven', fail)
+    result = campaign.one(campaign.Run('none', 0))
+    assert (result['verdict'], result['safe']) == ('not judged', False)
+    assert result['detail'] == "KeyError: 'wire'"
+
+
+@pytest.mark.parametrize('name', ['camera_node', 'tracker_node'])
+def test_a_servo_must_say_that_another_process_is_gone(name: str) -> None:
+    listener = object.__new__(RunListener)
+    listener.record, listener._deaf, listener._logs = Record(), name, {}
+    assert listener.finish().why == []
+
+
+def test_a_button_that_was_pressed_leaves_the_robot_at_rest() -> None:
+    result = driven('order_button', FAULTS['order_button'])
+    assert (result['verdict'], result['phase']) == ('at rest', 'waiting'), result['charges']
+
+
+def test_a_base_whose_process_is_gone_stands() -> None:
+    result = driven('unicycle_killed', FAULTS['unicycle_killed'])
+    assert result['verdict'] == 'at rest', result['charges']
+    assert result['duration_s'] < drive.LONGEST_S
+
+
+def test_transitions_are_asked_for_by_the_service_and_refused_where_there_is_none() -> None:
+    settings = WorldSettings(start=(0.0, -1.0, 0.0), seed=0, camera=small_camera(0))
+    with World(settings) as world:
+        world.start('servo_node')
+        answers = [
+            world.change_state('servo_node', label)
+            for label in ('cleanup', 'deactivate', 'cleanup', 'activate', 'configure', 'shutdown')
+        ]
+        assert answers == ['refused', 'done', 'done', 'refused', 'done', 'done']
+        assert world.wire.crashes == []
+        assert world.change_state('tracker_node', 'cleanup').startswith('no ')
+
+
+@pytest.fixture
+def soon(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let what was missing at a start come soon after the order has lapsed."""
+    monkeypatch.setattr(orders, 'LATER_S', 14.0)
+
+
+@pytest.mark.parametrize('name', [name for name in FAULTS if name.startswith('arming_')])
+def test_what_comes_after_an_order_to_start_sets_nothing_moving(name: str, soon: None) -> None:
+    result = runs.run(name, FAULTS[name], SEED)
+    assert (result['verdict'], result['phase']) == ('at rest', 'waiting'), result['charges']
+
+
+def test_a_servo_that_obeys_an_old_order_is_condemned(
+    monkeypatch: pytest.MonkeyPatch, soon: None
+) -> None:
+    monkeypatch.setattr(Arming, 'has_expired', False)
+    result = runs.run('arming_clock', FAULTS['arming_clock'], SEED)
+    assert any('moved after stop' in charge for charge in result['charges'])
+
+
+def test_a_second_button_that_is_not_pressed_releases_nothing() -> None:
+    result = driven('order_two_buttons', FAULTS['order_two_buttons'])
+    assert (result['verdict'], result['phase']) == ('at rest', 'waiting'), result['charges']
+    assert 'start: the stop button is pressed; release it, then call ~/start' in result['notes']
+
+
+def test_a_clock_that_freezes_is_the_reason(soon: None) -> None:
+    result = runs.run('clock_freezes', FAULTS['clock_freezes'], SEED)
+    assert (result['verdict'], result['phase']) == ('at rest', 'failed'), result['charges']
+    assert '/clock has stood still at' in str(result['reason'])

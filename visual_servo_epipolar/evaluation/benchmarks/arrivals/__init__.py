@@ -1,0 +1,1 @@
+"""Arrivals: closed loops from the same starts, judged by ground truth."""

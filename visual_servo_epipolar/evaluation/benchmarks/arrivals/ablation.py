@@ -1,0 +1,96 @@
+"""The ablation table: each departure from the paper left out of law full, and each alone."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from typing import Any
+
+from visual_servo_epipolar.core.laws.law import DEPARTURES
+from visual_servo_epipolar.core.laws.registry import law_named
+from visual_servo_epipolar.evaluation.benchmarks.arrivals.driven_plans import summaries_of
+from visual_servo_epipolar.evaluation.tables import markdown, number, numbers
+from visual_servo_epipolar.simulation.scenario import Scenario
+from visual_servo_epipolar.sweeping.plan import Plan
+from visual_servo_epipolar.sweeping.provenance import commit
+
+REGIONS = ('front', 'beside', 'anywhere')
+STARTS, QUICK_STARTS = 100, 1
+LONGEST_S = 120.0  # of a run: law full needs 30 s in front and at most 100 s beside [s]
+SEED_STEP = 100  # between the seeds of two regions
+NAMES = ('paper', 'corrected', 'full')  # laws of other packages have no row, and need not load
+QUICK_LAWS = ('full', 'full-retreat', 'paper')
+HEAD = (
+    'law | region | arrived | wrong | median / p95 [mm] | heading p95 [deg] | d / d_0 p95 '
+    '| time [s]'
+)
+
+
+def laws() -> tuple[str, ...]:
+    """Return the expressions of all laws that are compared, each once."""
+    return tuple(dict.fromkeys(_laws()))
+
+
+def _laws() -> Iterator[str]:
+    yield 'full'
+    yield from (f'full-{name}' for name in DEPARTURES)
+    yield 'paper'
+    paper = law_named('paper')
+    for name in DEPARTURES:
+        yield _known(f'paper{"-" if getattr(paper, name) else "+"}{name}')
+
+
+def _known(expression: str) -> str:
+    """Return the name of our law that is the same as ``expression``, or the expression."""
+    same = (name for name in NAMES if law_named(name) == law_named(expression))
+    return next(same, expression)
+
+
+def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
+    """Drive every law from the same starts in each region, and return a row for each."""
+    starts, names = (QUICK_STARTS, QUICK_LAWS) if quick else (STARTS, laws())
+    regions = REGIONS[:1] if quick else REGIONS
+    scenario = Scenario()
+    scenario = replace(scenario, run=replace(scenario.run, max_duration=LONGEST_S))
+    plans = [
+        Plan(
+            region=region,
+            runs=starts,
+            source='features',
+            laws=names,
+            scenario=scenario,
+            seed=seed + SEED_STEP * place,
+        )
+        for place, region in enumerate(regions)
+    ]
+    keys = [{'law': law, 'region': region} for region in regions for law in names]
+    summaries = summaries_of(plans, lambda text: say(f'ablation: {text}'))
+    return {
+        'starts': starts,
+        'seed': seed,
+        'longest_s': LONGEST_S,
+        'commit': commit(),
+        'departures': dict(DEPARTURES),
+        'rows': [key | summary for key, summary in zip(keys, summaries, strict=True)],
+    }
+
+
+def table(document: Mapping[str, Any]) -> str:
+    """Return the document as Markdown: one row a law and region."""
+    words = (
+        f'{document["starts"]} starts a region, the same for each law, point features at 0.2 px, '
+        f'at most {document["longest_s"]:g} s a run; seed {document["seed"]}, '
+        f'commit {document["commit"]}.'
+    )
+    return '\n'.join([words, '', *markdown(HEAD, map(_row, document['rows']))])
+
+
+def _row(row: Mapping[str, Any]) -> list[str]:
+    return [
+        f'`{row["law"]}`',
+        row['region'],
+        f'{100.0 * row["success_rate"]:.0f} %',
+        str(row['arrived_but_wrong']),
+        numbers((row['position_error_m'][q] for q in ('median', 'p95')), 1, 1e3),
+        number(row['heading_error_deg']['p95'], 2),
+        number(row['max_distance_ratio']['p95'], 2),
+        number(row['duration_s']['median'], 0),
+    ]

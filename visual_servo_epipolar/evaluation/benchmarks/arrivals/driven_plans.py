@@ -1,0 +1,30 @@
+"""Plans of closed loops, driven by all cores of this machine: a summary for each law."""
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from visual_servo_epipolar.processes import cores
+from visual_servo_epipolar.sweeping.local import local_workers
+from visual_servo_epipolar.sweeping.plan import Plan
+from visual_servo_epipolar.sweeping.summary import summary_of
+
+
+def summaries_of(plans: Sequence[Plan], say: Callable[[str], None]) -> list[dict[str, Any]]:
+    """Return the summary of each law of each plan, without its runs."""
+    results: dict[tuple[int, str], dict[int, dict[str, Any]]] = {
+        (number, law): {} for number, plan in enumerate(plans) for law in plan.laws
+    }
+    with local_workers(cores()) as workers:
+        jobs = [
+            (number, chunk, workers.submit(plan, chunk))
+            for number, plan in enumerate(plans)
+            for chunk in plan.chunks((), 1)  # plans share the workers: few large chunks of each
+        ]
+        for done, (number, chunk, job) in enumerate(jobs, 1):
+            say(f'{plans[number].region}, {chunk.law}: part {done} of {len(jobs)} ...')
+            results[number, chunk.law].update(zip(chunk.indices, job.result(), strict=True))
+    return [_summary([runs[index] for index in sorted(runs)]) for runs in results.values()]
+
+
+def _summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
+    return {key: value for key, value in summary_of(runs).items() if key != 'runs'}

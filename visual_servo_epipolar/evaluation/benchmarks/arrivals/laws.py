@@ -1,0 +1,134 @@
+"""Control laws beside ours: shared starts, features, base and measure of success."""
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import replace
+import math
+from typing import Any
+
+from visual_servo_epipolar.core.servo.run_log import summarise
+from visual_servo_epipolar.evaluation.benchmarks.arrivals.peer_steps import PEERS
+from visual_servo_epipolar.evaluation.tables import aligned, number, numbers
+from visual_servo_epipolar.simulation.closed_loop import run as drive
+from visual_servo_epipolar.simulation.regions import start_in
+from visual_servo_epipolar.simulation.scenario import Scenario
+from visual_servo_epipolar.simulation.views import points_of
+from visual_servo_epipolar.sweeping.statistics import quantile
+
+REGIONS = ('front', 'beside')
+STARTS, QUICK_STARTS = 20, 1
+REACHED_M, REACHED_DEG = 0.05, 2.0
+LONGEST_S = 120.0
+COLUMNS = (
+    'region | law | reached % | lost % | wrong % | position med / p95 mm | heading deg '
+    '| path / d_0 | time s | fewest features'
+)
+PEER_PARALLAX_PX = 1.0  # of trusted bearings; ours changes law at its own, larger bound
+
+Run = dict[str, Any]
+
+
+def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
+    """Drive every law from every start, and return all runs and a row of figures for each law."""
+    count = QUICK_STARTS if quick else STARTS
+    runs = []
+    for region in REGIONS:
+        for index in range(count):
+            start = start_in(region, seed, index, Scenario())
+            for law in PEERS:
+                say(f'laws: {region} {index + 1} of {count}, {law} ...')
+                runs.append(one_run(law, start, seed + index) | {'region': region})
+    return {
+        'starts': count,
+        'seed': seed,
+        'longest_s': LONGEST_S,
+        'reached': {'position_m': REACHED_M, 'heading_deg': REACHED_DEG},
+        'rows': [
+            {'law': law, 'region': region} | scores(_of(runs, law, region))
+            for region in REGIONS
+            for law in PEERS
+        ],
+        'runs': runs,
+    }
+
+
+def one_run(law: str, start: tuple[float, float, float], seed: int) -> Run:
+    """Return the result of one run of ``law`` from ``start``: x [m], y [m], heading [deg]."""
+    scenario = Scenario().seeded(seed)
+    servo = scenario.servo
+    if law != 'ours':
+        servo = replace(servo, min_parallax=PEER_PARALLAX_PX)
+    scenario = replace(scenario, run=replace(scenario.run, max_duration=LONGEST_S), servo=servo)
+    log = drive(
+        scenario.loop(start, seed),
+        points_of(scenario, seed),
+        scenario.camera.camera,
+        control=PEERS[law],
+    )
+    return summarise(log) | {'law': law, 'fate': ''} | _true_outcome(summarise(log))
+
+
+def _true_outcome(summary: Mapping[str, Any]) -> Run:
+    """Return how a run ended by ground truth; what the robot reports is ``outcome``."""
+    position = summary['position_error_m']
+    reached = position <= REACHED_M and abs(summary['heading_error_deg']) <= REACHED_DEG
+    if reached:
+        return {'fate': 'reached'}
+    lost = 'features' in summary['reason'] and 'lost' in summary['reason']
+    return {'fate': 'lost' if lost else 'missed'}
+
+
+def _of(runs: Iterable[Run], law: str, region: str) -> list[Run]:
+    return [it for it in runs if it['law'] == law and it['region'] == region]
+
+
+def scores(runs: list[Run]) -> dict[str, float]:
+    """Return the figures of one row; what no run reached is nan."""
+    reached = [it for it in runs if it['fate'] == 'reached']
+    seeing = [it for it in runs if it['fate'] != 'lost']
+    wrong = [it for it in runs if it['outcome'] == 'arrived' and it['fate'] != 'reached']
+
+    def spread(of: list[Run], name: str, share: float) -> float:
+        return quantile([abs(it[name]) for it in of], share)
+
+    ratios = [it['path_length_m'] / math.hypot(*it['start'][:2]) for it in reached]
+    return {
+        'runs': len(runs),
+        'reached': len(reached) / len(runs),
+        'lost': sum(it['fate'] == 'lost' for it in runs) / len(runs),
+        'wrong': len(wrong) / len(runs),
+        'position_median_m': spread(seeing, 'position_error_m', 0.5),
+        'position_p95_m': spread(seeing, 'position_error_m', 0.95),
+        'heading_median_deg': spread(seeing, 'heading_error_deg', 0.5),
+        'path_ratio': quantile(ratios, 0.5),
+        'duration_s': spread(reached, 'duration_s', 0.5),
+        'fewest_features': spread(runs, 'min_visible_features', 0.0),
+    }
+
+
+def table(document: Mapping[str, Any]) -> str:
+    """Return the document as text: one row a law and region."""
+    reached = document['reached']
+    return '\n'.join(
+        [
+            f'Laws: {document["starts"]} starts a region, point features at 0.2 px, at most '
+            f'{document["longest_s"]:g} s; reached means within {reached["position_m"]:g} m and '
+            f'{reached["heading_deg"]:g} deg',
+            '(lost: the features; wrong: arrived, it says, but not reached; position and heading '
+            'of all that did not lose the features, path and time of those that reached)',
+            '',
+            *aligned(COLUMNS, map(_row, document['rows']), left=2),
+        ]
+    )
+
+
+def _row(row: Mapping[str, Any]) -> list[str]:
+    return [
+        row['region'],
+        row['law'],
+        *(f'{100.0 * row[name]:.0f}' for name in ('reached', 'lost', 'wrong')),
+        numbers((row[f'position_{name}_m'] for name in ('median', 'p95')), 1, 1e3),
+        number(row['heading_median_deg'], 2),
+        number(row['path_ratio'], 2),
+        number(row['duration_s'], 0),
+        f'{row["fewest_features"]:.0f}',
+    ]

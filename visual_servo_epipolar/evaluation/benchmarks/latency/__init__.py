@@ -1,1 +1,0 @@
-"""Latency from an image on the wire to the twist on the wire, beside an echo."""

@@ -1,1 +1,0 @@
-"""Bench of mounts: how well the robot arrives however its camera looks, and whatever its lens."""

@@ -1,1 +1,0 @@
-"""Recording benchmark: a recorder beside tracker and servo, as processes."""

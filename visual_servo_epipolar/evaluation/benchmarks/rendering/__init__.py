@@ -1,1 +1,0 @@
-"""Rendering benchmark: what an image of the simulated camera costs."""

@@ -1,0 +1,207 @@
+"""
+Time of the camera simulator per image, beside one full-frame remap of OpenCV in the same run.
+
+It is the processor's time on one thread: what else the machine does meanwhile counts only where
+it shares caches. The remap is bilinear, from two float maps: the last step of any renderer. Beside
+it the time that passes where a second process draws half, as in ``visual_servo demo``.
+"""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+import math
+from time import perf_counter, process_time
+from typing import Any
+
+import cv2
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray, Image
+from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.evaluation.benchmarks.tracking.world import approach, start_of
+from visual_servo_epipolar.evaluation.tables import aligned
+from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
+from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.rendering.assistant import Assistant
+from visual_servo_epipolar.simulation.rendering.edges import mixing, smooth_edges
+from visual_servo_epipolar.simulation.rendering.raster import Raster, rasterize, View
+from visual_servo_epipolar.simulation.rendering.sampling import textured
+from visual_servo_epipolar.simulation.rendering.surfaces import Scene
+from visual_servo_epipolar.simulation.rooms.scene import room
+
+LARGE = CameraSettings(noise=2.0)
+SMALL = replace(
+    LARGE, width=640, height=480, focal_length=384.6, principal_u=317.25, principal_v=239.75
+)
+TURN = 0.05  # of the remapped image [rad]
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """Cameras, and how many images along one approach of 200 each takes."""
+
+    cameras: Sequence[CameraSettings] = (LARGE, SMALL)
+    images: int = 100
+
+
+QUICK = Plan(cameras=(SMALL,), images=6)
+
+
+def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
+    """Return the document of the benchmark; ``say`` is told the progress."""
+    return measure(QUICK if quick else Plan(), seed, say)
+
+
+def measure(plan: Plan, seed: int, say: Callable[[str], None]) -> dict[str, Any]:
+    """Carry out ``plan``."""
+    poses = approach(start_of(seed, 200), 200)
+    poses = [poses[k] for k in np.linspace(0, len(poses) - 1, plan.images).astype(int)]
+    threads = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        rows = [_camera(settings, poses, seed, say) for settings in plan.cameras]
+    finally:
+        cv2.setNumThreads(threads)
+    return {'seed': seed, 'images': plan.images, 'opencv': cv2.__version__, 'cameras': rows}
+
+
+def _camera(
+    settings: CameraSettings, poses: Sequence[Pose], seed: int, say: Callable[[str], None]
+) -> dict[str, Any]:
+    """Return the figures of one camera."""
+    size = settings.width, settings.height
+    say(f'{size[0]}x{size[1]}: first images')
+    simulator = CameraSimulator(replace(settings, seed=seed))
+    for pose in poses:  # textures are blurred and reduced when they are first asked for
+        simulator.capture(pose, 0)
+    stages, maps = Stages(simulator), turned(size, TURN)
+    seconds = []
+    for frame, pose in enumerate(poses):
+        say(f'{size[0]}x{size[1]}: image {frame + 1} of {len(poses)}')
+        image, whole = timed(simulator.capture, pose, frame)
+        _, bare = timed(cv2.remap, image, *maps, cv2.INTER_LINEAR)
+        seconds.append({'image': whole, 'remap': bare, **stages.seconds(pose, frame)})
+    say(f'{size[0]}x{size[1]}: with a second process')
+    for row, passed in zip(seconds, _shared(simulator, poses, maps), strict=True):
+        row.update(passed)
+    milliseconds = {name: [1e3 * row[name] for row in seconds] for name in seconds[0]}
+    figures = {name: spread(values) for name, values in milliseconds.items()}
+    return {
+        'size': list(size),
+        'ms': figures,
+        'ratio': _ratio(milliseconds, 'image', 'remap'),
+        'shared_ratio': _ratio(milliseconds, 'shared', 'remap_passed'),
+    }
+
+
+def _ratio(of: Mapping[str, Sequence[float]], above: str, below: str) -> dict[str, float]:
+    return spread((np.array(of[above]) / np.array(of[below])).tolist())
+
+
+def _shared(
+    simulator: CameraSimulator, poses: Sequence[Pose], maps: tuple[FloatArray, FloatArray]
+) -> Iterator[dict[str, float]]:
+    """Yield the time that passes for each image of two processes, and for its remap [s]."""
+    settings = simulator.settings
+    build = partial(room, settings.scene_seed, settings.scene)
+    with Assistant(build, settings.width * settings.height) as assistant:
+        assistant.wait()
+        simulator.renderer.assistant = assistant
+        for pose in poses:  # it makes textures of its own
+            simulator.capture(pose, 0)
+        for frame, pose in enumerate(poses):
+            image, shared = timed(simulator.capture, pose, frame, clock=perf_counter)
+            _, bare = timed(cv2.remap, image, *maps, cv2.INTER_LINEAR, clock=perf_counter)
+            yield {'shared': shared, 'remap_passed': bare}
+        simulator.renderer.assistant = None
+
+
+class Stages:
+    """The stages of a simulator's image, each by itself, for a camera without distortion."""
+
+    def __init__(self, simulator: CameraSimulator) -> None:
+        self._simulator = simulator
+
+    def seconds(self, pose: Pose, frame: int) -> dict[str, float]:
+        """Return what each stage of frame number ``frame`` takes [s]."""
+        simulator, renderer = self._simulator, self._simulator.renderer
+        scene, camera = renderer.scene, simulator.settings
+        R_world_camera, centre = renderer.rig.camera_pose(pose, frame)
+        intrinsics = camera.camera.matrix
+        view = View(camera.width, camera.height, intrinsics, centre, R_world_camera)
+        raster, polygons = timed(rasterize, scene, view)
+        image: Image = np.zeros((camera.height, camera.width), np.uint8)
+        _, textures = timed(textured, scene, raster, image)
+        _, edges = timed(mix_edges, image, scene, view, raster)
+        return {'polygons': polygons, 'textures': textures, 'edges': edges}
+
+
+def mix_edges(image: Image, scene: Scene, view: View, raster: Raster) -> None:
+    """Smooth the edges of ``image``, shape (H, W)."""
+    smooth_edges(image, mixing(scene, view, raster))
+
+
+def timed(
+    work: Callable[..., Any], *given: Any, clock: Callable[[], float] | None = None
+) -> tuple[Any, float]:
+    """Return what ``work`` returns for what is ``given``, and its time [s]: the processor's."""
+    clock = clock or process_time
+    began = clock()
+    result = work(*given)
+    return result, clock() - began
+
+
+def turned(size: tuple[int, int], angle: float) -> tuple[FloatArray, FloatArray]:
+    """Return maps, float32 of shape (H, W), that turn an image of ``size`` by ``angle`` [rad]."""
+    width, height = size
+    u, v = np.meshgrid(np.arange(width) - 0.5 * width, np.arange(height) - 0.5 * height)
+    sin, cos = math.sin(angle), math.cos(angle)
+    x, y = cos * u - sin * v + 0.5 * width, sin * u + cos * v + 0.5 * height
+    return x.astype(np.float32), y.astype(np.float32)
+
+
+def spread(values: Sequence[float]) -> dict[str, float]:
+    """Return median and quartiles."""
+    low, median, high = np.percentile(values, (25.0, 50.0, 75.0)).tolist()
+    return {'median': median, 'low': low, 'high': high}
+
+
+STAGES = ('image', 'polygons', 'textures', 'edges', 'remap')
+
+
+def table(document: Mapping[str, Any]) -> str:
+    """Return the document as text: a row a camera."""
+    sizes = {f'{"x".join(map(str, it["size"]))}': it for it in document['cameras']}
+    lines = aligned(
+        ' | '.join(('size', *STAGES, 'image / remap')),
+        (
+            [size, *(_spread(it['ms'][stage], 1) for stage in STAGES), _spread(it['ratio'], 2)]
+            for size, it in sizes.items()
+        ),
+    )
+    lines += [
+        f'{size}, a second process draws half: {_spread(it["ms"]["shared"], 1)} ms pass an image, '
+        f'{_spread(it["ms"]["remap_passed"], 1)} a remap on one thread, '
+        f'{_spread(it["shared_ratio"], 2)} times'
+        for size, it in sizes.items()
+    ]
+    words = (
+        f'Rendering, {document["images"]} images along an approach, processor time on one thread '
+        f'[ms]: median (quartiles), OpenCV {document["opencv"]}'
+    )
+    return '\n'.join([words, *lines])
+
+
+def figures(document: Mapping[str, Any]) -> dict[str, float]:
+    """Return what to compare between runs; less is better."""
+    kinds = {'image': 'ratio', 'image by two processes': 'shared_ratio'}
+    return {
+        f'{"x".join(map(str, camera["size"]))} {kind} over remap': camera[name]['median']
+        for camera in document['cameras']
+        for kind, name in kinds.items()
+    }
+
+
+def _spread(of: Mapping[str, float], digits: int) -> str:
+    median, low, high = (f'{of[name]:.{digits}f}' for name in ('median', 'low', 'high'))
+    return f'{median} ({low}-{high})'

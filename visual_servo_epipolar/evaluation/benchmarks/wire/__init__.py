@@ -1,1 +1,0 @@
-"""Nodes in processes of their own, their camera, an echo beside them, and what they cost."""

@@ -1,1 +1,0 @@
-"""Wire: real nodes in one process and in simulated time, with every message in our hands."""

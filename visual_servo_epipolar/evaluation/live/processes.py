@@ -1,0 +1,153 @@
+"""Processes of nodes on this machine alone, and what they cost."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager, ExitStack
+from dataclasses import dataclass
+import os
+from pathlib import Path
+import signal
+import subprocess
+import sys
+from typing import Any
+
+from visual_servo_epipolar.nodes.startup.process import discovery_range, tune_transport
+from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.threads import ONE_THREAD
+
+# Its own among benchmarks that run at a time, and above those that people use.
+DOMAIN = 216 + os.getpid() % 16
+NODES = 'visual_servo_epipolar.nodes'
+END_S = 30.0  # for a process to end, before it is killed
+
+Process = subprocess.Popen[bytes]
+
+
+@dataclass(frozen=True, slots=True)
+class Cost:
+    """
+    What a process has cost up to now, and holds.
+
+    Processor time [s], resident memory [MB] and its peak [MB], threads, open files and sockets.
+    """
+
+    processor_s: float
+    memory_mb: float
+    peak_mb: float
+    threads: int
+    handles: int
+
+    @classmethod
+    def of(cls, process: Process) -> 'Cost':
+        """Read what the kernel knows of a process."""
+        # User and system time are fields 14 and 15; the name before them may hold blanks.
+        fields = Path(f'/proc/{process.pid}/stat').read_text().rpartition(')')[2].split()
+        ticks = int(fields[11]) + int(fields[12])
+        status = dict(
+            line.split(':', 1)
+            for line in Path(f'/proc/{process.pid}/status').read_text().splitlines()
+        )
+        resident, peak = (int(status[key].split()[0]) * 1024 / 1e6 for key in ('VmRSS', 'VmHWM'))
+        handles = len(os.listdir(f'/proc/{process.pid}/fd'))
+        threads = int(status['Threads'])
+        return cls(ticks / os.sysconf('SC_CLK_TCK'), resident, peak, threads, handles)
+
+
+GEOMETRY = ('width', 'height', 'focal_length', 'principal_u', 'principal_v', 'seed', 'frame_rate')
+
+
+def arguments(**values: Any) -> tuple[str, ...]:
+    """Return the command line that sets these parameters of a node."""
+    return tuple(word for name, value in values.items() for word in ('-p', f'{name}:={value}'))
+
+
+def camera_arguments(camera: CameraSettings) -> tuple[str, ...]:
+    """Return the command line of a camera_node with this geometry."""
+    return arguments(**{name: getattr(camera, name) for name in GEOMETRY})
+
+
+Stretch = tuple[Mapping[str, Cost], Mapping[str, Cost]]  # costs before and after it
+
+
+def started(
+    stack: ExitStack, nodes: Mapping[str, Sequence[str]], folder: Path, *, logs: bool = False
+) -> dict[str, Process]:
+    """
+    Start each node (a module's full name, or one of ours) with its arguments in ``folder``.
+
+    They are in sessions of their own, and end with ``stack``. With ``logs``, what each writes to
+    standard error is in NAME.log there.
+    """
+    return {
+        name: _started(stack, name, arguments, folder, logs=logs)
+        for name, arguments in nodes.items()
+    }
+
+
+def costs(processes: Mapping[str, Process]) -> dict[str, Cost]:
+    """Return what each process has cost up to now."""
+    return {name: Cost.of(process) for name, process in processes.items()}
+
+
+def spent(stretches: Sequence[Stretch], frames: int) -> dict[str, dict[str, Any]]:
+    """
+    Return what ``frames`` cost each process: processor [ms a frame], memory [MB].
+
+    ``stretches`` are the costs before and after each stretch of time that counts.
+    """
+    first, last = stretches[0][0], stretches[-1][1]
+
+    def processor_s(name: str) -> float:
+        return sum(after[name].processor_s - it[name].processor_s for it, after in stretches)
+
+    return {
+        name: {
+            'processor_ms': 1e3 * processor_s(name) / max(frames, 1),
+            'memory_mb': [it.memory_mb, last[name].memory_mb],
+            'peak_mb': last[name].peak_mb,
+        }
+        for name, it in first.items()
+    }
+
+
+@contextmanager
+def only_this_machine() -> Iterator[None]:
+    """Let no other machine see the topics: nodes of a benchmark may publish cmd_vel."""
+    tune_transport()
+    with discovery_range('LOCALHOST'):
+        yield
+
+
+def _started(
+    stack: ExitStack, name: str, arguments: Sequence[str], folder: Path, *, logs: bool
+) -> Process:
+    module = name if '.' in name else f'{NODES}.{name}'
+    own = {'ROS_DOMAIN_ID': str(DOMAIN), 'PYTHONPATH': _import_path()}
+    environment = {**ONE_THREAD, **os.environ, **own}  # as executables do
+    said: Any = subprocess.DEVNULL
+    if logs:
+        environment['ROS_LOG_DIR'] = str(folder)
+        said = stack.enter_context((folder / f'{name}.log').open('wb'))
+    process = subprocess.Popen(
+        [sys.executable, '-m', module, '--ros-args', *arguments],
+        cwd=folder,
+        env=environment,
+        stderr=said,
+        start_new_session=True,
+    )
+    stack.callback(_end, process)
+    return process
+
+
+def _end(process: Process) -> None:
+    """End a process that may hang."""
+    process.send_signal(signal.SIGCONT)
+    process.terminate()
+    try:
+        process.wait(END_S)
+    except subprocess.TimeoutExpired:
+        process.kill()
+        process.wait()
+
+
+def _import_path() -> str:
+    return os.pathsep.join(filter(None, map(os.path.abspath, sys.path)))

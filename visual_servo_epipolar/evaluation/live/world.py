@@ -1,0 +1,239 @@
+"""The world of a run: the real nodes on a wire, which can be killed, hung, restarted, ordered."""
+
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, ExitStack
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import rclpy
+from rclpy.context import Context
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from std_srvs.srv import Trigger
+
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.stamps import NANOSECONDS
+from visual_servo_epipolar.core.tracking.settings import TrackerSettings
+from visual_servo_epipolar.evaluation.live.breakable_base import BreakableUnicycleNode
+from visual_servo_epipolar.evaluation.live.hooks import hooked
+from visual_servo_epipolar.evaluation.live.wire import BEGIN_NS, Envelope, Wire
+from visual_servo_epipolar.messages import write
+from visual_servo_epipolar.nodes import parameters
+from visual_servo_epipolar.nodes.camera_node import CameraNode
+from visual_servo_epipolar.nodes.servo_node import ServoNode
+from visual_servo_epipolar.nodes.startup import inputs
+from visual_servo_epipolar.nodes.startup.process import discovery_range
+from visual_servo_epipolar.nodes.tracker_node import TrackerNode
+from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
+from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+
+BASE_RATE = 50.0  # [Hz]
+CLOCK = '/clock'
+FRAME_RATE = CameraSettings.frame_rate
+WIDTH, HEIGHT = 320, 256  # [px], a quarter of the default camera each way
+RUN_TIMEOUT_S = 150.0
+MAX_RETREAT_M = 1.0  # as docs/robot.md has it for first drives
+TIMES = ('stale_timeout', 'max_latency')  # what a servo was told of them at its start [s]
+NODES: Mapping[str, type[Any]] = {
+    'servo_node': ServoNode,
+    'tracker_node': TrackerNode,
+    'camera_node': CameraNode,
+    'unicycle_node': BreakableUnicycleNode,
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorldSettings:
+    """How a world is built; ``more`` are parameters by node, ``simulated_time`` that of /clock."""
+
+    start: tuple[float, float, float]
+    seed: int
+    camera: CameraSettings
+    base: PioneerSettings = field(default_factory=PioneerSettings)
+    servo: ServoSettings = field(
+        default_factory=lambda: ServoSettings(
+            autostart=True, run_timeout=RUN_TIMEOUT_S, max_retreat=MAX_RETREAT_M
+        )
+    )
+    tracker: TrackerSettings = field(default_factory=TrackerSettings)
+    more: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    simulated_time: bool = False
+    depth: float = 1.0  # over that of the scene that is seen
+
+
+class World(AbstractContextManager['World']):
+    """
+    Four real nodes and a wire; no other process sees them.
+
+    ``nodes`` are those that live, by name, ``told`` the TIMES that each was told. What happens to
+    one is what happens to its process.
+    """
+
+    def __init__(self, settings: WorldSettings) -> None:
+        self.settings, self.wire = settings, Wire()
+        self.nodes: dict[str, Node] = {}
+        self.told: dict[str, dict[str, float]] = {}
+        self._stack = ExitStack()
+        with ExitStack() as stack:
+            stack.enter_context(discovery_range('OFF'))
+            self._context = Context()
+            rclpy.init(args=[], context=self._context)
+            stack.callback(self._context.try_shutdown)
+            stack.enter_context(hooked(self.wire))
+            stack.callback(self._destroy)
+            if settings.simulated_time:
+                self._tick()
+            self._stack = stack.pop_all()
+
+    def __exit__(self, *_: object) -> None:
+        self._stack.close()
+
+    def start(self, name: str, *, alias: str = '') -> None:
+        """Start a node; as ``alias`` it is one more of its kind."""
+        known = alias or name
+        more = {'use_sim_time': self.settings.simulated_time, **self.settings.more.get(name, {})}
+        values = [
+            parameters.override(key, value)
+            for key, value in {**self._values(name), **more}.items()
+        ]
+        node = NODES[name](
+            context=self._context,
+            parameter_overrides=values,
+            use_global_arguments=False,
+            cli_args=['--ros-args', '-r', f'__node:={known}'],
+        )
+        inputs.watch(node)  # as spin() does
+        self.nodes[known] = node
+        self.wire.add(node)
+        numbers = (int, float)
+        told = {key: node.get_parameter(key).value for key in TIMES if node.has_parameter(key)}
+        self.told[known] = {key: float(it) for key, it in told.items() if isinstance(it, numbers)}
+
+    def talker(self, name: str, kind: Any, topic: str) -> Callable[[Any], None]:
+        """Return what publishes on ``topic``, as a node of that ``name`` does that is not ours."""
+        node = rclpy.create_node(name, context=self._context)
+        self._stack.callback(node.destroy_node)
+        publish: Callable[[Any], None] = node.create_publisher(kind, topic, 1).publish
+        return publish
+
+    def kill(self, name: str) -> None:
+        """Let a node be gone, without a word."""
+        node = self.nodes.pop(name, None)
+        if node is not None:
+            self.wire.remove(node)
+            node.destroy_node()
+
+    def end(self, name: str) -> None:
+        """End a node as SIGINT does."""
+        node = self.nodes.get(name)
+        stop = getattr(node, 'stop', None)
+        if node is not None and stop is not None:
+            self.wire.call(node, stop)
+        self.kill(name)
+
+    def restart(self, name: str) -> None:
+        """Start a node that is gone, or replace the one that is there."""
+        self.kill(name)
+        self.start(name)
+
+    def hang(self, name: str) -> None:
+        """Let a node do nothing (SIGSTOP)."""
+        if name in self.nodes:
+            self.wire.hang(self.nodes[name])
+
+    def resume(self, name: str) -> None:
+        """Let a node go on (SIGCONT)."""
+        if name in self.nodes:
+            self.wire.resume(self.nodes[name])
+
+    def works(self, name: str) -> bool:
+        """Return whether a node lives and does not hang."""
+        return name in self.nodes and self.wire.works(self.nodes[name])
+
+    def call(self, service: str) -> str:
+        """Call a service (std_srvs/Trigger), as /servo_node/stop, and return its answer."""
+        for node in self.nodes.values():
+            for item in node.services:
+                if item.service_name == service and item.srv_type is Trigger:
+                    kind: Any = item.srv_type
+                    asked = kind.Request(), kind.Response()
+                    answer = self.wire.call(node, item.callback, *asked)
+                    return '' if answer is None else str(answer.message)
+        return ''
+
+    def change_state(self, name: str, label: str) -> str:
+        """Ask a managed node for a transition, as others do: by its service; return the answer."""
+        node = self.nodes.get(name)
+        service = f'/{name}/change_state'
+        if node is None:
+            return f'no {service}'
+        for item in node.services:
+            if item.service_name == service:
+                kind: Any = item.srv_type
+                request = kind.Request()
+                request.transition.label = label
+                answer = self.wire.call(node, item.callback, request, kind.Response())
+                return 'done' if answer is not None and answer.success else 'refused'
+        return f'no {service}'
+
+    def set(self, name: str, values: Mapping[str, Any]) -> str:
+        """Set parameters of a node, all or none, and return why it refused, or ''."""
+        node = self.nodes.get(name)
+        if node is None:
+            return f'no {name}'
+        wanted = [Parameter(key, value=value) for key, value in values.items()]
+        result = self.wire.call(node, node.set_parameters_atomically, wanted)
+        return '' if result is None or result.successful else str(result.reason)
+
+    @property
+    def delay_s(self) -> float:
+        """How long a command takes to the motors, by now [s]."""
+        base = self.nodes.get('unicycle_node')
+        return 0.0 if base is None else float(base.get_parameter('command_delay').value)
+
+    def run_for(self, seconds: float) -> None:
+        """Let time pass."""
+        self.wire.run_until(self.wire.now_ns + round(seconds * NANOSECONDS))
+
+    def _tick(self) -> None:
+        """Publish /clock, now and for ever."""
+        wire = self.wire
+        wire.post(Envelope(CLOCK, write.clock(wire.now_ns - BEGIN_NS + NANOSECONDS), 0))
+        wire.at(wire.now_ns + round(NANOSECONDS / BASE_RATE), self._tick)
+
+    def _values(self, name: str) -> dict[str, Any]:
+        """Return the parameters of a node."""
+        it = self.settings
+        if name == 'unicycle_node':
+            return {
+                **_fields(it.base),
+                'start': it.start,
+                'seed': it.seed,
+                'rate': BASE_RATE,
+                'frame_rate': it.camera.frame_rate,
+            }
+        if name == 'camera_node':
+            return _fields(it.camera)
+        return _fields(it.servo if name == 'servo_node' else it.tracker)
+
+    def _destroy(self) -> None:
+        for name in list(self.nodes):
+            self.kill(name)
+
+
+def _fields(settings: Any) -> dict[str, Any]:
+    return {item.name: getattr(settings, item.name) for item in fields(settings)}
+
+
+def small_camera(seed: int) -> CameraSettings:
+    """Return the default camera with 4x4 pixels binned."""
+    full = CameraSettings()
+    ratio_u, ratio_v = WIDTH / full.width, HEIGHT / full.height
+    return CameraSettings(
+        width=WIDTH,
+        height=HEIGHT,
+        focal_length=ratio_u * full.focal_length,
+        principal_u=ratio_u * (full.principal_u + 0.5) - 0.5,
+        principal_v=ratio_v * (full.principal_v + 0.5) - 0.5,
+        seed=seed,
+    )

@@ -1,0 +1,46 @@
+"""Tables of documents: aligned for a terminal, or Markdown for the pages of docs."""
+
+from collections.abc import Iterable, Iterator, Sequence
+import math
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray
+
+Rows = Iterable[Sequence[str]]
+
+
+def number(value: float | None, digits: int = 1, scale: float = 1.0) -> str:
+    """Return ``scale * value``; a dash where there is none, as of runs of which none arrived."""
+    if value is None or math.isnan(value):
+        return '-'
+    return f'{scale * value:.{digits}f}'
+
+
+def numbers(values: Iterable[float | None], digits: int = 1, scale: float = 1.0) -> str:
+    """Return several figures of one quantity, as median and p95."""
+    return ' / '.join(number(value, digits, scale) for value in values)
+
+
+def percentiles(values: Sequence[float] | FloatArray, *which: int) -> str:
+    """Return percentiles of ``values``; one dash if there are no values."""
+    return numbers(np.percentile(values, which).tolist(), 2) if len(values) else '-'
+
+
+def aligned(head: str, rows: Rows, *, left: int = 1) -> list[str]:
+    """Return a head such as ``law | time s`` and a line a row, the first columns ``left``."""
+    lines = [head.split(' | '), *rows]
+    widths = [max(map(len, column)) for column in zip(*lines, strict=True)]
+    return ['  '.join(_padded(line, widths, left)).rstrip() for line in lines]
+
+
+def _padded(line: Sequence[str], widths: Sequence[int], left: int) -> Iterator[str]:
+    for place, (cell, width) in enumerate(zip(line, widths, strict=True)):
+        yield cell.ljust(width) if place < left else cell.rjust(width)
+
+
+def markdown(head: str, rows: Rows) -> list[str]:
+    """Return a head such as ``law | time [s]``, its rule and a line a row in Markdown."""
+    lines = [' | '.join(cell.replace('|', '\\|') for cell in row) for row in rows]
+    rule = '---|' * (head.count('|') + 1)
+    return [f'| {head} |', f'|{rule}', *(f'| {line} |' for line in lines)]
