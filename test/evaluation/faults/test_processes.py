@@ -5,7 +5,7 @@ import signal
 import pytest
 
 from visual_servo_epipolar.evaluation.faults.processes import run as runs
-from visual_servo_epipolar.evaluation.faults.processes.table import PROCESSES
+from visual_servo_epipolar.evaluation.faults.processes.run import PROCESSES
 
 
 @pytest.mark.alone

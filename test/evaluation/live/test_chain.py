@@ -7,7 +7,7 @@ pytest.importorskip('rclpy')
 from geometry_msgs.msg import TwistStamped
 
 from visual_servo_epipolar.core.geometry.motion import Twist
-from visual_servo_epipolar.evaluation.live.chain import Drive
+from visual_servo_epipolar.evaluation.live.chain import Answers
 from visual_servo_epipolar.evaluation.live.processes import Cost, spent
 from visual_servo_epipolar.messages import write
 
@@ -17,7 +17,7 @@ def answer(stamp_ns: int, linear: float) -> TwistStamped:
 
 
 def test_an_answer_is_known_by_the_number_of_its_image() -> None:
-    drive = Drive(sent={100: 0.0, 200: 0.0, 300: 0.0})
+    drive = Answers(sent={100: 0.0, 200: 0.0, 300: 0.0})
     for stamp_ns, linear in ((100, 0.0), (300, 0.2), (400, 0.3)):
         drive.took(answer(stamp_ns, linear))
     assert drive.numbers == [0, 2]

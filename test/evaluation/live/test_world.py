@@ -10,11 +10,11 @@ from std_msgs.msg import String
 
 from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.phase import Phase
-from visual_servo_epipolar.evaluation.faults import campaign, drive
+from visual_servo_epipolar.evaluation.faults import campaign
 from visual_servo_epipolar.evaluation.faults import run as runs
 from visual_servo_epipolar.evaluation.faults.catalogue import orders
+from visual_servo_epipolar.evaluation.faults.catalogue.all_faults import FAULTS
 from visual_servo_epipolar.evaluation.faults.catalogue.fault import Fault, Scene
-from visual_servo_epipolar.evaluation.faults.catalogue.table import FAULTS
 from visual_servo_epipolar.evaluation.faults.judging.record import Record
 from visual_servo_epipolar.evaluation.faults.processes.listener import RunListener
 from visual_servo_epipolar.evaluation.live.breakable_base import BreakableUnicycleNode
@@ -79,7 +79,7 @@ def test_a_servo_whose_stop_was_removed_moves_without_sight(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     monkeypatch.setattr(Watch, '_on_watch', lambda self: None)
-    monkeypatch.setattr(drive, 'LONGEST_S', 20.0)
+    monkeypatch.setattr(runs, 'LONGEST_S', 20.0)
     fault = Fault(what='', strike=images_end, prepare=without_a_base_that_stops_by_itself)
     result = driven('end', fault)
     assert (result['verdict'], result['safe']) == ('moved without sight', False)
@@ -88,7 +88,7 @@ def test_a_servo_whose_stop_was_removed_moves_without_sight(
 
 
 def test_a_base_that_obeys_nobody_is_condemned(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(drive, 'LONGEST_S', 20.0)
+    monkeypatch.setattr(runs, 'LONGEST_S', 20.0)
 
     def strike(scene: Scene) -> None:
         monkeypatch.setattr(Pioneer, 'command', lambda self, command: None)
@@ -160,7 +160,7 @@ def test_a_base_that_stands_is_watched_until_the_run_fails_for_it() -> None:
 def test_runs_are_watched_for_longer_than_any_timeout_of_theirs() -> None:
     settings = WorldSettings(start=(0.0, -1.0, 0.0), seed=0, camera=small_camera(0)).servo
     longest_s = max(settings.run_timeout, settings.phase_timeout) + settings.holding_timeout
-    assert drive.LONGEST_S > longest_s + drive.REST_S
+    assert runs.LONGEST_S > longest_s + runs.REST_S
 
 
 def test_a_servo_that_hangs_is_not_waited_for() -> None:
@@ -198,7 +198,7 @@ def test_a_button_that_was_pressed_leaves_the_robot_at_rest() -> None:
 def test_a_base_whose_process_is_gone_stands() -> None:
     result = driven('unicycle_killed', FAULTS['unicycle_killed'])
     assert result['verdict'] == 'at rest', result['charges']
-    assert result['duration_s'] < drive.LONGEST_S
+    assert result['duration_s'] < runs.LONGEST_S
 
 
 def test_transitions_are_asked_for_by_the_service_and_refused_where_there_is_none() -> None:

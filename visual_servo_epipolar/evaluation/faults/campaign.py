@@ -1,15 +1,17 @@
-"""The campaign: which runs there are, and all of them, side by side on this machine."""
+"""The campaign: its runs, side by side on this machine, its document and its table."""
 
-from collections.abc import Callable, Sequence
+from collections import Counter
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import as_completed
+from itertools import groupby
 import math
 from typing import Any, NamedTuple
 
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.settings import hint
-from visual_servo_epipolar.evaluation.faults.catalogue.table import FAULTS
+from visual_servo_epipolar.evaluation.faults.catalogue.all_faults import FAULTS
 from visual_servo_epipolar.evaluation.faults.judging.record import Verdict
-from visual_servo_epipolar.evaluation.faults.processes.table import PROCESSES
+from visual_servo_epipolar.evaluation.faults.processes.run import PROCESSES
 from visual_servo_epipolar.sweeping.local import worker_pool
 from visual_servo_epipolar.sweeping.provenance import commit
 
@@ -96,3 +98,63 @@ def document(results: Sequence[Result], seed: int) -> dict[str, Any]:
         'safe': len(results) - len(unsafe),
         'unsafe': len(unsafe),
     }
+
+
+LONGEST_NOTE = 120  # [characters]
+HEAD = (
+    '| fault | what | arrived | at rest | unsafe | excursion [m] | without sight [s] '
+    '| wrong geometry [s] |',
+    '|---|---|---|---|---|---|---|---|',
+)
+
+
+def table(document: Mapping[str, Any]) -> str:
+    """Return a campaign as Markdown: one row a fault, then each unsafe run."""
+    results = sorted(document['runs'], key=lambda it: NAMES.index(it['fault']))
+    total = len(results)
+    lines = [
+        f'{total} runs, seeds from {document["seed"]}, commit {document["commit"]}: '
+        f'{document["safe"]} safe, {document["unsafe"]} unsafe.',
+        '',
+        *HEAD,
+    ]
+    lines += [_cells(name, list(runs)) for name, runs in groupby(results, lambda it: it['fault'])]
+    return '\n'.join([*lines, *_offences(results)])
+
+
+def _cells(name: str, runs: Sequence[Mapping[str, Any]]) -> str:
+    counts = Counter(run['verdict'] for run in runs)
+    unsafe = ', '.join(
+        f'{counts[it.value]} {it.value}'
+        for it in Verdict
+        if counts[it.value] and it not in (Verdict.ARRIVED, Verdict.AT_REST)
+    )
+    what = FAULTS[name].what if name in FAULTS else PROCESSES[name].what
+    worst = (
+        max(run[key] for run in runs) for key in ('excursion_m', 'blind_s', 'wrong_geometry_s')
+    )
+    cells = (
+        f'`{name}`',
+        what,
+        str(counts[Verdict.ARRIVED.value]),
+        str(counts[Verdict.AT_REST.value]),
+        unsafe or '0',
+        *(f'{value:.1f}' for value in worst),
+    )
+    return f'| {" | ".join(cells)} |'
+
+
+def _offences(results: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    unsafe = [run for run in results if not run['safe']]
+    if unsafe:
+        yield from ('', 'Unsafe:', '')
+    yield from (f'- {offence(run)}' for run in unsafe)
+
+
+def offence(run: Mapping[str, Any]) -> str:
+    """Return what an unsafe run did, and how to repeat it."""
+    notes = f', {"; ".join(run["notes"])[:LONGEST_NOTE]}' if run['notes'] else ''
+    return (
+        f'`--only {run["fault"]} --seed {run["seed"]}`: {run["verdict"]}: {run["detail"]} '
+        f'({run["struck_in"] or "at the start"}{notes})'
+    )

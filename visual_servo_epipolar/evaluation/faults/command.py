@@ -42,7 +42,7 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def faults(options: argparse.Namespace) -> int:
     """Run the campaign, print the table; return 0 if every verdict is safe."""
     require('rclpy')
-    from visual_servo_epipolar.evaluation.faults import campaign, report
+    from visual_servo_epipolar.evaluation.faults import campaign
 
     if options.list:
         print(_listed())
@@ -57,7 +57,7 @@ def faults(options: argparse.Namespace) -> int:
             ended.append(result)
             if not result['safe']:
                 progress.close()
-                print(report.offence(result), file=sys.stderr)
+                print(campaign.offence(result), file=sys.stderr)
             unsafe = sum(not it['safe'] for it in ended)
             progress.say(
                 f'faults: {len(ended)} of {len(runs)}, {unsafe} unsafe; '
@@ -66,7 +66,7 @@ def faults(options: argparse.Namespace) -> int:
 
         results = campaign.drive(runs, min(options.jobs or cores(), len(runs)), watch)
     document = campaign.document(results, options.seed)
-    text = report.table(document)
+    text = campaign.table(document)
     if options.table is not None:
         _write(Path(options.table), text)
     publish(document, text, options.json)
@@ -80,8 +80,8 @@ def faults(options: argparse.Namespace) -> int:
 
 def _names(text: str | None) -> list[str]:
     """Return the faults that are asked for; none stands for all."""
-    from visual_servo_epipolar.evaluation.faults.catalogue.table import FAULTS
-    from visual_servo_epipolar.evaluation.faults.processes.table import PROCESSES
+    from visual_servo_epipolar.evaluation.faults.catalogue.all_faults import FAULTS
+    from visual_servo_epipolar.evaluation.faults.processes.run import PROCESSES
 
     groups = {'simulated': list(FAULTS), 'processes': list(PROCESSES)}
     names: list[str] = []
@@ -91,8 +91,8 @@ def _names(text: str | None) -> list[str]:
 
 
 def _listed() -> str:
-    from visual_servo_epipolar.evaluation.faults.catalogue.table import FAULTS
-    from visual_servo_epipolar.evaluation.faults.processes.table import PROCESSES
+    from visual_servo_epipolar.evaluation.faults.catalogue.all_faults import FAULTS
+    from visual_servo_epipolar.evaluation.faults.processes.run import PROCESSES
 
     whats = {name: fault.what for name, fault in FAULTS.items()}
     whats |= {name: fault.what for name, fault in PROCESSES.items()}

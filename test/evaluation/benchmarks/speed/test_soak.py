@@ -7,14 +7,14 @@ import pytest
 pytest.importorskip('rclpy')
 
 from visual_servo_epipolar.evaluation.benchmarks.speed import soak
-from visual_servo_epipolar.evaluation.live.chain import Drive
+from visual_servo_epipolar.evaluation.live.chain import Answers
 from visual_servo_epipolar.evaluation.live.processes import Cost
 
 HELD = {'servo_node': Cost(1.0, 100.0, 120.0, 16, 23)}
 
 
 def test_an_image_whose_twist_comes_after_the_next_is_due_is_missed() -> None:
-    drive = Drive(
+    drive = Answers(
         sent=dict.fromkeys(range(10), 0.0),
         latencies=[0.05] * 6 + [0.15] * 3,
         answered=[0, *range(2, 10)],
@@ -31,7 +31,7 @@ def test_images_before_the_first_answer_and_after_the_end_of_a_run_do_not_count(
     phase, images
 ) -> None:
     sent, answered = dict.fromkeys(range(10), 0.0), [2, 3, 5, 6]
-    row = soak._row(Drive(sent=sent, latencies=[0.05] * 4, answered=answered), phase, 10.0, HELD)
+    row = soak._row(Answers(sent=sent, latencies=[0.05] * 4, answered=answered), phase, 10.0, HELD)
     assert (row['images'], row['missed']) == (images, images - 4)
 
 

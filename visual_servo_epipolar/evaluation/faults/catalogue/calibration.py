@@ -1,12 +1,10 @@
 """Faults of calibration and of the photograph: what is told is not so."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-from sensor_msgs.msg import Image
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
@@ -15,7 +13,9 @@ from visual_servo_epipolar.evaluation.faults.catalogue.fault import (
     AT_FIRST,
     EVERYWHERE,
     Fault,
+    Faults,
     Scene,
+    Strike,
 )
 from visual_servo_epipolar.evaluation.live.wire import Envelope, HOP_NS
 from visual_servo_epipolar.evaluation.live.world import WorldSettings
@@ -33,24 +33,16 @@ def _wrong_focal(settings: WorldSettings, rng: np.random.Generator) -> WorldSett
     return replace(settings, camera=replace(settings.camera, believed_focal_ratio=ratio))
 
 
-def _info(change: Callable[[Any], object]) -> Callable[[Scene], None]:
+def _info(change: Callable[[Any], object]) -> Strike:
     """Change what camera_info says, from now on."""
-
-    def strike(scene: Scene) -> None:
-        def alter(envelope: Envelope) -> list[Envelope]:
-            change(envelope.message)
-            return [envelope]
-
-        scene.filter(INFO, alter)
-
-    return strike
+    return lambda scene: scene.alter(INFO, change)
 
 
-def _lens(model: str, *coefficients: float) -> Callable[[Any], None]:
+def _lens(model: str, *coefficients: float) -> Strike:
     def change(info: Any) -> None:
         info.distortion_model, info.d = model, list(coefficients)
 
-    return change
+    return _info(change)
 
 
 def _longer(info: Any) -> None:
@@ -68,47 +60,33 @@ def _scaled(scene: Scene) -> None:
 
     def scale(info: Any) -> None:
         k = np.array(info.k)
-        k[[0, 4]] *= ratio
-        if whole:
-            k[[2, 5]] *= ratio
+        k[[0, 4, 2, 5] if whole else [0, 4]] *= ratio
         info.k = k
 
-    _info(scale)(scene)
+    scene.alter(INFO, scale)
 
 
-def _uncalibrated(info: Any) -> None:
-    info.k[0] = 0.0
+def _focal(value: float) -> Strike:
+    def change(info: Any) -> None:
+        info.k[0] = value
 
-
-def _senseless(info: Any) -> None:
-    info.k[0] = np.nan
+    return _info(change)
 
 
 def _larger(info: Any) -> None:
     info.width, info.height = 2 * info.width, 2 * info.height
 
 
-def _missing(scene: Scene) -> None:
-    scene.filter(INFO, lambda envelope: [])
-
-
 def _flickering(scene: Scene) -> None:
     """Let two cameras speak in turns."""
-
-    def alter(envelope: Envelope) -> list[Envelope]:
-        if scene.hits(0.5):
-            _longer(envelope.message)
-        return [envelope]
-
-    scene.filter(INFO, alter)
+    scene.alter(INFO, lambda info: _longer(info) if scene.hits(0.5) else None)
 
 
-def photograph(pixels: Callable[[Scene], Pixels]) -> Callable[[Scene], None]:
+def photograph(pixels: Callable[[Scene], Pixels]) -> Strike:
     """Let somebody publish another photograph."""
 
     def strike(scene: Scene) -> None:
-        image = pixels(scene)
-        message: Image = write.image(image, 'mono8', 0, 'camera_optical_frame')
+        message: Any = write.image(pixels(scene), 'mono8', 0, 'camera_optical_frame')
         scene.filter(DESIRED, lambda envelope: [envelope.changed(message=message)])
         scene.world.wire.send(Envelope(DESIRED, message, 2 * HOP_NS))
 
@@ -135,49 +113,31 @@ def taken(camera: CameraSettings, pose: Pose) -> Pixels:
     return CameraSimulator(camera).capture(pose, 0)
 
 
-FAULTS: Mapping[str, Fault] = MappingProxyType(
-    {
-        'focal_wrong': Fault(
-            what='focal length told 15 to 25 % wrong', prepare=_wrong_focal, phases=AT_FIRST
-        ),
-        'lens_wrong': Fault(
-            what='told a distortion that is not there',
-            strike=_info(_lens('plumb_bob', -0.35, 0.12, 0.0, 0.0, 0.0)),
-            phases=AT_FIRST,
-        ),
-        'lens_fisheye': Fault(
-            what='told a fisheye',
-            strike=_info(_lens('equidistant', 0.0, 0.0, 0.0, 0.0)),
-            phases=AT_FIRST,
-        ),
-        'matrix_transposed': Fault(
-            what='K column by column', strike=_info(_transposed), phases=AT_FIRST
-        ),
-        'matrix_scaled': Fault(
-            what='K, or its focal length alone, of 1/4 to 4 times the size',
-            strike=_scaled,
-            phases=AT_FIRST,
-        ),
-        'info_missing': Fault(what='no camera_info', strike=_missing, phases=ALWAYS),
-        'info_uncalibrated': Fault(
-            what='K[0] of camera_info is 0', strike=_info(_uncalibrated), phases=ALWAYS
-        ),
-        'info_nan': Fault(what='K[0] is nan', strike=_info(_senseless), phases=ALWAYS),
-        'info_changes': Fault(
-            what='another focal length in mid-run', strike=_info(_longer), phases=EVERYWHERE
-        ),
-        'info_flickers': Fault(what='two cameras in turns', strike=_flickering, phases=ALWAYS),
-        'info_larger': Fault(
-            what='camera_info of larger images', strike=_info(_larger), phases=ALWAYS
-        ),
-        'photograph_other_room': Fault(
-            what='a photograph of another room', strike=photograph(_other_room), phases=ALWAYS
-        ),
-        'photograph_other_pose': Fault(
-            what='another photograph in mid-run', strike=photograph(_other_pose)
-        ),
-        'photograph_black': Fault(
-            what='a black photograph', strike=photograph(_black), phases=ALWAYS
-        ),
-    }
-)
+FAULTS: Faults = {
+    'focal_wrong': Fault(
+        'focal length told 15 to 25 % wrong', prepare=_wrong_focal, phases=AT_FIRST
+    ),
+    'lens_wrong': Fault(
+        'told a distortion that is not there',
+        _lens('plumb_bob', -0.35, 0.12, 0.0, 0.0, 0.0),
+        phases=AT_FIRST,
+    ),
+    'lens_fisheye': Fault(
+        'told a fisheye', _lens('equidistant', 0.0, 0.0, 0.0, 0.0), phases=AT_FIRST
+    ),
+    'matrix_transposed': Fault('K column by column', _info(_transposed), phases=AT_FIRST),
+    'matrix_scaled': Fault(
+        'K, or its focal length alone, of 1/4 to 4 times the size', _scaled, phases=AT_FIRST
+    ),
+    'info_missing': Fault('no camera_info', lambda scene: scene.lose(INFO), phases=ALWAYS),
+    'info_uncalibrated': Fault('K[0] of camera_info is 0', _focal(0.0), phases=ALWAYS),
+    'info_nan': Fault('K[0] is nan', _focal(np.nan), phases=ALWAYS),
+    'info_changes': Fault('another focal length in mid-run', _info(_longer), phases=EVERYWHERE),
+    'info_flickers': Fault('two cameras in turns', _flickering, phases=ALWAYS),
+    'info_larger': Fault('camera_info of larger images', _info(_larger), phases=ALWAYS),
+    'photograph_other_room': Fault(
+        'a photograph of another room', photograph(_other_room), phases=ALWAYS
+    ),
+    'photograph_other_pose': Fault('another photograph in mid-run', photograph(_other_pose)),
+    'photograph_black': Fault('a black photograph', photograph(_black), phases=ALWAYS),
+}

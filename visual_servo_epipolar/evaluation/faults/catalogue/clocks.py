@@ -1,21 +1,31 @@
 """Faults of clocks: time that leaps, runs backwards, or stands still."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
-from types import MappingProxyType
-
-import numpy as np
+from typing import Any
 
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-from visual_servo_epipolar.evaluation.faults.catalogue.fault import ALWAYS, AT_FIRST, Fault, Scene
+from visual_servo_epipolar.evaluation.faults.catalogue.fault import (
+    ALWAYS,
+    AT_FIRST,
+    Fault,
+    Faults,
+    Prepare,
+    Scene,
+    Strike,
+)
 from visual_servo_epipolar.evaluation.live.wire import Envelope
-from visual_servo_epipolar.evaluation.live.world import WorldSettings
 from visual_servo_epipolar.messages import write
 
-CLOCK = '/clock'
+CLOCK, RATE = '/clock', 50
 
 
-def _leap(low: float, high: float) -> Callable[[Scene], None]:
+def changed(**changes: Any) -> Prepare:
+    """Change how a world is built."""
+    return lambda settings, rng: replace(settings, **changes)
+
+
+def _leap(low: float, high: float) -> Strike:
     """Set the wall clock, as NTP does."""
 
     def strike(scene: Scene) -> None:
@@ -26,27 +36,25 @@ def _leap(low: float, high: float) -> Callable[[Scene], None]:
     return strike
 
 
-def _simulated(settings: WorldSettings, rng: np.random.Generator) -> WorldSettings:
-    return replace(settings, simulated_time=True)
-
-
-def _stop(scene: Scene) -> None:
-    scene.filter(CLOCK, lambda envelope: [], scene.spell(0.5, 10.0))
+def tick(scene: Scene, goes_on: Callable[[], bool] = lambda: True) -> None:
+    """Publish /clock, of the wall clock, now and as long as it ``goes_on``."""
+    wire = scene.world.wire
+    wire.post(Envelope(CLOCK, write.clock(wire.wall_ns), 0))
+    if goes_on():
+        wire.at(wire.now_ns + NANOSECONDS // RATE, lambda: tick(scene, goes_on))
 
 
 def _restart(scene: Scene) -> None:
     """Let the simulation begin at 0 again."""
     begin: list[int] = []
 
-    def again(envelope: Envelope) -> list[Envelope]:
-        clock = envelope.message.clock
+    def again(message: Any) -> None:
+        clock = message.clock
         now_ns = int(clock.sec) * NANOSECONDS + int(clock.nanosec)
-        if not begin:
-            begin.append(now_ns)
+        begin.append(now_ns)
         clock.sec, clock.nanosec = divmod(now_ns - begin[0] + NANOSECONDS, NANOSECONDS)
-        return [envelope]
 
-    scene.filter(CLOCK, again)
+    scene.alter(CLOCK, again)
 
 
 def _freeze(scene: Scene) -> None:
@@ -54,41 +62,29 @@ def _freeze(scene: Scene) -> None:
     wire, seconds = scene.world.wire, scene.draw(2.0, 15.0)
     scene.notes.append(f'after {seconds:.1f} s')
     end_ns = wire.now_ns + round(seconds * NANOSECONDS)
-
-    def tick() -> None:
-        wire.post(Envelope(CLOCK, write.clock(wire.wall_ns), 0))
-        if wire.now_ns < end_ns:
-            wire.at(wire.now_ns + NANOSECONDS // 50, tick)
-
-    tick()
+    tick(scene, lambda: wire.now_ns < end_ns)
     scene.later(seconds, lambda: None)
 
 
-def _simulated_servo(settings: WorldSettings, rng: np.random.Generator) -> WorldSettings:
-    return replace(settings, more={'servo_node': {'use_sim_time': True}})
-
-
-FAULTS: Mapping[str, Fault] = MappingProxyType(
-    {
-        'clock_forward': Fault(
-            what='the wall clock leaps 1 to 300 s ahead', strike=_leap(1.0, 300.0), phases=ALWAYS
-        ),
-        'clock_back': Fault(
-            what='the wall clock leaps 0.1 to 900 s back',
-            strike=_leap(-900.0, -0.1),
-            phases=ALWAYS,
-        ),
-        'clock_stops': Fault(
-            what='/clock stands still', strike=_stop, prepare=_simulated, phases=ALWAYS
-        ),
-        'clock_freezes': Fault(
-            what='the /clock of the servo stands still, and images go on',
-            strike=_freeze,
-            prepare=_simulated_servo,
-            phases=AT_FIRST,
-        ),
-        'clock_restarts': Fault(
-            what='/clock begins anew', strike=_restart, prepare=_simulated, phases=ALWAYS
-        ),
-    }
-)
+SIMULATED = changed(simulated_time=True)
+FAULTS: Faults = {
+    'clock_forward': Fault(
+        'the wall clock leaps 1 to 300 s ahead', _leap(1.0, 300.0), phases=ALWAYS
+    ),
+    'clock_back': Fault(
+        'the wall clock leaps 0.1 to 900 s back', _leap(-900.0, -0.1), phases=ALWAYS
+    ),
+    'clock_stops': Fault(
+        '/clock stands still',
+        lambda scene: scene.lose(CLOCK, scene.spell(0.5, 10.0)),
+        SIMULATED,
+        phases=ALWAYS,
+    ),
+    'clock_freezes': Fault(
+        'the /clock of the servo stands still, and images go on',
+        _freeze,
+        changed(more={'servo_node': {'use_sim_time': True}}),
+        phases=AT_FIRST,
+    ),
+    'clock_restarts': Fault('/clock begins anew', _restart, SIMULATED, phases=ALWAYS),
+}

@@ -1,15 +1,16 @@
 """Faults: what each is called, when it strikes, and the scene that it strikes."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 import math
+from typing import Any
 
 import numpy as np
 
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.evaluation.faults.judging.witness import Witness
-from visual_servo_epipolar.evaluation.live.wire import Filter
+from visual_servo_epipolar.evaluation.live.wire import Envelope, Filter
 from visual_servo_epipolar.evaluation.live.world import World, WorldSettings
 
 # Phases that nearly every run goes through, where the robot moves.
@@ -49,6 +50,21 @@ class Scene:
         if seconds < math.inf:
             self.later(seconds, lambda: filters.remove(change))
 
+    def alter(
+        self, topic: str, change: Callable[[Any], object], seconds: float = math.inf
+    ) -> None:
+        """Let ``change`` alter each message of ``topic`` in place, for ``seconds``."""
+
+        def altered(envelope: Envelope) -> list[Envelope]:
+            change(envelope.message)
+            return [envelope]
+
+        self.filter(topic, altered, seconds)
+
+    def lose(self, topic: str, seconds: float = math.inf) -> None:
+        """Let no message of ``topic`` arrive, for ``seconds``."""
+        self.filter(topic, lambda envelope: [], seconds)
+
     def spell(self, low: float, high: float) -> float:
         """Draw how long something lasts [s], and note it; half of the time it is for good."""
         seconds = math.inf if self.hits(0.5) else self.draw(low, high)
@@ -56,10 +72,11 @@ class Scene:
         return seconds
 
 
+Strike = Callable[[Scene], object]
 Prepare = Callable[[WorldSettings, np.random.Generator], WorldSettings]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class Fault:
     """
     A fault: ``strike`` does it to a scene, in one of the ``phases`` and some time into it.
@@ -70,7 +87,10 @@ class Fault:
     """
 
     what: str
-    strike: Callable[[Scene], object] = lambda scene: None
+    strike: Strike = lambda scene: None
     prepare: Prepare = lambda settings, rng: settings
     phases: tuple[Phase, ...] = EVERYWHERE
     base_alone: bool = False
+
+
+Faults = Mapping[str, Fault]

@@ -2,24 +2,21 @@
 
 from collections.abc import Callable, Mapping
 from functools import partial
-from types import MappingProxyType
 
-from visual_servo_epipolar.evaluation.faults.catalogue.fault import ALWAYS, Fault, Scene
+from visual_servo_epipolar.evaluation.faults.catalogue.fault import (
+    ALWAYS,
+    Fault,
+    Faults,
+    Scene,
+    Strike,
+)
 from visual_servo_epipolar.evaluation.live.world import NODES
 
 TRANSITIONS = ('configure', 'activate', 'deactivate', 'cleanup', 'shutdown')
 TRANSITIONS_IN_A_RUN = 12
 
 
-def _killed(name: str) -> Callable[[Scene], None]:
-    return lambda scene: scene.world.kill(name)
-
-
-def _ended(name: str) -> Callable[[Scene], None]:
-    return lambda scene: scene.world.end(name)
-
-
-def _hung(name: str) -> Callable[[Scene], None]:
+def _hung(name: str) -> Strike:
     def strike(scene: Scene) -> None:
         seconds = scene.spell(0.3, 8.0)
         scene.world.hang(name)
@@ -29,7 +26,7 @@ def _hung(name: str) -> Callable[[Scene], None]:
     return strike
 
 
-def _restarted(name: str) -> Callable[[Scene], None]:
+def _restarted(name: str) -> Strike:
     """Return a node that is gone for a while; the base begins at the start again."""
 
     def strike(scene: Scene) -> None:
@@ -52,7 +49,7 @@ def managed(name: str) -> bool:
     return hasattr(NODES[name], 'trigger_deactivate')
 
 
-def _transitions(name: str) -> Callable[[Scene], None]:
+def _transitions(name: str) -> Strike:
     """Take a managed node through transitions, in any order."""
 
     def turn(scene: Scene, label: str) -> None:
@@ -66,30 +63,25 @@ def _transitions(name: str) -> Callable[[Scene], None]:
     return strike
 
 
-KINDS: Mapping[str, tuple[str, Callable[[str], Callable[[Scene], None]]]] = MappingProxyType(
-    {
-        'killed': ('is gone without a word', _killed),
-        'ended': ('ends as by SIGINT', _ended),
-        'hung': ('does nothing, for a while or for good', _hung),
-        'restarted': ('is gone, and comes back', _restarted),
-    }
-)
-FAULTS: Mapping[str, Fault] = MappingProxyType(
-    {
-        f'{name.removesuffix("_node")}_{kind}': Fault(
-            what=f'{name} {words}',
-            strike=strike(name),
-            phases=ALWAYS,
-            base_alone=name == 'servo_node' and kind != 'ended',
-        )
-        for name in NODES
-        for kind, (words, strike) in KINDS.items()
-    }
-    | {
-        f'{name.removesuffix("_node")}_transitions': Fault(
-            what=f'{name} is taken through its states', strike=_transitions(name), phases=ALWAYS
-        )
-        for name in NODES
-        if managed(name)
-    }
-)
+KINDS: Mapping[str, tuple[str, Callable[[str], Strike]]] = {
+    'killed': ('is gone without a word', lambda name: lambda scene: scene.world.kill(name)),
+    'ended': ('ends as by SIGINT', lambda name: lambda scene: scene.world.end(name)),
+    'hung': ('does nothing, for a while or for good', _hung),
+    'restarted': ('is gone, and comes back', _restarted),
+}
+FAULTS: Faults = {
+    f'{name.removesuffix("_node")}_{kind}': Fault(
+        f'{name} {words}',
+        strike(name),
+        phases=ALWAYS,
+        base_alone=name == 'servo_node' and kind != 'ended',
+    )
+    for name in NODES
+    for kind, (words, strike) in KINDS.items()
+} | {
+    f'{name.removesuffix("_node")}_transitions': Fault(
+        f'{name} is taken through its states', _transitions(name), phases=ALWAYS
+    )
+    for name in NODES
+    if managed(name)
+}

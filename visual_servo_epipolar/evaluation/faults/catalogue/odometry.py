@@ -1,14 +1,12 @@
 """Faults of wheel odometry, of a servo that hears it: it lies, or begins anew."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
-from visual_servo_epipolar.evaluation.faults.catalogue.fault import EVERYWHERE, Fault, Scene
-from visual_servo_epipolar.evaluation.live.wire import Envelope
+from visual_servo_epipolar.evaluation.faults.catalogue.fault import Fault, Faults, Scene, Strike
 from visual_servo_epipolar.evaluation.live.world import WorldSettings
 
 ODOMETRY = '/odom'
@@ -18,21 +16,20 @@ def _heard(settings: WorldSettings, rng: np.random.Generator) -> WorldSettings:
     return replace(settings, servo=replace(settings.servo, odometry=True))
 
 
-def _told(change: Callable[[Any, list[Any]], object]) -> Callable[[Scene], None]:
+def _told(change: Callable[[Any, list[Any]], object]) -> Strike:
     """Change each pose from now on; ``change`` gets it, and the first one that was changed."""
 
     def strike(scene: Scene) -> None:
         first: list[Any] = []
 
-        def alter(envelope: Envelope) -> list[Envelope]:
-            pose = envelope.message.pose.pose
+        def alter(message: Any) -> None:
+            pose = message.pose.pose
             if not first:
                 place, turn = pose.position, pose.orientation
                 first.extend((place.x, place.y, turn.z, turn.w))
             change(pose, first)
-            return [envelope]
 
-        scene.filter(ODOMETRY, alter)
+        scene.alter(ODOMETRY, alter)
 
     return strike
 
@@ -49,25 +46,9 @@ def _begun_anew(pose: Any, first: list[Any]) -> None:
     pose.position.x, pose.position.y = pose.position.x - first[0], pose.position.y - first[1]
 
 
-FAULTS: Mapping[str, Fault] = MappingProxyType(
-    {
-        'odometry_frozen': Fault(
-            what='odometry, which is heard, says the same pose for ever',
-            strike=_told(_frozen),
-            prepare=_heard,
-            phases=EVERYWHERE,
-        ),
-        'odometry_mirrored': Fault(
-            what='odometry, which is heard, has left for right',
-            strike=_told(_mirrored),
-            prepare=_heard,
-            phases=EVERYWHERE,
-        ),
-        'odometry_reset': Fault(
-            what='odometry, which is heard, begins anew',
-            strike=_told(_begun_anew),
-            prepare=_heard,
-            phases=EVERYWHERE,
-        ),
-    }
-)
+WORDS = 'odometry, which is heard,'
+FAULTS: Faults = {
+    'odometry_frozen': Fault(f'{WORDS} says the same pose for ever', _told(_frozen), _heard),
+    'odometry_mirrored': Fault(f'{WORDS} has left for right', _told(_mirrored), _heard),
+    'odometry_reset': Fault(f'{WORDS} begins anew', _told(_begun_anew), _heard),
+}

@@ -1,10 +1,9 @@
 """Orders as faults: every service and any parameter, at any moment."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import fields, replace
 from functools import partial
 import math
-from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -12,18 +11,19 @@ from std_msgs.msg import Bool
 
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import range_of, Settings
-from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
+from visual_servo_epipolar.evaluation.faults.catalogue.clocks import tick
 from visual_servo_epipolar.evaluation.faults.catalogue.fault import (
     ALWAYS,
     AT_FIRST,
-    EVERYWHERE,
     Fault,
+    Faults,
+    Prepare,
     Scene,
+    Strike,
 )
 from visual_servo_epipolar.evaluation.live.wire import Envelope, HOP_NS
 from visual_servo_epipolar.evaluation.live.world import WorldSettings
-from visual_servo_epipolar.messages import write
 
 SERVICES = (
     '/servo_node/start',
@@ -35,18 +35,9 @@ SERVICES = (
 # A person who changes these says what counts as arrived, or as seen.
 MEANT = ('arrival_', 'near_parallax', 'max_attempts', 'stale_timeout', 'law', 'final_turn')
 ORDERS_IN_A_STORM = 30
-BUTTON, PHOTOGRAPH, CLOCK = '/stop_button', '/desired/image_raw', '/clock'
+BUTTON, PHOTOGRAPH = '/stop_button', '/desired/image_raw'
 PRESSED_S = 8.0
 LATER_S = 60.0  # when what was missing comes
-
-
-def called(service: str) -> Callable[[Scene], None]:
-    """Call ``service``."""
-
-    def strike(scene: Scene) -> None:
-        call(scene, service)
-
-    return strike
 
 
 def call(scene: Scene, service: str) -> None:
@@ -101,7 +92,7 @@ def _unheard_start(scene: Scene) -> None:
     scene.notes.append(f'start: {scene.world.call(SERVICES[0])}')
 
 
-def _started_too_early(missing: str) -> Callable[[Scene], None]:
+def _started_too_early(missing: str) -> Strike:
     """Order to start while something is ``missing`` that comes a minute later: a node of ours."""
 
     def strike(scene: Scene) -> None:
@@ -116,7 +107,7 @@ def _started_too_early(missing: str) -> Callable[[Scene], None]:
 def _started_without_photograph(scene: Scene) -> None:
     """Order to start before there is a photograph, which comes a minute later."""
     wire = scene.world.wire
-    scene.filter(PHOTOGRAPH, lambda envelope: [], LATER_S)
+    scene.lose(PHOTOGRAPH, LATER_S)
     for name in ('camera_node', 'tracker_node'):
         scene.world.kill(name)
     wire.forget(PHOTOGRAPH)
@@ -129,15 +120,9 @@ def _started_without_photograph(scene: Scene) -> None:
 
 def _started_without_clock(scene: Scene) -> None:
     """Order to start a servo of simulated time, of which /clock comes a minute later."""
-    wire = scene.world.wire
     scene.later(2.0, partial(_unheard_start, scene))
     scene.witness.record.stopped_s = scene.witness.now_s
-
-    def tick() -> None:
-        wire.post(Envelope(CLOCK, write.clock(wire.wall_ns), 0))
-        wire.at(wire.now_ns + NANOSECONDS // 50, tick)
-
-    scene.later(LATER_S, tick)
+    scene.later(LATER_S, partial(tick, scene))
 
 
 def _waits(settings: WorldSettings, rng: np.random.Generator) -> WorldSettings:
@@ -147,6 +132,11 @@ def _waits(settings: WorldSettings, rng: np.random.Generator) -> WorldSettings:
 
 def _waits_without_clock(settings: WorldSettings, rng: np.random.Generator) -> WorldSettings:
     return replace(_waits(settings, rng), more={'servo_node': {'use_sim_time': True}})
+
+
+def _arming(what: str, strike: Strike, prepare: Prepare = _waits) -> Fault:
+    """Return the fault of an order to start where something is missing."""
+    return Fault(f'~/start, and a minute later {what}', strike, prepare, phases=AT_FIRST)
 
 
 def _carried(scene: Scene) -> None:
@@ -161,7 +151,7 @@ def _limits(scene: Scene) -> None:
     scene.notes.append(str(values) + scene.world.set('servo_node', values))
 
 
-def _parameters(node: str, settings: Settings) -> Callable[[Scene], None]:
+def _parameters(node: str, settings: Settings) -> Strike:
     """Set some parameters of ``node`` to anything that they may be, one by one."""
     names = [
         item
@@ -199,51 +189,31 @@ def _drawn(item: Any, now: Any, scene: Scene) -> Any:
     return round(value) if isinstance(now, int) else float(value)
 
 
-ARMING: Mapping[str, tuple[str, Callable[[Scene], None]]] = MappingProxyType(
-    {
-        'camera': ('the camera comes', _started_too_early('camera_node')),
-        'tracker': ('the tracker comes', _started_too_early('tracker_node')),
-        'photograph': ('a photograph comes', _started_without_photograph),
-        'clock': ('/clock comes', _started_without_clock),
-    }
-)
-FAULTS: Mapping[str, Fault] = MappingProxyType(
-    {
-        'order_start': Fault(what='~/start', strike=called(SERVICES[0]), phases=ALWAYS),
-        'order_stop': Fault(what='~/stop', strike=called(SERVICES[1]), phases=ALWAYS),
-        'order_reset': Fault(what='~/reset', strike=called(SERVICES[2]), phases=ALWAYS),
-        'order_capture': Fault(
-            what='~/capture_desired', strike=called(SERVICES[3]), phases=ALWAYS
-        ),
-        'order_redetect': Fault(what='~/redetect', strike=called(SERVICES[4]), phases=ALWAYS),
-        'order_stop_and_start': Fault(
-            what='~/stop, and ~/start a little later', strike=_stop_then_start, phases=ALWAYS
-        ),
-        'order_storm': Fault(what='30 services in 3 s, then ~/stop', strike=_storm, phases=ALWAYS),
-        'order_button': Fault(
-            what='the stop button is pressed, and released', strike=_pressed, phases=ALWAYS
-        ),
-        'order_two_buttons': Fault(
-            what='one of two stop buttons is pressed', strike=_two_buttons, phases=ALWAYS
-        ),
-        **{
-            f'arming_{name}': Fault(
-                what=f'~/start, and a minute later {what}',
-                strike=strike,
-                prepare=_waits_without_clock if name == 'clock' else _waits,
-                phases=AT_FIRST,
-            )
-            for name, (what, strike) in ARMING.items()
-        },
-        'carried': Fault(what='somebody carries the robot', strike=_carried, phases=ALWAYS),
-        'limits_lowered': Fault(what='max_linear, max_angular lowered', strike=_limits),
-        'parameters_servo': Fault(
-            what='parameters of the servo', strike=_parameters('servo_node', ServoSettings())
-        ),
-        'parameters_tracker': Fault(
-            what='parameters of the tracker',
-            strike=_parameters('tracker_node', TrackerSettings()),
-            phases=EVERYWHERE,
-        ),
-    }
-)
+FAULTS: Faults = {
+    **{
+        f'order_{name}': Fault(f'~/{service}', partial(call, service=path), phases=ALWAYS)
+        for name, (service, path) in zip(
+            ('start', 'stop', 'reset', 'capture', 'redetect'),
+            ((path.rsplit('/', 1)[1], path) for path in SERVICES),
+            strict=True,
+        )
+    },
+    'order_stop_and_start': Fault(
+        '~/stop, and ~/start a little later', _stop_then_start, phases=ALWAYS
+    ),
+    'order_storm': Fault('30 services in 3 s, then ~/stop', _storm, phases=ALWAYS),
+    'order_button': Fault('the stop button is pressed, and released', _pressed, phases=ALWAYS),
+    'order_two_buttons': Fault('one of two stop buttons is pressed', _two_buttons, phases=ALWAYS),
+    'arming_camera': _arming('the camera comes', _started_too_early('camera_node')),
+    'arming_tracker': _arming('the tracker comes', _started_too_early('tracker_node')),
+    'arming_photograph': _arming('a photograph comes', _started_without_photograph),
+    'arming_clock': _arming('/clock comes', _started_without_clock, _waits_without_clock),
+    'carried': Fault('somebody carries the robot', _carried, phases=ALWAYS),
+    'limits_lowered': Fault('max_linear, max_angular lowered', _limits),
+    'parameters_servo': Fault(
+        'parameters of the servo', _parameters('servo_node', ServoSettings())
+    ),
+    'parameters_tracker': Fault(
+        'parameters of the tracker', _parameters('tracker_node', TrackerSettings())
+    ),
+}

@@ -1,8 +1,7 @@
 """Faults of worlds that are others from the beginning: a deep scene, compressed images."""
 
-from collections.abc import Mapping
 from dataclasses import replace
-from types import MappingProxyType
+from typing import Any
 
 import cv2
 import numpy as np
@@ -12,7 +11,8 @@ from std_msgs.msg import Header
 from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.evaluation.faults.catalogue.calibration import DESIRED, taken
-from visual_servo_epipolar.evaluation.faults.catalogue.fault import AT_FIRST, Fault, Scene
+from visual_servo_epipolar.evaluation.faults.catalogue.clocks import changed
+from visual_servo_epipolar.evaluation.faults.catalogue.fault import AT_FIRST, Fault, Faults, Scene
 from visual_servo_epipolar.evaluation.faults.catalogue.streams import IMAGES
 from visual_servo_epipolar.evaluation.live.wire import Envelope, HOP_NS
 from visual_servo_epipolar.evaluation.live.world import WorldSettings
@@ -33,16 +33,11 @@ def _look_far(scene: Scene) -> None:
     depth = scene.world.settings.depth
     scene.notes.append(f'{depth:.0f} times as deep')
 
-    def look(envelope: Envelope) -> list[Envelope]:
-        position = envelope.message.pose.pose.position
+    def look(message: Any) -> None:
+        position = message.pose.pose.position
         position.x, position.y = position.x / depth, position.y / depth
-        return [envelope]
 
-    scene.filter(TRUTH, look)
-
-
-def _compressing(settings: WorldSettings, rng: np.random.Generator) -> WorldSettings:
-    return replace(settings, more={'tracker_node': {'transport': 'compressed'}})
+    scene.alter(TRUTH, look)
 
 
 def _jpeg_damaged(scene: Scene) -> None:
@@ -61,8 +56,7 @@ def _jpeg_damaged(scene: Scene) -> None:
         message = _compressed(image.header, jpeg)
         return [envelope.changed(topic=f'{IMAGES}/compressed', message=message)]
 
-    photograph = _jpeg(taken(scene.world.settings.camera, DESIRED_POSE))
-    message = _compressed(Header(), photograph)
+    message = _compressed(Header(), _jpeg(taken(scene.world.settings.camera, DESIRED_POSE)))
     scene.world.wire.send(Envelope(f'{DESIRED}/compressed', message, HOP_NS))
     scene.filter(IMAGES, compress)
 
@@ -78,16 +72,10 @@ def _compressed(header: Header, jpeg: Pixels) -> CompressedImage:
     return message
 
 
-FAULTS: Mapping[str, Fault] = MappingProxyType(
-    {
-        'scene_deep': Fault(
-            what='a scene 60 to 200 m deep', strike=_look_far, prepare=_deep, phases=AT_FIRST
-        ),
-        'jpeg_damaged': Fault(
-            what='JPEGs damaged in the middle',
-            strike=_jpeg_damaged,
-            prepare=_compressing,
-            phases=AT_FIRST,
-        ),
-    }
-)
+COMPRESSING = changed(more={'tracker_node': {'transport': 'compressed'}})
+FAULTS: Faults = {
+    'scene_deep': Fault('a scene 60 to 200 m deep', _look_far, _deep, phases=AT_FIRST),
+    'jpeg_damaged': Fault(
+        'JPEGs damaged in the middle', _jpeg_damaged, COMPRESSING, phases=AT_FIRST
+    ),
+}

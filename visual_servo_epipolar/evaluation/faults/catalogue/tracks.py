@@ -1,12 +1,17 @@
 """Faults of tracks: wrong ones, and clouds that lie about themselves."""
 
-from collections.abc import Callable, Mapping
-from types import MappingProxyType
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from visual_servo_epipolar.evaluation.faults.catalogue.fault import ALWAYS, Fault, Scene
+from visual_servo_epipolar.evaluation.faults.catalogue.fault import (
+    ALWAYS,
+    Fault,
+    Faults,
+    Scene,
+    Strike,
+)
 from visual_servo_epipolar.evaluation.faults.catalogue.streams import dropped, late
 from visual_servo_epipolar.evaluation.live.wire import Envelope
 from visual_servo_epipolar.messages.write import TRACK_LAYOUT
@@ -16,9 +21,7 @@ LONGEST_S = 10.0
 Rows = Any
 
 
-def _changed(
-    change: Callable[[Rows, Scene], Rows], *, true: bool = False
-) -> Callable[[Scene], None]:
+def _changed(change: Callable[[Rows, Scene], Rows], *, true: bool = False) -> Strike:
     """Return tracks whose rows ``change``; ``true`` where enough of them is left."""
 
     def strike(scene: Scene) -> None:
@@ -28,7 +31,7 @@ def _changed(
             message.width, message.row_step = len(rows), len(rows) * message.point_step
             del message.data[:]
             message.data.frombytes(rows.tobytes())
-            sight = envelope.sight if true or envelope.sight is None else envelope.sight.lie()
+            sight = envelope.sight if true else envelope.sight and envelope.sight.lie()
             return [envelope.changed(sight=sight)]
 
         scene.filter(TRACKS, alter, scene.spell(0.5, LONGEST_S))
@@ -45,8 +48,7 @@ def _half_random(rows: Rows, scene: Scene) -> Rows:
 
 def _half_shifted(rows: Rows, scene: Scene) -> Rows:
     """Let half of the features, always the same, be elsewhere, as those of what moves."""
-    wrong = rows['id'] % 2 == 0
-    rows['u'][wrong] += 25.0
+    rows['u'][rows['id'] % 2 == 0] += 25.0
     return rows
 
 
@@ -55,14 +57,6 @@ def _nan(rows: Rows, scene: Scene) -> Rows:
     rows['u'][wrong] = np.nan
     rows['v'][scene.rng.random(len(rows)) < 0.1] = np.inf
     return rows
-
-
-def _none(rows: Rows, scene: Scene) -> Rows:
-    return rows[:0]
-
-
-def _few(rows: Rows, scene: Scene) -> Rows:
-    return rows[: int(scene.rng.integers(1, 12))]
 
 
 def _one_point(rows: Rows, scene: Scene) -> Rows:
@@ -80,20 +74,18 @@ def _lying(scene: Scene) -> None:
     scene.filter(TRACKS, lie, scene.spell(0.3, LONGEST_S))
 
 
-FAULTS: Mapping[str, Fault] = MappingProxyType(
-    {
-        'tracks_half_random': Fault(
-            what='half of the tracks anywhere', strike=_changed(_half_random, true=True)
-        ),
-        'tracks_half_shifted': Fault(
-            what='half of the tracks 25 px aside', strike=_changed(_half_shifted, true=True)
-        ),
-        'tracks_nan': Fault(what='nan and inf in tracks', strike=_changed(_nan, true=True)),
-        'tracks_empty': Fault(what='no features', strike=_changed(_none), phases=ALWAYS),
-        'tracks_few': Fault(what='a few features', strike=_changed(_few, true=True)),
-        'tracks_one_point': Fault(what='all features at one point', strike=_changed(_one_point)),
-        'tracks_lying': Fault(what='clouds whose size lies', strike=_lying, phases=ALWAYS),
-        'tracks_dropped': Fault(what='up to half of the tracks lost', strike=dropped(TRACKS)),
-        'tracks_late': Fault(what='tracks 0.1 to 0.5 s late', strike=late(TRACKS, 0.1, 0.5)),
-    }
-)
+NONE = _changed(lambda rows, scene: rows[:0])
+FEW = _changed(lambda rows, scene: rows[: int(scene.rng.integers(1, 12))], true=True)
+FAULTS: Faults = {
+    'tracks_half_random': Fault('half of the tracks anywhere', _changed(_half_random, true=True)),
+    'tracks_half_shifted': Fault(
+        'half of the tracks 25 px aside', _changed(_half_shifted, true=True)
+    ),
+    'tracks_nan': Fault('nan and inf in tracks', _changed(_nan, true=True)),
+    'tracks_empty': Fault('no features', NONE, phases=ALWAYS),
+    'tracks_few': Fault('a few features', FEW),
+    'tracks_one_point': Fault('all features at one point', _changed(_one_point)),
+    'tracks_lying': Fault('clouds whose size lies', _lying, phases=ALWAYS),
+    'tracks_dropped': Fault('up to half of the tracks lost', dropped(TRACKS)),
+    'tracks_late': Fault('tracks 0.1 to 0.5 s late', late(TRACKS, 0.1, 0.5)),
+}

@@ -18,8 +18,13 @@ from std_msgs.msg import String
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-from visual_servo_epipolar.evaluation.faults.judging.motion import moving
-from visual_servo_epipolar.evaluation.faults.judging.record import Limits, Order, Record, Truth
+from visual_servo_epipolar.evaluation.faults.judging.record import (
+    Limits,
+    moving,
+    Order,
+    Record,
+    Truth,
+)
 from visual_servo_epipolar.evaluation.faults.judging.witness import MUTE
 from visual_servo_epipolar.evaluation.live.listener import Listener
 from visual_servo_epipolar.messages import read

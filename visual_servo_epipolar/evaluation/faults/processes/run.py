@@ -1,10 +1,12 @@
-"""One run of real processes, one of which is harmed while the robot drives."""
+"""Faults of real processes: one of four is harmed while the robot drives."""
 
+from collections.abc import Mapping
 from contextlib import ExitStack
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from pathlib import Path
 import signal
 import tempfile
+from types import MappingProxyType
 from typing import Any
 import zlib
 
@@ -13,12 +15,56 @@ import numpy as np
 from visual_servo_epipolar.evaluation.faults.judging.judge import judged
 from visual_servo_epipolar.evaluation.faults.judging.record import Bounds
 from visual_servo_epipolar.evaluation.faults.processes.listener import RunListener, SETTINGS
-from visual_servo_epipolar.evaluation.faults.processes.table import NODES, ProcessFault
 from visual_servo_epipolar.evaluation.live.processes import Process, started
 from visual_servo_epipolar.evaluation.live.world import FRAME_RATE, small_camera
 from visual_servo_epipolar.nodes.startup import process
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
+
+SUSPENDING = (signal.SIGSTOP, signal.SIGTSTP)
+NODES = ('servo_node', 'tracker_node', 'camera_node', 'unicycle_node')
+
+
+@dataclass(frozen=True, slots=True)
+class ProcessFault:
+    """
+    What is done to the process of ``node``: a signal.
+
+    ``resumes``: it may be continued later.
+    """
+
+    what: str
+    node: str
+    signal: signal.Signals
+    resumes: bool = False
+
+    @property
+    def mute(self) -> bool:
+        """Whether the servo cannot stop the base any more."""
+        return self.node == 'servo_node' and self.signal in (signal.SIGKILL, signal.SIGSTOP)
+
+
+KINDS: Mapping[str, tuple[signal.Signals, str]] = MappingProxyType(
+    {
+        'kill': (signal.SIGKILL, 'kill -9'),
+        'hangup': (signal.SIGHUP, 'SIGHUP, as of a terminal that is closed'),
+        'quit': (signal.SIGQUIT, 'SIGQUIT'),
+        'interrupt': (signal.SIGINT, 'SIGINT'),
+        'terminate': (signal.SIGTERM, 'SIGTERM'),
+        'stop': (signal.SIGSTOP, 'SIGSTOP, and SIGCONT later or never'),
+        'suspend': (signal.SIGTSTP, 'SIGTSTP, as of Ctrl-Z, and SIGCONT later or never'),
+    }
+)
+PROCESSES: Mapping[str, ProcessFault] = MappingProxyType(
+    {
+        f'process_{kind}_{node.removesuffix("_node")}': ProcessFault(
+            f'{words}, process of {node}', node, number, number in SUSPENDING
+        )
+        for kind, (number, words) in KINDS.items()
+        for node in NODES
+    }
+)
+
 
 START_S, REST_S, LONGEST_S = 90.0, 3.0, 120.0
 LATE_S = 0.5  # by which a busy machine may deliver what is sent, or run who is due

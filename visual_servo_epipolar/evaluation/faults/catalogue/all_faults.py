@@ -1,8 +1,5 @@
 """The table of all faults by name."""
 
-from collections.abc import Mapping
-from types import MappingProxyType
-
 from visual_servo_epipolar.evaluation.faults.catalogue import (
     base,
     calibration,
@@ -15,10 +12,9 @@ from visual_servo_epipolar.evaluation.faults.catalogue import (
     streams,
     tracks,
 )
-from visual_servo_epipolar.evaluation.faults.catalogue.fault import Fault
+from visual_servo_epipolar.evaluation.faults.catalogue.fault import Fault, Faults
 
 GROUPS = (streams, images, scenes, tracks, calibration, clocks, orders, base, nodes, odometry)
-FAULTS: Mapping[str, Fault] = MappingProxyType(
-    {'none': Fault(what='nothing is wrong')}
-    | {name: fault for group in GROUPS for name, fault in group.FAULTS.items()}
-)
+FAULTS: Faults = {'none': Fault('nothing is wrong')} | {
+    name: fault for group in GROUPS for name, fault in group.FAULTS.items()
+}
