@@ -11,8 +11,8 @@ import pytest
 import yaml
 
 from visual_servo_epipolar.commands.main import main
-from visual_servo_epipolar.core.cameras.calibrated import scaled
 from visual_servo_epipolar.core.cameras.pinhole import Camera
+from visual_servo_epipolar.core.cameras.registry import scaled
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.messages.camera_file import to_document

@@ -11,8 +11,7 @@ import numpy as np
 from visual_servo_epipolar.commands.files.camera import read_camera, read_photograph, scaled_to
 from visual_servo_epipolar.commands.files.output import publish, write_whole
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera
-from visual_servo_epipolar.core.cameras.pinhole import Camera
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.perception.inspection.judgement import Inspection
 from visual_servo_epipolar.core.perception.inspection.photographs import inspect
@@ -59,7 +58,7 @@ def _settings(options: argparse.Namespace) -> ServoSettings:
 
 
 def document(
-    inspection: Inspection, current: CalibratedCamera, desired: CalibratedCamera, yaw: float
+    inspection: Inspection, current: CameraModel, desired: CameraModel, yaw: float
 ) -> dict[str, Any]:
     """Return the inspection as the JSON document, with bearings of a base with a ``yaw``."""
     return {
@@ -88,9 +87,9 @@ def _bearing_deg(bearing: float, yaw: float) -> float:
     return math.degrees(math.remainder(bearing - yaw, math.tau) if yaw else bearing)
 
 
-def _abscissa(bearing: float, camera: CalibratedCamera) -> float:
+def _abscissa(bearing: float, camera: CameraModel) -> float:
     """Return u of an epipole at ``bearing`` [rad], from the principal point [px]."""
-    if isinstance(camera, Camera):
+    if camera.planar is not None:
         return camera.fx * math.tan(bearing)
     ray = np.array([[math.sin(bearing), 0.0, math.cos(bearing)]])
     return float(camera.pixels(ray)[0, 0] - camera.cx)
@@ -126,7 +125,7 @@ def in_words(result: dict[str, Any]) -> str:
     return '\n'.join(lines)
 
 
-def _draw(inspection: Inspection, image: Image, camera: CalibratedCamera, path: Path) -> None:
+def _draw(inspection: Inspection, image: Image, camera: CameraModel, path: Path) -> None:
     from visual_servo_epipolar.report.images.overlay import draw_overlay
 
     epipole = camera.cx + _abscissa(inspection.bearing_current, camera)

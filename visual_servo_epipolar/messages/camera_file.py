@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.messages.calibrations import colmap, kalibr, matrices, nerfstudio
 from visual_servo_epipolar.messages.calibrations.calibration import Calibration, Cameras
@@ -25,7 +25,7 @@ def from_text(
     size: tuple[int, int] | None = None,
     rectified: bool = False,
     cropped: bool = False,
-) -> CalibratedCamera:
+) -> CameraModel:
     """
     Return the camera of a file, that of ``name`` where it has several.
 
@@ -48,12 +48,12 @@ def from_text(
     return read.camera(calibration, rectified=rectified, cropped=cropped)
 
 
-def from_document(document: Any) -> CalibratedCamera:
+def from_document(document: Any) -> CameraModel:
     """Return the camera of a parsed file that was written for images that were used."""
     return read.camera(_sized(_chosen(_cameras([document]), ''), None), cropped=True)
 
 
-def to_document(camera: CalibratedCamera) -> dict[str, Any]:
+def to_document(camera: CameraModel) -> dict[str, Any]:
     """Return what ``from_document`` makes this camera of."""
     return {
         'image_width': camera.width,

@@ -5,20 +5,20 @@ Every function raises ValueError for a message that cannot be used.
 """
 
 from collections.abc import Mapping
-from dataclasses import replace
 import math
 from typing import Any
 
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
-from visual_servo_epipolar.core.cameras.calibrated import (
-    calibrated_camera,
-    CalibratedCamera,
-    checked_matrix,
-    scaled,
-)
+from visual_servo_epipolar.core.cameras.intrinsics import checked_matrix
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.plausibility import refuse_implausible
+from visual_servo_epipolar.core.cameras.registry import (
+    calibrated_camera,
+    scaled,
+    with_intrinsics,
+)
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist, yaw_from_quaternion
 from visual_servo_epipolar.core.laws.phase import ARMED, Phase
 from visual_servo_epipolar.core.stamps import NANOSECONDS
@@ -46,7 +46,7 @@ def gray(message: Any, reader: GrayReader | None = None) -> Image:
     return reader.compressed(message) if hasattr(message, 'format') else reader.raw(message)
 
 
-def camera(message: Any, *, rectified: bool = False, cropped: bool = False) -> CalibratedCamera:
+def camera(message: Any, *, rectified: bool = False, cropped: bool = False) -> CameraModel:
     """
     Return the camera of a sensor_msgs/CameraInfo, of ROS 1 as well, where K is a capital.
 
@@ -87,7 +87,7 @@ def _is_whole(message: Any) -> bool:
     return not any(steps) and {roi.width, roi.height} <= {0}
 
 
-def _in_the_image(message: Any, camera: CalibratedCamera) -> CalibratedCamera:
+def _in_the_image(message: Any, camera: CameraModel) -> CameraModel:
     """Return the camera of the image that is sent, of that of the full image."""
     roi = message.roi
     left, top = int(roi.x_offset), int(roi.y_offset)
@@ -98,7 +98,9 @@ def _in_the_image(message: Any, camera: CalibratedCamera) -> CalibratedCamera:
             f'the region of interest must lie in the image of {camera.width}x{camera.height} px, '
             f'got {width}x{height} px at {left}, {top}; it counts pixels before binning'
         )
-    cut = replace(camera, width=width, height=height, cx=camera.cx - left, cy=camera.cy - top)
+    cut = with_intrinsics(
+        camera, width=width, height=height, cx=camera.cx - left, cy=camera.cy - top
+    )
     u, v = max(int(message.binning_x), 1), max(int(message.binning_y), 1)
     return cut if u == v == 1 else scaled(cut, (width // u, height // v), 1.0 / u, 1.0 / v)
 

@@ -13,7 +13,7 @@ from sensor_msgs.msg import CameraInfo, Image, JointState, PointCloud2, PointFie
 from std_msgs.msg import Header, String
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.motion import Pose, quaternion_from_yaw, Twist
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.features import Features, NO_GOAL
@@ -69,7 +69,7 @@ def image(pixels: np.ndarray, encoding: str, stamp_ns: int, frame_id: str) -> Im
     return message
 
 
-def camera_info(camera: CalibratedCamera, stamp_ns: int, frame_id: str) -> CameraInfo:
+def camera_info(camera: CameraModel, stamp_ns: int, frame_id: str) -> CameraInfo:
     """Return a sensor_msgs/CameraInfo: R is the identity, P is K with a fourth column of zeros."""
     message = CameraInfo(header=header(stamp_ns, frame_id))
     message.width, message.height = camera.width, camera.height

@@ -7,7 +7,7 @@ from typing import Any
 from sensor_msgs.msg import CameraInfo, PointCloud2
 from std_srvs.srv import Trigger
 
-from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.docking.path import Place
 from visual_servo_epipolar.core.docking.search import DockSearch, looked
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings
@@ -63,7 +63,7 @@ class DockNode(ManagedNode):
     def configure(self) -> None:
         """Create all that the search for the dock, and docking, need."""
         settings = self._node_settings
-        self._camera: CalibratedCamera | None = None
+        self._camera: CameraModel | None = None
         self._search = DockSearch()
         self._stamp_ns: int | None = None
         self._pending: deque[PointCloud2] = deque(maxlen=MOST_PENDING)
@@ -193,7 +193,7 @@ class DockNode(ManagedNode):
             if place is not None:
                 self._look(message, self._camera, place)
 
-    def _look(self, message: PointCloud2, camera: CalibratedCamera, place: Place) -> None:
+    def _look(self, message: PointCloud2, camera: CameraModel, place: Place) -> None:
         features, warning = validation.checked_tracks(message, camera)
         if warning:
             self._warn(warning)

@@ -10,7 +10,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image, PointCloud2
 from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
-from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
@@ -55,7 +55,7 @@ class TrackerNode(ManagedNode):
         self._tracker = Tracker(self._settings)
         self._stamp_ns: int | None = None
         self._frame_id = ''
-        self._camera: CalibratedCamera | None = None
+        self._camera: CameraModel | None = None
         self._unusable = ''  # why the last camera_info cannot be used
         self._lateness, self._repetition = Lateness(self), Repetition()
         self._latest: Pixels | None = None

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray, IntArray
-from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera
-from visual_servo_epipolar.core.cameras.pinhole import Camera
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.core.settings import setting, Settings
@@ -84,7 +83,7 @@ class PointWorld(View):
     ) -> list[Features]:
         """Return the features of each world from its pose in its frame, by camera at once."""
         results: list[Features | None] = [None] * len(views)
-        groups: dict[tuple[CalibratedCamera, int], list[int]] = {}
+        groups: dict[tuple[CameraModel, int], list[int]] = {}
         for k, world in enumerate(views):
             groups.setdefault((world.camera, len(world.points)), []).append(k)
         for indices in groups.values():
@@ -155,13 +154,11 @@ def project_each(
     return in_image(points, worlds[0].camera)
 
 
-def _pixels_with_rays(
-    camera: CalibratedCamera, count: int, rng: np.random.Generator
-) -> FloatArray:
+def _pixels_with_rays(camera: CameraModel, count: int, rng: np.random.Generator) -> FloatArray:
     """Return random pixels, shape (N, 2), that the lens sees something at."""
     size = [camera.width - 1, camera.height - 1]
     pixels = rng.random((count, 2)) * size
-    if isinstance(camera, Camera):
+    if camera.planar is not None:
         return pixels
     for _ in range(TRIES):
         dark = ~camera.round_trips(pixels, camera.rays(pixels))
@@ -173,37 +170,38 @@ def _pixels_with_rays(
     )
 
 
-def _points_seen(camera: CalibratedCamera, pixels: FloatArray, depth: FloatArray) -> FloatArray:
+def _points_seen(camera: CameraModel, pixels: FloatArray, depth: FloatArray) -> FloatArray:
     """
     Return what is seen at ``pixels``, in axes of the camera, shape (N, 3).
 
     ``depth`` [m] is along the axis of a pinhole; of a wider lens it is the distance.
     """
-    if isinstance(camera, Camera):
-        return np.column_stack([camera.image_points(pixels) * depth[:, None], depth])
+    if camera.planar is not None:
+        return np.column_stack([camera.planar.image_points(pixels) * depth[:, None], depth])
     return np.asarray(camera.rays(pixels) * depth[:, None])
 
 
-def in_image(points: FloatArray, camera: CalibratedCamera) -> tuple[FloatArray, BoolArray]:
+def in_image(points: FloatArray, camera: CameraModel) -> tuple[FloatArray, BoolArray]:
     """
     Return the pixels, shape (..., N, 2), and which are in view, shape (..., N).
 
     ``points``, shape (..., N, 3), have the axes of the camera.
     """
-    if not isinstance(camera, Camera):
+    planar = camera.planar
+    if planar is None:
         return _in_wide_image(points, camera)
     depth = points[..., 2]
     rays = points[..., :2] / np.maximum(depth, MIN_DEPTH_M)[..., None]
     rays = np.minimum(np.maximum(rays, -MAX_RAY), MAX_RAY).reshape(-1, 2)
-    pixels = camera.pixels_of(rays)
+    pixels = planar.pixels_of(rays)
     visible = camera.contains(pixels)
-    if camera.distorts or 0.5 * max(camera.width, camera.height) > camera.fx:
+    if planar.distorts or 0.5 * max(camera.width, camera.height) > camera.fx:
         # Such a lens may show, folded back into the image, what it cannot see.
         visible &= (np.abs(rays) < MAX_RAY).all(axis=1)
     return pixels.reshape(*depth.shape, 2), visible.reshape(depth.shape) & (depth > MIN_DEPTH_M)
 
 
-def _in_wide_image(points: FloatArray, camera: CalibratedCamera) -> tuple[FloatArray, BoolArray]:
+def _in_wide_image(points: FloatArray, camera: CameraModel) -> tuple[FloatArray, BoolArray]:
     """Return the pixels, and which are in view, of a lens that may see what is behind it."""
     pixels = camera.pixels(normalised(points.reshape(-1, 3)))
     near = np.sqrt((points * points).sum(axis=-1)) <= MIN_DEPTH_M

@@ -7,7 +7,6 @@ from hypothesis import given
 import pytest
 from strategies import floats
 
-from visual_servo_epipolar.core.cameras.calibrated import calibrated_camera, scaled
 from visual_servo_epipolar.core.cameras.equidistant import Equidistant
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.cameras.plausibility import (
@@ -15,6 +14,7 @@ from visual_servo_epipolar.core.cameras.plausibility import (
     doubts,
     refuse_implausible,
 )
+from visual_servo_epipolar.core.cameras.registry import calibrated_camera, scaled
 
 USUAL = {'width': 640, 'height': 480, 'fx': 400.0, 'fy': 400.0, 'cx': 320.0, 'cy': 240.0}
 CAMERAS = (

@@ -3,7 +3,8 @@
 from pathlib import Path
 
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera, scaled
+from visual_servo_epipolar.core.cameras.model import CameraModel
+from visual_servo_epipolar.core.cameras.registry import scaled
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.messages.camera_file import from_text, KINDS
 from visual_servo_epipolar.nodes.tracking.photograph import read_picture
@@ -17,7 +18,7 @@ def read_camera(
     size: tuple[int, int] | None = None,
     rectified: bool = False,
     cropped: bool = False,
-) -> CalibratedCamera:
+) -> CameraModel:
     """
     Read a camera file, FILE or FILE#NAME; raises InputError if it cannot be read or used.
 
@@ -49,7 +50,7 @@ def read_photograph(path: Path) -> Image:
         raise InputError(str(error)) from None
 
 
-def scaled_to(camera: CalibratedCamera, image: Image, path: Path) -> CalibratedCamera:
+def scaled_to(camera: CameraModel, image: Image, path: Path) -> CameraModel:
     """Return ``camera`` for an image that was taken with it and then scaled as a whole."""
     height, width = image.shape
     scale_u, scale_v = width / camera.width, height / camera.height

@@ -45,7 +45,7 @@ from visual_servo_epipolar.commands.files.output import (
 from visual_servo_epipolar.commands.replay.settings import Changes, changes_of
 from visual_servo_epipolar.commands.replay.text import in_words
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.servo.run_log import end_s, RunLog
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
@@ -166,7 +166,7 @@ def replay_bag(
     )
 
 
-def _camera(bag: Bag, run: Recording, options: argparse.Namespace) -> CalibratedCamera | None:
+def _camera(bag: Bag, run: Recording, options: argparse.Namespace) -> CameraModel | None:
     """Return the camera of a file, of the size of the images of the bag where it says none."""
     if options.camera is None:
         return None

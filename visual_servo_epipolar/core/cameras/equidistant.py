@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray, packed
-from visual_servo_epipolar.core.cameras.model import (
+from visual_servo_epipolar.core.cameras.intrinsics import (
     intrinsic_matrix,
     refuse_impossible,
     ROUND_TRIP_PX,
@@ -72,6 +72,16 @@ class Equidistant:
     def wide(self) -> bool:
         """Whether its corners are farther off the axis than 55 deg, as no usual pinhole's are."""
         return _corner(self) > WIDE
+
+    @property
+    def wraps(self) -> bool:
+        """Its image ends before what is behind it."""
+        return False
+
+    @property
+    def planar(self) -> None:
+        """Its image is no plane."""
+        return None
 
     @property
     def reach(self) -> float:

@@ -1,24 +1,12 @@
 """What every camera can do: turn pixels into rays and back."""
 
-from collections.abc import Sequence
-import math
 from typing import Protocol
-
-import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 
-ROUND_TRIP_PX = 0.1  # that a pixel may be off where it comes back: half of what tracking is
 
-
-class CameraModel(Protocol):
-    """
-    A camera: unit rays of pixels, pixels of unit rays.
-
-    Pixel coordinates (u, v) are OpenCV's: u right, v down, integers at pixel centres. Camera axes:
-    x right, y down, z forward; a lens may see rays behind, z < 0. ``focal`` [px per rad at the
-    centre] only turns thresholds in pixels into angles. Equal cameras are equal values.
-    """
+class Intrinsics(Protocol):
+    """The numbers of camera_info: image size, K [px], and the distortion by its model."""
 
     @property
     def width(self) -> int:
@@ -29,6 +17,58 @@ class CameraModel(Protocol):
     def height(self) -> int:
         """Height of the image [px]."""
         ...
+
+    @property
+    def distortion(self) -> tuple[float, ...]:
+        """Coefficients of the lens."""
+        ...
+
+    @property
+    def distortion_model(self) -> str:
+        """Name under which the registry has it."""
+        ...
+
+    @property
+    def matrix(self) -> FloatArray:
+        """K of CameraInfo, shape (3, 3)."""
+        ...
+
+    @property
+    def fx(self) -> float:
+        """Focal length along u."""
+        ...
+
+    @property
+    def fy(self) -> float:
+        """Focal length along v."""
+        ...
+
+    @property
+    def cx(self) -> float:
+        """Principal point, u."""
+        ...
+
+    @property
+    def cy(self) -> float:
+        """Principal point, v."""
+        ...
+
+    @property
+    def skew(self) -> float:
+        """Skew: u = fx x + skew y + cx."""
+        ...
+
+
+class CameraModel(Intrinsics, Protocol):
+    """
+    A camera: unit rays of pixels, pixels of unit rays, and the margins of its view.
+
+    Pixel coordinates (u, v) are OpenCV's: u right, v down, integers at pixel centres. Camera axes:
+    x right, y down, z forward; a lens may see rays behind, z < 0. ``focal`` [px per rad at the
+    centre] only turns thresholds in pixels into angles. Equal cameras are equal values.
+    """
+
+    def __hash__(self) -> int: ...
 
     @property
     def focal(self) -> float:
@@ -47,7 +87,21 @@ class CameraModel(Protocol):
 
     @property
     def edges(self) -> tuple[float, float]:
-        """Bearings of the left and of the right edge of the image [rad], right positive."""
+        """
+        Bearings of the left and of the right edge of the image [rad], right positive.
+
+        They are -inf and inf of an image that wraps.
+        """
+        ...
+
+    @property
+    def wraps(self) -> bool:
+        """Whether the left edge of the image is its right one: no turn leads out of view."""
+        ...
+
+    @property
+    def planar(self) -> 'PlanarCamera | None':
+        """The camera itself if its image is a plane but for distortion; None for a wider one."""
         ...
 
     def rays(self, pixels: FloatArray) -> FloatArray:
@@ -80,64 +134,18 @@ class CameraModel(Protocol):
         ...
 
 
-class Intrinsics(Protocol):
-    """The numbers of K [px]."""
+class PlanarCamera(CameraModel, Protocol):
+    """A pinhole: all that it sees lies ahead, at an image-plane point (x/z, y/z)."""
 
     @property
-    def fx(self) -> float:
-        """Focal length along u."""
+    def distorts(self) -> bool:
+        """Whether any distortion coefficient differs from zero."""
         ...
 
-    @property
-    def fy(self) -> float:
-        """Focal length along v."""
+    def image_points(self, pixels: FloatArray) -> FloatArray:
+        """Return undistorted image-plane points, (N, 2), of ``pixels``, (N, 2)."""
         ...
 
-    @property
-    def cx(self) -> float:
-        """Principal point, u."""
+    def pixels_of(self, points: FloatArray) -> FloatArray:
+        """Return distorted pixels, (N, 2), of image-plane ``points``, (N, 2)."""
         ...
-
-    @property
-    def cy(self) -> float:
-        """Principal point, v."""
-        ...
-
-    @property
-    def skew(self) -> float:
-        """Skew: u = fx x + skew y + cx."""
-        ...
-
-
-def intrinsic_matrix(camera: Intrinsics) -> FloatArray:
-    """Return K, shape (3, 3)."""
-    return np.array(
-        [[camera.fx, camera.skew, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]]
-    )
-
-
-def sheared(camera: Intrinsics, pixels: FloatArray, skew: float) -> FloatArray:
-    """Return ``pixels``, shape (N, 2), with ``skew`` [px], that of the camera or its opposite."""
-    if skew == 0.0:
-        return pixels
-    u, v = pixels[:, 0], pixels[:, 1]
-    return np.column_stack([u + (v - camera.cy) * (skew / camera.fy), v])
-
-
-def refuse_impossible(
-    size: tuple[int, int], focal: tuple[float, float], others: Sequence[float]
-) -> None:
-    """Raise ValueError for a size of the image, focal lengths or numbers that cannot be."""
-    if min(size) < 1:
-        raise ValueError(
-            f'image size must be positive, got {size[0]}x{size[1]}; '
-            'check width and height of the CameraInfo'
-        )
-    intrinsics = (*focal, *others)
-    if not all(math.isfinite(value) for value in intrinsics):
-        raise ValueError(f'intrinsics must be finite, got {intrinsics}; calibrate the camera')
-    if min(focal) <= 0.0:
-        raise ValueError(
-            f'focal lengths must be positive, got fx {focal[0]} and fy {focal[1]} px: '
-            'K[0] = 0 means an uncalibrated camera; calibrate it and set its CameraInfo'
-        )

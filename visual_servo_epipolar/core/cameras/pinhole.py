@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray
-from visual_servo_epipolar.core.cameras.model import (
+from visual_servo_epipolar.core.cameras.intrinsics import (
     intrinsic_matrix,
     refuse_impossible,
     ROUND_TRIP_PX,
@@ -80,6 +80,16 @@ class Camera:
     def wide(self) -> bool:
         """A pinhole is not: its image is a plane."""
         return False
+
+    @property
+    def wraps(self) -> bool:
+        """No plane does."""
+        return False
+
+    @property
+    def planar(self) -> 'Camera':
+        """The camera itself: its image is a plane."""
+        return self
 
     @property
     def distorts(self) -> bool:

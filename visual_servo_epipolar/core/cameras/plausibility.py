@@ -6,9 +6,7 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera
 from visual_servo_epipolar.core.cameras.model import CameraModel
-from visual_servo_epipolar.core.cameras.pinhole import Camera
 
 FARTHEST_OUTSIDE = 0.5  # of the image's size, that the principal point of a crop may lie beyond
 OFF_CENTRE = 0.2  # of the image's size, that a principal point may lie off the middle
@@ -26,7 +24,7 @@ AXIS = np.array([[0.0, 0.0, 1.0]])
 CALIBRATION_DEG = 1.0  # that a ray may differ from one calibration to another
 
 
-def refuse_implausible(camera: CalibratedCamera, *, cropped: bool = False) -> None:
+def refuse_implausible(camera: CameraModel, *, cropped: bool = False) -> None:
     """
     Raise ValueError for intrinsics that no camera has: they are another image's, or a slip.
 
@@ -38,7 +36,7 @@ def refuse_implausible(camera: CalibratedCamera, *, cropped: bool = False) -> No
 
 
 @lru_cache(maxsize=16)
-def doubts(camera: CalibratedCamera) -> str:
+def doubts(camera: CameraModel) -> str:
     """Return what is to be said of a camera that can be used all the same, or ''."""
     pixels = _samples(camera)
     lost = 1.0 - float(camera.round_trips(pixels, camera.rays(pixels)).mean())
@@ -74,7 +72,7 @@ def doubtful_tilt(camera: CameraModel, tilt: float) -> str:
     )
 
 
-def are_alike(one: CalibratedCamera, other: CalibratedCamera) -> bool:
+def are_alike(one: CameraModel, other: CameraModel) -> bool:
     """Return whether both see the same directions: one camera, maybe calibrated anew."""
     if (one.width, one.height) != (other.width, other.height):
         return False
@@ -85,7 +83,7 @@ def are_alike(one: CalibratedCamera, other: CalibratedCamera) -> bool:
     return bool(known.any() and cosines.min() > math.cos(math.radians(CALIBRATION_DEG)))
 
 
-def _samples(camera: CalibratedCamera) -> FloatArray:
+def _samples(camera: CameraModel) -> FloatArray:
     """Return pixels, (N, 2), all over the image."""
     u, v = np.meshgrid(
         np.linspace(0.0, camera.width - 1.0, SAMPLES),
@@ -95,7 +93,7 @@ def _samples(camera: CalibratedCamera) -> FloatArray:
 
 
 @lru_cache(maxsize=16)
-def _fault(camera: CalibratedCamera) -> str:
+def _fault(camera: CameraModel) -> str:
     for name, centre, size in (
         ('u', camera.cx, camera.width),
         ('v', camera.cy, camera.height),
@@ -117,7 +115,7 @@ def _fault(camera: CalibratedCamera) -> str:
             f'focal lengths must be alike, to a factor of {MOST_OBLONG:g}, got fx {camera.fx:g} '
             f'and fy {camera.fy:g} px; calibrate again'
         )
-    widest = WIDEST_PINHOLE if isinstance(camera, Camera) else WIDEST
+    widest = WIDEST if camera.planar is None else WIDEST_PINHOLE
     view = _field_of_view(camera)
     if not NARROWEST <= view <= widest:
         return (
@@ -125,7 +123,7 @@ def _fault(camera: CalibratedCamera) -> str:
             f'{widest:g} deg, got {view:.2f}: fx {camera.fx:g} px at a width of {camera.width}; '
             'calibrate at the resolution in use'
         )
-    if isinstance(camera, Camera) and not np.isfinite(camera.edges).all():
+    if camera.planar is not None and not np.isfinite(camera.edges).all():
         return (
             f'the edges of the image must have rays, got {camera.edges} rad through its '
             f'{camera.lens} distortion; calibrate again'
@@ -133,7 +131,7 @@ def _fault(camera: CalibratedCamera) -> str:
     return ''
 
 
-def _off_centre(camera: CalibratedCamera) -> str:
+def _off_centre(camera: CameraModel) -> str:
     """Return that the principal point is off the middle as that of another image is, or ''."""
     off = max(abs(scale - 1.0) for scale in _scales(camera))
     if off <= 2.0 * OFF_CENTRE and not _is_scaled(camera, SCALED):
@@ -159,7 +157,7 @@ def _scales(camera: CameraModel) -> tuple[float, float]:
     return (u + 0.5) / (0.5 * camera.width), (v + 0.5) / (0.5 * camera.height)
 
 
-def _likely_cause(camera: CalibratedCamera) -> str:
+def _likely_cause(camera: CameraModel) -> str:
     """Return of which resolution K is, where its principal point tells that; or ''."""
     u, v = _scales(camera)
     misses = {n: max(abs(u / n - 1.0), abs(v / n - 1.0)) for n in RESOLUTIONS}
@@ -169,12 +167,12 @@ def _likely_cause(camera: CalibratedCamera) -> str:
     return f': K fits an image of {scale * camera.width:.0f}x{scale * camera.height:.0f} px'
 
 
-def _field_of_view(camera: CalibratedCamera) -> float:
+def _field_of_view(camera: CameraModel) -> float:
     """Return the smaller of the angles over width and height, without coefficients [deg]."""
     spans = [
         (camera.cx / camera.fx, (camera.width - 1.0 - camera.cx) / camera.fx),
         (camera.cy / camera.fy, (camera.height - 1.0 - camera.cy) / camera.fy),
     ]
-    if isinstance(camera, Camera):
+    if camera.planar is not None:
         spans = [(math.atan(before), math.atan(after)) for before, after in spans]
     return math.degrees(min(before + after for before, after in spans))

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
-from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.pinhole import LEAST_FORWARD
 from visual_servo_epipolar.core.estimators.general.deviation import bearings_of
 from visual_servo_epipolar.core.estimators.general.steps import Motions
@@ -49,7 +49,7 @@ class Photographs:
     name: str
     group: str
     images: tuple[Image, Image]
-    cameras: tuple[CalibratedCamera, CalibratedCamera]
+    cameras: tuple[CameraModel, CameraModel]
     ground: FloatArray
     own: FloatArray
 

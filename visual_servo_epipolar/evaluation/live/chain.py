@@ -13,7 +13,7 @@ from sensor_msgs.msg import CameraInfo, Image
 from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.arrays import Image as Pixels
-from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.evaluation.live import echo
@@ -120,7 +120,7 @@ class Loop(TwistListener):
     def __init__(
         self,
         stack: ExitStack,
-        camera: CalibratedCamera,
+        camera: CameraModel,
         images: Sequence[Pixels],
         folder: Path,
         nodes: Mapping[str, Sequence[str]],

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from functools import partial
 from typing import Any
 
-from visual_servo_epipolar.core.cameras.calibrated import lens_name
+from visual_servo_epipolar.core.cameras.registry import lens_name
 from visual_servo_epipolar.messages.calibrations.calibration import (
     Calibration,
     Cameras,

@@ -5,7 +5,7 @@ from functools import partial
 import re
 from typing import Any
 
-from visual_servo_epipolar.core.cameras.calibrated import lens_name
+from visual_servo_epipolar.core.cameras.registry import lens_name
 from visual_servo_epipolar.messages.calibrations.calibration import (
     Calibration,
     Cameras,

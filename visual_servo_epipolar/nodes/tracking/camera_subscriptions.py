@@ -8,7 +8,7 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 
-from visual_servo_epipolar.core.cameras.calibrated import lens_name
+from visual_servo_epipolar.core.cameras.registry import lens_name
 from visual_servo_epipolar.nodes.qos import AdaptiveSubscription
 
 LOOK_PERIOD_S = 0.5

@@ -16,7 +16,7 @@ import cv2
 import yaml
 
 from visual_servo_epipolar.core.arrays import as_gray, Image
-from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.tracking.tracker import goal_of
 from visual_servo_epipolar.files import whole
 from visual_servo_epipolar.messages import camera_file
@@ -32,7 +32,7 @@ class Photograph:
     """Photograph: ``image``, uint8 of shape (H, W), of ``images``, with its camera and time."""
 
     image: Image
-    camera: CalibratedCamera
+    camera: CameraModel
     stamp_ns: int = 0
     images: int = 1
 
@@ -103,7 +103,7 @@ def keep(path: Path, photograph: Photograph) -> None:
             former.unlink(missing_ok=True)
 
 
-def _checked(image: Image | None, camera: CalibratedCamera, document: Any) -> Image:
+def _checked(image: Image | None, camera: CameraModel, document: Any) -> Image:
     """Return the picture of a camera file, or raise ValueError if it is not that."""
     if image is None:
         raise ValueError(f'its picture {document["photograph"]} is missing or broken')

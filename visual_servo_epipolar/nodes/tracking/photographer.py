@@ -6,7 +6,7 @@ from pathlib import Path
 from rclpy.clock import Clock, ClockType
 
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.plausibility import are_alike
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.averaging import at_rest, averaged
@@ -27,7 +27,7 @@ class Photographer:
         self._recent: deque[Image] = deque(maxlen=frames)
         self._path = Path(path).expanduser() if path else None
         self._seen_ns, self._steady = 0, Clock(clock_type=ClockType.STEADY_TIME)
-        self._taken_with: CalibratedCamera | None = None
+        self._taken_with: CameraModel | None = None
 
     def load(self) -> Image | None:
         """Return the photograph that was kept, if there is one; raises ValueError if broken."""
@@ -60,7 +60,7 @@ class Photographer:
             )
         return averaged(images[:count]), count
 
-    def keep(self, image: Image, count: int, camera: CalibratedCamera, stamp_ns: int) -> str:
+    def keep(self, image: Image, count: int, camera: CameraModel, stamp_ns: int) -> str:
         """Keep what was captured, if it is to be kept; return in words what became of it."""
         self._taken_with = camera
         if self._path is None:
@@ -75,7 +75,7 @@ class Photographer:
         """Forget which camera the photograph was taken with: it came from elsewhere."""
         self._taken_with = None
 
-    def complaint(self, camera: CalibratedCamera | None) -> str:
+    def complaint(self, camera: CameraModel | None) -> str:
         """Return that the photograph was taken with another camera than this, or ''."""
         taken_with = self._taken_with
         if taken_with is None or camera is None or are_alike(taken_with, camera):

@@ -4,7 +4,6 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
-from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.epipolar import (
     Bearings,
     fundamental_from_bearings,
@@ -32,7 +31,7 @@ def picture(
     has_bearing = bool(np.isfinite(sample.bearing_current))
     u, v = epipole(sample, camera) if has_bearing else (None, None)
     lines = None
-    if has_bearing and isinstance(camera, Camera):
+    if has_bearing and camera.planar is not None:
         lines = fundamental(sample, camera)
     return draw_overlay(
         image,
@@ -48,14 +47,14 @@ def picture(
 
 def epipole(sample: Sample, camera: CameraModel) -> tuple[float, float]:
     """Return where an upright camera sees the goal's camera [px]; nan where it does not."""
-    if isinstance(camera, Camera):
+    if camera.planar is not None:
         return camera.cx + sample.epipole_current, camera.cy
     bearing = sample.bearing_current
     ((u, v),) = camera.pixels(np.array([[np.sin(bearing), 0.0, np.cos(bearing)]])).tolist()
     return u, v
 
 
-def fundamental(sample: Sample, camera: Camera) -> FloatArray:
+def fundamental(sample: Sample, camera: CameraModel) -> FloatArray:
     """Return F in pixels, shape (3, 3), of an upright camera with the bearings of ``sample``."""
     psi = HALF_PI - sample.bearing_desired
     phi = wrap_angle(np.pi - sample.bearing_current)

@@ -1,12 +1,9 @@
 """Settings of the simulated camera: lens and image, mount, scene, noise."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
-from visual_servo_epipolar.core.cameras.calibrated import (
-    calibrated_camera,
-    CalibratedCamera,
-    LENSES,
-)
+from visual_servo_epipolar.core.cameras.model import CameraModel
+from visual_servo_epipolar.core.cameras.registry import calibrated_camera, with_intrinsics
 from visual_servo_epipolar.core.settings import setting, Settings
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
 
@@ -37,8 +34,8 @@ class CameraSettings(Settings):
     )
     distortion_model: str = setting(
         'plumb_bob',
-        'Lens: equidistant is a fisheye, whose focal length is that of its centre',
-        choices=LENSES,
+        'Lens: plumb_bob, rational_polynomial, equidistant (a fisheye, whose focal length is that '
+        'of its centre), or one of another package',
         read_only=True,
     )
     frame_rate: float = setting(11.0, 'Frames a second [Hz]', low=0.1, high=200.0, read_only=True)
@@ -95,7 +92,7 @@ class CameraSettings(Settings):
         _ = self.camera  # raises ValueError for an impossible distortion
 
     @property
-    def camera(self) -> CalibratedCamera:
+    def camera(self) -> CameraModel:
         """The true intrinsics, which images and points obey."""
         focal = self.focal_length
         k = (focal, 0.0, self.principal_u, 0.0, focal, self.principal_v, 0.0, 0.0, 1.0)
@@ -105,10 +102,10 @@ class CameraSettings(Settings):
         return calibrated_camera((self.width, self.height), k, distortion, self.distortion_model)
 
     @property
-    def nominal_camera(self) -> CalibratedCamera:
+    def nominal_camera(self) -> CameraModel:
         """The nominal intrinsics, those of the calibration, by which tracker and servo go."""
         true = self.camera
-        return replace(
+        return with_intrinsics(
             true,
             fx=self.believed_focal_ratio * true.fx,
             fy=self.believed_focal_ratio * true.fy,

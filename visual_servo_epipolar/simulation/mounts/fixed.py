@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount, floor_jitter
@@ -13,7 +13,7 @@ from visual_servo_epipolar.simulation.mounts.simulated_rig import CameraPose
 class FixedRig:
     """A camera on its mount; ``jitter`` is the deviation [rad] of what the floor adds, seeded."""
 
-    camera: CalibratedCamera
+    camera: CameraModel
     mount: CameraMount = CameraMount()
     jitter: float = 0.0
     seed: int = 0

@@ -3,7 +3,7 @@
 from typing import NamedTuple, Protocol
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.motion import Pose
 
 
@@ -18,7 +18,7 @@ class SimulatedRig(Protocol):
     """What holds the camera on the robot; all that it does follows from pose and frame."""
 
     @property
-    def camera(self) -> CalibratedCamera:
+    def camera(self) -> CameraModel:
         """The true camera model."""
         ...
 

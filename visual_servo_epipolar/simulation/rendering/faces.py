@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
-from visual_servo_epipolar.core.cameras.equidistant import Equidistant
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.simulation.mounts.simulated_rig import CameraPose
 from visual_servo_epipolar.simulation.rendering.assistant import Assistant
 from visual_servo_epipolar.simulation.rendering.drawing import draw
@@ -37,9 +37,9 @@ class Face(NamedTuple):
 
 
 class Faces:
-    """The image of a fisheye camera, from as many faces of a cube as it sees."""
+    """The image of a camera that is no pinhole, from as many faces of a cube as it sees."""
 
-    def __init__(self, camera: Equidistant) -> None:
+    def __init__(self, camera: CameraModel) -> None:
         self._camera = camera
         u, v = np.meshgrid(np.arange(float(camera.width)), np.arange(float(camera.height)))
         rays = camera.rays(np.stack([u.ravel(), v.ravel()], axis=1))
@@ -68,7 +68,7 @@ class Faces:
         return image
 
 
-def _face(camera: Equidistant, rays: FloatArray, shown: FloatArray, axes: FloatArray) -> Face:
+def _face(camera: CameraModel, rays: FloatArray, shown: FloatArray, axes: FloatArray) -> Face:
     """Return the face with ``axes`` that is large enough for the pixels ``shown``, (H, W)."""
     mask: Image = shown.astype(np.uint8) * 255
     left, top, width, height = cv2.boundingRect(mask)

@@ -1,6 +1,5 @@
 """The image of a scene through a camera, sub-pixel exact, and the truth behind each pixel."""
 
-from dataclasses import replace
 from typing import TypeAlias
 
 import cv2
@@ -8,8 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from visual_servo_epipolar.core.arrays import as_points, BoolArray, FloatArray, Image
-from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera
-from visual_servo_epipolar.core.cameras.pinhole import Camera
+from visual_servo_epipolar.core.cameras.model import CameraModel, PlanarCamera
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.simulation.mounts.simulated_rig import CameraPose, SimulatedRig
@@ -37,9 +35,8 @@ class Renderer:
     def __init__(self, scene: Scene, rig: SimulatedRig) -> None:
         self.scene, self.camera, self.rig = scene, rig.camera, rig
         self.assistant: Assistant | None = None
-        self._drawing = (
-            _Canvas(rig.camera) if isinstance(rig.camera, Camera) else Faces(rig.camera)
-        )
+        planar = rig.camera.planar
+        self._drawing = Faces(rig.camera) if planar is None else _Canvas(planar)
 
     def render(self, pose: Pose, frame: int | None = None) -> Image:
         """Return the image taken from ``pose``, shape (H, W)."""
@@ -62,13 +59,14 @@ class Renderer:
         axes, centre = self.rig.camera_pose(pose, frame)
         vectors = (np.asarray(points, dtype=np.float64) - centre) @ axes
         pixels = np.full((len(vectors), 2), np.nan)
-        if not isinstance(self.camera, Camera):
+        planar = self.camera.planar
+        if planar is None:
             far = np.sqrt((vectors * vectors).sum(axis=1)) > NEAR
             pixels[far] = self.camera.pixels(normalised(vectors[far]))
             return pixels, self.camera.contains(pixels)
         ahead = vectors[:, 2] > NEAR
         if ahead.any():
-            pixels[ahead] = self.camera.pixels_of(vectors[ahead, :2] / vectors[ahead, 2:])
+            pixels[ahead] = planar.pixels_of(vectors[ahead, :2] / vectors[ahead, 2:])
         return pixels, ahead & self.camera.contains(pixels)
 
     def trace(self, pixels: FloatArray, pose: Pose, frame: int | None = None) -> FloatArray:
@@ -103,17 +101,17 @@ class Renderer:
         return np.asarray(np.linalg.norm(nearest - points, axis=1) <= SAME_PLACE * distance)
 
 
-def _vectors(camera: CalibratedCamera, pixels: FloatArray) -> FloatArray:
+def _vectors(camera: CameraModel, pixels: FloatArray) -> FloatArray:
     """Return vectors along what ``pixels`` show, shape (N, 3): of a pinhole with z = 1."""
-    if isinstance(camera, Camera):
-        return np.column_stack([camera.image_points(pixels), np.ones(len(pixels))])
+    if camera.planar is not None:
+        return np.column_stack([camera.planar.image_points(pixels), np.ones(len(pixels))])
     return camera.rays(pixels)
 
 
 class _Canvas:
     """The image of a pinhole, distorted after it is drawn."""
 
-    def __init__(self, camera: Camera) -> None:
+    def __init__(self, camera: PlanarCamera) -> None:
         self._size, self._intrinsics, self._maps = _canvas_of(camera)
 
     def render(self, scene: Scene, pose: CameraPose, assistant: Assistant | None = None) -> Image:
@@ -127,7 +125,7 @@ class _Canvas:
         return np.asarray(distorted, dtype=np.uint8)
 
 
-def _canvas_of(camera: Camera) -> tuple[tuple[int, int], FloatArray, tuple[Map, Map] | None]:
+def _canvas_of(camera: PlanarCamera) -> tuple[tuple[int, int], FloatArray, tuple[Map, Map] | None]:
     """Return size and intrinsics of the pinhole image to draw, and the maps to distort it."""
     if not (camera.distorts or camera.skew):
         return (camera.width, camera.height), camera.matrix, None
@@ -138,7 +136,8 @@ def _canvas_of(camera: Camera) -> tuple[tuple[int, int], FloatArray, tuple[Map, 
     ideal = np.clip(rays, -MAX_RAY, MAX_RAY) * [camera.fx, camera.fy] + [camera.cx, camera.cy]
     shift = 4.0 - np.floor(ideal.min(axis=0))  # the sampling reaches four pixels out
     width, height = (np.ceil(ideal.max(axis=0)) + shift + 5.0).astype(int).tolist()
-    intrinsics = replace(camera, skew=0.0).matrix
+    intrinsics = camera.matrix
+    intrinsics[0, 1] = 0.0
     intrinsics[:2, 2] += shift
     maps = (ideal + shift).astype(np.float32).reshape(camera.height, camera.width, 2)
     return (width, height), intrinsics, (maps[..., 0].copy(), maps[..., 1].copy())

@@ -6,7 +6,6 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
-from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.cameras.plausibility import doubtful_tilt
 from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.geometry.epipolar import in_pixels
@@ -81,6 +80,6 @@ def _in_pixels(
     fundamental: FloatArray, current_camera: CameraModel, desired_camera: CameraModel
 ) -> FloatArray | None:
     """Return F in pixels, which only pinholes have."""
-    if isinstance(current_camera, Camera) and isinstance(desired_camera, Camera):
-        return in_pixels(fundamental, current_camera.matrix, desired_camera.matrix)
-    return None
+    if current_camera.planar is None or desired_camera.planar is None:
+        return None
+    return in_pixels(fundamental, current_camera.matrix, desired_camera.matrix)

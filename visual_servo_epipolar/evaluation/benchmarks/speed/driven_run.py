@@ -9,7 +9,7 @@ from time import perf_counter, sleep
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist
 from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.servo.run_log import Sample
@@ -35,7 +35,7 @@ class DrivenRun:
 
     Parameters
     ----------
-    camera : CalibratedCamera
+    camera : CameraModel
         Whose images they are.
     rate : float
         Images a second [Hz].
@@ -48,7 +48,7 @@ class DrivenRun:
 
     """
 
-    camera: CalibratedCamera
+    camera: CameraModel
     rate: float
     photograph: Image
     images: Sequence[Image]

@@ -6,8 +6,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, PointCloud2
 
-from visual_servo_epipolar.core.cameras.calibrated import CalibratedCamera
-from visual_servo_epipolar.core.cameras.pinhole import Camera
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.cameras.plausibility import doubts
 from visual_servo_epipolar.core.perception.lens_check import LensCheck, looked_at
 from visual_servo_epipolar.core.perception.observation import Observation
@@ -37,14 +36,14 @@ class ServoCamera:
     def __init__(
         self, node: Node, settings: ServoNodeSettings, warn: Callable[[str], None]
     ) -> None:
-        self.model: CalibratedCamera | None = None
+        self.model: CameraModel | None = None
         self._unusable = ''  # why the last camera_info is not
         self.static_mount: StaticMount | None = None
         if settings.mount_from_tf:
             self.static_mount = StaticMount(node, settings.base_frame, warn)
         self._settings, self._warn = settings, warn
-        self._begun_with: CalibratedCamera | None = None
-        self._other: tuple[CalibratedCamera, int] | None = None  # heard in a run, and its stamp
+        self._begun_with: CameraModel | None = None
+        self._other: tuple[CameraModel, int] | None = None  # heard in a run, and its stamp
         self._lens_check = LensCheck()
 
     def subscribe(
@@ -90,13 +89,13 @@ class ServoCamera:
         recent = abs(seconds_between(heard_ns, stamp_ns)) <= DISTRUST_S
         return camera_changed(camera) if recent and self.model == self._begun_with else ''
 
-    def is_other(self, camera: CalibratedCamera, state: ServoState) -> bool:
+    def is_other(self, camera: CameraModel, state: ServoState) -> bool:
         """Return whether a run goes on that began with another; before, begin with this one."""
         self._begun_with = camera_of_run(state, self._begun_with, camera)
         return self._begun_with != camera
 
     def checked(
-        self, message: PointCloud2, camera: CalibratedCamera, state: ServoState
+        self, message: PointCloud2, camera: CameraModel, state: ServoState
     ) -> tuple[Features, str]:
         """Return tracks that ``camera`` can have seen, and why none: it is not that of the run."""
         if self.is_other(camera, state):
@@ -129,11 +128,11 @@ class ServoCamera:
         if self._lens_check.doubt:
             self._warn(self._lens_check.doubt)
 
-    def _doubt(self, camera: CalibratedCamera, settings: ServoSettings) -> None:
+    def _doubt(self, camera: CameraModel, settings: ServoSettings) -> None:
         """Say what is odd about a camera."""
         if doubts(camera):
             self._warn(doubts(camera))
-        if settings.focal_deviation > 0.0 and not isinstance(camera, Camera):
+        if settings.focal_deviation > 0.0 and camera.planar is None:
             self._warn(
                 f'focal_deviation is of a pinhole, the camera_info of a {camera.lens} lens: the '
                 'corrections will be wrong; set focal_deviation: 0.0'

@@ -8,13 +8,10 @@ import numpy as np
 import pytest
 from strategies import floats
 
-from visual_servo_epipolar.core.cameras.calibrated import (
-    calibrated_camera,
-    checked_matrix,
-    scaled,
-)
 from visual_servo_epipolar.core.cameras.equidistant import Equidistant
+from visual_servo_epipolar.core.cameras.intrinsics import checked_matrix
 from visual_servo_epipolar.core.cameras.pinhole import Camera
+from visual_servo_epipolar.core.cameras.registry import calibrated_camera, scaled
 
 SIZE = (640, 480)
 K = np.array([[400.0, 3.0, 320.0], [0.0, 401.0, 240.0], [0.0, 0.0, 1.0]])

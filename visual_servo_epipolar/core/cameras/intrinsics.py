@@ -1,0 +1,89 @@
+"""Intrinsics: K as calibrations and CameraInfo write it, and what no camera is."""
+
+from collections.abc import Sequence
+import math
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.cameras.model import Intrinsics
+
+ROUND_TRIP_PX = 0.1  # that a pixel may be off where it comes back: half of what tracking is
+ZERO_PX, ZERO_PER_PX = 1e-6, 1e-9  # what rounding leaves where K has a zero
+ZERO_SHARE = 1e-9  # the same where it has a one, of the largest number
+
+
+def intrinsic_matrix(camera: Intrinsics) -> FloatArray:
+    """Return K, shape (3, 3)."""
+    return np.array(
+        [[camera.fx, camera.skew, camera.cx], [0.0, camera.fy, camera.cy], [0.0, 0.0, 1.0]]
+    )
+
+
+def sheared(camera: Intrinsics, pixels: FloatArray, skew: float) -> FloatArray:
+    """Return ``pixels``, shape (N, 2), with ``skew`` [px], that of the camera or its opposite."""
+    if skew == 0.0:
+        return pixels
+    u, v = pixels[:, 0], pixels[:, 1]
+    return np.column_stack([u + (v - camera.cy) * (skew / camera.fy), v])
+
+
+def refuse_impossible(
+    size: tuple[int, int], focal: tuple[float, float], others: Sequence[float]
+) -> None:
+    """Raise ValueError for a size of the image, focal lengths or numbers that cannot be."""
+    if min(size) < 1:
+        raise ValueError(
+            f'image size must be positive, got {size[0]}x{size[1]}; '
+            'check width and height of the CameraInfo'
+        )
+    intrinsics = (*focal, *others)
+    if not all(math.isfinite(value) for value in intrinsics):
+        raise ValueError(f'intrinsics must be finite, got {intrinsics}; calibrate the camera')
+    if min(focal) <= 0.0:
+        raise ValueError(
+            f'focal lengths must be positive, got fx {focal[0]} and fy {focal[1]} px: '
+            'K[0] = 0 means an uncalibrated camera; calibrate it and set its CameraInfo'
+        )
+
+
+def checked_matrix(numbers: Sequence[float], name: str = 'K') -> FloatArray:
+    """
+    Return the three columns of K (nine numbers by rows) or P (twelve) that make pixels, (3, 3).
+
+    Rows are (fx, s, cx), (0, fy, cy), (0, 0, 1) up to a common factor, which is divided out.
+
+    Raises
+    ------
+    ValueError
+        If they are not, as in a matrix that is written by columns.
+
+    """
+    rows = np.array(numbers, dtype=np.float64).reshape(3, -1)
+    if not np.isfinite(rows).all():
+        raise ValueError(f'intrinsics must be finite, {name} is {rows.tolist()}; calibrate')
+    if not rows.any():  # a camera that nobody calibrated
+        return rows[:, :3]
+    matrix = _normalised(rows)
+    if matrix is not None:
+        return matrix
+    values = ', '.join(f'{value:g}' for value in numbers)
+    expected = '(fx, s, cx), (0, fy, cy), (0, 0, 1)'
+    if _normalised(rows.reshape(-1, 3).T) is not None:
+        raise ValueError(
+            f'{name} is transposed: its rows must be {expected}, got {values}, which are its '
+            f'columns; write {name} row by row'
+        )
+    raise ValueError(
+        f'the rows of {name} must be {expected}, got {values}; calibrate, or mend who writes it'
+    )
+
+
+def _normalised(rows: FloatArray) -> FloatArray | None:
+    """Return the left part of ``rows``, (3, 3), with a last row 0, 0, 1; None if it has none."""
+    if abs(rows[2, 2]) <= ZERO_SHARE * np.abs(rows).max():
+        return None
+    rows = rows / rows[2, 2]
+    last = np.abs(np.delete(rows[2], 2))
+    is_whole = abs(rows[1, 0]) <= ZERO_PX and last.max() <= ZERO_PER_PX
+    return rows[:, :3] if is_whole else None

@@ -1,0 +1,111 @@
+"""Cameras by the names that CameraInfo and calibration files give their lenses."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from visual_servo_epipolar.core.cameras import equidistant, pinhole
+from visual_servo_epipolar.core.cameras.intrinsics import checked_matrix
+from visual_servo_epipolar.core.cameras.model import CameraModel
+from visual_servo_epipolar.core.registry import Registry
+
+CameraFactory: TypeAlias = Callable[..., CameraModel]
+
+
+@dataclass(frozen=True, slots=True)
+class CameraRow:
+    """
+    Row of a camera: who makes it, and how many ``coefficients`` its lens may have.
+
+    ``factory`` takes width, height, fx, fy, cx, cy [px], the coefficients and the name of the
+    lens, and ``skew`` by keyword.
+    """
+
+    factory: CameraFactory
+    coefficients: tuple[int, ...] = (0,)
+
+
+CAMERAS: Registry[CameraRow] = Registry(
+    'visual_servo_epipolar.cameras',
+    {
+        **{
+            name: CameraRow(pinhole.Camera, counts)
+            for name, counts in pinhole.DISTORTION_MODELS.items()
+        },
+        'equidistant': CameraRow(equidistant.Equidistant, equidistant.COEFFICIENTS),
+    },
+    CameraRow,
+)
+UNKNOWN = CameraRow(pinhole.Camera)  # refuses the name
+# Names of the same lenses: of drivers, of Kalibr and of Apex.AI's and Intel's models.
+SYNONYMS = {
+    'none': '',
+    'radtan': 'plumb_bob',
+    'radial-tangential': 'plumb_bob',
+    'brown_conrady': 'plumb_bob',
+    'fisheye': 'equidistant',
+    'equi': 'equidistant',
+    'kannala_brandt4': 'equidistant',
+}
+
+
+def lens_name(distortion_model: str) -> str:
+    """Return the name that CameraInfo has for a lens, '' for none; as it is if it is unknown."""
+    name = distortion_model.strip().lower()
+    return SYNONYMS.get(name, name)
+
+
+def calibrated_camera(
+    size: tuple[int, int],
+    k: Sequence[float],
+    distortion: tuple[float, ...] = (),
+    distortion_model: str = 'plumb_bob',
+) -> CameraModel:
+    """
+    Return the camera of an image ``size`` [px], K by rows (nine numbers) and a named lens.
+
+    Zeros beyond the coefficients of the lens are left out.
+
+    Raises
+    ------
+    ValueError
+        If there is no such camera.
+
+    """
+    (fx, skew, cx), (_, fy, cy), _ = checked_matrix(k).tolist()
+    name = lens_name(distortion_model)
+    row = CAMERAS[name] if name in CAMERAS else UNKNOWN
+    kept = _fitting(distortion, row.coefficients)
+    return row.factory(*size, fx, fy, cx, cy, kept, name, skew=skew)
+
+
+def scaled(
+    camera: CameraModel, size: tuple[int, int], scale_u: float, scale_v: float
+) -> CameraModel:
+    """Return the camera of its image scaled to ``size`` [px], by these factors along u and v."""
+    return with_intrinsics(
+        camera,
+        width=size[0],
+        height=size[1],
+        fx=camera.fx * scale_u,
+        skew=camera.skew * scale_u,
+        fy=camera.fy * scale_v,
+        # Pixel centres are integers: the left border of the image lies at -0.5.
+        cx=(camera.cx + 0.5) * scale_u - 0.5,
+        cy=(camera.cy + 0.5) * scale_v - 0.5,
+    )
+
+
+def with_intrinsics(camera: CameraModel, **changes: float) -> CameraModel:
+    """Return the same lens with ``changes`` of width, height, fx, fy, cx, cy or skew [px]."""
+    names = ('width', 'height', 'fx', 'fy', 'cx', 'cy')
+    numbers = [changes.get(name, getattr(camera, name)) for name in names]
+    skew = changes.get('skew', camera.skew)
+    lens = camera.distortion, camera.distortion_model
+    return CAMERAS[camera.distortion_model].factory(*numbers, *lens, skew=skew)
+
+
+def _fitting(distortion: tuple[float, ...], counts: Sequence[int]) -> tuple[float, ...]:
+    """Return ``distortion`` without the zeros beyond the most coefficients that are allowed."""
+    fitting = [n for n in counts if n <= len(distortion) and not any(distortion[n:])]
+    return distortion[: max(fitting)] if fitting else distortion
