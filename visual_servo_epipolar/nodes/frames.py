@@ -8,7 +8,7 @@ import numpy as np
 from rclpy.node import Node
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.geometry.mount import Mount, mount_of
+from visual_servo_epipolar.core.rigs.fixed_mount import Mount, mount_of
 from visual_servo_epipolar.messages import read, transforms
 from visual_servo_epipolar.nodes import qos
 

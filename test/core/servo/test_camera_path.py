@@ -12,7 +12,7 @@ from strategies import angles, floats, poses
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist, wrap_angle
-from visual_servo_epipolar.core.geometry.mount import at_axle
+from visual_servo_epipolar.core.rigs.fixed_mount import at_axle
 from visual_servo_epipolar.core.servo.identification.extrinsics import (
     Extrinsics,
     FORWARD,

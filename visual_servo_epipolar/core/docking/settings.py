@@ -5,8 +5,8 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.geometry.mount import Mount
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
+from visual_servo_epipolar.core.rigs.fixed_mount import Mount
 from visual_servo_epipolar.core.settings import setting
 
 

@@ -6,9 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from visual_servo_epipolar.core.geometry.mount import Mount
 from visual_servo_epipolar.core.laws.settings import ControlSettings
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
+from visual_servo_epipolar.core.rigs.fixed_mount import Mount
+from visual_servo_epipolar.core.rigs.registry import DEFAULT_RIG, rig_of
+from visual_servo_epipolar.core.rigs.rig import Rig
 from visual_servo_epipolar.core.servo.identification.extrinsics import Extrinsics, told_extrinsics
 from visual_servo_epipolar.core.settings import setting
 
@@ -24,6 +26,11 @@ class ServoSettings(PerceptionSettings, ControlSettings):
     Angles in rad, lengths in m, times in s; epipoles in units of the focal length.
     """
 
+    rig: str = setting(
+        DEFAULT_RIG,
+        'What carries the camera: fixed (a mount), or one of another package',
+        read_only=True,
+    )
     camera_yaw: float = setting(
         0.0,
         'Yaw of the camera on the base, to the left, as told [rad]',
@@ -153,6 +160,7 @@ class ServoSettings(PerceptionSettings, ControlSettings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        _ = self.carrier  # raises ValueError for an unknown rig
         if self.latch_engage > self.latch_release:
             raise ValueError(
                 f'latch_engage must not exceed latch_release, got {self.latch_engage:g} and '
@@ -188,6 +196,11 @@ class ServoSettings(PerceptionSettings, ControlSettings):
         """
         told = zip(MOUNT, astuple(mount), strict=True)
         return type(self)(**{**self.__getstate__(), **dict(told)})
+
+    @cached_property
+    def carrier(self) -> Rig:
+        """The rig that carries the camera."""
+        return rig_of(self.rig)
 
     @cached_property
     def extrinsics(self) -> Extrinsics:

@@ -31,6 +31,7 @@ from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import perceive, Perception
 from visual_servo_epipolar.core.perception.validated import noise_learnt
+from visual_servo_epipolar.core.rigs.rig import HeadCommand
 from visual_servo_epipolar.core.servo.anticipation import anticipated
 from visual_servo_epipolar.core.servo.checking import checked, driven_off_by
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -122,12 +123,19 @@ def advance(
     twist, residual = _beyond_dead_band(limited, state, settings)
     return changed(
         state,
-        command=Command(twist),
+        command=Command(twist, _head_command(perception.observation, settings)),
         since_command=since_command,
         dead_band_residual=residual,
         sent=state.sent.after(measurement.stamp_ns, twist),
         frame=state.frame + 1,
     )
+
+
+def _head_command(observation: Observation | None, settings: ServoSettings) -> HeadCommand | None:
+    """Return what the head is to do; None of a rig without one."""
+    if observation is None:
+        return None
+    return settings.carrier.head_command(observation.current, observation.joints)
 
 
 def _time_step(state: ServoState, measurement: Measurement, leapt: str) -> float:

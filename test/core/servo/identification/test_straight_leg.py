@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from servo_states import in_phase, MEMORY, reading, SETTINGS, sight, TWO_VIEWS
 
-from visual_servo_epipolar.core.geometry.mount import camera_swing
 from visual_servo_epipolar.core.laws.decisions import classify
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.perception.perceive import Perception
+from visual_servo_epipolar.core.rigs.fixed_mount import camera_swing
 from visual_servo_epipolar.core.servo import update
 from visual_servo_epipolar.core.servo.identification.extrinsics import (
     Extrinsics,

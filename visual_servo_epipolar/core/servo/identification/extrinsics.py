@@ -16,8 +16,8 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
-from visual_servo_epipolar.core.geometry.mount import camera_swing
 from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.rigs.fixed_mount import camera_swing
 from visual_servo_epipolar.core.values import changed
 
 PSI, RHO, YAW, FORWARD, LEFT = range(5)

@@ -10,8 +10,8 @@ from dataclasses import dataclass, replace
 import math
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.geometry.mount import axle_offset
 from visual_servo_epipolar.core.mapping.map_measurement import MapMeasurement
+from visual_servo_epipolar.core.rigs.fixed_mount import axle_offset
 from visual_servo_epipolar.core.servo.identification.extrinsics import Extrinsics, with_yaw
 
 LEG_M = 0.25  # over which a direction is told

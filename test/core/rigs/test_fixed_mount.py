@@ -8,7 +8,7 @@ import pytest
 from strategies import floats
 
 from visual_servo_epipolar.core.geometry.motion import Pose
-from visual_servo_epipolar.core.geometry.mount import mount_of
+from visual_servo_epipolar.core.rigs.fixed_mount import mount_of
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
 

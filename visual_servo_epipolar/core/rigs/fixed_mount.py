@@ -1,4 +1,4 @@
-"""How a camera sits on a base: out of the transform between their frames, and what follows."""
+"""Fixed mount: how a camera that no joint turns sits on the base, and what follows."""
 
 from dataclasses import dataclass
 import math
@@ -7,9 +7,27 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
+from visual_servo_epipolar.core.rigs.rig import Edges, Joints
 
 STEEPEST = math.radians(46.0)  # of an optical axis off the floor's plane
 MISSHAPEN = 1e-6  # largest element of R^T R - 1 of what is a rotation
+
+
+@dataclass(frozen=True, slots=True)
+class FixedMount:
+    """Rig without joints: axes of the camera are those of the rig."""
+
+    def rays(self, rays: FloatArray, joints: Joints) -> FloatArray:
+        """Return ``rays`` as they are."""
+        return rays
+
+    def edges(self, edges: Edges, joints: Joints) -> Edges:
+        """Return ``edges`` as they are."""
+        return edges
+
+    def head_command(self, rays: FloatArray, joints: Joints) -> None:
+        """Return None: there is no head."""
+        return None
 
 
 @dataclass(frozen=True, slots=True)

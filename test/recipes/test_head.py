@@ -1,0 +1,109 @@
+"""Recipe of a head: another package brings one that pans, and the servo drives with it."""
+
+from dataclasses import dataclass, replace
+import math
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.perception.observation import Observation
+from visual_servo_epipolar.core.rigs.rig import AT_REST, Edges, HeadCommand, Joints
+from visual_servo_epipolar.core.servo.run_log import summarise
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+from visual_servo_epipolar.core.servo.step import step
+from visual_servo_epipolar.simulation.closed_loop import run
+from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
+from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
+from visual_servo_epipolar.simulation.mounts.registry import SIMULATED_RIGS, SimulatedRigModel
+from visual_servo_epipolar.simulation.mounts.simulated_rig import CameraPose
+from visual_servo_epipolar.simulation.scenario import from_document
+from visual_servo_epipolar.simulation.views import points_of
+
+SWING, PERIOD = 0.2, 50.0  # of the head [rad, frames]
+
+
+class PanHead:
+    """Head that turns about the vertical, and looks at the middle of what it sees."""
+
+    def rays(self, rays: FloatArray, joints: Joints) -> FloatArray:
+        cos, sin = math.cos(joints.pan), math.sin(joints.pan)
+        return rays @ np.array([[cos, 0.0, sin], [0.0, 1.0, 0.0], [-sin, 0.0, cos]])
+
+    def edges(self, edges: Edges, joints: Joints) -> Edges:
+        return edges[0] - joints.pan, edges[1] - joints.pan
+
+    def head_command(self, rays: FloatArray, joints: Joints) -> HeadCommand:
+        bearing = float(np.median(np.arctan2(rays[:, 0], rays[:, 2]))) if len(rays) else 0.0
+        return HeadCommand(pan=-bearing)
+
+
+def joints_at(frame: int | None) -> Joints:
+    """Return the angles of a head that swings whatever it is told, from rest at the photograph."""
+    return AT_REST if frame is None else Joints(SWING * math.sin(math.tau * (frame + 1) / PERIOD))
+
+
+class SwingingSettings(CameraSettings):
+    """Camera on a head that swings."""
+
+
+class SwingingRig(NamedTuple):
+    """The head in the world."""
+
+    fixed: FixedRig
+
+    @property
+    def camera(self):
+        return self.fixed.camera
+
+    def camera_pose(self, pose: Pose, frame: int | None = None) -> CameraPose:
+        panned = replace(pose, theta=pose.theta + joints_at(frame).pan)
+        return CameraPose(
+            self.fixed.camera_pose(panned).R_world_camera, self.fixed.mount.centre(pose)
+        )
+
+
+def swinging(settings: SwingingSettings) -> SwingingRig:
+    return SwingingRig(FixedRig(settings.camera, settings.mount))
+
+
+@dataclass
+class Control:
+    """The servo with the angles of the joints beside each image."""
+
+    commands: list[HeadCommand | None]
+
+    def __call__(
+        self, state: ServoState, seen: Observation, settings: ServoSettings
+    ) -> ServoState:
+        rig, frame = settings.carrier, len(self.commands)
+        state = step(state, seen.on_rig(rig, joints_at(frame), joints_at(-1)), settings)
+        self.commands.append(state.command.head)
+        return state
+
+
+@pytest.fixture()
+def scenario(install, monkeypatch):
+    install('rigs', 'pan', f'{__name__}:PanHead')
+    monkeypatch.setitem(SIMULATED_RIGS, 'swinging', SimulatedRigModel(SwingingSettings, swinging))
+    return from_document({'camera': {'rig': 'swinging'}}, 'test')
+
+
+@pytest.mark.parametrize('rig', ['pan', 'fixed'])
+def test_the_servo_drives_with_a_head_of_another_package(scenario, rig: str) -> None:
+    scenario, control = scenario.with_servo({'rig': rig}), Control([])
+    loop = scenario.loop((0.4, -2.5, 5.0), 3)
+    nominal = scenario.camera.nominal_camera
+    result = summarise(run(loop, points_of(scenario, 3), nominal, control=control))
+    if rig == 'fixed':  # who knows of no joints takes the swing for the robot's
+        assert result['outcome'] != 'arrived' or result['position_error_m'] > 0.02
+        assert set(control.commands) == {None}
+        return
+    assert result['outcome'] == 'arrived', result['reason']
+    assert result['position_error_m'] < 0.005
+    pans = [command.pan for command in control.commands if command is not None]
+    assert len(pans) == len(control.commands)
+    assert max(pans) > 0.05
