@@ -9,11 +9,11 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.docking.path import Path
-from visual_servo_epipolar.core.docking.planar import inverse
-from visual_servo_epipolar.core.docking.search import DockSearch, looked
+from visual_servo_epipolar.core.docking.search import DockSearch, update_search
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings
-from visual_servo_epipolar.core.docking.sighting import observed
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, integrate, Pose, Twist
+from visual_servo_epipolar.core.geometry.planar_poses import inverse_pose
+from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
 from visual_servo_epipolar.simulation.point_world import PointSettings, PointWorld
@@ -47,10 +47,10 @@ class Drive:
         for frame in range(frames):
             stamp_ns = frame * PERIOD_NS
             path.add_pose(stamp_ns, told)
-            ids, seen = observed(world.observe(pose, frame), CAMERA, stamp_ns)
+            seen = observe(world.observe(pose, frame), CAMERA, stamp_ns)
             place = path.at(stamp_ns)
             assert place is not None
-            search = looked(search, ids, seen, place, settings)
+            search = update_search(search, seen, place, settings)
             yield search, pose
             angular = self.angular * math.cos(0.35 * frame)
             pose = integrate(pose, Twist(self.linear, angular), PERIOD_S)
@@ -66,6 +66,6 @@ class Drive:
 
 def true_dock(pose: Pose) -> FloatArray:
     """Return where the dock is from a base at ``pose``: x forward, y left [m], turn [rad]."""
-    dock = inverse(np.array([pose.y, -pose.x, pose.theta - HALF_PI]))
+    dock = inverse_pose(np.array([pose.y, -pose.x, pose.theta - HALF_PI]))
     dock[2] = math.remainder(dock[2], 2.0 * math.pi)
     return dock

@@ -12,8 +12,7 @@ from rclpy.parameter import Parameter
 import yaml
 
 from visual_servo_epipolar.bags.recording.settings import RecordSettings
-from visual_servo_epipolar.core.docking.settings import DockPoseSettings
-from visual_servo_epipolar.core.docking.task_settings import DockTaskSettings
+from visual_servo_epipolar.core.docking.settings import DockPoseSettings, DockTaskSettings
 from visual_servo_epipolar.core.laws.registry import law_named
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import range_of

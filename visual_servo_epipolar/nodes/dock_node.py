@@ -9,10 +9,9 @@ from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.docking.path import Place
-from visual_servo_epipolar.core.docking.search import DockSearch, looked
-from visual_servo_epipolar.core.docking.settings import DockPoseSettings
-from visual_servo_epipolar.core.docking.sighting import observed
-from visual_servo_epipolar.core.docking.task_settings import DockTaskSettings
+from visual_servo_epipolar.core.docking.search import DockSearch, update_search
+from visual_servo_epipolar.core.docking.settings import DockPoseSettings, DockTaskSettings
+from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.stamps import NOT_ADVANCING
 from visual_servo_epipolar.messages import docking, read, validation
 from visual_servo_epipolar.messages.docking import DockWire
@@ -201,8 +200,8 @@ class DockNode(ManagedNode):
             self._settings = self._mount.taken(message.header.frame_id, self._settings)
             if self._mount.trouble:
                 return
-        ids, observation = observed(features, camera, place.stamp_ns)
-        self._search = looked(self._search, ids, observation, place, self._settings)
+        observation = observe(features, camera, place.stamp_ns)
+        self._search = update_search(self._search, observation, place, self._settings)
         if self._search.dock is not None:
             by_path = self._node_settings.pose_frame == 'odometry'
             self._reports.pose(self._search.dock, place, self._driven.frame if by_path else None)

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.docking.path import Path, Place, uncertainty
-from visual_servo_epipolar.core.docking.planar import between, composed, inverse
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
+from visual_servo_epipolar.core.geometry.planar_poses import compose, inverse_pose, relative_pose
 
 S = 1_000_000_000
 
 
 def test_motions_and_their_inverses_cancel() -> None:
     one, other = np.array([1.0, -2.0, 0.7]), np.array([-0.3, 0.4, 2.8])
-    assert composed(one, inverse(one)) == pytest.approx(np.zeros(3), abs=1e-12)
-    assert composed(one, between(one, other)) == pytest.approx(other)
+    assert compose(one, inverse_pose(one)) == pytest.approx(np.zeros(3), abs=1e-12)
+    assert compose(one, relative_pose(one, other)) == pytest.approx(other)
 
 
 def test_between_two_messages_it_lies_between() -> None:

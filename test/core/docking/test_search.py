@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.docking.path import Place
-from visual_servo_epipolar.core.docking.search import DockSearch, looked
+from visual_servo_epipolar.core.docking.search import DockSearch, update_search
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings
-from visual_servo_epipolar.core.docking.sighting import observed
 from visual_servo_epipolar.core.geometry.motion import Pose
+from visual_servo_epipolar.core.perception.observation import observe
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
@@ -128,8 +128,8 @@ def test_wrong_matches_do_not_make_it_wrong() -> None:
 
 
 def look(search, pose, world, place):
-    ids, seen = observed(world.observe(pose, search.frame), CAMERA, place.stamp_ns)
-    return looked(search, ids, seen, place, SETTINGS)
+    seen = observe(world.observe(pose, search.frame), CAMERA, place.stamp_ns)
+    return update_search(search, seen, place, SETTINGS)
 
 
 @pytest.fixture(scope='module')
@@ -156,7 +156,7 @@ def test_what_goes_together_no_more_is_forgotten(known, what) -> None:
 
 def test_without_features_there_is_no_pose_and_it_comes_back_with_them(known) -> None:
     search, pose = known
-    none = looked(search, *observed(Features(), CAMERA, 1), place_after(search), SETTINGS)
+    none = update_search(search, observe(Features(), CAMERA, 1), place_after(search), SETTINGS)
     assert none.dock is None
     assert 'features' in none.reason
     world = PointWorld(PointSettings(), FixedRig(CAMERA), seed=7)

@@ -5,6 +5,7 @@ from dataclasses import replace
 import pytest
 from servo_states import DRIVING
 
+from visual_servo_epipolar.core.docking.settings import DockTaskSettings
 from visual_servo_epipolar.core.docking.task import (
     answered,
     armed,
@@ -21,7 +22,6 @@ from visual_servo_epipolar.core.docking.task import (
     Step,
     Task,
 )
-from visual_servo_epipolar.core.docking.task_settings import DockTaskSettings
 from visual_servo_epipolar.core.laws.phase import Phase
 
 SETTINGS = DockTaskSettings(max_retries=1)

@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from visual_servo_epipolar.core.docking.settings import DockTaskSettings
 from visual_servo_epipolar.core.docking.task import (
     answered,
     canceled,
@@ -18,7 +19,6 @@ from visual_servo_epipolar.core.docking.task import (
     Step,
     Task,
 )
-from visual_servo_epipolar.core.docking.task_settings import DockTaskSettings
 from visual_servo_epipolar.core.laws.phase import Phase
 
 SETTINGS = DockTaskSettings(max_retries=1)

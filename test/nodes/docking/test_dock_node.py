@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import CameraInfo
 
-from visual_servo_epipolar.core.docking.planar import composed
 from visual_servo_epipolar.core.geometry.motion import Pose, Twist, yaw_from_quaternion
+from visual_servo_epipolar.core.geometry.planar_poses import compose
 from visual_servo_epipolar.messages import docking, read, transforms, write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.dock_node import DockNode, NO_NAV2
@@ -89,7 +89,7 @@ def test_in_the_frame_of_odometry_it_stands_still(bench) -> None:
     rig = Rig(bench, pose_frame='odometry').drive()
     assert rig.poses[-1].header.frame_id == 'odom'
     pose, told = rig.before
-    expected = composed(np.array([told.x, told.y, told.theta]), true_dock(pose))
+    expected = compose(np.array([told.x, told.y, told.theta]), true_dock(pose))
     assert planar(rig.poses[-1])[:2] == pytest.approx(expected[:2], abs=0.03)
     covariance = rig.uncertain[-1].pose.covariance.reshape(6, 6)[:2, :2]
     # What is known least is the distance, along the line of sight.

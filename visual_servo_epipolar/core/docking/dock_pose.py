@@ -6,8 +6,12 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.docking.path_factors import camera_poses, DIFFERENCE, MOUNT
-from visual_servo_epipolar.core.docking.planar import composed, inverse
+from visual_servo_epipolar.core.geometry.planar_poses import compose, inverse_pose
+from visual_servo_epipolar.core.mapping.adjustment.path_factors import (
+    camera_poses,
+    DIFFERENCE,
+    MOUNT,
+)
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
 from visual_servo_epipolar.core.mapping.adjustment.window import HEADING, VIEW
 
@@ -66,6 +70,6 @@ def dock_of(geometry: Geometry, noise_ratio: float, stamp_ns: int) -> DockPose:
 def _dock(values: FloatArray) -> FloatArray:
     """Return the dock in the base from view, (3,), and mount, (3,): M C^-1 M^-1."""
     (camera,), mount = camera_poses(values[None, :3]), values[3:]
-    pose = composed(composed(mount, inverse(camera)), inverse(mount))
+    pose = compose(compose(mount, inverse_pose(camera)), inverse_pose(mount))
     pose[2] = math.remainder(pose[2], 2.0 * math.pi)
     return pose

@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.docking.planar import between
 from visual_servo_epipolar.core.geometry.motion import arc, motion_between, Pose, STANDSTILL, Twist
+from visual_servo_epipolar.core.geometry.planar_poses import relative_pose
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
 
 KEPT_S = 3.0  # of the path: no image is older
@@ -41,7 +41,7 @@ def uncertainty(before: Place, after: Place, deviation: float) -> FloatArray:
     of what the heading errs by on the way moves the end aside.
     """
     way, turn = after.way - before.way, after.turn - before.turn
-    x, y, _ = between(before.pose, after.pose)
+    x, y, _ = relative_pose(before.pose, after.pose)
     along = deviation**2 * way + LEAST_WAY**2
     heading = deviation**2 * (way + turn) + LEAST_TURN**2
     length = math.hypot(x, y)
@@ -110,7 +110,7 @@ class Path:
         after = bisect_right(self._places, stamp_ns, key=lambda place: place.stamp_ns)
         before = self._places[after - 1]
         if after < len(self._places):
-            return _interpolated(before, self._places[after], stamp_ns)
+            return _interpolate(before, self._places[after], stamp_ns)
         if before.stamp_ns == stamp_ns:
             return before
         return _moved(before, stamp_ns, self._driven(stamp_ns)) if predict else None
@@ -124,7 +124,7 @@ class Path:
     def _leaps(self, stamp_ns: int, here: FloatArray) -> bool:
         last = self._places[-1]
         dt = seconds_between(last.stamp_ns, stamp_ns)
-        x, y, turn = np.abs(between(last.pose, here)).tolist()
+        x, y, turn = np.abs(relative_pose(last.pose, here)).tolist()
         fast = math.hypot(x, y) > FASTEST * dt or turn > FASTEST_TURN * dt
         return dt <= 0.0 or dt > LONGEST_STEP_S or fast
 
@@ -136,14 +136,14 @@ class Path:
 
 
 def _moved(before: Place, stamp_ns: int, here: FloatArray) -> Place:
-    x, y, turn = between(before.pose, here).tolist()
+    x, y, turn = relative_pose(before.pose, here).tolist()
     way = before.way + math.hypot(x, y)
     return Place(stamp_ns, here, way, before.turn + abs(turn), before.epoch)
 
 
-def _interpolated(before: Place, after: Place, stamp_ns: int) -> Place:
+def _interpolate(before: Place, after: Place, stamp_ns: int) -> Place:
     part = (stamp_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
-    motion = between(before.pose, after.pose)
+    motion = relative_pose(before.pose, after.pose)
     pose = before.pose + part * (after.pose - before.pose)
     pose[2] = before.pose[2] + part * motion[2]
     way = before.way + part * (after.way - before.way)

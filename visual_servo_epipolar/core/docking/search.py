@@ -5,25 +5,30 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.core.arrays import FloatArray, IntArray
+from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.docking.dock_pose import dock_of, DockPose
+from visual_servo_epipolar.core.docking.key_views import (
+    factors_along,
+    KeyView,
+    moved_enough,
+    thin_out,
+    window_of,
+)
 from visual_servo_epipolar.core.docking.path import Place
-from visual_servo_epipolar.core.docking.path_factors import (
+from visual_servo_epipolar.core.docking.settings import DockPoseSettings
+from visual_servo_epipolar.core.geometry.planar_poses import (
+    camera_at,
+    compose,
+    inverse_pose,
+    relative_pose,
+)
+from visual_servo_epipolar.core.mapping.adjustment.equations import Evaluation, OUTLIER
+from visual_servo_epipolar.core.mapping.adjustment.path_factors import (
     camera_poses,
     MOUNT,
     PathFactors,
     views_of,
 )
-from visual_servo_epipolar.core.docking.planar import between, camera_at, composed, inverse
-from visual_servo_epipolar.core.docking.settings import DockPoseSettings
-from visual_servo_epipolar.core.docking.sighting import (
-    factors_along,
-    moved_enough,
-    Sighting,
-    thinned,
-    window_of,
-)
-from visual_servo_epipolar.core.mapping.adjustment.equations import Evaluation, OUTLIER
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry, refine
 from visual_servo_epipolar.core.mapping.adjustment.window import PHOTOGRAPH, Unknowns, Window
 from visual_servo_epipolar.core.mapping.initialization import (
@@ -51,7 +56,7 @@ class Solution:
     The best ``geometry`` of views and path.
 
     ``noise_ratio`` is the deviation of the residuals of images and of the path, the larger one,
-    over that expected; ``inliers`` the share of the sightings in the last view that agree.
+    over that expected; ``inliers`` the share of the observations in the last view that agree.
     """
 
     geometry: Geometry
@@ -79,8 +84,8 @@ class DockSearch:
     published.
     """
 
-    keys: tuple[Sighting, ...] = ()
-    last: Sighting | None = None
+    keys: tuple[KeyView, ...] = ()
+    last: KeyView | None = None
     solution: Solution | None = None
     memory: PerceptionMemory | None = None
     frame: int = 0
@@ -90,15 +95,11 @@ class DockSearch:
     reason: str = 'nothing was seen yet'
 
 
-def looked(
-    search: DockSearch,
-    ids: IntArray,
-    observation: Observation,
-    place: Place,
-    settings: DockPoseSettings,
+def update_search(
+    search: DockSearch, observation: Observation, place: Place, settings: DockPoseSettings
 ) -> DockSearch:
     """
-    Return the search after an ``observation`` of features ``ids``, (N,), from a ``place``.
+    Return the search after an ``observation`` from a ``place``.
 
     Never raises on degenerate views; ``reason`` says why there is no pose.
     """
@@ -108,25 +109,25 @@ def looked(
     if len(observation) < settings.min_features:
         return replace(search, reason=measurement.reason)
     seen = observation.corrected(perception.memory.lens)
-    sighting = Sighting.of(place, ids, seen, measurement.bearings, measurement.parallax)
-    if search.last is not None and _is_another_run(search.last, sighting):
+    now = KeyView(place, seen, measurement.bearings, measurement.parallax)
+    if search.last is not None and _is_another_run(search.last, now):
         search = DockSearch(memory=perception.memory, frame=search.frame)
-    return _judged(_solved(search, sighting, perception.memory, settings), sighting, settings)
+    return _publish(_solve(search, now, perception.memory, settings), now, settings)
 
 
-def _is_another_run(last: Sighting, now: Sighting) -> bool:
+def _is_another_run(last: KeyView, now: KeyView) -> bool:
     """Return whether nothing seen so far goes together with what is seen now."""
     return last.place.epoch != now.place.epoch or now.is_of_another_photograph(last)
 
 
-def _solved(
-    search: DockSearch, now: Sighting, memory: PerceptionMemory, settings: DockPoseSettings
+def _solve(
+    search: DockSearch, now: KeyView, memory: PerceptionMemory, settings: DockPoseSettings
 ) -> DockSearch:
     """Return the search with the solution of the views kept and of this one."""
     keys, views = search.keys, (*search.keys, now)
     new = not keys or moved_enough(keys[-1], now, settings)
     if new:
-        keys = thinned(views, settings.key_views)
+        keys = thin_out(views, settings.key_views)
     elif len(keys) == 1:  # it has not moved, and one view tells no distance
         views = keys
     solution = None
@@ -136,7 +137,7 @@ def _solved(
 
 
 def _best(
-    views: tuple[Sighting, ...],
+    views: tuple[KeyView, ...],
     search: DockSearch,
     memory: PerceptionMemory,
     settings: DockPoseSettings,
@@ -152,19 +153,19 @@ def _best(
     known = None
     if search.solution is not None and search.last is not None:
         last = search.solution.unknowns
-        at = composed(camera_poses(last.views[-1:])[0], inverse(last.shared[MOUNT]))
+        at = compose(camera_poses(last.views[-1:])[0], inverse_pose(last.shared[MOUNT]))
         start = _guess(window, factors, views, search.last.place, at, last.shared)
-        known = _refined(start, ITERATIONS)
+        known = _refine(start, ITERATIONS)
         if not contradiction(known) and not (doubt and _is_uncertain(known)):
             return known
     first = _first_guess(window, factors, views, memory)
     if first is None:
         return known
-    other = _refined(first, FIRST_ITERATIONS)
+    other = _refine(first, FIRST_ITERATIONS)
     return other if known is None or other.cost < known.cost else known
 
 
-def _refined(start: Evaluation, iterations: int) -> Solution:
+def _refine(start: Evaluation, iterations: int) -> Solution:
     at, damping = refine_narrowing(start)
     geometry = refine(at, iterations, damping)
     evaluation = geometry.evaluation
@@ -186,7 +187,7 @@ def _is_uncertain(solution: Solution) -> bool:
 
 
 def _first_guess(
-    window: Window, factors: PathFactors, views: tuple[Sighting, ...], memory: PerceptionMemory
+    window: Window, factors: PathFactors, views: tuple[KeyView, ...], memory: PerceptionMemory
 ) -> Evaluation | None:
     """Return the best of several distances along the bearings with the largest parallax."""
     seen = [(view.parallax, view.bearings, view) for view in views if view.bearings is not None]
@@ -195,8 +196,8 @@ def _first_guess(
     _, bearings, best = max(seen, key=lambda each: each[0])
     attitude = np.array([memory.attitude.tilt, memory.attitude.roll])
     shared = np.concatenate([shared_at(attitude), factors.prior])
-    mount = inverse(shared[MOUNT])
-    bases = [composed(camera_at(bearings, far), mount) for far in FIRST_DISTANCES]
+    mount = inverse_pose(shared[MOUNT])
+    bases = [compose(camera_at(bearings, far), mount) for far in FIRST_DISTANCES]
     guesses = [_guess(window, factors, views, best.place, base, shared) for base in bases]
     return min(guesses, key=lambda guess: guess.cost)
 
@@ -204,14 +205,14 @@ def _first_guess(
 def _guess(
     window: Window,
     factors: PathFactors,
-    views: tuple[Sighting, ...],
+    views: tuple[KeyView, ...],
     place: Place,
     base: FloatArray,
     shared: FloatArray,
 ) -> Evaluation:
     """Return the geometry where the base was at pose ``base`` of the photograph's camera."""
-    poses = np.array([between(place.pose, view.place.pose) for view in views])
-    cameras = composed(composed(base[None], poses), np.broadcast_to(shared[MOUNT], poses.shape))
+    poses = np.array([relative_pose(place.pose, view.place.pose) for view in views])
+    cameras = compose(compose(base[None], poses), np.broadcast_to(shared[MOUNT], poses.shape))
     count = len(window.ids)
     rows = views_of(cameras, shared[PHOTOGRAPH])
     unknowns = Unknowns(rows, shared, np.zeros((2, count)), np.ones(count))
@@ -220,7 +221,7 @@ def _guess(
     return Evaluation(window, replace(unknowns, inverse_depth=near), everything, factors, WIDENING)
 
 
-def _judged(search: DockSearch, now: Sighting, settings: DockPoseSettings) -> DockSearch:
+def _publish(search: DockSearch, now: KeyView, settings: DockPoseSettings) -> DockSearch:
     """Return the search with the pose, where it may be published, or the reason why not."""
     solution = search.solution
     if solution is None:

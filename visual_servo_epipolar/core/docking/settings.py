@@ -1,4 +1,4 @@
-"""Settings of docking: how the camera sits, what the path is worth, when a pose is published."""
+"""Settings of docking: of the dock's pose along the driven path, and of a request to dock."""
 
 from dataclasses import dataclass, fields, replace
 
@@ -7,7 +7,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.perception.settings import PerceptionSettings
 from visual_servo_epipolar.core.rigs.fixed_mount import Mount
-from visual_servo_epipolar.core.settings import setting
+from visual_servo_epipolar.core.settings import setting, Settings
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -90,3 +90,34 @@ class DockPoseSettings(PerceptionSettings):
             self.path_scale_deviation,
         )
         return np.asarray(np.maximum(deviations, 1e-5))
+
+
+@dataclass(frozen=True, kw_only=True)
+class DockTaskSettings(Settings):
+    """Settings of the action dock_robot: names as docking_server has them."""
+
+    dock_id: str = setting(
+        '', 'Name of the dock of the photograph; empty: that of every request', read_only=True
+    )
+    dock_type: str = setting(
+        '', 'Type of the dock of the photograph; empty: that of every request', read_only=True
+    )
+    max_retries: int = setting(3, 'Further attempts after one that failed', low=0, high=100)
+    initial_perception_timeout: float = setting(
+        5.0, 'Longest wait for the photograph to be seen [s]', low=0.1, high=600.0
+    )
+    dock_approach_timeout: float = setting(
+        300.0, 'Longest approach in one attempt [s]', low=1.0, high=86400.0
+    )
+    servo_timeout: float = setting(
+        5.0, 'Longest silence of the servo while it should drive [s]', low=0.2, high=600.0
+    )
+    wait_for_charge: bool = setting(
+        False, 'Docked is what charges, by battery_state; false: what has arrived', read_only=True
+    )
+    charging_threshold: float = setting(
+        0.5, 'Current of battery_state above which it charges [A]', low=0.0, high=1000.0
+    )
+    wait_charge_timeout: float = setting(
+        5.0, 'Longest wait at the dock for that current [s]', low=0.1, high=600.0
+    )

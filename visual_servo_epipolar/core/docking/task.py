@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 from enum import Enum, IntEnum
 import math
 
-from visual_servo_epipolar.core.docking.task_settings import DockTaskSettings
+from visual_servo_epipolar.core.docking.settings import DockTaskSettings
 from visual_servo_epipolar.core.laws.phase import Phase
 
 

@@ -6,8 +6,8 @@ from rclpy.node import Node
 
 from visual_servo_epipolar.core.docking.dock_pose import DockPose
 from visual_servo_epipolar.core.docking.path import Place
-from visual_servo_epipolar.core.docking.planar import composed
 from visual_servo_epipolar.core.docking.search import DockSearch
+from visual_servo_epipolar.core.geometry.planar_poses import compose
 from visual_servo_epipolar.messages import docking, write
 from visual_servo_epipolar.nodes import qos
 
@@ -29,7 +29,7 @@ class DockReports:
         """Publish the pose as seen from ``place``; in ``path_frame``, if any."""
         frame, pose, covariance = self._base_frame, dock.pose, dock.covariance
         if path_frame is not None:
-            frame, pose = path_frame, composed(place.pose, pose)
+            frame, pose = path_frame, compose(place.pose, pose)
             covariance = dock.turned(place.pose[2])
         self._pose_pub.publish(docking.pose(pose, dock.stamp_ns, frame))
         self._covariance_pub.publish(

@@ -10,8 +10,8 @@ from rclpy.task import Future
 from sensor_msgs.msg import BatteryState
 
 from visual_servo_epipolar.core.docking import task as tasks
+from visual_servo_epipolar.core.docking.settings import DockTaskSettings
 from visual_servo_epipolar.core.docking.task import Order, Outcome, Task
-from visual_servo_epipolar.core.docking.task_settings import DockTaskSettings
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.messages import docking

@@ -63,7 +63,7 @@ NODES: Mapping[str, NodeRow] = {
         services=('~/reset',),
         settings=(
             'nodes.docking.settings:DockNodeSettings',
-            'core.docking.task_settings:DockTaskSettings',
+            'core.docking.settings:DockTaskSettings',
             'core.docking.settings:DockPoseSettings',
         ),
     ),

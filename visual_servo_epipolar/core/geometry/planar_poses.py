@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 
 
-def composed(T_a_b: FloatArray, T_b_c: FloatArray) -> FloatArray:
+def compose(T_a_b: FloatArray, T_b_c: FloatArray) -> FloatArray:
     """Return T_a_c."""
     cosine, sine = np.cos(T_a_b[..., 2]), np.sin(T_a_b[..., 2])
     x, y = T_b_c[..., 0], T_b_c[..., 1]
@@ -24,16 +24,16 @@ def composed(T_a_b: FloatArray, T_b_c: FloatArray) -> FloatArray:
     )
 
 
-def inverse(T_a_b: FloatArray) -> FloatArray:
+def inverse_pose(T_a_b: FloatArray) -> FloatArray:
     """Return T_b_a."""
     cosine, sine = np.cos(T_a_b[..., 2]), np.sin(T_a_b[..., 2])
     x, y = T_a_b[..., 0], T_a_b[..., 1]
     return np.stack([-cosine * x - sine * y, sine * x - cosine * y, -T_a_b[..., 2]], axis=-1)
 
 
-def between(T_a_b: FloatArray, T_a_c: FloatArray) -> FloatArray:
+def relative_pose(T_a_b: FloatArray, T_a_c: FloatArray) -> FloatArray:
     """Return T_b_c, its turn within half a circle."""
-    motion = composed(inverse(T_a_b), T_a_c)
+    motion = compose(inverse_pose(T_a_b), T_a_c)
     motion[..., 2] = np.remainder(motion[..., 2] + np.pi, 2.0 * np.pi) - np.pi
     return motion
 

@@ -6,7 +6,7 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.docking.planar import between, composed, inverse
+from visual_servo_epipolar.core.geometry.planar_poses import compose, inverse_pose, relative_pose
 from visual_servo_epipolar.core.mapping.adjustment.factors import Factors
 from visual_servo_epipolar.core.mapping.adjustment.window import SHARED, Unknowns, VIEW
 
@@ -101,7 +101,7 @@ def _without_added(unknowns: Unknowns) -> Unknowns:
 
 def _motions(first: FloatArray, second: FloatArray, shared: FloatArray) -> FloatArray:
     """Return the motions of the base from views to others, (K, 3), as odometry would have them."""
-    mount = np.broadcast_to(inverse(shared[MOUNT]), first.shape)
-    motions = between(composed(first, mount), composed(second, mount))
+    mount = np.broadcast_to(inverse_pose(shared[MOUNT]), first.shape)
+    motions = relative_pose(compose(first, mount), compose(second, mount))
     motions[:, :2] *= np.exp(-shared[SCALE])
     return motions

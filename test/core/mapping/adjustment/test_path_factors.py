@@ -7,12 +7,12 @@ from docking_drives import Drive
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.docking.path_factors import MOUNT, SCALE
+from visual_servo_epipolar.core.docking.key_views import factors_along, window_of
 from visual_servo_epipolar.core.docking.search import FIRST_DISTANCES
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings
-from visual_servo_epipolar.core.docking.sighting import factors_along, window_of
 from visual_servo_epipolar.core.geometry.motion import HALF_PI
 from visual_servo_epipolar.core.mapping.adjustment.equations import Evaluation
+from visual_servo_epipolar.core.mapping.adjustment.path_factors import MOUNT, SCALE
 from visual_servo_epipolar.core.mapping.adjustment.refinement import refine
 from visual_servo_epipolar.core.mapping.adjustment.window import Unknowns
 from visual_servo_epipolar.core.mapping.initialization import (
