@@ -8,6 +8,7 @@ from typing import Any
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL
 from visual_servo_epipolar.core.laws.decisions import too_few_features
 from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.servo.least_time import MotionLimits
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample, SETTLE_FRAMES, summarise
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import Settings
@@ -105,6 +106,7 @@ class RunMonitor:
             reason,
             self._attempts,
             self.settings.servo.law_expression,
+            MotionLimits.of(self.settings.servo, backward=self.settings.servo.retreat_speed),
         )
 
 

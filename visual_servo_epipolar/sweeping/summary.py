@@ -11,7 +11,10 @@ from visual_servo_epipolar.sweeping.store import Store
 
 Result = Mapping[str, Any]
 ERRORS = (*('position_error_m', 'lateral_error_m', 'longitudinal_error_m', 'heading_error_deg'),)
-EFFORTS = ('max_distance_ratio', 'duration_s', 'path_length_m', 'attempts')
+EFFORTS = (
+    *('max_distance_ratio', 'duration_s', 'path_length_m', 'attempts', 'time_ratio'),
+    *('standstills', 'phase_changes', 'peak_jerk_m_s3', 'peak_jerk_rad_s3'),
+)
 # Of all runs, not of those that arrived: a robot that drives off must not be left out.
 SAFETY = {'wrong_geometry_s': 'wrong_geometry_s', 'excursion': 'max_distance_ratio'}
 # An arrival with a larger error is wrong, and the robot did not say so.

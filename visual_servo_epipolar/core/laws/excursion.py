@@ -35,7 +35,7 @@ def excursion_limit(state: ServoState, measurement: Measurement, settings: Servo
     spirals = law.discordant_turn and law.retreat  # laws without lead away first
     if not spirals or not state.phase.closes_in:
         return ''
-    longest = LONGEST_WAY * settings.initial_distance
+    longest = LONGEST_WAY * settings.initial_distance + state.reversed
     if abs(state.travel) > longest:
         return f'drove {longest:.0f} m in {name} and is not there (initial_distance)'
     ratio = _excursion(state, measurement)

@@ -10,12 +10,13 @@ import re
 from visual_servo_epipolar.core.laws.law import DEPARTURES, Law
 from visual_servo_epipolar.core.laws.machine import PhaseRow, StateMachine
 from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.smooth.phases import SMOOTH
 from visual_servo_epipolar.core.laws.two_steps import CORRECTED, FULL, PAPER, TWO_STEPS
 from visual_servo_epipolar.core.registry import Registry
 
 LAWS: Registry[Law] = Registry(
     'visual_servo_epipolar.laws',
-    {'paper': PAPER, 'corrected': CORRECTED, 'full': FULL},
+    {'paper': PAPER, 'corrected': CORRECTED, 'full': FULL, 'smooth': SMOOTH},
     Law,
 )
 

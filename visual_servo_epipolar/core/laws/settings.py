@@ -114,6 +114,15 @@ class ControlSettings(Settings):
         low=0.01,
         high=99,
     )
+    max_jerk: float = setting(
+        0.0, 'Speed ramps: change of the linear acceleration; 0 = off [m/s^3]', low=0.0, high=99.0
+    )
+    max_angular_jerk: float = setting(
+        0.0,
+        'Speed ramps: change of the angular acceleration; 0 = off [rad/s^3]',
+        low=0.0,
+        high=999,
+    )
     braking: float = setting(
         0.2, 'Contact braking: deceleration to end step 1 with [m/s^2]', low=0.01, high=20.0
     )

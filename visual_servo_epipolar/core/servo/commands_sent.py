@@ -46,6 +46,19 @@ class CommandsSent:
         return replace(self, withdrawn=False).after(ended, STANDSTILL)
 
     @property
+    def acceleration(self) -> Twist:
+        """Acceleration that led to the last command [m/s^2, rad/s^2]; 0 where it is long ago."""
+        if len(self.stamps) < 2 or self.withdrawn:
+            return STANDSTILL
+        (before, last), seconds = (
+            self.twists[-2:],
+            (self.stamps[-1] - self.stamps[-2]) / NANOSECONDS,
+        )
+        return Twist(
+            (last.linear - before.linear) / seconds, (last.angular - before.angular) / seconds
+        )
+
+    @property
     def fastest_turn(self) -> float:
         """Largest angular velocity that was commanded, to either side [rad/s]."""
         return max((abs(twist.angular) for twist in self.twists), default=0.0)

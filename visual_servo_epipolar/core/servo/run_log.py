@@ -2,14 +2,19 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import groupby, pairwise
 import math
 from typing import Any
 
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.servo.least_time import least_time, MotionLimits
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 
 SETTLE_FRAMES = 6  # the base may still be braking when the servo says that it has arrived
+# Who stands on its way does so below this speed [m/s], for longer than a cusp takes [s], farther
+# from its last place than this [m].
+STANDING, LEAST_STANDSTILL_S, ENDING_M = 0.01, 0.3, 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +49,8 @@ class RunLog:
     """
     Record of one run: its start, its samples in order of time, its outcome.
 
-    ``start`` is x [m], y [m] and heading error [deg]; ``outcome`` is 'arrived' or 'failed'.
+    ``start`` is x [m], y [m] and heading error [deg]; ``outcome`` is 'arrived' or 'failed';
+    ``limits`` are those of the base, None where nobody knows them.
     """
 
     start: tuple[float, float, float]
@@ -54,6 +60,7 @@ class RunLog:
     reason: str
     attempts: int = 1
     law: str = 'full'
+    limits: MotionLimits | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +129,44 @@ def summarise(log: RunLog) -> dict[str, Any]:
             for span in phase_spans(log)
         ],
         'attempts': log.attempts,
+        **_smoothness(log),
     }
+
+
+def _smoothness(log: RunLog) -> dict[str, Any]:
+    """Return what whoever watches the run sees of it: time over the least, standstills, jerk."""
+    times, samples = seconds(log), log.samples
+    least = None if log.limits is None else least_time(samples[0].pose, log.limits)
+    return {
+        'least_time_s': least,
+        'time_ratio': end_s(log) / least if least else None,
+        'standstills': standstills(log),
+        'phase_changes': len(phase_spans(log)) - 1,
+        'peak_jerk_m_s3': _peak_jerk(times, [sample.twist.linear for sample in samples]),
+        'peak_jerk_rad_s3': _peak_jerk(times, [sample.twist.angular for sample in samples]),
+    }
+
+
+def standstills(log: RunLog) -> int:
+    """Return how often the robot stood on its way, turns in place and holds included."""
+    times, final = seconds(log), log.samples[-1].pose
+
+    def stands(index: int) -> bool:
+        sample = log.samples[index]
+        away = math.hypot(sample.pose.x - final.x, sample.pose.y - final.y) > ENDING_M
+        return away and sample.phase.runs and abs(sample.twist.linear) < STANDING
+
+    spans = [list(span) for stood, span in groupby(range(len(times)), stands) if stood]
+    return sum(times[span[-1]] - times[span[0]] >= LEAST_STANDSTILL_S for span in spans)
+
+
+def _peak_jerk(times: Sequence[float], speeds: Sequence[float]) -> float:
+    """Return the largest jerk of commanded ``speeds`` [m/s^3 or rad/s^3]."""
+    commands = zip(times, speeds, strict=True)
+    rates = [(t1, (v1 - v0) / (t1 - t0)) for (t0, v0), (t1, v1) in pairwise(commands) if t1 > t0]
+    return max(
+        (abs(b - a) / (later - now) for (now, a), (later, b) in pairwise(rates)), default=0.0
+    )
 
 
 def _path_length(poses: Sequence[Pose]) -> float:

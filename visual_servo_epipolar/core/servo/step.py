@@ -11,6 +11,7 @@ it (``laws.decisions``), which is then limited to what the base can follow.
 from dataclasses import replace
 import math
 
+from visual_servo_epipolar.core.bases.jerk import within_jerk
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.command import Command
 from visual_servo_epipolar.core.laws.decisions import (
@@ -171,7 +172,17 @@ def _limited(
     twist = settings.drive.within_speed(nominal, ratio=settings.max_speed_ratio)
     if not settings.options.speed_ramps or not state.phase.drives:
         return twist
-    return settings.drive.within_acceleration(twist, last, dt)
+    twist = settings.drive.within_acceleration(twist, last, dt)
+    if settings.max_jerk == 0.0 and settings.max_angular_jerk == 0.0:
+        return twist
+    return within_jerk(
+        twist,
+        last,
+        state.sent.acceleration,
+        dt,
+        linear=settings.max_jerk,
+        angular=settings.max_angular_jerk,
+    )
 
 
 def _beyond_dead_band(

@@ -54,6 +54,11 @@ def _rows() -> Mapping[str, Callable[[Document], str]]:
         'the same, all runs': lambda d: _spread(d, 'excursion', 1.0),
         'wrong geometry, all runs [s]': lambda d: _spread(d, 'wrong_geometry_s', 1.0),
         'duration [s]': lambda d: _spread(d, 'duration_s', 1.0),
+        'duration / least time T_0': lambda d: _spread(d, 'time_ratio', 1.0),
+        'standstills on the way': lambda d: _spread(d, 'standstills', 1.0),
+        'changes of phase': lambda d: _spread(d, 'phase_changes', 1.0),
+        'peak jerk [m/s^3]': lambda d: _spread(d, 'peak_jerk_m_s3', 1.0),
+        'peak jerk [rad/s^3]': lambda d: _spread(d, 'peak_jerk_rad_s3', 1.0),
         'path [m]': lambda d: _spread(d, 'path_length_m', 1.0),
         'attempts': lambda d: _spread(d, 'attempts', 1.0),
         'wall time of the sweep [s]': lambda d: _number(d['wall_s'], 1.0),
@@ -99,7 +104,8 @@ def _arrived(document: Document) -> str:
 
 
 def _spread(document: Document, name: str, unit: float) -> str:
-    return ' / '.join(_number(document[name][key], unit) for key in ('median', 'p95', 'max'))
+    spread = document.get(name, {})  # that of an earlier version may lack it
+    return ' / '.join(_number(spread.get(key), unit) for key in ('median', 'p95', 'max'))
 
 
 def _with_interval(spread: Mapping[str, Any], key: str, unit: float) -> str:

@@ -19,7 +19,7 @@ from visual_servo_epipolar.core.values import changed
 def _classify(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
     if is_untrusted(measurement, settings):
         return Event.LOST
-    if not _has_run_up(state, measurement, settings):
+    if not has_run_up(state, measurement, settings):
         return Event.NOTHING
     if leads_home(measurement, settings):
         return Event.ALIGNED
@@ -29,7 +29,7 @@ def _classify(state: ServoState, measurement: Measurement, settings: ServoSettin
     return Event.APART if within and not is_sideways(measurement, settings) else Event.NOTHING
 
 
-def _has_run_up(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
+def has_run_up(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
     """
     Return whether a retreat after a miss has led as far as that asks for.
 

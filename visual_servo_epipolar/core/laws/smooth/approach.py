@@ -1,0 +1,200 @@
+"""Approach: the velocity of one motion from what is measured, by the equations of ``steering``."""
+
+import math
+from typing import NamedTuple
+
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.laws.equations import LINE_DAMPING
+from visual_servo_epipolar.core.laws.smooth.steering import (
+    aim,
+    curvature,
+    Gains,
+    polar_pose,
+    rate_within,
+    visible_aim,
+)
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.identification.delay import is_late
+from visual_servo_epipolar.core.servo.identification.ranging import UNKNOWN_RANGE
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+
+GAINS = Gains()
+BRAKING = 0.25  # at which it closes in [m/s^2]: less than the ramps allow
+TAIL_S = 0.25  # time constant of the last centimetre, and of the turn at its end
+STEERING_S = 0.4  # look-ahead in time: what is steered within less, a late loop swings by
+LEAST_LOOK_AHEAD = 0.02  # [m]
+RESIDUAL = 3e-4  # what steering may leave aside [m]
+RESERVE = 0.05  # of the margins of the view [rad]
+TURN_S = 0.5  # time constant of turns to where features stay in view
+FACING_FROM, FACING_AT = 0.012, 0.003  # way left at which the heading alone counts, at last [m]
+UNCERTAIN = 0.06  # deviation of the bearings at which the robot drives at half speed [rad]
+NEAR = 0.35  # way left on which the rest aside is steered to zero [m]
+CREEP = 0.03  # least speed for the sake of steering [m/s]
+RUN_UP = 0.3  # behind the goal, to which a robot backs off that is ahead of it [m]
+BACKING = 0.5  # delta and phi backward, below which it backs off onto the axis [rad]
+MOST_ASIDE = 0.3  # heading error at which it backs off towards the axis [rad]
+TURNING_BEARING = 0.25  # beyond that at which backing off ends: where it turns ahead [rad]
+
+
+class Sight(NamedTuple):
+    """Where the robot is by now: right and ahead of the goal [m], and the heading error [rad]."""
+
+    x: float
+    y: float
+    heading: float
+
+
+def approach(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Twist:
+    """Return the velocity of one motion to the goal."""
+    sight = seen_from(state, measurement, settings)
+    if sight is None:
+        return STANDSTILL
+    left = _way_left(measurement, state)
+    speed = min(
+        rate_within(left, deceleration=BRAKING, delay=TAIL_S), _certain(measurement, settings)
+    )
+    if measurement.offset is None:
+        speed = min(speed, settings.k_t * abs(measurement.difference))
+    elif speed > 0.0:
+        speed = min(speed, _converging(sight, left))
+    kappa = _kappa(sight, max(STEERING_S * abs(speed), LEAST_LOOK_AHEAD), measurement)
+    speed = min(speed, _steerable(kappa, settings))
+    turn = kappa * speed if speed > 0.0 else 0.0
+    if measurement.offset is not None:
+        facing = _facing(left)
+        turn = (1.0 - facing) * turn - facing * measurement.heading_error / TAIL_S
+    return Twist(speed, _within_view(turn, measurement, settings))
+
+
+def _kappa(sight: Sight, look_ahead: float, measurement: Measurement) -> float:
+    """Return the curvature of the path [1/m], with features in view; of no sharper look-ahead."""
+    ahead = max(GAINS.look_aheads * look_ahead + min(sight.y, 0.0), 0.0)
+    pose = polar_pose(*sight, ahead=ahead)
+    left, right = measurement.view_margins
+    held = visible_aim(aim(pose.phi, GAINS), pose.delta, (left - RESERVE, right - RESERVE))
+    return curvature(pose, GAINS, delta_held=held)
+
+
+def _way_left(measurement: Measurement, state: ServoState) -> float:
+    """Return the way that is left along the heading [m]; negative past the goal."""
+    if measurement.offset is not None:
+        x, y = measurement.offset
+        return x * math.sin(measurement.heading_error) - y * math.cos(measurement.heading_error)
+    if measurement.bearings is None:
+        return 0.0
+    return believed_distance(state) * math.cos(measurement.bearings.current)
+
+
+def _converging(sight: Sight, left: float) -> float:
+    """
+    Return the speed at which what is aside decays on the way that is ``left`` [m/s].
+
+    It does by exp(-0.9 s / L) over a way s, and no look-ahead L is driven within less than
+    STEERING_S.
+    """
+    # From farther away the offset falls as d^(1 + k1) until then.
+    shrinks = min(NEAR / max(left, NEAR), 1.0) ** (1.0 + GAINS.k1)
+    aside = (abs(sight.x) + LEAST_LOOK_AHEAD * abs(sight.heading)) * shrinks
+    decays = math.log(max(aside / RESIDUAL, 1.0))
+    if decays == 0.0:
+        return math.inf
+    near = min(left, NEAR)
+    speed = max(LINE_DAMPING * near / (decays * STEERING_S), min(CREEP, near / TAIL_S))
+    return math.sqrt(speed * speed + 2.0 * BRAKING * (left - near))
+
+
+def seen_from(
+    state: ServoState, measurement: Measurement, settings: ServoSettings
+) -> Sight | None:
+    """Return where the robot will be when it obeys, by memory or by bearings; None of neither."""
+    if measurement.offset is not None:
+        x, y = measurement.offset
+    elif measurement.bearings is not None:
+        distance = believed_distance(state)
+        psi = measurement.bearings.psi
+        x, y = distance * math.cos(psi), distance * math.sin(psi)
+    else:
+        return None
+    late = 0.0 if is_late(settings) else settings.latency
+    turn, way = state.twist.angular * late, state.twist.linear * late
+    heading = measurement.heading_error
+    middle = heading + 0.5 * turn
+    return Sight(x - way * math.sin(middle), y + way * math.cos(middle), heading + turn)
+
+
+def believed_distance(state: ServoState) -> float:
+    """Return d_hat [m] by two views: too small does no harm, too large leaves heading errors."""
+    if state.extrinsics is not None and state.extrinsics.is_ranged:
+        return state.extrinsics.distance
+    if state.range > 0.0:
+        return state.range
+    return min(state.distance, UNKNOWN_RANGE)
+
+
+def back_off(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Twist:
+    """
+    Return the velocity backward, on an arc: onto the axis behind the goal, or to a turn ahead.
+
+    From ahead of the goal the same law leads backward onto its axis. From beside, the robot backs
+    off at the goal's heading and turns to where it will drive at the end of that.
+    """
+    sight, bearings = seen_from(state, measurement, settings), measurement.bearings
+    turn, speed = 0.0, settings.retreat_speed
+    pose = None if sight is None else polar_pose(-sight.x, -sight.y, sight.heading, ahead=RUN_UP)
+    if pose is not None and max(abs(pose.delta), abs(pose.phi)) < BACKING:
+        margins = _swapped(measurement.view_margins)
+        held = visible_aim(aim(pose.phi, GAINS), pose.delta, margins)
+        kappa = curvature(pose, GAINS, delta_held=held)
+        speed = min(speed, _steerable(kappa, settings))
+        turn = kappa * speed
+    else:
+        wanted = 0.0
+        if bearings is not None:
+            pose = polar_pose(math.cos(bearings.psi), math.sin(bearings.psi), 0.0)
+            beyond = (abs(pose.phi) - settings.retreat_bearing) / TURNING_BEARING
+            wanted = math.copysign(MOST_ASIDE * min(max(beyond, 0.0), 1.0), pose.phi)
+        left, right = measurement.view_margins
+        angle = wanted - measurement.heading_error
+        angle = min(max(angle, RESERVE - right), left - RESERVE)
+        turn = angle / TURN_S
+        speed *= max(1.0 - abs(angle), 0.0)
+    return Twist(-speed, _within_view(turn, measurement, settings))
+
+
+def _swapped(margins: tuple[float, float]) -> tuple[float, float]:
+    """Return the margins of the view in reserve for a heading that is seen from behind."""
+    left, right = margins
+    return left - RESERVE, right - RESERVE
+
+
+def _steerable(kappa: float, settings: ServoSettings) -> float:
+    """Return the speed at which the turn of this curvature is within limits [m/s]."""
+    return settings.max_angular / abs(kappa) if kappa else math.inf
+
+
+def _certain(measurement: Measurement, settings: ServoSettings) -> float:
+    """Return the speed by how well the line is known [m/s]."""
+    deviation = 0.0 if math.isnan(measurement.deviation) else measurement.deviation
+    return settings.max_linear / (1.0 + (deviation / UNCERTAIN) ** 2)
+
+
+def _facing(left: float) -> float:
+    """Return the weight of the heading alone, by the way that is ``left`` [m]."""
+    share = (FACING_FROM - abs(left)) / (FACING_FROM - FACING_AT)
+    return min(max(share, 0.0), 1.0)
+
+
+def _within_view(turn: float, measurement: Measurement, settings: ServoSettings) -> float:
+    """Return a turn that features stay in view of [rad/s]: the barrier."""
+    bounds = [
+        rate_within(margin - RESERVE, deceleration=settings.max_angular_acceleration, delay=TURN_S)
+        for margin in measurement.view_margins
+        if math.isfinite(margin)
+    ]
+    if not bounds:
+        return turn
+    left, right = bounds
+    if left + right <= 0.0:
+        return 0.5 * (left - right)
+    return min(max(turn, -right), left)

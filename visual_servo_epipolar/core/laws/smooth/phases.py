@@ -1,0 +1,157 @@
+"""
+Law ``smooth``: one motion to the goal, its phase APPROACHING, and where that cannot begin or end.
+
+A robot beside the goal backs off first, on an arc. What two views alone know ends the run as in
+the paper's second step: a memory of views is what carries one motion through to its end.
+"""
+
+from dataclasses import replace
+
+from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
+from visual_servo_epipolar.core.laws.machine import Classifier, PhaseRow, StateMachine
+from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.phases.arrival import (
+    faces_goal,
+    has_parallax,
+    is_near_enough,
+)
+from visual_servo_epipolar.core.laws.phases.bounds import is_matched, trial_of
+from visual_servo_epipolar.core.laws.phases.conditions import (
+    is_behind,
+    is_far_enough,
+    is_sideways,
+    is_untrusted,
+    with_new_leg,
+)
+from visual_servo_epipolar.core.laws.phases.matching_features import MATCHING_FEATURES
+from visual_servo_epipolar.core.laws.phases.orienting import ORIENTING
+from visual_servo_epipolar.core.laws.phases.retreating import has_run_up, RETREATING
+from visual_servo_epipolar.core.laws.phases.standing import ARRIVED, FAILED, HOLDING, WAITING
+from visual_servo_epipolar.core.laws.smooth.approach import approach, back_off
+from visual_servo_epipolar.core.laws.two_steps import FULL
+from visual_servo_epipolar.core.perception.measurement import Measurement
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.core.servo.state import ServoState
+
+NEAR_GOAL = 0.25  # from where a bearing tells of the goal, not of the way to it [m]
+PASSED = 0.05  # beyond which the goal was passed by [m]
+HANDOVER_DIFFERENCE = 0.03  # |D| at which two views end as the second step does
+HYSTERESIS = 0.35  # of the bearing beyond which a robot backs off, on its way [rad]
+
+
+def _approaching(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
+    if is_untrusted(measurement, settings):
+        return Event.LOST
+    if measurement.offset is None:
+        # A single view without the memory is none; near the goal two views know no direction.
+        near = abs(measurement.difference) <= HANDOVER_DIFFERENCE
+        if measurement.bearings is None or near:
+            return Event.ALIGNED
+        return Event.SIDEWAYS if _lies_beside(measurement, settings) else Event.NOTHING
+    if state.settled >= settings.arrival_frames:
+        is_there = not has_parallax(state, measurement, settings)
+        return Event.MATCHED if is_there else _missed(state, settings)
+    x, y = measurement.offset
+    if not state.settled and y > -PASSED and max(y, abs(x)) > PASSED:
+        return _missed(state, settings)
+    beside = y < -NEAR_GOAL and _lies_beside(measurement, settings)
+    return Event.SIDEWAYS if beside else Event.NOTHING
+
+
+def _lies_beside(measurement: Measurement, settings: ServoSettings) -> bool:
+    """Return whether the goal has come to lie beside, farther than one motion begins from."""
+    bearings = measurement.bearings
+    if bearings is None:
+        return False
+    return not is_behind(bearings) or abs(bearings.chi) > settings.sideways_bearing + HYSTERESIS
+
+
+def _missed(state: ServoState, settings: ServoSettings) -> Event:
+    repeats = settings.options.new_attempts and state.attempts < settings.max_attempts
+    return Event.MISSED if repeats else Event.EXHAUSTED
+
+
+def _ends(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
+    """Return whether the motion ends here, along the axis and in heading; a memory knows both."""
+    if measurement.offset is None or not faces_goal(state, measurement, settings):
+        return False
+    matched = is_matched(measurement, settings, trial_of(state))
+    return matched or is_near_enough(state, measurement, settings)
+
+
+def _is_close(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
+    known = measurement.offset is not None
+    return known and is_matched(measurement, settings, trial_of(state, spent=True))
+
+
+def _begin(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
+    return with_new_leg(state, measurement)
+
+
+def _retreating(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
+    if is_untrusted(measurement, settings):
+        return Event.LOST
+    has_room = has_run_up(state, measurement, settings) and is_far_enough(measurement, settings)
+    if measurement.bearings is None or not has_room or is_sideways(measurement, settings):
+        return Event.NOTHING
+    return Event.APART
+
+
+def _retreat(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Twist:
+    return STANDSTILL if settings.max_retreat == 0.0 else back_off(state, measurement, settings)
+
+
+def _surveyed(row: PhaseRow) -> PhaseRow:
+    """Return the row of a robot that stands: one motion begins wherever the goal is known."""
+
+    def classify(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
+        event = row.classify(state, measurement, settings)
+        known = measurement.offset is not None or measurement.bearings is not None
+        return Event.APART if known and event in (Event.ALIGNED, Event.NO_BASELINE) else event
+
+    survey: Classifier = classify
+    return replace(row, classify=survey)
+
+
+APPROACHING = PhaseRow(
+    phase=Phase('approaching', drives=True, closes_in=True, ranges=True, by_photograph=True),
+    words='drives to the goal in one motion',
+    colour='#117733',
+    classify=_approaching,
+    command=approach,
+    is_settled=_ends,
+    is_close=_is_close,
+    begin=_begin,
+)
+_SURVEY = {
+    Event.NO_BASELINE: Phase.ORIENTING,
+    Event.SIDEWAYS: Phase.RETREATING,
+    Event.APART: APPROACHING.phase,
+    Event.ALIGNED: Phase.MATCHING_FEATURES,
+    Event.MATCHED: Phase.ARRIVED,
+}
+ONE_MOTION = StateMachine(
+    (
+        *(_surveyed(WAITING), _surveyed(HOLDING), ARRIVED, FAILED, ORIENTING, MATCHING_FEATURES),
+        replace(RETREATING, classify=_retreating, command=_retreat),
+        APPROACHING,
+    ),
+    {
+        **{(Phase.WAITING, event): phase for event, phase in _SURVEY.items()},
+        **{(Phase.HOLDING, event): phase for event, phase in _SURVEY.items()},
+        (Phase.ORIENTING, Event.APART): APPROACHING.phase,
+        (Phase.ORIENTING, Event.SIDEWAYS): Phase.RETREATING,
+        (Phase.ORIENTING, Event.ALIGNED): Phase.MATCHING_FEATURES,
+        (Phase.ORIENTING, Event.MATCHED): Phase.ARRIVED,
+        (Phase.RETREATING, Event.APART): APPROACHING.phase,
+        (APPROACHING.phase, Event.SIDEWAYS): Phase.RETREATING,
+        (APPROACHING.phase, Event.ALIGNED): Phase.MATCHING_FEATURES,
+        (APPROACHING.phase, Event.MATCHED): Phase.ARRIVED,
+        (APPROACHING.phase, Event.MISSED): Phase.RETREATING,
+        (Phase.MATCHING_FEATURES, Event.NO_GAIN): Phase.FAILED,
+        (Phase.MATCHING_FEATURES, Event.MATCHED): Phase.ARRIVED,
+        (Phase.MATCHING_FEATURES, Event.TURNED): Phase.ORIENTING,
+        (Phase.MATCHING_FEATURES, Event.MISSED): Phase.RETREATING,
+    },
+)
+SMOOTH = replace(FULL, machine=ONE_MOTION)

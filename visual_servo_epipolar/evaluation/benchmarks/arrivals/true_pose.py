@@ -1,0 +1,83 @@
+"""
+Peers that are given the true pose, with the limits of the servo: what images cost.
+
+``graceful`` is Nav2's graceful controller (Park and Kuipers, ICRA 2011) with its default gains
+and slow-down; ``least_time`` a time-optimal unicycle: of all cubic curves from the start to the
+goal that keep features in view, that which limits of speed, turn and acceleration allow to be
+driven soonest.
+"""
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, Twist
+from visual_servo_epipolar.core.laws.smooth.steering import curvature, Gains, polar_pose
+from visual_servo_epipolar.core.servo.settings import ServoSettings
+
+SLOWDOWN_M = 0.5  # slowdown_radius of Nav2 is 1.5 m, for 0.5 m/s and more
+POINTS = 200  # of a curve
+TANGENTS = np.geomspace(0.15, 4.0, 14)  # lengths of both ends' tangents, in distances
+MOST_TURNED = 0.7  # heading error at which features are still in view [rad]
+
+
+@dataclass(frozen=True, slots=True)
+class GracefulGains:
+    """Defaults of nav2_graceful_controller: k_phi, k_delta, beta, lambda."""
+
+    phi: float = 2.0
+    delta: float = 1.0
+    beta: float = 0.4
+    curvature_exponent: float = 2.0
+
+
+def graceful(pose: Pose, settings: ServoSettings, gains: GracefulGains | None = None) -> Twist:
+    """Return the velocity of Nav2's graceful controller at ``pose``."""
+    gains = gains or GracefulGains()
+    at = polar_pose(pose.x, pose.y, pose.heading_error)
+    if at.distance == 0.0:
+        return Twist(0.0, 0.0)
+    kappa = curvature(at, Gains(gains.phi, gains.delta))
+    slow = 1.0 + gains.beta * abs(kappa) ** gains.curvature_exponent
+    speed = settings.max_linear * min(1.0 / slow, at.distance / SLOWDOWN_M)
+    speed = min(speed, settings.max_angular / max(abs(kappa), 1e-9))
+    return Twist(speed, kappa * speed)
+
+
+def least_time(start: Pose, settings: ServoSettings) -> float:
+    """Return the least time of a smooth way ahead from ``start`` [s]; inf where there is none."""
+    times = [
+        _time(_curve(start, first, last), settings) for first in TANGENTS for last in TANGENTS
+    ]
+    return min(times)
+
+
+def _curve(start: Pose, first: float, last: float) -> FloatArray:
+    """Return a cubic curve to the goal, (N, 2), of tangents as long as told, in distances."""
+    s = np.linspace(0.0, 1.0, POINTS)[:, None]
+    begin = np.array([start.x, start.y])
+    slope = first * start.distance * np.array([math.cos(start.theta), math.sin(start.theta)])
+    end = last * start.distance * np.array([0.0, 1.0])
+    return np.asarray(
+        begin * (2 * s**3 - 3 * s**2 + 1) + slope * (s**3 - 2 * s**2 + s) + end * (s**3 - s**2)
+    )
+
+
+def _time(curve: FloatArray, settings: ServoSettings) -> float:
+    """Return the least time of a ``curve`` within limits [s]; inf where it leaves the view."""
+    steps = np.diff(curve, axis=0)
+    ways = np.hypot(*steps.T)
+    heading = np.unwrap(np.arctan2(steps[:, 1], steps[:, 0])) - HALF_PI
+    if np.abs(heading).max() > MOST_TURNED or (ways < 1e-9).any():
+        return math.inf
+    kappa = np.abs(np.diff(heading)) / (0.5 * (ways[1:] + ways[:-1]))
+    speed = np.minimum(settings.max_linear, settings.max_angular / np.maximum(kappa, 1e-9))
+    speed = np.concatenate([[0.0], speed, [0.0]])
+    faster = settings.max_acceleration
+    for k in range(1, len(speed)):
+        speed[k] = min(speed[k], math.sqrt(speed[k - 1] ** 2 + 2.0 * faster * ways[k - 1]))
+    for k in range(len(speed) - 2, -1, -1):
+        speed[k] = min(speed[k], math.sqrt(speed[k + 1] ** 2 + 4.0 * faster * ways[k]))
+    return float((2.0 * ways / (speed[1:] + speed[:-1])).sum())
