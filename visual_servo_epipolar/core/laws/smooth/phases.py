@@ -15,7 +15,11 @@ from visual_servo_epipolar.core.laws.phases.arrival import (
     has_parallax,
     is_near_enough,
 )
-from visual_servo_epipolar.core.laws.phases.bounds import is_matched, trial_of
+from visual_servo_epipolar.core.laws.phases.bounds import (
+    is_matched,
+    is_trimmed,
+    trial_of,
+)
 from visual_servo_epipolar.core.laws.phases.conditions import (
     is_behind,
     is_far_enough,
@@ -49,8 +53,9 @@ def _approaching(state: ServoState, measurement: Measurement, settings: ServoSet
             return Event.ALIGNED
         return Event.SIDEWAYS if _lies_beside(measurement, settings) else Event.NOTHING
     if state.settled >= settings.arrival_frames:
-        is_there = not has_parallax(state, measurement, settings)
-        return Event.MATCHED if is_there else _missed(state, settings)
+        if has_parallax(state, measurement, settings):
+            return _missed(state, settings)
+        return Event.MATCHED if faces_goal(state, measurement, settings) else Event.TURNED
     x, y = measurement.offset
     if not state.settled and y > -PASSED and max(y, abs(x)) > PASSED:
         return _missed(state, settings)
@@ -72,8 +77,15 @@ def _missed(state: ServoState, settings: ServoSettings) -> Event:
 
 
 def _ends(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
-    """Return whether the motion ends here, along the axis and in heading; a memory knows both."""
-    if measurement.offset is None or not faces_goal(state, measurement, settings):
+    """
+    Return whether the motion ends here, along the axis and in heading; a memory knows both.
+
+    A base with a dead band turns by pulses, in place, which end finer than those on the way.
+    """
+    if measurement.offset is None:
+        return False
+    trims = is_trimmed(measurement, settings, trial_of(state))
+    if not trims and not faces_goal(state, measurement, settings):
         return False
     matched = is_matched(measurement, settings, trial_of(state))
     return matched or is_near_enough(state, measurement, settings)
@@ -148,6 +160,7 @@ ONE_MOTION = StateMachine(
         (APPROACHING.phase, Event.ALIGNED): Phase.MATCHING_FEATURES,
         (APPROACHING.phase, Event.MATCHED): Phase.ARRIVED,
         (APPROACHING.phase, Event.MISSED): Phase.RETREATING,
+        (APPROACHING.phase, Event.TURNED): Phase.ORIENTING,
         (Phase.MATCHING_FEATURES, Event.NO_GAIN): Phase.FAILED,
         (Phase.MATCHING_FEATURES, Event.MATCHED): Phase.ARRIVED,
         (Phase.MATCHING_FEATURES, Event.TURNED): Phase.ORIENTING,
