@@ -3,25 +3,22 @@
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, ExitStack
-from dataclasses import asdict, fields
+from dataclasses import asdict
 from pathlib import Path
 import time
 from typing import Any, TYPE_CHECKING
 
 import cv2
-import rclpy
-from rclpy.context import Context
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 
 from visual_servo_epipolar.bags.recording.settings import RecordSettings
 from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.core.settings import Settings
-from visual_servo_epipolar.nodes import parameters
 from visual_servo_epipolar.nodes.camera_node import CameraNode
+from visual_servo_epipolar.nodes.isolated import isolated_context, new_node, values_of
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.startup.executor import hand_out
-from visual_servo_epipolar.nodes.startup.process import discovery_range, tune_transport
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
 from visual_servo_epipolar.simulation.rendering.assistant import Assistant
@@ -45,8 +42,8 @@ class Lockstep(AbstractContextManager['Lockstep']):
     """
     The four nodes in one context, each with simulated time, isolated from other processes.
 
-    Isolation matters: this publishes cmd_vel, and there may be a robot in the room. ``open_to``
-    LOCALHOST or SUBNET lets tools such as RViz look on. An ``assistant`` draws half of each image.
+    ``open_to`` LOCALHOST or SUBNET lets tools such as RViz look on. An ``assistant`` draws half of
+    each image.
     """
 
     def __init__(
@@ -57,12 +54,9 @@ class Lockstep(AbstractContextManager['Lockstep']):
         open_to: str = 'OFF',
         assistant: Assistant | None = None,
     ) -> None:
-        tune_transport()
         self._around = ExitStack()
-        self._around.enter_context(discovery_range(open_to))
         self._assistant = assistant
-        self.context = Context()
-        rclpy.init(args=[], context=self.context)
+        self.context = self._around.enter_context(isolated_context(open_to))
         self.executor = SingleThreadedExecutor(context=self.context)
         self.nodes: list[Node] = []
         self._turns = 0
@@ -157,7 +151,6 @@ class Lockstep(AbstractContextManager['Lockstep']):
         for node in self.nodes:
             node.destroy_node()
         self.executor.shutdown()
-        self.context.try_shutdown()
         self._around.close()
 
     def _add(
@@ -168,14 +161,8 @@ class Lockstep(AbstractContextManager['Lockstep']):
         *,
         simulated_time: bool = True,
     ) -> Any:
-        values = {item.name: getattr(settings, item.name) for item in fields(settings)}
-        overrides = [
-            parameters.override(name, value)
-            for name, value in {**values, **extra, 'use_sim_time': simulated_time}.items()
-        ]
-        node = kind(
-            context=self.context, parameter_overrides=overrides, use_global_arguments=False
-        )
+        values = {**values_of(settings), **extra, 'use_sim_time': simulated_time}
+        node = new_node(kind, self.context, values)
         self.add(node)
         return node
 

@@ -5,11 +5,11 @@ from contextlib import ExitStack
 import time
 
 import rclpy
-from rclpy.context import Context
 from rclpy.node import Node
 
 from visual_servo_epipolar.core.errors import VisualServoError
-from visual_servo_epipolar.evaluation.live.processes import DOMAIN, only_this_machine
+from visual_servo_epipolar.evaluation.live.processes import DOMAIN
+from visual_servo_epipolar.nodes.isolated import isolated_context
 from visual_servo_epipolar.nodes.startup.executor import MessageExecutor
 
 START_S, LOOK_S = 60.0, 0.05
@@ -19,10 +19,7 @@ class Listener:
     """Hears what others on this machine publish, until ``stack`` ends."""
 
     def __init__(self, stack: ExitStack, name: str) -> None:
-        stack.enter_context(only_this_machine())
-        context = Context()
-        rclpy.init(args=[], context=context, domain_id=DOMAIN)
-        stack.callback(context.try_shutdown)
+        context = stack.enter_context(isolated_context('LOCALHOST', domain_id=DOMAIN))
         self.node: Node = rclpy.create_node(name, context=context)
         stack.callback(self.node.destroy_node)
         # rclpy's own would be felt in what it times.

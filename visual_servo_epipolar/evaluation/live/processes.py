@@ -1,7 +1,7 @@
 """Processes of nodes on this machine alone, and what they cost."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager, ExitStack
+from collections.abc import Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 import os
 from pathlib import Path
@@ -10,7 +10,6 @@ import subprocess
 import sys
 from typing import Any
 
-from visual_servo_epipolar.nodes.startup.process import discovery_range, tune_transport
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.threads import ONE_THREAD
 
@@ -107,14 +106,6 @@ def spent(stretches: Sequence[Stretch], frames: int) -> dict[str, dict[str, Any]
         }
         for name, it in first.items()
     }
-
-
-@contextmanager
-def only_this_machine() -> Iterator[None]:
-    """Let no other machine see the topics: nodes of a benchmark may publish cmd_vel."""
-    tune_transport()
-    with discovery_range('LOCALHOST'):
-        yield
 
 
 def _started(

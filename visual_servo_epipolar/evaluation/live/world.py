@@ -2,14 +2,12 @@
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, ExitStack
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from typing import Any
 
 import rclpy
-from rclpy.context import Context
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
@@ -18,11 +16,10 @@ from visual_servo_epipolar.evaluation.live.breakable_base import BreakableUnicyc
 from visual_servo_epipolar.evaluation.live.hooks import hooked
 from visual_servo_epipolar.evaluation.live.wire import BEGIN_NS, Envelope, Wire
 from visual_servo_epipolar.messages import write
-from visual_servo_epipolar.nodes import parameters
 from visual_servo_epipolar.nodes.camera_node import CameraNode
+from visual_servo_epipolar.nodes.isolated import isolated_context, new_node, values_of
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.startup import inputs
-from visual_servo_epipolar.nodes.startup.process import discovery_range
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
@@ -75,10 +72,7 @@ class World(AbstractContextManager['World']):
         self.told: dict[str, dict[str, float]] = {}
         self._stack = ExitStack()
         with ExitStack() as stack:
-            stack.enter_context(discovery_range('OFF'))
-            self._context = Context()
-            rclpy.init(args=[], context=self._context)
-            stack.callback(self._context.try_shutdown)
+            self._context = stack.enter_context(isolated_context())
             stack.enter_context(hooked(self.wire))
             stack.callback(self._destroy)
             if settings.simulated_time:
@@ -92,16 +86,7 @@ class World(AbstractContextManager['World']):
         """Start a node; as ``alias`` it is one more of its kind."""
         known = alias or name
         more = {'use_sim_time': self.settings.simulated_time, **self.settings.more.get(name, {})}
-        values = [
-            parameters.override(key, value)
-            for key, value in {**self._values(name), **more}.items()
-        ]
-        node = NODES[name](
-            context=self._context,
-            parameter_overrides=values,
-            use_global_arguments=False,
-            cli_args=['--ros-args', '-r', f'__node:={known}'],
-        )
+        node = new_node(NODES[name], self._context, {**self._values(name), **more}, name=known)
         inputs.watch(node)  # as spin() does
         self.nodes[known] = node
         self.wire.add(node)
@@ -152,29 +137,27 @@ class World(AbstractContextManager['World']):
 
     def call(self, service: str) -> str:
         """Call a service (std_srvs/Trigger), as /servo_node/stop, and return its answer."""
-        for node in self.nodes.values():
-            for item in node.services:
-                if item.service_name == service and item.srv_type is Trigger:
-                    kind: Any = item.srv_type
-                    asked = kind.Request(), kind.Response()
-                    answer = self.wire.call(node, item.callback, *asked)
-                    return '' if answer is None else str(answer.message)
-        return ''
+        answer = self._asked(service)
+        return '' if answer is None else str(answer.message)
 
     def change_state(self, name: str, label: str) -> str:
         """Ask a managed node for a transition, as others do: by its service; return the answer."""
-        node = self.nodes.get(name)
         service = f'/{name}/change_state'
-        if node is None:
+        if name not in self.nodes:
             return f'no {service}'
-        for item in node.services:
-            if item.service_name == service:
-                kind: Any = item.srv_type
-                request = kind.Request()
-                request.transition.label = label
-                answer = self.wire.call(node, item.callback, request, kind.Response())
-                return 'done' if answer is not None and answer.success else 'refused'
-        return f'no {service}'
+        answer = self._asked(service, lambda request: setattr(request.transition, 'label', label))
+        return 'done' if answer is not None and answer.success else 'refused'
+
+    def _asked(self, service: str, fill: Callable[[Any], object] = lambda request: None) -> Any:
+        """Return the answer of a service; None where nobody serves it, or dies of it."""
+        for node in list(self.nodes.values()):
+            for item in node.services:
+                if item.service_name == service:
+                    kind: Any = item.srv_type
+                    request = kind.Request()
+                    fill(request)
+                    return self.wire.call(node, item.callback, request, kind.Response())
+        return None
 
     def set(self, name: str, values: Mapping[str, Any]) -> str:
         """Set parameters of a node, all or none, and return why it refused, or ''."""
@@ -206,23 +189,19 @@ class World(AbstractContextManager['World']):
         it = self.settings
         if name == 'unicycle_node':
             return {
-                **_fields(it.base),
+                **values_of(it.base),
                 'start': it.start,
                 'seed': it.seed,
                 'rate': BASE_RATE,
                 'frame_rate': it.camera.frame_rate,
             }
         if name == 'camera_node':
-            return _fields(it.camera)
-        return _fields(it.servo if name == 'servo_node' else it.tracker)
+            return values_of(it.camera)
+        return values_of(it.servo if name == 'servo_node' else it.tracker)
 
     def _destroy(self) -> None:
         for name in list(self.nodes):
             self.kill(name)
-
-
-def _fields(settings: Any) -> dict[str, Any]:
-    return {item.name: getattr(settings, item.name) for item in fields(settings)}
 
 
 def small_camera(seed: int) -> CameraSettings:
