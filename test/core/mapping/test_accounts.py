@@ -6,7 +6,7 @@ import pytest
 from visual_servo_epipolar.core.mapping.feature_observations import MapSettings
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
 from visual_servo_epipolar.evaluation.benchmarks.memory.study import two_views
-from visual_servo_epipolar.evaluation.benchmarks.memory.trials import Trial
+from visual_servo_epipolar.evaluation.benchmarks.memory.bound import Trial
 
 RATIO = 1.4
 SURE = MapSettings(scale_deviation=1e-3)

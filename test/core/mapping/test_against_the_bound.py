@@ -3,7 +3,7 @@
 import pytest
 
 from visual_servo_epipolar.evaluation.benchmarks.memory.study import StudySettings
-from visual_servo_epipolar.evaluation.benchmarks.memory.trials import Errors, errors_of
+from visual_servo_epipolar.evaluation.benchmarks.memory.bound import Errors, errors_of
 
 TRIALS, FEW = 60, 16
 

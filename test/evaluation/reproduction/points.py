@@ -11,13 +11,13 @@ from matplotlib.figure import Figure
 import numpy as np
 
 from visual_servo_epipolar.evaluation.reproduction.canvas import figure_data, thinned
+from visual_servo_epipolar.evaluation.reproduction.chapters import one_line_each, POINTS
 from visual_servo_epipolar.evaluation.reproduction.experiment import figures
 from visual_servo_epipolar.evaluation.reproduction.experiment.experiment import (
     drive,
     Experiment,
     experiment_scenario,
 )
-from visual_servo_epipolar.evaluation.reproduction.publish import one_line_each, POINTS
 from visual_servo_epipolar.simulation.views import points_of
 
 STORED = Path(__file__).with_name('figures_points.json')

@@ -14,6 +14,7 @@ from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.evaluation.reproduction.canvas import figure_data, thinned
+from visual_servo_epipolar.evaluation.reproduction.chapters import POINTS
 from visual_servo_epipolar.evaluation.reproduction.experiment import figures, sensitivity
 from visual_servo_epipolar.evaluation.reproduction.experiment.claims import claims
 from visual_servo_epipolar.evaluation.reproduction.experiment.experiment import (
@@ -27,7 +28,6 @@ from visual_servo_epipolar.evaluation.reproduction.experiment.experiment import 
     START,
     well_spread,
 )
-from visual_servo_epipolar.evaluation.reproduction.publish import POINTS
 
 HERE = Path(__file__).parent
 # Point features: arithmetic alone, but 900 steps of a closed loop, in which LMedS decides.

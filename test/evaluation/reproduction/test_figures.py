@@ -11,9 +11,9 @@ from visual_servo_epipolar.evaluation.reproduction.canvas import figure_data, th
 from visual_servo_epipolar.evaluation.reproduction.chapters import (
     calibrated,
     Chapter,
+    data,
     partially_calibrated,
 )
-from visual_servo_epipolar.evaluation.reproduction.publish import data
 
 # Of the largest value of each line: what another BLAS and another compiler may change.
 TOLERANCE = 1e-6

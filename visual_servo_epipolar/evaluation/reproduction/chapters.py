@@ -1,12 +1,15 @@
-"""The parts of the paper that can be reproduced: each gives figures, statements, metrics."""
+"""The parts of the paper that can be reproduced: figures, statements, metrics; and their files."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+import json
+from pathlib import Path
 from typing import Any
 
 from matplotlib.figure import Figure
 
 from visual_servo_epipolar.core.servo.run_log import summarise
+from visual_servo_epipolar.evaluation.reproduction.canvas import figure_data, thinned
 from visual_servo_epipolar.evaluation.reproduction.experiment import figures as experiment_figures
 from visual_servo_epipolar.evaluation.reproduction.experiment import sensitivity
 from visual_servo_epipolar.evaluation.reproduction.experiment.claims import (
@@ -19,6 +22,7 @@ from visual_servo_epipolar.evaluation.reproduction.experiment.experiment import 
 )
 from visual_servo_epipolar.evaluation.reproduction.simulations import figures
 from visual_servo_epipolar.evaluation.reproduction.simulations.claims import claims_1, claims_2
+from visual_servo_epipolar.evaluation.reproduction.simulations.figures import printed_sign
 from visual_servo_epipolar.evaluation.reproduction.simulations.runs import (
     metrics,
     Simulation1,
@@ -26,8 +30,9 @@ from visual_servo_epipolar.evaluation.reproduction.simulations.runs import (
     simulation_1,
     simulation_2,
 )
-from visual_servo_epipolar.evaluation.reproduction.simulations.sign_figure import printed_sign
-from visual_servo_epipolar.evaluation.reproduction.statements import Statement
+from visual_servo_epipolar.evaluation.reproduction.statements import markdown_of, plain, Statement
+from visual_servo_epipolar.files import whole
+from visual_servo_epipolar.report.figures import save
 
 Say = Callable[[str], None]
 
@@ -130,3 +135,58 @@ CHAPTERS: Mapping[str, Callable[[Say], Chapter]] = {
     'sim2': chapter_2,
     'experiment': chapter_3,
 }
+
+
+POINTS = 60  # of each line that are written beside the figures
+
+
+def publish(chapters: Mapping[str, Chapter], folder: Path) -> None:
+    """Write every figure, its data (figures.json) and the table (table.md) into ``folder``."""
+    for chapter in chapters.values():
+        for name, figure in chapter.figures.items():
+            save(figure, folder / f'{name}.png')
+    _write(folder / 'figures.json', one_line_each(data(chapters)))
+    tables = [markdown_of(c.title, c.statements) for c in chapters.values()]
+    tables += [chapter.more for chapter in chapters.values() if chapter.more]
+    _write(folder / 'table.md', '\n'.join(tables))
+
+
+def data(chapters: Mapping[str, Chapter]) -> dict[str, Any]:
+    """Return the data behind each figure, thinned."""
+    return {
+        name: thinned(figure_data(figure), POINTS)
+        for chapter in chapters.values()
+        for name, figure in chapter.figures.items()
+    }
+
+
+def document(chapters: Mapping[str, Chapter]) -> dict[str, Any]:
+    """Return the results of all chapters as JSON has them."""
+    return {
+        name: {
+            'succeeded': chapter.succeeded,
+            'numbers': chapter.metrics,
+            'statements': [asdict(statement) for statement in chapter.statements],
+        }
+        for name, chapter in chapters.items()
+    }
+
+
+def text(chapters: Mapping[str, Chapter]) -> str:
+    """Return the statements of all chapters for a terminal."""
+    return '\n'.join(plain(c.title, c.statements) for c in chapters.values())
+
+
+def one_line_each(figures: Mapping[str, Any]) -> str:
+    """Return JSON with one line of text for each line of a figure."""
+    blocks = []
+    for name, lines in figures.items():
+        rows = [f'  {json.dumps(key)}: {json.dumps(points)}' for key, points in lines.items()]
+        blocks.append(f' {json.dumps(name)}: {{\n' + ',\n'.join(rows) + '\n }')
+    return '{\n' + ',\n'.join(blocks) + '\n}\n'
+
+
+def _write(path: Path, content: str) -> None:
+    """Write ``content`` to ``path``, whole or not at all."""
+    with whole(path) as partial:
+        partial.write_text(content, encoding='utf-8')

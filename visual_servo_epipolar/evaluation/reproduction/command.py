@@ -28,9 +28,8 @@ def add_options(parser: argparse.ArgumentParser) -> None:
 def reproduce(options: argparse.Namespace) -> int:
     """Run, draw, compare; return 0 if every run came to the end that the paper gives it."""
     # Only here: matplotlib takes a second to load, and the other commands need none of it.
-    from visual_servo_epipolar.evaluation.reproduction.chapters import CHAPTERS
-    from visual_servo_epipolar.evaluation.reproduction.publish import document, text
-    from visual_servo_epipolar.evaluation.reproduction.publish import publish as draw
+    from visual_servo_epipolar.evaluation.reproduction.chapters import CHAPTERS, document, text
+    from visual_servo_epipolar.evaluation.reproduction.chapters import publish as draw
 
     folder = output_folder(options.out)
     parts = PARTS if options.which == 'all' else (options.which,)

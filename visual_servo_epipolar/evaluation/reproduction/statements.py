@@ -1,8 +1,9 @@
 """Statements: claims of the paper beside our results, and whether the two agree."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
+
+from visual_servo_epipolar.evaluation.tables import markdown
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,17 +29,11 @@ class Statement:
 NO_NUMBER = 'the text gives no number'
 
 
-def document(statements: Sequence[Statement]) -> list[dict[str, Any]]:
-    """Return the statements as JSON has them."""
-    return [asdict(statement) for statement in statements]
-
-
-def markdown(title: str, statements: Sequence[Statement]) -> str:
+def markdown_of(title: str, statements: Sequence[Statement]) -> str:
     """Return the statements as a table in Markdown under a heading."""
-    lines = [f'## {title}', '', '| | the paper | ours | agrees |', '|---|---|---|---|']
     rows = [(s.place, s.paper, s.ours, s.agreement) for s in statements]
-    lines += ['| ' + ' | '.join(cell.replace('|', '\\|') for cell in row) + ' |' for row in rows]
-    return '\n'.join(lines) + '\n'
+    head = ' | the paper | ours | agrees'
+    return '\n'.join([f'## {title}', '', *markdown(head, rows), ''])
 
 
 def plain(title: str, statements: Sequence[Statement]) -> str:

@@ -19,7 +19,7 @@ def test_an_image_whose_twist_comes_after_the_next_is_due_is_missed() -> None:
         latencies=[0.05] * 6 + [0.15] * 3,
         answered=[0, *range(2, 10)],
     )
-    row = soak._row(drive, 'arrived', 10.0, HELD)
+    row = soak._run_row(drive, 'arrived', 10.0, HELD)
     assert (row['images'], row['missed'], row['arrived']) == (10, 4, True)
     assert row['processes']['servo_node']['threads'] == 16
 
@@ -31,7 +31,9 @@ def test_images_before_the_first_answer_and_after_the_end_of_a_run_do_not_count(
     phase, images
 ) -> None:
     sent, answered = dict.fromkeys(range(10), 0.0), [2, 3, 5, 6]
-    row = soak._row(Answers(sent=sent, latencies=[0.05] * 4, answered=answered), phase, 10.0, HELD)
+    row = soak._run_row(
+        Answers(sent=sent, latencies=[0.05] * 4, answered=answered), phase, 10.0, HELD
+    )
     assert (row['images'], row['missed']) == (images, images - 4)
 
 

@@ -17,7 +17,12 @@ from visual_servo_epipolar.core.estimators.base import Prior
 from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
 from visual_servo_epipolar.core.mapping.feature_observations import MapSettings
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
-from visual_servo_epipolar.evaluation.benchmarks.memory.bound import bound_of_two_views
+from visual_servo_epipolar.evaluation.benchmarks.memory.bound import (
+    bound_of_two_views,
+    Errors,
+    errors_of,
+    PLANE,
+)
 from visual_servo_epipolar.evaluation.benchmarks.memory.peers import by_opencv, by_two_views
 from visual_servo_epipolar.evaluation.benchmarks.memory.study import (
     PIONEER,
@@ -28,7 +33,6 @@ from visual_servo_epipolar.evaluation.benchmarks.memory.study import (
     trial,
     two_views,
 )
-from visual_servo_epipolar.evaluation.benchmarks.memory.trials import Errors, errors_of, PLANE
 from visual_servo_epipolar.evaluation.benchmarks.memory.trifocal import by_trifocal
 
 TRIALS, QUICK_TRIALS = 30, 2

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose
+from visual_servo_epipolar.core.geometry.motion import HALF_PI, integrate, Pose
 from visual_servo_epipolar.evaluation.reproduction.fits import Decay, decay
 from visual_servo_epipolar.evaluation.reproduction.simulations.camera import PointCamera
 from visual_servo_epipolar.evaluation.reproduction.simulations.continuous import (
@@ -16,8 +16,8 @@ from visual_servo_epipolar.evaluation.reproduction.simulations.continuous import
     Course,
     Instant,
     run,
+    Simulation,
 )
-from visual_servo_epipolar.evaluation.reproduction.simulations.sampled import sampled
 
 SIMULATION_1 = Case(name='Simulation 1')
 SIMULATION_2 = Case(name='Simulation 2', focal_guess=0.005)
@@ -139,3 +139,24 @@ def transient(course: Course, name: str) -> FloatArray:
     zero = np.abs(course.column('e_desired', 1)) <= course.case.tolerance
     count = int(np.argmax(zero)) + 1 if zero.any() else len(zero)
     return np.asarray(course.column(name, 1)[:count])
+
+
+def sampled(case: Case, period: float, duration: float) -> tuple[Instant, ...]:
+    """
+    Return the first step of ``case`` with a new command every ``period`` for ``duration`` [s].
+
+    The law is the bare one: no latch, no saturation. It ends early when a point is out of view.
+    """
+    simulation = Simulation(case)
+    pose, distance = case.start, case.initial_distance
+    instants: list[Instant] = []
+    while not instants or instants[-1].time < duration:
+        state = np.array([pose.x, pose.y, pose.theta, distance])
+        try:
+            now = simulation.first(period * len(instants), state)
+        except ValueError:
+            break
+        instants.append(now)
+        pose = integrate(pose, now.twist, period)
+        distance += period * float(simulation.rate(now)[3])
+    return tuple(instants)
