@@ -1,7 +1,7 @@
 """Processes beside this one: copies of it where that is safe, otherwise new ones."""
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 import ctypes
 from multiprocessing import get_context, resource_tracker
 from multiprocessing.connection import Connection
@@ -113,3 +113,15 @@ def _run(theirs: Sequence[Connection], target: Callable[..., None], args: Sequen
     for end in theirs:
         end.close()
     target(*args)
+
+
+def work_beside() -> None:
+    """Let this process run only where no other wants the core."""
+    os.sched_setscheduler(0, os.SCHED_IDLE, os.sched_param(0))
+
+
+def hurry(pid: int | None) -> None:
+    """Let the process ``pid`` run like any other again: somebody waits for it now."""
+    if pid is not None:
+        with suppress(OSError):  # it has died, or may not: then in the time that is left
+            os.sched_setscheduler(pid, os.SCHED_OTHER, os.sched_param(0))

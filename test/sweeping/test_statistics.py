@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from visual_servo_epipolar.sweeping.statistics import quantile, quantile_interval, wilson
+from visual_servo_epipolar.sweeping.summary import quantile, quantile_interval, wilson
 
 VALUES = st.lists(st.floats(0.0, 1e6), min_size=1, max_size=40)
 

@@ -6,16 +6,21 @@ Nodes publish it latched on ``~/settings``; a bag that holds it can be replayed 
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass, field
+from functools import cache
+import platform
 import re
 from typing import Any
 
+import cv2
+import numpy as np
 import yaml
 
+from visual_servo_epipolar import __version__
 from visual_servo_epipolar.core.settings import Settings
-from visual_servo_epipolar.messages.versions import installed, PACKAGE
 
 VERSION = re.compile(r'^# ([A-Za-z]\w{0,39}): ([^\s-]\S{0,39})$', re.MULTILINE)
 AFTER = re.compile(r'^# after_stamp_ns: (-?\d{1,19})$', re.MULTILINE)
+PACKAGE = 'visual_servo_epipolar'
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,3 +113,15 @@ def _walk(document: dict[Any, Any], namespace: str) -> Iterator[tuple[str, dict[
             raise ValueError(
                 f'parameters of {key!r:.60} must stand under ros__parameters, as "name: value"'
             )
+
+
+@cache
+def installed() -> dict[str, str]:
+    """Return the versions of this package, of Python, numpy and OpenCV, by name."""
+    # Asked of the modules themselves: apt's cv2 has no metadata that pip could see.
+    return {
+        PACKAGE: __version__,
+        'Python': platform.python_version(),
+        'numpy': np.__version__,
+        'OpenCV': str(cv2.__version__),
+    }

@@ -7,8 +7,7 @@ from pathlib import Path
 
 from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.core.servo.run_log import RunLog
-from visual_servo_epipolar.processes import begun, context, copied, may_fork
-from visual_servo_epipolar.report.priority import hurry, work_beside
+from visual_servo_epipolar.processes import begun, context, copied, hurry, may_fork, work_beside
 
 
 class Draughtsman(AbstractContextManager['Draughtsman']):

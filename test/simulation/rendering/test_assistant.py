@@ -13,11 +13,10 @@ import pytest
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
-from visual_servo_epipolar.simulation.rendering import drawing
-from visual_servo_epipolar.simulation.rendering.assistant import Assistant
+from visual_servo_epipolar.simulation.rendering import assistant as assistant_module
+from visual_servo_epipolar.simulation.rendering.assistant import Assistant, Sharing, STRIP
 from visual_servo_epipolar.simulation.rendering.raster import Raster, rasterize, View
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
-from visual_servo_epipolar.simulation.rendering.sharing import Sharing, STRIP
 from visual_servo_epipolar.simulation.rendering.strips import Strip
 from visual_servo_epipolar.simulation.rooms.scene import room
 
@@ -63,13 +62,13 @@ def assistant():
 @pytest.fixture
 def drawn(monkeypatch):
     """Collect which strips are drawn here."""
-    numbers, textured = [], drawing.textured
+    numbers, textured = [], assistant_module.textured
 
     def watched(scene, raster, image, which):
         numbers.append((len(raster.strips), which))
         textured(scene, raster, image, which)
 
-    monkeypatch.setattr(drawing, 'textured', watched)
+    monkeypatch.setattr(assistant_module, 'textured', watched)
     return numbers
 
 
@@ -99,7 +98,7 @@ def test_an_image_is_finished_alone_where_the_assistant_dies_on_the_way(
     drawn_there: bool, drawn, monkeypatch
 ) -> None:
     """It dies with its share drawn or not, while edges are prepared here."""
-    alone, mixing = renderer(PINHOLE), drawing.mixing
+    alone, mixing = renderer(PINHOLE), assistant.mixing
     with helped(PINHOLE) as (together, process):
 
         def fatal(scene, view, raster):
@@ -109,7 +108,7 @@ def test_an_image_is_finished_alone_where_the_assistant_dies_on_the_way(
             process.join()
             return mixing(scene, view, raster)
 
-        monkeypatch.setattr(drawing, 'mixing', fatal)
+        monkeypatch.setattr(assistant_module, 'mixing', fatal)
         for pose in POSES:
             np.testing.assert_array_equal(together.render(pose), alone.render(pose))
     (count, here), (_, there) = drawn

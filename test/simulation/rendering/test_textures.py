@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.simulation.rendering.sheets import Sheet
-from visual_servo_epipolar.simulation.rendering.textures import _blurred
+from visual_servo_epipolar.simulation.rendering.textures import _blurred, Sheet
 
 
 def variances(image: np.ndarray) -> tuple[float, float]:

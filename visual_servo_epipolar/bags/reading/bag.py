@@ -29,17 +29,19 @@ import zstandard
 from visual_servo_epipolar.bags import containers
 from visual_servo_epipolar.bags.containers import ZSTD_MAGIC
 from visual_servo_epipolar.bags.reading.parts import ADVICE, bag_parts, Parts
-from visual_servo_epipolar.bags.reading.readable import (
+from visual_servo_epipolar.bags.storages.mcap_file import profile
+from visual_servo_epipolar.bags.storages.opening import opened
+from visual_servo_epipolar.bags.storages.stored import (
     IDL_LANGUAGES,
     kind_of,
     left_out,
     MESSAGE_LANGUAGES,
     refusal,
+    ROS1,
+    StorageFile,
+    StoredTopic,
     types_of,
 )
-from visual_servo_epipolar.bags.storages.mcap_file import profile
-from visual_servo_epipolar.bags.storages.opening import opened
-from visual_servo_epipolar.bags.storages.stored import ROS1, StorageFile, StoredTopic
 from visual_servo_epipolar.core.errors import InputError
 
 DAMAGE = (

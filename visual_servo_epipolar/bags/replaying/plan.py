@@ -17,8 +17,7 @@ from visual_servo_epipolar.core.settings import Settings, updated
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.messages import read
-from visual_servo_epipolar.messages.settings_text import NodeSettings
-from visual_servo_epipolar.messages.versions import installed, PACKAGE
+from visual_servo_epipolar.messages.settings_text import installed, NodeSettings, PACKAGE
 
 SettingsT = TypeVar('SettingsT', bound=Settings)
 NEAR_NS = NANOSECONDS // 2  # how far from the stamp asked for the photograph may be

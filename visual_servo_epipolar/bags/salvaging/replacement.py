@@ -28,12 +28,11 @@ from visual_servo_epipolar.bags.containers import ZSTD_MAGIC
 from visual_servo_epipolar.bags.definitions import hash_of
 from visual_servo_epipolar.bags.metadata import PartInfo
 from visual_servo_epipolar.bags.reading.bag import DAMAGE
-from visual_servo_epipolar.bags.reading.readable import kind_of
 from visual_servo_epipolar.bags.salvaging.mcap_salvage import Key, McapSalvage
 from visual_servo_epipolar.bags.salvaging.sqlite_salvage import SqliteSalvage
 from visual_servo_epipolar.bags.storages.opening import opened
 from visual_servo_epipolar.bags.storages.sqlite_file import journals
-from visual_servo_epipolar.bags.storages.stored import StorageFile, StoredTopic
+from visual_servo_epipolar.bags.storages.stored import kind_of, StorageFile, StoredTopic
 from visual_servo_epipolar.core.errors import InputError
 
 SCRATCH = '.repair_'

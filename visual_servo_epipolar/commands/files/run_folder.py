@@ -8,7 +8,7 @@ from typing import Any
 
 from visual_servo_epipolar.commands.files.output import write_json
 from visual_servo_epipolar.core.servo.run_log import RunLog
-from visual_servo_epipolar.messages.versions import installed
+from visual_servo_epipolar.messages.settings_text import installed
 from visual_servo_epipolar.report.run_file import RunFile, save_run
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.run_monitor import verdict

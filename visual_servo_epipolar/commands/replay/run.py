@@ -49,7 +49,7 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.servo.run_log import end_s, RunLog
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
-from visual_servo_epipolar.messages.versions import installed
+from visual_servo_epipolar.messages.settings_text import installed
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

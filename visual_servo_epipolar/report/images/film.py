@@ -15,11 +15,10 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.processes import begun, context
+from visual_servo_epipolar.processes import begun, context, hurry, work_beside
 from visual_servo_epipolar.report.images.map_view import Bounds
 from visual_servo_epipolar.report.images.picture import picture
 from visual_servo_epipolar.report.images.video import part_of, VideoWriter, view_size
-from visual_servo_epipolar.report.priority import hurry, work_beside
 
 # Images that may wait: where a run is faster than its film, the film catches up at the end.
 WAITING_BYTES, LEAST_WAITING, MOST_WAITING = 1 << 27, 8, 256

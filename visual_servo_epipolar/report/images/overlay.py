@@ -18,10 +18,10 @@ from visual_servo_epipolar.report.images.drawing import (
     draw_lines,
     draw_text,
     fixed_point,
+    Resized,
     SHIFT,
     text_size,
 )
-from visual_servo_epipolar.report.images.resized import Resized
 from visual_servo_epipolar.report.style import phase_colour, phase_label
 
 RED: BGR = (60, 50, 255)

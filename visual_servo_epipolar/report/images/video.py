@@ -7,9 +7,9 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.servo.run_log import Sample
+from visual_servo_epipolar.report.images.drawing import Resized
 from visual_servo_epipolar.report.images.encoders import open_encoder, WHAT_TO_INSTALL
 from visual_servo_epipolar.report.images.map_view import Bounds, MapView, WIDTH
-from visual_servo_epipolar.report.images.resized import Resized
 
 HEIGHT = 720  # of the video [px]
 

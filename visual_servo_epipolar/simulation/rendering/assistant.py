@@ -1,4 +1,4 @@
-"""A second process that draws a part of each image, on another core."""
+"""The image of an ideal pinhole, and a second process that draws a part of it on another core."""
 
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
@@ -14,17 +14,60 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.processes import begun, context, is_forked
+from visual_servo_epipolar.simulation.rendering.edges import mixing, smooth_edges
 from visual_servo_epipolar.simulation.rendering.raster import Raster, rasterize, View
-from visual_servo_epipolar.simulation.rendering.sampling import textured
-from visual_servo_epipolar.simulation.rendering.sharing import ASSISTANT, Numbers, Sharing
+from visual_servo_epipolar.simulation.rendering.sampling import shade, textured
+from visual_servo_epipolar.simulation.rendering.strips import Strip
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 
+MAIN, ASSISTANT = 0, 1
+STRIP = 10_000  # samples that take as long as a strip takes besides
+UNEVEN = 0.04  # of all work: by how much one may have more, for a strip to stay where it is
+
+Numbers = tuple[frozenset[int], frozenset[int]]
 SPARED, MOST_SPARED = 0.06, 0.5  # of the work, that the main process has less
 GAIN = 0.1  # of what was uneven in one image that is mended in the next
 MOST_UNEVEN = 0.3  # that counts: whoever makes copies of textures is late this once
 LOOK_S = 1.0  # time between looks whether the other process lives
 END_S = 10.0  # for the process to end
 REQUEST = 4096  # room for what it is asked [byte]
+
+
+class Sharing:
+    """
+    Shares of two processes; where both are asked for the same rasters, they give the same answers.
+
+    A strip mostly stays with one process, which has its texels in its cache.
+    """
+
+    def __init__(self) -> None:
+        self._owners: dict[Strip, int] = {}
+
+    def shares(self, raster: Raster, spared: float) -> Numbers:
+        """
+        Return the numbers of the strips, from 1, that main process and assistant draw.
+
+        The main process gets less by ``spared``, of all work.
+        """
+        costs = [
+            STRIP + (right - left) * (bottom - top) * strip.columns * strip.rows
+            for strip, (left, top, right, bottom) in zip(raster.strips, raster.boxes, strict=True)
+        ]
+        total = sum(costs)
+        work = [max(spared, 0.0) * total, max(-spared, 0.0) * total]
+        most = 0.5 * (sum(work) + (1.0 + UNEVEN) * total)
+        numbers: tuple[list[int], list[int]] = [], []
+        owners: dict[Strip, int] = {}
+        for number in sorted(range(len(costs)), key=lambda it: (-costs[it], it)):
+            strip, least = raster.strips[number], work.index(min(work))
+            owner = self._owners.get(strip, least)
+            if work[owner] + costs[number] > most:
+                owner = least
+            owners[strip] = owner
+            work[owner] += costs[number]
+            numbers[owner].append(number + 1)
+        self._owners = owners
+        return frozenset(numbers[MAIN]), frozenset(numbers[ASSISTANT])
 
 
 class Assistant(AbstractContextManager['Assistant']):
@@ -162,3 +205,18 @@ def _is_asked(asked: Semaphore) -> bool:
         if parent is None or not parent.is_alive():
             return False
     return True
+
+
+def draw(scene: Scene, view: View, assistant: Assistant | None = None) -> Image:
+    """Return the image of ``scene``, shape (H, W), the same to the last bit with an assistant."""
+    if assistant is None or not assistant.begin(view):
+        return shade(scene, view, rasterize(scene, view))
+    raster = rasterize(scene, view)
+    edges = mixing(scene, view, raster)  # first, while the raster is in the cache
+    image: Image = np.zeros((view.height, view.width), dtype=np.uint8)
+    numbers = assistant.shares(raster)
+    textured(scene, raster, image, numbers[MAIN])
+    if not assistant.finish(image):
+        textured(scene, raster, image, numbers[ASSISTANT])
+    smooth_edges(image, edges)
+    return image

@@ -8,8 +8,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.simulation.mounts.simulated_rig import CameraPose
-from visual_servo_epipolar.simulation.rendering.assistant import Assistant
-from visual_servo_epipolar.simulation.rendering.drawing import draw
+from visual_servo_epipolar.simulation.rendering.assistant import Assistant, draw
 from visual_servo_epipolar.simulation.rendering.raster import View
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 

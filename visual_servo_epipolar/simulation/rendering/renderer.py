@@ -11,8 +11,7 @@ from visual_servo_epipolar.core.cameras.model import CameraModel, PlanarCamera
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.simulation.mounts.simulated_rig import CameraPose, SimulatedRig
-from visual_servo_epipolar.simulation.rendering.assistant import Assistant
-from visual_servo_epipolar.simulation.rendering.drawing import draw
+from visual_servo_epipolar.simulation.rendering.assistant import Assistant, draw
 from visual_servo_epipolar.simulation.rendering.faces import Faces
 from visual_servo_epipolar.simulation.rendering.raster import NEAR, View
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene

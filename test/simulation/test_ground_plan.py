@@ -9,7 +9,7 @@ from strategies import CAMERA
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose
 from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
-from visual_servo_epipolar.simulation.rooms.ground import CLEARANCE, Ground, inside
+from visual_servo_epipolar.simulation.regions import CLEARANCE, Ground, inside
 from visual_servo_epipolar.simulation.rooms.scene import room
 
 SQUARE = np.array([[[1.0, 1.0, 0.5], [3.0, 1.0, 0.5], [3.0, 2.0, 0.5], [1.0, 2.0, 0.5]]])
