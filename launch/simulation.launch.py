@@ -1,15 +1,19 @@
 """The simulated robot: base and camera, tracker and servo; a recorder and RViz if asked for."""
 
-from pathlib import Path
-
 from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
-from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch.actions import OpaqueFunction
 from launch_ros.actions import Node
-from launch_ros.parameter_descriptions import ParameterValue
-from launch_ros.substitutions import FindPackageShare
 
-PACKAGE = 'visual_servo_epipolar'
+from visual_servo_epipolar.nodes.startup.launching import (
+    argument,
+    config,
+    given,
+    numbers,
+    our_node,
+    own,
+    UNSET_OR_BOOLEAN,
+)
+
 # The topics of config/visual_servo.rviz that are the robot's own: RViz looks in its namespace.
 SHOWN = [
     'odom',
@@ -25,78 +29,42 @@ def generate_launch_description():
     """Return arguments and nodes; a parameter whose argument is empty is left to the files."""
     return LaunchDescription(
         [
-            DeclareLaunchArgument(
-                'namespace', default_value='', description='Namespace of the nodes, as robot1'
-            ),
-            DeclareLaunchArgument(
+            argument('namespace'),
+            argument(
                 'frame_prefix',
-                default_value='',
-                description='Put before the frames of the robot, as robot1/; they share the world',
+                '',
+                'Put before the frames of the robot, as robot1/; they share the world',
             ),
-            DeclareLaunchArgument(
-                'params_file',
-                default_value='',
-                description='Parameters of tracker and servo, as in config/robot.yaml',
+            argument(
+                'params_file', '', 'Parameters of tracker and servo, as in config/robot.yaml'
             ),
-            DeclareLaunchArgument(
-                'world_file',
-                default_value='',
-                description='Parameters of the simulated base and camera, likewise',
+            argument('world_file', '', 'Parameters of the simulated base and camera, likewise'),
+            argument('image', 'image_raw', 'Topic of the images'),
+            argument('camera_info', 'camera_info', 'Topic of the calibration'),
+            argument('cmd_vel', 'cmd_vel', 'Topic of the commands'),
+            argument(
+                'start', '', 'x, y [m], heading error [deg] of the start: "[0.5, -3.0, 5.0]"'
             ),
-            DeclareLaunchArgument(
-                'image', default_value='image_raw', description='Topic of the images'
-            ),
-            DeclareLaunchArgument(
-                'camera_info', default_value='camera_info', description='Topic of the calibration'
-            ),
-            DeclareLaunchArgument(
-                'cmd_vel', default_value='cmd_vel', description='Topic of the commands'
-            ),
-            DeclareLaunchArgument(
-                'start',
-                default_value='',
-                description='x, y [m], heading error [deg] of the start: "[0.5, -3.0, 5.0]"',
-            ),
-            DeclareLaunchArgument(
-                'seed', default_value='', description='Seed of the noise of wheels and camera'
-            ),
-            DeclareLaunchArgument(
+            argument('seed', '', 'Seed of the noise of wheels and camera'),
+            argument(
                 'camera_size',
-                default_value='1280x1024',
-                choices=['1280x1024', '640x480'],
-                description='Size of the images [px]; the small one is a quarter of the work',
+                '1280x1024',
+                'Size of the images [px]; the small one is a quarter of the work',
+                ('1280x1024', '640x480'),
             ),
-            DeclareLaunchArgument(
-                'desired_image',
-                default_value='',
-                description='File of the photograph; empty: the camera takes it at the goal',
+            argument('desired_image', otherwise='the camera takes it at the goal'),
+            argument(
+                'autostart', '', 'false: the servo waits for its service ~/start', UNSET_OR_BOOLEAN
             ),
-            DeclareLaunchArgument(
-                'autostart',
-                default_value='',
-                choices=['', 'true', 'false'],
-                description='false: the servo waits for its service ~/start',
-            ),
-            DeclareLaunchArgument(
-                'use_sim_time',
-                default_value='',
-                choices=['', 'true', 'false'],
-                description='true: time comes from /clock, which somebody else publishes',
-            ),
-            DeclareLaunchArgument(
-                'record', default_value='', description='Folder of a new bag; empty: no recorder'
-            ),
-            DeclareLaunchArgument(
+            argument('use_sim_time', who='somebody else'),
+            argument('record'),
+            argument(
                 'rviz',
-                default_value='false',
-                choices=['true', 'false'],
-                description='true: open RViz, which must be installed',
+                'false',
+                'true: open RViz, which must be installed',
+                ('true', 'false'),
             ),
-            DeclareLaunchArgument(
-                'sigterm_timeout',
-                default_value='30',
-                description='Time to end after Ctrl-C [s]: a recorder completes its bag in it',
-            ),
+            argument('sigterm_timeout'),
             OpaqueFunction(function=world),
             OpaqueFunction(function=controller),
             OpaqueFunction(function=onlookers),
@@ -110,31 +78,13 @@ def world(context):
     camera_files = [config('camera_node.yaml')]
     if value['camera_size'] == '640x480':
         camera_files.append(config('camera_node_640x480.yaml'))
+    files, more = own(value['world_file']), given(value, seed=int, frame_prefix=str)
+    start = [{'start': numbers(value['start'])}] if value['start'] else []
+    base = [config('unicycle_node.yaml'), *files, *start, *more]
     return [
-        Node(
-            package=PACKAGE,
-            executable='unicycle_node',
-            namespace=value['namespace'],
-            parameters=[
-                config('unicycle_node.yaml'),
-                *own(value['world_file']),
-                *([{'start': numbers(value['start'])}] if value['start'] else []),
-                *given(value, seed=int, frame_prefix=str, use_sim_time=bool),
-            ],
-            remappings=[('cmd_vel', value['cmd_vel'])],
-            output='screen',
-        ),
-        Node(
-            package=PACKAGE,
-            executable='camera_node',
-            namespace=value['namespace'],
-            parameters=[
-                *camera_files,
-                *own(value['world_file']),
-                *given(value, seed=int, frame_prefix=str, use_sim_time=bool),
-            ],
-            remappings=[('image_raw', value['image']), ('camera_info', value['camera_info'])],
-            output='screen',
+        our_node(value, 'unicycle_node', base, ['cmd_vel']),
+        our_node(
+            value, 'camera_node', [*camera_files, *files, *more], ['image_raw', 'camera_info']
         ),
     ]
 
@@ -142,33 +92,13 @@ def world(context):
 def controller(context):
     """Return tracker and servo, as they run on a real robot."""
     value = context.launch_configurations
-    prefix = value['frame_prefix']
+    files, prefix = own(value['params_file']), value['frame_prefix']
+    base_frame = [{'base_frame': f'{prefix}base_link'}] if prefix else []
+    tracker = [config('tracker_node.yaml'), *files, *given(value, desired_image=str)]
+    servo = [config('servo_node.yaml'), *files, *base_frame, *given(value, autostart=bool)]
     return [
-        Node(
-            package=PACKAGE,
-            executable='tracker_node',
-            namespace=value['namespace'],
-            parameters=[
-                config('tracker_node.yaml'),
-                *own(value['params_file']),
-                *given(value, desired_image=str, use_sim_time=bool),
-            ],
-            remappings=[('image_raw', value['image']), ('camera_info', value['camera_info'])],
-            output='screen',
-        ),
-        Node(
-            package=PACKAGE,
-            executable='servo_node',
-            namespace=value['namespace'],
-            parameters=[
-                config('servo_node.yaml'),
-                *own(value['params_file']),
-                *([{'base_frame': f'{prefix}base_link'}] if prefix else []),
-                *given(value, autostart=bool, use_sim_time=bool),
-            ],
-            remappings=[('camera_info', value['camera_info']), ('cmd_vel', value['cmd_vel'])],
-            output='screen',
-        ),
+        our_node(value, 'tracker_node', tracker, ['image_raw', 'camera_info']),
+        our_node(value, 'servo_node', servo, ['camera_info', 'cmd_vel']),
     ]
 
 
@@ -181,17 +111,11 @@ def onlookers(context):
     topics += [
         value[name] for name in ('image', 'camera_info', 'cmd_vel') if value[name][0] == '/'
     ]
-    recorder = Node(
-        package=PACKAGE,
-        executable='recorder_node',
-        namespace=value['namespace'],
-        parameters=[
-            config('recorder_node.yaml'),
-            *([{'topics': topics}] if namespace else []),
-            {'bag': value['record']},
-            *given(value, use_sim_time=bool),
-        ],
-        output='screen',
+    selected = [{'topics': topics}] if namespace else []
+    recorder = our_node(
+        value,
+        'recorder_node',
+        [config('recorder_node.yaml'), *selected, {'bag': value['record']}],
     )
     rviz = Node(
         package='rviz2',
@@ -206,36 +130,3 @@ def onlookers(context):
         ],
     )
     return [*([recorder] if value['record'] else []), *([rviz] if value['rviz'] == 'true' else [])]
-
-
-def config(name):
-    """Return the path of a file in this package's config folder."""
-    return PathJoinSubstitution([FindPackageShare(PACKAGE), 'config', name])
-
-
-def own(file):
-    """Return the user's parameter file, if there is one."""
-    if file and not Path(file).expanduser().is_file():  # launch would go on without it
-        raise RuntimeError(f'there is no parameter file {file}; give the path of one')
-    return [str(Path(file).expanduser())] if file else []
-
-
-def numbers(text):
-    """Return the numbers in a text such as [1.0, -3.5, 8]."""
-    try:
-        x, y, heading = (float(word) for word in text.strip('[] ').replace(',', ' ').split())
-        return [x, y, heading]
-    except ValueError:
-        raise RuntimeError(
-            f'start must be three numbers, x [m], y [m], heading error [deg], got {text!r}; '
-            'write start:="[0.5, -3.0, 5.0]"'
-        ) from None
-
-
-def given(value, **kinds):
-    """Return the parameters, of these types, whose argument of the same name is not empty."""
-    return [
-        {name: ParameterValue(LaunchConfiguration(name), value_type=kind)}
-        for name, kind in kinds.items()
-        if value[name]
-    ]

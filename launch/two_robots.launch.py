@@ -1,17 +1,13 @@
 """Two simulated robots, each in a namespace of its own; neither sees the other."""
 
 from launch import LaunchDescription
-from launch.actions import (
-    DeclareLaunchArgument,
-    GroupAction,
-    IncludeLaunchDescription,
-    OpaqueFunction,
-)
+from launch.actions import GroupAction, IncludeLaunchDescription, OpaqueFunction
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import PathJoinSubstitution
 from launch_ros.substitutions import FindPackageShare
 
-PACKAGE = 'visual_servo_epipolar'
+from visual_servo_epipolar.nodes.startup.launching import argument, PACKAGE, UNSET_OR_BOOLEAN
+
 PASSED_ON = ['params_file', 'world_file', 'camera_size', 'autostart', 'rviz']
 
 
@@ -19,56 +15,30 @@ def generate_launch_description():
     """Return the arguments, and the simulation twice."""
     return LaunchDescription(
         [
-            DeclareLaunchArgument(
-                'start1',
-                default_value='[1.0, -3.5, 8.0]',
-                description='Start of robot1: x, y [m], heading error [deg]',
+            argument(
+                'start1', '[1.0, -3.5, 8.0]', 'Start of robot1: x, y [m], heading error [deg]'
             ),
-            DeclareLaunchArgument(
-                'start2',
-                default_value='[-1.2, -3.0, -6.0]',
-                description='Start of robot2, likewise',
-            ),
-            DeclareLaunchArgument('seed1', default_value='1', description='Seed of robot1'),
-            DeclareLaunchArgument('seed2', default_value='2', description='Seed of robot2'),
-            DeclareLaunchArgument(
+            argument('start2', '[-1.2, -3.0, -6.0]', 'Start of robot2, likewise'),
+            argument('seed1', '1', 'Seed of robot1'),
+            argument('seed2', '2', 'Seed of robot2'),
+            argument(
                 'params_file',
-                default_value='',
-                description='Parameters of tracker and servo; keyed /robot1/**: of that robot',
+                '',
+                'Parameters of tracker and servo; keyed /robot1/**: of that robot',
             ),
-            DeclareLaunchArgument(
-                'world_file',
-                default_value='',
-                description='Parameters of the simulated bases and cameras, likewise',
+            argument('world_file', '', 'Parameters of the simulated bases and cameras, likewise'),
+            argument(
+                'camera_size', '640x480', 'Size of the images [px]', ('1280x1024', '640x480')
             ),
-            DeclareLaunchArgument(
-                'camera_size',
-                default_value='640x480',
-                choices=['1280x1024', '640x480'],
-                description='Size of the images [px]',
-            ),
-            DeclareLaunchArgument(
+            argument(
                 'autostart',
-                default_value='',
-                choices=['', 'true', 'false'],
-                description='false: each servo waits for its service ~/start',
+                '',
+                'false: each servo waits for its service ~/start',
+                UNSET_OR_BOOLEAN,
             ),
-            DeclareLaunchArgument(
-                'record',
-                default_value='',
-                description='Folder for the bags robot1 and robot2; empty: no recorder',
-            ),
-            DeclareLaunchArgument(
-                'rviz',
-                default_value='false',
-                choices=['true', 'false'],
-                description='true: open RViz for each robot',
-            ),
-            DeclareLaunchArgument(
-                'sigterm_timeout',
-                default_value='30',
-                description='Time to end after Ctrl-C [s]: a recorder completes its bag in it',
-            ),
+            argument('record', '', 'Folder for the bags robot1 and robot2; empty: no recorder'),
+            argument('rviz', 'false', 'true: open RViz for each robot', ('true', 'false')),
+            argument('sigterm_timeout'),
             OpaqueFunction(function=robots),
         ]
     )

@@ -88,7 +88,7 @@ def test_each_argument_is_described_and_used(name) -> None:
     own = {
         node.args[0].value
         for node in ast.walk(ast.parse((ROOT / 'launch' / name).read_text(encoding='utf-8')))
-        if isinstance(node, ast.Call) and ast.unparse(node.func) == 'DeclareLaunchArgument'
+        if isinstance(node, ast.Call) and ast.unparse(node.func) == 'argument'
     }
     assert own <= launch.declared.keys()
     for argument in launch.declared.values():

@@ -1,4 +1,4 @@
-"""Stored topics: what every storage file has, which of them can be read, and why others are not."""
+"""Stored topics: what every storage file has, which can be read, and why others are not."""
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass

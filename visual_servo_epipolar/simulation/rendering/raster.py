@@ -139,7 +139,7 @@ def _polygons(scene: Scene, view: View) -> tuple[IntArray, list[Polygon], BoolAr
         polygon: Polygon = list(map(tuple, place))
         for plane in () if all(uncut) else compress(frustum, map(not_, uncut)):
             polygon = clipped(polygon, plane) if polygon else polygon
-        breadth = breadth(view.outline(polygon)) if polygon else 0.0
+        breadth = breadth_of(view.outline(polygon)) if polygon else 0.0
         if breadth >= THINNEST:
             shown.append(k)
             polygons.append(polygon)
@@ -238,7 +238,7 @@ def _sections(strip: Polygon) -> Iterator[tuple[int, Polygon]]:
         yield 1, strip
 
 
-def breadth(outline: Outline) -> float:
+def breadth_of(outline: Outline) -> float:
     """Return the mean width [px] of a convex outline [px]: its area over half its perimeter."""
     area = perimeter = 0.0
     for k, (x, y) in enumerate(outline):

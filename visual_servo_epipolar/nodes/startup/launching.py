@@ -1,0 +1,88 @@
+"""What the launch files share: their arguments, our nodes with their files, and parameters."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from launch.actions import DeclareLaunchArgument
+from launch.substitutions import LaunchConfiguration, PathJoinSubstitution
+from launch_ros.actions import Node
+from launch_ros.parameter_descriptions import ParameterValue
+from launch_ros.substitutions import FindPackageShare
+
+PACKAGE = 'visual_servo_epipolar'
+UNSET_OR_BOOLEAN = ('', 'true', 'false')
+# Arguments that mean the same in several launch files: default, description, choices.
+SHARED: Mapping[str, tuple[Any, ...]] = {
+    'namespace': ('', 'Namespace of the nodes, as robot1'),
+    'desired_image': ('', 'File of the photograph; empty: {otherwise}'),
+    'use_sim_time': ('', 'true: time comes from /clock, which {who} publishes', UNSET_OR_BOOLEAN),
+    'record': ('', 'Folder of a new bag; empty: no recorder'),
+    'sigterm_timeout': (
+        '30',
+        'Time to end after Ctrl-C [s]: a recorder completes its bag in it',
+    ),
+}
+# The argument that names the topic of a name in the nodes.
+TOPICS = {'image_raw': 'image', 'camera_info': 'camera_info', 'cmd_vel': 'cmd_vel', 'odom': 'odom'}
+
+
+def argument(
+    name: str, default: str = '', description: str = '', choices: Sequence[str] = (), **words: str
+) -> DeclareLaunchArgument:
+    """Return an argument; one that is SHARED needs its name alone, and the words it leaves out."""
+    if not description:
+        default, description, *rest = SHARED[name]
+        description, choices = description.format(**words), rest[0] if rest else ()
+    options = {'choices': list(choices)} if choices else {}
+    return DeclareLaunchArgument(name, default_value=default, description=description, **options)
+
+
+def our_node(
+    value: Mapping[str, str],
+    executable: str,
+    parameters: Sequence[Any],
+    topics: Sequence[str] = (),
+) -> Node:
+    """Return a node of this package, with ``topics`` remapped as the arguments say."""
+    return Node(
+        package=PACKAGE,
+        executable=executable,
+        namespace=value['namespace'],
+        parameters=[*parameters, *given(value, use_sim_time=bool)],
+        remappings=[(topic, value[TOPICS[topic]]) for topic in topics],
+        output='screen',
+    )
+
+
+def config(name: str) -> PathJoinSubstitution:
+    """Return the path of a file in this package's config folder."""
+    return PathJoinSubstitution([FindPackageShare(PACKAGE), 'config', name])
+
+
+def own(file: str) -> list[str]:
+    """Return the user's parameter file, if there is one."""
+    if file and not Path(file).expanduser().is_file():  # launch would go on without it
+        raise RuntimeError(f'there is no parameter file {file}; give the path of one')
+    return [str(Path(file).expanduser())] if file else []
+
+
+def given(value: Mapping[str, str], **kinds: type) -> list[dict[str, ParameterValue]]:
+    """Return the parameters, of these types, whose argument of the same name is not empty."""
+    return [
+        {name: ParameterValue(LaunchConfiguration(name), value_type=kind)}
+        for name, kind in kinds.items()
+        if value[name]
+    ]
+
+
+def numbers(text: str) -> list[float]:
+    """Return the numbers of a start such as [1.0, -3.5, 8]."""
+    try:
+        x, y, heading = (float(word) for word in text.strip('[] ').replace(',', ' ').split())
+        return [x, y, heading]
+    except ValueError:
+        raise RuntimeError(
+            f'start must be three numbers, x [m], y [m], heading error [deg], got {text!r}; '
+            'write start:="[0.5, -3.0, 5.0]"'
+        ) from None
