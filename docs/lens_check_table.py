@@ -15,7 +15,7 @@ from visual_servo_epipolar.simulation.closed_loop import Loop
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import load
 from visual_servo_epipolar.simulation.views import view_of
-from visual_servo_epipolar.sweeping.plan import Plan
+from visual_servo_epipolar.sweeping.plan import SweepPlan
 
 SCENARIOS = Path(__file__).parents[1] / 'config' / 'scenarios'
 REGION, SEED, STARTS, LAW = 'front', 31, 16, 'full'
@@ -58,7 +58,7 @@ class Watch:
         return math.exp(self.check.memory.lens.log_ratio) if self.check.memory else 1.0
 
 
-def watched(plan: Plan, index: int) -> Watch:
+def watched(plan: SweepPlan, index: int) -> Watch:
     """Drive one run of ``plan`` until it ends or warns."""
     scenario, seed, watch = plan.scenario_of(LAW, index), plan.run_seed(index), Watch()
     start = start_in(REGION, SEED, index, scenario)
@@ -75,7 +75,7 @@ def row(name: str) -> str:
     """Return how many runs of a row warn, and what they say."""
     file, camera = ROWS[name]
     scenario = load(SCENARIOS / f'{file}.yaml')
-    plan = Plan(
+    plan = SweepPlan(
         region=REGION,
         runs=STARTS,
         source='features',

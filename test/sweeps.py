@@ -4,16 +4,16 @@ from pathlib import Path
 from typing import Any
 
 from visual_servo_epipolar.simulation.scenario import RunSettings, Scenario
-from visual_servo_epipolar.sweeping.plan import Chunk, Plan
+from visual_servo_epipolar.sweeping.plan import Chunk, SweepPlan
 from visual_servo_epipolar.sweeping.store import Store
 
 BRIEF = Scenario(run=RunSettings(max_duration=2.0))
 
 
-def plan_of(runs: int = 4, **changes: Any) -> Plan:
+def plan_of(runs: int = 4, **changes: Any) -> SweepPlan:
     """Return a plan whose runs are cut off after two seconds, unless told otherwise."""
     plain = {'region': 'front', 'source': 'features', 'laws': ('full',), 'scenario': BRIEF}
-    return Plan(runs=runs, **{**plain, **changes})
+    return SweepPlan(runs=runs, **{**plain, **changes})
 
 
 def result(**changes: Any) -> dict[str, Any]:
@@ -37,7 +37,7 @@ def result(**changes: Any) -> dict[str, Any]:
     }
 
 
-def filled(folder: Path, plan: Plan, results: list[dict[str, Any]]) -> Store:
+def filled(folder: Path, plan: SweepPlan, results: list[dict[str, Any]]) -> Store:
     """Return a store that has ``results`` of the plan's first law."""
     store = Store(folder, plan)
     store.add(Chunk(plan.laws[0], tuple(range(len(results)))), results)

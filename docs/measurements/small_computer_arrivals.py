@@ -13,7 +13,7 @@ from typing import TypeAlias
 from visual_servo_epipolar.processes import cores
 from visual_servo_epipolar.simulation.scenario import from_document, Scenario
 from visual_servo_epipolar.sweeping.local import local_workers
-from visual_servo_epipolar.sweeping.plan import Chunk, Plan
+from visual_servo_epipolar.sweeping.plan import Chunk, SweepPlan
 from visual_servo_epipolar.sweeping.summary import Result, summary_of
 
 STARTS, SEED, LAW, FULL_WIDTH, FULL_FOCAL = 8, 31, 'full', 1280, 769.2307692307693
@@ -32,7 +32,7 @@ def main(starts: int) -> None:
     with local_workers(cores()) as workers:
         jobs = []
         for cell in cells:
-            plan = Plan(
+            plan = SweepPlan(
                 region='front',
                 runs=starts,
                 source='images',

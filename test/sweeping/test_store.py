@@ -8,13 +8,13 @@ from sweeps import filled, plan_of, result
 
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.sweeping import store as store_module
-from visual_servo_epipolar.sweeping.plan import Chunk, Plan
+from visual_servo_epipolar.sweeping.plan import Chunk, SweepPlan
 from visual_servo_epipolar.sweeping.store import FILE, Store
 
 RESULTS = [result(seed=seed) for seed in range(3)]
 
 
-def refused(folder: Path, plan: Plan) -> str:
+def refused(folder: Path, plan: SweepPlan) -> str:
     with pytest.raises(InputError) as error:
         Store(folder, plan)
     assert len(str(error.value).splitlines()) == 1

@@ -108,7 +108,7 @@ def tolerance(text: str) -> float:
     return value
 
 
-class Start(argparse.Action):
+class StartAction(argparse.Action):
     """Take a start that lies where a robot may be."""
 
     def __call__(self, parser: Any, namespace: Any, values: Any, *_: object) -> None:
@@ -129,7 +129,7 @@ def add_start(parser: argparse.ArgumentParser, default: tuple[float, float, floa
     parser.add_argument(
         '--start',
         nargs=3,
-        action=Start,
+        action=StartAction,
         type=finite,
         metavar=('X', 'Y', 'DEG'),
         required=default is None,

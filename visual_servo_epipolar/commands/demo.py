@@ -111,12 +111,12 @@ def _drive(
 
 def _film(scenario: Scenario, settings: LoopSettings, folder: Path) -> 'Film':
     from visual_servo_epipolar.report.images.film import Film
-    from visual_servo_epipolar.report.images.map_view import Bounds
+    from visual_servo_epipolar.report.images.map_view import MapBounds
 
     return Film(
         folder / VIDEO,
         scenario.camera.frame_rate,
-        bounds=Bounds.around(Pose.from_start(*settings.start)),
+        bounds=MapBounds.around(Pose.from_start(*settings.start)),
         camera=scenario.camera.nominal_camera,
     )
 

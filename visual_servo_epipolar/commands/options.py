@@ -224,6 +224,11 @@ def _add_bag(parser: argparse.ArgumentParser, metavar: str, kinds: str) -> None:
     parser.add_argument(
         '--camera', metavar='FILE', help=f'for a bag without camera_info: {CAMERA_HELP}'
     )
+    _add_flags(parser)
+
+
+def _add_flags(parser: argparse.ArgumentParser) -> None:
+    """Add how the images of a bag are to be taken, and what to do with the bag."""
     for option, text in (
         ('--cropped', CROPPED_HELP),
         (

@@ -21,7 +21,7 @@ from visual_servo_epipolar.processes import cores
 from visual_servo_epipolar.sweeping.cluster import cluster_workers
 from visual_servo_epipolar.sweeping.drive import drive, Workers
 from visual_servo_epipolar.sweeping.local import local_workers
-from visual_servo_epipolar.sweeping.plan import Plan
+from visual_servo_epipolar.sweeping.plan import SweepPlan
 from visual_servo_epipolar.sweeping.provenance import digest
 from visual_servo_epipolar.sweeping.store import FILE, Store
 from visual_servo_epipolar.sweeping.summary import arrived, defective, summaries, wrong
@@ -46,13 +46,13 @@ def sweep(options: argparse.Namespace) -> int:
     return _name_suspect_runs(plan, documents)
 
 
-def _plan(options: argparse.Namespace) -> Plan:
+def _plan(options: argparse.Namespace) -> SweepPlan:
     if options.law and options.compare:
         raise InputError('--law and --compare exclude each other; give one of them')
     if options.scenes and (options.scene is not None or options.source != 'images'):
         raise InputError('--scenes is for --source images, without --scene; leave one of them out')
     scenario = scenario_of(options)
-    return Plan(
+    return SweepPlan(
         region=options.region,
         runs=options.runs,
         source=options.source,
@@ -64,14 +64,14 @@ def _plan(options: argparse.Namespace) -> Plan:
     )
 
 
-def _name(plan: Plan) -> str:
+def _name(plan: SweepPlan) -> str:
     """Return the name of a folder, unique for the sweep and the version of the code."""
     identity = json.dumps([plan.identity(), digest()]).encode()
     mark = hashlib.sha256(identity).hexdigest()[:8]
     return '-'.join([plan.region, plan.source, *plan.laws, f'seed{plan.seed}', mark])
 
 
-def _work(plan: Plan, store: Store, options: argparse.Namespace) -> None:
+def _work(plan: SweepPlan, store: Store, options: argparse.Namespace) -> None:
     keys = plan.keys()
     earlier = [store.results[key] for key in keys if key in store.results]
     if earlier:
@@ -102,7 +102,7 @@ def _workers(options: argparse.Namespace) -> AbstractContextManager[Workers]:
     return local_workers(options.jobs or cores())
 
 
-def _field_of_view(plan: Plan) -> float:
+def _field_of_view(plan: SweepPlan) -> float:
     camera = plan.scenario.camera
     left, right = camera.camera.edges
     return right - left
@@ -125,7 +125,7 @@ def _report(
     return text, ['table.md', 'convergence.md', 'map.png', 'histogram.png']
 
 
-def _name_suspect_runs(plan: Plan, documents: Mapping[str, Mapping[str, Any]]) -> int:
+def _name_suspect_runs(plan: SweepPlan, documents: Mapping[str, Mapping[str, Any]]) -> int:
     """Name defects and silent wrongs with the commands that repeat them; return the exit code."""
     runs = [
         (law, index, run)

@@ -18,7 +18,7 @@ COLOURS = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))  # x, y, z by REP 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Frame:
+class FrameAxes:
     """Coordinate frame: ``axes``, shape (3, 3), columns x, y, z; ``origin``, shape (3,) [m]."""
 
     name: str
@@ -26,14 +26,14 @@ class Frame:
     origin: FloatArray
 
 
-def upright(name: str, pose: Pose) -> Frame:
+def upright(name: str, pose: Pose) -> FrameAxes:
     """Return the frame of what stands on the floor at ``pose``: x ahead, y left, z up."""
     sin, cos = math.sin(pose.theta), math.cos(pose.theta)
     axes = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
-    return Frame(name, axes, np.array([pose.x, pose.y, 0.0]))
+    return FrameAxes(name, axes, np.array([pose.x, pose.y, 0.0]))
 
 
-def frames(coordinate_frames: Sequence[Frame], stamp_ns: int, frame_id: str) -> MarkerArray:
+def frames(coordinate_frames: Sequence[FrameAxes], stamp_ns: int, frame_id: str) -> MarkerArray:
     """Return three coloured lines and a name for each frame, all in ``frame_id``."""
     array = MarkerArray()
     for number, frame in enumerate(coordinate_frames):
@@ -45,7 +45,7 @@ def frames(coordinate_frames: Sequence[Frame], stamp_ns: int, frame_id: str) -> 
     return array
 
 
-def _axes(number: int, frame: Frame) -> Marker:
+def _axes(number: int, frame: FrameAxes) -> Marker:
     marker = Marker(id=number, type=Marker.LINE_LIST)
     marker.scale.x, marker.color.a = LINE_M, 1.0
     for axis, (red, green, blue) in zip(frame.axes.T, COLOURS, strict=True):
@@ -54,7 +54,7 @@ def _axes(number: int, frame: Frame) -> Marker:
     return marker
 
 
-def _name(number: int, frame: Frame) -> Marker:
+def _name(number: int, frame: FrameAxes) -> Marker:
     marker = Marker(id=number, type=Marker.TEXT_VIEW_FACING, text=frame.name)
     marker.pose.position = _point(frame.origin + (0.0, 0.0, -LETTER_M))
     marker.scale.z = LETTER_M

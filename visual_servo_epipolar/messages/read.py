@@ -156,28 +156,7 @@ def features(message: Any) -> Features:
 
     Rows without desired pixels, nan both, are features that the photograph does not show.
     """
-    columns = {field.name: field for field in message.fields}
-    missing = [name for name in TRACK_FIELDS if name not in columns]
-    if missing:
-        raise ValueError(
-            f'tracks must have the fields {", ".join(TRACK_FIELDS)}, missing '
-            f'{", ".join(missing)}; connect the tracks of a tracker_node'
-        )
-    unsupported = [name for name in TRACK_FIELDS if columns[name].datatype not in NUMPY_TYPES]
-    if unsupported:
-        raise ValueError(
-            f'tracks have fields of no known datatype: {", ".join(unsupported)}; connect the '
-            'tracks of a tracker_node'
-        )
-    order = '>' if message.is_bigendian else '<'
-    layout = np.dtype(
-        {
-            'names': list(TRACK_FIELDS),
-            'formats': [order + NUMPY_TYPES[columns[name].datatype] for name in TRACK_FIELDS],
-            'offsets': [int(columns[name].offset) for name in TRACK_FIELDS],
-            'itemsize': int(message.point_step),
-        }
-    )
+    layout = _layout_of_tracks(message)
     count = int(message.width) * int(message.height)
     if len(message.data) != count * layout.itemsize:
         raise ValueError(
@@ -198,6 +177,32 @@ def features(message: Any) -> Features:
             np.stack([passing['u'], passing['v']], axis=1).astype(np.float64),
             passing['age'].astype(np.int64),
         ),
+    )
+
+
+def _layout_of_tracks(message: Any) -> np.dtype[np.void]:
+    """Return how a row of tracks lies in memory; raises ValueError where a field is missing."""
+    columns = {field.name: field for field in message.fields}
+    missing = [name for name in TRACK_FIELDS if name not in columns]
+    if missing:
+        raise ValueError(
+            f'tracks must have the fields {", ".join(TRACK_FIELDS)}, missing '
+            f'{", ".join(missing)}; connect the tracks of a tracker_node'
+        )
+    unsupported = [name for name in TRACK_FIELDS if columns[name].datatype not in NUMPY_TYPES]
+    if unsupported:
+        raise ValueError(
+            f'tracks have fields of no known datatype: {", ".join(unsupported)}; connect the '
+            'tracks of a tracker_node'
+        )
+    order = '>' if message.is_bigendian else '<'
+    return np.dtype(
+        {
+            'names': list(TRACK_FIELDS),
+            'formats': [order + NUMPY_TYPES[columns[name].datatype] for name in TRACK_FIELDS],
+            'offsets': [int(columns[name].offset) for name in TRACK_FIELDS],
+            'itemsize': int(message.point_step),
+        }
     )
 
 

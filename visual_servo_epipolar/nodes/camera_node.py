@@ -13,7 +13,7 @@ from visualization_msgs.msg import MarkerArray
 from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.messages import read, transforms, write
-from visual_servo_epipolar.messages.frames import Frame, frames, upright
+from visual_servo_epipolar.messages.frames import FrameAxes, frames, upright
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.frames import TransformBroadcaster
 from visual_servo_epipolar.nodes.startup.run import spin
@@ -100,7 +100,7 @@ class CameraNode(Node):
         coordinate_frames = (
             upright(odom, Pose(0.0, 0.0, 0.0)),
             upright(message.child_frame_id, pose),
-            Frame(self._names.camera, mount.R_world_camera(pose), mount.centre(pose)),
+            FrameAxes(self._names.camera, mount.R_world_camera(pose), mount.centre(pose)),
         )
         self._frames_pub.publish(frames(coordinate_frames, stamp_ns, odom))
 

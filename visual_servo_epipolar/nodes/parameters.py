@@ -27,7 +27,7 @@ PARAMETERS = 'ros__parameters'
 
 
 @dataclass(frozen=True, slots=True)
-class Section:
+class ParameterSection:
     """Section of a parameter file: the nodes it is for, as written, and names of parameters."""
 
     key: str
@@ -144,13 +144,13 @@ def _hint(node: Node, parameter: str, owner: str) -> str:
     return f'; did you mean {close[0]}?' if close else f'; it has {", ".join(declared)}'
 
 
-def _heard(node: Node, sections: Iterable[Section]) -> set[str]:
+def _heard(node: Node, sections: Iterable[ParameterSection]) -> set[str]:
     """Return the parameters in those sections of a file that reach the node."""
     full_name = node.get_fully_qualified_name()
     return {name for item in sections if item.reaches(full_name) for name in item.names}
 
 
-def _refuse_homonyms(node: Node, path: str, sections: Sequence[Section]) -> None:
+def _refuse_homonyms(node: Node, path: str, sections: Sequence[ParameterSection]) -> None:
     """Raise ValueError for a file of another node, for /**, that would change this one, too."""
     for section in sections:
         if '*' not in section.key or not section.reaches(node.get_fully_qualified_name()):
@@ -167,7 +167,7 @@ def _refuse_homonyms(node: Node, path: str, sections: Sequence[Section]) -> None
             )
 
 
-def _warn_of_no_effect(node: Node, path: str, sections: Sequence[Section]) -> None:
+def _warn_of_no_effect(node: Node, path: str, sections: Sequence[ParameterSection]) -> None:
     """Warn of a file without a parameter of the node: it keeps its defaults, and drives on."""
     heard = _heard(node, sections)
     if not sections or any(map(node.has_parameter, heard)):
@@ -211,7 +211,7 @@ def _descriptor(item: Any) -> ParameterDescriptor:
     return descriptor
 
 
-def read_sections(path: str) -> list[Section]:
+def read_sections(path: str) -> list[ParameterSection]:
     """Return the sections of a file that rcl has accepted; none if it cannot be read again."""
     if not Path(path).is_file():
         return []  # a pipe is read up, and to read it once more waits for ever
@@ -222,13 +222,13 @@ def read_sections(path: str) -> list[Section]:
     return list(_walk(document, ''))
 
 
-def _walk(body: Any, key: str) -> Iterator[Section]:
+def _walk(body: Any, key: str) -> Iterator[ParameterSection]:
     """Yield sections; namespaces may be nested."""
     if not isinstance(body, dict):
         return
     for name, inner in body.items():
         if name == PARAMETERS:
-            yield Section(key, frozenset(_names(inner, '')))
+            yield ParameterSection(key, frozenset(_names(inner, '')))
         else:
             yield from _walk(inner, f'{key}/{str(name).strip("/")}' if key else str(name))
 

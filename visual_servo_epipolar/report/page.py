@@ -26,7 +26,7 @@ Cell = str | float | int | None
 
 
 @dataclass(frozen=True, slots=True)
-class Verdict:
+class Headline:
     """Verdict at the head of a page: a line, whether it is good news, and a few words more."""
 
     text: str
@@ -43,7 +43,7 @@ class Section:
 
 
 def write_page(
-    path: Path, title: str, verdict: Verdict, sections: Sequence[Section], *, footer: str = ''
+    path: Path, title: str, verdict: Headline, sections: Sequence[Section], *, footer: str = ''
 ) -> Path:
     """Write the page, by rename, and return its path; raises InputError if it cannot be."""
     template = Template(Path(__file__).with_name('page.html').read_text(encoding='utf-8'))

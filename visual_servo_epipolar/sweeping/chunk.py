@@ -15,7 +15,7 @@ from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.run_monitor import verdict
 from visual_servo_epipolar.simulation.scenario import Scenario
 from visual_servo_epipolar.simulation.views import view_of
-from visual_servo_epipolar.sweeping.plan import Chunk, Plan
+from visual_servo_epipolar.sweeping.plan import Chunk, SweepPlan
 
 Start = tuple[float, float, float]
 Result = dict[str, Any]
@@ -28,7 +28,7 @@ MISSING = (
 )
 
 
-def work(plan: Plan, chunk: Chunk) -> list[Result]:
+def work(plan: SweepPlan, chunk: Chunk) -> list[Result]:
     """Do the runs of ``chunk`` and return their results in its order."""
     cv2.setNumThreads(1)  # there is a worker for each core
     results = []
@@ -42,7 +42,7 @@ def work(plan: Plan, chunk: Chunk) -> list[Result]:
     return results
 
 
-def _by_scenario(plan: Plan, chunk: Chunk) -> Iterator[tuple[Scenario, list[int]]]:
+def _by_scenario(plan: SweepPlan, chunk: Chunk) -> Iterator[tuple[Scenario, list[int]]]:
     """Yield stretches of the chunk in one scenario; only the seeds of its runs differ."""
     scenarios = [(plan.scenario_of(chunk.law, index).seeded(0), index) for index in chunk.indices]
     for scenario, stretch in groupby(scenarios, key=itemgetter(0)):

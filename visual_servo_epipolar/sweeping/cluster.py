@@ -10,7 +10,7 @@ from typing import Any
 
 from visual_servo_epipolar.core.errors import InputError, VisualServoError
 from visual_servo_epipolar.sweeping.chunk import Result, work
-from visual_servo_epipolar.sweeping.plan import Chunk, Plan
+from visual_servo_epipolar.sweeping.plan import Chunk, SweepPlan
 from visual_servo_epipolar.sweeping.provenance import digest
 
 CONNECT_S = 10.0
@@ -27,7 +27,7 @@ class ClusterWorkers:
         self._executor = client.get_executor(pure=False)
         self._call = _by_value()
 
-    def submit(self, plan: Plan, chunk: Chunk) -> 'Future[list[Result]]':
+    def submit(self, plan: SweepPlan, chunk: Chunk) -> 'Future[list[Result]]':
         """Have ``chunk`` done by one of them."""
         # As bytes: the scheduler looks into what it hands on, and need not have this package.
         future: Future[list[Result]] = self._executor.submit(
@@ -41,7 +41,7 @@ class ClusterWorkers:
             raise VisualServoError(f'the cluster has no workers any more; {KEPT}')
 
 
-def work_here(code: str, plan: Plan, chunk: Chunk) -> list[Result]:
+def work_here(code: str, plan: SweepPlan, chunk: Chunk) -> list[Result]:
     """Do ``chunk`` on a worker that may have joined late; InputError if its code is not ours."""
     if digest() != code:
         raise InputError(f'a Dask worker that joined has other code ({digest()}, not {code})')

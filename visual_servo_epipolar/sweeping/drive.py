@@ -5,7 +5,7 @@ from concurrent.futures import Future
 from queue import Empty, SimpleQueue
 from typing import Any, Protocol
 
-from visual_servo_epipolar.sweeping.plan import Chunk, Plan
+from visual_servo_epipolar.sweeping.plan import Chunk, SweepPlan
 from visual_servo_epipolar.sweeping.store import Store
 
 PATIENCE_S = 10.0  # without a result, after which the workers are checked
@@ -19,7 +19,7 @@ class Workers(Protocol):
 
     count: int
 
-    def submit(self, plan: Plan, chunk: Chunk) -> 'Future[Results]':
+    def submit(self, plan: SweepPlan, chunk: Chunk) -> 'Future[Results]':
         """Have ``chunk`` done by the function ``work`` on some worker."""
         ...
 
@@ -28,7 +28,7 @@ class Workers(Protocol):
         ...
 
 
-def drive(plan: Plan, store: Store, workers: Workers, watch: Watch) -> None:
+def drive(plan: SweepPlan, store: Store, workers: Workers, watch: Watch) -> None:
     """
     Do the runs of ``plan`` that ``store`` does not have yet, and keep each as its chunk ends.
 

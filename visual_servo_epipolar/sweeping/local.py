@@ -13,7 +13,7 @@ import threading
 from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.processes import ignore_interrupts, without_interrupts
 from visual_servo_epipolar.sweeping.chunk import Result, work
-from visual_servo_epipolar.sweeping.plan import Chunk, Plan
+from visual_servo_epipolar.sweeping.plan import Chunk, SweepPlan
 
 # Read when a process starts, or loads numpy and OpenCV: workers are started afresh for that.
 THREADS = ('OMP_NUM_THREADS', 'OPENBLAS_NUM_THREADS', 'MKL_NUM_THREADS')
@@ -30,7 +30,7 @@ class LocalWorkers:
     def __init__(self, pool: ProcessPoolExecutor, count: int) -> None:
         self._pool, self.count = pool, count
 
-    def submit(self, plan: Plan, chunk: Chunk) -> 'Future[list[Result]]':
+    def submit(self, plan: SweepPlan, chunk: Chunk) -> 'Future[list[Result]]':
         """Have ``chunk`` done by one of them."""
         return self._pool.submit(work, plan, chunk)
 

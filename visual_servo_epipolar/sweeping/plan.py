@@ -27,7 +27,7 @@ class Chunk:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Plan:
+class SweepPlan:
     """
     A sweep. Each run follows from it and from the index of the run alone.
 

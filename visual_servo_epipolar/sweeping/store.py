@@ -11,7 +11,7 @@ from typing import Any
 
 from visual_servo_epipolar import __version__
 from visual_servo_epipolar.core.errors import InputError
-from visual_servo_epipolar.sweeping.plan import Chunk, Key, Plan
+from visual_servo_epipolar.sweeping.plan import Chunk, Key, SweepPlan
 from visual_servo_epipolar.sweeping.provenance import commit, digest
 
 FILE = 'runs.jsonl'
@@ -32,7 +32,7 @@ class Store:
 
     """
 
-    def __init__(self, folder: Path, plan: Plan) -> None:
+    def __init__(self, folder: Path, plan: SweepPlan) -> None:
         self.path = folder / FILE
         self.results: dict[Key, dict[str, Any]] = {}
         self._before_s, self._session, self._began = 0.0, 0, time.monotonic()
@@ -125,7 +125,7 @@ class Store:
             raise InputError(f'{self.path}: results cannot be kept: {error.strerror}') from None
 
 
-def header_of(plan: Plan) -> Header:
+def header_of(plan: SweepPlan) -> Header:
     """Return the first line of the store of ``plan``."""
     return {
         'sweep': plan.identity(),

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.sweeping.plan import Plan
+from visual_servo_epipolar.sweeping.plan import SweepPlan
 from visual_servo_epipolar.sweeping.store import Store
 
 Result = Mapping[str, Any]
@@ -29,7 +29,7 @@ BLOCK = 1_000_000  # values drawn at a time: that many fit in memory whatever th
 Interval = tuple[float, float]
 
 
-def summaries(plan: Plan, store: Store) -> dict[str, dict[str, Any]]:
+def summaries(plan: SweepPlan, store: Store) -> dict[str, dict[str, Any]]:
     """Return law -> document, each with its runs in the order of their indices."""
     return {
         law: {
@@ -95,7 +95,7 @@ def _spread(runs: Sequence[Result], name: str) -> dict[str, Any]:
     }
 
 
-def _described(plan: Plan, store: Store, law: str) -> dict[str, Any]:
+def _described(plan: SweepPlan, store: Store, law: str) -> dict[str, Any]:
     header = store.header
     return {
         'region': plan.region,

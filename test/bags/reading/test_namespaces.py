@@ -6,7 +6,7 @@ from types import SimpleNamespace
 from bagmaker import decoded, kind_of, Message, TOPICS, TYPES, write_bag
 import pytest
 
-from visual_servo_epipolar.bags.reading.bag import Bag, Topic
+from visual_servo_epipolar.bags.reading.bag import Bag, BagTopic
 from visual_servo_epipolar.bags.reading.namespaces import Namespace, namespace_of
 from visual_servo_epipolar.bags.reading.run import read_run
 from visual_servo_epipolar.bags.reading.topics import assigned
@@ -103,7 +103,7 @@ def test_a_namespace_that_is_not_there_is_refused_with_those_that_are(two_robots
 
 def topics_of(*names: str) -> SimpleNamespace:
     kinds = {'epipoles': 'sensor_msgs/msg/JointState', 'image_raw': 'sensor_msgs/msg/Image'}
-    topics = {name: Topic(name, kinds[name.rpartition('/')[2]], 1) for name in names}
+    topics = {name: BagTopic(name, kinds[name.rpartition('/')[2]], 1) for name in names}
     return SimpleNamespace(path=Path('bag'), topics=topics)
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from visual_servo_epipolar.commands.files.run_folder import versions
 from visual_servo_epipolar.commands.main import main
-from visual_servo_epipolar.report.page import Section, Verdict, write_page
+from visual_servo_epipolar.report.page import Headline, Section, write_page
 
 WIDE = """<script>addEventListener('load', () => {
   const page = document.documentElement;
@@ -36,7 +36,7 @@ def test_versions_of_a_run_need_no_metadata_of_pip(monkeypatch) -> None:
 def test_long_notes_are_broken_into_lines(tmp_path) -> None:
     page = tmp_path / 'long.html'
     note = f'<pre>{"a note of many words " * 30}</pre>'
-    write_page(page, 'title', Verdict('Arrived', True, ''), [Section('Notes', note)])
+    write_page(page, 'title', Headline('Arrived', True, ''), [Section('Notes', note)])
     text = page.read_text(encoding='utf-8').replace('</main>', WIDE)
     start = text.index('<meta http-equiv="Content-Security-Policy"')
     page.write_text(text[:start] + text[text.index('>', start) + 1 :], encoding='utf-8')

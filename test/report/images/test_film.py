@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.report.images import film as film_of_runs
 from visual_servo_epipolar.report.images.film import Film
-from visual_servo_epipolar.report.images.map_view import Bounds
+from visual_servo_epipolar.report.images.map_view import MapBounds
 from visual_servo_epipolar.report.images.picture import picture
 from visual_servo_epipolar.report.images.video import VideoWriter, view_size
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
@@ -23,7 +23,7 @@ SETTINGS = CameraSettings(
     width=160, height=128, focal_length=100.0, principal_u=80.0, principal_v=64.0
 )
 CAMERA = SETTINGS.nominal_camera
-BOUNDS = Bounds.around(Pose.from_start(1.0, -3.0, 5.0))
+BOUNDS = MapBounds.around(Pose.from_start(1.0, -3.0, 5.0))
 FPS, STEPS = 11.0, 12
 
 

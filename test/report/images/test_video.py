@@ -12,7 +12,7 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.servo.run_log import RunLog, Sample
 from visual_servo_epipolar.report.images.encoders import Codec, OPENCV, PYAV
-from visual_servo_epipolar.report.images.map_view import Bounds, HEADER, MapView, WIDTH
+from visual_servo_epipolar.report.images.map_view import HEADER, MapBounds, MapView, WIDTH
 from visual_servo_epipolar.report.images.video import HEIGHT, VideoWriter
 from visual_servo_epipolar.report.style import phase_colour, rgb
 
@@ -21,7 +21,7 @@ RED: Image = np.full((200, 321, 3), (40, 40, 220), dtype=np.uint8)
 
 
 def write(path: Path, samples: Sequence[Sample], stride: int = 1) -> VideoWriter:
-    bounds = Bounds.around(samples[0].pose)
+    bounds = MapBounds.around(samples[0].pose)
     with VideoWriter(path, 11.0, image_size=SIZE, bounds=bounds, stride=stride) as video:
         for sample in samples:
             video.add(RED, sample)
@@ -58,7 +58,7 @@ def test_stride_keeps_one_frame_of_so_many(log: RunLog, tmp_path: Path) -> None:
 
 
 def test_aborted_run_leaves_no_file(log: RunLog, tmp_path: Path) -> None:
-    bounds = Bounds.around(log.samples[0].pose)
+    bounds = MapBounds.around(log.samples[0].pose)
     with (
         pytest.raises(KeyboardInterrupt),
         VideoWriter(tmp_path / 'run.mp4', 11.0, image_size=SIZE, bounds=bounds) as video,
@@ -69,7 +69,7 @@ def test_aborted_run_leaves_no_file(log: RunLog, tmp_path: Path) -> None:
 
 
 def test_video_without_frames_is_no_file(tmp_path: Path) -> None:
-    bounds = Bounds.around(DESIRED_POSE)
+    bounds = MapBounds.around(DESIRED_POSE)
     VideoWriter(tmp_path / 'run.mp4', 11.0, image_size=SIZE, bounds=bounds).close()
     assert list(tmp_path.iterdir()) == []
 
@@ -79,7 +79,7 @@ def test_video_without_frames_is_no_file(tmp_path: Path) -> None:
 )
 def test_file_that_cannot_be_written_is_refused(tmp_path: Path, name: str, reason: str) -> None:
     with pytest.raises(InputError, match=reason):
-        VideoWriter(tmp_path / name, 11.0, image_size=SIZE, bounds=Bounds.around(DESIRED_POSE))
+        VideoWriter(tmp_path / name, 11.0, image_size=SIZE, bounds=MapBounds.around(DESIRED_POSE))
 
 
 def test_missing_encoder_is_told_in_one_sentence(
@@ -89,7 +89,7 @@ def test_missing_encoder_is_told_in_one_sentence(
     monkeypatch.setattr('visual_servo_epipolar.report.images.encoders.CODECS', codecs)
     with pytest.raises(InputError, match=r'needs one of the encoders .*zzzz \(OpenCV\)'):
         VideoWriter(
-            tmp_path / 'run.mp4', 11.0, image_size=SIZE, bounds=Bounds.around(DESIRED_POSE)
+            tmp_path / 'run.mp4', 11.0, image_size=SIZE, bounds=MapBounds.around(DESIRED_POSE)
         )
     assert capfd.readouterr().err == ''
     assert list(tmp_path.iterdir()) == []
@@ -97,13 +97,13 @@ def test_missing_encoder_is_told_in_one_sentence(
 
 def test_picture_of_another_size_is_refused(log: RunLog, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match='overlay must be'):
-        bounds = Bounds.around(DESIRED_POSE)
+        bounds = MapBounds.around(DESIRED_POSE)
         with VideoWriter(tmp_path / 'run.mp4', 11.0, image_size=SIZE, bounds=bounds) as video:
             video.add(RED[:-1], log.samples[0])
 
 
 def test_map_shows_the_path_in_the_colour_of_the_phase(log: RunLog) -> None:
-    view = MapView(Bounds.around(log.samples[0].pose), HEIGHT)
+    view = MapView(MapBounds.around(log.samples[0].pose), HEIGHT)
     for sample in log.samples:
         view.add(sample)
     passed = log.samples[70]
@@ -113,7 +113,7 @@ def test_map_shows_the_path_in_the_colour_of_the_phase(log: RunLog) -> None:
 
 
 def test_map_grows_to_hold_a_robot_that_leaves_it(log: RunLog) -> None:
-    view = MapView(Bounds.around(log.samples[0].pose), HEIGHT)
+    view = MapView(MapBounds.around(log.samples[0].pose), HEIGHT)
     view.add(log.samples[0])
     away = Sample(stamp_ns=10**9, pose=Pose(4.0, -9.0, 0.0))
     view.add(away)
@@ -123,7 +123,7 @@ def test_map_grows_to_hold_a_robot_that_leaves_it(log: RunLog) -> None:
 
 
 def test_map_is_true_to_scale_with_y_up() -> None:
-    view = MapView(Bounds(-1.0, 1.0, -3.0, 0.0), HEIGHT)
+    view = MapView(MapBounds(-1.0, 1.0, -3.0, 0.0), HEIGHT)
     origin, right, up = view.pixels(np.array([(0.0, 0.0), (1.0, 0.0), (0.0, 1.0)]))
     assert right[0] - origin[0] == pytest.approx(origin[1] - up[1])
     assert origin[1] > up[1]
@@ -131,4 +131,4 @@ def test_map_is_true_to_scale_with_y_up() -> None:
 
 def test_bounds_out_of_order_are_refused() -> None:
     with pytest.raises(ValueError, match='finite and ordered'):
-        Bounds(1.0, -1.0, 0.0, 1.0)
+        MapBounds(1.0, -1.0, 0.0, 1.0)

@@ -15,7 +15,7 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.servo.run_log import RunLog
 from visual_servo_epipolar.report.images import encoders
 from visual_servo_epipolar.report.images.encoders import Codec, CODECS, OPENCV, PYAV
-from visual_servo_epipolar.report.images.map_view import Bounds
+from visual_servo_epipolar.report.images.map_view import MapBounds
 from visual_servo_epipolar.report.images.video import HEIGHT, VideoWriter
 
 SIZE = 640, 512
@@ -55,7 +55,7 @@ def views() -> list[Image]:
 
 
 def film(path: Path, log: RunLog) -> VideoWriter:
-    bounds = Bounds.around(log.samples[0].pose)
+    bounds = MapBounds.around(log.samples[0].pose)
     with VideoWriter(path, 11.0, image_size=SIZE, bounds=bounds) as video:
         for view, sample in zip(views(), log.samples, strict=False):
             video.add(view, sample)

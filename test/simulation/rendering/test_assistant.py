@@ -15,7 +15,7 @@ from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettin
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.rendering import assistant as assistant_module
 from visual_servo_epipolar.simulation.rendering.assistant import Assistant, Sharing, STRIP
-from visual_servo_epipolar.simulation.rendering.raster import Raster, rasterize, View
+from visual_servo_epipolar.simulation.rendering.raster import PinholeView, Raster, rasterize
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
 from visual_servo_epipolar.simulation.rendering.strips import Strip
 from visual_servo_epipolar.simulation.rooms.scene import room
@@ -167,7 +167,7 @@ def test_strips_stay_with_who_has_them_and_work_is_as_told() -> None:
     owners: dict[Strip, int] = {}
     for spared, pose in zip((0.0, 0.0, 0.0, 0.6), POSES, strict=True):
         axes, centre = new_rig(PINHOLE).camera_pose(pose)
-        raster = rasterize(scene, View(320, 256, PINHOLE.camera.matrix, centre, axes))
+        raster = rasterize(scene, PinholeView(320, 256, PINHOLE.camera.matrix, centre, axes))
         shares = sharing.shares(raster, spared)
         assert shares[0] | shares[1] == set(range(1, len(raster.strips) + 1))
         assert not shares[0] & shares[1]

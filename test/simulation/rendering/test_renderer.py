@@ -11,7 +11,7 @@ from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
-from visual_servo_epipolar.simulation.rendering.raster import rasterize, View
+from visual_servo_epipolar.simulation.rendering.raster import PinholeView, rasterize
 from visual_servo_epipolar.simulation.rendering.renderer import Renderer
 from visual_servo_epipolar.simulation.rendering.sampling import shade
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene, Surface
@@ -149,7 +149,7 @@ def test_what_is_painted_is_what_is_nearest(furnished: Renderer) -> None:
     rng = np.random.default_rng(1)
     for pose in POSES:
         axes, centre = furnished.rig.camera_pose(pose)
-        view = View(640, 480, CAMERA.matrix, centre, axes)
+        view = PinholeView(640, 480, CAMERA.matrix, centre, axes)
         raster = rasterize(furnished.scene, view)
         pixels = rng.integers((0, 0), (640, 480), (400, 2))
         points = furnished.trace(pixels.astype(float), pose)
@@ -162,7 +162,7 @@ def test_what_is_painted_is_what_is_nearest(furnished: Renderer) -> None:
 
 def test_a_surface_may_fill_a_single_pixel(furnished: Renderer) -> None:
     axes, centre = furnished.rig.camera_pose(POSES[0])
-    view = View(640, 480, CAMERA.matrix, centre, axes)
+    view = PinholeView(640, 480, CAMERA.matrix, centre, axes)
     raster = rasterize(furnished.scene, view)
     single = replace(raster, boxes=((320, 240, 321, 241),) * len(raster.boxes))
     image = shade(furnished.scene, view, single)

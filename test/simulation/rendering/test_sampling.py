@@ -7,7 +7,7 @@ from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
-from visual_servo_epipolar.simulation.rendering.raster import rasterize, View
+from visual_servo_epipolar.simulation.rendering.raster import PinholeView, rasterize
 from visual_servo_epipolar.simulation.rendering.sampling import (
     _areas,
     _average,
@@ -76,7 +76,7 @@ def test_an_empty_mask_needs_no_cover() -> None:
 def test_the_areas_show_each_pixel_of_each_strip_once(pose: Pose) -> None:
     scene, rig = room(0), FixedRig(CAMERA, CameraMount(tilt=0.1, roll=0.05))
     R_world_camera, centre = rig.camera_pose(pose)
-    raster = rasterize(scene, View(320, 240, CAMERA.matrix, centre, R_world_camera))
+    raster = rasterize(scene, PinholeView(320, 240, CAMERA.matrix, centre, R_world_camera))
     painted = np.zeros_like(raster.ids)
     for number, (left, top, right, bottom), mask in _areas(raster, None):
         shown = np.ones((bottom - top, right - left), bool) if mask is None else mask > 0
@@ -100,7 +100,7 @@ def test_the_mean_of_the_parts_is_rounded_once(columns: int, rows: int) -> None:
 def test_the_boxes_of_texels_hold_what_is_sampled(pose: Pose) -> None:
     scene, rig = room(0), FixedRig(CAMERA, CameraMount(tilt=0.1, roll=0.05))
     R_world_camera, centre = rig.camera_pose(pose)
-    raster = rasterize(scene, View(320, 240, CAMERA.matrix, centre, R_world_camera))
+    raster = rasterize(scene, PinholeView(320, 240, CAMERA.matrix, centre, R_world_camera))
     areas = list(_areas(raster, None))
     sheets, maps = _sources(scene, raster, areas)
     boxes = list(_texel_boxes(raster, areas, sheets, maps))

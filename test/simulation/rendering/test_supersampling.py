@@ -10,7 +10,7 @@ from visual_servo_epipolar.core.cameras.pinhole import Camera
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.simulation.mounts.fixed import FixedRig
 from visual_servo_epipolar.simulation.mounts.mounting import CameraMount
-from visual_servo_epipolar.simulation.rendering.raster import rasterize, View
+from visual_servo_epipolar.simulation.rendering.raster import PinholeView, rasterize
 from visual_servo_epipolar.simulation.rendering.sampling import shade
 from visual_servo_epipolar.simulation.rendering.textures import LENS_SIGMA
 from visual_servo_epipolar.simulation.rooms.scene import room
@@ -29,14 +29,14 @@ SIGMA = 0.36  # blur of the reference [px]; textures add their own: LENS_SIGMA i
 BOUNDS = {'level': 2.28, 'upright': 2.8}
 
 
-def view(pose: Pose, times: int, border: int) -> View:
+def view(pose: Pose, times: int, border: int) -> PinholeView:
     """Return the view from ``pose`` in an image ``times`` as large, with a border [px]."""
     axes, centre = RIG.camera_pose(pose)
     intrinsics = CAMERA.matrix
     intrinsics[:2, :2] *= times
     intrinsics[:2, 2] = (intrinsics[:2, 2] + border + 0.5) * times - 0.5
     width, height = (times * (side + 2 * border) for side in (CAMERA.width, CAMERA.height))
-    return View(width, height, intrinsics, centre, axes)
+    return PinholeView(width, height, intrinsics, centre, axes)
 
 
 def reference(pose: Pose) -> np.ndarray:

@@ -28,7 +28,7 @@ import zstandard
 
 from visual_servo_epipolar.bags import containers
 from visual_servo_epipolar.bags.containers import ZSTD_MAGIC
-from visual_servo_epipolar.bags.reading.parts import ADVICE, bag_parts, Parts
+from visual_servo_epipolar.bags.reading.parts import ADVICE, bag_parts, BagParts
 from visual_servo_epipolar.bags.storages.mcap_file import profile
 from visual_servo_epipolar.bags.storages.opening import opened
 from visual_servo_epipolar.bags.storages.stored import (
@@ -76,7 +76,7 @@ OTHER_ADVICE = {
 
 
 @dataclass(frozen=True, slots=True)
-class Topic:
+class BagTopic:
     """Topic of a bag: its name, its type as package/msg/Name, how many messages it has."""
 
     name: str
@@ -109,7 +109,7 @@ class Bag(AbstractContextManager['Bag']):
     def __init__(self, path: Path) -> None:
         self.path = containers.bag_path(path)
         with intact(self.path), ExitStack() as stack:
-            parts: Parts = bag_parts(self.path)
+            parts: BagParts = bag_parts(self.path)
             self._files = [_open(item, stack) for item in parts.files]
             self._stack = stack.pop_all()
         stored = [item for file in self._files for item in file.topics]
@@ -176,8 +176,8 @@ class Bag(AbstractContextManager['Bag']):
                     'the bag is damaged, or convert it'
                 )
 
-    def _topics(self) -> dict[str, Topic]:
-        topics: dict[str, Topic] = {}
+    def _topics(self) -> dict[str, BagTopic]:
+        topics: dict[str, BagTopic] = {}
         for item in sorted(self._stored, key=attrgetter('topic')):
             earlier, kind = topics.get(item.topic), kind_of(item)
             if earlier is not None and earlier.kind != kind:
@@ -186,7 +186,7 @@ class Bag(AbstractContextManager['Bag']):
                     'topic must have one type'
                 )
             count = item.count + (0 if earlier is None else earlier.count)
-            topics[item.topic] = Topic(item.topic, kind, count)
+            topics[item.topic] = BagTopic(item.topic, kind, count)
         return topics
 
 

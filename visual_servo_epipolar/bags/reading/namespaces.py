@@ -4,7 +4,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from visual_servo_epipolar.bags.reading.bag import Bag, Topic
+from visual_servo_epipolar.bags.reading.bag import Bag, BagTopic
 from visual_servo_epipolar.core.errors import InputError
 
 # What only tracker and servo publish; others have images, commands and tracks as well.
@@ -85,7 +85,7 @@ def robot_namespaces(bag: Bag) -> list[str]:
     return _publishing(bag.topics.values(), OWN) or _publishing(bag.topics.values(), TRACKS)
 
 
-def _publishing(topics: Iterable[Topic], endings: Mapping[str, str]) -> list[str]:
+def _publishing(topics: Iterable[BagTopic], endings: Mapping[str, str]) -> list[str]:
     return sorted(
         {
             item.name.removesuffix(f'/{ending}')

@@ -12,14 +12,14 @@ ADVICE = 'the bag is damaged or was left open by a crash; try --repair'
 
 
 @dataclass(frozen=True, slots=True)
-class Parts:
+class BagParts:
     """Parts of a bag in their order, and notes on what of it is not read."""
 
     files: list[Path]
     notes: list[str]
 
 
-def bag_parts(path: Path) -> Parts:
+def bag_parts(path: Path) -> BagParts:
     """
     Return the storage files of a bag.
 
@@ -37,19 +37,19 @@ def bag_parts(path: Path) -> Parts:
         if path.stat().st_size == 0:
             raise InputError(f'{path}: it is empty, nothing was recorded; give another bag')
         containers.container(path)
-        return Parts([path], [])
+        return BagParts([path], [])
     files, pending = containers.storage_files(path), containers.left_open(path)
     notes = [
         f'left open by a crash and not read: {item.relative_to(path)}; --repair completes it'
         for item in pending
     ]
     if (path / metadata.FILE).is_file():
-        return Parts(_listed(path, files), notes)
+        return BagParts(_listed(path, files), notes)
     if not files and pending:
         raise InputError(f'{path}: it was left open by a crash, in its first file; try --repair')
     if not files:
         raise _no_bag(path)
-    return Parts(files, notes)
+    return BagParts(files, notes)
 
 
 def _no_bag(folder: Path) -> InputError:

@@ -8,7 +8,7 @@ from itertools import product
 from pathlib import Path
 from typing import TypeVar
 
-from visual_servo_epipolar.bags.reading.bag import Bag, RecordedMessage, Topic
+from visual_servo_epipolar.bags.reading.bag import Bag, BagTopic, RecordedMessage
 from visual_servo_epipolar.bags.reading.namespaces import Namespace
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
@@ -45,7 +45,7 @@ class Recording:
     used there is the reason; all are there for images that are rectified, or cropped, or not.
     """
 
-    topics: Mapping[str, Topic]
+    topics: Mapping[str, BagTopic]
     namespace: Namespace | None = None
     cameras: dict[tuple[bool, bool], list[tuple[int | None, CameraModel | str]]] = field(
         default_factory=lambda: {kind: [] for kind in product((False, True), (False, True))}
@@ -78,7 +78,7 @@ class Recording:
 class StampSequence:
     """Sequence of stamps of a topic: they must advance; messages of one stamp are numbered."""
 
-    def __init__(self, path: Path, topic: Topic) -> None:
+    def __init__(self, path: Path, topic: BagTopic) -> None:
         self._where, self._counts = f'{path}: stamps of {topic.name}', Counter[int]()
         self._last: int | None = None
 
@@ -130,7 +130,7 @@ def usable(path: Path, item: RecordedMessage) -> Iterator[None]:
 
 
 def read_run(
-    bag: Bag, topics: Mapping[str, Topic], namespace: Namespace | None = None
+    bag: Bag, topics: Mapping[str, BagTopic], namespace: Namespace | None = None
 ) -> Recording:
     """
     Read all but the images of a bag; raises InputError for what cannot be used.

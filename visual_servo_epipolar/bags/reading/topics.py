@@ -5,7 +5,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from visual_servo_epipolar.bags.reading.bag import Bag, Topic
+from visual_servo_epipolar.bags.reading.bag import Bag, BagTopic
 from visual_servo_epipolar.bags.reading.namespaces import Namespace
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.messages.settings_text import from_text
@@ -50,7 +50,7 @@ DERIVED_IMAGES = ('desired/', 'overlay/')  # images that are not straight from a
 
 def assigned(
     bag: Bag, requested: Mapping[str, str], namespace: Namespace | None = None
-) -> dict[str, Topic]:
+) -> dict[str, BagTopic]:
     """
     Return the topic of each role that the bag has one for.
 
@@ -67,11 +67,11 @@ def assigned(
         If a topic is not there, has a type that its role cannot use, or if there is a choice.
 
     """
-    topics: dict[str, Topic] = {}
+    topics: dict[str, BagTopic] = {}
     for role in ROLES:
         name = requested.get(role)
         if name is not None:
-            topic: Topic | None = _requested(bag, role, name)
+            topic: BagTopic | None = _requested(bag, role, name)
         else:
             topic = _inferred_in(bag, role, topics, namespace)
         if topic is not None:
@@ -81,7 +81,7 @@ def assigned(
     return topics
 
 
-def _as_transported(bag: Bag, topics: Mapping[str, Topic]) -> Topic:
+def _as_transported(bag: Bag, topics: Mapping[str, BagTopic]) -> BagTopic:
     """Return the topic of the images that the tracker took, where they came raw and compressed."""
     image, settings = topics['image'], topics.get('tracker_settings')
     compressed = bag.topics.get(f'{image.name}/compressed')
@@ -94,7 +94,7 @@ def _as_transported(bag: Bag, topics: Mapping[str, Topic]) -> Topic:
     return image
 
 
-def camera_note(bag: Bag, topics: Mapping[str, Topic]) -> str:
+def camera_note(bag: Bag, topics: Mapping[str, BagTopic]) -> str:
     """
     Return what to note of a camera_info from another namespace than its images, or ''.
 
@@ -118,7 +118,7 @@ def camera_note(bag: Bag, topics: Mapping[str, Topic]) -> str:
     )
 
 
-def _frame(bag: Bag, topic: Topic) -> str:
+def _frame(bag: Bag, topic: BagTopic) -> str:
     """Return the frame_id of the first message of a topic, without the slash of ROS 1."""
     first = next(iter(bag.messages([topic.name])), None)
     return '' if first is None else str(first.message.header.frame_id).lstrip('/')
@@ -137,7 +137,7 @@ def parse(words: Iterable[str]) -> dict[str, str]:
     return requested
 
 
-def _requested(bag: Bag, role: str, name: str) -> Topic:
+def _requested(bag: Bag, role: str, name: str) -> BagTopic:
     topic = bag.topics.get(name) or bag.topics.get(f'/{name}')
     if topic is None:
         names = ', '.join(bag.topics) or 'no topics at all'
@@ -151,8 +151,8 @@ def _requested(bag: Bag, role: str, name: str) -> Topic:
 
 
 def _inferred_in(
-    bag: Bag, role: str, topics: Mapping[str, Topic], namespace: Namespace | None
-) -> Topic | None:
+    bag: Bag, role: str, topics: Mapping[str, BagTopic], namespace: Namespace | None
+) -> BagTopic | None:
     """Return the topic of a role in a namespace, or else one that it may share."""
     everything = list(bag.topics.values())
     if namespace is None:
@@ -163,8 +163,8 @@ def _inferred_in(
 
 
 def _inferred(
-    bag: Bag, role: str, topics: Mapping[str, Topic], choice: Iterable[Topic]
-) -> Topic | None:
+    bag: Bag, role: str, topics: Mapping[str, BagTopic], choice: Iterable[BagTopic]
+) -> BagTopic | None:
     """Return the topic of a fitting type that has the first of the role's names in use."""
     candidates = [
         item
@@ -186,11 +186,11 @@ def _inferred(
     return candidates[0] if role in ('image', 'camera_info') and len(candidates) == 1 else None
 
 
-def _is_drawn(topic: Topic) -> bool:
+def _is_drawn(topic: BagTopic) -> bool:
     return any(f'/{part}' in f'/{topic.name}' for part in DERIVED_IMAGES)
 
 
-def _beside(image: Topic, infos: list[Topic], *, or_all: bool = True) -> list[Topic]:
+def _beside(image: BagTopic, infos: list[BagTopic], *, or_all: bool = True) -> list[BagTopic]:
     """Return the camera_info in the namespace of ``image``; if there is none, all or none."""
     space = image.name.removesuffix('/compressed').rpartition('/')[0]
     beside = [item for item in infos if item.name.rpartition('/')[0] == space]

@@ -31,12 +31,12 @@ from visual_servo_epipolar.report.page import (
     drawn,
     FILE,
     film,
+    Headline,
     jpeg,
     linked_film,
     paragraph,
     Section,
     strip,
-    Verdict,
     write_page,
 )
 from visual_servo_epipolar.report.run_file import FILE as RUN_FILE
@@ -119,7 +119,7 @@ def title_of(log: RunLog) -> str:
     return f'Run from x {x:g} m, y {y:g} m, heading {heading:+g} deg, law {log.law}'
 
 
-def verdict_of(result: Mapping[str, Any]) -> Verdict:
+def verdict_of(result: Mapping[str, Any]) -> Headline:
     """Return the verdict on a run: outcome, duration, errors."""
     arrived = result['outcome'] == 'arrived'
     text = f'{result["outcome"].capitalize()} after {result["duration_s"]:.1f} s'
@@ -128,7 +128,7 @@ def verdict_of(result: Mapping[str, Any]) -> Verdict:
             f', {1e3 * result["position_error_m"]:.1f} mm and '
             f'{result["heading_error_deg"]:+.2f} deg from the goal'
         )
-    return Verdict(text, arrived, '' if arrived else result['reason'])
+    return Headline(text, arrived, '' if arrived else result['reason'])
 
 
 def path_sections(log: RunLog) -> list[Section]:

@@ -18,7 +18,7 @@ REPEAT_S = 30.0
 
 
 @dataclass(frozen=True, slots=True)
-class Kind:
+class InputKind:
     """Kind of input: in words; what to do about its QoS; whether one message is enough."""
 
     what: str
@@ -29,11 +29,11 @@ class Kind:
 COMPRESSED = '/compressed'  # what image_transport puts after the name of the images
 ANY_DRIVER = 'set camera_reliability: auto'
 KINDS = {
-    'image_raw': Kind('images', ANY_DRIVER),
-    f'image_raw{COMPRESSED}': Kind('images', ANY_DRIVER),
-    'camera_info': Kind('the calibration of the camera', ANY_DRIVER, once=True),
-    'tracks': Kind('tracks of features'),
-    'ground_truth': Kind('the pose of the simulated robot'),
+    'image_raw': InputKind('images', ANY_DRIVER),
+    f'image_raw{COMPRESSED}': InputKind('images', ANY_DRIVER),
+    'camera_info': InputKind('the calibration of the camera', ANY_DRIVER, once=True),
+    'tracks': InputKind('tracks of features'),
+    'ground_truth': InputKind('the pose of the simulated robot'),
 }
 
 
@@ -41,7 +41,7 @@ KINDS = {
 class Input:
     """Input: silent since it came last, or since that was said; ``patience_s`` until it is."""
 
-    kind: Kind
+    kind: InputKind
     topic: str
     subscription: Subscription
     since_ns: int

@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.processes import begun, context, hurry, work_beside
-from visual_servo_epipolar.report.images.map_view import Bounds
+from visual_servo_epipolar.report.images.map_view import MapBounds
 from visual_servo_epipolar.report.images.picture import picture
 from visual_servo_epipolar.report.images.video import part_of, VideoWriter, view_size
 
@@ -45,7 +45,7 @@ class Film(AbstractContextManager['Film']):
 
     """
 
-    def __init__(self, path: Path, fps: float, *, bounds: Bounds, camera: CameraModel) -> None:
+    def __init__(self, path: Path, fps: float, *, bounds: MapBounds, camera: CameraModel) -> None:
         self._path, self._camera = path, camera
         beside = context()
         there, self._here = beside.Pipe()
@@ -157,7 +157,7 @@ def _draw(
     free: Semaphore,
     path: Path,
     fps: float,
-    bounds: Bounds,
+    bounds: MapBounds,
     camera: CameraModel,
 ) -> None:
     """Write the video of the steps that come; an end without a word means that there is none."""

@@ -37,7 +37,7 @@ GRID_STEPS = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 50.0)  # [m]
 
 
 @dataclass(frozen=True, slots=True)
-class Bounds:
+class MapBounds:
     """Bounds of the map in the plane [m]: the robot's axle is to stay inside."""
 
     x_min: float
@@ -54,7 +54,7 @@ class Bounds:
             )
 
     @classmethod
-    def around(cls, start: Pose) -> 'Bounds':
+    def around(cls, start: Pose) -> 'MapBounds':
         """Build bounds that hold the start and the goal."""
         return cls(min(start.x, 0.0), max(start.x, 0.0), min(start.y, 0.0), max(start.y, 0.0))
 
@@ -62,7 +62,7 @@ class Bounds:
         """Whether the axle of the robot at ``pose`` is inside."""
         return self.x_min <= pose.x <= self.x_max and self.y_min <= pose.y <= self.y_max
 
-    def grown(self, pose: Pose) -> 'Bounds':
+    def grown(self, pose: Pose) -> 'MapBounds':
         """Return bounds that hold ``pose`` too, with a margin so as not to grow at each step."""
         margin = 0.1 * max(self.x_max - self.x_min, self.y_max - self.y_min, 1.0)
         return replace(
@@ -81,7 +81,9 @@ class MapView:
     ``height`` is that of the picture [px]; its width is ``WIDTH``.
     """
 
-    def __init__(self, bounds: Bounds, height: int, field_of_view: float = FIELD_OF_VIEW) -> None:
+    def __init__(
+        self, bounds: MapBounds, height: int, field_of_view: float = FIELD_OF_VIEW
+    ) -> None:
         self._bounds, self._height, self._field_of_view = bounds, height, field_of_view
         self._samples: list[Sample] = []
         self._fit()

@@ -9,7 +9,7 @@ from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.servo.run_log import Sample
 from visual_servo_epipolar.report.images.drawing import Resized
 from visual_servo_epipolar.report.images.encoders import open_encoder, WHAT_TO_INSTALL
-from visual_servo_epipolar.report.images.map_view import Bounds, MapView, WIDTH
+from visual_servo_epipolar.report.images.map_view import MapBounds, MapView, WIDTH
 
 HEIGHT = 720  # of the video [px]
 
@@ -59,7 +59,7 @@ class VideoWriter:
         fps: float,
         *,
         image_size: tuple[int, int],
-        bounds: Bounds,
+        bounds: MapBounds,
         stride: int = 1,
     ) -> None:
         if not (math.isfinite(fps) and fps > 0.0 and stride >= 1 and min(image_size) >= 1):

@@ -15,7 +15,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.processes import begun, context, is_forked
 from visual_servo_epipolar.simulation.rendering.edges import mixing, smooth_edges
-from visual_servo_epipolar.simulation.rendering.raster import Raster, rasterize, View
+from visual_servo_epipolar.simulation.rendering.raster import PinholeView, Raster, rasterize
 from visual_servo_epipolar.simulation.rendering.sampling import shade, textured
 from visual_servo_epipolar.simulation.rendering.strips import Strip
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
@@ -106,7 +106,7 @@ class Assistant(AbstractContextManager['Assistant']):
         self._ready = self._ready or self._awaited()
         return self._ready
 
-    def begin(self, view: View) -> bool:
+    def begin(self, view: PinholeView) -> bool:
         """Let the process draw its share of ``view``; return whether it does."""
         # Of a view that was never finished, what comes next would be taken for this one's.
         self._lost = self._lost or self._asks
@@ -138,7 +138,7 @@ class Assistant(AbstractContextManager['Assistant']):
         cv2.bitwise_or(image, _image(self._pixels, image.shape), dst=image)
         return True
 
-    def _ask(self, what: tuple[View, float] | None) -> None:
+    def _ask(self, what: tuple[PinholeView, float] | None) -> None:
         """Hand over ``what`` there is to draw, or None to end it."""
         # As a whole: the order of a matrix in memory decides on the last bits of its products.
         message = pickle.dumps(what)
@@ -207,7 +207,7 @@ def _is_asked(asked: Semaphore) -> bool:
     return True
 
 
-def draw(scene: Scene, view: View, assistant: Assistant | None = None) -> Image:
+def draw(scene: Scene, view: PinholeView, assistant: Assistant | None = None) -> Image:
     """Return the image of ``scene``, shape (H, W), the same to the last bit with an assistant."""
     if assistant is None or not assistant.begin(view):
         return shade(scene, view, rasterize(scene, view))

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image, IntArray
-from visual_servo_epipolar.simulation.rendering.raster import NEAR, Raster, View
+from visual_servo_epipolar.simulation.rendering.raster import NEAR, PinholeView, Raster
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 
 REACH = 2  # pixels looked at on either side of an edge
@@ -41,7 +41,7 @@ class Slivers(NamedTuple):
     shares: tuple[FloatArray, FloatArray, FloatArray]  # how much of each a pixel takes
 
 
-def mixing(scene: Scene, view: View, raster: Raster) -> Mixing:
+def mixing(scene: Scene, view: PinholeView, raster: Raster) -> Mixing:
     """
     Choose the pixels that an edge cuts, and from what to mix them.
 
@@ -128,7 +128,7 @@ def _mixed(flat: Image, slivers: Slivers) -> tuple[IntArray, FloatArray]:
     return slivers.pixels, np.rint(before * left + after * right + rest * inside)
 
 
-def crossed(scene: Scene, view: View, raster: Raster) -> Crossings:
+def crossed(scene: Scene, view: PinholeView, raster: Raster) -> Crossings:
     """Walk along all edges of the surfaces in view."""
     ends, owners = _edges(scene, view, raster.shown)
     delta = ends[:, 1] - ends[:, 0]
@@ -163,7 +163,7 @@ def crossed(scene: Scene, view: View, raster: Raster) -> Crossings:
     return Crossings(pixels, (inward * step).take(edge), 0.5 - crossing, owners.take(edge))
 
 
-def _edges(scene: Scene, view: View, shown: IntArray) -> tuple[FloatArray, IntArray]:
+def _edges(scene: Scene, view: PinholeView, shown: IntArray) -> tuple[FloatArray, IntArray]:
     """Return the ends of all edges ahead of the camera, shape (E, 2, 2) [px], and their owners."""
     corners = view.to_camera(scene.corners[shown])
     ends = np.stack([corners, np.roll(corners, -1, axis=1)], axis=2).reshape(-1, 2, 3)

@@ -9,7 +9,7 @@ from visual_servo_epipolar.core.arrays import FloatArray, Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.simulation.mounts.simulated_rig import CameraPose
 from visual_servo_epipolar.simulation.rendering.assistant import Assistant, draw
-from visual_servo_epipolar.simulation.rendering.raster import View
+from visual_servo_epipolar.simulation.rendering.raster import PinholeView
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 
 BORDER = 5.0  # beyond what is shown: the sampling reaches four pixels out [px]
@@ -57,7 +57,7 @@ class Faces:
         """Return the image, shape (H, W); black where the lens sees nothing."""
         image: Image = np.zeros((self._camera.height, self._camera.width), dtype=np.uint8)
         for face in self._faces:
-            view = View(
+            view = PinholeView(
                 *face.size, face.intrinsics, pose.centre, pose.R_world_camera @ face.R_camera_face
             )
             ideal = draw(scene, view, assistant)

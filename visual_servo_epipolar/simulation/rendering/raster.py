@@ -33,7 +33,7 @@ SECTIONS = (-0.33, 0.33)  # x / z at which the strips of floor and ceiling are c
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class PinholeView:
     """An ideal pinhole somewhere in the world: image size, intrinsics [px], where it is."""
 
     width: int
@@ -81,7 +81,7 @@ class Raster:
     maps: FloatArray  # their maps from pixels to (a w, b w, w) of origin + a u + b v, (S, 3, 3)
 
 
-def rasterize(scene: Scene, view: View) -> Raster:
+def rasterize(scene: Scene, view: PinholeView) -> Raster:
     """Paint the numbers of the strips of all surfaces from back to front."""
     shown, polygons, thin = _polygons(scene, view)
     maps = _unprojections(scene, view, shown)
@@ -102,7 +102,9 @@ def rasterize(scene: Scene, view: View) -> Raster:
     return Raster(ids, tuple(numbers), boxes, shown, thin, maps)
 
 
-def _parts(view: View, polygons: list[Polygon], level: list[bool], thin: list[bool]) -> Parts:
+def _parts(
+    view: PinholeView, polygons: list[Polygon], level: list[bool], thin: list[bool]
+) -> Parts:
     """Cut the polygons of surfaces, some of them ``level``, some ``thin``, and project them."""
     owners, sides, sizes = [], [], []
     corners: Polygon = []
@@ -124,7 +126,7 @@ def _parts(view: View, polygons: list[Polygon], level: list[bool], thin: list[bo
     return Parts(np.array(owners, np.int64), sides, pixels, np.cumsum(counts) - counts, counts)
 
 
-def _polygons(scene: Scene, view: View) -> tuple[IntArray, list[Polygon], BoolArray]:
+def _polygons(scene: Scene, view: PinholeView) -> tuple[IntArray, list[Polygon], BoolArray]:
     """Return surfaces in view, from back to front; what of them is in view; which are thin."""
     frustum = view.frustum()
     planes = np.array(frustum)
@@ -147,7 +149,7 @@ def _polygons(scene: Scene, view: View) -> tuple[IntArray, list[Polygon], BoolAr
     return np.array(shown, dtype=np.int64), polygons, np.array(breadths) < THIN
 
 
-def _unprojections(scene: Scene, view: View, shown: IntArray) -> FloatArray:
+def _unprojections(scene: Scene, view: PinholeView, shown: IntArray) -> FloatArray:
     corners = view.to_camera(scene.corners[shown])
     origin = corners[:, 0]
     frames = np.stack([corners[:, 1] - origin, corners[:, 3] - origin, origin], axis=-1)
@@ -164,7 +166,7 @@ def _shortened(outline: Outline) -> Outline:
     ]
 
 
-def _boxes(view: View, parts: Parts, strips: IntArray, count: int) -> tuple[Box, ...]:
+def _boxes(view: PinholeView, parts: Parts, strips: IntArray, count: int) -> tuple[Box, ...]:
     """Return for each of ``count`` strips the pixels that its parts may touch."""
     if not count:
         return ()

@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.geometry.rays import normalised
 from visual_servo_epipolar.simulation.mounts.simulated_rig import CameraPose, SimulatedRig
 from visual_servo_epipolar.simulation.rendering.assistant import Assistant, draw
 from visual_servo_epipolar.simulation.rendering.faces import Faces
-from visual_servo_epipolar.simulation.rendering.raster import NEAR, View
+from visual_servo_epipolar.simulation.rendering.raster import NEAR, PinholeView
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 
 Map: TypeAlias = NDArray[np.float32]
@@ -115,7 +115,7 @@ class _Canvas:
 
     def render(self, scene: Scene, pose: CameraPose, assistant: Assistant | None = None) -> Image:
         """Return the image, shape (H, W)."""
-        view = View(*self._size, self._intrinsics, pose.centre, pose.R_world_camera)
+        view = PinholeView(*self._size, self._intrinsics, pose.centre, pose.R_world_camera)
         image = draw(scene, view, assistant)
         if self._maps is None:
             return image

@@ -9,7 +9,7 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.simulation.rendering.surfaces import ROOM, Surface
 from visual_servo_epipolar.simulation.rendering.textures import Texture
-from visual_servo_epipolar.simulation.rooms.textures import fractal_grain, Sheet
+from visual_servo_epipolar.simulation.rooms.textures import fractal_grain, Painting
 
 LEFT, RIGHT, REAR, HEIGHT = -5.5, 5.5, -13.0, 2.8  # the shell [m]
 DENSITY = 250.0  # texels a metre on furniture
@@ -17,8 +17,8 @@ AMBIENT = 0.75  # share of the light that comes from everywhere
 LAMP_POWER = 1.9
 LIGHT_STEP = 0.15  # spacing of the points where the light is computed [m]
 
-Painter = Callable[[Sheet], None]
-Material = Callable[[Sheet, float], None]
+Painter = Callable[[Painting], None]
+Material = Callable[[Painting, float], None]
 
 
 @dataclass(frozen=True)
@@ -121,7 +121,7 @@ class Builder:
     ) -> None:
         origin, edge_u, edge_v = frame
         width, height = float(np.linalg.norm(edge_u)), float(np.linalg.norm(edge_v))
-        sheet = Sheet(width, height, density, self.rng, self._grain)
+        sheet = Painting(width, height, density, self.rng, self._grain)
         paint(sheet)
         points = (
             origin + _grid(width)[None, :, None] * edge_u + _grid(height)[:, None, None] * edge_v

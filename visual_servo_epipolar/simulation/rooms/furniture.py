@@ -4,10 +4,10 @@ import numpy as np
 
 from visual_servo_epipolar.simulation.rooms.materials import wear
 from visual_servo_epipolar.simulation.rooms.pictures import books, lettering, poster, tone
-from visual_servo_epipolar.simulation.rooms.textures import Sheet
+from visual_servo_epipolar.simulation.rooms.textures import Painting
 
 
-def timber(sheet: Sheet, grey: float) -> None:
+def timber(sheet: Painting, grey: float) -> None:
     """Veneer a sheet with wood that runs along its longer side."""
     sheet.fill(grey)
     along_x = sheet.width > sheet.height
@@ -16,7 +16,7 @@ def timber(sheet: Sheet, grey: float) -> None:
     sheet.frame(0.0, 0.0, sheet.width, sheet.height, line=0.012, grey=grey - 30.0)
 
 
-def bookcase(sheet: Sheet, grey: float) -> None:
+def bookcase(sheet: Painting, grey: float) -> None:
     """Fill the front of a case with rows of books."""
     timber(sheet, grey)
     y, board = 0.05, 0.035
@@ -27,7 +27,7 @@ def bookcase(sheet: Sheet, grey: float) -> None:
     sheet.roughen(3.0)
 
 
-def cupboard(sheet: Sheet, grey: float) -> None:
+def cupboard(sheet: Painting, grey: float) -> None:
     """Close the front with doors and drawers that carry handles and labels."""
     timber(sheet, grey)
     columns = max(1, round(sheet.width / 0.55))
@@ -47,7 +47,7 @@ def cupboard(sheet: Sheet, grey: float) -> None:
     wear(sheet, 4.0)
 
 
-def crate(sheet: Sheet, grey: float) -> None:
+def crate(sheet: Painting, grey: float) -> None:
     """Nail a crate of slats, with stencilled letters and stickers."""
     sheet.fill(40.0)
     slat = float(sheet.rng.uniform(0.09, 0.15))
@@ -65,7 +65,7 @@ def crate(sheet: Sheet, grey: float) -> None:
     sheet.roughen(4.0)
 
 
-def noticeboard(sheet: Sheet, grey: float) -> None:
+def noticeboard(sheet: Painting, grey: float) -> None:
     """Pin posters of all sizes all over a board."""
     sheet.fill(grey)
     sheet.roughen(12.0)
@@ -80,7 +80,7 @@ def noticeboard(sheet: Sheet, grey: float) -> None:
     sheet.roughen(3.0)
 
 
-def pillar(sheet: Sheet, grey: float) -> None:
+def pillar(sheet: Painting, grey: float) -> None:
     """Cast a concrete pillar and stick a few notices to it."""
     sheet.fill(grey)
     sheet.roughen(14.0, zoom=(3.0, 3.0))

@@ -6,12 +6,12 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.simulation.rooms.pictures import door, poster, tone, window
-from visual_servo_epipolar.simulation.rooms.textures import Sheet
+from visual_servo_epipolar.simulation.rooms.textures import Painting
 
 WOOD_LENGTH = 12.0  # wood is stretched so much along the grain
 
 
-def planks(sheet: Sheet) -> None:
+def planks(sheet: Painting) -> None:
     """Lay wooden planks along y, each cut, toned and grained for itself."""
     sheet.fill(62.0)
     rng, density = sheet.rng, sheet.density
@@ -33,14 +33,14 @@ def planks(sheet: Sheet) -> None:
     sheet.roughen(5.0)
 
 
-def concrete(sheet: Sheet) -> None:
+def concrete(sheet: Painting) -> None:
     """Pour a floor with next to no texture."""
     sheet.fill(128.0)
     sheet.roughen(3.0, zoom=(6.0, 6.0))
     sheet.roughen(2.0)
 
 
-def wear(sheet: Sheet, amount: float) -> None:
+def wear(sheet: Painting, amount: float) -> None:
     """Scratch and stain the sheet, ``amount`` marks a square metre."""
     rng = sheet.rng
     for _ in range(int(amount * sheet.width * sheet.height)):
@@ -55,7 +55,7 @@ def wear(sheet: Sheet, amount: float) -> None:
             sheet.polygon(blot, tone(sheet, 50.0, 120.0))
 
 
-def rug(sheet: Sheet, x: float, y: float, width: float, height: float) -> None:
+def rug(sheet: Painting, x: float, y: float, width: float, height: float) -> None:
     """Lay a rug with a border of triangles and a field of lozenges, none alike."""
     sheet.rect(x, y, width, height, 88.0)
     sheet.frame(x + 0.08, y + 0.08, width - 0.16, height - 0.16, line=0.05, grey=185.0)
@@ -70,7 +70,7 @@ def rug(sheet: Sheet, x: float, y: float, width: float, height: float) -> None:
         _lozenge(sheet, x + (width - size) / 2.0, y + (height - size) / 2.0, size)
 
 
-def _lozenge(sheet: Sheet, x: float, y: float, size: float) -> None:
+def _lozenge(sheet: Painting, x: float, y: float, size: float) -> None:
     for share in (1.0, 0.62, 0.3):
         half, cx, cy = 0.5 * size * share, x + 0.5 * size, y + 0.5 * size
         tip = half * tone(sheet, 0.8, 1.2)
@@ -78,7 +78,7 @@ def _lozenge(sheet: Sheet, x: float, y: float, size: float) -> None:
         sheet.polygon(corners, tone(sheet, 40.0, 225.0))
 
 
-def ceiling(sheet: Sheet, lamps: list[tuple[float, float]], *, plain: bool = False) -> None:
+def ceiling(sheet: Painting, lamps: list[tuple[float, float]], *, plain: bool = False) -> None:
     """Hang panels of mineral fibre, each toned and pitted for itself, with vents and lamps."""
     rng, size = sheet.rng, 0.6
     sheet.fill(190.0)
@@ -102,7 +102,7 @@ def ceiling(sheet: Sheet, lamps: list[tuple[float, float]], *, plain: bool = Fal
     sheet.roughen(3.0 if plain else 6.0)
 
 
-def _fitting(sheet: Sheet, x: float, y: float, size: float) -> None:
+def _fitting(sheet: Painting, x: float, y: float, size: float) -> None:
     """Build a vent, a loudspeaker, or a stain into a ceiling panel."""
     kind = int(sheet.rng.integers(3))
     if kind == 0:
@@ -120,7 +120,7 @@ def _fitting(sheet: Sheet, x: float, y: float, size: float) -> None:
             )
 
 
-def wall(sheet: Sheet, *, fittings: str = '', pictures: float = 0.0) -> None:
+def wall(sheet: Painting, *, fittings: str = '', pictures: float = 0.0) -> None:
     """
     Paint a wall with skirting, cables and wear.
 
@@ -140,7 +140,7 @@ def wall(sheet: Sheet, *, fittings: str = '', pictures: float = 0.0) -> None:
     sheet.rect(0.0, sheet.height - 0.115, sheet.width, 0.015, 150.0)
 
 
-def _fit(sheet: Sheet, fitting: str, x: float, span: float) -> None:
+def _fit(sheet: Painting, fitting: str, x: float, span: float) -> None:
     middle, rng = x + 0.5 * span, sheet.rng
     if fitting == 'd':
         door(sheet, middle - 0.45, 0.9, 2.05)
@@ -163,7 +163,7 @@ def _fit(sheet: Sheet, fitting: str, x: float, span: float) -> None:
         sheet.disc(x + 0.145, sheet.height - 0.32, 0.025, 60.0)
 
 
-def _gallery(sheet: Sheet, pictures: float) -> None:
+def _gallery(sheet: Painting, pictures: float) -> None:
     """Hang pictures edge to edge and over each other all over the wall."""
     for _ in range(int(pictures * sheet.width * sheet.height)):
         width, height = sheet.rng.uniform(0.25, 1.0, 2)

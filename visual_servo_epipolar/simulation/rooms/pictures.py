@@ -4,22 +4,24 @@ import math
 
 import numpy as np
 
-from visual_servo_epipolar.simulation.rooms.textures import Sheet
+from visual_servo_epipolar.simulation.rooms.textures import Painting
 
 LETTERS = 'ABCDEFGHKLMNPRSTUVWXYZaeioustnr0123456789'
 
 
-def word(sheet: Sheet, length: int) -> str:
+def word(sheet: Painting, length: int) -> str:
     """Return random letters."""
     return ''.join(sheet.rng.choice(list(LETTERS), length))
 
 
-def tone(sheet: Sheet, low: float = 20.0, high: float = 240.0) -> float:
+def tone(sheet: Painting, low: float = 20.0, high: float = 240.0) -> float:
     """Return a random grey."""
     return float(sheet.rng.uniform(low, high))
 
 
-def lettering(sheet: Sheet, x: float, y: float, width: float, height: float, ink: float) -> None:
+def lettering(
+    sheet: Painting, x: float, y: float, width: float, height: float, ink: float
+) -> None:
     """Fill an area with a headline and paragraphs of text-like lines."""
     head = min(0.16 * height, 0.2 * width)
     sheet.text(word(sheet, max(2, int(width / head))), x, y + head, 0.8 * head, ink)
@@ -34,7 +36,7 @@ def lettering(sheet: Sheet, x: float, y: float, width: float, height: float, ink
         row += line * float(sheet.rng.choice([1.0, 1.0, 1.0, 1.9]))
 
 
-def shapes(sheet: Sheet, x: float, y: float, width: float, height: float) -> None:
+def shapes(sheet: Painting, x: float, y: float, width: float, height: float) -> None:
     """Fill an area with discs, bars and polygons of all sizes: abstract art."""
     rng = sheet.rng
     sheet.rect(x, y, width, height, tone(sheet))
@@ -53,7 +55,7 @@ def shapes(sheet: Sheet, x: float, y: float, width: float, height: float) -> Non
             sheet.polygon(outline, tone(sheet))
 
 
-def mosaic(sheet: Sheet, x: float, y: float, width: float, height: float) -> None:
+def mosaic(sheet: Painting, x: float, y: float, width: float, height: float) -> None:
     """Fill an area with a checker whose fields are light and dark, but no two alike."""
     columns = int(sheet.rng.integers(4, 9))
     cell = width / columns
@@ -65,7 +67,7 @@ def mosaic(sheet: Sheet, x: float, y: float, width: float, height: float) -> Non
             sheet.rect(x + column * cell, y + row * cell, cell, size, grey)
 
 
-def landscape(sheet: Sheet, x: float, y: float, width: float, height: float) -> None:
+def landscape(sheet: Painting, x: float, y: float, width: float, height: float) -> None:
     """Fill an area with a sky, a sun or moon, and ranges of hills getting darker."""
     rng, across = sheet.rng, np.linspace(0.0, 1.0, 60)
     for k, grey in enumerate(np.linspace(tone(sheet, 190.0, 240.0), tone(sheet, 130.0, 180.0), 8)):
@@ -84,7 +86,7 @@ def landscape(sheet: Sheet, x: float, y: float, width: float, height: float) -> 
         sheet.polygon(np.concatenate([ridge, corners]), 120.0 - 28.0 * k + tone(sheet, -10, 10))
 
 
-def poster(sheet: Sheet, x: float, y: float, width: float, height: float) -> None:
+def poster(sheet: Painting, x: float, y: float, width: float, height: float) -> None:
     """Hang a framed picture: text, abstract art, a mosaic, or a landscape with its title."""
     sheet.rect(x + 0.012, y + 0.018, width + 0.012, height + 0.012, 70.0)  # its shadow
     sheet.rect(x, y, width, height, float(sheet.rng.choice([25.0, 60.0, 215.0])))
@@ -105,7 +107,7 @@ def poster(sheet: Sheet, x: float, y: float, width: float, height: float) -> Non
         lettering(sheet, x, y + 0.8 * height, width, 0.2 * height, 40.0)
 
 
-def window(sheet: Sheet, x: float, y: float, width: float, height: float) -> None:
+def window(sheet: Painting, x: float, y: float, width: float, height: float) -> None:
     """Put a window with a view of hills and houses, mullions, and a sill."""
     sheet.rect(x - 0.06, y - 0.06, width + 0.12, height + 0.12, 225.0)
     landscape(sheet, x, y, width, height)
@@ -128,7 +130,7 @@ def window(sheet: Sheet, x: float, y: float, width: float, height: float) -> Non
     sheet.rect(x - 0.12, y + height + 0.1, width + 0.24, 0.02, 110.0)
 
 
-def door(sheet: Sheet, x: float, width: float, height: float) -> None:
+def door(sheet: Painting, x: float, width: float, height: float) -> None:
     """Put a door with panels, handle and sign, standing on the lower edge."""
     y, grey = sheet.height - height, tone(sheet, 85.0, 150.0)
     sheet.rect(x - 0.09, y - 0.09, width + 0.18, height + 0.09, grey - 45.0)
@@ -145,7 +147,7 @@ def door(sheet: Sheet, x: float, width: float, height: float) -> None:
     sheet.text(word(sheet, 5), x + 0.33 * width, y + 0.2 * height + 0.09, 0.06, 30.0)
 
 
-def books(sheet: Sheet, x: float, y: float, width: float, height: float) -> None:
+def books(sheet: Painting, x: float, y: float, width: float, height: float) -> None:
     """Stand books on a shelf whose board is at y + height; every book is its own."""
     rng, at = sheet.rng, x
     sheet.rect(x, y, width, height, 38.0)
@@ -159,7 +161,7 @@ def books(sheet: Sheet, x: float, y: float, width: float, height: float) -> None
         at += thick
 
 
-def _book(sheet: Sheet, box: tuple[float, float, float, float], grey: float) -> None:
+def _book(sheet: Painting, box: tuple[float, float, float, float], grey: float) -> None:
     x, y, thick, tall = box
     sheet.rect(x, y, thick, tall, grey - 40.0)
     sheet.rect(x + 0.003, y + 0.002, thick - 0.007, tall, grey)

@@ -8,7 +8,7 @@ import numpy as np
 from visual_servo_epipolar.simulation.rooms import furniture as c
 from visual_servo_epipolar.simulation.rooms import materials as m
 from visual_servo_epipolar.simulation.rooms.building import Builder, Furniture
-from visual_servo_epipolar.simulation.rooms.textures import Sheet
+from visual_servo_epipolar.simulation.rooms.textures import Painting
 
 CONTRAST, MEAN = 0.25, 150.0  # share of the usual contrast that is left, around this grey
 
@@ -40,7 +40,7 @@ def furnish(builder: Builder) -> None:
 def faded(paint: Callable[..., None]) -> Callable[..., None]:
     """Return the painter that leaves CONTRAST of what ``paint`` paints."""
 
-    def painter(sheet: Sheet, *grey: float) -> None:
+    def painter(sheet: Painting, *grey: float) -> None:
         paint(sheet, *grey)
         offset = (1.0 - CONTRAST) * MEAN
         sheet.pixels = np.asarray(cv2.convertScaleAbs(sheet.pixels, alpha=CONTRAST, beta=offset))
@@ -48,16 +48,16 @@ def faded(paint: Callable[..., None]) -> Callable[..., None]:
     return painter
 
 
-def _wall(fittings: str) -> Callable[[Sheet], None]:
+def _wall(fittings: str) -> Callable[[Painting], None]:
     return lambda sheet: m.wall(sheet, fittings=fittings)
 
 
-def _ceiling(sheet: Sheet) -> None:
+def _ceiling(sheet: Painting) -> None:
     sheet.fill(205.0)
     sheet.roughen(2.0, zoom=(7.0, 7.0))
 
 
-def _smooth(sheet: Sheet, grey: float) -> None:
+def _smooth(sheet: Painting, grey: float) -> None:
     """Paint a side without a mark."""
     sheet.fill(grey)
     sheet.roughen(2.0)

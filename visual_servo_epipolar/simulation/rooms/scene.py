@@ -11,7 +11,7 @@ from visual_servo_epipolar.simulation.rooms import furniture as c
 from visual_servo_epipolar.simulation.rooms import materials as m
 from visual_servo_epipolar.simulation.rooms import plain
 from visual_servo_epipolar.simulation.rooms.building import Builder, Furniture, LEFT, REAR, RIGHT
-from visual_servo_epipolar.simulation.rooms.textures import Sheet
+from visual_servo_epipolar.simulation.rooms.textures import Painting
 
 KINDS = ('room', 'wall', 'plain')
 END = {'room': 8.0, 'wall': 5.0, 'plain': 8.0}  # how far the front wall is from the goal [m]
@@ -98,13 +98,13 @@ def _walled(builder: Builder) -> None:
     builder.ceiling(lambda sheet: m.ceiling(sheet, _on_ceiling(builder), plain=True))
 
 
-def _wall(fittings: str, rng: np.random.Generator) -> Callable[[Sheet], None]:
+def _wall(fittings: str, rng: np.random.Generator) -> Callable[[Painting], None]:
     """Return the painter of a wall whose fittings come in a random order."""
     order = ''.join(rng.permutation(list(fittings)))
     return lambda sheet: m.wall(sheet, fittings=order)
 
 
-def _floor(sheet: Sheet) -> None:
+def _floor(sheet: Painting) -> None:
     """Lay planks, and rugs down the middle of the room; the front wall is at the upper edge."""
     m.planks(sheet)
     for y in (4.0, 9.5, 15.0):

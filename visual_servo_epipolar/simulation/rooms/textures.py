@@ -31,7 +31,7 @@ def fractal_grain(rng: np.random.Generator, *, slope: float = 1.0, finest: float
     return np.asarray(grain, dtype=np.uint8)
 
 
-class Sheet:
+class Painting:
     """
     A rectangle being painted: lengths in metres from the upper left corner, grey in 0..255.
 

@@ -9,7 +9,7 @@ from visual_servo_epipolar.core.laws.registry import law_named
 from visual_servo_epipolar.evaluation.benchmarks.arrivals.driven_plans import summaries_of
 from visual_servo_epipolar.evaluation.tables import markdown, number, numbers
 from visual_servo_epipolar.simulation.scenario import Scenario
-from visual_servo_epipolar.sweeping.plan import Plan
+from visual_servo_epipolar.sweeping.plan import SweepPlan
 from visual_servo_epipolar.sweeping.provenance import commit
 
 REGIONS = ('front', 'beside', 'anywhere')
@@ -51,7 +51,7 @@ def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]
     scenario = Scenario()
     scenario = replace(scenario, run=replace(scenario.run, max_duration=LONGEST_S))
     plans = [
-        Plan(
+        SweepPlan(
             region=region,
             runs=starts,
             source='features',

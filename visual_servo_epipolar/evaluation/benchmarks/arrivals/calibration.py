@@ -10,9 +10,9 @@ from visual_servo_epipolar.simulation.closed_loop import run_many
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import Scenario
 from visual_servo_epipolar.simulation.views import points_of
-from visual_servo_epipolar.sweeping.statistics import quantile
 from visual_servo_epipolar.sweeping.summary import (
     arrived,
+    quantile,
     wrong,
     WRONG_HEADING_DEG,
     WRONG_POSITION_M,

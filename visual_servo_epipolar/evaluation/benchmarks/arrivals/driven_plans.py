@@ -5,11 +5,11 @@ from typing import Any
 
 from visual_servo_epipolar.processes import cores
 from visual_servo_epipolar.sweeping.local import local_workers
-from visual_servo_epipolar.sweeping.plan import Plan
+from visual_servo_epipolar.sweeping.plan import SweepPlan
 from visual_servo_epipolar.sweeping.summary import summary_of
 
 
-def summaries_of(plans: Sequence[Plan], say: Callable[[str], None]) -> list[dict[str, Any]]:
+def summaries_of(plans: Sequence[SweepPlan], say: Callable[[str], None]) -> list[dict[str, Any]]:
     """Return the summary of each law of each plan, without its runs."""
     results: dict[tuple[int, str], dict[int, dict[str, Any]]] = {
         (number, law): {} for number, plan in enumerate(plans) for law in plan.laws

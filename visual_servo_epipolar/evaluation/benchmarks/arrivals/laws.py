@@ -12,7 +12,7 @@ from visual_servo_epipolar.simulation.closed_loop import run as drive
 from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import Scenario
 from visual_servo_epipolar.simulation.views import points_of
-from visual_servo_epipolar.sweeping.statistics import quantile
+from visual_servo_epipolar.sweeping.summary import quantile
 
 REGIONS = ('front', 'beside')
 STARTS, QUICK_STARTS = 20, 1

@@ -17,7 +17,7 @@ from visual_servo_epipolar.evaluation.benchmarks.arrivals.mount_cells import (
     on_images,
 )
 from visual_servo_epipolar.evaluation.tables import markdown, number, numbers
-from visual_servo_epipolar.sweeping.plan import Plan
+from visual_servo_epipolar.sweeping.plan import SweepPlan
 from visual_servo_epipolar.sweeping.provenance import commit
 
 REGION, LAW = 'front', 'full'
@@ -53,7 +53,7 @@ def measured(
     """Return the document of ``cells``: a row each."""
     cells = list(cells)
     plans = [
-        Plan(
+        SweepPlan(
             region=REGION,
             runs=starts,
             source=source,

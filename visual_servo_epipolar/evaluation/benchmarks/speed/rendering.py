@@ -24,7 +24,7 @@ from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.simulation.rendering.assistant import Assistant
 from visual_servo_epipolar.simulation.rendering.edges import mixing, smooth_edges
-from visual_servo_epipolar.simulation.rendering.raster import Raster, rasterize, View
+from visual_servo_epipolar.simulation.rendering.raster import PinholeView, Raster, rasterize
 from visual_servo_epipolar.simulation.rendering.sampling import textured
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 from visual_servo_epipolar.simulation.rooms.scene import room
@@ -128,7 +128,7 @@ class Stages:
         scene, camera = renderer.scene, simulator.settings
         R_world_camera, centre = renderer.rig.camera_pose(pose, frame)
         intrinsics = camera.camera.matrix
-        view = View(camera.width, camera.height, intrinsics, centre, R_world_camera)
+        view = PinholeView(camera.width, camera.height, intrinsics, centre, R_world_camera)
         raster, polygons = timed(rasterize, scene, view)
         image: Image = np.zeros((camera.height, camera.width), np.uint8)
         _, textures = timed(textured, scene, raster, image)
@@ -136,7 +136,7 @@ class Stages:
         return {'polygons': polygons, 'textures': textures, 'edges': edges}
 
 
-def mix_edges(image: Image, scene: Scene, view: View, raster: Raster) -> None:
+def mix_edges(image: Image, scene: Scene, view: PinholeView, raster: Raster) -> None:
     """Smooth the edges of ``image``, shape (H, W)."""
     smooth_edges(image, mixing(scene, view, raster))
 

@@ -1,0 +1,106 @@
+"""Sizes that a reader can take in, names that mean one thing; exceptions are listed here."""
+
+import ast
+from collections import Counter
+from functools import cache
+from pathlib import Path
+
+PACKAGE = Path(__file__).parents[2] / 'visual_servo_epipolar'
+MOST_LINES, MOST_FIELDS, MOST_FILES = 40, 12, 12
+# These lists only become shorter. Functions: so many lines at most.
+LONG_FUNCTIONS = {'remembered': 45, 'updated': 73}
+# Settings are flat, for ROS has them flat, and so are the members of an enumeration.
+LARGE_VALUES = {
+    'Event',
+    'Inspection',
+    'KeyframeMap',
+    'Kind',
+    'Law',
+    'MapLocalization',
+    'MapMeasurement',
+    'Measurement',
+    'Phase',
+    'Record',
+    'Recording',
+    'ServoState',
+    'Task',
+}
+FLAT = ('Settings', 'Circumstances')
+FULL_FOLDERS = {'core/laws', 'core/mapping', 'core/servo', 'core/tracking', 'nodes'}
+FULL_FOLDERS |= {'evaluation/faults/catalogue'}
+DOUBLE_NAMES = {
+    'Cell',
+    'Drive',
+    'Errors',
+    'Fit',
+    'Mount',
+    'Order',
+    'Place',
+    'Plan',
+    'Seen',
+    'Scene',
+    'Loop',
+    'Moment',
+    'Run',
+    'Start',
+    'Step',
+    'Trial',
+    'Truth',
+    'Window',
+    'World',
+}
+
+
+@cache
+def nodes() -> list[tuple[str, ast.AST]]:
+    """Return everything in the package, with the file it is in."""
+    return [
+        (str(path.relative_to(PACKAGE)), node)
+        for path in sorted(PACKAGE.rglob('*.py'))
+        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8')))
+    ]
+
+
+def lines_of(node: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    """Return how many lines a function has, without its docstring."""
+    text = node.body[0] if ast.get_docstring(node) else None
+    lines = (node.end_lineno or 0) - node.lineno + 1
+    return lines - ((text.end_lineno or 0) - text.lineno + 1 if text else 0)
+
+
+def test_a_function_has_at_most_40_lines() -> None:
+    long = [
+        (file, node.name, lines_of(node))
+        for file, node in nodes()
+        if isinstance(node, (ast.FunctionDef, ast.AsyncFunctionDef))
+        and lines_of(node) > LONG_FUNCTIONS.get(node.name, MOST_LINES)
+    ]
+    assert not long
+
+
+def test_a_value_has_at_most_twelve_fields() -> None:
+    large = [
+        (file, node.name)
+        for file, node in nodes()
+        if isinstance(node, ast.ClassDef)
+        and any('dataclass' in ast.unparse(item) for item in node.decorator_list)
+        and sum(isinstance(item, ast.AnnAssign) for item in node.body) > MOST_FIELDS
+        and node.name not in LARGE_VALUES
+        and not node.name.endswith(FLAT)
+    ]
+    assert not large
+
+
+def test_a_folder_has_at_most_twelve_files() -> None:
+    files = Counter(path.parent.relative_to(PACKAGE) for path in PACKAGE.rglob('*.py'))
+    full = {str(folder) for folder, count in files.items() if count > MOST_FILES}
+    assert full <= FULL_FOLDERS
+
+
+def test_a_class_name_occurs_once() -> None:
+    names = Counter(
+        node.name
+        for _, node in nodes()
+        if isinstance(node, ast.ClassDef) and not node.name.startswith('_')
+    )
+    assert {name for name, count in names.items() if count > 1} <= DOUBLE_NAMES
