@@ -30,7 +30,6 @@ FULL_FOLDERS = {'core/laws', 'core/mapping', 'core/servo', 'core/tracking', 'nod
 FULL_FOLDERS |= {'evaluation/faults/catalogue'}
 DOUBLE_NAMES = {
     'Cell',
-    'Drive',
     'Errors',
     'Fit',
     'Mount',
