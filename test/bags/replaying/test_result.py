@@ -36,7 +36,7 @@ TELEMETRY = {
 
 
 def steps_of(**counts: int) -> list[Step]:
-    phases = [Phase(name) for name, count in counts.items() for _ in range(count)]
+    phases = [Phase.known[name] for name, count in counts.items() for _ in range(count)]
     return [
         Step((number * PERIOD_NS, 0), number, phase, f'in {phase.value}', TELEMETRY)
         for number, phase in enumerate(phases)

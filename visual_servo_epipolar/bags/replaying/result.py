@@ -12,6 +12,7 @@ from visual_servo_epipolar.bags.reading.run import Recording
 from visual_servo_epipolar.bags.replaying.replay import Step
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.laws.phase import Phase
+from visual_servo_epipolar.core.servo.least_time import MotionLimits
 from visual_servo_epipolar.core.servo.run_log import RunLog, SETTLE_FRAMES, summarise
 from visual_servo_epipolar.core.servo.telemetry import sample
 
@@ -23,6 +24,9 @@ FROM_TRUTH = (
     'heading_error_deg',
     'path_length_m',
     'max_distance_ratio',
+    'standstills',
+    'least_time_s',
+    'time_ratio',
 )
 
 
@@ -41,7 +45,14 @@ def driven(steps: Sequence[Step]) -> Sequence[Step]:
     return steps[: count + SETTLE_FRAMES]
 
 
-def run_log(run: Recording, steps: Sequence[Step], *, seed: int, law: str) -> RunLog:
+def run_log(
+    run: Recording,
+    steps: Sequence[Step],
+    *,
+    seed: int,
+    law: str,
+    limits: MotionLimits | None = None,
+) -> RunLog:
     """
     Return the replay as the record of a run; without ground truth all poses are the goal's.
 
@@ -66,6 +77,7 @@ def run_log(run: Recording, steps: Sequence[Step], *, seed: int, law: str) -> Ru
         reason,
         int(last.telemetry['attempt']),
         law,
+        limits,
     )
 
 

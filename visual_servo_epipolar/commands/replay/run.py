@@ -47,6 +47,7 @@ from visual_servo_epipolar.commands.replay.text import in_words
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import InputError
+from visual_servo_epipolar.core.servo.least_time import MotionLimits
 from visual_servo_epipolar.core.servo.run_log import end_s, RunLog
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
 from visual_servo_epipolar.messages.settings_text import installed
@@ -77,7 +78,13 @@ class ReplayedBag:
     def log(self) -> RunLog:
         """The record of the replayed run."""
         servo = self.plan.servo[-1][1]
-        return run_log(self.run, self.steps, seed=servo.seed, law=servo.law_expression)
+        return run_log(
+            self.run,
+            self.steps,
+            seed=servo.seed,
+            law=servo.law_expression,
+            limits=MotionLimits.of(servo, backward=servo.retreat_speed),
+        )
 
     @cached_property
     def history(self) -> list[Happening]:

@@ -6,6 +6,9 @@ import math
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.laws.settings import ControlSettings
 
+BESIDE = (
+    0.65  # bearing off the goal's axis from which no way straight ahead keeps it in view [rad]
+)
 MOST_TURNED = 0.5  # heading error with which a robot beside the goal moves aside at most [rad]
 
 
@@ -36,12 +39,12 @@ def least_time(start: Pose, limits: MotionLimits) -> float:
     """
     Return T_0, the least time from ``start`` to the goal within ``limits`` [s].
 
-    From behind the goal it is that of the straight way, d_0 / v + v/2 (1/a + 1/b). Where that is
-    more than MOST_TURNED off the goal's axis, features would leave the view on it: the least way
-    is one back and one ahead, both as far aside as that heading error allows.
+    From behind the goal it is that of the straight way, d_0 / v + v/2 (1/a + 1/b). From more than
+    BESIDE off the goal's axis features would leave the view on it: the least way is one back and
+    one ahead, both as far aside as a heading error of MOST_TURNED leads.
     """
     behind, aside = -start.y, abs(start.x)
-    if aside <= behind * math.tan(MOST_TURNED):
+    if aside <= behind * math.tan(BESIDE):
         return limits.time(start.distance, limits.speed)
     ahead = behind / math.cos(MOST_TURNED)
     way = max(aside / math.sin(MOST_TURNED), abs(ahead))

@@ -13,9 +13,15 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.geometry.motion import HALF_PI, Pose, Twist
 from visual_servo_epipolar.core.laws.smooth.steering import curvature, Gains, polar_pose
+from visual_servo_epipolar.core.servo.run_log import RunLog
 from visual_servo_epipolar.core.servo.settings import ServoSettings
+from visual_servo_epipolar.evaluation.benchmarks.arrivals.peer_steps import as_step
+from visual_servo_epipolar.simulation.closed_loop import Loop
+from visual_servo_epipolar.simulation.run_monitor import LoopSettings
+from visual_servo_epipolar.simulation.view import View
 
 SLOWDOWN_M = 0.5  # slowdown_radius of Nav2 is 1.5 m, for 0.5 m/s and more
 POINTS = 200  # of a curve
@@ -44,6 +50,17 @@ def graceful(pose: Pose, settings: ServoSettings, gains: GracefulGains | None = 
     speed = settings.max_linear * min(1.0 / slow, at.distance / SLOWDOWN_M)
     speed = min(speed, settings.max_angular / max(abs(kappa), 1e-9))
     return Twist(speed, kappa * speed)
+
+
+def drive_gracefully(settings: LoopSettings, view: View, camera: CameraModel) -> RunLog:
+    """Drive by ``graceful`` from the start until the features match, and return the record."""
+    loop = Loop(settings, view, camera)
+    control = as_step(lambda *_: graceful(loop.pose, settings.servo))
+    while not loop.monitor.done:
+        loop.decide_by(control)
+        loop.record()
+        loop.drive()
+    return loop.monitor.log()
 
 
 def least_time(start: Pose, settings: ServoSettings) -> float:
