@@ -5,8 +5,8 @@ import pytest
 
 from visual_servo_epipolar.core.mapping.feature_observations import MapSettings
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
-from visual_servo_epipolar.evaluation.benchmarks.memory.study import two_views
 from visual_servo_epipolar.evaluation.benchmarks.memory.bound import Trial
+from visual_servo_epipolar.evaluation.benchmarks.memory.study import two_views
 
 RATIO = 1.4
 SURE = MapSettings(scale_deviation=1e-3)

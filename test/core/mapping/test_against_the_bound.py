@@ -2,8 +2,8 @@
 
 import pytest
 
-from visual_servo_epipolar.evaluation.benchmarks.memory.study import StudySettings
 from visual_servo_epipolar.evaluation.benchmarks.memory.bound import Errors, errors_of
+from visual_servo_epipolar.evaluation.benchmarks.memory.study import StudySettings
 
 TRIALS, FEW = 60, 16
 

@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 import sys
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 
 
 def environment(domain: int) -> dict[str, str]:
