@@ -14,7 +14,11 @@ import numpy as np
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.evaluation.benchmarks.tracking.benchmark import QUICK
-from visual_servo_epipolar.evaluation.benchmarks.tracking.world import approach, start_of, World
+from visual_servo_epipolar.evaluation.benchmarks.tracking.world import (
+    approach,
+    RenderedWorld,
+    start_of,
+)
 
 SCENES, FRAMES, STANDING = (101, 102, 103), 100, 5
 SIZES, FEATURES = ((320, 240), (640, 480)), (30, 60)
@@ -51,7 +55,7 @@ def _approach(size: tuple[int, int], scene: int, rows: dict[int, tuple[list, lis
         scene_seed=scene,
         seed=scene,
     )
-    world = World(camera)
+    world = RenderedWorld(camera)
     trackers = {}
     for count in rows:
         trackers[count] = Tracker(TrackerSettings(max_features=count, min_features=2 * count // 3))

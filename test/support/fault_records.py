@@ -5,16 +5,16 @@ import math
 
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
 from visual_servo_epipolar.evaluation.faults.judging.record import (
-    Bounds,
     Limits,
-    Order,
     Record,
-    Seen,
-    Truth,
+    SafetyBounds,
+    SeenTracks,
+    ServoCommand,
+    TrueMotion,
 )
 
 LIMITS = Limits(0.4, 0.5, 0.25, 1.2)
-BOUNDS = Bounds(sight_s=0.75, period_s=0.1)
+BOUNDS = SafetyBounds(sight_s=0.75, period_s=0.1)
 TICK_S = 0.02
 
 
@@ -37,12 +37,12 @@ def record(
     made, time_s = Record(phase=phase, why=['a reason']), 0.0
     for speed, duration in speeds:
         for _ in range(round(duration / TICK_S)):
-            made.truths.append(Truth(time_s, pose, Twist(speed, 0.0)))
+            made.truths.append(TrueMotion(time_s, pose, Twist(speed, 0.0)))
             pose, time_s = integrate(pose, Twist(speed, 0.0), TICK_S), time_s + TICK_S
-    made.truths.append(Truth(time_s, pose, STANDSTILL))
+    made.truths.append(TrueMotion(time_s, pose, STANDSTILL))
     taken = (0.1 * number for number in range(round(10 * time_s) + 1))
-    made.seen = [Seen(it + latency_s, it) for it in taken if it <= sight_until_s]
-    made.orders = [Order(0.1 * k, STANDSTILL, LIMITS) for k in range(3)]
+    made.seen = [SeenTracks(it + latency_s, it) for it in taken if it <= sight_until_s]
+    made.orders = [ServoCommand(0.1 * k, STANDSTILL, LIMITS) for k in range(3)]
     return made
 
 

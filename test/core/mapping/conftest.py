@@ -10,14 +10,14 @@ from visual_servo_epipolar.core.mapping.adjustment.factors import factors_of
 from visual_servo_epipolar.core.mapping.adjustment.window import EMPTY, Unknowns
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
 from visual_servo_epipolar.evaluation.benchmarks.memory.study import (
-    remembered,
+    map_after_drive,
     StudySettings,
-    Trial,
+    StudyTrial,
     trial,
 )
 
 
-def at_truth(drive: Trial, views: int = 14) -> Evaluation:
+def at_truth(drive: StudyTrial, views: int = 14) -> Evaluation:
     """Return the window of the first views of a drive at its true unknowns."""
     window = EMPTY
     for k in range(views):
@@ -31,7 +31,7 @@ def at_truth(drive: Trial, views: int = 14) -> Evaluation:
     )
 
 
-def noiseless(**changes: float) -> Trial:
+def noiseless(**changes: float) -> StudyTrial:
     """Return an exact drive on a level floor, though it is taken to be as others are."""
     drive = trial(StudySettings(noise=1e-9, wrong=0.0, scale_error=0.0, jitter=1e-9, **changes), 5)
     object.__setattr__(drive, 'settings', StudySettings(wrong=0.0, **changes))
@@ -39,30 +39,30 @@ def noiseless(**changes: float) -> Trial:
 
 
 @pytest.fixture(scope='session')
-def truth_of() -> Callable[[Trial, int], Evaluation]:
+def truth_of() -> Callable[[StudyTrial, int], Evaluation]:
     """Return what makes the window of the first views of a drive at its true unknowns."""
     return at_truth
 
 
 @pytest.fixture(scope='session')
-def exact_drive() -> Trial:
+def exact_drive() -> StudyTrial:
     """Return a drive without noise or wrong matches."""
     return noiseless()
 
 
 @pytest.fixture(scope='session')
-def exact(exact_drive: Trial) -> Evaluation:
+def exact(exact_drive: StudyTrial) -> Evaluation:
     """Return its window at the truth."""
     return at_truth(exact_drive)
 
 
 @pytest.fixture(scope='session')
-def drive() -> Trial:
+def drive() -> StudyTrial:
     """Return a drive with noise and wrong matches."""
     return trial(StudySettings(), 3)
 
 
 @pytest.fixture(scope='session')
-def memory(drive: Trial) -> KeyframeMap:
+def memory(drive: StudyTrial) -> KeyframeMap:
     """Return the memory at the end of it."""
-    return remembered(drive)
+    return map_after_drive(drive)

@@ -20,9 +20,9 @@ from visual_servo_epipolar.core.mapping.feature_observations import (
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap, MOST_REFUSED
 from visual_servo_epipolar.core.mapping.localization import MapLocalization
 from visual_servo_epipolar.evaluation.benchmarks.memory.study import (
-    remembered,
+    map_after_drive,
     StudySettings,
-    Trial,
+    StudyTrial,
     trial,
     two_views,
 )
@@ -30,7 +30,7 @@ from visual_servo_epipolar.evaluation.benchmarks.memory.study import (
 DEVIATIONS = 4.0
 
 
-def last_of(drive: Trial) -> int:
+def last_of(drive: StudyTrial) -> int:
     """Return the number of the last view."""
     return len(drive.views) - 1
 
@@ -59,7 +59,7 @@ def a_third_unshown(sightings: FeatureObservations) -> FeatureObservations:
     return FeatureObservations(sightings.ids, sightings.current, desired, sightings.noise)
 
 
-def standing(drive: Trial, place: tuple[float, float, float]) -> Trial:
+def standing(drive: StudyTrial, place: tuple[float, float, float]) -> StudyTrial:
     """Return the same scene, seen from one more place."""
     return trial(drive.settings, 3, np.vstack([drive.views[:, :3], place]))
 
@@ -69,7 +69,7 @@ def test_a_focal_length_that_is_wrong_is_found_out_on_the_way(drive, ratio) -> N
     camera = drive.settings.camera
     told = replace(camera, fx=ratio * camera.fx, fy=ratio * camera.fy)
     wrong = replace(drive, settings=replace(drive.settings, camera=told))
-    memory = remembered(wrong)
+    memory = map_after_drive(wrong)
     geometry, last = memory.geometry, last_of(wrong)
     deviation = float(np.linalg.norm(geometry.root[-SHARED + LENS]))
     assert deviation < 0.01
@@ -81,7 +81,7 @@ def test_a_focal_length_that_is_wrong_is_found_out_on_the_way(drive, ratio) -> N
 
 
 def test_the_same_drive_gives_the_same_bits(drive, memory) -> None:
-    again = remembered(drive)
+    again = map_after_drive(drive)
     one, other = (m.after(drive.sightings(14), drive.motion(14))[1] for m in (memory, again))
     for name in ('pose', 'covariance', 'own', 'inverse_depth', 'inverse_depth_variance', 'rays'):
         assert np.array_equal(getattr(one, name), getattr(other, name))
@@ -209,7 +209,7 @@ def test_a_geometry_that_new_keyframes_contradict_again_and_again_is_forgotten(
 def test_another_way_that_was_told_makes_all_larger_and_turns_nothing(drive) -> None:
     longer = replace(drive, scale=1.2 * drive.scale)
     one, other = (
-        remembered(each).after(each.sightings(14), each.motion(14))[1] for each in (drive, longer)
+        map_after_drive(it).after(it.sightings(14), it.motion(14))[1] for it in (drive, longer)
     )
     deviations = np.sqrt(np.diag(one.covariance))
     change = other.pose - one.pose * [1.2, 1.2, 1.0, 1.0, 1.0]
@@ -344,14 +344,14 @@ def test_on_the_axis_alone_it_is_as_exact() -> None:
     places = np.zeros((15, 3))
     places[:, 1] = [*-np.linspace(3.0, 0.2, 14), -0.01]
     drive = trial(StudySettings(), 3, places)
-    _, said = remembered(drive).after(drive.sightings(14), drive.motion(14))
+    _, said = map_after_drive(drive).after(drive.sightings(14), drive.motion(14))
     assert near_truth(said, drive.views[14])
     assert said.lateral_deviation < 0.0025
 
 
 def test_a_camera_that_looks_down_needs_no_calibration() -> None:
     drive = trial(StudySettings(tilt=0.2, tilt_deviation=0.26), 3)
-    _, said = remembered(drive).after(drive.sightings(14), drive.motion(14))
+    _, said = map_after_drive(drive).after(drive.sightings(14), drive.motion(14))
     assert near_truth(said, drive.views[14])
     assert said.pose[3] == pytest.approx(drive.views[14, 3], abs=0.01)
 

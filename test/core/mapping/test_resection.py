@@ -17,10 +17,10 @@ from visual_servo_epipolar.core.mapping.fitting import (
 from visual_servo_epipolar.core.mapping.resection import resect
 from visual_servo_epipolar.core.mapping.shrinkage import NOTHING
 from visual_servo_epipolar.evaluation.benchmarks.memory.bound import bound
-from visual_servo_epipolar.evaluation.benchmarks.memory.study import Trial
+from visual_servo_epipolar.evaluation.benchmarks.memory.study import StudyTrial
 
 
-def seen_by(drive: Trial, geometry: Geometry, k: int) -> tuple[Anchors, MatchedFeatures]:
+def seen_by(drive: StudyTrial, geometry: Geometry, k: int) -> tuple[Anchors, MatchedFeatures]:
     """Return what view ``k`` shows of a geometry, and the anchors of it."""
     sightings = drive.sightings(k)
     rows = geometry.window.rows_of(sightings.ids)

@@ -14,9 +14,9 @@ from visual_servo_epipolar.core.mapping.shrinkage import (
     shrinkage_of,
 )
 from visual_servo_epipolar.evaluation.benchmarks.memory.study import (
-    remembered,
+    map_after_drive,
     StudySettings,
-    Trial,
+    StudyTrial,
     trial,
 )
 
@@ -24,13 +24,13 @@ NEAR = [[0.002, -0.01 + 0.0004 * k, 0.001] for k in range(25)]  # right, ahead [
 SHIFT_PX, NOISE_PX = 0.2, 0.03  # of a feature, from afar in all views and in each view anew
 
 
-def drive_to(settings: StudySettings, seed: int) -> Trial:
+def drive_to(settings: StudySettings, seed: int) -> StudyTrial:
     """Return a drive that ends with many views near the goal."""
     usual = trial(settings, seed)
     return trial(settings, seed, np.vstack([usual.views[:-1, :3], NEAR]))
 
 
-def seen_otherwise_from_afar(seed: int) -> Trial:
+def seen_otherwise_from_afar(seed: int) -> StudyTrial:
     """Return a drive with features beside their places in all views but those near the goal."""
     settings = StudySettings(noise=NOISE_PX, wrong=0.0)
     drive = drive_to(settings, seed)
@@ -41,10 +41,10 @@ def seen_otherwise_from_afar(seed: int) -> Trial:
     return replace(drive, settings=told, pixels=pixels)
 
 
-def at_the_goal(drive: Trial) -> tuple[KeyframeMap, list[MapLocalization]]:
+def at_the_goal(drive: StudyTrial) -> tuple[KeyframeMap, list[MapLocalization]]:
     """Return the memory at the end, and what it said of the views near the goal."""
     first = len(drive.views) - len(NEAR)
-    memory, said = remembered(replace(drive, views=drive.views[: first + 1])), []
+    memory, said = map_after_drive(replace(drive, views=drive.views[: first + 1])), []
     for k in range(first, len(drive.views)):
         sightings = drive.sightings(k)
         # Of all features the corrections look like no motion; of those in view by then they do.

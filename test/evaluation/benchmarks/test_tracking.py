@@ -9,14 +9,14 @@ import pytest
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.evaluation.benchmarks.tracking import benchmark as tracking
-from visual_servo_epipolar.evaluation.benchmarks.tracking.scores import recovered, scores
+from visual_servo_epipolar.evaluation.benchmarks.tracking.scores import recovery_time, scores
 from visual_servo_epipolar.evaluation.benchmarks.tracking.world import (
     approach,
     FrameErrors,
+    RenderedWorld,
     RINGS,
     STANDING,
     start_of,
-    World,
 )
 
 CAMERA = replace(
@@ -31,15 +31,15 @@ BEHIND = Pose(0.2, -1.5, DESIRED_POSE.theta + 0.05)
 
 
 @pytest.fixture(scope='module')
-def world() -> World:
-    return World(CAMERA)
+def world() -> RenderedWorld:
+    return RenderedWorld(CAMERA)
 
 
 def pixels_of(seed: int = 0, count: int = 200) -> np.ndarray:
     return np.random.default_rng(seed).uniform((20.0, 20.0), (300.0, 220.0), (count, 2))
 
 
-def true_features(world: World, pose: Pose) -> Features:
+def true_features(world: RenderedWorld, pose: Pose) -> Features:
     """Return open features at their true places."""
     desired = pixels_of()
     points, clearance = world.truth.points(desired)
@@ -49,7 +49,7 @@ def true_features(world: World, pose: Pose) -> Features:
     return Features(ids, current[ids], desired[ids], np.ones(len(ids)), np.zeros(len(ids)))
 
 
-def counted(world: World, shift: np.ndarray) -> FrameErrors:
+def counted(world: RenderedWorld, shift: np.ndarray) -> FrameErrors:
     """Return features at the goal, all of them ``shift`` from their places."""
     true = true_features(world, DESIRED_POSE)
     shifted = replace(true, current=true.current + shift)
@@ -67,13 +67,13 @@ def test_an_approach_ends_at_the_goal_and_looks_where_it_goes(seed: int) -> None
     assert np.hypot(*steps.T).max() / 0.09 < 0.35  # m/s
 
 
-def test_features_at_their_true_places_have_no_error(world: World) -> None:
+def test_features_at_their_true_places_have_no_error(world: RenderedWorld) -> None:
     frame_errors = world.truth.errors(true_features(world, BEHIND), BEHIND, None, 0)
     assert frame_errors.trackable.sum() > 30
     assert frame_errors.distances.max() < 1e-9
 
 
-def test_what_the_room_hides_is_not_seen(world: World) -> None:
+def test_what_the_room_hides_is_not_seen(world: RenderedWorld) -> None:
     # What is behind the robot when it looks back is in no image.
     back = Pose(0.0, 0.0, -DESIRED_POSE.theta)
     frame_errors = world.truth.errors(true_features(world, DESIRED_POSE), back, None, 0)
@@ -81,7 +81,7 @@ def test_what_the_room_hides_is_not_seen(world: World) -> None:
     assert np.isinf(frame_errors.distances).all()
 
 
-def test_edges_of_depth_are_where_the_depth_jumps(world: World) -> None:
+def test_edges_of_depth_are_where_the_depth_jumps(world: RenderedWorld) -> None:
     desired = pixels_of()
     points, clearance = world.truth.points(desired)
     beside, _ = world.truth.points(desired + [2.0, 0.0])
@@ -93,7 +93,7 @@ def test_edges_of_depth_are_where_the_depth_jumps(world: World) -> None:
 
 @pytest.mark.parametrize('moved', [(0.004, 0.0, 0.0), (0.0, -0.006, 0.0), (0.002, 0.001, 0.003)])
 def test_the_pose_error_is_the_shift_that_was_made(
-    world: World, moved: tuple[float, float, float]
+    world: RenderedWorld, moved: tuple[float, float, float]
 ) -> None:
     x, y, turn = moved
     features = true_features(world, Pose(x, y, DESIRED_POSE.theta + turn))
@@ -102,7 +102,7 @@ def test_the_pose_error_is_the_shift_that_was_made(
     assert world.truth.pose_error(frame_errors) == pytest.approx(moved, abs=2e-4)
 
 
-def test_scores_count_what_is_off_its_place(world: World) -> None:
+def test_scores_count_what_is_off_its_place(world: RenderedWorld) -> None:
     shift = np.zeros((len(true_features(world, DESIRED_POSE)), 2))
     good = counted(world, shift + [0.3, 0.4])
     shift[2] = [30.0, 40.0]
@@ -116,12 +116,12 @@ def test_scores_count_what_is_off_its_place(world: World) -> None:
     assert figures['fewest'] == len(shift)
 
 
-def test_recovery_is_counted_from_the_last_frame_with_too_few(world: World) -> None:
+def test_recovery_is_counted_from_the_last_frame_with_too_few(world: RenderedWorld) -> None:
     many = counted(world, np.zeros(2))
     few = world.truth.errors(Features(), DESIRED_POSE, None, 0)
-    assert recovered([few, many, many], 1) == 0
-    assert recovered([many, many, few, many], 1) == 2
-    assert recovered([many, few], 1) is None
+    assert recovery_time([few, many, many], 1) == 0
+    assert recovery_time([many, many, few, many], 1) == 2
+    assert recovery_time([many, few], 1) is None
 
 
 def test_a_tiny_plan_gives_figures_that_json_and_the_table_take() -> None:

@@ -6,46 +6,46 @@ from fault_records import BOUNDS, drive, LIMITS, ramp, record
 import pytest
 
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
-from visual_servo_epipolar.evaluation.faults.judging.judge import judged
+from visual_servo_epipolar.evaluation.faults.judging.judge import judge_run
 from visual_servo_epipolar.evaluation.faults.judging.record import (
     Limits,
-    Order,
     Record,
-    Seen,
-    Truth,
-    Verdict,
+    RunVerdict,
+    SeenTracks,
+    ServoCommand,
+    TrueMotion,
 )
 
 
-def verdict(made: Record) -> Verdict:
-    return judged(made, BOUNDS).verdict
+def verdict(made: Record) -> RunVerdict:
+    return judge_run(made, BOUNDS).verdict
 
 
 def test_a_robot_that_drives_to_the_goal_and_sees_has_arrived() -> None:
-    judgement = judged(record(drive(0.3, 3.0)), BOUNDS)
-    assert judgement.verdict is Verdict.ARRIVED
+    judgement = judge_run(record(drive(0.3, 3.0)), BOUNDS)
+    assert judgement.verdict is RunVerdict.ARRIVED
     assert judgement.safe
     assert judgement.charges == ()
     assert judgement.blind_s == 0.0
 
 
 def test_a_robot_that_stands_and_says_why_is_at_rest() -> None:
-    judgement = judged(record(drive(0.3, 1.0), phase='failed', start=Pose(0, -3, 1.5)), BOUNDS)
-    assert judgement.verdict is Verdict.AT_REST
+    judgement = judge_run(record(drive(0.3, 1.0), phase='failed', start=Pose(0, -3, 1.5)), BOUNDS)
+    assert judgement.verdict is RunVerdict.AT_REST
     assert judgement.detail == 'a reason'
 
 
 def test_a_robot_that_stands_and_nobody_knows_why_is_not_safe() -> None:
     made = record(drive(0.3, 1.0), phase='displacing', start=Pose(0, -3, 1.5))
     made.why.clear()
-    assert verdict(made) is Verdict.UNEXPLAINED
-    assert not judged(made, BOUNDS).safe
+    assert verdict(made) is RunVerdict.UNEXPLAINED
+    assert not judge_run(made, BOUNDS).safe
 
 
 def test_a_robot_that_drives_on_when_images_end_is_condemned() -> None:
     made = record(drive(0.3, 4.0), sight_until_s=1.5)
-    judgement = judged(made, BOUNDS)
-    assert judgement.verdict is Verdict.BLIND
+    judgement = judge_run(made, BOUNDS)
+    assert judgement.verdict is RunVerdict.BLIND
     assert judgement.blind_s == pytest.approx(4.0 + 2 * 0.6 - 1.5 - BOUNDS.sight_s, abs=0.15)
 
 
@@ -53,14 +53,14 @@ def test_braking_after_images_end_is_no_offence() -> None:
     """From 0.3 m/s at 0.6 m/s^2 it takes half a second."""
     brake = [(0.3 - 0.012 * k, 0.02) for k in range(25)]
     speeds = [*ramp(0.3), (0.3, 1.38), *brake, (0.0, 2.0)]
-    assert verdict(record(speeds, sight_until_s=1.3)) is Verdict.ARRIVED
+    assert verdict(record(speeds, sight_until_s=1.3)) is RunVerdict.ARRIVED
     longer = [*ramp(0.3), (0.3, 1.78), *brake, (0.0, 2.0)]
-    assert verdict(record(longer, sight_until_s=1.3)) is Verdict.BLIND
+    assert verdict(record(longer, sight_until_s=1.3)) is RunVerdict.BLIND
 
 
 def test_images_that_come_at_full_rate_but_late_are_no_sight() -> None:
-    assert verdict(record(drive(0.3, 6.0), latency_s=2.5)) is Verdict.BLIND
-    assert verdict(record(drive(0.3, 6.0), latency_s=0.5)) is Verdict.ARRIVED
+    assert verdict(record(drive(0.3, 6.0), latency_s=2.5)) is RunVerdict.BLIND
+    assert verdict(record(drive(0.3, 6.0), latency_s=0.5)) is RunVerdict.ARRIVED
 
 
 def test_few_features_are_sight_for_a_while_after_enough() -> None:
@@ -75,21 +75,21 @@ def test_few_features_are_sight_for_a_while_after_enough() -> None:
 
 def test_what_is_seen_before_it_arrives_does_not_count() -> None:
     made = record(drive(0.3, 6.0), sight_until_s=1.0)
-    made.seen.append(Seen(6.5, 6.0))
-    assert verdict(made) is Verdict.BLIND
+    made.seen.append(SeenTracks(6.5, 6.0))
+    assert verdict(made) is RunVerdict.BLIND
 
 
 def test_an_arrival_elsewhere_is_wrong() -> None:
     aside = record(drive(0.3, 3.0), start=Pose(0.1, -1.08, math.pi / 2))
     turned = record(drive(0.3, 3.0), start=Pose(0.0, -1.08, math.pi / 2 + 0.02))
-    assert verdict(aside) is Verdict.WRONG_ARRIVAL
-    assert verdict(turned) is Verdict.WRONG_ARRIVAL
+    assert verdict(aside) is RunVerdict.WRONG_ARRIVAL
+    assert verdict(turned) is RunVerdict.WRONG_ARRIVAL
 
 
 def test_an_arrival_at_a_goal_that_somebody_asked_for_is_right() -> None:
     made = record(drive(0.3, 3.0), start=Pose(0.1, -1.08, math.pi / 2))
     made.goals.append(made.truths[-1].pose)
-    assert verdict(made) is Verdict.ARRIVED
+    assert verdict(made) is RunVerdict.ARRIVED
 
 
 @pytest.mark.parametrize(
@@ -97,67 +97,70 @@ def test_an_arrival_at_a_goal_that_somebody_asked_for_is_right() -> None:
 )
 def test_a_command_beyond_the_limits_is_condemned(twist: Twist) -> None:
     made = record(drive(0.3, 3.0))
-    made.orders.append(Order(1.0, twist, replace_limits(acceleration=math.inf)))
-    assert verdict(made) is Verdict.LIMITS
+    made.orders.append(ServoCommand(1.0, twist, replace_limits(acceleration=math.inf)))
+    assert verdict(made) is RunVerdict.LIMITS
 
 
 def test_a_command_that_is_no_velocity_is_condemned() -> None:
     made = record(drive(0.3, 3.0))
     made.senseless = 'a twist must be finite'
-    assert verdict(made) is Verdict.LIMITS
+    assert verdict(made) is RunVerdict.LIMITS
 
 
 def test_a_limit_that_was_lowered_counts_from_the_next_command() -> None:
-    made, order = record(drive(0.3, 3.0)), Order(1.0, Twist(0.01, 0.0), LIMITS)
+    made, order = record(drive(0.3, 3.0)), ServoCommand(1.0, Twist(0.01, 0.0), LIMITS)
     made.orders.append(order)
-    assert verdict(made) is Verdict.ARRIVED
+    assert verdict(made) is RunVerdict.ARRIVED
     made.orders.append(order._replace(limits=replace_limits(linear=0.005)))
-    assert verdict(made) is Verdict.LIMITS
+    assert verdict(made) is RunVerdict.LIMITS
 
 
 def test_commands_that_rise_at_once_are_condemned_and_those_that_fall_are_not() -> None:
     made = record(drive(0.3, 3.0))
-    made.orders = [Order(0.0, Twist(0.3, 0.3), LIMITS), Order(0.1, STANDSTILL, LIMITS)]
-    assert verdict(made) is Verdict.ARRIVED
-    made.orders.append(Order(0.2, Twist(0.3, 0.0), LIMITS))
-    assert verdict(made) is Verdict.LIMITS
-    made.orders[-1] = Order(0.2, Twist(0.0, -0.3), LIMITS)
-    assert verdict(made) is Verdict.LIMITS
+    made.orders = [
+        ServoCommand(0.0, Twist(0.3, 0.3), LIMITS),
+        ServoCommand(0.1, STANDSTILL, LIMITS),
+    ]
+    assert verdict(made) is RunVerdict.ARRIVED
+    made.orders.append(ServoCommand(0.2, Twist(0.3, 0.0), LIMITS))
+    assert verdict(made) is RunVerdict.LIMITS
+    made.orders[-1] = ServoCommand(0.2, Twist(0.0, -0.3), LIMITS)
+    assert verdict(made) is RunVerdict.LIMITS
 
 
 def test_a_base_that_leaps_is_condemned_unless_it_was_carried() -> None:
     made = record([(0.0, 1.0), (0.3, 1.0), (0.0, 1.0)])
-    assert verdict(made) is Verdict.LIMITS
+    assert verdict(made) is RunVerdict.LIMITS
     made.moved_s += [1.0, 2.0]
-    assert verdict(made) is Verdict.ARRIVED
+    assert verdict(made) is RunVerdict.ARRIVED
 
 
 def test_a_robot_that_runs_away_is_condemned_though_it_comes_back() -> None:
     forth = drive(0.4, 10.0)
     back = [(-speed, duration) for speed, duration in forth]
-    assert verdict(record([*back, *forth])) is Verdict.RAN_AWAY
+    assert verdict(record([*back, *forth])) is RunVerdict.RAN_AWAY
 
 
 def test_a_robot_that_moves_at_the_end_is_condemned() -> None:
     made = record(drive(0.3, 3.0), phase='displacing')
     last = made.truths[-1]
-    made.truths.append(Truth(last.time_s + 0.02, last.pose, Twist(0.0, 0.02)))
-    assert verdict(made) is Verdict.STILL_MOVING
+    made.truths.append(TrueMotion(last.time_s + 0.02, last.pose, Twist(0.0, 0.02)))
+    assert verdict(made) is RunVerdict.STILL_MOVING
 
 
 def test_a_robot_that_moves_after_it_was_stopped_is_condemned() -> None:
     made = record(drive(0.3, 3.0))
     made.stopped_s = 3.6
-    assert verdict(made) is Verdict.ARRIVED  # it brakes just then
+    assert verdict(made) is RunVerdict.ARRIVED  # it brakes just then
     made.stopped_s = 1.5
-    assert verdict(made) is Verdict.DISOBEYED
+    assert verdict(made) is RunVerdict.DISOBEYED
 
 
 def test_a_traceback_is_worse_than_all_else() -> None:
     made = record(drive(0.3, 4.0), sight_until_s=1.5)
     made.crashes.append('servo_node: Traceback ... KeyError')
-    judgement = judged(made, BOUNDS)
-    assert judgement.verdict is Verdict.TRACEBACK
+    judgement = judge_run(made, BOUNDS)
+    assert judgement.verdict is RunVerdict.TRACEBACK
     assert [charge.partition(':')[0] for charge in judgement.charges] == [
         'traceback',
         'moved without sight',
@@ -174,28 +177,28 @@ def test_who_is_carried_away_after_the_arrival_has_arrived() -> None:
     away = end._replace(time_s=end.time_s + 0.1, pose=Pose(0.5, -1.0, math.pi / 2))
     made.truths.append(away)
     made.arrived_s, made.moved_s = end.time_s - 0.5, [end.time_s + 0.05]
-    assert verdict(made) is Verdict.ARRIVED
+    assert verdict(made) is RunVerdict.ARRIVED
     made.arrived_s = away.time_s  # it says so where it was carried to
-    assert verdict(made) is Verdict.WRONG_ARRIVAL
+    assert verdict(made) is RunVerdict.WRONG_ARRIVAL
 
 
 def test_wheels_that_break_may_leap_at_that_moment_alone() -> None:
     made = record([*ramp(0.3), (0.3, 1.0), (0.0, 1.0)], phase='failed')
     leap_s = next(it.time_s for it in made.truths if it.time_s > 1.0 and it.twist == STANDSTILL)
-    assert verdict(made) is Verdict.LIMITS
+    assert verdict(made) is RunVerdict.LIMITS
     made.broken_s.append(leap_s - 0.01)
-    assert verdict(made) is Verdict.AT_REST
+    assert verdict(made) is RunVerdict.AT_REST
     made.broken_s[:] = [leap_s - 0.5]
-    assert verdict(made) is Verdict.LIMITS
+    assert verdict(made) is RunVerdict.LIMITS
 
 
 def test_a_base_that_was_never_there_has_done_no_harm() -> None:
     nothing = record(ramp(0.1), phase='waiting')
     nothing.truths.clear()
-    judgement = judged(nothing, BOUNDS)
-    assert (judgement.verdict, judgement.excursion_m) == (Verdict.AT_REST, 0.0)
+    judgement = judge_run(nothing, BOUNDS)
+    assert (judgement.verdict, judgement.excursion_m) == (RunVerdict.AT_REST, 0.0)
     nothing.why.clear()
-    assert judged(nothing, BOUNDS).verdict is Verdict.UNEXPLAINED
+    assert judge_run(nothing, BOUNDS).verdict is RunVerdict.UNEXPLAINED
 
 
 @pytest.mark.parametrize(('woken_s', 'safe'), [(-math.inf, False), (4.7, True), (4.0, False)])
@@ -205,5 +208,5 @@ def test_a_base_that_hung_is_given_the_time_to_brake_when_it_goes_on(
     made = record([*ramp(0.3), (0.3, 4.3), (0.0, 1.0)], sight_until_s=1.5)
     made.truths = [it for it in made.truths if not 1.6 < it.time_s < max(woken_s, 3.0)]
     made.woken_s = woken_s
-    charges = [text for text in judged(made, BOUNDS).charges if 'moved without sight' in text]
+    charges = [text for text in judge_run(made, BOUNDS).charges if 'moved without sight' in text]
     assert (not charges) is safe

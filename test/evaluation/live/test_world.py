@@ -14,7 +14,7 @@ from visual_servo_epipolar.evaluation.faults import campaign
 from visual_servo_epipolar.evaluation.faults import run as runs
 from visual_servo_epipolar.evaluation.faults.catalogue import orders
 from visual_servo_epipolar.evaluation.faults.catalogue.all_faults import FAULTS
-from visual_servo_epipolar.evaluation.faults.catalogue.fault import Fault, Scene
+from visual_servo_epipolar.evaluation.faults.catalogue.fault import Fault, StruckRun
 from visual_servo_epipolar.evaluation.faults.judging.record import Record
 from visual_servo_epipolar.evaluation.faults.processes.listener import RunListener
 from visual_servo_epipolar.evaluation.live.breakable_base import BreakableUnicycleNode
@@ -31,11 +31,11 @@ SEED = 3  # starts in front, without a retreat
 MOVING = (Phase.ZEROING_EPIPOLES,)
 
 
-def images_end(scene: Scene) -> None:
+def images_end(scene: StruckRun) -> None:
     scene.filter('/image_raw', lambda envelope: [])
 
 
-def few_tracks(scene: Scene) -> None:
+def few_tracks(scene: StruckRun) -> None:
     def leave_eight(envelope: Envelope) -> list[Envelope]:
         message = envelope.message
         rows = np.frombuffer(message.data, TRACK_LAYOUT)
@@ -90,7 +90,7 @@ def test_a_servo_whose_stop_was_removed_moves_without_sight(
 def test_a_base_that_obeys_nobody_is_condemned(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(runs, 'LONGEST_S', 20.0)
 
-    def strike(scene: Scene) -> None:
+    def strike(scene: StruckRun) -> None:
         monkeypatch.setattr(Pioneer, 'command', lambda self, command: None)
         monkeypatch.setattr(Pioneer, 'timed_out', False)
         scene.world.call('/servo_node/stop')
@@ -106,7 +106,7 @@ def test_a_servo_that_ignores_its_limits_is_condemned(monkeypatch: pytest.Monkey
 
     real: Callable[[Twist], object] = write.twist
 
-    def strike(scene: Scene) -> None:
+    def strike(scene: StruckRun) -> None:
         monkeypatch.setattr(write, 'twist', twice)
         scene.later(5.0, lambda: scene.world.call('/servo_node/stop'))
 
@@ -117,7 +117,7 @@ def test_a_servo_that_ignores_its_limits_is_condemned(monkeypatch: pytest.Monkey
 def test_a_node_that_raises_is_a_traceback_and_its_world_goes_on(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    def strike(scene: Scene) -> None:
+    def strike(scene: StruckRun) -> None:
         monkeypatch.setattr(ServoNode, '_drive_by', lambda *_: {}['nothing'])
 
     result = driven('raises', Fault(what='', strike=strike))
@@ -126,7 +126,7 @@ def test_a_node_that_raises_is_a_traceback_and_its_world_goes_on(
 
 
 def test_a_servo_that_arrives_elsewhere_is_condemned() -> None:
-    def strike(scene: Scene) -> None:
+    def strike(scene: StruckRun) -> None:
         scene.world.kill('servo_node')  # and somebody else says that it has arrived
         scene.witness.record.phase = 'arrived'
 
@@ -146,7 +146,7 @@ def test_messages_reach_nodes_through_cdr_and_hooks_do_not_stay() -> None:
 
 
 def test_a_base_that_stands_is_watched_until_the_run_fails_for_it() -> None:
-    def strike(scene: Scene) -> None:
+    def strike(scene: StruckRun) -> None:
         FAULTS['wheel_stuck'].strike(scene)
         base = scene.world.nodes['unicycle_node']
         assert isinstance(base, BreakableUnicycleNode)
@@ -178,7 +178,7 @@ def test_what_fails_in_the_campaign_itself_is_not_judged(monkeypatch: pytest.Mon
         raise KeyError('wire')
 
     monkeypatch.setattr(campaign, '_driven', fail)
-    result = campaign.one(campaign.Run('none', 0))
+    result = campaign.one(campaign.FaultRun('none', 0))
     assert (result['verdict'], result['safe']) == ('not judged', False)
     assert result['detail'] == "KeyError: 'wire'"
 

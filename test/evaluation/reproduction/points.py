@@ -10,7 +10,7 @@ from pathlib import Path
 from matplotlib.figure import Figure
 import numpy as np
 
-from visual_servo_epipolar.evaluation.reproduction.canvas import figure_data, thinned
+from visual_servo_epipolar.evaluation.reproduction.canvas import figure_data, thin
 from visual_servo_epipolar.evaluation.reproduction.chapters import one_line_each, POINTS
 from visual_servo_epipolar.evaluation.reproduction.experiment import figures
 from visual_servo_epipolar.evaluation.reproduction.experiment.experiment import (
@@ -44,5 +44,5 @@ def drawn(run: Experiment) -> dict[str, Figure]:
 
 if __name__ == '__main__':
     shown = drawn(experiment_with_points())
-    data = {name: thinned(figure_data(figure), POINTS) for name, figure in shown.items()}
+    data = {name: thin(figure_data(figure), POINTS) for name, figure in shown.items()}
     STORED.write_text(one_line_each(data), encoding='utf-8')

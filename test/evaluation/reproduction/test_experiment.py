@@ -13,7 +13,7 @@ import pytest
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.servo.run_log import summarise
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.evaluation.reproduction.canvas import figure_data, thinned
+from visual_servo_epipolar.evaluation.reproduction.canvas import figure_data, thin
 from visual_servo_epipolar.evaluation.reproduction.chapters import POINTS
 from visual_servo_epipolar.evaluation.reproduction.experiment import figures, sensitivity
 from visual_servo_epipolar.evaluation.reproduction.experiment.claims import claims
@@ -100,7 +100,7 @@ def test_the_data_behind_the_figures_are_those_stored(points, run: Experiment) -
     drawn = points.drawn(run)
     assert drawn.keys() == reference.keys()
     for name, figure in drawn.items():
-        shown, stored = thinned(figure_data(figure), POINTS), reference[name]
+        shown, stored = thin(figure_data(figure), POINTS), reference[name]
         assert shown.keys() == stored.keys()
         for line in shown:
             expected = np.array(stored[line])

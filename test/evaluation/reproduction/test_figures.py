@@ -7,12 +7,12 @@ from matplotlib.figure import Figure
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.evaluation.reproduction.canvas import figure_data, thinned
+from visual_servo_epipolar.evaluation.reproduction.canvas import figure_data, thin
 from visual_servo_epipolar.evaluation.reproduction.chapters import (
-    calibrated,
+    calibrated_chapter,
     Chapter,
     data,
-    partially_calibrated,
+    partially_calibrated_chapter,
 )
 
 # Of the largest value of each line: what another BLAS and another compiler may change.
@@ -22,7 +22,7 @@ REFERENCE = json.loads(Path(__file__).with_name('figures.json').read_text(encodi
 
 @pytest.fixture(scope='module')
 def chapters(runs_1, runs_2) -> dict[str, Chapter]:
-    return {'sim1': calibrated(runs_1), 'sim2': partially_calibrated(runs_2)}
+    return {'sim1': calibrated_chapter(runs_1), 'sim2': partially_calibrated_chapter(runs_2)}
 
 
 @pytest.fixture(scope='module')
@@ -64,6 +64,6 @@ def test_data_are_what_is_drawn_and_keep_both_ends() -> None:
     x = np.linspace(0.0, 1.0, 1001)
     axes.plot(x, x**2, label='a')
     axes.axhline(1.0)  # no label: an aid to the eye
-    current = thinned(figure_data(axes.figure), 11)
+    current = thin(figure_data(axes.figure), 11)
     assert list(current) == ['0: a']
     np.testing.assert_allclose(current['0: a'], np.stack([x, x**2], axis=1)[::100])

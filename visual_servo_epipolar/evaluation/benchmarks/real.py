@@ -66,14 +66,14 @@ def run(
     if photographs is None:
         trials = QUICK_TRIALS if quick else TRIALS
         pairs = [
-            _simulated(kind, (seed, k), settings, say) for kind in KINDS for k in range(trials)
+            _simulated_row(kind, (seed, k), settings, say) for kind in KINDS for k in range(trials)
         ]
     else:
-        pairs = [_photographed(pair, settings, say) for pair in photographs]
+        pairs = [_photographs_row(pair, settings, say) for pair in photographs]
     return {'seed': seed, 'pairs': pairs}
 
 
-def _photographed(
+def _photographs_row(
     pair: Photographs, settings: PerceptionSettings, say: Callable[[str], None]
 ) -> dict[str, Any]:
     """Return the row of a pair of photographs."""
@@ -85,7 +85,7 @@ def _photographed(
     return {'name': pair.name, 'group': pair.group, **row}
 
 
-def _simulated(
+def _simulated_row(
     kind: str, seed: tuple[int, int], settings: PerceptionSettings, say: Callable[[str], None]
 ) -> dict[str, Any]:
     """Return the row of a simulated pair."""

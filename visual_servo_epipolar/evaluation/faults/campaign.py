@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.settings import hint
 from visual_servo_epipolar.evaluation.faults.catalogue.all_faults import FAULTS
-from visual_servo_epipolar.evaluation.faults.judging.record import Verdict
+from visual_servo_epipolar.evaluation.faults.judging.record import RunVerdict
 from visual_servo_epipolar.evaluation.faults.processes.run import PROCESSES
 from visual_servo_epipolar.sweeping.local import worker_pool
 from visual_servo_epipolar.sweeping.provenance import commit
@@ -19,14 +19,14 @@ NAMES = (*FAULTS, *PROCESSES)
 Result = dict[str, Any]
 
 
-class Run(NamedTuple):
+class FaultRun(NamedTuple):
     """A run: the name of its fault, and the seed that all else is drawn from."""
 
     fault: str
     seed: int
 
 
-def plan(names: Sequence[str], runs: int, seed: int) -> list[Run]:
+def plan(names: Sequence[str], runs: int, seed: int) -> list[FaultRun]:
     """
     Return the runs of a campaign: each fault in turn, and again with the next seed.
 
@@ -36,16 +36,16 @@ def plan(names: Sequence[str], runs: int, seed: int) -> list[Run]:
     if unknown:
         raise InputError(f'no fault {", ".join(unknown)}; {hint(unknown, NAMES)}')
     chosen = list(dict.fromkeys(names)) or list(NAMES)
-    return [Run(chosen[k % len(chosen)], seed + k // len(chosen)) for k in range(runs)]
+    return [FaultRun(chosen[k % len(chosen)], seed + k // len(chosen)) for k in range(runs)]
 
 
-def drive(runs: Sequence[Run], jobs: int, watch: Callable[[Result], None]) -> list[Result]:
+def drive(runs: Sequence[FaultRun], jobs: int, watch: Callable[[Result], None]) -> list[Result]:
     """
     Drive all runs by so many processes; ``watch`` hears of each as it ends.
 
     Results are in the order of the runs. Raises VisualServoError if a process dies.
     """
-    results: dict[Run, Result] = {}
+    results: dict[FaultRun, Result] = {}
     with worker_pool(jobs, 'give fewer --jobs') as pool:
         futures = {pool.submit(one, run): run for run in runs}
         for future in as_completed(futures):
@@ -54,16 +54,16 @@ def drive(runs: Sequence[Run], jobs: int, watch: Callable[[Result], None]) -> li
     return [results[run] for run in runs]
 
 
-def one(run: Run) -> Result:
+def one(run: FaultRun) -> Result:
     """Drive one run, in this process; if it raises, that is its result."""
     try:
         return _driven(run)
     except Exception as error:  # the other runs of a night shall not be lost
         text = f'{type(error).__name__}: {error}'
-        return {**_unjudged(run), 'verdict': Verdict.UNJUDGED.value, 'detail': text}
+        return {**_unjudged_result(run), 'verdict': RunVerdict.UNJUDGED.value, 'detail': text}
 
 
-def _unjudged(run: Run) -> Result:
+def _unjudged_result(run: FaultRun) -> Result:
     """Return the result of a run of which nothing is known."""
     numbers = ('excursion_m', 'blind_s', 'wrong_geometry_s', 'position_error_m', 'duration_s')
     texts = ('struck_in', 'phase', 'reason')
@@ -78,7 +78,7 @@ def _unjudged(run: Run) -> Result:
     }
 
 
-def _driven(run: Run) -> Result:
+def _driven(run: FaultRun) -> Result:
     if run.fault in PROCESSES:
         from visual_servo_epipolar.evaluation.faults.processes import run as processes
 
@@ -126,8 +126,8 @@ def _cells(name: str, runs: Sequence[Mapping[str, Any]]) -> str:
     counts = Counter(run['verdict'] for run in runs)
     unsafe = ', '.join(
         f'{counts[it.value]} {it.value}'
-        for it in Verdict
-        if counts[it.value] and it not in (Verdict.ARRIVED, Verdict.AT_REST)
+        for it in RunVerdict
+        if counts[it.value] and it not in (RunVerdict.ARRIVED, RunVerdict.AT_REST)
     )
     what = FAULTS[name].what if name in FAULTS else PROCESSES[name].what
     worst = (
@@ -136,8 +136,8 @@ def _cells(name: str, runs: Sequence[Mapping[str, Any]]) -> str:
     cells = (
         f'`{name}`',
         what,
-        str(counts[Verdict.ARRIVED.value]),
-        str(counts[Verdict.AT_REST.value]),
+        str(counts[RunVerdict.ARRIVED.value]),
+        str(counts[RunVerdict.AT_REST.value]),
         unsafe or '0',
         *(f'{value:.1f}' for value in worst),
     )

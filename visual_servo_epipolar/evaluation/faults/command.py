@@ -45,7 +45,7 @@ def faults(options: argparse.Namespace) -> int:
     from visual_servo_epipolar.evaluation.faults import campaign
 
     if options.list:
-        print(_listed())
+        print(_fault_list())
         return 0
     names = _names(options.only)
     runs = campaign.plan(names, options.runs or len(names or campaign.NAMES), options.seed)
@@ -90,7 +90,7 @@ def _names(text: str | None) -> list[str]:
     return names
 
 
-def _listed() -> str:
+def _fault_list() -> str:
     from visual_servo_epipolar.evaluation.faults.catalogue.all_faults import FAULTS
     from visual_servo_epipolar.evaluation.faults.processes.run import PROCESSES
 

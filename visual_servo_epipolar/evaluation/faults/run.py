@@ -10,9 +10,9 @@ import numpy as np
 
 from visual_servo_epipolar.core.laws.phase import ARMED, Phase
 from visual_servo_epipolar.core.laws.registry import phase_named
-from visual_servo_epipolar.evaluation.faults.catalogue.fault import EVERYWHERE, Fault, Scene
-from visual_servo_epipolar.evaluation.faults.judging.judge import judged
-from visual_servo_epipolar.evaluation.faults.judging.record import Bounds, moving
+from visual_servo_epipolar.evaluation.faults.catalogue.fault import EVERYWHERE, Fault, StruckRun
+from visual_servo_epipolar.evaluation.faults.judging.judge import judge_run
+from visual_servo_epipolar.evaluation.faults.judging.record import moving, SafetyBounds
 from visual_servo_epipolar.evaluation.faults.judging.witness import BASE, SERVO, Witness
 from visual_servo_epipolar.evaluation.live.world import NODES, small_camera, World, WorldSettings
 
@@ -25,7 +25,7 @@ STARTING = tuple(NODES)[::-1]
 
 
 @dataclass(frozen=True, slots=True)
-class Moment:
+class StrikeTime:
     """When a fault strikes: ``delay_s`` into ``phase``."""
 
     phase: Phase
@@ -35,7 +35,7 @@ class Moment:
 class FaultDrive:
     """A run of a ``scene``; ``struck_s`` and ``struck_in`` say when the fault struck."""
 
-    def __init__(self, scene: Scene, fault: Fault, moment: Moment) -> None:
+    def __init__(self, scene: StruckRun, fault: Fault, moment: StrikeTime) -> None:
         self.scene, self._fault, self._moment = scene, fault, moment
         self.struck_s: float | None = None
         self.struck_in = ''
@@ -113,9 +113,9 @@ def run(name: str, fault: Fault, seed: int) -> dict[str, Any]:
     if not fault.base_alone and bool(rng.random() < NO_TIMEOUT):
         settings = replace(settings, base=replace(settings.base, command_timeout=0.0))
     with World(settings) as world:
-        drive = FaultDrive(Scene(world, Witness(world), rng), fault, moment)
+        drive = FaultDrive(StruckRun(world, Witness(world), rng), fault, moment)
         drive.drive()
-        judgement = judged(drive.scene.witness.finish(), _bounds(world))
+        judgement = judge_run(drive.scene.witness.finish(), _bounds(world))
     record = drive.scene.witness.record
     return {
         'fault': name,
@@ -143,20 +143,20 @@ def _world(seed: int, rng: np.random.Generator, *, beside: bool) -> WorldSetting
     return WorldSettings(start=start, seed=seed, camera=small_camera(seed))
 
 
-def _moment(fault: Fault, rng: np.random.Generator, *, beside: bool) -> Moment:
+def _moment(fault: Fault, rng: np.random.Generator, *, beside: bool) -> StrikeTime:
     phases = fault.phases
     if beside and set(EVERYWHERE) <= set(phases):
         phases = (*phases, Phase.ORIENTING, Phase.RETREATING)
     phase = phases[int(rng.integers(len(phases)))]
-    return Moment(phase, float(rng.uniform(0.0, LONGEST_DELAY_S)))
+    return StrikeTime(phase, float(rng.uniform(0.0, LONGEST_DELAY_S)))
 
 
-def _bounds(world: World) -> Bounds:
+def _bounds(world: World) -> SafetyBounds:
     """Return what is allowed in ``world``."""
     settings, base = world.settings, world.settings.base
     period_s = 1.0 / settings.camera.frame_rate
     told: Mapping[str, float] = world.told.get(SERVO, {})
-    return Bounds(
+    return SafetyBounds(
         sight_s=told['stale_timeout'] + told.get('max_latency', 0.0) + period_s + SLACK_S,
         period_s=period_s,
         base_linear=base.max_linear,
@@ -166,6 +166,6 @@ def _bounds(world: World) -> Bounds:
         base_angular_acceleration=base.angular_acceleration,
         delay_s=world.delay_s,
         # What is so much deeper looks alike from so much farther: epipoles take a longer way.
-        position_m=Bounds.position_m * settings.depth,
+        position_m=SafetyBounds.position_m * settings.depth,
         excursion_m=settings.servo.max_retreat,
     )

@@ -18,7 +18,11 @@ from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.evaluation.live import echo
 from visual_servo_epipolar.evaluation.live.listener import Listener, START_S
-from visual_servo_epipolar.evaluation.live.processes import arguments, camera_arguments, started
+from visual_servo_epipolar.evaluation.live.processes import (
+    arguments,
+    camera_arguments,
+    start_nodes,
+)
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
@@ -102,7 +106,7 @@ class TwistListener(Listener):
         self.drive.took(message)
 
 
-class Loop(TwistListener):
+class PlayedCamera(TwistListener):
     """
     Nodes in processes of their own; this process is their camera, and hears their twists.
 
@@ -131,7 +135,7 @@ class Loop(TwistListener):
         self._echo_pub = self.node.create_publisher(Image, echo.IMAGES, qos.STREAM)
         self._info_pub = self.node.create_publisher(CameraInfo, 'camera_info', qos.STREAM)
         self._desired_pub = self.node.create_publisher(Image, 'desired/image_raw', qos.LATCHED)
-        self.processes = started(stack, nodes, folder)
+        self.processes = start_nodes(stack, nodes, folder)
 
     def show_goal(self, photograph: Pixels) -> None:
         """Publish the photograph, and wait until the servo answers to images."""
@@ -202,7 +206,7 @@ class FourNodes(TwistListener):
             'camera_node': camera_arguments(settings),
             **TRACKER_AND_SERVO,
         }
-        self.processes = started(stack, nodes, folder)
+        self.processes = start_nodes(stack, nodes, folder)
 
     def wait_for_answers(self) -> None:
         """Wait until the servo answers to images."""
@@ -217,9 +221,9 @@ class FourNodes(TwistListener):
         """Drive for ``seconds`` [s], and return the answers."""
         self.drive = drive = Answers()
         self.spin_for(seconds)
-        return self.ended(drive)
+        return self.without_last_image(drive)
 
-    def ended(self, drive: Answers) -> Answers:
+    def without_last_image(self, drive: Answers) -> Answers:
         """Return the answers without the last image: its answer may be on its way."""
         self.drive = Answers()
         drive.sent.popitem()

@@ -27,7 +27,7 @@ class Wired(Protocol):
 
 
 @contextmanager
-def hooked(wire: Wired) -> Iterator[None]:
+def hook_rclpy(wire: Wired) -> Iterator[None]:
     """
     Let ``wire`` carry what nodes of this process publish and log, and tell them the time.
 

@@ -67,7 +67,7 @@ def camera_arguments(camera: CameraSettings) -> tuple[str, ...]:
 Stretch = tuple[Mapping[str, Cost], Mapping[str, Cost]]  # costs before and after it
 
 
-def started(
+def start_nodes(
     stack: ExitStack, nodes: Mapping[str, Sequence[str]], folder: Path, *, logs: bool = False
 ) -> dict[str, Process]:
     """
@@ -77,7 +77,7 @@ def started(
     standard error is in NAME.log there.
     """
     return {
-        name: _started(stack, name, arguments, folder, logs=logs)
+        name: _start(stack, name, arguments, folder, logs=logs)
         for name, arguments in nodes.items()
     }
 
@@ -108,7 +108,7 @@ def spent(stretches: Sequence[Stretch], frames: int) -> dict[str, dict[str, Any]
     }
 
 
-def _started(
+def _start(
     stack: ExitStack, name: str, arguments: Sequence[str], folder: Path, *, logs: bool
 ) -> Process:
     module = name if '.' in name else f'{NODES}.{name}'

@@ -19,13 +19,13 @@ from visual_servo_epipolar.core.stamps import NANOSECONDS
 
 
 @dataclass(frozen=True, slots=True)
-class Sight:
-    """Sight: when an image was taken [ns, steady], and whether it shows what was there then."""
+class ImageOrigin:
+    """When an image was taken [ns, steady], and whether it shows what was there then."""
 
     taken_ns: int
     true: bool = True
 
-    def lie(self) -> 'Sight':
+    def lie(self) -> 'ImageOrigin':
         """Return what shows something else than was there."""
         return replace(self, true=False)
 
@@ -41,7 +41,7 @@ class Envelope:
     topic: str
     message: Any
     delay_ns: int
-    sight: Sight | None = None
+    sight: ImageOrigin | None = None
     sender: str = ''
 
     def changed(self, **changes: Any) -> 'Envelope':
@@ -86,7 +86,7 @@ class Wire:
         self._due: dict[Timer, int] = {}
         self._hung: dict[Node, dict[Subscription, deque[Envelope]]] = {}
         self._latched: dict[str, Envelope] = {}
-        self._sight: Sight | None = None  # of the envelope that is worked on
+        self._sight: ImageOrigin | None = None  # of the envelope that is worked on
         self._running = ''  # the node that works
 
     @property

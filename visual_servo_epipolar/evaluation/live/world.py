@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.evaluation.live.breakable_base import BreakableUnicycleNode
-from visual_servo_epipolar.evaluation.live.hooks import hooked
+from visual_servo_epipolar.evaluation.live.hooks import hook_rclpy
 from visual_servo_epipolar.evaluation.live.wire import BEGIN_NS, Envelope, Wire
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes.camera_node import CameraNode
@@ -73,7 +73,7 @@ class World(AbstractContextManager['World']):
         self._stack = ExitStack()
         with ExitStack() as stack:
             self._context = stack.enter_context(isolated_context())
-            stack.enter_context(hooked(self.wire))
+            stack.enter_context(hook_rclpy(self.wire))
             stack.callback(self._destroy)
             if settings.simulated_time:
                 self._tick()
@@ -137,7 +137,7 @@ class World(AbstractContextManager['World']):
 
     def call(self, service: str) -> str:
         """Call a service (std_srvs/Trigger), as /servo_node/stop, and return its answer."""
-        answer = self._asked(service)
+        answer = self._ask(service)
         return '' if answer is None else str(answer.message)
 
     def change_state(self, name: str, label: str) -> str:
@@ -145,10 +145,10 @@ class World(AbstractContextManager['World']):
         service = f'/{name}/change_state'
         if name not in self.nodes:
             return f'no {service}'
-        answer = self._asked(service, lambda request: setattr(request.transition, 'label', label))
+        answer = self._ask(service, lambda request: setattr(request.transition, 'label', label))
         return 'done' if answer is not None and answer.success else 'refused'
 
-    def _asked(self, service: str, fill: Callable[[Any], object] = lambda request: None) -> Any:
+    def _ask(self, service: str, fill: Callable[[Any], object] = lambda request: None) -> Any:
         """Return the answer of a service; None where nobody serves it, or dies of it."""
         for node in list(self.nodes.values()):
             for item in node.services:

@@ -56,7 +56,7 @@ def figure_data(figure: Figure) -> dict[str, Any]:
     }
 
 
-def thinned(data: Mapping[str, Any], points: int) -> dict[str, list[list[float]]]:
+def thin(data: Mapping[str, Any], points: int) -> dict[str, list[list[float]]]:
     """Return at most ``points`` of each line, evenly chosen with both ends, as JSON has them."""
     thin = {}
     for name, line in data.items():

@@ -9,7 +9,7 @@ from typing import Any
 from matplotlib.figure import Figure
 
 from visual_servo_epipolar.core.servo.run_log import summarise
-from visual_servo_epipolar.evaluation.reproduction.canvas import figure_data, thinned
+from visual_servo_epipolar.evaluation.reproduction.canvas import figure_data, thin
 from visual_servo_epipolar.evaluation.reproduction.experiment import figures as experiment_figures
 from visual_servo_epipolar.evaluation.reproduction.experiment import sensitivity
 from visual_servo_epipolar.evaluation.reproduction.experiment.claims import (
@@ -52,10 +52,10 @@ class Chapter:
 def chapter_1(say: Say) -> Chapter:
     """Run simulation 1 and draw figures 7 to 13."""
     say('simulation 1 ...')
-    return calibrated(simulation_1())
+    return calibrated_chapter(simulation_1())
 
 
-def calibrated(runs: Simulation1) -> Chapter:
+def calibrated_chapter(runs: Simulation1) -> Chapter:
     """Return the chapter on simulation 1."""
     course = runs.course
     drawn = {
@@ -75,16 +75,18 @@ def calibrated(runs: Simulation1) -> Chapter:
         'behind_corrected': metrics(runs.behind_corrected),
     }
     succeeded = course.outcome == runs.corrected.outcome == 'arrived'
-    return Chapter('Simulation 1: calibrated camera', drawn, claims_1(runs), results, succeeded)
+    return Chapter(
+        'Simulation 1: calibrated_chapter camera', drawn, claims_1(runs), results, succeeded
+    )
 
 
 def chapter_2(say: Say) -> Chapter:
     """Run simulation 2 and draw figures 14 and 15."""
     say('simulation 2 ...')
-    return partially_calibrated(simulation_2())
+    return partially_calibrated_chapter(simulation_2())
 
 
-def partially_calibrated(runs: Simulation2) -> Chapter:
+def partially_calibrated_chapter(runs: Simulation2) -> Chapter:
     """Return the chapter on simulation 2."""
     drawn = {
         'figure_14': figures.epipoles(runs.course, 14),
@@ -93,7 +95,11 @@ def partially_calibrated(runs: Simulation2) -> Chapter:
     results = {name: metrics(getattr(runs, name)) for name in ('course', 'held', 'voted')}
     succeeded = runs.course.outcome == 'arrived'
     return Chapter(
-        'Simulation 2: partially calibrated camera', drawn, claims_2(runs), results, succeeded
+        'Simulation 2: partially calibrated_chapter camera',
+        drawn,
+        claims_2(runs),
+        results,
+        succeeded,
     )
 
 
@@ -154,7 +160,7 @@ def publish(chapters: Mapping[str, Chapter], folder: Path) -> None:
 def data(chapters: Mapping[str, Chapter]) -> dict[str, Any]:
     """Return the data behind each figure, thinned."""
     return {
-        name: thinned(figure_data(figure), POINTS)
+        name: thin(figure_data(figure), POINTS)
         for chapter in chapters.values()
         for name, figure in chapter.figures.items()
     }

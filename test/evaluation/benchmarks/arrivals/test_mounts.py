@@ -11,11 +11,11 @@ from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.evaluation.benchmarks.arrivals import mount_cells as cells
 from visual_servo_epipolar.evaluation.benchmarks.arrivals import mounts
 from visual_servo_epipolar.evaluation.benchmarks.arrivals.mount_cells import (
-    Cell,
+    camera_of_size,
+    CameraPlace,
     LENSES,
     LEVEL,
-    Mount,
-    sized,
+    MountCell,
     SIZES,
 )
 from visual_servo_epipolar.evaluation.benchmarks.command import BENCHMARKS, ON_REQUEST
@@ -33,8 +33,8 @@ def quiet(text: str) -> None:
 @pytest.fixture(scope='module')
 def document() -> dict[str, Any]:
     """Return the document of two cells, a start each."""
-    few = [cells.of_mount('attitude', LEVEL), cells.of_mount('yaw', Mount(yaw=1.5))]
-    return mounts.measured(few, 'features', 1, seed=0, say=quiet)
+    few = [cells.of_mount('attitude', LEVEL), cells.of_mount('yaw', CameraPlace(yaw=1.5))]
+    return mounts.measure_cells(few, 'features', 1, seed=0, say=quiet)
 
 
 def test_every_tilt_and_roll_and_every_yaw_and_place_is_driven_once() -> None:
@@ -77,14 +77,16 @@ def test_every_cell_is_a_scenario_that_tells_the_servo_nothing(
 
 @pytest.mark.parametrize(('width', 'height'), SIZES)
 def test_a_size_keeps_the_field_of_view(width: int, height: int) -> None:
-    cell = Cell(group='size', name='', camera=sized(width, height))
+    cell = MountCell(group='size', name='', camera=camera_of_size(width, height))
     camera, usual = cell.scenario(BRIEF_S).camera.camera, Scenario().camera.camera
     assert camera.width / camera.fx == pytest.approx(usual.width / usual.fx)
     assert (camera.width, camera.height) == (width, height)
 
 
 def test_a_lens_and_a_base_reach_the_scenario() -> None:
-    cell = Cell(group='lens', name='', camera={'focal_length': 500.0}, base={'wheel_ratio': 1.01})
+    cell = MountCell(
+        group='lens', name='', camera={'focal_length': 500.0}, base={'wheel_ratio': 1.01}
+    )
     scenario = cell.scenario(BRIEF_S)
     assert (scenario.camera.focal_length, scenario.base.wheel_ratio) == (500.0, 1.01)
 
@@ -112,7 +114,7 @@ def test_the_bench_on_images_drives_images(monkeypatch: pytest.MonkeyPatch) -> N
         asked.append((*arguments, options['seed']))
         return {}
 
-    monkeypatch.setattr(mounts, 'measured', measured)
+    monkeypatch.setattr(mounts, 'measure_cells', measured)
     mounts.ON_IMAGES.run(seed=3, quick=False, say=quiet)
     ((listed, source, starts, seed),) = asked
     sizes = len(cells.SIZES_ON_IMAGES) * len(cells.SCENES)

@@ -48,7 +48,7 @@ def test_figures_are_of_the_clock_and_the_table_takes_them(
     monkeypatch: pytest.MonkeyPatch, threads: int
 ) -> None:
     monkeypatch.setattr(rendering, 'process_time', ticking(0.002))
-    plan = rendering.Plan(cameras=(CAMERA,), images=3)
+    plan = rendering.RenderingPlan(cameras=(CAMERA,), images=3)
     document = json.loads(json.dumps(rendering.measure(plan, 0, lambda text: None)))
     (row,) = document['cameras']
     assert row['size'] == [160, 120]
@@ -91,6 +91,6 @@ def test_the_stages_draw_what_the_camera_sees() -> None:
 def test_the_maps_turn_an_image_about_its_middle() -> None:
     image = np.zeros((100, 200), np.uint8)
     image[45:56, 150:161] = 255  # 55 right of the middle
-    half = cv2.remap(image, *rendering.turned((200, 100), np.pi), cv2.INTER_LINEAR)
+    half = cv2.remap(image, *rendering.turning_maps((200, 100), np.pi), cv2.INTER_LINEAR)
     assert half[45:56, 40:50].mean() > 250
     assert half[:, 60:].max() == 0

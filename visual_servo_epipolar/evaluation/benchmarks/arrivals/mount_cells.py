@@ -30,7 +30,7 @@ LENSES: Mapping[str, Mapping[str, Any]] = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Mount:
+class CameraPlace:
     """Where the camera sits: angles [deg] down, clockwise, left; ahead, left of the axle [m]."""
 
     tilt: float = 0.0
@@ -60,34 +60,34 @@ class Mount:
         return ', '.join(text for text, value in parts.items() if value) or 'level'
 
 
-LEVEL, LEANING = Mount(), Mount(tilt=10.0, roll=3.0)
+LEVEL, LEANING = CameraPlace(), CameraPlace(tilt=10.0, roll=3.0)
 # What looked harmless and drove 18 m away in another world, and the worst of everything.
 WORSE = (
-    Mount(tilt=4.0, ahead=0.13, aside=0.05),
-    Mount(tilt=-8.0),
-    Mount(tilt=6.0, roll=3.0, yaw=3.0, ahead=0.13, aside=0.05),
-    Mount(tilt=30.0, roll=10.0, yaw=10.0, ahead=0.3, aside=0.1),
-    Mount(tilt=-30.0, roll=-10.0, yaw=-10.0, ahead=0.3, aside=-0.1),
+    CameraPlace(tilt=4.0, ahead=0.13, aside=0.05),
+    CameraPlace(tilt=-8.0),
+    CameraPlace(tilt=6.0, roll=3.0, yaw=3.0, ahead=0.13, aside=0.05),
+    CameraPlace(tilt=30.0, roll=10.0, yaw=10.0, ahead=0.3, aside=0.1),
+    CameraPlace(tilt=-30.0, roll=-10.0, yaw=-10.0, ahead=0.3, aside=-0.1),
 )
 WORN = {'wheel_ratio': 1.01}
 ON_IMAGES = (
-    Mount(tilt=-25.0),
-    Mount(tilt=-10.0, roll=8.0),
-    Mount(tilt=-6.0),
-    Mount(tilt=6.0, roll=8.0),
-    Mount(tilt=15.0),
-    Mount(tilt=25.0, roll=8.0),
+    CameraPlace(tilt=-25.0),
+    CameraPlace(tilt=-10.0, roll=8.0),
+    CameraPlace(tilt=-6.0),
+    CameraPlace(tilt=6.0, roll=8.0),
+    CameraPlace(tilt=15.0),
+    CameraPlace(tilt=25.0, roll=8.0),
 )
-QUICK = (LEVEL, Mount(tilt=6.0))
+QUICK = (LEVEL, CameraPlace(tilt=6.0))
 
 
 @dataclass(frozen=True, kw_only=True)
-class Cell:
+class MountCell:
     """One row of the bench: of a ``group``, by ``name``; ``camera`` and ``base`` are settings."""
 
     group: str
     name: str
-    mount: Mount = LEVEL
+    mount: CameraPlace = LEVEL
     camera: Mapping[str, Any] = field(default_factory=dict)
     base: Mapping[str, Any] = field(default_factory=dict)
 
@@ -106,12 +106,12 @@ class Cell:
         return plain | {'camera': dict(self.camera), 'base': dict(self.base)}
 
 
-def of_mount(group: str, mount: Mount, **parts: Mapping[str, Any]) -> Cell:
+def of_mount(group: str, mount: CameraPlace, **parts: Mapping[str, Any]) -> MountCell:
     """Return the cell of a mount, named after it."""
-    return Cell(group=group, name=str(mount), mount=mount, **parts)
+    return MountCell(group=group, name=str(mount), mount=mount, **parts)
 
 
-def sized(width: int, height: int) -> dict[str, Any]:
+def camera_of_size(width: int, height: int) -> dict[str, Any]:
     """Return the camera of that size [px] with the field of view of the default one."""
     return {
         'width': width,
@@ -122,28 +122,28 @@ def sized(width: int, height: int) -> dict[str, Any]:
     }
 
 
-def on_features(*, quick: bool = False) -> Iterator[Cell]:
+def on_features(*, quick: bool = False) -> Iterator[MountCell]:
     """Yield the cells that are driven on point features."""
     if quick:
         yield from (of_mount('attitude', mount) for mount in QUICK)
         return
     for roll, tilt in product(ROLLS, TILTS):
-        yield of_mount('attitude', Mount(tilt=tilt, roll=roll))
+        yield of_mount('attitude', CameraPlace(tilt=tilt, roll=roll))
     for ahead, aside, yaw in product(AHEADS, ASIDES, YAWS):
-        yield of_mount('yaw', Mount(yaw=yaw, ahead=ahead, aside=aside))
+        yield of_mount('yaw', CameraPlace(yaw=yaw, ahead=ahead, aside=aside))
     for mount in WORSE:
         yield of_mount('worse', mount, base=WORN)
     for (width, height), mount in product(SIZES, (LEVEL, LEANING)):
         name = f'{width}x{height}, {mount}'
-        yield Cell(group='size', name=name, mount=mount, camera=sized(width, height))
+        yield MountCell(group='size', name=name, mount=mount, camera=camera_of_size(width, height))
     for (lens, camera), mount in product(LENSES.items(), (LEVEL, LEANING)):
-        yield Cell(group='lens', name=f'{lens}, {mount}', mount=mount, camera=camera)
+        yield MountCell(group='lens', name=f'{lens}, {mount}', mount=mount, camera=camera)
 
 
-def on_images(*, quick: bool = False) -> Iterator[Cell]:
+def on_images(*, quick: bool = False) -> Iterator[MountCell]:
     """Yield the cells that are driven on rendered images."""
     for mount in QUICK if quick else ON_IMAGES:
-        yield of_mount('attitude', mount, camera=sized(320, 256) if quick else {})
+        yield of_mount('attitude', mount, camera=camera_of_size(320, 256) if quick else {})
     for (width, height), scene in product(() if quick else SIZES_ON_IMAGES, SCENES):
-        camera = sized(width, height) | {'scene': scene}
-        yield Cell(group='size', name=f'{width}x{height}, {SCENES[scene]}', camera=camera)
+        camera = camera_of_size(width, height) | {'scene': scene}
+        yield MountCell(group='size', name=f'{width}x{height}, {SCENES[scene]}', camera=camera)

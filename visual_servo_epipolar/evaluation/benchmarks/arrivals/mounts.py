@@ -12,7 +12,7 @@ from typing import Any
 
 from visual_servo_epipolar.evaluation.benchmarks.arrivals.driven_plans import summaries_of
 from visual_servo_epipolar.evaluation.benchmarks.arrivals.mount_cells import (
-    Cell,
+    MountCell,
     on_features,
     on_images,
 )
@@ -44,11 +44,11 @@ def run(
     """Drive each mount, image size and lens from the same starts."""
     cells = {'features': on_features, 'images': on_images}[source](quick=quick)
     starts = (QUICK_STARTS if quick else STARTS)[source]
-    return measured(cells, source, starts, seed=seed, say=say)
+    return measure_cells(cells, source, starts, seed=seed, say=say)
 
 
-def measured(
-    cells: Iterable[Cell], source: str, starts: int, *, seed: int, say: Callable[[str], None]
+def measure_cells(
+    cells: Iterable[MountCell], source: str, starts: int, *, seed: int, say: Callable[[str], None]
 ) -> dict[str, Any]:
     """Return the document of ``cells``: a row each."""
     cells = list(cells)

@@ -78,10 +78,10 @@ def as_step(law: Law) -> Step:
     def drive(state: ServoState, observation: Observation, settings: ServoSettings) -> ServoState:
         perception = perceive(observation, settings, state.frame, state.memory)
         measurement = perception.measurement
-        peer = _updated(_as_peer(state), measurement, observation)
+        peer = _take_in(_as_peer(state), measurement, observation)
         peer = replace(peer, memory=perception.memory)
         return replace(
-            _decided(peer, measurement, observation, law, settings), frame=state.frame + 1
+            _decide(peer, measurement, observation, law, settings), frame=state.frame + 1
         )
 
     return drive
@@ -93,7 +93,7 @@ def _as_peer(state: ServoState) -> PeerState:
     return PeerState(**{item.name: getattr(state, item.name) for item in fields(state)})
 
 
-def _updated(state: PeerState, measurement: Measurement, observation: Observation) -> PeerState:
+def _take_in(state: PeerState, measurement: Measurement, observation: Observation) -> PeerState:
     """Take in a measurement; the first trusted one decides which end goes first."""
     state = replace(state, measurement=measurement)
     if state.phase is not Phase.WAITING or measurement.bearings is None:
@@ -106,7 +106,7 @@ def _updated(state: PeerState, measurement: Measurement, observation: Observatio
     )
 
 
-def _decided(
+def _decide(
     state: PeerState,
     measurement: Measurement,
     observation: Observation,
@@ -136,7 +136,7 @@ def _decided(
     if state.settled >= MATCHED_FRAMES or (rests and error <= NEAR_PX):
         return replace(state, phase=Phase.ARRIVED, command=HALT, reason='matched')
     if rests:
-        return _failed(state, f'stands still with the features {error:.1f} px off')
+        return _fail(state, f'stands still with the features {error:.1f} px off')
     return state
 
 
@@ -153,11 +153,11 @@ def _held(state: PeerState, measurement: Measurement, settings: ServoSettings) -
         )
     waited = seconds_between(state.phase_start_ns, measurement.stamp_ns)
     if waited > settings.holding_timeout:
-        return _failed(state, f'lost the features: {measurement.reason}')
+        return _fail(state, f'lost the features: {measurement.reason}')
     return state
 
 
-def _failed(state: PeerState, reason: str) -> PeerState:
+def _fail(state: PeerState, reason: str) -> PeerState:
     return replace(state, phase=Phase.FAILED, command=HALT, reason=reason)
 
 

@@ -19,17 +19,17 @@ from visual_servo_epipolar.core.mapping.feature_observations import MapSettings
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
 from visual_servo_epipolar.evaluation.benchmarks.memory.bound import (
     bound_of_two_views,
-    Errors,
     errors_of,
     PLANE,
+    TrialErrors,
 )
 from visual_servo_epipolar.evaluation.benchmarks.memory.peers import by_opencv, by_two_views
 from visual_servo_epipolar.evaluation.benchmarks.memory.study import (
+    map_after_drive,
     PIONEER,
-    remembered,
     SMALL,
     StudySettings,
-    Trial,
+    StudyTrial,
     trial,
     two_views,
 )
@@ -80,10 +80,10 @@ def _scene(settings: StudySettings, seeds: range) -> dict[str, Any]:
         {'method': name, **dict(zip(COLUMNS, (UNITS * values).tolist(), strict=True))}
         for name, values in methods.items()
     ]
-    return {'rows': rows, 'normalised': errors.normalised, 'wrong_matches': _found(errors)}
+    return {'rows': rows, 'normalised': errors.normalised_error, 'wrong_matches': _found(errors)}
 
 
-def _found(errors: Errors) -> dict[str, int]:
+def _found(errors: TrialErrors) -> dict[str, int]:
     """Return which wrong matches were found."""
     return {
         'dropped': errors.found,
@@ -97,27 +97,27 @@ def _rms(errors: list[FloatArray]) -> FloatArray:
     return np.asarray(np.sqrt(np.nanmean(np.square(errors), axis=0)))
 
 
-def opencv_errors(drives: list[Trial]) -> FloatArray:
+def opencv_errors(drives: list[StudyTrial]) -> FloatArray:
     """Return the root mean square errors of OpenCV on what the memory knows, (3,)."""
     poses = []
     for drive in drives:
-        geometry, k = remembered(drive).geometry, len(drive.views) - 1
+        geometry, k = map_after_drive(drive).geometry, len(drive.views) - 1
         if geometry is not None:
             poses.append(np.array(by_opencv(drive, k, geometry)) - drive.views[k, PLANE])
     return _rms(poses)
 
 
-def trifocal_errors(drives: list[Trial]) -> FloatArray:
+def trifocal_errors(drives: list[StudyTrial]) -> FloatArray:
     """Return the root mean square errors of photograph, first and last view, (3,)."""
     return _rms([by_trifocal(it, len(it.views) - 1) - it.views[-1, PLANE] for it in drives])
 
 
-def two_views_errors(drives: list[Trial]) -> FloatArray:
+def two_views_errors(drives: list[StudyTrial]) -> FloatArray:
     """Return the root mean square errors of photograph and last view alone, (3,)."""
     return _rms([np.array(by_two_views(it, -1)) - it.views[-1, PLANE] for it in drives])
 
 
-def two_views_bound(drives: list[Trial]) -> FloatArray:
+def two_views_bound(drives: list[StudyTrial]) -> FloatArray:
     """Return the least deviations that photograph and last view alone allow, (3,)."""
     variances = [np.diag(bound_of_two_views(drive))[PLANE] for drive in drives]
     return np.asarray(np.sqrt(np.mean(variances, axis=0)))
@@ -128,7 +128,7 @@ def times_of(settings: StudySettings, rounds: int) -> dict[str, dict[str, float]
     drive = trial(settings, 3)
     k = len(drive.views) - 1
     sightings, told = drive.sightings(k), two_views(drive, k - 2)
-    memory = remembered(drive)
+    memory = map_after_drive(drive)
     while memory.geometry is not None and not memory.geometry.converged:
         memory = memory.after(drive.sightings(k - 1))[0].update_map()
     prior = Prior(told.attitude or drive.mount, told.bearings[0], mount=drive.mount)

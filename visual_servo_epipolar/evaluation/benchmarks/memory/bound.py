@@ -9,10 +9,10 @@ import numpy as np
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.mapping.localization import MapLocalization
 from visual_servo_epipolar.evaluation.benchmarks.memory.study import (
-    remembered,
+    map_after_drive,
     seen_from,
     StudySettings,
-    Trial,
+    StudyTrial,
     trial,
 )
 
@@ -21,7 +21,7 @@ TINY, KNOWN = 1e-9, 1e-4
 VIEW = 5
 
 
-def bound(trial: Trial) -> FloatArray:
+def bound(trial: StudyTrial) -> FloatArray:
     """
     Return the least covariance of the last view's pose, (5, 5), that an estimate can have.
 
@@ -48,7 +48,7 @@ def bound(trial: Trial) -> FloatArray:
 
 
 def _add_view(
-    information: FloatArray, trial: Trial, k: int, view: FloatArray, seen: BoolArray
+    information: FloatArray, trial: StudyTrial, k: int, view: FloatArray, seen: BoolArray
 ) -> None:
     rows = np.flatnonzero(seen)
     features = trial.features[rows]
@@ -71,7 +71,7 @@ def _add_view(
     information[points[:, :, None], own[None, None]] += cross.swapaxes(1, 2)
 
 
-def _add_attitudes(information: FloatArray, trial: Trial) -> None:
+def _add_attitudes(information: FloatArray, trial: StudyTrial) -> None:
     views = len(trial.views) + 1
     jitter = max(trial.settings.jitter, 1e-4) ** -2
     for axis in range(2):
@@ -82,7 +82,7 @@ def _add_attitudes(information: FloatArray, trial: Trial) -> None:
         information[mount, mount] += views * jitter + trial.settings.tilt_deviation**-2
 
 
-def _add_scale(information: FloatArray, trial: Trial) -> None:
+def _add_scale(information: FloatArray, trial: StudyTrial) -> None:
     """Add what is known of the whole way from view to view; of one view, how far off it is."""
     places = trial.views[:-1, :2] if len(trial.views) > 1 else trial.views[:, :2]
     slope = np.zeros((len(places), 2))
@@ -98,7 +98,7 @@ def _add_scale(information: FloatArray, trial: Trial) -> None:
     information += np.outer(row, row)
 
 
-def bound_of_two_views(trial: Trial) -> FloatArray:
+def bound_of_two_views(trial: StudyTrial) -> FloatArray:
     """Return the bound of photograph and last view alone, told how far apart they are, (5, 5)."""
     alone = replace(
         trial,
@@ -114,9 +114,9 @@ PLANE = slice(0, 3)  # lateral, longitudinal, heading
 
 
 @dataclass(frozen=True, eq=False)
-class Errors:
+class TrialErrors:
     """
-    Errors of T trials, (T, 3): lateral and longitudinal [m], heading [rad].
+    TrialErrors of T trials, (T, 3): lateral and longitudinal [m], heading [rad].
 
     ``bounds``, (T, 3), are the least deviations; ``squares``, (T,), what errors are in deviations
     that were told, of three numbers; ``found`` and ``wrong`` the wrong matches that were dropped,
@@ -142,25 +142,25 @@ class Errors:
         return np.asarray(np.sqrt((self.bounds**2).mean(0)))
 
     @property
-    def normalised(self) -> float:
+    def normalised_error(self) -> float:
         """Root mean square of errors in the deviations that were told: one, if those are right."""
         return math.sqrt(float(self.squares.mean()) / 3.0)
 
 
-def localized(drive: Trial) -> MapLocalization:
+def localize(drive: StudyTrial) -> MapLocalization:
     """Return what the memory says of the last view of a drive."""
     last = len(drive.views) - 1
-    _, said = remembered(drive).after(drive.sightings(last), drive.motion(last))
+    _, said = map_after_drive(drive).after(drive.sightings(last), drive.motion(last))
     return said
 
 
-def errors_of(settings: StudySettings, seeds: Iterable[int]) -> Errors:
+def errors_of(settings: StudySettings, seeds: Iterable[int]) -> TrialErrors:
     """Return the errors of the memory over trials with these seeds."""
     rows, bounds, squares = [], [], []
     found = wrong = innocent = silent = 0
     for seed in seeds:
         drive = trial(settings, seed)
-        said = localized(drive)
+        said = localize(drive)
         if said.reason:
             silent += 1
             continue
@@ -174,4 +174,4 @@ def errors_of(settings: StudySettings, seeds: Iterable[int]) -> Errors:
         wrong += len(outliers)
         innocent += len(dropped - outliers)
     arrays = np.array(rows), np.array(bounds), np.array(squares)
-    return Errors(*arrays, found, wrong, innocent, silent)
+    return TrialErrors(*arrays, found, wrong, innocent, silent)

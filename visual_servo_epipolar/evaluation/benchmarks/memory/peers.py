@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
-from visual_servo_epipolar.evaluation.benchmarks.memory.study import Trial
+from visual_servo_epipolar.evaluation.benchmarks.memory.study import StudyTrial
 
 
 class PeerPose(NamedTuple):
@@ -27,7 +27,7 @@ class PeerPose(NamedTuple):
 NOTHING = PeerPose(math.nan, math.nan, math.nan)
 
 
-def by_two_views(drive: Trial, k: int) -> PeerPose:
+def by_two_views(drive: StudyTrial, k: int) -> PeerPose:
     """
     Return what photograph and view ``k`` alone say, told where it is but for their noise.
 
@@ -51,7 +51,7 @@ def by_two_views(drive: Trial, k: int) -> PeerPose:
     return PeerPose(lateral, distance * math.sin(bearings.psi), bearings.heading_error)
 
 
-def by_opencv(drive: Trial, k: int, geometry: Geometry) -> PeerPose:
+def by_opencv(drive: StudyTrial, k: int, geometry: Geometry) -> PeerPose:
     """Return the pose by solvePnPRansac and its refinement, on the structure of ``geometry``."""
     sightings, window = drive.sightings(k), geometry.window
     rows = window.rows_of(sightings.ids)

@@ -50,7 +50,7 @@ class StudySettings:
 
 
 @dataclass(frozen=True, eq=False)
-class Trial:
+class StudyTrial:
     """
     One drive: true ``views``, (V, 5), the last near the goal, and what they show.
 
@@ -122,7 +122,7 @@ def seen_from(points: FloatArray, view: FloatArray) -> FloatArray:
     return np.asarray(upright @ rotation_level_camera(tilt, roll))
 
 
-def trial(settings: StudySettings, seed: int, places: FloatArray | None = None) -> Trial:
+def trial(settings: StudySettings, seed: int, places: FloatArray | None = None) -> StudyTrial:
     """Return one drive, also along other ``places``, (V, 3); ``seed`` draws all that is chance."""
     # What more views draw must not change what was drawn for others.
     scene, floor, noise, slip = (np.random.default_rng((seed, part)) for part in range(4))
@@ -145,17 +145,17 @@ def trial(settings: StudySettings, seed: int, places: FloatArray | None = None) 
     pixels[1:][slipped] = slip.uniform(0.0, camera.height, (int(slipped.sum()), 2))
     right = ~slipped
     right[:, wrong] = False
-    return Trial(settings, views, points, attitudes[0], pixels, seen, right, scale)
+    return StudyTrial(settings, views, points, attitudes[0], pixels, seen, right, scale)
 
 
-class Told(NamedTuple):
+class TwoViewBearings(NamedTuple):
     """What photograph and one view alone say, with the alternative if there is one."""
 
     bearings: tuple[Bearings, ...] = ()
     attitude: Attitude | None = None
 
 
-def two_views(trial: Trial, k: int) -> Told:
+def two_views(trial: StudyTrial, k: int) -> TwoViewBearings:
     """Return what photograph and view ``k`` alone say: nothing where they cannot."""
     sightings = trial.sightings(k)
     try:
@@ -167,22 +167,22 @@ def two_views(trial: Trial, k: int) -> Told:
             rng=np.random.default_rng(0),
         )
     except DegenerateGeometryError:
-        return Told()
+        return TwoViewBearings()
     other = () if estimate.alternative is None else (estimate.alternative,)
-    return Told((estimate.bearings, *other), estimate.attitude)
+    return TwoViewBearings((estimate.bearings, *other), estimate.attitude)
 
 
-def driven(trial: Trial, settings: MapSettings | None = None) -> Iterator[KeyframeMap]:
+def driven(trial: StudyTrial, settings: MapSettings | None = None) -> Iterator[KeyframeMap]:
     """Yield the memory after each view but the last."""
     memory = KeyframeMap(trial.mount, settings or MapSettings())
     for k in range(len(trial.views) - 1):
-        told = two_views(trial, k) if memory.geometry is None else Told()
+        told = two_views(trial, k) if memory.geometry is None else TwoViewBearings()
         memory, _ = memory.after(trial.sightings(k), trial.motion(k), **told._asdict())
         memory = memory.update_map()
         yield memory
 
 
-def remembered(trial: Trial) -> KeyframeMap:
+def map_after_drive(trial: StudyTrial) -> KeyframeMap:
     """Return the memory after all views but the last."""
     *_, memory = driven(trial)
     return memory

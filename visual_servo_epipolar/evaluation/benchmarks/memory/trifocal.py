@@ -11,14 +11,14 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
-from visual_servo_epipolar.evaluation.benchmarks.memory.study import Trial
+from visual_servo_epipolar.evaluation.benchmarks.memory.study import StudyTrial
 
 DRAWS, LEAST = 200, 7
 INLIER = 4.0  # deviations of a bearing
 ROUNDS, STEPS, DIFFERENCE = 5, 30, 1e-6
 
 
-def by_trifocal(drive: Trial, k: int, other: int = 0) -> FloatArray:
+def by_trifocal(drive: StudyTrial, k: int, other: int = 0) -> FloatArray:
     """
     Return lateral and longitudinal offset [m] and heading error [rad] of view ``k``, (3,).
 
@@ -29,15 +29,15 @@ def by_trifocal(drive: Trial, k: int, other: int = 0) -> FloatArray:
     lines, noise = _lines(drive, other, k)
     if lines.shape[1] < LEAST:
         return np.full(3, np.nan)
-    tensor = estimated(lines, INLIER * noise, np.random.default_rng(k))
+    tensor = estimate_tensor(lines, INLIER * noise, np.random.default_rng(k))
     x, y, turn = drive.views[other, :3].tolist()
     distance = math.hypot(x, y)
     third = drive.views[k, :3] / [distance, distance, 1.0]
-    found = _fitted(tensor, np.array([math.atan2(y, x), turn, *third]))
+    found = _fit_poses(tensor, np.array([math.atan2(y, x), turn, *third]))
     return np.array([distance * found[2], distance * found[3], found[4]])
 
 
-def _lines(drive: Trial, other: int, k: int) -> tuple[FloatArray, float]:
+def _lines(drive: StudyTrial, other: int, k: int) -> tuple[FloatArray, float]:
     """Return what lies across bearings, (3, N, 2), and their noise [rad]."""
     second, third = drive.sightings(other), drive.sightings(k)
     _, rows, more = np.intersect1d(second.ids, third.ids, assume_unique=True, return_indices=True)
@@ -47,7 +47,7 @@ def _lines(drive: Trial, other: int, k: int) -> tuple[FloatArray, float]:
     return np.stack([np.cos(bearings), -np.sin(bearings)], axis=-1), noise
 
 
-def estimated(lines: FloatArray, bound: float, rng: np.random.Generator) -> FloatArray:
+def estimate_tensor(lines: FloatArray, bound: float, rng: np.random.Generator) -> FloatArray:
     """Return the tensor, (2, 2, 2), that most features agree with, to ``bound`` [rad]."""
     count = lines.shape[1]
     best = np.ones(count, bool)
@@ -73,18 +73,18 @@ def _linear(lines: FloatArray, weight: FloatArray | float = 1.0) -> FloatArray:
     return np.asarray(axes[-1].reshape(2, 2, 2))
 
 
-def _transferred(tensor: FloatArray, lines: FloatArray) -> FloatArray:
+def _transfer(tensor: FloatArray, lines: FloatArray) -> FloatArray:
     """Return what lies along the third bearing, (N, 2), by the other two."""
     return np.asarray(np.einsum('ijk,ni,nj->nk', tensor, lines[0], lines[1]))
 
 
 def _lengths(tensor: FloatArray, lines: FloatArray) -> FloatArray:
-    return np.asarray(np.maximum(np.linalg.norm(_transferred(tensor, lines), axis=1), 1e-12))
+    return np.asarray(np.maximum(np.linalg.norm(_transfer(tensor, lines), axis=1), 1e-12))
 
 
 def _residuals(tensor: FloatArray, lines: FloatArray) -> FloatArray:
     """Return by what angles third bearings are off [rad], (N,)."""
-    along = _transferred(tensor, lines)
+    along = _transfer(tensor, lines)
     return np.asarray((along * lines[2]).sum(1) / _lengths(tensor, lines))
 
 
@@ -113,7 +113,7 @@ def _camera(x: float, y: float, heading: float) -> FloatArray:
     return np.asarray(np.hstack([back, -back @ np.array([[x], [y]])]))
 
 
-def _fitted(tensor: FloatArray, start: FloatArray) -> FloatArray:
+def _fit_poses(tensor: FloatArray, start: FloatArray) -> FloatArray:
     """Return the poses whose tensor is nearest to one that was measured."""
     poses = start
     sign = 1.0 if (tensor_of(poses) * tensor).sum() >= 0.0 else -1.0

@@ -41,7 +41,7 @@ def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]
     with TemporaryDirectory(prefix='visual_servo_') as compiled:
         say('demo, for modules that are compiled when they are first imported ...')
         first = next(iter(VARIANTS.values()))
-        _timed(('--seed', str(seed), '--start', *SHORT, *first), Path(compiled))
+        _time_demo(('--seed', str(seed), '--start', *SHORT, *first), Path(compiled))
         rows = _rows(seed, quick, Path(compiled), say)
     return {'seed': seed, 'rows': rows}
 
@@ -56,7 +56,7 @@ def _rows(
             say(f'demo with {name}, {trial + 1} ...')
             for kept, start in zip(drives, (SHORT, QUICK_LONG if quick else LONG), strict=True):
                 given = '--seed', str(seed), '--start', *start, *arguments
-                kept.append(_timed(given, compiled))
+                kept.append(_time_demo(given, compiled))
         rows.append(_row(name, *drives))
     return rows
 
@@ -84,7 +84,7 @@ def figures(document: Mapping[str, Any]) -> dict[str, float]:
     }
 
 
-def _timed(arguments: tuple[str, ...], compiled: Path) -> Times:
+def _time_demo(arguments: tuple[str, ...], compiled: Path) -> Times:
     """
     Run the demo, and return simulated, wall and processor time [s].
 

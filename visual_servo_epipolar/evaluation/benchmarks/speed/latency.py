@@ -28,7 +28,7 @@ from visual_servo_epipolar.evaluation.live.chain import (
     Answers,
     ECHO,
     FourNodes,
-    Loop,
+    PlayedCamera,
     TRACKER_AND_SERVO,
 )
 from visual_servo_epipolar.evaluation.live.processes import costs, Process, spent, Stretch
@@ -84,7 +84,7 @@ class Chain(Protocol):
 class Two:
     """Tracker and servo; their camera is this process."""
 
-    def __init__(self, loop: Loop, run: DrivenRun) -> None:
+    def __init__(self, loop: PlayedCamera, run: DrivenRun) -> None:
         self._loop, self._run = loop, run
         self.processes = {name: loop.processes[name] for name in TRACKER_AND_SERVO}
         self.as_driven = 0
@@ -123,13 +123,13 @@ def run(
     """Return the document: for each size of image latency, floor, drops and costs."""
     seconds = seconds or (QUICK_SECONDS if quick else SECONDS)
     rows = [
-        _measured(replace(cell, seed=seed), nodes, seconds, say)
+        _measure_size(replace(cell, seed=seed), nodes, seconds, say)
         for cell in (CELLS[:1] if quick else CELLS)
     ]
     return {'nodes': nodes, 'seconds': seconds, 'rows': rows}
 
 
-def _measured(
+def _measure_size(
     settings: CameraSettings, nodes: str, seconds: float, say: Callable[[str], None]
 ) -> dict[str, Any]:
     """Return the row of one size: latencies, floor, drops, and what each process costs."""
@@ -142,7 +142,7 @@ def _measured(
         floor, paced = in_memory(run), in_memory(run, paced=True)
         say(f'{title}: starting nodes ...')
         started = ECHO if nodes == FOUR else {**ECHO, **TRACKER_AND_SERVO}
-        loop = Loop(stack, run.camera, run.images, Path(scratch), started)
+        loop = PlayedCamera(stack, run.camera, run.images, Path(scratch), started)
         chain: Chain
         chain = FourNodes(stack, settings, Path(scratch)) if nodes == FOUR else Two(loop, run)
         chain.wait_for_answers()
@@ -163,7 +163,7 @@ def _turns(seconds: float) -> int:
 
 
 def _by_turns(
-    chain: Chain, loop: Loop, rate: float, seconds: float, say: Callable[[str], None]
+    chain: Chain, loop: PlayedCamera, rate: float, seconds: float, say: Callable[[str], None]
 ) -> dict[str, Any]:
     """Drive nodes and echo by turns, and return what both took."""
     turns = _turns(seconds)

@@ -13,7 +13,7 @@ from rosbags.highlevel import AnyReader
 from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-from visual_servo_epipolar.evaluation.live.chain import Loop, TRACKER_AND_SERVO
+from visual_servo_epipolar.evaluation.live.chain import PlayedCamera, TRACKER_AND_SERVO
 from visual_servo_epipolar.evaluation.live.processes import Cost
 from visual_servo_epipolar.evaluation.tables import aligned
 from visual_servo_epipolar.simulation.camera_simulator import CameraSimulator
@@ -42,14 +42,14 @@ def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]
     images = views(simulator)
     with TemporaryDirectory(prefix='visual_servo_') as scratch, ExitStack() as stack:
         say('starting three nodes ...')
-        loop = Loop(stack, simulator.camera, images, Path(scratch), NODES)
+        loop = PlayedCamera(stack, simulator.camera, images, Path(scratch), NODES)
         loop.show_goal(simulator.photograph())
         without: list[float] = []
         stretches: list[dict[str, Any]] = []
         for number in range(turns):
             say(f'turn {number + 1} of {turns}, {2 * seconds:g} s ...')
             without += loop.show(seconds, RATE).latencies
-            stretches.append(_recorded(loop, Path(scratch), seconds))
+            stretches.append(_record_turn(loop, Path(scratch), seconds))
     return {
         'size': [settings.width, settings.height],
         'rate': RATE,
@@ -60,7 +60,7 @@ def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]
     }
 
 
-def _recorded(loop: Loop, folder: Path, seconds: float) -> dict[str, Any]:
+def _record_turn(loop: PlayedCamera, folder: Path, seconds: float) -> dict[str, Any]:
     """Drive with the recorder on, and return its cost and the completeness of the bag."""
     bag = Path(loop.call('recorder_node/start').partition('recording to ')[2])
     loop.wait_for_listeners(2)

@@ -37,22 +37,22 @@ TURN = 0.05  # of the remapped image [rad]
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class RenderingPlan:
     """Cameras, and how many images along one approach of 200 each takes."""
 
     cameras: Sequence[CameraSettings] = (LARGE, SMALL)
     images: int = 100
 
 
-QUICK = Plan(cameras=(SMALL,), images=6)
+QUICK = RenderingPlan(cameras=(SMALL,), images=6)
 
 
 def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
     """Return the document of the benchmark; ``say`` is told the progress."""
-    return measure(QUICK if quick else Plan(), seed, say)
+    return measure(QUICK if quick else RenderingPlan(), seed, say)
 
 
-def measure(plan: Plan, seed: int, say: Callable[[str], None]) -> dict[str, Any]:
+def measure(plan: RenderingPlan, seed: int, say: Callable[[str], None]) -> dict[str, Any]:
     """Carry out ``plan``."""
     poses = approach(start_of(seed, 200), 200)
     poses = [poses[k] for k in np.linspace(0, len(poses) - 1, plan.images).astype(int)]
@@ -74,15 +74,15 @@ def _camera(
     simulator = CameraSimulator(replace(settings, seed=seed))
     for pose in poses:  # textures are blurred and reduced when they are first asked for
         simulator.capture(pose, 0)
-    stages, maps = Stages(simulator), turned(size, TURN)
+    stages, maps = Stages(simulator), turning_maps(size, TURN)
     seconds = []
     for frame, pose in enumerate(poses):
         say(f'{size[0]}x{size[1]}: image {frame + 1} of {len(poses)}')
-        image, whole = timed(simulator.capture, pose, frame)
-        _, bare = timed(cv2.remap, image, *maps, cv2.INTER_LINEAR)
+        image, whole = time_of(simulator.capture, pose, frame)
+        _, bare = time_of(cv2.remap, image, *maps, cv2.INTER_LINEAR)
         seconds.append({'image': whole, 'remap': bare, **stages.seconds(pose, frame)})
     say(f'{size[0]}x{size[1]}: with a second process')
-    for row, passed in zip(seconds, _shared(simulator, poses, maps), strict=True):
+    for row, passed in zip(seconds, _shared_times(simulator, poses, maps), strict=True):
         row.update(passed)
     milliseconds = {name: [1e3 * row[name] for row in seconds] for name in seconds[0]}
     figures = {name: spread(values) for name, values in milliseconds.items()}
@@ -98,7 +98,7 @@ def _ratio(of: Mapping[str, Sequence[float]], above: str, below: str) -> dict[st
     return spread((np.array(of[above]) / np.array(of[below])).tolist())
 
 
-def _shared(
+def _shared_times(
     simulator: CameraSimulator, poses: Sequence[Pose], maps: tuple[FloatArray, FloatArray]
 ) -> Iterator[dict[str, float]]:
     """Yield the time that passes for each image of two processes, and for its remap [s]."""
@@ -110,8 +110,8 @@ def _shared(
         for pose in poses:  # it makes textures of its own
             simulator.capture(pose, 0)
         for frame, pose in enumerate(poses):
-            image, shared = timed(simulator.capture, pose, frame, clock=perf_counter)
-            _, bare = timed(cv2.remap, image, *maps, cv2.INTER_LINEAR, clock=perf_counter)
+            image, shared = time_of(simulator.capture, pose, frame, clock=perf_counter)
+            _, bare = time_of(cv2.remap, image, *maps, cv2.INTER_LINEAR, clock=perf_counter)
             yield {'shared': shared, 'remap_passed': bare}
         simulator.renderer.assistant = None
 
@@ -129,10 +129,10 @@ class Stages:
         R_world_camera, centre = renderer.rig.camera_pose(pose, frame)
         intrinsics = camera.camera.matrix
         view = PinholeView(camera.width, camera.height, intrinsics, centre, R_world_camera)
-        raster, polygons = timed(rasterize, scene, view)
+        raster, polygons = time_of(rasterize, scene, view)
         image: Image = np.zeros((camera.height, camera.width), np.uint8)
-        _, textures = timed(textured, scene, raster, image)
-        _, edges = timed(mix_edges, image, scene, view, raster)
+        _, textures = time_of(textured, scene, raster, image)
+        _, edges = time_of(mix_edges, image, scene, view, raster)
         return {'polygons': polygons, 'textures': textures, 'edges': edges}
 
 
@@ -141,7 +141,7 @@ def mix_edges(image: Image, scene: Scene, view: PinholeView, raster: Raster) -> 
     smooth_edges(image, mixing(scene, view, raster))
 
 
-def timed(
+def time_of(
     work: Callable[..., Any], *given: Any, clock: Callable[[], float] | None = None
 ) -> tuple[Any, float]:
     """Return what ``work`` returns for what is ``given``, and its time [s]: the processor's."""
@@ -151,7 +151,7 @@ def timed(
     return result, clock() - began
 
 
-def turned(size: tuple[int, int], angle: float) -> tuple[FloatArray, FloatArray]:
+def turning_maps(size: tuple[int, int], angle: float) -> tuple[FloatArray, FloatArray]:
     """Return maps, float32 of shape (H, W), that turn an image of ``size`` by ``angle`` [rad]."""
     width, height = size
     u, v = np.meshgrid(np.arange(width) - 0.5 * width, np.arange(height) - 0.5 * height)

@@ -49,7 +49,7 @@ class Runs(FourNodes):
         self.wait(lambda: len(drive.sent) > 1, 'no image was heard')
         while self._phase not in ENDS and time.monotonic() < end_s:
             self.spin_for(LOOK_S)
-        return self.ended(drive), self._phase
+        return self.without_last_image(drive), self._phase
 
     def _on_phase(self, message: String) -> None:
         self._phase = str(message.data)

@@ -73,7 +73,7 @@ def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]
         for batch in batches:
             count = batch if quick else FEWEST.get(batch, max(batch, RUNS))
             say(f'sweep, {name}: {count} runs, {batch} at a time')
-            row, digests = _measured(_runs(scenario, count, seed), batch)
+            row, digests = _measure_batch(_runs(scenario, count, seed), batch)
             rows.append(row)
             records.append(digests)
         document['scenarios'].append(
@@ -116,7 +116,7 @@ def _runs(scenario: Scenario, count: int, seed: int) -> list[Run]:
     return runs
 
 
-def _measured(runs: Sequence[Run], batch: int) -> tuple[dict[str, Any], list[str]]:
+def _measure_batch(runs: Sequence[Run], batch: int) -> tuple[dict[str, Any], list[str]]:
     """Return what ``runs`` cost, ``batch`` at a time, and a digest of each record."""
     watch, logs, began = Stopwatch(), [], thread_time()
     for first in range(0, len(runs), batch):

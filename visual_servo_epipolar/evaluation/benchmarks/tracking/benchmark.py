@@ -12,14 +12,18 @@ from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.evaluation.benchmarks.tracking.document import figures, table
-from visual_servo_epipolar.evaluation.benchmarks.tracking.scores import ended, recovered, scores
+from visual_servo_epipolar.evaluation.benchmarks.tracking.scores import (
+    ended_tracks,
+    recovery_time,
+    scores,
+)
 from visual_servo_epipolar.evaluation.benchmarks.tracking.timing import over_floor, times
 from visual_servo_epipolar.evaluation.benchmarks.tracking.world import (
     approach,
     FrameErrors,
+    RenderedWorld,
     start_of,
-    Truth,
-    World,
+    TrueFeatures,
 )
 from visual_servo_epipolar.simulation.disturbances.image import Disturbances, DisturbanceSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
@@ -63,21 +67,21 @@ class TrackerRun:
     seconds: list[float] = field(default_factory=list)
     given_up: tuple[int, int] = 0, 0
 
-    def track(self, image: Image, truth: Truth, pose: Pose, frame: int) -> None:
+    def track(self, image: Image, truth: TrueFeatures, pose: Pose, frame: int) -> None:
         """Track one image, shape (H, W), and note the errors."""
         began = perf_counter()
         features = self.tracker.track(image)
         self.seconds.append(perf_counter() - began)
         if self.errors:
-            ended_tracks = ended(self.errors[-1], features)
-            trackable = truth.errors(ended_tracks, pose, self.disturbances, frame).trackable
+            gone = ended_tracks(self.errors[-1], features)
+            trackable = truth.errors(gone, pose, self.disturbances, frame).trackable
             lost, in_view = self.given_up
             self.given_up = lost + int((~trackable).sum()), in_view + int(trackable.sum())
         self.errors.append(truth.errors(features, pose, self.disturbances, frame))
 
 
 @dataclass(frozen=True, slots=True)
-class Plan:
+class TrackingPlan:
     """
     How much is done.
 
@@ -93,7 +97,7 @@ class Plan:
     single: bool = True
 
 
-QUICK = Plan(
+QUICK = TrackingPlan(
     scenes=SCENES[:1],
     disturbed=1,
     frames=40,
@@ -113,10 +117,10 @@ QUICK = Plan(
 
 def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]:
     """Return the document of the benchmark; ``say`` is told the progress."""
-    return measure(QUICK if quick else Plan(), seed, say)
+    return measure(QUICK if quick else TrackingPlan(), seed, say)
 
 
-def measure(plan: Plan, seed: int, say: Callable[[str], None]) -> dict[str, Any]:
+def measure(plan: TrackingPlan, seed: int, say: Callable[[str], None]) -> dict[str, Any]:
     """Carry out ``plan``."""
     scenes: list[dict[str, Any]] = []
     disturbed: list[dict[str, Any]] = []
@@ -140,12 +144,12 @@ def measure(plan: Plan, seed: int, say: Callable[[str], None]) -> dict[str, Any]
     }
 
 
-def _sizes(plan: Plan, seed: int, kept: list[Image]) -> list[list[Image]]:
+def _sizes(plan: TrackingPlan, seed: int, kept: list[Image]) -> list[list[Image]]:
     """Return photograph and images at the plan's size, ``kept``, and at the usual one."""
     camera = QUICK.camera
     if plan.camera.width * plan.camera.height <= camera.width * camera.height:
         return [kept]
-    world = World(_with_seeds(camera, plan.scenes[0], seed))
+    world = RenderedWorld(_with_seeds(camera, plan.scenes[0], seed))
     poses = approach(start_of(seed + plan.scenes[0], plan.frames), plan.frames)
     frames = range(plan.frames - len(kept) + 1, plan.frames)
     images = [world.capture(world.renderer.render(poses[k]), k, None) for k in frames]
@@ -153,11 +157,16 @@ def _sizes(plan: Plan, seed: int, kept: list[Image]) -> list[list[Image]]:
 
 
 def _scene(
-    plan: Plan, scene: int, seed: int, names: Sequence[str], keep: int, say: Callable[[str], None]
+    plan: TrackingPlan,
+    scene: int,
+    seed: int,
+    names: Sequence[str],
+    keep: int,
+    say: Callable[[str], None],
 ) -> tuple[dict[str, Any], list[dict[str, Any]], list[Image]]:
     """Return the figures of all configurations, those of the disturbances, and ``keep`` images."""
     start = start_of(seed + scene, plan.frames)
-    world = World(_with_seeds(plan.camera, scene, seed))
+    world = RenderedWorld(_with_seeds(plan.camera, scene, seed))
     desired = world.photograph()
     runs = [TrackerRun(name, _tracker(desired, **how)) for name, how in CONFIGURATIONS.items()]
     runs += [
@@ -201,7 +210,7 @@ def _tracker(desired: Image, **changes: Any) -> Tracker:
     return tracker
 
 
-def _disturbances(name: str, plan: Plan, world: World, seed: int) -> Disturbances:
+def _disturbances(name: str, plan: TrackingPlan, world: RenderedWorld, seed: int) -> Disturbances:
     """Return the named disturbance, beginning at three tenths of the approach."""
     first = (3 * plan.frames) // 10
     timing = {'disturbed_from': first, 'disturbed_for': min(SECONDS_3, plan.frames // 4)}
@@ -209,7 +218,7 @@ def _disturbances(name: str, plan: Plan, world: World, seed: int) -> Disturbance
     return Disturbances(world.size, settings, seed)
 
 
-def _figures(world: World, tracked: TrackerRun) -> dict[str, Any]:
+def _figures(world: RenderedWorld, tracked: TrackerRun) -> dict[str, Any]:
     milliseconds = 1e3 * np.array(tracked.seconds[1:])
     return {
         **scores(world.truth, tracked.errors),
@@ -219,7 +228,7 @@ def _figures(world: World, tracked: TrackerRun) -> dict[str, Any]:
     }
 
 
-def _rough_figures(world: World, tracked: TrackerRun) -> dict[str, Any]:
+def _rough_figures(world: RenderedWorld, tracked: TrackerRun) -> dict[str, Any]:
     assert tracked.disturbances is not None
     settings = tracked.disturbances.settings
     over = settings.disturbed_from + settings.disturbed_for
@@ -228,6 +237,6 @@ def _rough_figures(world: World, tracked: TrackerRun) -> dict[str, Any]:
     return {
         'disturbance': tracked.name,
         'during_px': float(np.median(errors)) if len(errors) else None,
-        'recovered_after': recovered(tracked.errors, over),
+        'recovered_after': recovery_time(tracked.errors, over),
         **_figures(world, tracked),
     }

@@ -8,13 +8,17 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import BoolArray, FloatArray
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.evaluation.benchmarks.tracking.world import FrameErrors, STANDING, Truth
+from visual_servo_epipolar.evaluation.benchmarks.tracking.world import (
+    FrameErrors,
+    STANDING,
+    TrueFeatures,
+)
 
 GROSS = 3.0  # a feature farther than this from its place is a wrong one [px]
 ENOUGH = 26  # features of the paper's experiments
 
 
-def scores(truth: Truth, frames: Sequence[FrameErrors]) -> dict[str, Any]:
+def scores(truth: TrueFeatures, frames: Sequence[FrameErrors]) -> dict[str, Any]:
     """
     Return the figures of one run.
 
@@ -25,13 +29,13 @@ def scores(truth: Truth, frames: Sequence[FrameErrors]) -> dict[str, Any]:
     route, goal = frames[:-STANDING], frames[-STANDING:]
     counts = np.array([len(frame_errors.features) for frame_errors in frames])
     gross = [_gross(frame_errors) for frame_errors in frames]
-    edges = _pooled(frames, lambda frame: frame.on_edge)
+    edges = _pool(frames, lambda frame: frame.on_edge)
     counted = int(counts.sum()) - len(edges)
     return {
-        'route_px': _median(_pooled(route, lambda frame: frame.trackable)),
-        'route_p95_px': _percentile(_pooled(route, lambda frame: frame.trackable), 95.0),
-        'goal_px': _median(_pooled(goal, lambda frame: frame.trackable)),
-        'goal_p95_px': _percentile(_pooled(goal, lambda frame: frame.trackable), 95.0),
+        'route_px': _median(_pool(route, lambda frame: frame.trackable)),
+        'route_p95_px': _percentile(_pool(route, lambda frame: frame.trackable), 95.0),
+        'goal_px': _median(_pool(goal, lambda frame: frame.trackable)),
+        'goal_p95_px': _percentile(_pool(goal, lambda frame: frame.trackable), 95.0),
         'gross': sum(int(rows.sum()) for rows in gross),
         'gross_share': sum(int(rows.sum()) for rows in gross) / max(counted, 1),
         'gross_share_worst': max(
@@ -61,7 +65,7 @@ def redetections(frames: Sequence[FrameErrors]) -> list[int]:
     return [frame for frame, age in enumerate(ages) if frame and (age == 0).any()]
 
 
-def ended(before: FrameErrors, features: Features) -> Features:
+def ended_tracks(before: FrameErrors, features: Features) -> Features:
     """Return the tracks of the frame ``before`` that were right and are not in ``features``."""
     tracks = before.features
     rows = ~np.isin(tracks.ids, features.ids) & (before.distances <= GROSS)
@@ -104,7 +108,7 @@ def episodes(frames: Sequence[FrameErrors], gross: Sequence[BoolArray]) -> list[
     return list(entries.values())
 
 
-def recovered(frames: Sequence[FrameErrors], first: int) -> int | None:
+def recovery_time(frames: Sequence[FrameErrors], first: int) -> int | None:
     """Return how many frames after ``first`` there are enough features for good; None: never."""
     few = [
         frame
@@ -120,13 +124,13 @@ def _gross(frame_errors: FrameErrors) -> BoolArray:
     return np.asarray(~frame_errors.on_edge & (frame_errors.distances > GROSS))
 
 
-def _pooled(frames: Sequence[FrameErrors], choose: Any) -> FloatArray:
+def _pool(frames: Sequence[FrameErrors], choose: Any) -> FloatArray:
     """Return the errors of the features that ``choose`` takes, of all frames."""
     chosen = [frame_errors.distances[choose(frame_errors)] for frame_errors in frames]
     return np.concatenate([*chosen, np.empty(0)])
 
 
-def _pose_errors(truth: Truth, goal: Sequence[FrameErrors]) -> dict[str, float | None]:
+def _pose_errors(truth: TrueFeatures, goal: Sequence[FrameErrors]) -> dict[str, float | None]:
     errors = [error for error in map(truth.pose_error, goal) if error is not None]
     names = ('pose_x_mm', 'pose_y_mm', 'pose_heading_deg')
     if not errors:

@@ -50,7 +50,7 @@ def start_of(seed: int, frames: int) -> tuple[float, float]:
     return side * rng.uniform(0.3, 0.6) * shorter, -rng.uniform(3.0, 5.5) * shorter
 
 
-class World:
+class RenderedWorld:
     """A room and a camera in it: perfect images, images of the sensor, and ground truth."""
 
     def __init__(self, settings: CameraSettings) -> None:
@@ -61,7 +61,7 @@ class World:
         self.size = settings.width, settings.height
         sensor = SensorSettings(noise=settings.noise, gain_drift=settings.gain_drift)
         self._sensor = Sensor(self.size, sensor, settings.seed)
-        self.truth = Truth(self.renderer)
+        self.truth = TrueFeatures(self.renderer)
 
     def photograph(self) -> Image:
         """Return the desired image, shape (H, W)."""
@@ -107,7 +107,7 @@ class FrameErrors:
         return np.asarray(~self.on_edge & self.visible & ~self.covered)
 
 
-class Truth:
+class TrueFeatures:
     """Ground truth: where the features of the desired view are, by the geometry of the room."""
 
     def __init__(self, renderer: Renderer) -> None:

@@ -8,10 +8,10 @@ from visual_servo_epipolar.evaluation.faults.catalogue.fault import (
     ALWAYS,
     Fault,
     Faults,
-    Scene,
     Strike,
+    StruckRun,
 )
-from visual_servo_epipolar.evaluation.faults.catalogue.streams import dropped
+from visual_servo_epipolar.evaluation.faults.catalogue.streams import drop_some
 from visual_servo_epipolar.evaluation.live.breakable_base import BreakableUnicycleNode
 from visual_servo_epipolar.evaluation.live.wire import Envelope
 
@@ -23,7 +23,7 @@ JOYSTICK = (-0.3, 0.3), (0.2, 0.5)  # speeds that it asks for, ahead [m/s] and t
 
 
 def _wheels(*grips: tuple[float, float]) -> Strike:
-    def strike(scene: Scene) -> None:
+    def strike(scene: StruckRun) -> None:
         base = scene.world.nodes['unicycle_node']
         grip = grips[int(scene.rng.integers(len(grips)))]
         scene.notes.append(f'left {grip[0]:g}, right {grip[1]:g} of the motion')
@@ -34,18 +34,18 @@ def _wheels(*grips: tuple[float, float]) -> Strike:
     return strike
 
 
-def _delay(scene: Scene) -> None:
+def _delay(scene: StruckRun) -> None:
     scene.notes.append(scene.world.set('unicycle_node', {'command_delay': DELAY_S}))
 
 
-def _command(scene: Scene, linear: float, angular: float) -> None:
+def _command(scene: StruckRun, linear: float, angular: float) -> None:
     """Let somebody else command the base."""
     twist = TwistMessage()
     twist.linear.x, twist.angular.z = linear, angular
     scene.world.wire.send(Envelope(COMMANDS, twist, 0))
 
 
-def _garbage(scene: Scene) -> None:
+def _garbage(scene: StruckRun) -> None:
     """Let somebody send twists that are no numbers."""
     for number in range(round(GARBAGE_S * RATE)):
         scene.later(
@@ -54,7 +54,7 @@ def _garbage(scene: Scene) -> None:
         )
 
 
-def _joystick(scene: Scene) -> None:
+def _joystick(scene: StruckRun) -> None:
     """Let somebody drive the robot beside the servo."""
     linear = scene.draw(*JOYSTICK[0])
     angular = scene.draw(*JOYSTICK[1]) * (1.0 if scene.hits(0.5) else -1.0)
@@ -70,7 +70,7 @@ FAULTS: Faults = {
     'wheel_slips': Fault('a wheel loses a third of its motion', _wheels((0.66, 1.0), (1.0, 0.66))),
     'command_delay': Fault('commands take 0.3 s to the motors', _delay),
     'commands_dropped': Fault(
-        'up to half of the commands lost', dropped(COMMANDS), base_alone=True
+        'up to half of the commands lost', drop_some(COMMANDS), base_alone=True
     ),
     'base_deaf': Fault(
         'commands do not arrive',

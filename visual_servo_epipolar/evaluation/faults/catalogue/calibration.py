@@ -14,8 +14,8 @@ from visual_servo_epipolar.evaluation.faults.catalogue.fault import (
     EVERYWHERE,
     Fault,
     Faults,
-    Scene,
     Strike,
+    StruckRun,
 )
 from visual_servo_epipolar.evaluation.live.wire import Envelope, HOP_NS
 from visual_servo_epipolar.evaluation.live.world import WorldSettings
@@ -49,11 +49,11 @@ def _longer(info: Any) -> None:
     info.k[0], info.k[4] = 1.3 * info.k[0], 1.3 * info.k[4]
 
 
-def _transposed(info: Any) -> None:
+def _transpose(info: Any) -> None:
     info.k = np.asarray(info.k).reshape(3, 3).T.ravel()
 
 
-def _scaled(scene: Scene) -> None:
+def _scale_matrix(scene: StruckRun) -> None:
     """Let K be that of images of another size, or of another lens."""
     ratio, whole = float(scene.rng.choice(SCALES)), scene.hits(0.5)
     scene.notes.append(f'{"K" if whole else "focal length"} times {ratio:g}')
@@ -77,15 +77,15 @@ def _larger(info: Any) -> None:
     info.width, info.height = 2 * info.width, 2 * info.height
 
 
-def _flickering(scene: Scene) -> None:
+def _flickering(scene: StruckRun) -> None:
     """Let two cameras speak in turns."""
     scene.alter(INFO, lambda info: _longer(info) if scene.hits(0.5) else None)
 
 
-def photograph(pixels: Callable[[Scene], Pixels]) -> Strike:
+def photograph(pixels: Callable[[StruckRun], Pixels]) -> Strike:
     """Let somebody publish another photograph."""
 
-    def strike(scene: Scene) -> None:
+    def strike(scene: StruckRun) -> None:
         message: Any = write.image(pixels(scene), 'mono8', 0, 'camera_optical_frame')
         scene.filter(DESIRED, lambda envelope: [envelope.changed(message=message)])
         scene.world.wire.send(Envelope(DESIRED, message, 2 * HOP_NS))
@@ -93,17 +93,17 @@ def photograph(pixels: Callable[[Scene], Pixels]) -> Strike:
     return strike
 
 
-def _other_room(scene: Scene) -> Pixels:
+def _other_room(scene: StruckRun) -> Pixels:
     return taken(replace(scene.world.settings.camera, scene_seed=77), DESIRED_POSE)
 
 
-def _other_pose(scene: Scene) -> Pixels:
+def _other_pose(scene: StruckRun) -> Pixels:
     goal, turn = DESIRED_POSE, scene.draw(-0.05, 0.05)
     pose = Pose(goal.x + scene.draw(-0.2, 0.2), goal.y - scene.draw(0.1, 0.3), goal.theta + turn)
     return taken(scene.world.settings.camera, pose)
 
 
-def _black(scene: Scene) -> Pixels:
+def _black(scene: StruckRun) -> Pixels:
     camera = scene.world.settings.camera
     return np.zeros((camera.height, camera.width), np.uint8)
 
@@ -125,9 +125,9 @@ FAULTS: Faults = {
     'lens_fisheye': Fault(
         'told a fisheye', _lens('equidistant', 0.0, 0.0, 0.0, 0.0), phases=AT_FIRST
     ),
-    'matrix_transposed': Fault('K column by column', _info(_transposed), phases=AT_FIRST),
+    'matrix_transposed': Fault('K column by column', _info(_transpose), phases=AT_FIRST),
     'matrix_scaled': Fault(
-        'K, or its focal length alone, of 1/4 to 4 times the size', _scaled, phases=AT_FIRST
+        'K, or its focal length alone, of 1/4 to 4 times the size', _scale_matrix, phases=AT_FIRST
     ),
     'info_missing': Fault('no camera_info', lambda scene: scene.lose(INFO), phases=ALWAYS),
     'info_uncalibrated': Fault('K[0] of camera_info is 0', _focal(0.0), phases=ALWAYS),

@@ -11,8 +11,8 @@ from visual_servo_epipolar.evaluation.faults.catalogue.fault import (
     Fault,
     Faults,
     Prepare,
-    Scene,
     Strike,
+    StruckRun,
 )
 from visual_servo_epipolar.evaluation.live.wire import Envelope
 from visual_servo_epipolar.messages import write
@@ -20,7 +20,7 @@ from visual_servo_epipolar.messages import write
 CLOCK, RATE = '/clock', 50
 
 
-def changed(**changes: Any) -> Prepare:
+def world_change(**changes: Any) -> Prepare:
     """Change how a world is built."""
     return lambda settings, rng: replace(settings, **changes)
 
@@ -28,7 +28,7 @@ def changed(**changes: Any) -> Prepare:
 def _leap(low: float, high: float) -> Strike:
     """Set the wall clock, as NTP does."""
 
-    def strike(scene: Scene) -> None:
+    def strike(scene: StruckRun) -> None:
         seconds = scene.draw(low, high)
         scene.notes.append(f'by {seconds:+.1f} s')
         scene.world.wire.offset_ns += round(seconds * NANOSECONDS)
@@ -36,7 +36,7 @@ def _leap(low: float, high: float) -> Strike:
     return strike
 
 
-def tick(scene: Scene, goes_on: Callable[[], bool] = lambda: True) -> None:
+def tick(scene: StruckRun, goes_on: Callable[[], bool] = lambda: True) -> None:
     """Publish /clock, of the wall clock, now and as long as it ``goes_on``."""
     wire = scene.world.wire
     wire.post(Envelope(CLOCK, write.clock(wire.wall_ns), 0))
@@ -44,7 +44,7 @@ def tick(scene: Scene, goes_on: Callable[[], bool] = lambda: True) -> None:
         wire.at(wire.now_ns + NANOSECONDS // RATE, lambda: tick(scene, goes_on))
 
 
-def _restart(scene: Scene) -> None:
+def _restart(scene: StruckRun) -> None:
     """Let the simulation begin at 0 again."""
     begin: list[int] = []
 
@@ -57,7 +57,7 @@ def _restart(scene: Scene) -> None:
     scene.alter(CLOCK, again)
 
 
-def _freeze(scene: Scene) -> None:
+def _freeze(scene: StruckRun) -> None:
     """Let the /clock of the servo alone go for a while and then stand still; images go on."""
     wire, seconds = scene.world.wire, scene.draw(2.0, 15.0)
     scene.notes.append(f'after {seconds:.1f} s')
@@ -66,7 +66,7 @@ def _freeze(scene: Scene) -> None:
     scene.later(seconds, lambda: None)
 
 
-SIMULATED = changed(simulated_time=True)
+SIMULATED = world_change(simulated_time=True)
 FAULTS: Faults = {
     'clock_forward': Fault(
         'the wall clock leaps 1 to 300 s ahead', _leap(1.0, 300.0), phases=ALWAYS
@@ -83,7 +83,7 @@ FAULTS: Faults = {
     'clock_freezes': Fault(
         'the /clock of the servo stands still, and images go on',
         _freeze,
-        changed(more={'servo_node': {'use_sim_time': True}}),
+        world_change(more={'servo_node': {'use_sim_time': True}}),
         phases=AT_FIRST,
     ),
     'clock_restarts': Fault('/clock begins anew', _restart, SIMULATED, phases=ALWAYS),

@@ -20,7 +20,7 @@ ALWAYS = (Phase.WAITING, *EVERYWHERE, Phase.ARRIVED)
 
 
 @dataclass(slots=True)
-class Scene:
+class StruckRun:
     """The run that a fault strikes: its world, its witness, chance; ``notes`` say what is done."""
 
     world: World
@@ -72,7 +72,7 @@ class Scene:
         return seconds
 
 
-Strike = Callable[[Scene], object]
+Strike = Callable[[StruckRun], object]
 Prepare = Callable[[WorldSettings, np.random.Generator], WorldSettings]
 
 

@@ -14,8 +14,8 @@ from visual_servo_epipolar.evaluation.faults.catalogue.fault import (
     AT_FIRST,
     Fault,
     Faults,
-    Scene,
     Strike,
+    StruckRun,
 )
 from visual_servo_epipolar.evaluation.faults.catalogue.streams import IMAGES
 from visual_servo_epipolar.evaluation.live.wire import Envelope
@@ -23,7 +23,7 @@ from visual_servo_epipolar.evaluation.live.wire import Envelope
 LONGEST_S = 10.0
 KEPT = 40  # images that another may be swapped for
 BLOB = 0.45  # of the image's height and width, what covers part of it
-Change = Callable[[Pixels, Scene], Any]
+Change = Callable[[Pixels, StruckRun], Any]
 
 
 def untrue(envelope: Envelope, message: Any) -> Envelope:
@@ -39,7 +39,7 @@ def showing(message: Any, data: bytes) -> Any:
     return copy
 
 
-def _changed(message: Any, change: Change, scene: Scene) -> Any:
+def _replace_pixels(message: Any, change: Change, scene: StruckRun) -> Any:
     """Return an image message of the pixels that ``change`` makes of those in ``message``."""
     image = np.frombuffer(message.data, np.uint8).reshape(message.height, message.width)
     return showing(message, np.ascontiguousarray(change(image, scene), np.uint8).tobytes())
@@ -56,7 +56,7 @@ def _again(envelope: Envelope, old: Envelope, *, stamps: bool = False) -> list[E
 def _frozen(*, stamps: bool) -> Strike:
     """Return a camera that hangs: it repeats an image, with stamps that go on or not."""
 
-    def strike(scene: Scene) -> None:
+    def strike(scene: StruckRun) -> None:
         kept: list[Envelope] = []
 
         def freeze(envelope: Envelope) -> list[Envelope]:
@@ -69,7 +69,7 @@ def _frozen(*, stamps: bool) -> Strike:
     return strike
 
 
-def _swapped(scene: Scene) -> None:
+def _swap(scene: StruckRun) -> None:
     kept: deque[Envelope] = deque(maxlen=KEPT)
 
     def swap(envelope: Envelope) -> list[Envelope]:
@@ -79,7 +79,7 @@ def _swapped(scene: Scene) -> None:
     scene.filter(IMAGES, swap, scene.spell(0.5, LONGEST_S))
 
 
-def _loop(scene: Scene) -> None:
+def _loop(scene: StruckRun) -> None:
     """Play the images of the next seconds again and again, as a bag in a loop: old stamps, too."""
     length = int(scene.rng.integers(10, 60))
     bag: list[Envelope] = []
@@ -100,51 +100,51 @@ def _loop(scene: Scene) -> None:
 def _seen(change: Change) -> Strike:
     """Return images in which other pixels stand for those that were taken."""
 
-    def strike(scene: Scene) -> None:
+    def strike(scene: StruckRun) -> None:
         def show(envelope: Envelope) -> list[Envelope]:
-            return [untrue(envelope, _changed(envelope.message, change, scene))]
+            return [untrue(envelope, _replace_pixels(envelope.message, change, scene))]
 
         scene.filter(IMAGES, show, scene.spell(0.3, LONGEST_S))
 
     return strike
 
 
-def _shown(scene: Scene, change: Change, seconds: float = np.inf) -> None:
+def _shown(scene: StruckRun, change: Change, seconds: float = np.inf) -> None:
     """Let images show what is there in another way."""
 
     def show(envelope: Envelope) -> list[Envelope]:
-        return [envelope.changed(message=_changed(envelope.message, change, scene))]
+        return [envelope.changed(message=_replace_pixels(envelope.message, change, scene))]
 
     scene.filter(IMAGES, show, seconds)
 
 
-def _mounted(change: Change) -> Strike:
+def _remount(change: Change) -> Strike:
     """Return a camera whose images are all changed, the photograph as well."""
 
-    def taken_so(scene: Scene) -> Pixels:
+    def taken_so(scene: StruckRun) -> Pixels:
         image = taken(scene.world.settings.camera, DESIRED_POSE)
         return np.ascontiguousarray(change(image, scene), np.uint8)
 
-    def strike(scene: Scene) -> None:
+    def strike(scene: StruckRun) -> None:
         _shown(scene, change)
         photograph(taken_so)(scene)
 
     return strike
 
 
-def _mirrored(image: Pixels, scene: Scene) -> Any:
+def _mirror(image: Pixels, scene: StruckRun) -> Any:
     return image[:, ::-1]
 
 
-def _upside_down(image: Pixels, scene: Scene) -> Any:
+def _upside_down(image: Pixels, scene: StruckRun) -> Any:
     return image[::-1, ::-1]
 
 
-def _covered(scene: Scene) -> None:
+def _cover(scene: StruckRun) -> None:
     """Cover part of the images with what moves along: what is left is true."""
     place, shade = scene.rng.random(2), scene.rng.integers(0, 256)
 
-    def cover(image: Pixels, scene: Scene) -> Pixels:
+    def cover(image: Pixels, scene: StruckRun) -> Pixels:
         covered = image.copy()
         size = (BLOB * np.array(image.shape)).astype(int)
         top, left = (place * (np.array(image.shape) - size)).astype(int)
@@ -154,10 +154,10 @@ def _covered(scene: Scene) -> None:
     _shown(scene, cover, scene.spell(0.3, LONGEST_S))
 
 
-def _damaged(change: Callable[[Any, Scene], None]) -> Strike:
+def _damage(change: Callable[[Any, StruckRun], None]) -> Strike:
     """Return images that contradict their own head."""
 
-    def strike(scene: Scene) -> None:
+    def strike(scene: StruckRun) -> None:
         def damage(envelope: Envelope) -> list[Envelope]:
             change(envelope.message, scene)
             return [untrue(envelope, envelope.message)]
@@ -167,15 +167,15 @@ def _damaged(change: Callable[[Any, Scene], None]) -> Strike:
     return strike
 
 
-def _lying_size(message: Any, scene: Scene) -> None:
+def _lying_size(message: Any, scene: StruckRun) -> None:
     message.height = int(scene.rng.integers(0, 4096))
 
 
-def _truncated(message: Any, scene: Scene) -> None:
+def _truncate(message: Any, scene: StruckRun) -> None:
     del message.data[int(scene.rng.integers(0, len(message.data))) :]
 
 
-def _unknown_encoding(message: Any, scene: Scene) -> None:
+def _unknown_encoding(message: Any, scene: StruckRun) -> None:
     message.encoding = 'mono7'
 
 
@@ -185,21 +185,21 @@ NOISE = _seen(lambda image, scene: scene.rng.integers(0, 256, image.shape))
 FAULTS: Faults = {
     'images_frozen': Fault('the same image again and again, stamps go on', _frozen(stamps=True)),
     'camera_hangs': Fault('the same image again and again, stamp and all', _frozen(stamps=False)),
-    'images_swapped': Fault('images of other times of the run', _swapped),
+    'images_swapped': Fault('images of other times of the run', _swap),
     'bag_loop': Fault('images of a bag in a loop, with its stamps', _loop),
     'images_black': Fault('black images', BLACK, phases=ALWAYS),
     'images_saturated': Fault('white images', WHITE),
     'images_garbage': Fault('noise for images', NOISE, phases=ALWAYS),
-    'images_mirrored': Fault('mirrored images', _seen(_mirrored)),
+    'images_mirrored': Fault('mirrored images', _seen(_mirror)),
     'images_upside_down': Fault('images upside down', _seen(_upside_down)),
     'camera_mirrored': Fault(
-        'a driver that mirrors all images', _mounted(_mirrored), phases=AT_FIRST
+        'a driver that mirrors all images', _remount(_mirror), phases=AT_FIRST
     ),
     'camera_upside_down': Fault(
-        'a camera mounted upside down', _mounted(_upside_down), phases=AT_FIRST
+        'a camera mounted upside down', _remount(_upside_down), phases=AT_FIRST
     ),
-    'images_covered': Fault('a fifth of the image is covered', _covered),
-    'images_lying_size': Fault('images of a height that lies', _damaged(_lying_size)),
-    'images_truncated': Fault('images without their end', _damaged(_truncated)),
-    'images_unknown_encoding': Fault('images in an unknown encoding', _damaged(_unknown_encoding)),
+    'images_covered': Fault('a fifth of the image is covered', _cover),
+    'images_lying_size': Fault('images of a height that lies', _damage(_lying_size)),
+    'images_truncated': Fault('images without their end', _damage(_truncate)),
+    'images_unknown_encoding': Fault('images in an unknown encoding', _damage(_unknown_encoding)),
 }

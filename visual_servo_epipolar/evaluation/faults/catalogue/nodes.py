@@ -7,8 +7,8 @@ from visual_servo_epipolar.evaluation.faults.catalogue.fault import (
     ALWAYS,
     Fault,
     Faults,
-    Scene,
     Strike,
+    StruckRun,
 )
 from visual_servo_epipolar.evaluation.live.world import NODES
 
@@ -17,7 +17,7 @@ TRANSITIONS_IN_A_RUN = 12
 
 
 def _hung(name: str) -> Strike:
-    def strike(scene: Scene) -> None:
+    def strike(scene: StruckRun) -> None:
         seconds = scene.spell(0.3, 8.0)
         scene.world.hang(name)
         if seconds < float('inf'):
@@ -26,10 +26,10 @@ def _hung(name: str) -> Strike:
     return strike
 
 
-def _restarted(name: str) -> Strike:
+def _restart(name: str) -> Strike:
     """Return a node that is gone for a while; the base begins at the start again."""
 
-    def strike(scene: Scene) -> None:
+    def strike(scene: StruckRun) -> None:
         seconds = scene.draw(0.05, 4.0)
         scene.notes.append(f'after {seconds:.1f} s')
         scene.world.kill(name)
@@ -38,13 +38,13 @@ def _restarted(name: str) -> Strike:
     return strike
 
 
-def _again(scene: Scene, name: str) -> None:
+def _again(scene: StruckRun, name: str) -> None:
     if name == 'unicycle_node':
         scene.witness.record.moved_s.append(scene.witness.now_s)
     scene.world.restart(name)
 
 
-def managed(name: str) -> bool:
+def is_managed(name: str) -> bool:
     """Return whether a node is managed (lifecycle)."""
     return hasattr(NODES[name], 'trigger_deactivate')
 
@@ -52,10 +52,10 @@ def managed(name: str) -> bool:
 def _transitions(name: str) -> Strike:
     """Take a managed node through transitions, in any order."""
 
-    def turn(scene: Scene, label: str) -> None:
+    def turn(scene: StruckRun, label: str) -> None:
         scene.notes.append(f'{label}: {scene.world.change_state(name, label)}')
 
-    def strike(scene: Scene) -> None:
+    def strike(scene: StruckRun) -> None:
         for _ in range(TRANSITIONS_IN_A_RUN):
             label = TRANSITIONS[int(scene.rng.integers(len(TRANSITIONS)))]
             scene.later(scene.draw(0.0, 5.0), partial(turn, scene, label))
@@ -67,7 +67,7 @@ KINDS: Mapping[str, tuple[str, Callable[[str], Strike]]] = {
     'killed': ('is gone without a word', lambda name: lambda scene: scene.world.kill(name)),
     'ended': ('ends as by SIGINT', lambda name: lambda scene: scene.world.end(name)),
     'hung': ('does nothing, for a while or for good', _hung),
-    'restarted': ('is gone, and comes back', _restarted),
+    'restarted': ('is gone, and comes back', _restart),
 }
 FAULTS: Faults = {
     f'{name.removesuffix("_node")}_{kind}': Fault(
@@ -83,5 +83,5 @@ FAULTS: Faults = {
         f'{name} is taken through its states', _transitions(name), phases=ALWAYS
     )
     for name in NODES
-    if managed(name)
+    if is_managed(name)
 }

@@ -6,7 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from visual_servo_epipolar.evaluation.faults.catalogue.fault import Fault, Faults, Scene, Strike
+from visual_servo_epipolar.evaluation.faults.catalogue.fault import (
+    Fault,
+    Faults,
+    Strike,
+    StruckRun,
+)
 from visual_servo_epipolar.evaluation.live.world import WorldSettings
 
 ODOMETRY = '/odom'
@@ -19,7 +24,7 @@ def _heard(settings: WorldSettings, rng: np.random.Generator) -> WorldSettings:
 def _told(change: Callable[[Any, list[Any]], object]) -> Strike:
     """Change each pose from now on; ``change`` gets it, and the first one that was changed."""
 
-    def strike(scene: Scene) -> None:
+    def strike(scene: StruckRun) -> None:
         first: list[Any] = []
 
         def alter(message: Any) -> None:
@@ -38,7 +43,7 @@ def _frozen(pose: Any, first: list[Any]) -> None:
     pose.position.x, pose.position.y, pose.orientation.z, pose.orientation.w = first
 
 
-def _mirrored(pose: Any, first: list[Any]) -> None:
+def _mirror(pose: Any, first: list[Any]) -> None:
     pose.position.y, pose.orientation.z = -pose.position.y, -pose.orientation.z
 
 
@@ -49,6 +54,6 @@ def _begun_anew(pose: Any, first: list[Any]) -> None:
 WORDS = 'odometry, which is heard,'
 FAULTS: Faults = {
     'odometry_frozen': Fault(f'{WORDS} says the same pose for ever', _told(_frozen), _heard),
-    'odometry_mirrored': Fault(f'{WORDS} has left for right', _told(_mirrored), _heard),
+    'odometry_mirrored': Fault(f'{WORDS} has left for right', _told(_mirror), _heard),
     'odometry_reset': Fault(f'{WORDS} begins anew', _told(_begun_anew), _heard),
 }

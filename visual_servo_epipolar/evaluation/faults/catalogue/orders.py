@@ -19,8 +19,8 @@ from visual_servo_epipolar.evaluation.faults.catalogue.fault import (
     Fault,
     Faults,
     Prepare,
-    Scene,
     Strike,
+    StruckRun,
 )
 from visual_servo_epipolar.evaluation.live.wire import Envelope, HOP_NS
 from visual_servo_epipolar.evaluation.live.world import WorldSettings
@@ -40,7 +40,7 @@ PRESSED_S = 8.0
 LATER_S = 60.0  # when what was missing comes
 
 
-def call(scene: Scene, service: str) -> None:
+def call(scene: StruckRun, service: str) -> None:
     """Call ``service``, and note what that means for the goal, or for a robot that moves."""
     record, witness = scene.witness.record, scene.witness
     if service.endswith('/capture_desired'):
@@ -53,12 +53,12 @@ def call(scene: Scene, service: str) -> None:
     scene.notes.append(f'{service}: {answer}')
 
 
-def _stop_then_start(scene: Scene) -> None:
+def _stop_then_start(scene: StruckRun) -> None:
     call(scene, '/servo_node/stop')
     scene.later(scene.draw(0.2, 3.0), lambda: call(scene, '/servo_node/start'))
 
 
-def _storm(scene: Scene) -> None:
+def _storm(scene: StruckRun) -> None:
     """Call services at random, ending with a stop: nothing but the stop counts then."""
     for number in range(ORDERS_IN_A_STORM):
         service = SERVICES[int(scene.rng.integers(len(SERVICES)))]
@@ -66,18 +66,18 @@ def _storm(scene: Scene) -> None:
     scene.later(0.1 * ORDERS_IN_A_STORM, lambda: call(scene, '/servo_node/stop'))
 
 
-def _pressed(scene: Scene) -> None:
+def _press(scene: StruckRun) -> None:
     """Press the stop button for a while; released, it leaves the robot standing."""
     _button(scene, pressed=True)
     scene.witness.record.stopped_s = scene.witness.now_s
     scene.later(scene.draw(0.05, 5.0), partial(_button, scene, pressed=False))
 
 
-def _button(scene: Scene, *, pressed: bool) -> None:
+def _button(scene: StruckRun, *, pressed: bool) -> None:
     scene.world.wire.post(Envelope(BUTTON, Bool(data=pressed), HOP_NS))
 
 
-def _two_buttons(scene: Scene) -> None:
+def _two_buttons(scene: StruckRun) -> None:
     """Press one stop button while a second one says all the time that it is not pressed."""
     press, other = (scene.world.talker(name, Bool, BUTTON) for name in ('button', 'second_button'))
     scene.witness.record.stopped_s = scene.witness.now_s
@@ -87,7 +87,7 @@ def _two_buttons(scene: Scene) -> None:
     scene.later(scene.draw(1.0, PRESSED_S), partial(_unheard_start, scene))
 
 
-def _unheard_start(scene: Scene) -> None:
+def _unheard_start(scene: StruckRun) -> None:
     """Call ``~/start`` where nothing may follow from it."""
     scene.notes.append(f'start: {scene.world.call(SERVICES[0])}')
 
@@ -95,7 +95,7 @@ def _unheard_start(scene: Scene) -> None:
 def _started_too_early(missing: str) -> Strike:
     """Order to start while something is ``missing`` that comes a minute later: a node of ours."""
 
-    def strike(scene: Scene) -> None:
+    def strike(scene: StruckRun) -> None:
         scene.world.kill(missing)
         scene.later(1.0, partial(_unheard_start, scene))
         scene.witness.record.stopped_s = scene.witness.now_s
@@ -104,7 +104,7 @@ def _started_too_early(missing: str) -> Strike:
     return strike
 
 
-def _started_without_photograph(scene: Scene) -> None:
+def _started_without_photograph(scene: StruckRun) -> None:
     """Order to start before there is a photograph, which comes a minute later."""
     wire = scene.world.wire
     scene.lose(PHOTOGRAPH, LATER_S)
@@ -118,7 +118,7 @@ def _started_without_photograph(scene: Scene) -> None:
     scene.later(LATER_S + 0.1, partial(scene.world.restart, 'camera_node'))
 
 
-def _started_without_clock(scene: Scene) -> None:
+def _started_without_clock(scene: StruckRun) -> None:
     """Order to start a servo of simulated time, of which /clock comes a minute later."""
     scene.later(2.0, partial(_unheard_start, scene))
     scene.witness.record.stopped_s = scene.witness.now_s
@@ -139,13 +139,13 @@ def _arming(what: str, strike: Strike, prepare: Prepare = _waits) -> Fault:
     return Fault(f'~/start, and a minute later {what}', strike, prepare, phases=AT_FIRST)
 
 
-def _carried(scene: Scene) -> None:
+def _carry(scene: StruckRun) -> None:
     """Carry the robot back to the start, as ``~/reset`` of the base does."""
     scene.witness.record.moved_s.append(scene.witness.now_s)
     scene.notes.append(scene.world.call('/unicycle_node/reset'))
 
 
-def _limits(scene: Scene) -> None:
+def _limits(scene: StruckRun) -> None:
     """Lower the speed limits of a robot that drives."""
     values = {'max_linear': scene.draw(0.02, 0.1), 'max_angular': scene.draw(0.02, 0.1)}
     scene.notes.append(str(values) + scene.world.set('servo_node', values))
@@ -159,7 +159,7 @@ def _parameters(node: str, settings: Settings) -> Strike:
         if not range_of(item).read_only and not item.name.startswith(MEANT)
     ]
 
-    def strike(scene: Scene) -> None:
+    def strike(scene: StruckRun) -> None:
         for number in range(int(scene.rng.integers(1, 4))):
             item = names[int(scene.rng.integers(len(names)))]
             values = {item.name: _drawn(item, getattr(settings, item.name), scene)}
@@ -168,12 +168,12 @@ def _parameters(node: str, settings: Settings) -> Strike:
     return strike
 
 
-def _set(scene: Scene, node: str, values: Mapping[str, Any]) -> None:
+def _set(scene: StruckRun, node: str, values: Mapping[str, Any]) -> None:
     refusal = scene.world.set(node, values)
     scene.notes.append(f'{dict(values)}{": " if refusal else ""}{refusal}')
 
 
-def _drawn(item: Any, now: Any, scene: Scene) -> Any:
+def _drawn(item: Any, now: Any, scene: StruckRun) -> Any:
     """Draw a value of a setting out of its range."""
     allowed = range_of(item)
     if isinstance(now, bool):
@@ -202,13 +202,13 @@ FAULTS: Faults = {
         '~/stop, and ~/start a little later', _stop_then_start, phases=ALWAYS
     ),
     'order_storm': Fault('30 services in 3 s, then ~/stop', _storm, phases=ALWAYS),
-    'order_button': Fault('the stop button is pressed, and released', _pressed, phases=ALWAYS),
+    'order_button': Fault('the stop button is pressed, and released', _press, phases=ALWAYS),
     'order_two_buttons': Fault('one of two stop buttons is pressed', _two_buttons, phases=ALWAYS),
     'arming_camera': _arming('the camera comes', _started_too_early('camera_node')),
     'arming_tracker': _arming('the tracker comes', _started_too_early('tracker_node')),
     'arming_photograph': _arming('a photograph comes', _started_without_photograph),
     'arming_clock': _arming('/clock comes', _started_without_clock, _waits_without_clock),
-    'carried': Fault('somebody carries the robot', _carried, phases=ALWAYS),
+    'carried': Fault('somebody carries the robot', _carry, phases=ALWAYS),
     'limits_lowered': Fault('max_linear, max_angular lowered', _limits),
     'parameters_servo': Fault(
         'parameters of the servo', _parameters('servo_node', ServoSettings())

@@ -11,8 +11,13 @@ from std_msgs.msg import Header
 from visual_servo_epipolar.core.arrays import Image as Pixels
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE
 from visual_servo_epipolar.evaluation.faults.catalogue.calibration import DESIRED, taken
-from visual_servo_epipolar.evaluation.faults.catalogue.clocks import changed
-from visual_servo_epipolar.evaluation.faults.catalogue.fault import AT_FIRST, Fault, Faults, Scene
+from visual_servo_epipolar.evaluation.faults.catalogue.clocks import world_change
+from visual_servo_epipolar.evaluation.faults.catalogue.fault import (
+    AT_FIRST,
+    Fault,
+    Faults,
+    StruckRun,
+)
 from visual_servo_epipolar.evaluation.faults.catalogue.streams import IMAGES
 from visual_servo_epipolar.evaluation.live.wire import Envelope, HOP_NS
 from visual_servo_epipolar.evaluation.live.world import WorldSettings
@@ -28,7 +33,7 @@ def _deep(settings: WorldSettings, rng: np.random.Generator) -> WorldSettings:
     return replace(settings, start=start, depth=float(rng.uniform(15.0, 25.0)))
 
 
-def _look_far(scene: Scene) -> None:
+def _look_far(scene: StruckRun) -> None:
     """Let the scene be deeper, 60 to 200 m: the camera is moved by so much less."""
     depth = scene.world.settings.depth
     scene.notes.append(f'{depth:.0f} times as deep')
@@ -40,7 +45,7 @@ def _look_far(scene: Scene) -> None:
     scene.alter(TRUTH, look)
 
 
-def _jpeg_damaged(scene: Scene) -> None:
+def _jpeg_damaged(scene: StruckRun) -> None:
     """Send JPEGs, some damaged in the middle for a while: they decode all the same."""
     begin_s, share = scene.witness.now_s + scene.draw(3.0, 10.0), scene.draw(0.3, 1.0)
     end_s = begin_s + scene.draw(0.5, 8.0)
@@ -53,10 +58,10 @@ def _jpeg_damaged(scene: Scene) -> None:
         if begin_s <= scene.witness.now_s < end_s and scene.hits(share):
             first = int(len(jpeg) * scene.draw(0.3, 0.7))
             jpeg[first : first + len(jpeg) // 10] = scene.rng.integers(0, 255)
-        message = _compressed(image.header, jpeg)
+        message = _compressed_image(image.header, jpeg)
         return [envelope.changed(topic=f'{IMAGES}/compressed', message=message)]
 
-    message = _compressed(Header(), _jpeg(taken(scene.world.settings.camera, DESIRED_POSE)))
+    message = _compressed_image(Header(), _jpeg(taken(scene.world.settings.camera, DESIRED_POSE)))
     scene.world.wire.send(Envelope(f'{DESIRED}/compressed', message, HOP_NS))
     scene.filter(IMAGES, compress)
 
@@ -66,13 +71,13 @@ def _jpeg(pixels: Pixels) -> Pixels:
     return np.array(jpeg, np.uint8).ravel()
 
 
-def _compressed(header: Header, jpeg: Pixels) -> CompressedImage:
+def _compressed_image(header: Header, jpeg: Pixels) -> CompressedImage:
     message = CompressedImage(header=header, format='mono8; jpeg compressed mono8')
     message.data.frombytes(jpeg.tobytes())
     return message
 
 
-COMPRESSING = changed(more={'tracker_node': {'transport': 'compressed'}})
+COMPRESSING = world_change(more={'tracker_node': {'transport': 'compressed'}})
 FAULTS: Faults = {
     'scene_deep': Fault('a scene 60 to 200 m deep', _look_far, _deep, phases=AT_FIRST),
     'jpeg_damaged': Fault(

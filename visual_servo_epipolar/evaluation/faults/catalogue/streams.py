@@ -8,23 +8,23 @@ from visual_servo_epipolar.evaluation.faults.catalogue.fault import (
     ALWAYS,
     Fault,
     Faults,
-    Scene,
     Strike,
+    StruckRun,
 )
 from visual_servo_epipolar.evaluation.live.wire import Envelope
 
 IMAGES = '/image_raw'
 
 
-def delayed(envelope: Envelope, seconds: float) -> Envelope:
+def delay(envelope: Envelope, seconds: float) -> Envelope:
     """Return ``envelope``, later by ``seconds``."""
     return envelope.changed(delay_ns=envelope.delay_ns + round(seconds * NANOSECONDS))
 
 
-def dropped(topic: str) -> Strike:
+def drop_some(topic: str) -> Strike:
     """Lose up to half of the messages of ``topic``."""
 
-    def strike(scene: Scene) -> None:
+    def strike(scene: StruckRun) -> None:
         share = scene.draw(0.1, 0.5)
         scene.notes.append(f'{share:.0%} of them')
         scene.filter(topic, lambda envelope: [] if scene.hits(share) else [envelope])
@@ -35,36 +35,36 @@ def dropped(topic: str) -> Strike:
 def late(topic: str, low: float, high: float) -> Strike:
     """Delay the messages of ``topic``, each by the same time."""
 
-    def strike(scene: Scene) -> None:
-        delay = scene.draw(low, high)
-        scene.notes.append(f'by {delay:.2f} s')
-        scene.filter(topic, lambda envelope: [delayed(envelope, delay)])
+    def strike(scene: StruckRun) -> None:
+        seconds = scene.draw(low, high)
+        scene.notes.append(f'by {seconds:.2f} s')
+        scene.filter(topic, lambda envelope: [delay(envelope, seconds)])
 
     return strike
 
 
-def _gap(scene: Scene) -> None:
+def _gap(scene: StruckRun) -> None:
     seconds = scene.draw(0.3, 8.0)
     scene.notes.append(f'for {seconds:.1f} s')
     scene.lose(IMAGES, seconds)
 
 
-def _uneven(scene: Scene) -> None:
-    scene.filter(IMAGES, lambda envelope: [delayed(envelope, scene.draw(0.0, 0.5))])
+def _uneven(scene: StruckRun) -> None:
+    scene.filter(IMAGES, lambda envelope: [delay(envelope, scene.draw(0.0, 0.5))])
 
 
-def _out_of_order(scene: Scene) -> None:
-    scene.filter(IMAGES, lambda envelope: [delayed(envelope, 0.2 if scene.hits(0.3) else 0.0)])
+def _out_of_order(scene: StruckRun) -> None:
+    scene.filter(IMAGES, lambda envelope: [delay(envelope, 0.2 if scene.hits(0.3) else 0.0)])
 
 
-def _repeated(scene: Scene) -> None:
-    scene.filter(IMAGES, lambda envelope: [delayed(envelope, 0.02 * k) for k in range(3)])
+def _repeat(scene: StruckRun) -> None:
+    scene.filter(IMAGES, lambda envelope: [delay(envelope, 0.02 * k) for k in range(3)])
 
 
-def _stamped(stamp: Callable[[int, Scene], int]) -> Strike:
+def _restamp(stamp: Callable[[int, StruckRun], int]) -> Strike:
     """Give images other stamps [ns]."""
 
-    def strike(scene: Scene) -> None:
+    def strike(scene: StruckRun) -> None:
         def change(message: Any) -> None:
             time = message.header.stamp
             stamp_ns = stamp(int(time.sec) * NANOSECONDS + int(time.nanosec), scene)
@@ -75,19 +75,19 @@ def _stamped(stamp: Callable[[int, Scene], int]) -> Strike:
     return strike
 
 
-OF_1970 = _stamped(lambda stamp_ns, scene: stamp_ns % (1_000_000 * NANOSECONDS))
-OF_ZERO = _stamped(lambda stamp_ns, scene: 0)
-OF_TOMORROW = _stamped(lambda stamp_ns, scene: stamp_ns + 86_400 * NANOSECONDS)
-OF_CHANCE = _stamped(lambda stamp_ns, scene: stamp_ns + round(scene.draw(-2.0, 2.0) * NANOSECONDS))
+OF_1970 = _restamp(lambda stamp_ns, scene: stamp_ns % (1_000_000 * NANOSECONDS))
+OF_ZERO = _restamp(lambda stamp_ns, scene: 0)
+OF_TOMORROW = _restamp(lambda stamp_ns, scene: stamp_ns + 86_400 * NANOSECONDS)
+OF_CHANCE = _restamp(lambda stamp_ns, scene: stamp_ns + round(scene.draw(-2.0, 2.0) * NANOSECONDS))
 FAULTS: Faults = {
-    'images_dropped': Fault('up to half of the images are lost', dropped(IMAGES)),
+    'images_dropped': Fault('up to half of the images are lost', drop_some(IMAGES)),
     'images_gap': Fault('no images for 0.3 to 8 s', _gap, phases=ALWAYS),
     'images_end': Fault('no image any more', lambda scene: scene.lose(IMAGES), phases=ALWAYS),
     'images_late': Fault('images 0.1 to 0.5 s late', late(IMAGES, 0.1, 0.5)),
     'images_very_late': Fault('images 1.5 to 4 s late', late(IMAGES, 1.5, 4.0)),
     'images_uneven': Fault('each image 0 to 0.5 s late', _uneven),
     'images_out_of_order': Fault('images overtake each other', _out_of_order),
-    'images_repeated': Fault('each image comes three times', _repeated),
+    'images_repeated': Fault('each image comes three times', _repeat),
     'stamps_1970': Fault('stamps of 1970, in order', OF_1970),
     'stamps_zero': Fault('stamps of 0', OF_ZERO, phases=ALWAYS),
     'stamps_future': Fault('stamps of tomorrow', OF_TOMORROW),

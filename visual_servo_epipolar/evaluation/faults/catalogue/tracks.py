@@ -9,10 +9,10 @@ from visual_servo_epipolar.evaluation.faults.catalogue.fault import (
     ALWAYS,
     Fault,
     Faults,
-    Scene,
     Strike,
+    StruckRun,
 )
-from visual_servo_epipolar.evaluation.faults.catalogue.streams import dropped, late
+from visual_servo_epipolar.evaluation.faults.catalogue.streams import drop_some, late
 from visual_servo_epipolar.evaluation.live.wire import Envelope
 from visual_servo_epipolar.messages.write import TRACK_LAYOUT
 
@@ -21,10 +21,10 @@ LONGEST_S = 10.0
 Rows = Any
 
 
-def _changed(change: Callable[[Rows, Scene], Rows], *, true: bool = False) -> Strike:
+def _change_rows(change: Callable[[Rows, StruckRun], Rows], *, true: bool = False) -> Strike:
     """Return tracks whose rows ``change``; ``true`` where enough of them is left."""
 
-    def strike(scene: Scene) -> None:
+    def strike(scene: StruckRun) -> None:
         def alter(envelope: Envelope) -> list[Envelope]:
             message = envelope.message
             rows = change(np.frombuffer(message.data, TRACK_LAYOUT).copy(), scene)
@@ -39,32 +39,32 @@ def _changed(change: Callable[[Rows, Scene], Rows], *, true: bool = False) -> St
     return strike
 
 
-def _half_random(rows: Rows, scene: Scene) -> Rows:
+def _half_random(rows: Rows, scene: StruckRun) -> Rows:
     wrong = scene.rng.random(len(rows)) < 0.5
     for name, size in (('u', 320.0), ('v', 256.0)):
         rows[name][wrong] = scene.rng.uniform(0.0, size, np.count_nonzero(wrong))
     return rows
 
 
-def _half_shifted(rows: Rows, scene: Scene) -> Rows:
+def _half_shifted(rows: Rows, scene: StruckRun) -> Rows:
     """Let half of the features, always the same, be elsewhere, as those of what moves."""
     rows['u'][rows['id'] % 2 == 0] += 25.0
     return rows
 
 
-def _nan(rows: Rows, scene: Scene) -> Rows:
+def _nan(rows: Rows, scene: StruckRun) -> Rows:
     wrong = scene.rng.random(len(rows)) < scene.draw(0.0, 1.0)
     rows['u'][wrong] = np.nan
     rows['v'][scene.rng.random(len(rows)) < 0.1] = np.inf
     return rows
 
 
-def _one_point(rows: Rows, scene: Scene) -> Rows:
+def _one_point(rows: Rows, scene: StruckRun) -> Rows:
     rows['u'], rows['v'] = 160.0, 128.0
     return rows
 
 
-def _lying(scene: Scene) -> None:
+def _lying(scene: StruckRun) -> None:
     def lie(envelope: Envelope) -> list[Envelope]:
         message = envelope.message
         message.width = int(scene.rng.integers(0, 2**31))
@@ -74,18 +74,20 @@ def _lying(scene: Scene) -> None:
     scene.filter(TRACKS, lie, scene.spell(0.3, LONGEST_S))
 
 
-NONE = _changed(lambda rows, scene: rows[:0])
-FEW = _changed(lambda rows, scene: rows[: int(scene.rng.integers(1, 12))], true=True)
+NONE = _change_rows(lambda rows, scene: rows[:0])
+FEW = _change_rows(lambda rows, scene: rows[: int(scene.rng.integers(1, 12))], true=True)
 FAULTS: Faults = {
-    'tracks_half_random': Fault('half of the tracks anywhere', _changed(_half_random, true=True)),
-    'tracks_half_shifted': Fault(
-        'half of the tracks 25 px aside', _changed(_half_shifted, true=True)
+    'tracks_half_random': Fault(
+        'half of the tracks anywhere', _change_rows(_half_random, true=True)
     ),
-    'tracks_nan': Fault('nan and inf in tracks', _changed(_nan, true=True)),
+    'tracks_half_shifted': Fault(
+        'half of the tracks 25 px aside', _change_rows(_half_shifted, true=True)
+    ),
+    'tracks_nan': Fault('nan and inf in tracks', _change_rows(_nan, true=True)),
     'tracks_empty': Fault('no features', NONE, phases=ALWAYS),
     'tracks_few': Fault('a few features', FEW),
-    'tracks_one_point': Fault('all features at one point', _changed(_one_point)),
+    'tracks_one_point': Fault('all features at one point', _change_rows(_one_point)),
     'tracks_lying': Fault('clouds whose size lies', _lying, phases=ALWAYS),
-    'tracks_dropped': Fault('up to half of the tracks lost', dropped(TRACKS)),
+    'tracks_dropped': Fault('up to half of the tracks lost', drop_some(TRACKS)),
     'tracks_late': Fault('tracks 0.1 to 0.5 s late', late(TRACKS, 0.1, 0.5)),
 }

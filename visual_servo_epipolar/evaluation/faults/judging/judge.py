@@ -9,14 +9,14 @@ import math
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, wrap_angle
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.evaluation.faults.judging.record import (
-    Bounds,
     braking_s,
     moving,
     Record,
+    RunVerdict,
     SAFE,
+    SafetyBounds,
     speed,
-    Truth,
-    Verdict,
+    TrueMotion,
 )
 
 
@@ -28,7 +28,7 @@ class Blindness:
     charge: str
 
 
-def blindness(record: Record, bounds: Bounds) -> Blindness:
+def blindness(record: Record, bounds: SafetyBounds) -> Blindness:
     """
     Return the time that the robot moved without sight.
 
@@ -66,12 +66,12 @@ RAMP_M_S, RAMP_RAD_S = 0.01, 0.02  # what a ramp may be off by where images come
 @dataclass(frozen=True, slots=True)
 class Judgement:
     """
-    Verdict on a run, and why; with the excursion [m], the time moved without sight [s].
+    RunVerdict on a run, and why; with the excursion [m], the time moved without sight [s].
 
     ``charges`` are all that could be said against it: the verdict is the first of them.
     """
 
-    verdict: Verdict
+    verdict: RunVerdict
     detail: str
     excursion_m: float
     blind_s: float
@@ -84,7 +84,7 @@ class Judgement:
         return self.verdict in SAFE
 
 
-def judged(record: Record, bounds: Bounds) -> Judgement:
+def judge_run(record: Record, bounds: SafetyBounds) -> Judgement:
     """Return the verdict on a run."""
     charges = list(_charges(record, bounds))
     goal = min(record.goals, key=lambda it: _off(record, it)[0])
@@ -99,37 +99,37 @@ def judged(record: Record, bounds: Bounds) -> Judgement:
     )
 
 
-def _harmless(record: Record) -> tuple[Verdict, str]:
+def _harmless(record: Record) -> tuple[RunVerdict, str]:
     if record.phase == Phase.ARRIVED.value:
-        return Verdict.ARRIVED, record.reason
-    return Verdict.AT_REST, record.why[-1]
+        return RunVerdict.ARRIVED, record.reason
+    return RunVerdict.AT_REST, record.why[-1]
 
 
-def _charges(record: Record, bounds: Bounds) -> Iterator[tuple[Verdict, str]]:
+def _charges(record: Record, bounds: SafetyBounds) -> Iterator[tuple[RunVerdict, str]]:
     """Yield what can be said against a run, the worst first."""
     if record.crashes:
-        yield Verdict.TRACEBACK, ' '.join(record.crashes[0].split())[-300:]
+        yield RunVerdict.TRACEBACK, ' '.join(record.crashes[0].split())[-300:]
     blind = blindness(record, bounds)
     if blind.charge:
-        yield Verdict.BLIND, blind.charge
-    yield from _named(Verdict.DISOBEYED, _disobeyed(record, bounds))
-    yield from _named(Verdict.LIMITS, _limits(record, bounds))
-    yield from _named(Verdict.RAN_AWAY, _excursion(record, bounds))
+        yield RunVerdict.BLIND, blind.charge
+    yield from _with_verdict(RunVerdict.DISOBEYED, _disobedience(record, bounds))
+    yield from _with_verdict(RunVerdict.LIMITS, _limits(record, bounds))
+    yield from _with_verdict(RunVerdict.RAN_AWAY, _excursion(record, bounds))
     last = record.truths[-1] if record.truths else None
     if last is not None and moving(last.twist):
-        yield Verdict.STILL_MOVING, f'{speed(last.twist)} in {record.phase}'
+        yield RunVerdict.STILL_MOVING, f'{speed(last.twist)} in {record.phase}'
     elif record.phase == Phase.ARRIVED.value:
-        yield from _named(Verdict.WRONG_ARRIVAL, _missed(record, bounds))
+        yield from _with_verdict(RunVerdict.WRONG_ARRIVAL, _arrival_error(record, bounds))
     elif not record.why:
-        yield Verdict.UNEXPLAINED, f'stands in {record.phase}, and nobody says why'
+        yield RunVerdict.UNEXPLAINED, f'stands in {record.phase}, and nobody says why'
 
 
-def _named(verdict: Verdict, charge: str) -> Iterator[tuple[Verdict, str]]:
+def _with_verdict(verdict: RunVerdict, charge: str) -> Iterator[tuple[RunVerdict, str]]:
     if charge:
         yield verdict, charge
 
 
-def _disobeyed(record: Record, bounds: Bounds) -> str:
+def _disobedience(record: Record, bounds: SafetyBounds) -> str:
     """Return how the robot moved after it was told to stand."""
     at_stop = STANDSTILL
     for truth in record.truths:
@@ -140,7 +140,7 @@ def _disobeyed(record: Record, bounds: Bounds) -> str:
     return ''
 
 
-def _limits(record: Record, bounds: Bounds) -> str:
+def _limits(record: Record, bounds: SafetyBounds) -> str:
     """Return which limit of speed or acceleration was exceeded, of the servo or of the base."""
     for order in record.orders:
         over = (
@@ -153,7 +153,7 @@ def _limits(record: Record, bounds: Bounds) -> str:
     return record.senseless or _ramps(record, bounds) or _base(record, bounds)
 
 
-def _ramps(record: Record, bounds: Bounds) -> str:
+def _ramps(record: Record, bounds: SafetyBounds) -> str:
     """
     Return where the servo's commands rise faster than its ramps.
 
@@ -183,7 +183,7 @@ def _taken_s(record: Record, time_s: float) -> float:
     return max((seen.taken_s for seen in record.seen[max(0, count - 5) : count]), default=0.0)
 
 
-def _base(record: Record, bounds: Bounds) -> str:
+def _base(record: Record, bounds: SafetyBounds) -> str:
     """Return where the base exceeds its own limits."""
     for before, after in pairwise(record.truths):
         leaps = (*record.moved_s, *record.broken_s)  # by no motor
@@ -203,7 +203,7 @@ def _base(record: Record, bounds: Bounds) -> str:
     return ''
 
 
-def _excursion(record: Record, bounds: Bounds) -> str:
+def _excursion(record: Record, bounds: SafetyBounds) -> str:
     """Return how far the robot ran away from the goal."""
     if not record.truths:
         return ''
@@ -213,7 +213,7 @@ def _excursion(record: Record, bounds: Bounds) -> str:
     return f'{farthest:.1f} m from the goal, from {begin:.1f} m' if farthest > limit else ''
 
 
-def _missed(record: Record, bounds: Bounds) -> str:
+def _arrival_error(record: Record, bounds: SafetyBounds) -> str:
     """Return how far from each goal a robot stands that says it has arrived."""
     offs = [_off(record, goal) for goal in record.goals]
     if any(off <= bounds.position_m and turn <= bounds.heading_rad for off, turn in offs):
@@ -222,7 +222,7 @@ def _missed(record: Record, bounds: Bounds) -> str:
     return f'{1e3 * off:.0f} mm, {math.degrees(turn):.1f} deg from the goal'
 
 
-def _last(record: Record) -> Truth:
+def _last(record: Record) -> TrueMotion:
     """Return the end of a run; who is carried away after the arrival had arrived all the same."""
     if record.phase != Phase.ARRIVED.value:
         return record.truths[-1]

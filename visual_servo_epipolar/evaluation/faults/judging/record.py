@@ -9,7 +9,7 @@ from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose, Twist
 from visual_servo_epipolar.core.servo.remembering import LEAST_CARRIED
 
 
-class Truth(NamedTuple):
+class TrueMotion(NamedTuple):
     """Where the robot really is, and how it moves, at ``time_s``."""
 
     time_s: float
@@ -26,7 +26,7 @@ class Limits(NamedTuple):
     angular_acceleration: float
 
 
-class Order(NamedTuple):
+class ServoCommand(NamedTuple):
     """A command of the servo at ``time_s``, and the limits that it was told by then."""
 
     time_s: float
@@ -34,7 +34,7 @@ class Order(NamedTuple):
     limits: Limits
 
 
-class Seen(NamedTuple):
+class SeenTracks(NamedTuple):
     """What reached the servo at ``time_s``: tracks of the true scene as it was at ``taken_s``."""
 
     time_s: float
@@ -55,9 +55,9 @@ class Record:
     ``run_monitor.wrong_geometry_s`` [s].
     """
 
-    truths: list[Truth] = field(default_factory=list)
-    orders: list[Order] = field(default_factory=list)
-    seen: list[Seen] = field(default_factory=list)
+    truths: list[TrueMotion] = field(default_factory=list)
+    orders: list[ServoCommand] = field(default_factory=list)
+    seen: list[SeenTracks] = field(default_factory=list)
     goals: list[Pose] = field(default_factory=lambda: [DESIRED_POSE])
     moved_s: list[float] = field(default_factory=list)
     broken_s: list[float] = field(default_factory=list)
@@ -90,11 +90,11 @@ class Record:
             self.few_s += passed_s
             if features < LEAST_CARRIED or self.few_s > carried_s:
                 return
-        self.seen.append(Seen(time_s, taken_s))
+        self.seen.append(SeenTracks(time_s, taken_s))
 
 
 @dataclass(frozen=True, kw_only=True)
-class Bounds:
+class SafetyBounds:
     """
     What is right and what is allowed.
 
@@ -117,7 +117,7 @@ class Bounds:
     excursion_m: float = 1.0
 
 
-class Verdict(str, Enum):
+class RunVerdict(str, Enum):
     """Verdict on a run: two are safe."""
 
     ARRIVED = 'arrived'
@@ -133,7 +133,7 @@ class Verdict(str, Enum):
     UNEXPLAINED = 'at rest without a reason'
 
 
-SAFE = (Verdict.ARRIVED, Verdict.AT_REST)
+SAFE = (RunVerdict.ARRIVED, RunVerdict.AT_REST)
 
 
 MOVING_M_S, MOVING_RAD_S = 1e-3, 1e-3
@@ -144,7 +144,7 @@ def moving(twist: Twist) -> bool:
     return abs(twist.linear) > MOVING_M_S or abs(twist.angular) > MOVING_RAD_S
 
 
-def braking_s(twist: Twist, bounds: Bounds) -> float:
+def braking_s(twist: Twist, bounds: SafetyBounds) -> float:
     """Return the time in which the base comes to rest from ``twist`` [s]."""
     return bounds.delay_s + max(
         abs(twist.linear) / bounds.base_deceleration,

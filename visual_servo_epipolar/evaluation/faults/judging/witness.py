@@ -9,8 +9,13 @@ from rclpy.node import Node
 from visual_servo_epipolar.core.geometry.motion import Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.laws.phase import ARMED, Phase
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-from visual_servo_epipolar.evaluation.faults.judging.record import Limits, Order, Record, Truth
-from visual_servo_epipolar.evaluation.live.wire import Envelope, Sight, WARNING
+from visual_servo_epipolar.evaluation.faults.judging.record import (
+    Limits,
+    Record,
+    ServoCommand,
+    TrueMotion,
+)
+from visual_servo_epipolar.evaluation.live.wire import Envelope, ImageOrigin, WARNING
 from visual_servo_epipolar.evaluation.live.world import World
 from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
@@ -39,8 +44,8 @@ class Witness:
         self.record, self._world, self._wire = Record(), world, world.wire
         self.struck_ns = 0  # what was said before explains nothing
         self._rig = new_rig(world.settings.camera)
-        self._image: Sight | None = None  # the last one that reached the tracker
-        self._sight: Sight | None = None  # what the servo saw last
+        self._image: ImageOrigin | None = None  # the last one that reached the tracker
+        self._sight: ImageOrigin | None = None  # what the servo saw last
         self._measured_s: float | None = None
         self._learnt_dead_band = STANDSTILL
         for topic, hear in (
@@ -83,7 +88,7 @@ class Witness:
         record = self.record
         record.crashes = list(self._wire.crashes)
         if record.truths and not self._world.works(BASE):  # without its process it stands
-            record.truths.append(Truth(self.now_s, self.pose, STANDSTILL))
+            record.truths.append(TrueMotion(self.now_s, self.pose, STANDSTILL))
         record.why += [
             text
             for time_ns, _, severity, text in self._wire.logs
@@ -99,10 +104,10 @@ class Witness:
 
     def _on_truth(self, envelope: Envelope) -> None:
         pose, twist = read.pose(envelope.message), read.twist(envelope.message.twist)
-        self.record.truths.append(Truth(self.now_s, pose, twist))
+        self.record.truths.append(TrueMotion(self.now_s, pose, twist))
 
     def _on_image(self, envelope: Envelope) -> None:
-        envelope.sight = Sight(self._wire.now_ns)
+        envelope.sight = ImageOrigin(self._wire.now_ns)
 
     def _on_arrival(self, node: Node, envelope: Envelope) -> None:
         self._image = envelope.sight
@@ -134,7 +139,7 @@ class Witness:
             self.record.senseless = str(error)
             return
         limits = _limits(servo, twist, self._learnt_dead_band)
-        self.record.orders.append(Order(self.now_s, twist, limits))
+        self.record.orders.append(ServoCommand(self.now_s, twist, limits))
 
     def _on_phase(self, envelope: Envelope) -> None:
         if envelope.sender not in (SERVO, ''):

@@ -21,9 +21,9 @@ from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.evaluation.faults.judging.record import (
     Limits,
     moving,
-    Order,
     Record,
-    Truth,
+    ServoCommand,
+    TrueMotion,
 )
 from visual_servo_epipolar.evaluation.faults.judging.witness import MUTE
 from visual_servo_epipolar.evaluation.live.listener import Listener
@@ -69,7 +69,7 @@ class RunListener(Listener):
         self._logs = {path: path.stat().st_size for path in logs.values()}
         self.struck_s, self.struck_in, self._deaf = self.time_s, self.record.phase, node
 
-    def resumed(self) -> None:
+    def note_resumption(self) -> None:
         """Note that it goes on."""
         if self._deaf == 'unicycle_node':
             self.record.woken_s = time.time()
@@ -113,7 +113,7 @@ class RunListener(Listener):
     def _on_truth(self, message: Any) -> None:
         time_s = read.stamp_ns(message.header) / NANOSECONDS
         twist = read.twist(message.twist)
-        self.record.truths.append(Truth(time_s, read.pose(message), twist))
+        self.record.truths.append(TrueMotion(time_s, read.pose(message), twist))
 
     def _on_tracks(self, message: Any) -> None:
         if self._deaf == 'servo_node':
@@ -123,7 +123,7 @@ class RunListener(Listener):
         self.record.sees(message.width, time.time(), taken_s, enough, carried_s)
 
     def _on_command(self, message: Any) -> None:
-        self.record.orders.append(Order(time.time(), read.twist(message), LIMITS))
+        self.record.orders.append(ServoCommand(time.time(), read.twist(message), LIMITS))
 
     def _on_phase(self, message: Any) -> None:
         self.record.phase = str(message.data)

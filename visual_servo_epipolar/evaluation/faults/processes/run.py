@@ -12,10 +12,10 @@ import zlib
 
 import numpy as np
 
-from visual_servo_epipolar.evaluation.faults.judging.judge import judged
-from visual_servo_epipolar.evaluation.faults.judging.record import Bounds
+from visual_servo_epipolar.evaluation.faults.judging.judge import judge_run
+from visual_servo_epipolar.evaluation.faults.judging.record import SafetyBounds
 from visual_servo_epipolar.evaluation.faults.processes.listener import RunListener, SETTINGS
-from visual_servo_epipolar.evaluation.live.processes import Process, started
+from visual_servo_epipolar.evaluation.live.processes import Process, start_nodes
 from visual_servo_epipolar.evaluation.live.world import FRAME_RATE, small_camera
 from visual_servo_epipolar.nodes.startup import process
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
@@ -88,11 +88,11 @@ def run(name: str, fault: ProcessFault, seed: int) -> dict[str, Any]:
         harmed.send_signal(fault.signal)
         if resumes:
             listener.spin_for(hung_s)
-            listener.resumed()
+            listener.note_resumption()
             harmed.send_signal(signal.SIGCONT)
         listener.watch_until_rest(REST_S, LONGEST_S)
         record = listener.finish()
-    judgement = judged(record, _bounds())
+    judgement = judge_run(record, _bounds())
     return {
         'fault': name,
         'seed': seed,
@@ -139,16 +139,16 @@ def _team(
         # What this process ignores, as nohup has it, its children would ignore as well.
         stack.callback(signal.signal, fault.signal, signal.signal(fault.signal, signal.SIG_DFL))
     camera_arguments = {'camera_node': arguments.pop('camera_node')}
-    processes = started(stack, arguments, folder, logs=True)
+    processes = start_nodes(stack, arguments, folder, logs=True)
     listener.wait(lambda: listener.hears_all, 'not every node is heard', START_S)
-    return {**processes, **started(stack, camera_arguments, folder, logs=True)}
+    return {**processes, **start_nodes(stack, camera_arguments, folder, logs=True)}
 
 
-def _bounds() -> Bounds:
+def _bounds() -> SafetyBounds:
     """Return what is allowed; ramps of the base between messages are not judged."""
     latency_s = ServoNodeSettings().max_latency
     period_s = 1.0 / FRAME_RATE
-    return Bounds(
+    return SafetyBounds(
         sight_s=SETTINGS.stale_timeout + latency_s + period_s + LATE_S,
         period_s=period_s,
         base_acceleration=float('inf'),

@@ -54,8 +54,8 @@ def simulation_1() -> Simulation1:
         corrected=run(corrected),
         behind_printed=run(replace(SIMULATION_1, start=BEHIND)),
         behind_corrected=run(replace(corrected, start=BEHIND)),
-        sampled_printed=sampled(SIMULATION_1, PERIOD_S, 20.0),
-        sampled_corrected=sampled(corrected, PERIOD_S, 20.0),
+        sampled_printed=sample_first_step(SIMULATION_1, PERIOD_S, 20.0),
+        sampled_corrected=sample_first_step(corrected, PERIOD_S, 20.0),
     )
 
 
@@ -141,7 +141,7 @@ def transient(course: Course, name: str) -> FloatArray:
     return np.asarray(course.column(name, 1)[:count])
 
 
-def sampled(case: Case, period: float, duration: float) -> tuple[Instant, ...]:
+def sample_first_step(case: Case, period: float, duration: float) -> tuple[Instant, ...]:
     """
     Return the first step of ``case`` with a new command every ``period`` for ``duration`` [s].
 
