@@ -4,7 +4,7 @@ Memory of views beside its bound and its peers, and what it costs.
 Errors are those of one view 0-20 mm before the goal, after 14 views along a spiral and a line.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 import math
 import time
@@ -34,6 +34,7 @@ from visual_servo_epipolar.evaluation.benchmarks.memory.study import (
     two_views,
 )
 from visual_servo_epipolar.evaluation.benchmarks.memory.trifocal import by_trifocal
+from visual_servo_epipolar.evaluation.tables import aligned
 
 TRIALS, QUICK_TRIALS = 30, 2
 ROUNDS, QUICK_ROUNDS = 60, 3
@@ -179,26 +180,20 @@ def figures(document: Mapping[str, Any]) -> dict[str, float]:
 
 def table(document: Mapping[str, Any]) -> str:
     """Return the document as text."""
-    return '\n'.join([*_error_lines(document), '', *_time_lines(document)])
-
-
-def _error_lines(document: Mapping[str, Any]) -> Iterator[str]:
+    lines: list[str] = []
     for scene in document['scenes']:
-        where = f'{scene["scene"]}, {scene["noise_px"]} px, {scene["camera"]}'
-        yield f'{where}, {document["trials"]} trials, root mean square'
-        yield f'{"":<40}{"lateral mm":>12}{"along mm":>12}{"heading deg":>13}'
-        for row in scene['rows']:
-            lateral, along, heading = (row[name] for name in COLUMNS)
-            yield f'{row["method"]:<40}{lateral:12.2f}{along:12.2f}{heading:13.4f}'
-        found = scene['wrong_matches']
-        yield (
+        matches = scene['wrong_matches']
+        rows = ([it['method'], *(f'{it[name]:.4f}' for name in COLUMNS)] for it in scene['rows'])
+        lines += [
+            f'{scene["scene"]}, {scene["noise_px"]} px, {scene["camera"]}, '
+            f'{document["trials"]} trials, root mean square',
+            *aligned('method | lateral mm | along mm | heading deg', rows),
             f'errors are {scene["normalised"]:.2f} of what was told; wrong matches: '
-            f'{found["dropped"]} of {found["of"]} dropped, {found["others_dropped"]} others'
-        )
-        yield ''
-
-
-def _time_lines(document: Mapping[str, Any]) -> Iterator[str]:
-    yield f'{"processor time":<40}{"median ms":>12}{"p99 ms":>12}'
-    for name, each in document['times_ms'].items():
-        yield f'{name:<40}{each["median"]:12.2f}{each["p99"]:12.2f}'
+            f'{matches["dropped"]} of {matches["of"]} dropped, {matches["others_dropped"]} others',
+            '',
+        ]
+    times = (
+        [name, f'{each["median"]:.2f}', f'{each["p99"]:.2f}']
+        for name, each in document['times_ms'].items()
+    )
+    return '\n'.join([*lines, *aligned('processor time | median ms | p99 ms', times)])

@@ -184,17 +184,10 @@ def _scene(
             rough = tracked.disturbances
             image = calm if rough is None else world.capture(perfect, frame, rough)
             tracked.track(image, world.truth, pose, frame)
-    calm_runs, rough_runs = (
-        runs[: len(CONFIGURATIONS)],
-        runs[len(CONFIGURATIONS) :],
-    )
-    figures = {
-        'scene': scene,
-        'start': list(start),
-        'configurations': {tracked.name: _figures(world, tracked) for tracked in calm_runs},
-    }
+    calm_runs, rough_runs = runs[: len(CONFIGURATIONS)], runs[len(CONFIGURATIONS) :]
+    configurations = {tracked.name: _figures(world, tracked) for tracked in calm_runs}
     return (
-        figures,
+        {'scene': scene, 'start': list(start), 'configurations': configurations},
         [{'scene': scene, **_rough_figures(world, tracked)} for tracked in rough_runs],
         images,
     )
