@@ -1,7 +1,5 @@
 """Diagnostics: who is carried on by the memory of views is warned of, and of what was refuted."""
 
-from dataclasses import replace
-
 from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
 from servo_states import EVENTS, in_phase, MEMORY, PHASES, sight
@@ -38,7 +36,7 @@ def test_too_few_features_are_a_warning_while_the_memory_carries_on(
 
 def test_odometry_that_is_not_used_any_more_is_a_warning() -> None:
     state = in_phase(Phase.ZEROING_EPIPOLES, measurement=sight(), memory=MEMORY)
-    state = replace(state, odometry=Odometry(refuted='odometry leaps'))
+    state = state.changed(odometry=Odometry(refuted='odometry leaps'))
     status = diagnosis(state, 1, name='servo').status[0]
     words = f'{STEP_1}; odometry leaps'
     assert (status.level, status.message) == (DiagnosticStatus.WARN, words)
@@ -57,7 +55,7 @@ def test_what_a_phase_does_is_said_in_a_sentence(phase: Phase) -> None:
 
 def test_an_event_that_is_a_reason_by_its_name_has_words() -> None:
     state = in_phase(Phase.DISPLACING, measurement=sight(), memory=MEMORY)
-    status = diagnosis(replace(state, reason=Event.APART.value), 1, name='servo').status[0]
+    status = diagnosis(state.changed(reason=Event.APART.value), 1, name='servo').status[0]
     assert status.message.endswith('; both epipoles can be trusted')
     with_own_reason = {Event.NOTHING, Event.LOST, Event.MISSED, Event.EXHAUSTED, Event.NO_GAIN}
     with_own_reason |= {Event.DIVERGED, Event.EXCURSION, Event.TIMED_OUT, Event.STOPPED}

@@ -118,8 +118,8 @@ def test_nodes_hear_the_same_wheels_as_the_loop_in_memory() -> None:
 
     expected = closed_loop.run(settings, view, camera, control=control)
     assert repr(drive(scenario, settings)) == repr(expected)
-    assert all(state.odometry.pose is not None for state in states)
-    assert states[-1].odometry.proven
+    assert all(state.identified.odometry.pose is not None for state in states)
+    assert states[-1].identified.odometry.proven
 
 
 def test_a_camera_without_distortion_coefficients_runs() -> None:

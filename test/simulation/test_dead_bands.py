@@ -34,7 +34,7 @@ def test_a_dead_band_that_nobody_told_is_found(name, zone, rate) -> None:
     summary, state = driven(name, base, untold, rate)
     assert summary['outcome'] == 'arrived', summary['reason']
     assert float(str(summary['position_error_m'])) < 0.004
-    learnt = state.dead_band
+    learnt = state.identified.dead_band
     assert zone <= max(learnt.linear.value, learnt.angular.value) <= 2.0 * zone
 
 
@@ -51,7 +51,9 @@ def test_a_dead_band_that_nobody_told_is_found(name, zone, rate) -> None:
 def test_a_base_that_follows_teaches_none(name, base) -> None:
     summary, state = driven(name, base, {})
     assert summary['outcome'] == 'arrived', summary['reason']
-    assert state.dead_band.linear.value == state.dead_band.angular.value == 0.0
+    assert (
+        state.identified.dead_band.linear.value == state.identified.dead_band.angular.value == 0.0
+    )
 
 
 @pytest.mark.parametrize(

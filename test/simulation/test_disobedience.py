@@ -112,8 +112,11 @@ def test_a_stranger_is_held_against_teaches_nothing_and_the_run_goes_on_when_he_
     assert 'something else publishes cmd_vel' in held[0].reason
     undisturbed = [state for state in loop.states[:44] if state.phase is not Phase.HOLDING]
     for state in held:
-        assert abs(state.curvature.value - undisturbed[30].curvature.value) < 0.01
-        assert state.delay.value == 0.0
+        assert (
+            abs(state.identified.curvature.value - undisturbed[30].identified.curvature.value)
+            < 0.01
+        )
+        assert state.identified.delay.value == 0.0
     assert loop.states[-1].phase is Phase.ARRIVED
     assert loop.pose.distance < 0.005
 
@@ -145,7 +148,11 @@ def test_a_way_that_nobody_knows_teaches_no_mount(interfere: Interfere) -> None:
     phases = [state.phase for state in loop.states]
     assert Phase.HOLDING in phases and Phase.RETREATING not in phases
     assert phases[-1] is Phase.ARRIVED and loop.pose.distance < 0.005
-    yaws = [state.extrinsics.mount[0] for state in loop.states if state.extrinsics is not None]
+    yaws = [
+        state.identified.extrinsics.mount[0]
+        for state in loop.states
+        if state.identified.extrinsics is not None
+    ]
     assert np.abs(yaws).max() < np.radians(3.0)  # of a camera that looks straight ahead
 
 

@@ -216,7 +216,7 @@ def test_waiting_does_not_use_the_time_up() -> None:
         seen = observe(view.observe(pose, frame), camera, frame * 100_000_000)
         state = step(state, only(3)(seen), world.servo)
     assert state.phase is Phase.WAITING
-    assert state.views.few_s == 0.0
+    assert state.view.map.few_s == 0.0
 
 
 def test_with_0_s_it_is_off() -> None:

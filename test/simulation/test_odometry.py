@@ -103,7 +103,7 @@ def test_who_is_not_asked_for_odometry_hears_none() -> None:
     control = Control()
     driven(1, control, odometry=False)
     assert control.told is None
-    assert control.state.odometry.pose is None
+    assert control.state.identified.odometry.pose is None
 
 
 def test_odometry_that_is_not_wanted_changes_nothing() -> None:
@@ -171,7 +171,7 @@ def test_a_lie_is_found_out_and_the_robot_arrives(name: str, begins: int) -> Non
     control = Control(LIES[name](), begins)
     log = driven(2, control)
     summary = summarise(log)
-    assert control.state.odometry.refuted
+    assert control.state.identified.odometry.refuted
     assert summary['outcome'] == 'arrived', summary['reason']
     assert float(str(summary['position_error_m'])) < 0.003
     assert float(str(summary['duration_s'])) < 100.0  # one of sixteen starts takes 82, others 65
@@ -194,7 +194,7 @@ def test_a_reset_is_no_lie() -> None:
 
     control = Control(reset, 120)
     summary = summarise(driven(2, control))
-    assert not control.state.odometry.refuted
-    assert control.state.odometry.proven
+    assert not control.state.identified.odometry.refuted
+    assert control.state.identified.odometry.proven
     assert summary['outcome'] == 'arrived'
     assert float(str(summary['position_error_m'])) < 0.0015

@@ -102,7 +102,7 @@ def learnt_yaw(degrees: float) -> Extrinsics:
 def in_phase(phase: Phase, **changes: Any) -> ServoState:
     """Return a state at time zero in ``phase``, as a run would have it, at a standstill."""
     running = {'measurement': sight(0), 'distance': 8.0, 'side': -1.0, 'target': 0.2}
-    return ServoState(phase=phase, **{**running, 'mount': np.zeros(3), **changes})
+    return ServoState().changed(phase=phase, **{**running, 'mount': np.zeros(3), **changes})
 
 
 def then(

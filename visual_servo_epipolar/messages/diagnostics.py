@@ -50,13 +50,13 @@ def diagnosis(
     values: dict[str, object] = {
         'phase': words.phase(state),
         'reason': state.reason,
-        'warning': state.warning,
-        'odometry': state.odometry.refuted,
+        'warning': state.run.warning,
+        'odometry': state.identified.odometry.refuted,
     }
     if state.measurement is not None:
         values['untrusted_because'] = state.measurement.reason
         values |= telemetry(state)
-    notes = [words.notice, state.odometry.refuted]
+    notes = [words.notice, state.identified.odometry.refuted]
     if state.measurement is not None and state.measurement.carried:
         notes.insert(0, carried_on(state.measurement.features))
     return write.diagnostics(
@@ -89,7 +89,7 @@ def standing_diagnosis(
         values={
             'phase': words.phase(state),
             'reason': words.reason or state.reason,
-            'warning': state.warning,
+            'warning': state.run.warning,
             BETWEEN: True,
         },
         stamp_ns=stamp_ns,

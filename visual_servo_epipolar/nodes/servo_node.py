@@ -14,7 +14,6 @@ from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.step import decided
 from visual_servo_epipolar.core.stamps import NOT_ADVANCING
 from visual_servo_epipolar.core.tracking.features import Features
-from visual_servo_epipolar.core.values import changed
 from visual_servo_epipolar.messages import event_log, read
 from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.complaints import Complaints
@@ -215,7 +214,7 @@ class ServoNode(ManagedNode):
         age = self._commands.age
         state = decided(self._state, observation, self._settings, since_command=age)
         if unusable and state.phase is Phase.HOLDING:
-            state = changed(state, reason=unusable)
+            state = state.changed(reason=unusable)
         self._run.advance(state, observation.stamp_ns, message.header.frame_id)
         self._camera.check(observation, self._state, self._settings)
 

@@ -59,7 +59,10 @@ class Loop:
     def robot_view(self, observation: Observation) -> RobotView:
         """Return what is to be perceived."""
         return RobotView(
-            self._reckoned(observation), self._servo, self._state.frame, self._state.memory
+            self._reckoned(observation),
+            self._servo,
+            self._state.view.frame,
+            self._state.view.memory,
         )
 
     def decide(self, perception: Perception) -> None:
@@ -82,7 +85,7 @@ class Loop:
         """Note the step that was decided."""
         state = self._state
         taken = sample(self._base.now_ns, self.pose, state.phase, telemetry(state))
-        self.monitor.add(taken, reason=state.reason, attempts=state.attempts)
+        self.monitor.add(taken, reason=state.reason, attempts=state.run.attempts)
         return taken
 
     def drive(self) -> None:

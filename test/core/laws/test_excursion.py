@@ -62,23 +62,23 @@ def test_the_bound_of_driving_backward_is_a_setting_and_counts_what_was_driven()
     state = backing_off(replace(SETTINGS, max_retreat=0.5))
     assert state.reason.startswith('drove 0.5 m backward in this run (max_retreat)')
     # 0.2 m/s from a standstill: not before 2.5 s.
-    assert 26 <= state.frame <= 35
+    assert 26 <= state.view.frame <= 35
 
 
 def test_what_former_attempts_drove_backward_counts_as_well() -> None:
     settings = replace(SETTINGS, max_retreat=0.5)
-    assert backing_off(settings, reversed=0.4).frame < 20
+    assert backing_off(settings, reversed=0.4).view.frame < 20
     missed = in_phase(Phase.MATCHING_FEATURES, reversed=0.4, travel=-0.4)
     there = sight(difference=0.0, heading_error=0.0)
-    state = then(replace(missed, settled=3 * SETTINGS.arrival_frames, settled_parallax=1.0), there)
-    assert (state.phase, state.attempts) == (Phase.RETREATING, 2)
-    assert (state.travel, state.reversed) == (0.0, 0.4)
+    state = then(missed.changed(settled=3 * SETTINGS.arrival_frames, settled_parallax=1.0), there)
+    assert (state.phase, state.run.attempts) == (Phase.RETREATING, 2)
+    assert (state.motion.travel, state.motion.reversed) == (0.0, 0.4)
 
 
 @pytest.mark.parametrize('linear', [-0.2, 0.2])
 def test_only_what_is_driven_backward_counts(linear: float) -> None:
     moving = in_phase(Phase.MATCHING_FEATURES, command=Command(Twist(linear, 0.0)))
-    assert then(moving).reversed == pytest.approx(max(-linear, 0.0) * 0.1)
+    assert then(moving).motion.reversed == pytest.approx(max(-linear, 0.0) * 0.1)
 
 
 @pytest.mark.parametrize('kinds', [('LOST',), ('HALTED', 'LOST'), ('LOST', 'HALTED', 'TIMED_OUT')])
@@ -87,13 +87,13 @@ def test_a_command_that_was_withdrawn_meanwhile_counts_in_full(kinds: tuple[str,
     state = in_phase(Phase.RETREATING, command=Command(Twist(-0.2, 0.0)))
     for kind in kinds:
         state = interrupted(state, Interruption[kind], 'no new tracks')
-    assert then(state, sight(5)).reversed == pytest.approx(0.1)
+    assert then(state, sight(5)).motion.reversed == pytest.approx(0.1)
 
 
 @pytest.mark.parametrize(('frame', 'seconds'), [(1300, 0.1), (0, 0.1), (-9000, 0.1)])
 def test_stamps_that_leap_do_not_hide_what_is_driven_backward(frame: int, seconds: float) -> None:
     state = in_phase(Phase.RETREATING, command=Command(Twist(-0.2, 0.0)), period=0.1)
-    assert then(state, sight(frame)).reversed == pytest.approx(0.2 * seconds)
+    assert then(state, sight(frame)).motion.reversed == pytest.approx(0.2 * seconds)
 
 
 # The longest way
@@ -162,7 +162,7 @@ def test_no_bound_of_the_excursion_is_zero() -> None:
 )
 def test_a_distance_that_is_not_known_leads_nobody_astray(changes: dict[str, Any]) -> None:
     assert excursion_limit(off(2.0), sight(), SETTINGS) != ''
-    assert excursion_limit(replace(off(2.0), **changes), sight(), SETTINGS) == ''
+    assert excursion_limit(off(2.0).changed(**changes), sight(), SETTINGS) == ''
 
 
 def test_without_bearings_nobody_is_astray() -> None:
@@ -183,7 +183,7 @@ def test_near_the_goal_the_excursion_refers_to_half_a_metre() -> None:
 @pytest.mark.parametrize('phase', DRIVING)
 def test_steps_1_and_2_end_where_they_lead_astray(phase: Phase) -> None:
     state = off(2.0, phase, travel=-1e3)
-    state = replace(state, measurement=sight())
+    state = state.changed(measurement=sight())
     bounded = phase in STEPS
     assert (classify(state, SETTINGS) is Event.EXCURSION) == bounded
 
@@ -191,7 +191,7 @@ def test_steps_1_and_2_end_where_they_lead_astray(phase: Phase) -> None:
 def test_who_may_not_back_off_at_all_does_not_and_says_what_to_do() -> None:
     settings = replace(SETTINGS, max_retreat=0.0)
     state = backing_off(settings, frames=3)
-    assert (state.phase, state.reversed, state.command) == (Phase.FAILED, 0.0, HALT)
+    assert (state.phase, state.motion.reversed, state.command) == (Phase.FAILED, 0.0, HALT)
     assert state.reason.startswith('the robot would have to back off, and max_retreat is 0')
     begins = then(in_phase(Phase.WAITING), SIDEWAYS, settings)
     assert (begins.phase, begins.command) == (Phase.RETREATING, HALT)

@@ -114,17 +114,22 @@ def test_a_slow_camera_may_take_as_long_as_its_tracks_may_age(gap: float, held: 
 
 @pytest.mark.parametrize('leap', LEAPS)
 def test_a_leap_teaches_nothing(leap: float) -> None:
-    before = replace(driving(Phase.ZEROING_EPIPOLES), distance=5.0, range=4.0)
+    before = driving(Phase.ZEROING_EPIPOLES).changed(distance=5.0, range=4.0)
     state = then(before, at(1000.1 + leap))
-    assert (state.distance, state.range, state.period, state.travel) == (5.0, 4.0, PERIOD, 0.0)
-    assert state.curvature.value == 0.0
-    assert math.isnan(state.slope.value)
+    assert (state.motion.distance, state.motion.range, state.view.period, state.motion.travel) == (
+        5.0,
+        4.0,
+        PERIOD,
+        0.0,
+    )
+    assert state.identified.curvature.value == 0.0
+    assert math.isnan(state.motion.slope.value)
 
 
 def test_before_a_period_is_known_a_leap_counts_as_a_tenth_of_a_second() -> None:
-    fresh = replace(driving(run=SETTINGS.run_timeout - 0.11), period=math.nan)
+    fresh = driving(run=SETTINGS.run_timeout - 0.11).changed(period=math.nan)
     assert then(fresh, at(1130.0)).phase is Phase.HOLDING
-    late = replace(driving(run=SETTINGS.run_timeout - 0.09), period=math.nan)
+    late = driving(run=SETTINGS.run_timeout - 0.09).changed(period=math.nan)
     assert then(late, at(1130.0)).phase is Phase.FAILED
 
 
@@ -137,7 +142,7 @@ def test_who_holds_counts_what_the_stamps_say_while_they_advance() -> None:
 
 @pytest.mark.parametrize('leap', LEAPS)
 def test_who_drove_too_far_backward_has_failed_also_by_an_image_that_leaps(leap: float) -> None:
-    far = replace(driving(Phase.RETREATING), reversed=SETTINGS.max_retreat + 1.0)
+    far = driving(Phase.RETREATING).changed(reversed=SETTINGS.max_retreat + 1.0)
     state = then(far, at(1000.1 + leap))
     assert (state.phase, state.twist) == (Phase.FAILED, STANDSTILL)
     assert 'max_retreat' in state.reason

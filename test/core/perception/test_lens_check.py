@@ -31,9 +31,9 @@ def doubts(start: tuple[float, float, float], **camera: float) -> list[str]:
 
     def control(state: ServoState, seen: Observation, settings: ServoSettings) -> ServoState:
         after = step(state, seen, settings)
-        if after.measurement is not None and after.memory is not None:
-            run_so_far = after.measurement, after.memory
-            checks.append(looked_at(checks[-1], seen, run_so_far, settings, after.frame))
+        if after.measurement is not None and after.view.memory is not None:
+            run_so_far = after.measurement, after.view.memory
+            checks.append(looked_at(checks[-1], seen, run_so_far, settings, after.view.frame))
         return after
 
     run(

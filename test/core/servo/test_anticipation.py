@@ -35,7 +35,7 @@ def seen_from_here(**changes: object) -> ServoState:
     for stamp in range(measurement.stamp_ns - 500_000_000, measurement.stamp_ns, 100_000_000):
         sent = sent.after(stamp, TWIST)
     state = in_phase(Phase.MATCHING_FEATURES, sent=sent)
-    return replace(state, measurement=replace(measurement, **changes))
+    return state.changed(measurement=replace(measurement, **changes))
 
 
 def then() -> Pose:
@@ -84,7 +84,7 @@ def test_who_obeys_soon_or_has_another_law_looks_not_ahead(settings) -> None:
 
 
 def test_who_stands_looks_not_ahead() -> None:
-    holding = replace(seen_from_here(), phase=Phase.HOLDING)
+    holding = seen_from_here().changed(phase=Phase.HOLDING)
     assert anticipated(holding, LATE) is holding
 
 
@@ -93,7 +93,7 @@ def test_what_acted_since_the_last_image_is_what_was_told_before() -> None:
     now_ns = state.measurement.stamp_ns + 100_000_000
     acted = as_obeyed(state, now_ns, 0.1, LATE)
     assert (acted.twist.linear, acted.twist.angular) == pytest.approx((0.4, -0.3))
-    assert acted.last_linear == acted.twist.linear
+    assert acted.motion.last_linear == acted.twist.linear
     earlier = as_obeyed(state, now_ns, 0.1, replace(LATE, latency=0.9)).twist
     assert (earlier.linear, earlier.angular) == pytest.approx((0.1, 0.1))
 
@@ -103,11 +103,11 @@ def test_a_dead_band_sees_pulses_as_they_were_told() -> None:
     state = seen_from_here()
     sent = CommandsSent().after(0, TWIST).after(60_000_000, STANDSTILL)
     measurement = replace(state.measurement, stamp_ns=LATE_NS)
-    state = replace(state, sent=sent, measurement=measurement)
+    state = state.changed(sent=sent, measurement=measurement)
     assert longest_obeyed(state, LATE_NS + 100_000_000, 0.1, LATE) == TWIST
     assert as_obeyed(state, LATE_NS + 100_000_000, 0.1, LATE).twist.linear == pytest.approx(0.24)
     assert longest_obeyed(state, LATE_NS, 0.1, ServoSettings()) is state.twist
-    nothing = replace(state, sent=CommandsSent())
+    nothing = state.changed(sent=CommandsSent())
     assert longest_obeyed(nothing, LATE_NS + 100_000_000, 0.1, LATE) == STANDSTILL
 
 
@@ -120,5 +120,5 @@ def test_who_has_settled_must_be_there_when_all_has_acted(queued, settled) -> No
     )  # fmt: skip
     sent = CommandsSent().after(there.stamp_ns - 300_000_000, Twist(0.0, queued))
     state = in_phase(Phase.ORIENTING, sent=sent)
-    state = replace(state, measurement=replace(there, stamp_ns=there.stamp_ns - 100_000_000))
-    assert advance(state, Perception(there, MEMORY), LATE).settled == settled
+    state = state.changed(measurement=replace(there, stamp_ns=there.stamp_ns - 100_000_000))
+    assert advance(state, Perception(there, MEMORY), LATE).settling.settled == settled

@@ -94,7 +94,7 @@ def test_only_trusted_sight_moves_a_robot_that_holds() -> None:
     assert then(holding, replace(at(0.1), bearings=BEARINGS)).twist != STANDSTILL
     for what in BLIND:
         state = then(holding, at(0.1, what))
-        assert (state.twist, state.settled) == (STANDSTILL, 0)
+        assert (state.twist, state.settling.settled) == (STANDSTILL, 0)
 
 
 @pytest.mark.parametrize(
@@ -112,17 +112,17 @@ def test_silence_and_repeated_images_begin_the_count_of_who_holds_anew(
 ) -> None:
     holding = in_phase(Phase.HOLDING, settled=RESUMING_FRAMES - 2, measurement=at(3.0))
     state = then(holding, at(3.0 + gap))
-    assert (state.phase, state.settled) == (Phase.HOLDING, counts)
+    assert (state.phase, state.settling.settled) == (Phase.HOLDING, counts)
 
 
 def test_images_that_are_refused_begin_it_anew() -> None:
     holding = in_phase(Phase.HOLDING, settled=RESUMING_FRAMES - 1)
-    assert interrupted(holding, Interruption.LOST, 'out of order').settled == 0
+    assert interrupted(holding, Interruption.LOST, 'out of order').settling.settled == 0
 
 
 @pytest.mark.parametrize('phase', PHASES)
 def test_before_the_first_image_no_phase_moves_the_robot(phase: Phase) -> None:
-    assert nominal_twist(ServoState(phase=phase), SETTINGS) == STANDSTILL
+    assert nominal_twist(ServoState().changed(phase=phase), SETTINGS) == STANDSTILL
 
 
 @pytest.mark.parametrize('phase', [Phase.DISPLACING, Phase.ZEROING_EPIPOLES])
@@ -146,6 +146,6 @@ def test_step_2_does_not_begin_without_the_difference_that_it_goes_by(phase, bea
     settled = in_phase(phase, settled=SETTINGS.align_frames, latched=True)
     near = sight(bearings=bearings, heading_error=0.0, parallax=0.0)
     begun = then(settled, near)
-    assert (begun.phase, begun.settled) == (Phase.MATCHING_FEATURES, 0)  # it settles anew
+    assert (begun.phase, begun.settling.settled) == (Phase.MATCHING_FEATURES, 0)  # it settles anew
     blind = then(settled, replace(near, difference=math.nan))
     assert (blind.phase, blind.twist) == (Phase.HOLDING, STANDSTILL)

@@ -68,20 +68,20 @@ def begun(settings: ServoSettings, phase: Phase) -> ServoState:
 def test_given_gains_hold_as_soon_as_derived_ones_are_given_up(phase: Phase) -> None:
     state = begun(DERIVED, phase)
     assert state.phase is phase
-    assert state.gains is not None
+    assert state.law.gains is not None
     given_up = replace(DERIVED, gains='given')
-    fresh = replace(state, gains=None)
+    fresh = state.changed(gains=None)
     assert nominal_twist(state, given_up) == nominal_twist(fresh, given_up)
     assert nominal_twist(state, given_up) != nominal_twist(state, DERIVED)
 
 
 def test_gains_that_were_given_up_are_not_taken_up_again_by_the_next_phase() -> None:
     state = then(
-        replace(begun(DERIVED, Phase.ZEROING_EPIPOLES), settled=9, latched=True),
+        begun(DERIVED, Phase.ZEROING_EPIPOLES).changed(settled=9, latched=True),
         sight(2, bearings=ALIGNED),
         replace(DERIVED, gains='given'),
     )
-    assert (state.phase, state.gains) == (Phase.MATCHING_FEATURES, None)
+    assert (state.phase, state.law.gains) == (Phase.MATCHING_FEATURES, None)
 
 
 @pytest.mark.parametrize('estimator', ['planar_2dof', 'planar_3dof', 'lmeds_8pt'])

@@ -93,10 +93,10 @@ def test_what_was_not_withdrawn_goes_on() -> None:
 @pytest.mark.parametrize('kind', [Interruption.HALTED, Interruption.LOST, Interruption.STOPPED])
 def test_a_halted_servo_knows_that_its_command_is_withdrawn(kind) -> None:
     state = in_phase(Phase.ZEROING_EPIPOLES, sent=sent(), command=Command(RIGHT))
-    assert interrupted(state, kind, 'why').sent == withdrawn()
+    assert interrupted(state, kind, 'why').motion.sent == withdrawn()
 
 
 def test_the_next_run_is_of_the_same_base() -> None:
     state = in_phase(Phase.ZEROING_EPIPOLES, delay=Delay(0.5))
-    assert interrupted(state, Interruption.STOPPED).delay is state.delay
-    assert interrupted(state, Interruption.RESET).delay.value == 0.0
+    assert interrupted(state, Interruption.STOPPED).identified.delay is state.identified.delay
+    assert interrupted(state, Interruption.RESET).identified.delay.value == 0.0

@@ -44,7 +44,7 @@ def test_who_is_in_doubt_allows_for_no_such_luck_at_first() -> None:
     still = sight(features=25, parallax=1.1 * 1.25 * 0.3 / 769.0)
     first = in_phase(Phase.MATCHING_FEATURES)
     assert has_parallax(first, still, exact)
-    assert not has_parallax(replace(first, attempts=2), still, exact)
+    assert not has_parallax(first.changed(attempts=2), still, exact)
     lens = replace(exact, focal_deviation=1.0)  # nothing is remembered through it
     assert not has_parallax(first, still, lens)
 
@@ -63,8 +63,8 @@ def test_a_distance_shows_once_the_line_of_sight_has_turned_enough(
 def test_an_uncertain_line_of_sight_has_to_turn_farther(deviation: float, known: bool) -> None:
     # By 0.1 rad: eight deviations of 0.0125.
     there = sight(bearings=BEARINGS, deviation=deviation)
-    state = replace(in_phase(Phase.ZEROING_EPIPOLES), last_linear=0.4)
-    moving = replace(state, command=replace(state.command, twist=Twist(0.4, 0.0)))
+    state = in_phase(Phase.ZEROING_EPIPOLES).changed(last_linear=0.4)
+    moving = state.changed(command=replace(state.command, twist=Twist(0.4, 0.0)))
     ranges = [
         measured_range(moving, there, Leg(BEARINGS.psi + turn, 0.1, 0.1)) for turn in (-0.1, 0.1)
     ]
@@ -121,9 +121,9 @@ def test_the_unrest_of_a_change_counts_for_a_fifth_of_a_second() -> None:
 def test_a_settled_robot_is_not_stirred_by_its_dead_band(mode: str) -> None:
     settings = replace(SETTINGS, dead_band_mode=mode, dead_band_linear=0.05, dead_band_angular=0.1)
     tiny = Twist(0.04, -0.08)
-    settled = replace(in_phase(Phase.MATCHING_FEATURES), settled=1)
+    settled = in_phase(Phase.MATCHING_FEATURES).changed(settled=1)
     assert _beyond_dead_band(tiny, settled, settings) == (STANDSTILL, STANDSTILL)
-    unsettled, _ = _beyond_dead_band(tiny, replace(settled, settled=0), settings)
+    unsettled, _ = _beyond_dead_band(tiny, settled.changed(settled=0), settings)
     assert unsettled == (STANDSTILL if mode == 'zero' else Twist(0.05, -0.1))
 
 

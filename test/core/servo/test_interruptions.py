@@ -30,7 +30,7 @@ def test_tracks_that_stay_away_make_a_robot_hold_that_drives(phase: Phase) -> No
     state = interrupted(in_phase(phase, measurement=sight(30)), Interruption.LOST, 'no new tracks')
     if phase.drives:
         assert (state.phase, state.reason) == (Phase.HOLDING, 'no new tracks')
-        assert state.phase_start_ns == sight(30).stamp_ns
+        assert state.run.phase_start_ns == sight(30).stamp_ns
     elif phase is not Phase.WAITING:
         assert state.phase is phase
 

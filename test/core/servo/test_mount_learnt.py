@@ -52,8 +52,8 @@ def test_bearings_that_driving_disproves_are_given_up(phase: Phase) -> None:
     state = advance(contradicted(phase), Perception(sight(bearings=ELSEWHERE), learnt), SETTINGS)
     assert (state.phase, state.twist) == (Phase.HOLDING, STANDSTILL)
     assert state.reason == ('the bearings contradict what was driven; they are looked for anew')
-    assert repr(state.memory) == repr(MEMORY)
-    assert state.extrinsics is SETTINGS.extrinsics
+    assert repr(state.view.memory) == repr(MEMORY)
+    assert state.identified.extrinsics is SETTINGS.extrinsics
     assert state.measurement is not None
     assert state.measurement.bearings is None
 
@@ -75,8 +75,8 @@ def test_a_bearing_that_driving_explains_is_no_contradiction() -> None:
     turned = Bearings(BEARINGS.psi, BEARINGS.phi - 0.1)
     state = then(contradicted(Phase.ZEROING_EPIPOLES), sight(bearings=turned))
     assert state.phase is not Phase.HOLDING
-    assert state.extrinsics is not None
-    assert state.extrinsics.contradictions == MAX_CONTRADICTIONS - 1
+    assert state.identified.extrinsics is not None
+    assert state.identified.extrinsics.contradictions == MAX_CONTRADICTIONS - 1
 
 
 # A yaw that is learnt on the way
@@ -86,10 +86,10 @@ def test_step_1_begins_anew_where_the_yaw_turns_out_to_be_another() -> None:
     zeroing = in_phase(Phase.ZEROING_EPIPOLES, extrinsics=learnt_yaw(1.6))
     state = then(zeroing)
     assert (state.phase, state.reason) == (Phase.DISPLACING, 'escaped')
-    assert state.mount is not None
-    assert state.mount[0] == pytest.approx(math.radians(1.6))
+    assert state.run.mount is not None
+    assert state.run.mount[0] == pytest.approx(math.radians(1.6))
     assert state.yaw_learnt == 0.0
-    assert then(replace(zeroing, extrinsics=learnt_yaw(1.4))).phase is zeroing.phase
+    assert then(zeroing.changed(extrinsics=learnt_yaw(1.4))).phase is zeroing.phase
 
 
 def test_too_near_the_goal_step_1_backs_off_before_it_begins_anew() -> None:
@@ -118,13 +118,13 @@ def test_step_2_by_a_wrong_yaw_is_another_attempt(degrees: float, phase: Phase) 
     )
     state = then(matching, sight(bearings=None, **at_goal), TWO_VIEWS)
     assert state.phase is phase
-    assert state.attempts == 1 + (phase is Phase.RETREATING)
+    assert state.run.attempts == 1 + (phase is Phase.RETREATING)
 
 
 def test_nothing_is_learnt_of_the_yaw_before_anything_is() -> None:
     assert ServoState().yaw_learnt == 0.0
-    assert ServoState(extrinsics=learnt_yaw(2.0)).yaw_learnt == 0.0
-    state = ServoState(extrinsics=learnt_yaw(-2.0), mount=np.zeros(3))
+    assert ServoState().changed(extrinsics=learnt_yaw(2.0)).yaw_learnt == 0.0
+    state = ServoState().changed(extrinsics=learnt_yaw(-2.0), mount=np.zeros(3))
     assert state.yaw_learnt == pytest.approx(math.radians(2.0))
 
 
@@ -135,11 +135,11 @@ def test_a_camera_off_the_axle_gives_the_bearings_of_the_axle() -> None:
     settings = replace(SETTINGS, camera_yaw=0.1, camera_forward=0.3)
     state = then(ServoState(), sight(), settings)
     assert state.measurement is not None
-    assert state.extrinsics is not None
+    assert state.identified.extrinsics is not None
     assert state.measurement.camera_bearings == BEARINGS
     assert state.measurement.seen_bearings == BEARINGS
     mount = of_camera_axes(np.array([0.1, 0.3, 0.0]))
-    expected = at_axle(BEARINGS, mount, state.extrinsics.distance)
+    expected = at_axle(BEARINGS, mount, state.identified.extrinsics.distance)
     found = state.measurement.bearings
     assert found is not None
     assert (found.psi, found.phi) == pytest.approx((expected.psi, expected.phi))
@@ -162,8 +162,8 @@ def test_travel_is_that_of_commands_which_act_late(latency: float, travel: float
     )
     after = then(state, settings=settings)
     assert after.phase is state.phase
-    assert after.travel == pytest.approx(1.0 + travel)
-    assert after.last_linear == 0.3
+    assert after.motion.travel == pytest.approx(1.0 + travel)
+    assert after.motion.last_linear == 0.3
 
 
 def test_what_was_ranged_by_another_mount_is_forgotten() -> None:
@@ -175,17 +175,17 @@ def test_what_was_ranged_by_another_mount_is_forgotten() -> None:
         Phase.DISPLACING, extrinsics=known, range=5.0, leg=Leg(BEARINGS.psi, 0.3, 0.4)
     )
     after = then(state)
-    assert after.extrinsics is not None
-    assert after.extrinsics.believed
-    assert after.leg is None
-    assert after.range == pytest.approx(after.extrinsics.distance)
-    again = then(replace(after, range=5.0), sight(2))
-    assert again.range == pytest.approx(5.0)
+    assert after.identified.extrinsics is not None
+    assert after.identified.extrinsics.believed
+    assert after.motion.leg is None
+    assert after.motion.range == pytest.approx(after.identified.extrinsics.distance)
+    again = then(after.changed(range=5.0), sight(2))
+    assert again.motion.range == pytest.approx(5.0)
 
 
 def test_a_belief_survives_where_nothing_is_seen() -> None:
     blind = Measurement(100_000_000, 3, 769.0, 0.3, reason='3 features, 12 needed')
     state = then(in_phase(Phase.ZEROING_EPIPOLES, extrinsics=learnt_yaw(2.0)), blind)
     assert state.phase is Phase.HOLDING
-    assert state.extrinsics is not None
-    assert state.extrinsics.mount[0] == pytest.approx(math.radians(2.0))
+    assert state.identified.extrinsics is not None
+    assert state.identified.extrinsics.mount[0] == pytest.approx(math.radians(2.0))

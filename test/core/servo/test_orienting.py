@@ -62,7 +62,7 @@ def test_another_phase_measures_for_itself() -> None:
     state = then(state, without(1, 0.05))
     assert state.measurement is not None
     assert state.measurement.heading_error == pytest.approx(0.05 - BIAS)
-    assert math.isnan(state.rotation_bias)
+    assert math.isnan(state.view.rotation_bias)
 
 
 @pytest.mark.parametrize(('difference', 'phase'), [(-0.01, 'retreating'), (-0.07, 'displacing')])

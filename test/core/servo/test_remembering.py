@@ -87,7 +87,7 @@ def test_who_is_not_has(away: float, deviation: float) -> None:
 @pytest.mark.parametrize(('attempts', 'there'), [(2, False), (3, True), (5, True)])
 def test_a_base_that_misses_by_the_same_again_and_again_is_asked_for_less(attempts, there) -> None:
     beside = replace(measurement(), offset=(0.005, 0.0), offset_deviation=1e-4)
-    assert has_parallax(ServoState(attempts=attempts), beside, SETTINGS) is not there
+    assert has_parallax(ServoState().changed(attempts=attempts), beside, SETTINGS) is not there
 
 
 @pytest.mark.parametrize('mount', [(0.0, 0.3, 0.0), (0.1, 0.2, -0.1), (-0.4, 0.0, 0.05)])
@@ -118,7 +118,7 @@ def test_the_slope_of_d_is_what_the_memory_says_though_other_features_are_in_vie
     # Without ``memory`` nothing is remembered here, and the measurement is what it is.
     alone = ServoSettings(memory=False)
     after = updated(moving, Perception(now, fresh_memory(SETTINGS)), 0.1, alone)
-    assert after.slope.value == 0.008
+    assert after.motion.slope.value == 0.008
 
 
 def test_where_nothing_is_said_there_is_no_reading() -> None:

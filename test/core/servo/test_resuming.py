@@ -1,6 +1,5 @@
 """Resuming after images that were not trusted: what a robot that stands cannot have done."""
 
-from dataclasses import replace
 import math
 
 import pytest
@@ -45,15 +44,19 @@ def seen(state: ServoState, **changes: object) -> float:
     measurement = sight(2, **changes)
     return updated(
         state, Perception(measurement, fresh_memory(SETTINGS)), 0.1, SETTINGS
-    ).trusted_heading
+    ).view.trusted_heading
 
 
 def test_the_heading_is_that_of_trusted_sights_of_who_drives() -> None:
     driving = in_phase(Phase.MATCHING_FEATURES)
     assert seen(driving) == THERE.heading_error
-    known = replace(driving, trusted_heading=THERE.heading_error)
-    assert seen(known, heading_error=THERE.heading_error + 0.5 * TURNED) != known.trusted_heading
-    assert seen(known, heading_error=THERE.heading_error + 1.5 * TURNED) == known.trusted_heading
-    assert seen(known, bearings=None, parallax=1.0) == known.trusted_heading
+    known = driving.changed(trusted_heading=THERE.heading_error)
+    assert (
+        seen(known, heading_error=THERE.heading_error + 0.5 * TURNED) != known.view.trusted_heading
+    )
+    assert (
+        seen(known, heading_error=THERE.heading_error + 1.5 * TURNED) == known.view.trusted_heading
+    )
+    assert seen(known, bearings=None, parallax=1.0) == known.view.trusted_heading
     held = in_phase(Phase.HOLDING, trusted_heading=0.7)
     assert seen(held) == 0.7

@@ -36,7 +36,7 @@ SEEN = Measurement(
 
 def speed(seconds: float, since_command: float, command: Command = DRIVEN) -> float:
     """Return the speed commanded by an image so many ``seconds`` after the last, in step 2."""
-    state = ServoState(
+    state = ServoState().changed(
         phase=Phase.MATCHING_FEATURES,
         measurement=SEEN,
         distance=8.0,
@@ -65,7 +65,7 @@ def test_commands_in_time_go_by_stamps(since_command: float) -> None:
 
 
 def test_the_time_is_told_for_replays() -> None:
-    state = ServoState(phase=Phase.MATCHING_FEATURES, measurement=SEEN, distance=8.0)
+    state = ServoState().changed(phase=Phase.MATCHING_FEATURES, measurement=SEEN, distance=8.0)
     sight = Perception(replace(SEEN, stamp_ns=10**8), fresh_memory(SETTINGS))
     told = telemetry(advance(state, sight, SETTINGS, since_command=0.07))
     assert told['since_command_s'] == 0.07

@@ -43,6 +43,11 @@ def driven() -> Driven:
     return steps[:120]
 
 
+def first_spared(steps: Driven) -> tuple[ServoState, Observation, ServoSettings]:
+    """Return the first step whose perception skips two views."""
+    return next(each for each in steps if each[0].view.memory and each[0].view.memory.spared)
+
+
 def test_one_view_of_four_is_estimated_once_the_memory_knows(driven, monkeypatch) -> None:
     estimated = 0
     estimate = validated.estimate
@@ -61,18 +66,22 @@ def test_one_view_of_four_is_estimated_once_the_memory_knows(driven, monkeypatch
 
 
 def test_where_the_memory_fails_two_views_are_estimated_at_once(driven) -> None:
-    state, seen, servo = next(it for it in driven if it[0].memory and it[0].memory.spared)
-    assert perceive(seen, servo, state.frame, state.memory).measurement.bearings is None
-    after = step(replace(state, views=MapState()), seen, servo)
+    state, seen, servo = next(
+        it for it in driven if it[0].view.memory and it[0].view.memory.spared
+    )
+    assert perceive(seen, servo, state.view.frame, state.view.memory).measurement.bearings is None
+    after = step(state.changed(map=MapState()), seen, servo)
     assert after.measurement is not None
     assert after.measurement.bearings is not None
     assert not after.measurement.remembered
-    assert (after.memory.spared, after.memory.wrong) == (0, None)
+    assert (after.view.memory.spared, after.view.memory.wrong) == (0, None)
 
 
 def test_where_the_memory_is_unsure_two_views_are_asked(driven, monkeypatch) -> None:
     """A few of the remembered features in view: they agree, but the bearing is known to 7 deg."""
-    state, seen, servo = next(it for it in driven if it[0].memory and it[0].memory.spared)
+    state, seen, servo = next(
+        it for it in driven if it[0].view.memory and it[0].view.memory.spared
+    )
     remembered = update.remembered
 
     def unsure(*args: object, **keywords: object) -> object:
@@ -84,23 +93,27 @@ def test_where_the_memory_is_unsure_two_views_are_asked(driven, monkeypatch) -> 
     assert after.measurement is not None
     assert after.measurement.bearings is not None
     assert after.phase is state.phase
-    assert after.memory.spared == 0
+    assert after.view.memory.spared == 0
 
 
 def test_the_look_at_the_lens_is_spared_nothing(driven) -> None:
-    state, seen, servo = next(it for it in driven[60:] if it[0].memory and it[0].memory.spared)
-    run_so_far = state.measurement, state.memory
+    state, seen, servo = next(
+        it for it in driven[60:] if it[0].view.memory and it[0].view.memory.spared
+    )
+    run_so_far = state.measurement, state.view.memory
     assert state.measurement.bearings is not None
     looked = looked_at(LensCheck(), seen, run_so_far, servo, 0)
     assert looked.memory.lens.ratio_deviation < UNKNOWN
 
 
 def test_wrong_matches_that_the_memory_found_do_not_count_for_the_margins(driven) -> None:
-    state, seen, servo = next(it for it in driven if it[0].memory and it[0].memory.spared)
-    everything = perceive(seen, servo, state.frame, replace(state.memory, wrong=()))
+    state, seen, servo = next(
+        it for it in driven if it[0].view.memory and it[0].view.memory.spared
+    )
+    everything = perceive(seen, servo, state.view.frame, replace(state.view.memory, wrong=()))
     rightmost = np.argsort(np.arctan2(seen.current[:, 0], seen.current[:, 2]))[-20:]
     wrong = tuple(seen.ids[rightmost].tolist())
-    without = perceive(seen, servo, state.frame, replace(state.memory, wrong=wrong))
+    without = perceive(seen, servo, state.view.frame, replace(state.view.memory, wrong=wrong))
     assert without.measurement.view_margins != everything.measurement.view_margins
 
 
@@ -127,13 +140,13 @@ def test_the_next_estimate_begins_where_the_memory_is() -> None:
 
 
 def test_d_is_left_out_where_a_memory_is_expected_to_know_it(driven) -> None:
-    state, seen, servo = next(each for each in driven if each[0].memory and each[0].memory.spared)
-    found = perceive(seen, servo, state.frame, state.memory)
-    beside = perceive_each([RobotView(seen, servo, state.frame, state.memory)])[0]
+    state, seen, servo = first_spared(driven)
+    found = perceive(seen, servo, state.view.frame, state.view.memory)
+    beside = perceive_each([RobotView(seen, servo, state.view.frame, state.view.memory)])[0]
     for each in (found, beside):
         assert np.isnan(each.measurement.difference)
         after = with_difference(each, servo)
-        whole = perceive(seen, servo, state.frame, replace(state.memory, spared=0))
+        whole = perceive(seen, servo, state.view.frame, replace(state.view.memory, spared=0))
         # The heading of two views is another than that of the best rotation.
         assert after.difference == pytest.approx(whole.measurement.difference, abs=0.05)
         assert after.difference_deviation == pytest.approx(

@@ -12,7 +12,7 @@ from visual_servo_epipolar.core.servo.step import _limited
 
 SETTINGS, DT = ServoSettings(), 0.1
 FAST = Twist(2.0, 0.5)
-DRIVES = ServoState(phase=Phase.ZEROING_EPIPOLES)
+DRIVES = ServoState().changed(phase=Phase.ZEROING_EPIPOLES)
 
 
 @pytest.mark.parametrize('ratio', [1.0, 0.5, 0.05])

@@ -104,10 +104,10 @@ def after(
 
 def in_phase(phase: Phase, **changes: Any) -> ServoState:
     """Return a state at time zero in ``phase``, as a run would have it."""
-    running = ServoState(
+    running = ServoState().changed(
         phase=phase, measurement=measurement(), distance=8.0, side=-1.0, target=0.2
     )
-    return replace(running, **changes)
+    return running.changed(**changes)
 
 
 def sights() -> st.SearchStrategy[Measurement]:
@@ -133,20 +133,22 @@ def sights() -> st.SearchStrategy[Measurement]:
 
 
 def states() -> st.SearchStrategy[ServoState]:
-    return st.builds(
-        ServoState,
-        phase=st.sampled_from(PHASES),
-        phase_start_ns=st.integers(0, stamp(10.0)),
-        command=st.builds(Command, st.builds(Twist, floats(-0.4, 0.4), floats(-0.5, 0.5))),
-        measurement=sights(),
-        distance=floats(SETTINGS.min_distance, 50.0),
-        target=floats(-0.4, 0.4),
-        side=st.sampled_from([-1.0, 1.0]),
-        latched=st.booleans(),
-        settled=st.integers(0, 10),
-        attempts=st.integers(1, 3),
-        frame=st.integers(0, 1000),
+    flat = st.fixed_dictionaries(
+        {
+            'phase': st.sampled_from(PHASES),
+            'phase_start_ns': st.integers(0, stamp(10.0)),
+            'command': st.builds(Command, st.builds(Twist, floats(-0.4, 0.4), floats(-0.5, 0.5))),
+            'measurement': sights(),
+            'distance': floats(SETTINGS.min_distance, 50.0),
+            'target': floats(-0.4, 0.4),
+            'side': st.sampled_from([-1.0, 1.0]),
+            'latched': st.booleans(),
+            'settled': st.integers(0, 10),
+            'attempts': st.integers(1, 3),
+            'frame': st.integers(0, 1000),
+        }
     )
+    return flat.map(lambda fields: ServoState().changed(**fields))
 
 
 NOTHING_AHEAD = measurement(0.1, bearings=None, difference=math.nan)
@@ -190,12 +192,12 @@ def test_d_hat_never_falls_below_its_floor(
     state: ServoState, sight: Measurement, law: str
 ) -> None:
     then = advance(state, sight, replace(SETTINGS, law=law))
-    assert then.distance >= SETTINGS.min_distance
+    assert then.motion.distance >= SETTINGS.min_distance
 
 
 def test_d_hat_starts_at_its_floor_if_told_to_start_below() -> None:
     settings = ServoSettings(initial_distance=0.1, min_distance=0.3)
-    assert after(measurement(), settings=settings).distance >= settings.min_distance
+    assert after(measurement(), settings=settings).motion.distance >= settings.min_distance
 
 
 @given(states(), st.lists(sights(), min_size=1, max_size=5))
@@ -221,7 +223,7 @@ def test_a_step_on_features_is_pure() -> None:
 
 
 def test_frames_are_counted() -> None:
-    assert after(measurement(), blind(0.1), measurement(0.2)).frame == 3
+    assert after(measurement(), blind(0.1), measurement(0.2)).view.frame == 3
 
 
 # The road
@@ -233,7 +235,7 @@ def test_apart_from_the_goal_the_epipole_is_displaced_first() -> None:
 
 def test_law_full_displaces_the_current_epipole_to_the_discordant_side() -> None:
     state = after(measurement(current=0.2, desired=0.3))
-    assert state.target < 0.0
+    assert state.law.target < 0.0
     assert state.twist.linear == 0.0
     assert state.twist.angular < 0.0  # e_au' has the sign of the turn, eq. (9)
 
@@ -256,7 +258,7 @@ def test_the_bare_laws_displace_a_current_epipole_that_is_zero(law: str) -> None
 
 def test_the_displaced_epipole_begins_the_first_step() -> None:
     state = after(measurement())
-    there = math.atan(state.target)
+    there = math.atan(state.law.target)
     assert after(measurement(0.1, current=there), state=state).phase is Phase.ZEROING_EPIPOLES
 
 
@@ -286,7 +288,7 @@ def test_the_first_step_is_the_law_of_the_paper() -> None:
 
 def test_d_hat_is_updated_by_the_speed_that_was_applied() -> None:
     state = in_phase(Phase.ZEROING_EPIPOLES, command=Command(Twist(0.25, 0.0)))
-    distance = after(measurement(0.5), state=state).distance
+    distance = after(measurement(0.5), state=state).motion.distance
     # (18) for half a second towards the goal, 0.2 rad off the baseline.
     assert distance == pytest.approx(8.0 - 0.5 * 0.25 * math.cos(0.2))
 
@@ -294,11 +296,11 @@ def test_d_hat_is_updated_by_the_speed_that_was_applied() -> None:
 def test_a_long_gap_is_not_integrated_over() -> None:
     state = in_phase(Phase.ZEROING_EPIPOLES, command=Command(Twist(0.25, 0.0)))
     longest = 8.0 - 0.25 * math.cos(0.2)
-    assert after(measurement(1.0), state=state).distance == pytest.approx(longest)
-    assert after(measurement(1.01), state=state).distance == 8.0
+    assert after(measurement(1.0), state=state).motion.distance == pytest.approx(longest)
+    assert after(measurement(1.01), state=state).motion.distance == 8.0
     patient = replace(SETTINGS, stale_timeout=40.0)
     slow = after(measurement(30.0), state=state, settings=patient)
-    assert slow.distance == pytest.approx(longest)
+    assert slow.motion.distance == pytest.approx(longest)
 
 
 def test_both_epipoles_at_zero_begin_the_second_step() -> None:
@@ -328,7 +330,7 @@ def test_one_frame_that_does_not_match_starts_the_count_anew() -> None:
     frames = [at_goal(0.1 * k) for k in range(1, SETTINGS.arrival_frames)]
     state = after(*frames, measurement(0.5), at_goal(0.6), state=in_phase(Phase.MATCHING_FEATURES))
     assert state.phase is Phase.MATCHING_FEATURES
-    assert state.settled == 1
+    assert state.settling.settled == 1
 
 
 def missed(seconds: float) -> Measurement:
@@ -339,7 +341,7 @@ def test_a_miss_backs_off_for_another_attempt() -> None:
     frames = [missed(0.1 * k) for k in range(1, SETTINGS.arrival_frames + 1)]
     state = after(*frames, state=in_phase(Phase.MATCHING_FEATURES))
     assert state.phase is Phase.RETREATING
-    assert state.attempts == 2
+    assert state.run.attempts == 2
     assert state.twist.linear == pytest.approx(-SETTINGS.retreat_speed)
 
 
@@ -420,15 +422,15 @@ def test_the_latch_engages_near_zero_and_stops_translation() -> None:
         measurement(0.1, desired=-0.9 * SETTINGS.latch_engage),
         state=in_phase(Phase.ZEROING_EPIPOLES),
     )
-    assert state.latched
+    assert state.law.latched
     assert state.twist.linear == 0.0
 
 
 def test_the_latch_engages_when_the_desired_epipole_has_crossed_zero() -> None:
     crossed = measurement(0.1, desired=+0.9 * SETTINGS.latch_release)
-    assert after(crossed, state=in_phase(Phase.ZEROING_EPIPOLES)).latched
+    assert after(crossed, state=in_phase(Phase.ZEROING_EPIPOLES)).law.latched
     short = measurement(0.1, desired=-0.9 * SETTINGS.latch_release)
-    assert not after(short, state=in_phase(Phase.ZEROING_EPIPOLES)).latched
+    assert not after(short, state=in_phase(Phase.ZEROING_EPIPOLES)).law.latched
 
 
 @given(st.lists(floats(-0.99, 0.99), min_size=1, max_size=20))
@@ -439,7 +441,7 @@ def test_the_latch_holds_all_the_way_up_to_its_release(parts: list[float]) -> No
         for k, part in enumerate(parts, 1)
     ]
     state = after(*noisy, state=latched)
-    assert state.latched
+    assert state.law.latched
     assert state.phase is Phase.ZEROING_EPIPOLES
     assert state.twist.linear == 0.0
 
@@ -453,7 +455,7 @@ def test_beyond_its_release_the_first_step_begins_anew(sign: float) -> None:
     escaped = measurement(0.1, desired=sign * 1.01 * SETTINGS.latch_release)
     state = after(escaped, state=latched, settings=EXACT)
     assert state.phase is Phase.DISPLACING
-    assert not state.latched
+    assert not state.law.latched
 
 
 def test_the_latch_does_not_take_noise_for_an_escape() -> None:
@@ -541,7 +543,7 @@ def test_time_that_runs_backwards_does_not_change_d_hat() -> None:
     running = in_phase(
         Phase.ZEROING_EPIPOLES, measurement=measurement(2.0), command=Command(Twist(0.3, 0.0))
     )
-    assert after(measurement(1.5), state=running).distance == 8.0
+    assert after(measurement(1.5), state=running).motion.distance == 8.0
 
 
 @pytest.mark.parametrize('phase', DRIVING)
@@ -558,8 +560,8 @@ def test_a_stop_leaves_a_fresh_servo_at_a_standstill(phase: Phase) -> None:
     state = stop(in_phase(phase, command=Command(Twist(0.3, 0.1)), frame=9))
     assert state.phase is Phase.WAITING
     assert state.twist == STANDSTILL
-    assert math.isnan(state.distance)
-    assert state.frame == 9
+    assert math.isnan(state.motion.distance)
+    assert state.view.frame == 9
 
 
 @given(sights(), twists())

@@ -71,7 +71,7 @@ def commanded(
     sent = []
     for _ in range(frames):
         twist, residual = trimmed(SLOWLY, state, settings)
-        state = replace(state, dead_band_residual=residual)
+        state = state.changed(dead_band_residual=residual)
         sent.append(twist.angular)
     return sent
 
@@ -126,7 +126,7 @@ def test_trimming_is_for_turns_in_place_to_what_is_known_and_for_some_seconds() 
     assert does()
     assert not does(SETTINGS)
     assert not does(replace(BANDED, dead_band_mode='raise'))
-    assert not does(lingered=PATIENCE_S + 0.1)
+    assert not does(time_in_tolerance=PATIENCE_S + 0.1)
     assert not trims(in_phase(Phase.MATCHING_FEATURES, measurement=turned(1.5)), BANDED)
     assert not trims(
         in_phase(Phase.ORIENTING, measurement=replace(turned(1.5), offset=None)), BANDED

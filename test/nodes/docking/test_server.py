@@ -73,12 +73,12 @@ def test_a_failure_waits_for_its_own_reason(bench, servo, client) -> None:
     _, result = client.ask()
     for count in (1, 2):
         started(bench, servo, count)
-        before = ServoState(phase=Phase.DISPLACING, reason='a reason of before')
+        before = ServoState().changed(phase=Phase.DISPLACING, reason='a reason of before')
         explain(diagnostics.diagnosis(before, 1, name='/servo_node'))
         drives(bench, servo, client)
         servo.say(Phase.FAILED)
         bench.settle()
-        failed = ServoState(phase=Phase.FAILED, reason=f'the reason of attempt {count}')
+        failed = ServoState().changed(phase=Phase.FAILED, reason=f'the reason of attempt {count}')
         explain(diagnostics.diagnosis(failed, 2, name='/servo_node'))
     assert client.outcome(result)[0] == GoalStatus.STATUS_ABORTED
     assert bench.logged('dock_robot: the reason of attempt 2')

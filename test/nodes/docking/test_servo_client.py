@@ -38,7 +38,7 @@ class Servo:
         self._bench.settle()
 
     def explain(self, phase: Phase, reason: str) -> None:
-        state = ServoState(phase=phase, reason=reason)
+        state = ServoState().changed(phase=phase, reason=reason)
         self._explain(diagnostics.diagnosis(state, 1, name='/servo_node'))
         self._bench.settle()
 

@@ -42,7 +42,7 @@ def test_a_gap_late_in_a_phase_is_no_end_of_the_run(bench) -> None:
         rig.see(pose)
         pose = integrate(pose, rig.node._state.twist, PERIOD_NS / 1e9)
     assert rig.node._state.phase.drives
-    assert rig.stamp_ns - rig.node._state.phase_start_ns > 5.0e9  # longer than it may hold
+    assert rig.stamp_ns - rig.node._state.run.phase_start_ns > 5.0e9  # longer than it may hold
     bench.until(lambda: rig.phase == 'holding', 'the robot to hold')
     rig.stamp_ns += 600_000_000
     for _ in range(RESUMING_FRAMES):

@@ -188,12 +188,12 @@ def test_the_servo_hears_odometry_and_says_that_none_comes(bench) -> None:
     rig = Rig(bench, odometry=True, stale_timeout=60.0)
     rig.see()
     bench.until(lambda: bool(bench.logged('nothing usable came on /odom')), 'the complaint')
-    assert rig.node._state.odometry.pose is None
+    assert rig.node._state.identified.odometry.pose is None
     for stamp_ns in (rig.stamp_ns - PERIOD_NS // 2, rig.stamp_ns + PERIOD_NS // 2):
         tell(write.odometry(BEGIN, STANDSTILL, stamp_ns, 'odom', 'base_link'))
     bench.settle()
     rig.see()
-    assert off(rig.node._state.odometry.pose, BEGIN) < 1e-9
+    assert off(rig.node._state.identified.odometry.pose, BEGIN) < 1e-9
 
 
 def test_a_servo_that_is_not_asked_for_it_subscribes_to_no_odometry(bench) -> None:

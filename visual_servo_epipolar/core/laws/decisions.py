@@ -19,7 +19,6 @@ from visual_servo_epipolar.core.servo.anticipation import anticipated
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
-from visual_servo_epipolar.core.values import changed
 
 
 def row_of(state: ServoState, settings: ServoSettings) -> PhaseRow:
@@ -34,7 +33,7 @@ def classify(state: ServoState, settings: ServoSettings) -> Event:
         return Event.NOTHING
     if has_timed_out(state, measurement, settings):
         return Event.TIMED_OUT
-    if state.motion.trouble:
+    if state.check.trouble:
         return _disobeyed(state)
     if sees_too_little(measurement, settings):
         return Event.LOST if phase.drives else Event.NOTHING
@@ -49,7 +48,7 @@ def _disobeyed(state: ServoState) -> Event:
     """Return the event of a motion that contradicts the commands: hold, or end where it recurs."""
     if not state.phase.drives:
         return Event.NOTHING
-    return Event.DISOBEYED if state.motion.is_final else Event.LOST
+    return Event.DISOBEYED if state.check.is_final else Event.LOST
 
 
 def nominal_twist(state: ServoState, settings: ServoSettings) -> Twist:
@@ -63,7 +62,7 @@ def curvature_compensated(twist: Twist, state: ServoState, settings: ServoSettin
     """Return ``twist`` less the turn c u_1 that the identified curvature c would add to it."""
     if not settings.options.curvature_feedforward:
         return twist
-    return Twist(twist.linear, twist.angular - state.curvature.value * twist.linear)
+    return Twist(twist.linear, twist.angular - state.identified.curvature.value * twist.linear)
 
 
 def is_settled(state: ServoState, settings: ServoSettings) -> bool:
@@ -98,36 +97,37 @@ def switched(
     phase = settings.machine.next_phase(state.phase, event)
     if phase is state.phase:
         return _waiting(state, measurement, settings)
-    state = changed(
-        state,
+    state = state.changed(
         phase=phase,
         phase_start_ns=measurement.stamp_ns,
-        run_start_ns=measurement.stamp_ns if state.phase is Phase.WAITING else state.run_start_ns,
-        mount=None if state.extrinsics is None else state.extrinsics.mount,
+        run_start_ns=measurement.stamp_ns
+        if state.phase is Phase.WAITING
+        else state.run.run_start_ns,
+        mount=None if state.identified.extrinsics is None else state.identified.extrinsics.mount,
         # Bounds of a phase hold when it goes on after tracks were lost.
-        travel=state.travel if Phase.HOLDING in (phase, state.phase) else 0.0,
+        travel=state.motion.travel if Phase.HOLDING in (phase, state.phase) else 0.0,
         settled=0,
-        lingered=0.0,
-        gains=state.gains if settings.derives else None,
+        time_in_tolerance=0.0,
+        gains=state.law.gains if settings.derives else None,
         reason=_reason(state, measurement, event, settings),
-        restarts=0 if event is Event.MISSED else state.restarts + (event is Event.ESCAPED),
-        attempts=state.attempts + (event is Event.MISSED),
+        restarts=0 if event is Event.MISSED else state.run.restarts + (event is Event.ESCAPED),
+        attempts=state.run.attempts + (event is Event.MISSED),
         warning='',
     )
     try:
         return row_of(state, settings).begin(state, measurement, settings)
     except ValueError as error:
         state = switched(state, measurement, Event.NO_GAIN, settings)
-        return changed(state, reason=str(error))
+        return state.changed(reason=str(error))
 
 
 def _waiting(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
     """Return ``state`` with the reason to go on waiting or holding, by this image."""
-    if state.phase is Phase.HOLDING and not state.settled and measurement.reason:
-        return changed(state, reason=measurement.reason)
+    if state.phase is Phase.HOLDING and not state.settling.settled and measurement.reason:
+        return state.changed(reason=measurement.reason)
     if state.phase is not Phase.WAITING or not sees_too_little(measurement, settings):
         return state
-    return changed(state, reason=too_few_features(measurement.features, settings))
+    return state.changed(reason=too_few_features(measurement.features, settings))
 
 
 def too_few_features(features: int, settings: ServoSettings) -> str:
@@ -145,17 +145,17 @@ def _reason(
 ) -> str:
     """Return the reason to leave the phase, for the log and for the verdict on the run."""
     name = state.phase.value
-    run = seconds_between(state.run_start_ns, measurement.stamp_ns)
+    run = seconds_between(state.run.run_start_ns, measurement.stamp_ns)
     if event is Event.TIMED_OUT and run > settings.run_timeout:
         return f'the run took longer than {settings.run_timeout:g} s, still {name}'
-    if event is Event.TIMED_OUT and state.motion.troubled_since(state.phase_start_ns):
+    if event is Event.TIMED_OUT and state.check.troubled_since(state.run.phase_start_ns):
         return f'held for {settings.holding_timeout:g} s: {state.reason}'
     if event is Event.TIMED_OUT and state.phase is Phase.HOLDING:
-        ago = state.settled * usual_step(state)
+        ago = state.settling.settled * usual_step(state)
         lost = f'tracks lost or untrusted for {settings.holding_timeout:g} s'
         return f'{lost}: {state.reason}, {ago:.1f} s ago'
     if event is Event.TIMED_OUT:
-        because = f': {state.warning}' if state.warning else ''
+        because = f': {state.run.warning}' if state.run.warning else ''
         return f'{name} took longer than {settings.phase_timeout:g} s{because}'
     if event is Event.EXCURSION:
         return excursion_limit(state, measurement, settings)
@@ -165,12 +165,12 @@ def _reason(
         error = measurement.feature_error * measurement.focal
         missed = (
             f'features are {error:.1f} px off, parallax {measurement.parallax_px:.1f} px, '
-            f'at the end of attempt {state.attempts}'
+            f'at the end of attempt {state.run.attempts}'
         )
         return missed + _against_tolerances(measurement, settings)
     if event is Event.DISOBEYED:
-        return f'{state.motion.contradictions} times in this run: {measurement.reason}'
-    if state.motion.trouble:
+        return f'{state.check.contradictions} times in this run: {measurement.reason}'
+    if state.check.trouble:
         return measurement.reason
     if event is Event.LOST and not math.isfinite(measurement.difference):
         return measurement.reason or 'no feature is ahead in both views'

@@ -24,7 +24,7 @@ def excursion_limit(state: ServoState, measurement: Measurement, settings: Servo
     allows.
     """
     name, law = state.phase.value, settings.options
-    backward, wider = state.reversed, 1.0 if law.retreat else LEADING_AWAY
+    backward, wider = state.motion.reversed, 1.0 if law.retreat else LEADING_AWAY
     if settings.max_retreat == 0.0 and state.phase.backs_off:
         return (
             'the robot would have to back off, and max_retreat is 0; begin farther away and in '
@@ -35,8 +35,8 @@ def excursion_limit(state: ServoState, measurement: Measurement, settings: Servo
     spirals = law.discordant_turn and law.retreat  # laws without lead away first
     if not spirals or not state.phase.closes_in:
         return ''
-    longest = LONGEST_WAY * settings.initial_distance + state.reversed
-    if abs(state.travel) > longest:
+    longest = LONGEST_WAY * settings.initial_distance + state.motion.reversed
+    if abs(state.motion.travel) > longest:
         return f'drove {longest:.0f} m in {name} and is not there (initial_distance)'
     ratio = _excursion(state, measurement)
     if settings.max_excursion == 0.0 or ratio <= settings.max_excursion:
@@ -50,7 +50,7 @@ def _excursion(state: ServoState, measurement: Measurement) -> float:
 
     What the leg has led backward is left out, up to a metre: near the goal step 1 may need it.
     """
-    extrinsics, leg, bearings = state.extrinsics, state.leg, measurement.bearings
+    extrinsics, leg, bearings = state.identified.extrinsics, state.motion.leg, measurement.bearings
     if extrinsics is None or leg is None or bearings is None or not extrinsics.is_ranged:
         return 1.0
     distance = extrinsics.distance

@@ -11,7 +11,6 @@ from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import NANOSECONDS, NOT_ADVANCING, seconds_between
-from visual_servo_epipolar.core.values import changed
 
 MAX_STEP_S = 1.0  # a longer gap between two images is not integrated over
 USUAL_STEP_S = 0.1  # between two images, where no others came before
@@ -41,7 +40,7 @@ def leap(state: ServoState, stamp_ns: int, settings: ServoSettings) -> str:
 
 def usual_step(state: ServoState) -> float:
     """Return the time that usually passes between two images [s]."""
-    return state.period if state.period > 0.0 else USUAL_STEP_S
+    return state.view.period if state.view.period > 0.0 else USUAL_STEP_S
 
 
 def after_leap(state: ServoState, stamp_ns: int) -> ServoState:
@@ -50,10 +49,9 @@ def after_leap(state: ServoState, stamp_ns: int) -> ServoState:
         return state
     passed_ns = round(usual_step(state) * NANOSECONDS)
     leap_ns = stamp_ns - state.measurement.stamp_ns - passed_ns
-    return changed(
-        state,
-        phase_start_ns=state.phase_start_ns + leap_ns,
-        run_start_ns=state.run_start_ns + leap_ns,
+    return state.changed(
+        phase_start_ns=state.run.phase_start_ns + leap_ns,
+        run_start_ns=state.run.run_start_ns + leap_ns,
     )
 
 
@@ -62,7 +60,7 @@ def has_timed_out(state: ServoState, measurement: Measurement, settings: ServoSe
     if not state.phase.runs:
         return False
     holding = state.phase is Phase.HOLDING
-    run_time = seconds_between(state.run_start_ns, measurement.stamp_ns)
-    phase_time = seconds_between(state.phase_start_ns, measurement.stamp_ns)
+    run_time = seconds_between(state.run.run_start_ns, measurement.stamp_ns)
+    phase_time = seconds_between(state.run.phase_start_ns, measurement.stamp_ns)
     timeout = settings.holding_timeout if holding else settings.phase_timeout
     return run_time > settings.run_timeout or phase_time > timeout

@@ -17,22 +17,21 @@ from visual_servo_epipolar.core.servo.identification.delay import is_late
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import NANOSECONDS
-from visual_servo_epipolar.core.values import changed
 
 
 def as_obeyed(state: ServoState, stamp_ns: int, dt: float, settings: ServoSettings) -> ServoState:
     """Return ``state`` with the command that acted since the last image, of who obeys late."""
     if not is_late(settings) or state.measurement is None or dt == 0.0:
         return state
-    twist = state.sent.mean(state.measurement.stamp_ns, stamp_ns, settings.latency)
-    return changed(state, command=Command(twist), last_linear=twist.linear)
+    twist = state.motion.sent.mean(state.measurement.stamp_ns, stamp_ns, settings.latency)
+    return state.changed(command=Command(twist), last_linear=twist.linear)
 
 
 def longest_obeyed(state: ServoState, stamp_ns: int, dt: float, settings: ServoSettings) -> Twist:
     """Return the command that acted for the longest part of the time since the last image."""
     if not is_late(settings) or state.measurement is None or dt == 0.0:
         return state.twist
-    spans = state.sent.acting(state.measurement.stamp_ns, stamp_ns, settings.latency)
+    spans = state.motion.sent.acting(state.measurement.stamp_ns, stamp_ns, settings.latency)
     return max(spans, key=lambda span: span[0])[1] if spans else STANDSTILL
 
 
@@ -44,12 +43,12 @@ def anticipated(state: ServoState, settings: ServoSettings) -> ServoState:
     now_ns = measurement.stamp_ns
     late_ns = round(settings.latency * NANOSECONDS)
     turn, right, ahead = 0.0, 0.0, 0.0
-    for span, twist in state.sent.acting(now_ns, now_ns + late_ns, settings.latency):
+    for span, twist in state.motion.sent.acting(now_ns, now_ns + late_ns, settings.latency):
         heading = measurement.heading_error + turn + 0.5 * twist.angular * span
         right -= twist.linear * span * math.sin(heading)
         ahead += twist.linear * span * math.cos(heading)
         turn += twist.angular * span
-    return changed(state, measurement=_moved(measurement, state, (right, ahead), turn))
+    return state.changed(measurement=_moved(measurement, state, (right, ahead), turn))
 
 
 def _moved(
@@ -59,7 +58,7 @@ def _moved(
     heading = math.remainder(measurement.heading_error + turn, 2.0 * math.pi)
     left, right = measurement.view_margins
     slope = measurement.difference_slope
-    slope = slope if slope > 0.0 else state.slope.value
+    slope = slope if slope > 0.0 else state.motion.slope.value
     rise = slope * way[1] if slope > 0.0 else 0.0
     moved = replace(
         measurement,
@@ -84,6 +83,6 @@ def goal_distance(state: ServoState, measurement: Measurement) -> float:
     """Return the distance from the goal, as well as it is known [m]."""
     if measurement.offset is not None:
         return math.hypot(*measurement.offset)
-    if state.extrinsics is not None and state.extrinsics.is_ranged:
-        return state.extrinsics.distance
-    return state.range if state.range > 0.0 else state.distance
+    if state.identified.extrinsics is not None and state.identified.extrinsics.is_ranged:
+        return state.identified.extrinsics.distance
+    return state.motion.range if state.motion.range > 0.0 else state.motion.distance

@@ -36,20 +36,20 @@ def checked(
     """
     measurement = state.measurement
     if observation is None or measurement is None or not state.phase.runs:
-        return state if state.motion.reference is None else changed(state, motion=MotionCheck())
+        return state if state.check.reference is None else state.changed(check=MotionCheck())
     if dt == 0.0:
-        return changed(state, motion=state.motion.restarted())
+        return state.changed(check=state.check.restarted())
     shown = parallax_of_way(state, measurement, observation, settings)
     evidence = Evidence(observation, measurement.noise, shown)
     drives = state.phase.drives
-    motion = state.motion.updated(evidence, state.sent, settings, drives=drives)
+    motion = state.check.updated(evidence, state.motion.sent, settings, drives=drives)
     if motion.disturbed(measurement.stamp_ns):
-        return _undone(changed(state, motion=motion), measurement)
-    if motion.reference is state.motion.reference:
-        return changed(state, motion=motion)
+        return _undone(state.changed(check=motion), measurement)
+    if motion.reference is state.check.reference:
+        return state.changed(check=motion)
     now = known(state)
     before = now if state.known is None else state.known[-1]
-    return changed(state, motion=motion, known=(before, now))
+    return state.changed(check=motion, known=(before, now))
 
 
 def driven_off_by(
@@ -70,40 +70,39 @@ def driven_off_by(
     if not trouble:
         return state, event
     measurement = replace(state.measurement, reason=trouble)
-    return changed(state, measurement=measurement, reason=trouble, settled=0), Event.LOST
+    return state.changed(measurement=measurement, reason=trouble, settled=0), Event.LOST
 
 
 def known(state: ServoState) -> Known:
     """Return what was learnt by now."""
     return Known(
-        state.views,
-        state.extrinsics,
-        state.curvature,
-        state.dead_band,
-        state.delay,
-        state.odometry,
+        state.view.map,
+        state.identified.extrinsics,
+        state.identified.curvature,
+        state.identified.dead_band,
+        state.identified.delay,
+        state.identified.odometry,
     )
 
 
 def _undone(state: ServoState, measurement: Measurement) -> ServoState:
     """Return ``state`` as known before a motion that contradicts commands, and the reason."""
-    trouble = state.motion.trouble
+    trouble = state.check.trouble
     if trouble:
-        state = changed(state, measurement=replace(measurement, reason=trouble))
+        state = state.changed(measurement=replace(measurement, reason=trouble))
     if state.phase is Phase.HOLDING:
-        state = changed(state, settled=0, reason=trouble or state.reason)
+        state = state.changed(settled=0, reason=trouble or state.reason)
     if state.known is None:
         return state
     before = state.known[0]
     extrinsics = before.extrinsics and changed(before.extrinsics, placed=False)
-    return changed(
-        state,
-        views=replace(before.views, views=None, place=None),  # nobody knows the way since
+    return state.changed(
+        map=replace(before.map, views=None, place=None),  # nobody knows the way since
         extrinsics=extrinsics,
         curvature=before.curvature,
         dead_band=before.dead_band,
         delay=before.delay,
-        odometry=replace(before.odometry, stretch=None, pose=state.odometry.pose),
+        odometry=replace(before.odometry, stretch=None, pose=state.identified.odometry.pose),
         straight=None,
         leg=None,
     )
@@ -122,7 +121,10 @@ def parallax_of_way(
     noise, parallax = NOISE_OF_PARALLAX * measurement.noise, measurement.parallax
     if not parallax > KNOWN_PARALLAX * noise or not len(observation):
         return 0.0
-    distance, most = goal_distance(state, measurement), settings.initial_distance + state.reversed
+    distance, most = (
+        goal_distance(state, measurement),
+        settings.initial_distance + state.motion.reversed,
+    )
     distance = min(distance, most) if distance > 0.0 else math.inf
     shown = math.sqrt(parallax * parallax - noise * noise) / max(distance, settings.min_distance)
     shown *= _shrinkage(observation)

@@ -9,7 +9,6 @@ from visual_servo_epipolar.core.laws.command import HALT
 from visual_servo_epipolar.core.laws.machine import interruption
 from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.values import changed
 
 Camera = TypeVar('Camera', bound=CameraModel)
 GOAL_CHANGED = (
@@ -50,8 +49,8 @@ def _halted(state: ServoState) -> ServoState:
     """Return ``state`` at a standstill; what was commanded until now has moved the robot."""
     if state.command == HALT:
         return state
-    sent = replace(state.sent, withdrawn=True)
-    return changed(state, command=HALT, last_linear=state.twist.linear, sent=sent)
+    sent = replace(state.motion.sent, withdrawn=True)
+    return state.changed(command=HALT, last_linear=state.twist.linear, sent=sent)
 
 
 def lost(state: ServoState, reason: str) -> ServoState:
@@ -59,10 +58,12 @@ def lost(state: ServoState, reason: str) -> ServoState:
     phase = interruption(state.phase, Event.LOST)
     if phase is None:
         reason = reason if state.phase is Phase.HOLDING else state.reason
-        return changed(_halted(state), settled=0, reason=reason)
+        return _halted(state).changed(settled=0, reason=reason)
     # It holds since the last tracks: a phase that had lasted long would count as waiting.
-    start_ns = state.phase_start_ns if state.measurement is None else state.measurement.stamp_ns
-    return changed(_halted(state), phase=phase, phase_start_ns=start_ns, settled=0, reason=reason)
+    start_ns = (
+        state.run.phase_start_ns if state.measurement is None else state.measurement.stamp_ns
+    )
+    return _halted(state).changed(phase=phase, phase_start_ns=start_ns, settled=0, reason=reason)
 
 
 def timed_out(state: ServoState, reason: str) -> ServoState:
@@ -70,13 +71,13 @@ def timed_out(state: ServoState, reason: str) -> ServoState:
     phase = interruption(state.phase, Event.TIMED_OUT)
     if phase is None:
         return _halted(state)
-    return changed(_halted(state), phase=phase, settled=0, reason=reason)
+    return _halted(state).changed(phase=phase, settled=0, reason=reason)
 
 
 def stop(state: ServoState) -> ServoState:
     """Return the state after an order to stop: waiting, at a standstill, by the same base."""
-    sent = replace(state.sent, withdrawn=True)
-    return ServoState(frame=state.frame, delay=state.delay, sent=sent)
+    sent = replace(state.motion.sent, withdrawn=True)
+    return ServoState().changed(frame=state.view.frame, delay=state.identified.delay, sent=sent)
 
 
 class RunGoal:

@@ -11,7 +11,6 @@ from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.stamps import seconds_between
-from visual_servo_epipolar.core.values import changed
 
 
 def with_settled(
@@ -25,14 +24,13 @@ def with_settled(
     # Whether this is the goal the photograph's features alone can tell.
     blind = state.phase.by_photograph and sees_nothing_of_it(measurement)
     if blind or not is_settled(state, settings):
-        return changed(state, settled=0) if state.settled else state
+        return state.changed(settled=0) if state.settling.settled else state
     if state.phase is Phase.HOLDING and not _follows(measurement, previous, settings):
-        state = changed(state, settled=0)
-    settled = state.settled + 1
-    mean = state.settled_parallax if state.settled else 0.0
+        state = state.changed(settled=0)
+    settled = state.settling.settled + 1
+    mean = state.settling.settled_parallax if state.settling.settled else 0.0
     square = mean**2 + (measurement.parallax**2 - mean**2) / settled
-    return changed(
-        state,
+    return state.changed(
         settled=settled,
         settled_parallax=math.sqrt(max(square, 0.0)),
         settled_aside=_aside(state, measurement, perception, settings),
@@ -43,10 +41,13 @@ def _aside(
     state: ServoState, measurement: Measurement, perception: Perception, settings: ServoSettings
 ) -> float:
     """Return the mean by which settled frames look aside, where nobody knows better."""
-    seen, before = perception.observation, state.settled_aside if state.settled else 0.0
+    seen, before = (
+        perception.observation,
+        state.settling.settled_aside if state.settling.settled else 0.0,
+    )
     if seen is None or not state.phase.straight or not is_in_doubt(measurement, settings):
         return before
-    return before + (aside(seen.current, seen.desired) - before) / (state.settled + 1)
+    return before + (aside(seen.current, seen.desired) - before) / (state.settling.settled + 1)
 
 
 def _follows(

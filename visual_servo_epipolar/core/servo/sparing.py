@@ -50,4 +50,4 @@ def looked_again(state: ServoState, perception: Perception, settings: ServoSetti
     if perception.observation is None:
         return perception
     memory = changed(perception.memory, spared=0, wrong=None)
-    return perceive(perception.observation, settings, state.frame, memory)
+    return perceive(perception.observation, settings, state.view.frame, memory)

@@ -1,8 +1,10 @@
-"""State: all that the servo remembers from one image to the next."""
+"""State: all that the servo carries from one image to the next, in parts."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
 import math
-from typing import NamedTuple
+from types import MappingProxyType
+from typing import Any, NamedTuple, TypeVar
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
@@ -22,12 +24,15 @@ from visual_servo_epipolar.core.servo.identification.slope import Slope
 from visual_servo_epipolar.core.servo.identification.straight_leg import StraightLeg
 from visual_servo_epipolar.core.servo.motion.check import MotionCheck
 from visual_servo_epipolar.core.servo.remembering import MapState
+from visual_servo_epipolar.core.values import changed
+
+StateT = TypeVar('StateT', bound='ServoState')
 
 
 class Known(NamedTuple):
-    """What was learnt of base, camera and way by a view."""
+    """What was learnt of base, camera and scene by a view."""
 
-    views: MapState
+    map: MapState
     extrinsics: Extrinsics | None
     curvature: Curvature
     dead_band: DeadBand
@@ -35,115 +40,228 @@ class Known(NamedTuple):
     odometry: Odometry
 
 
-@dataclass(frozen=True)  # without slots: ``values.changed``
-class ServoState:
+# Parts have no slots: ``values.changed``.
+
+
+@dataclass(frozen=True)
+class ViewState:
     """
-    State of the servo; a new run starts from ``ServoState()``.
+    What is seen: ``measurement``, the last one, and ``memory``, what perception carries on.
 
-    Phase: ``phase``; ``phase_start_ns`` and ``run_start_ns``, stamps of the images at which it and
-    the run began [ns]; ``reason`` of the last change of phase, or why it waits; ``warning``, what
-    may make the phase fail; ``travel`` in the phase, backward negative, and ``reversed``, the most
-    that was driven backward in the run [m]; ``attempts`` at both steps, from 1, and ``restarts``
-    of step 1 in this one; ``frame``, the number of steps.
+    Both are None before the first. ``map`` is that of keyframes; ``period``, the time between two
+    images [s], smoothed, nan before the second; ``rotation_bias``, what the best rotation is off
+    in heading [rad], nan while unknown; ``trusted_heading``, the heading error of the last
+    measurement by which it drove [rad], nan before; ``frame``, the number of steps.
+    """
 
-    Measurement and memory: ``measurement``, the last one, and ``memory``, what perception carries
-    to the next image, both None before the first; ``trusted_heading``, the heading error of the
-    last one by which it drove [rad], nan before; ``views``, the memory of views; ``period``, the
-    time between two images [s], smoothed, nan before the second; ``rotation_bias``, what the best
-    rotation is off in heading [rad], nan while unknown.
+    measurement: Measurement | None = None
+    memory: PerceptionMemory | None = None
+    map: MapState = MapState()
+    period: float = math.nan
+    rotation_bias: float = math.nan
+    trusted_heading: float = math.nan
+    frame: int = 0
 
-    Command: ``command``, the last one; ``since_command``, the time between the one before and it,
-    by the clock of who sends them [s], nan where nobody told; ``dead_band_residual``, the part of
-    it that the dead band of the base withheld [m/s, rad/s].
 
-    Distance to the goal: ``distance``, d_hat of eq. (13) [m], nan before the first image; ``leg``,
-    the path since step 1 began; ``range``, the distance measured over it [m], nan while unknown.
+@dataclass(frozen=True)
+class MotionState:
+    """
+    What was commanded, and how far that has led.
 
-    Step 1: ``target``, the abscissa at unit focal length at which e_au is held while e_du is
-    zeroed; ``side``, the sign of e_du when that began; ``latched``, whether e_du counts as zero
-    since; ``desired_rate``, the rate of its bearing [rad/s], smoothed; ``gains``, those derived
-    when the phase began (that of step 2 as well), None where they are given.
+    ``command``, the last one, of those ``sent``; ``since_command``, the time between the one
+    before and it, by the clock of who sends them [s], nan where nobody told;
+    ``dead_band_residual``, the part of it that the dead band of the base withheld [m/s, rad/s];
+    ``last_linear``, the speed of the command before the last [m/s].
 
-    Identification: ``extrinsics`` of the camera on the base, and the ``mount``, shape (3,), by
-    which the phase began; ``last_linear``, the speed of the command before the last [m/s];
-    ``curvature`` that the base adds to commands, ``slope`` of D in step 2; ``dead_band``, what
-    the base was seen not to follow; ``delay``, how late it obeys the commands ``sent``;
-    ``straight``, the leg of step 2 by the memory of views, None without; ``odometry``, and whether
-    it tells the truth; ``motion``, whether the base moves as it was told, and what was ``known``
-    at the reference of that check and at the one before, None before the second.
+    ``distance`` to the goal, d_hat of eq. (13) [m], nan before the first image; ``leg``, the path
+    since step 1 began; ``range``, the distance measured over it [m], nan while unknown; ``slope``
+    of D in step 2; ``travel`` in the phase, backward negative, and ``reversed``, the most that was
+    driven backward in the run [m].
+    """
 
-    Settling: ``settled``, frames in a row that fulfil the aim of the phase; ``settled_parallax``,
-    the root mean square of the parallax over them [rad]; ``settled_aside``, the mean by which
-    they look aside before a wall, in deviations, of who has no memory; ``lingered``, for how long
-    the phase has been so near its aim that a base may be unable to come nearer [s].
+    command: Command = HALT
+    sent: CommandsSent = CommandsSent()
+    since_command: float = math.nan
+    dead_band_residual: Twist = STANDSTILL
+    last_linear: float = 0.0
+    distance: float = math.nan
+    leg: Leg | None = None
+    range: float = math.nan
+    slope: Slope = Slope()
+    travel: float = 0.0
+    reversed: float = 0.0
+
+
+@dataclass(frozen=True)
+class Identification:
+    """
+    What driving shows of camera and base.
+
+    ``extrinsics`` of the camera on the base, None before the first image; ``curvature`` that the
+    base adds to commands; ``dead_band``, what it was seen not to follow; ``delay``, how late it
+    obeys; ``odometry``, and whether it tells the truth; ``straight``, the leg of step 2 by the
+    map, None without.
+    """
+
+    extrinsics: Extrinsics | None = None
+    curvature: Curvature = Curvature()
+    dead_band: DeadBand = DeadBand()
+    delay: Delay = Delay()
+    odometry: Odometry = Odometry()
+    straight: StraightLeg | None = None
+
+
+@dataclass(frozen=True)
+class RunState:
+    """
+    Where in its run the robot is: the ``phase``, and the ``reason`` of its last change.
+
+    ``phase_start_ns`` and ``run_start_ns``, stamps of the images at which phase and run began
+    [ns]; ``reason`` also says why it waits, ``warning``, what may make the phase fail;
+    ``attempts`` at both steps, from 1, and ``restarts`` of step 1 in this one; ``mount``, shape
+    (3,), the mount of the camera by which the phase began.
     """
 
     phase: Phase = Phase.WAITING
     phase_start_ns: int = 0
     run_start_ns: int = 0
-    command: Command = HALT
-    measurement: Measurement | None = None
-    memory: PerceptionMemory | None = None
-    views: MapState = MapState()
-    distance: float = math.nan
+    reason: str = ''
+    warning: str = ''
+    attempts: int = 1
+    restarts: int = 0
+    mount: FloatArray | None = None
+
+
+@dataclass(frozen=True)
+class LawState:
+    """
+    What the law of the phase goes by.
+
+    ``target``, the abscissa at unit focal length at which e_au is held while e_du is zeroed;
+    ``side``, the sign of e_du when that began; ``latched``, whether e_du counts as zero since;
+    ``desired_rate``, the rate of its bearing [rad/s], smoothed; ``gains``, those derived when the
+    phase began (that of step 2 as well), None where they are given.
+    """
+
     target: float = 0.0
     side: float = 1.0
     latched: bool = False
     desired_rate: float = 0.0
-    leg: Leg | None = None
-    range: float = math.nan
-    rotation_bias: float = math.nan
-    period: float = math.nan
     gains: Gains | None = None
-    curvature: Curvature = Curvature()
-    extrinsics: Extrinsics | None = None
-    mount: FloatArray | None = None
-    last_linear: float = 0.0
-    slope: Slope = Slope()
-    dead_band: DeadBand = DeadBand()
-    delay: Delay = Delay()
-    sent: CommandsSent = CommandsSent()
-    straight: StraightLeg | None = None
-    odometry: Odometry = Odometry()
-    motion: MotionCheck = MotionCheck()
-    known: tuple[Known, Known] | None = None
-    since_command: float = math.nan
-    dead_band_residual: Twist = STANDSTILL
-    trusted_heading: float = math.nan
+
+
+@dataclass(frozen=True)
+class Settling:
+    """
+    How long the aim of the phase has been fulfilled.
+
+    ``settled``, frames in a row that fulfil it; ``settled_parallax``, the root mean square of the
+    parallax over them [rad]; ``settled_aside``, the mean by which they look aside before a wall,
+    in deviations, of who has no map; ``time_in_tolerance``, for how long the phase has been so
+    near its aim that a base may be unable to come nearer [s].
+    """
+
     settled: int = 0
     settled_parallax: float = math.nan
     settled_aside: float = 0.0
-    lingered: float = 0.0
-    attempts: int = 1
-    restarts: int = 0
-    frame: int = 0
-    travel: float = 0.0
-    reversed: float = 0.0
-    reason: str = ''
-    warning: str = ''
+    time_in_tolerance: float = 0.0
+
+
+@dataclass(frozen=True)
+class ServoState:
+    """
+    State of the servo, in parts; a new run starts from ``ServoState()``.
+
+    ``check`` tells whether the base moves as it was commanded, ``known`` what was learnt at the
+    reference of that check and at the one before, None before the second.
+    """
+
+    view: ViewState = ViewState()
+    motion: MotionState = MotionState()
+    identified: Identification = Identification()
+    run: RunState = RunState()
+    law: LawState = LawState()
+    settling: Settling = Settling()
+    check: MotionCheck = MotionCheck()
+    known: tuple[Known, Known] | None = None
+
+    def changed(self: StateT, /, **changes: Any) -> StateT:
+        """
+        Return the state with fields changed, which are those of its parts or its own.
+
+        Raises
+        ------
+        TypeError
+            If neither the state nor a part has a field of that name.
+
+        """
+        parts: dict[str, dict[str, Any]] = {}
+        whole = {}
+        for name, value in changes.items():
+            if name in PART_OF:
+                parts.setdefault(PART_OF[name], {})[name] = value
+            else:
+                whole[name] = value
+        for part, fields_of_it in parts.items():
+            whole[part] = changed(getattr(self, part), **fields_of_it)
+        return changed(self, **whole)
+
+    @property
+    def phase(self) -> Phase:
+        """Phase of the run."""
+        return self.run.phase
+
+    @property
+    def reason(self) -> str:
+        """Reason of the last change of phase, or why it waits."""
+        return self.run.reason
+
+    @property
+    def measurement(self) -> Measurement | None:
+        """The last measurement; None before the first image."""
+        return self.view.measurement
+
+    @property
+    def command(self) -> Command:
+        """The last command."""
+        return self.motion.command
 
     @property
     def twist(self) -> Twist:
         """Velocity of the last command [m/s, rad/s]."""
-        return self.command.twist
+        return self.motion.command.twist
 
     @property
     def yaw_learnt(self) -> float:
         """Change of what the yaw of the camera is taken for, since the phase began [rad]."""
-        if self.extrinsics is None or self.mount is None:
+        extrinsics, mount = self.identified.extrinsics, self.run.mount
+        if extrinsics is None or mount is None:
             return 0.0
-        return abs(float(self.extrinsics.mount[0] - self.mount[0]))
+        return abs(float(extrinsics.mount[0] - mount[0]))
 
     @property
     def longitudinal_error(self) -> float:
         """Longitudinal error y = D / (dD/dy) [m], negative behind the goal; nan while unknown."""
+        measurement = self.measurement
         return (
-            self.measurement.difference / self.slope.value
-            if self.measurement is not None
-            else math.nan
+            math.nan if measurement is None else measurement.difference / self.motion.slope.value
         )
 
     @property
     def ended(self) -> bool:
         """Whether the run is over, arrived or failed."""
         return self.phase.ended
+
+
+_PARTS = {
+    'view': ViewState,
+    'motion': MotionState,
+    'identified': Identification,
+    'run': RunState,
+    'law': LawState,
+    'settling': Settling,
+}
+# The part that has a field, by the name of it: no two have one of the same name.
+PART_OF: Mapping[str, str] = MappingProxyType(
+    {field.name: part for part, kind in _PARTS.items() for field in fields(kind)}
+)

@@ -40,7 +40,6 @@ from visual_servo_epipolar.core.servo.sparing import learnt_after
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.trimming import trimmed, trims
 from visual_servo_epipolar.core.servo.update import updated
-from visual_servo_epipolar.core.values import changed
 
 MAX_START_STEPS = 1.5  # usual times between two images that a robot speeds up at first
 LATE_S = 0.02  # by which a command may go out late of its image, and the next in time
@@ -74,7 +73,7 @@ def decided(
     ``since_command`` is the time since the last command went out, by the clock of who sends it
     [s]; nan where it goes by the stamps of the images.
     """
-    perception = perceive(observation, settings, state.frame, state.memory)
+    perception = perceive(observation, settings, state.view.frame, state.view.memory)
     return advance(state, perception, settings, since_command=since_command)
 
 
@@ -84,14 +83,14 @@ def learnt(state: ServoState, *, noise: bool = True) -> ServoState:
 
     Without ``noise`` that is left to the next perception, which many robots have in common.
     """
-    views, memory = state.views.update_map(), state.memory
+    views, memory = state.view.map.update_map(), state.view.memory
     if noise and memory is not None:
         memory = noise_learnt(memory)
-    if views is not state.views:
+    if views is not state.view.map:
         memory = learnt_after(memory, views)
-    elif memory is state.memory:
+    elif memory is state.view.memory:
         return state
-    return changed(state, views=views, memory=memory)
+    return state.changed(map=views, memory=memory)
 
 
 def advance(
@@ -108,8 +107,8 @@ def advance(
     if leapt:
         state = after_leap(state, measurement.stamp_ns)
     told = settings
-    settings = state.delay.beside(state.dead_band.beside(settings))
-    state = changed(state, sent=state.sent.resumed(measurement.stamp_ns))
+    settings = state.identified.delay.beside(state.identified.dead_band.beside(settings))
+    state = state.changed(sent=state.motion.sent.resumed(measurement.stamp_ns))
     state = updated(state, perception, dt, settings, told)
     state = checked(state, perception.observation, dt, settings)
     event = classify(state, settings)
@@ -122,13 +121,12 @@ def advance(
     ramp_s = _ramp_step(last_twist, dt, usual_s, since_command)
     limited = _limited(nominal, last_twist, ramp_s, state, settings)
     twist, residual = _beyond_dead_band(limited, state, settings)
-    return changed(
-        state,
+    return state.changed(
         command=Command(twist, _head_command(perception.observation, settings)),
         since_command=since_command,
         dead_band_residual=residual,
-        sent=state.sent.after(measurement.stamp_ns, twist),
-        frame=state.frame + 1,
+        sent=state.motion.sent.after(measurement.stamp_ns, twist),
+        frame=state.view.frame + 1,
     )
 
 
@@ -162,7 +160,7 @@ def _held(state: ServoState, leapt: str) -> tuple[ServoState, Event]:
     """Return state and event of an image whose stamp leaps: hold if driving."""
     if not state.phase.drives or state.measurement is None:
         return state, Event.NOTHING
-    return changed(state, measurement=replace(state.measurement, reason=leapt)), Event.LOST
+    return state.changed(measurement=replace(state.measurement, reason=leapt)), Event.LOST
 
 
 def _limited(
@@ -178,7 +176,7 @@ def _limited(
     return within_jerk(
         twist,
         last,
-        state.sent.acceleration,
+        state.motion.sent.acceleration,
         dt,
         linear=settings.max_jerk,
         angular=settings.max_angular_jerk,
@@ -190,7 +188,8 @@ def _beyond_dead_band(
 ) -> tuple[Twist, Twist]:
     """Return the part of ``limited`` that the motors can follow, and the residual for later."""
     # Where the aim is fulfilled, a small command made larger would only undo it.
-    mode = 'zero' if state.settled else settings.dead_band_mode
+    mode = 'zero' if state.settling.settled else settings.dead_band_mode
     if mode == 'pulse' and trims(state, settings):
         return trimmed(limited, state, settings)
-    return settings.drive.beyond_dead_band(limited, state.dead_band_residual, mode=mode)
+    residual = state.motion.dead_band_residual
+    return settings.drive.beyond_dead_band(limited, residual, mode=mode)

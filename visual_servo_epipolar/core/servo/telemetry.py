@@ -32,28 +32,28 @@ def telemetry(state: ServoState) -> dict[str, float]:
         If no image was measured yet.
 
     """
-    measurement, memory = state.measurement, state.memory
+    measurement, memory = state.measurement, state.view.memory
     if measurement is None or memory is None:
         raise ValueError('there is no telemetry before the first tracks; step the servo first')
     return {
         **_epipoles(measurement),
         **_covariance(measurement),
         **_features(measurement, memory),
-        'distance_estimate_m': state.distance,
+        'distance_estimate_m': state.motion.distance,
         'linear_m_s': state.twist.linear,
         'angular_rad_s': state.twist.angular,
-        'attempt': float(state.attempts),
+        'attempt': float(state.run.attempts),
         # New numbers come last: plots look for the others by their place.
         'focal_ratio': math.exp(memory.lens.log_ratio),
         'focal_ratio_deviation': memory.lens.ratio_deviation,
         'principal_shift_px': measurement.focal * memory.lens.shift,
         'longitudinal_error_m': state.longitudinal_error,
-        'curvature_rad_m': state.curvature.value,
-        SINCE_COMMAND: state.since_command,
-        'dead_band_linear_m_s': state.dead_band.linear.value,
-        'dead_band_angular_rad_s': state.dead_band.angular.value,
-        'delay_s': state.delay.value,
-        **_odometry(state.odometry.pose),
+        'curvature_rad_m': state.identified.curvature.value,
+        SINCE_COMMAND: state.motion.since_command,
+        'dead_band_linear_m_s': state.identified.dead_band.linear.value,
+        'dead_band_angular_rad_s': state.identified.dead_band.angular.value,
+        'delay_s': state.identified.delay.value,
+        **_odometry(state.identified.odometry.pose),
     }
 
 
@@ -65,7 +65,12 @@ def progress(state: ServoState) -> dict[str, float]:
     ranged in step 1, without one), the heading left, the attempt, the time since the run began,
     and the phase by its place among all of them, from 0.
     """
-    remaining, deviation, heading, measurement = state.range, math.nan, math.nan, state.measurement
+    remaining, deviation, heading, measurement = (
+        state.motion.range,
+        math.nan,
+        math.nan,
+        state.measurement,
+    )
     if measurement is not None:
         heading = measurement.heading_error
         if measurement.offset is not None:
@@ -74,7 +79,7 @@ def progress(state: ServoState) -> dict[str, float]:
         'remaining_m': remaining,
         'remaining_deviation_m': deviation,
         'heading_error_rad': heading,
-        'attempt': float(state.attempts),
+        'attempt': float(state.run.attempts),
         'elapsed_s': elapsed(state),
         'phase': float(list(Phase.known).index(state.phase.value)),
     }
@@ -82,9 +87,9 @@ def progress(state: ServoState) -> dict[str, float]:
 
 def elapsed(state: ServoState) -> float:
     """Return the time from the beginning of the run to the last image [s]; nan before both."""
-    if state.measurement is None or state.run_start_ns == 0:
+    if state.measurement is None or state.run.run_start_ns == 0:
         return math.nan
-    return seconds_between(state.run_start_ns, state.measurement.stamp_ns)
+    return seconds_between(state.run.run_start_ns, state.measurement.stamp_ns)
 
 
 def _odometry(pose: Pose | None) -> dict[str, float]:

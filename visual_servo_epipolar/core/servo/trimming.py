@@ -42,7 +42,7 @@ def trimmed(wanted: Twist, state: ServoState, settings: ServoSettings) -> tuple[
     if abs(turn) <= facing_bound(measurement, settings, trial_of(state)):
         return STANDSTILL, STANDSTILL
     waits_s = max(SEEN_S, settings.latency + SEEN_S / 2.0)
-    residual = abs(state.dead_band_residual.angular) + threshold * frame_s / waits_s
+    residual = abs(state.motion.dead_band_residual.angular) + threshold * frame_s / waits_s
     if residual < threshold:
         return STANDSTILL, Twist(0.0, math.copysign(residual, turn))
     pulse = pulse_to(turn, threshold, frame_s, most=settings.max_angular)

@@ -47,10 +47,10 @@ def updated(
     obeyed = as_obeyed(state, stamp_ns, dt, settings)
     commanded = Motion(way.driven(obeyed, dt, settings), obeyed.twist.angular * dt)
     pose = _odometry_pose(perception, settings)
-    odometry, both = state.odometry.checked(pose, commanded, dt, settings)
+    odometry, both = state.identified.odometry.checked(pose, commanded, dt, settings)
     driven = both.motion.way
     views, reading = remembered(
-        state.views, perception, both, settings, dt=dt if state.phase.runs else 0.0
+        state.view.map, perception, both, settings, dt=dt if state.phase.runs else 0.0
     )
     measurement = measured(perception, reading, views, settings)
     if is_missed(perception, measurement, settings):
@@ -58,10 +58,10 @@ def updated(
         measurement = measured(perception, reading, views, settings)
     memory = spared_after(perception.memory, measurement, reading, views)
     extrinsics = learnt(
-        state.extrinsics or settings.extrinsics,
+        state.identified.extrinsics or settings.extrinsics,
         measurement,
         driven,
-        missed=state.attempts > 1 or state.restarts >= MANY_RESTARTS,
+        missed=state.run.attempts > 1 or state.run.restarts >= MANY_RESTARTS,
     )
     if extrinsics.contradicts:
         perception, views = _disproved(perception, settings), MapState()
@@ -69,28 +69,29 @@ def updated(
         memory = perception.memory
     straight = None
     if state.phase.straight:
-        straight, extrinsics = straight_on(state.straight, reading, driven, extrinsics)
+        straight, extrinsics = straight_on(state.identified.straight, reading, driven, extrinsics)
     measurement = _of_the_axle(measurement, extrinsics)
     odometry = odometry.judged(measurement)
     bias = _rotation_bias(state, measurement)
     measurement = _without_bias(measurement, bias)
-    if extrinsics.believed != (state.extrinsics is not None and state.extrinsics.believed):
+    if extrinsics.believed != (
+        state.identified.extrinsics is not None and state.identified.extrinsics.believed
+    ):
         # What was ranged so far was driven by another mount.
-        state = changed(state, leg=None, range=extrinsics.distance)
-        obeyed = changed(obeyed, leg=None, range=extrinsics.distance)
+        state = state.changed(leg=None, range=extrinsics.distance)
+        obeyed = obeyed.changed(leg=None, range=extrinsics.distance)
     leg = way.leg(obeyed, dt)
-    state = changed(
-        state,
+    state = state.changed(
         distance=way.distance(obeyed, dt, settings),
         leg=leg,
         extrinsics=extrinsics,
         last_linear=state.twist.linear,
-        travel=state.travel + driven,
-        reversed=state.reversed + way.backward(state, dt),
+        travel=state.motion.travel + driven,
+        reversed=state.motion.reversed + way.backward(state, dt),
         period=way.period(state, dt),
         range=way.ranged(obeyed, measurement, leg, dt),
         desired_rate=way.desired_rate(state, measurement, dt),
-        curvature=state.curvature.updated(
+        curvature=state.identified.curvature.updated(
             previous, measurement, obeyed.twist, dt, drift=settings.curvature_drift
         ),
         slope=_slope(obeyed, measurement, dt),
@@ -99,15 +100,15 @@ def updated(
         rotation_bias=bias,
         measurement=measurement,
         memory=memory,
-        views=views,
+        map=views,
         odometry=odometry,
         # Another scale is another place: a leg cannot go on from one to the other.
-        straight=straight if odometry.trusted is state.odometry.trusted else None,
+        straight=straight if odometry.trusted is state.identified.odometry.trusted else None,
         trusted_heading=_trusted_heading(state, measurement, settings),
     )
     state = row_of(state, settings).observe(state, measurement, settings)
     if is_close(state, settings):
-        state = changed(state, lingered=state.lingered + dt)
+        state = state.changed(time_in_tolerance=state.settling.time_in_tolerance + dt)
     return with_settled(state, perception, previous, settings)
 
 
@@ -154,7 +155,7 @@ def _rotation_bias(state: ServoState, measurement: Measurement) -> float:
     """
     if not state.phase.turns_in_place:
         return math.nan
-    before = state.rotation_bias
+    before = state.view.rotation_bias
     if measurement.bearings is None:
         return before
     now = math.remainder(measurement.heading_error - measurement.rotation_heading, 2.0 * math.pi)
@@ -175,8 +176,10 @@ def _trusted_heading(
 ) -> float:
     """Return the heading error of the last trusted image by which it drove [rad]."""
     if not state.phase.drives or is_untrusted(measurement, settings):
-        return state.trusted_heading
-    return state.trusted_heading if has_turned(state, measurement) else measurement.heading_error
+        return state.view.trusted_heading
+    return (
+        state.view.trusted_heading if has_turned(state, measurement) else measurement.heading_error
+    )
 
 
 def _slope(state: ServoState, measurement: Measurement, dt: float) -> Slope:
@@ -186,10 +189,10 @@ def _slope(state: ServoState, measurement: Measurement, dt: float) -> Slope:
     A memory of views knows it: of the features that are in view, which come and go.
     """
     if measurement.difference_slope > 0.0:
-        return Slope(measurement.difference_slope, state.slope.weight)
+        return Slope(measurement.difference_slope, state.motion.slope.weight)
     if not state.phase.straight or state.measurement is None:
-        return state.slope
-    return state.slope.updated(
+        return state.motion.slope
+    return state.motion.slope.updated(
         measurement.difference - state.measurement.difference, state.twist.linear * dt
     )
 
@@ -205,11 +208,11 @@ def _dead_band(
     if not learns(settings):
         return DeadBand()
     twist = longest_obeyed(state, measurement.stamp_ns, dt, settings)
-    return state.dead_band.updated(measurement, reading, twist, dt, settings)
+    return state.identified.dead_band.updated(measurement, reading, twist, dt, settings)
 
 
 def _delay(state: ServoState, measurement: Measurement, told: ServoSettings) -> Delay:
     """Return how late the base obeys, after one more turn that was seen."""
     if not told.options.anticipation:
-        return state.delay
-    return state.delay.updated(measurement, state.sent, told)
+        return state.identified.delay
+    return state.identified.delay.updated(measurement, state.motion.sent, told)

@@ -21,7 +21,7 @@ def driven(state: ServoState, dt: float, settings: ServoSettings) -> float:
     if dt == 0.0:
         return 0.0
     late = min(settings.latency / dt, 1.0)
-    return (state.twist.linear + late * (state.last_linear - state.twist.linear)) * dt
+    return (state.twist.linear + late * (state.motion.last_linear - state.twist.linear)) * dt
 
 
 def backward(state: ServoState, dt: float) -> float:
@@ -30,43 +30,43 @@ def backward(state: ServoState, dt: float) -> float:
 
     It is a bound that counts: a command acts late, and may have been withdrawn in between.
     """
-    fastest = max(-state.twist.linear, -state.last_linear, 0.0)
+    fastest = max(-state.twist.linear, -state.motion.last_linear, 0.0)
     return fastest * (dt or usual_step(state))
 
 
 def distance(state: ServoState, dt: float, settings: ServoSettings) -> float:
     """Return d_hat [m], integrated over ``dt`` [s] by the applied speed (18)."""
-    if math.isnan(state.distance):
+    if math.isnan(state.motion.distance):
         return max(settings.initial_distance, settings.min_distance)
     previous = state.measurement
     if previous is None or previous.bearings is None:
-        return state.distance
+        return state.motion.distance
     # sigma of the geometry itself, also under the printed law: this is kinematics.
     rate = equations.distance_rate(
         state.twist.linear, previous.bearings.epipole_current, sigma=previous.bearings.sigma
     )
-    return max(state.distance + rate * dt, settings.min_distance)
+    return max(state.motion.distance + rate * dt, settings.min_distance)
 
 
 def period(state: ServoState, dt: float) -> float:
     """Return the time between two images [s], smoothed."""
-    if math.isnan(state.period):
+    if math.isnan(state.view.period):
         return dt or math.nan
     if dt == 0.0:  # stamps that leap tell nothing of it
-        return state.period
-    return state.period + PERIOD_SMOOTHING * (dt - state.period)
+        return state.view.period
+    return state.view.period + PERIOD_SMOOTHING * (dt - state.view.period)
 
 
 def leg(state: ServoState, dt: float) -> Leg | None:
     """Return the leg extended by the last command for ``dt`` [s]."""
-    if state.leg is None or state.measurement is None or state.measurement.bearings is None:
-        return state.leg
-    return state.leg.extended(state.measurement.bearings, state.twist.linear * dt)
+    if state.motion.leg is None or state.measurement is None or state.measurement.bearings is None:
+        return state.motion.leg
+    return state.motion.leg.extended(state.measurement.bearings, state.twist.linear * dt)
 
 
 def ranged(state: ServoState, measurement: Measurement, leg: Leg | None, dt: float) -> float:
     """Return the distance to the goal [m]: predicted by the command, corrected by the ``leg``."""
-    previous, predicted = state.measurement, state.range
+    previous, predicted = state.measurement, state.motion.range
     if previous is not None and previous.bearings is not None:
         predicted += state.twist.linear * math.cos(previous.bearings.phi) * dt
     measured = measured_range(state, measurement, leg)
@@ -94,4 +94,4 @@ def desired_rate(state: ServoState, measurement: Measurement, dt: float) -> floa
     if previous is None or previous.bearings is None or measurement.bearings is None or dt == 0.0:
         return 0.0
     rate = (measurement.bearings.chi - previous.bearings.chi) / dt
-    return state.desired_rate + RATE_SMOOTHING * (rate - state.desired_rate)
+    return state.law.desired_rate + RATE_SMOOTHING * (rate - state.law.desired_rate)

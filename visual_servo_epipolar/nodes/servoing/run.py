@@ -99,10 +99,10 @@ class Run:
         self._reports.change(before, state, reason or state.reason)
         if state.phase is not before.phase and state.reason:
             self._logger.info(f'{before.phase.value} -> {state.phase.value} ({state.reason})')
-        if state.warning and state.warning != before.warning:
-            self._logger.warning(state.warning)  # once: no other may keep it from the log
-        if state.odometry.refuted and not before.odometry.refuted:
-            self._logger.warning(state.odometry.refuted)
+        if state.run.warning and state.run.warning != before.run.warning:
+            self._logger.warning(state.run.warning)  # once: no other may keep it from the log
+        if state.identified.odometry.refuted and not before.identified.odometry.refuted:
+            self._logger.warning(state.identified.odometry.refuted)
 
     def refuse(self, trouble: str) -> None:
         """Take no step by tracks: hold a robot that drives, and say why."""
@@ -110,7 +110,9 @@ class Run:
         if self.state.phase.drives:
             self.lose(trouble)
             return
-        if self.state.phase is Phase.HOLDING and self.state.settled:  # not in a row any more
+        if (
+            self.state.phase is Phase.HOLDING and self.state.settling.settled
+        ):  # not in a row any more
             self._interrupt(Interruption.LOST, trouble)
         self._warn(trouble)
 

@@ -85,7 +85,7 @@ def test_nobody_is_asked_for_less_than_the_base_can_move(mode, frames) -> None:
     assert matched_bound(exact, banded, slowly) == pytest.approx(frames * 0.2 * 0.05 * 0.06)
     turning = replace(banded, dead_band_angular=0.05)
     sure = replace(exact, heading_deviation=0.0)
-    impatient = slowly._replace(lingered=PATIENCE_S + 0.1)
+    impatient = slowly._replace(time_in_tolerance=PATIENCE_S + 0.1)
     assert facing_bound(sure, turning, impatient) == pytest.approx(frames * 0.2 * 0.05)
     # Pulses that are stretched to lead onto the heading end finer than equal ones.
     finer = 0.15 if mode == 'pulse' else frames
@@ -117,8 +117,8 @@ def test_who_lingers_at_the_goal_is_asked_for_no_more_than_usual() -> None:
         state = in_phase(phase, measurement=exact)
         assert not is_settled(state, SETTINGS)
         assert is_close(state, SETTINGS)
-        assert is_settled(replace(state, lingered=PATIENCE_S + 0.1), SETTINGS)
-    turned = in_phase(Phase.ORIENTING, lingered=PATIENCE_S + 0.1)
+        assert is_settled(state.changed(time_in_tolerance=PATIENCE_S + 0.1), SETTINGS)
+    turned = in_phase(Phase.ORIENTING, time_in_tolerance=PATIENCE_S + 0.1)
     assert is_at_goal(turned, exact, SETTINGS)
     assert not is_at_goal(in_phase(Phase.ORIENTING), exact, SETTINGS)
     assert not is_close(in_phase(Phase.RETREATING, measurement=exact), SETTINGS)
@@ -137,11 +137,11 @@ def test_who_is_near_lingers_and_a_new_phase_begins_anew() -> None:
     state = in_phase(Phase.MATCHING_FEATURES, measurement=replace(near, stamp_ns=0))
     without = replace(SETTINGS, memory=False)
     state = updated(state, Perception(near, fresh_memory(without)), 0.25, without)
-    assert state.lingered == 0.25
+    assert state.settling.time_in_tolerance == 0.25
     away = replace(near, stamp_ns=2 * 10**9, difference=0.1)
     state = updated(state, Perception(away, fresh_memory(without)), 0.25, without)
-    assert state.lingered == 0.25
-    assert switched(state, away, Event.MISSED, without).lingered == 0.0
+    assert state.settling.time_in_tolerance == 0.25
+    assert switched(state, away, Event.MISSED, without).settling.time_in_tolerance == 0.0
 
 
 def test_a_parallax_that_is_not_known_is_not_that_of_the_goal() -> None:

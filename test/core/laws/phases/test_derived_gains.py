@@ -68,7 +68,7 @@ def test_step_1_begins_with_the_gains_of_what_is_seen_then(law: str) -> None:
     settings = replace(DERIVED, law=law)
     state = after(settings, 0.32, -0.3, frames=2)  # where law full displaces e_au to
     assert state.phase is Phase.ZEROING_EPIPOLES
-    assert state.gains is not None
+    assert state.law.gains is not None
     start = circumstances(state, sight(1, 0.32, -0.3), settings, alpha=0.32)
     assert not start.concordant
     assert (start.current, start.desired) == pytest.approx((0.32, 0.3))
@@ -76,18 +76,18 @@ def test_step_1_begins_with_the_gains_of_what_is_seen_then(law: str) -> None:
     assert start.landing == settings.latch_engage
     assert start.deceleration == 2.0 * settings.max_acceleration
     assert (start.farthest, start.nearest) == (settings.initial_distance, 1.0)
-    assert state.gains.k2 == pytest.approx(derive(start).k2)
+    assert state.law.gains.k2 == pytest.approx(derive(start).k2)
 
 
 def test_given_gains_stay_as_they_are_given() -> None:
-    assert after(replace(DERIVED, gains='given'), 0.35, -0.3).gains is None
+    assert after(replace(DERIVED, gains='given'), 0.35, -0.3).law.gains is None
 
 
 def test_the_first_step_drives_by_the_derived_gains() -> None:
     state = after(replace(DERIVED, max_linear=1.0, max_angular=1.5), 0.35, -0.3, frames=2)
-    gains = state.gains
+    gains = state.law.gains
     assert gains is not None
-    speed = state.distance * math.hypot(math.tan(0.35), 1.0) / (1.0 + math.tan(0.3) ** 2)
+    speed = state.motion.distance * math.hypot(math.tan(0.35), 1.0) / (1.0 + math.tan(0.3) ** 2)
     speed *= gains.k2 * math.tan(0.3) ** gains.exponent / math.tan(0.35)  # eq. (16)
     assert state.twist.linear == pytest.approx(speed)
     # Discordant from behind, e_du < 0 and e_au > 0: both parts of (17) turn the robot.
@@ -98,10 +98,10 @@ def test_the_first_step_drives_by_the_derived_gains() -> None:
 
 def test_once_latched_only_the_delay_limits_k1() -> None:
     state = after(DERIVED, 0.35, -0.3)
-    gains = state.gains
+    gains = state.law.gains
     assert gains is not None
     landed = advance(state, sight(3, 0.01, 0.0), DERIVED)
-    assert landed.latched
+    assert landed.law.latched
     assert landed.twist.angular == pytest.approx(-gains.k1_alone * 0.01, rel=1e-3)
     assert gains.k1_alone > gains.k1
 
@@ -109,51 +109,51 @@ def test_once_latched_only_the_delay_limits_k1() -> None:
 def test_law_full_turns_no_faster_than_a_late_image_allows() -> None:
     late = replace(DERIVED, law='full-anticipation', latency=1.0, turn_gain=5.0, max_angular=0.2)
     state = after(late, 0.32, -0.3, frames=2)
-    assert state.gains is not None
+    assert state.law.gains is not None
     landed = advance(state, sight(2, 0.01, 0.0), replace(late, max_angular_acceleration=90.0))
-    assert landed.latched
-    assert landed.twist.angular == pytest.approx(-state.gains.k1_alone * 0.01, rel=1e-3)
-    assert state.gains.k1_alone < 0.4
+    assert landed.law.latched
+    assert landed.twist.angular == pytest.approx(-state.law.gains.k1_alone * 0.01, rel=1e-3)
+    assert state.law.gains.k1_alone < 0.4
 
 
 @pytest.mark.parametrize('side', [-1.0, 1.0])
 def test_where_no_gain_is_legal_the_robot_turns_to_the_other_sign_first(side: float) -> None:
     state = after(DERIVED, 0.1 * side, 0.3 * side)
     assert state.phase is Phase.DISPLACING
-    assert state.gains is None
-    target = math.atan(state.target)
+    assert state.law.gains is None
+    target = math.atan(state.law.target)
     assert target * side <= -DERIVED.min_displacement
     assert state.twist.angular * side < 0.0  # a right turn takes the image to the left
     there = state
     for frame in (3, 4):
         there = advance(there, sight(frame, target, 0.3 * side), DERIVED)
     assert there.phase is Phase.ZEROING_EPIPOLES
-    assert there.gains is not None
+    assert there.law.gains is not None
 
 
 def test_concordant_epipoles_with_legal_gains_need_no_turn() -> None:
     state = after(replace(DERIVED, nearest_distance=4.0), 0.6, 0.2)
     assert state.phase is Phase.ZEROING_EPIPOLES
-    assert state.gains is not None
+    assert state.law.gains is not None
 
 
 def test_what_turns_illegal_in_the_last_moment_turns_the_robot_after_all() -> None:
     settings = replace(DERIVED, nearest_distance=4.0)
     turning = after(settings, 0.6, 0.2, frames=1)
     assert turning.phase is Phase.DISPLACING
-    assert math.atan(turning.target) == pytest.approx(0.6)
-    moved = replace(turning, target=math.tan(0.2), measurement=sight(0, 0.2, 0.4))
+    assert math.atan(turning.law.target) == pytest.approx(0.6)
+    moved = turning.changed(target=math.tan(0.2), measurement=sight(0, 0.2, 0.4))
     state = advance(moved, sight(1, 0.2, 0.4), settings)
     assert state.phase is Phase.DISPLACING
-    assert state.target < 0.0
+    assert state.law.target < 0.0
     assert 'concordant epipoles need' in state.reason
 
 
 def test_who_looks_ahead_feels_no_more_delay_than_laws_bear() -> None:
     late, soon = (replace(DERIVED, law='full', latency=it) for it in (1.0, BORNE))
-    assert after(late, 0.32, -0.3).gains == after(soon, 0.32, -0.3).gains is not None
+    assert after(late, 0.32, -0.3).law.gains == after(soon, 0.32, -0.3).law.gains is not None
     alone = replace(late, law='full-anticipation')
-    assert after(alone, 0.32, -0.3).gains != after(soon, 0.32, -0.3).gains
+    assert after(alone, 0.32, -0.3).law.gains != after(soon, 0.32, -0.3).law.gains
 
 
 @pytest.mark.parametrize('law', ['paper', 'corrected', 'full-anticipation'])
@@ -169,32 +169,32 @@ def test_gains_too_slow_for_the_phase_are_a_warning_and_the_reason_why_it_fails(
     late = replace(DERIVED, law='full', latency=0.3)
     state = after(late, 0.32, -0.3, frames=2)
     assert state.phase is Phase.ZEROING_EPIPOLES
-    assert state.gains is not None
+    assert state.law.gains is not None
     start = circumstances(state, sight(1, 0.32, -0.3), late, alpha=0.32)
-    needed = longest_landing(start, state.gains)
+    needed = longest_landing(start, state.law.gains)
     assert needed > late.phase_timeout
-    assert state.warning.startswith(
+    assert state.run.warning.startswith(
         f'derived gains need up to {needed:.0f} s; raise phase_timeout'
     )
-    begun_ns = state.phase_start_ns - round((late.phase_timeout + 1.0) * 1e9)
-    failed = advance(replace(state, phase_start_ns=begun_ns), sight(3, 0.32, -0.3), late)
+    begun_ns = state.run.phase_start_ns - round((late.phase_timeout + 1.0) * 1e9)
+    failed = advance(state.changed(phase_start_ns=begun_ns), sight(3, 0.32, -0.3), late)
     assert failed.phase is Phase.FAILED
-    assert failed.reason == f'zeroing_epipoles took longer than 120 s: {state.warning}'
-    assert failed.warning == ''
+    assert failed.reason == f'zeroing_epipoles took longer than 120 s: {state.run.warning}'
+    assert failed.run.warning == ''
 
 
 def test_more_than_a_run_may_last_asks_for_both_timeouts() -> None:
     late = replace(DERIVED, law='full', latency=0.3, run_timeout=200.0)
-    assert ' phase_timeout and run_timeout to ' in after(late, 0.32, -0.3, frames=2).warning
+    assert ' phase_timeout and run_timeout to ' in after(late, 0.32, -0.3, frames=2).run.warning
 
 
 def test_a_timeout_that_is_long_enough_leaves_nothing_to_warn_of() -> None:
     patient = replace(DERIVED, law='full', latency=0.3, phase_timeout=600.0)
     state = after(patient, 0.32, -0.3, frames=2)
-    assert state.gains is not None
-    assert state.warning == ''
+    assert state.law.gains is not None
+    assert state.run.warning == ''
     given = after(replace(DERIVED, law='full', gains='given', latency=0.3), 0.32, -0.3, frames=2)
-    assert given.warning == ''
+    assert given.run.warning == ''
 
 
 def test_a_view_that_leaves_no_room_to_turn_is_a_reason() -> None:
@@ -207,15 +207,15 @@ def test_a_view_that_leaves_no_room_to_turn_is_a_reason() -> None:
 
 
 def test_the_second_step_closes_in_at_its_rate_once_the_slope_of_d_is_known() -> None:
-    step_2 = replace(
-        after(DERIVED, 0.35, -0.3), phase=Phase.MATCHING_FEATURES, latched=True, settled=0
+    step_2 = after(DERIVED, 0.35, -0.3).changed(
+        phase=Phase.MATCHING_FEATURES, latched=True, settled=0
     )
-    gains = step_2.gains
+    gains = step_2.law.gains
     assert gains is not None
     plain = advance(step_2, sight(3, 0.0, 0.0, difference=-0.01), DERIVED)
     assert plain.twist.linear == pytest.approx(0.01 * gains.k_t)
     full = replace(DERIVED, law='full', max_acceleration=20.0)
-    sloped = replace(step_2, slope=Slope(0.4, 1e6))
+    sloped = step_2.changed(slope=Slope(0.4, 1e6))
     closing = advance(sloped, sight(3, 0.0, 0.0, difference=-0.01), full)
     rate = min(gains.rate, full.approach_rate)
     assert closing.twist.linear == pytest.approx(0.01 * rate / 0.4, rel=1e-3)
@@ -224,7 +224,9 @@ def test_the_second_step_closes_in_at_its_rate_once_the_slope_of_d_is_known() ->
 def speed_in_step_2(difference: float, **changes: Any) -> float:
     """Return the speed of law full in step 2 [m/s], D rising by 0.4 in a metre."""
     settings = replace(ServoSettings(max_acceleration=20.0, line_following=False), **changes)
-    state = ServoState(phase=Phase.MATCHING_FEATURES, distance=2.0, slope=Slope(0.4, 1e6))
+    state = ServoState().changed(
+        phase=Phase.MATCHING_FEATURES, distance=2.0, slope=Slope(0.4, 1e6)
+    )
     for frame in range(2):
         state = advance(state, sight(frame, 0.0, 0.0, difference=difference), settings)
     return state.twist.linear
@@ -249,14 +251,14 @@ def test_it_rises_no_further_than_the_delay_lets_it_not_overshoot() -> None:
 
 def test_a_step_2_without_a_step_1_has_a_derived_k_t_too() -> None:
     settings = replace(DERIVED, scene_depth=6.0)
-    start = ServoState(phase=Phase.ORIENTING)
+    start = ServoState().changed(phase=Phase.ORIENTING)
     state = start
     for frame in range(5):
         near = sight(frame, 0.0, 0.0, bearings=None, parallax=0.005, heading_error=0.0)
         state = advance(state, near, settings)
     assert state.phase is Phase.MATCHING_FEATURES
-    assert state.gains is not None
-    assert state.gains.k_t == pytest.approx(state.gains.rate * 6.0 / 0.76)
+    assert state.law.gains is not None
+    assert state.law.gains.k_t == pytest.approx(state.law.gains.rate * 6.0 / 0.76)
 
 
 def anything() -> st.SearchStrategy[Measurement]:
@@ -295,13 +297,13 @@ def test_no_sight_makes_derived_gains_raise_or_exceed_the_limits(
     sights: list[Measurement], phase: Phase, law: str, distance: float, latency: float
 ) -> None:
     settings = replace(DERIVED, law=law, latency=latency)
-    state = ServoState(phase=phase, distance=distance)
+    state = ServoState().changed(phase=phase, distance=distance)
     for measurement in sights:
         state = advance(state, measurement, settings)
         assert abs(state.twist.linear) <= settings.max_linear * (1.0 + 1e-15)
         assert abs(state.twist.angular) <= settings.max_angular * (1.0 + 1e-15)
         if state.phase is Phase.ZEROING_EPIPOLES and phase is Phase.WAITING:
-            assert state.gains is not None
+            assert state.law.gains is not None
 
 
 @pytest.mark.parametrize(

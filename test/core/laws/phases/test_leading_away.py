@@ -26,7 +26,7 @@ STATE = in_phase(Phase.ZEROING_EPIPOLES, target=math.tan(-0.14), side=1.0)
 def test_it_is_on_the_wrong_side_if_both_epipoles_are_on_one(chi, alpha, away) -> None:
     there = sight(bearings=behind(-chi, alpha))
     assert leads_away(there, SETTINGS) is away
-    event = classify(replace(STATE, measurement=there), SETTINGS)
+    event = classify(STATE.changed(measurement=there), SETTINGS)
     assert (event is Event.ESCAPED) is away
 
 
@@ -43,5 +43,5 @@ def test_laws_that_may_lead_away_at_first_do(law: str) -> None:
 
 def test_once_e_du_is_zero_a_turn_is_left() -> None:
     there = sight(bearings=behind(-0.06, 0.03))
-    latched = replace(STATE, measurement=there, latched=True)
+    latched = STATE.changed(measurement=there, latched=True)
     assert classify(latched, replace(SETTINGS, latch_release=0.5)) is not Event.ESCAPED

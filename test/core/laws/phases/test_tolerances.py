@@ -88,7 +88,7 @@ def test_a_coarser_tolerance_lets_pass_what_a_finer_one_does(
 def is_settled_within(
     state: ServoState, measurement: Measurement, settings: ServoSettings
 ) -> bool:
-    return is_settled(replace(state, measurement=measurement), settings)
+    return is_settled(state.changed(measurement=measurement), settings)
 
 
 @given(floats(FACING, 0.1), floats(1.0, 3.0), floats(0.0, 0.01), st.booleans(), st.booleans())
@@ -96,7 +96,7 @@ def test_the_bound_of_the_heading_is_within_the_tolerance_and_grows_with_it(
     tolerance: float, factor: float, deviation: float, remembered: bool, lingers: bool
 ) -> None:
     seen = near(heading_deviation=deviation) if remembered else by_two_views(0.0)
-    trial = FIRST._replace(lingered=math.inf if lingers else 0.0)
+    trial = FIRST._replace(time_in_tolerance=math.inf if lingers else 0.0)
     told = replace(SETTINGS, arrival_heading=tolerance)
     bound = facing_bound(seen, told, trial)
     assert bound <= tolerance
@@ -158,7 +158,7 @@ def test_the_way_that_is_left_explains_its_parallax(remembered: bool) -> None:
     seen = near(y=y) if remembered else by_two_views(y)
     state = ending(seen, slope=Slope(SLOPE, 0.01))
     assert is_near_enough(state, seen, coarse)
-    assert not is_near_enough(replace(state, settled_parallax=0.1), seen, coarse)
+    assert not is_near_enough(state.changed(settled_parallax=0.1), seen, coarse)
 
 
 def test_at_the_end_of_step_2_who_is_within_both_tolerances_has_arrived() -> None:
@@ -185,7 +185,7 @@ def test_a_parallax_within_the_tolerance_alone_is_no_miss_but_leads_on() -> None
     assert not is_settled(state, without)
     assert classify(state, without) is Event.NOTHING
     matched = replace(other, difference=0.0)
-    assert classify(replace(state, measurement=matched), without) is Event.MISSED
+    assert classify(state.changed(measurement=matched), without) is Event.MISSED
 
 
 @pytest.mark.parametrize('attempt', [1, 4])

@@ -190,7 +190,7 @@ def test_who_may_not_learn_forgets(change) -> None:
     band = DeadBand(angular=Threshold(0.05))
     assert band.beside(settings) is settings
     state = in_phase(Phase.ORIENTING, dead_band=band)
-    assert then(state, turning(2), settings).dead_band == DeadBand()
+    assert then(state, turning(2), settings).identified.dead_band == DeadBand()
 
 
 def test_few_images_a_second_make_long_pulses_so_they_are_slow() -> None:
@@ -221,7 +221,7 @@ def test_a_law_may_not_learn_it() -> None:
     alone = replace(SETTINGS, learnt_dead_band=False)
     state = in_phase(Phase.ORIENTING)
     for settings, learns in ((SETTINGS, True), (alone, False)):
-        now = replace(state, command=replace(state.command, twist=Twist(0.0, -0.02)))
+        now = state.changed(command=replace(state.command, twist=Twist(0.0, -0.02)))
         for frame in range(2, 60):
             now = updated(now, Perception(turning(frame), MEMORY), DT, settings)
-        assert (now.dead_band.angular.value > 0.0) is learns
+        assert (now.identified.dead_band.angular.value > 0.0) is learns

@@ -54,7 +54,7 @@ def test_following_the_line_removes_offset_and_heading_at_either_sign_of_speed(
 
 
 def test_a_known_curvature_is_steered_against() -> None:
-    state = ServoState(curvature=Curvature(0.02))
+    state = ServoState().changed(curvature=Curvature(0.02))
     assert curvature_compensated(Twist(0.4, 0.1), state, ServoSettings()).angular == pytest.approx(
         0.092
     )

@@ -136,7 +136,9 @@ def test_legs_are_those_of_step_2_alone() -> None:
     leg = StraightLeg(0.0, -1.0, 1e-3, 0.0)
     for phase in (Phase.ZEROING_EPIPOLES, Phase.RETREATING, Phase.ORIENTING):
         state = in_phase(phase, straight=leg)
-        assert updated(state, Perception(sight(), MEMORY), 0.1, SETTINGS).straight is None
+        assert (
+            updated(state, Perception(sight(), MEMORY), 0.1, SETTINGS).identified.straight is None
+        )
 
 
 def test_what_driving_disproves_is_part_of_no_leg(monkeypatch) -> None:
@@ -144,10 +146,12 @@ def test_what_driving_disproves_is_part_of_no_leg(monkeypatch) -> None:
     monkeypatch.setattr(update, 'remembered', lambda *_, **__: (MapState(), reading()))
     leg = StraightLeg(0.0, -1.0, 1e-3, 0.0)
     state = in_phase(Phase.MATCHING_FEATURES, straight=leg, extrinsics=SETTINGS.extrinsics)
-    assert updated(state, Perception(sight(), MEMORY), 0.1, SETTINGS).straight is not None
+    assert (
+        updated(state, Perception(sight(), MEMORY), 0.1, SETTINGS).identified.straight is not None
+    )
     disproved = replace(SETTINGS.extrinsics, contradictions=MAX_CONTRADICTIONS + 1)
     monkeypatch.setattr(update, 'learnt', lambda *_, **__: disproved)
-    assert updated(state, Perception(sight(), MEMORY), 0.1, SETTINGS).straight is None
+    assert updated(state, Perception(sight(), MEMORY), 0.1, SETTINGS).identified.straight is None
 
 
 def test_who_knows_the_offset_needs_no_new_attempt_for_a_yaw() -> None:
@@ -160,12 +164,12 @@ def test_who_knows_the_offset_needs_no_new_attempt_for_a_yaw() -> None:
         settled=SETTINGS.arrival_frames,
         settled_parallax=0.0,
     )
-    assert classify(replace(state, measurement=near), TWO_VIEWS) is Event.MISSED
+    assert classify(state.changed(measurement=near), TWO_VIEWS) is Event.MISSED
     known = replace(
         near, offset=(0.0, 0.0), offset_deviation=1e-3, heading_deviation=1e-3,
         difference_slope=0.05, difference_deviation=0.0,
     )  # fmt: skip
-    assert classify(replace(state, measurement=known), SETTINGS) is Event.MATCHED
+    assert classify(state.changed(measurement=known), SETTINGS) is Event.MATCHED
 
 
 def test_what_a_turn_may_have_swung_counts_as_noise() -> None:

@@ -43,12 +43,14 @@ def has_parallax(state: ServoState, measurement: Measurement, settings: ServoSet
 
 def _looks_elsewhere(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
     """Return whether the image shows more parallax than noise and the way that is left explain."""
-    parallax = measurement.parallax if state.settled < 2 else state.settled_parallax
+    parallax = (
+        measurement.parallax if state.settling.settled < 2 else state.settling.settled_parallax
+    )
     # The root of a mean square over N features varies by 0.5 / sqrt(N) and more.
     variation = 1.0 + 1.5 / math.sqrt(max(measurement.features, 1))
-    if is_in_doubt(measurement, settings) and state.attempts == 1:
+    if is_in_doubt(measurement, settings) and state.run.attempts == 1:
         variation = 1.0  # it has looked for long, and a small way back and forth will tell
-        if abs(state.settled_aside) > ASIDE:
+        if abs(state.settling.settled_aside) > ASIDE:
             return True
     noise = STANDSTILL_PARALLAX * measurement.noise * variation
     usual = math.hypot(settings.arrival_parallax, noise)
@@ -71,7 +73,7 @@ def _offset_bound(state: ServoState, measurement: Measurement, settings: ServoSe
     if tolerance > 0.0:  # a promise: no attempt makes it larger, and no noise
         return max(tolerance - noise, min(noise, tolerance))
     # A worn base may never come as near as the memory can tell: each attempt asks for less.
-    return max(ARRIVAL_OFFSET * state.attempts, noise)
+    return max(ARRIVAL_OFFSET * state.run.attempts, noise)
 
 
 def is_near_enough(
@@ -96,7 +98,7 @@ def is_near_enough(
         reach = settings.arrival_position - deviations * measurement.offset_deviation
         return max(math.hypot(x, y), math.hypot(x, y + ahead)) <= reach
     difference, noise = measurement.difference, measurement.difference_deviation
-    slope = state.slope.least(noise)
+    slope = state.motion.slope.least(noise)
     reach = slope * settings.arrival_position - deviations * noise
     return max(abs(difference), abs(difference + slope * ahead)) <= reach
 
@@ -127,8 +129,8 @@ def sees_nothing_of_it(measurement: Measurement) -> bool:
 
 def stands_aside(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
     """Return whether a few looks are enough for who is in doubt: it stands clearly aside."""
-    first = is_in_doubt(measurement, settings) and state.attempts == 1
-    return first and abs(state.settled_aside) > CLEARLY_ASIDE
+    first = is_in_doubt(measurement, settings) and state.run.attempts == 1
+    return first and abs(state.settling.settled_aside) > CLEARLY_ASIDE
 
 
 def is_at_goal(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:

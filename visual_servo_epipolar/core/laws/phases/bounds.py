@@ -25,7 +25,7 @@ PATIENCE_S = 4.0  # within the usual bounds, after which they are enough
 class Trial(NamedTuple):
     """Time within the usual bounds by now, and that from one command to the next [s]."""
 
-    lingered: float = 0.0
+    time_in_tolerance: float = 0.0
     frame_s: float = USUAL_STEP_S
 
 
@@ -34,7 +34,7 @@ FIRST = Trial()
 
 def trial_of(state: ServoState, *, spent: bool = False) -> Trial:
     """Return how long the robot has tried by now; for ever if its patience is ``spent``."""
-    return Trial(math.inf if spent else state.lingered, usual_step(state))
+    return Trial(math.inf if spent else state.settling.time_in_tolerance, usual_step(state))
 
 
 def engage_bound(measurement: Measurement, settings: ServoSettings) -> float:
@@ -58,7 +58,7 @@ def facing_bound(measurement: Measurement, settings: ServoSettings, trial: Trial
     fine = min(tolerance, FACING)
     if measurement.offset is not None:
         deviation = measurement.heading_deviation
-        if trial.lingered <= PATIENCE_S:
+        if trial.time_in_tolerance <= PATIENCE_S:
             fine = min(max(NEGLIGIBLE * deviation, LEAST_HEADING), fine)
     bound = max(fine, tolerance - FACING - NOISE_DEVIATIONS * deviation)
     if is_trimmed(measurement, settings, trial):
@@ -69,14 +69,15 @@ def facing_bound(measurement: Measurement, settings: ServoSettings, trial: Trial
 def is_trimmed(measurement: Measurement, settings: ServoSettings, trial: Trial) -> bool:
     """Return whether turns end finer than by equal pulses: see ``servo.trimming``."""
     known, pulses = measurement.offset is not None, settings.dead_band_mode == 'pulse'
-    return known and pulses and settings.dead_band_angular > 0.0 and trial.lingered <= PATIENCE_S
+    patient = trial.time_in_tolerance <= PATIENCE_S
+    return known and pulses and settings.dead_band_angular > 0.0 and patient
 
 
 def trimming_bound(
     measurement: Measurement, settings: ServoSettings, trial: Trial = FIRST
 ) -> float:
     """Return the heading error [rad] within which patience is spent: two hops, if trimmed."""
-    usual = facing_bound(measurement, settings, trial._replace(lingered=math.inf))
+    usual = facing_bound(measurement, settings, trial._replace(time_in_tolerance=math.inf))
     if not is_trimmed(measurement, settings, trial):
         return usual
     return max(usual, 2.0 * trial.frame_s * settings.dead_band_angular)
@@ -93,7 +94,7 @@ def matched_bound(
     slope = measurement.difference_slope
     fine = max(min(least, LEAST_OFFSET * slope), NEGLIGIBLE * deviation)
     hop = _hop(settings.dead_band_linear, settings, trial) * slope
-    return max(fine if trial.lingered <= PATIENCE_S else usual, hop)
+    return max(fine if trial.time_in_tolerance <= PATIENCE_S else usual, hop)
 
 
 def is_matched(measurement: Measurement, settings: ServoSettings, trial: Trial = FIRST) -> bool:

@@ -10,7 +10,6 @@ from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.identification.ranging import Leg
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.values import changed
 
 TURNED = 1.0  # more than a robot turns between two images, or while it stands [rad]
 ROOM = 0.18  # behind a goal whose place is known, to begin step 1 [m]
@@ -111,7 +110,7 @@ def is_untrusted(measurement: Measurement, settings: ServoSettings) -> bool:
 
 def has_turned(state: ServoState, measurement: Measurement) -> bool:
     """Return whether the heading is not that of the last trusted image, by far."""
-    turn = math.remainder(measurement.heading_error - state.trusted_heading, 2.0 * math.pi)
+    turn = math.remainder(measurement.heading_error - state.view.trusted_heading, 2.0 * math.pi)
     return abs(turn) > TURNED
 
 
@@ -126,4 +125,4 @@ def with_new_leg(state: ServoState, measurement: Measurement) -> ServoState:
     if measurement.bearings is None:
         return state
     side = math.copysign(1.0, measurement.bearings.chi)
-    return changed(state, side=side, latched=False, leg=Leg(measurement.bearings.psi))
+    return state.changed(side=side, latched=False, leg=Leg(measurement.bearings.psi))

@@ -17,7 +17,6 @@ from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.identification.delay import felt_latency
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.values import changed
 
 NEARLY_ZERO = 2.0  # bearing of an e_du that counts as zero, in landings
 USUAL_RATE = 11.0  # before two images have come [Hz]
@@ -25,7 +24,7 @@ USUAL_RATE = 11.0  # before two images have come [Hz]
 
 def gains_in_use(state: ServoState, settings: ServoSettings) -> Gains | None:
     """Return the gains derived for this step, unless those given are to hold by now."""
-    return state.gains if settings.derives else None
+    return state.law.gains if settings.derives else None
 
 
 def with_gains_of_now(
@@ -47,7 +46,7 @@ def with_gains_of_now(
     gains = derive(now)
     first = state.phase is Phase.ZEROING_EPIPOLES
     duration = longest_landing(now, gains) if first else longest_matching(now, gains)
-    return changed(state, gains=gains, warning=slow_gains(duration, settings))
+    return state.changed(gains=gains, warning=slow_gains(duration, settings))
 
 
 def slow_gains(duration: float, settings: ServoSettings) -> str:
@@ -79,7 +78,7 @@ def circumstances(
     chi = 0.0 if measurement.bearings is None else measurement.bearings.chi
     landed = _has_landed(state, measurement, settings)
     landing = max(settings.latch_engage, 1e-6)
-    farthest = min(max(state.distance, 0.1), 100.0)
+    farthest = min(max(state.motion.distance, 0.1), 100.0)
     nearest = farthest - (settings.initial_distance - settings.nearest_distance)
     return Circumstances(
         concordant=not landed and alpha * chi > 0.0,
@@ -90,7 +89,9 @@ def circumstances(
         max_linear=settings.max_linear,
         max_angular=settings.max_angular,
         deceleration=min(2.0 * settings.max_acceleration, 20.0),  # slowing down is twice as fast
-        rate=min(max(1.0 / state.period, 0.5), 1000.0) if state.period > 0.0 else USUAL_RATE,
+        rate=min(max(1.0 / state.view.period, 0.5), 1000.0)
+        if state.view.period > 0.0
+        else USUAL_RATE,
         latency=felt_latency(settings),
         landing=landing,
         depth=settings.scene_depth,

@@ -17,7 +17,6 @@ from visual_servo_epipolar.core.laws.phases.derived_gains import legal_target
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.values import changed
 
 
 def _classify(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
@@ -28,7 +27,7 @@ def _classify(state: ServoState, measurement: Measurement, settings: ServoSettin
         return Event.DISPLACED  # e_du is zero already: any e_au will do
     if not settings.options.discordant_turn and not settings.derives:
         return Event.DISPLACED if abs(alpha) > settings.singular_epipole else Event.NOTHING
-    near = abs(alpha - math.atan(state.target)) <= settings.displacement_tolerance
+    near = abs(alpha - math.atan(state.law.target)) <= settings.displacement_tolerance
     return Event.DISPLACED if near else Event.NOTHING
 
 
@@ -37,7 +36,7 @@ def _command(state: ServoState, measurement: Measurement, settings: ServoSetting
     if measurement.bearings is None:
         return STANDSTILL
     return equations.turn_epipole(
-        measurement.bearings.epipole_current, state.target, k1=settings.turn_gain
+        measurement.bearings.epipole_current, state.law.target, k1=settings.turn_gain
     )
 
 
@@ -45,8 +44,8 @@ def _begin(state: ServoState, measurement: Measurement, settings: ServoSettings)
     """Return ``state`` with a new leg, and the target of e_au; ValueError if none is legal."""
     state = with_new_leg(state, measurement)
     if settings.derives:
-        return changed(state, target=legal_target(state, measurement, settings))
-    return changed(state, target=_target(measurement, settings))
+        return state.changed(target=legal_target(state, measurement, settings))
+    return state.changed(target=_target(measurement, settings))
 
 
 def _target(measurement: Measurement, settings: ServoSettings) -> float:

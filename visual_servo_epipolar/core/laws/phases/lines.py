@@ -27,7 +27,7 @@ def line_look_ahead(state: ServoState, measurement: Measurement, settings: Servo
     left; the turn that it takes is small, and undone at the goal.
     """
     if measurement.offset is None:
-        return look_ahead(state.range, settings.look_ahead)
+        return look_ahead(state.motion.range, settings.look_ahead)
     x, y = measurement.offset
     gentle = max(abs(x), measurement.offset_deviation) / LAST_TURN
     least = min(max(-LAST_SHARE * y, LAST_LOOK_AHEAD, gentle), LEAST_REMEMBERED)
@@ -59,5 +59,9 @@ def lateral_offset(state: ServoState, measurement: Measurement) -> float:
         return measurement.offset[0]
     if measurement.bearings is None:
         return 0.0
-    distance = min(state.distance, UNKNOWN_RANGE) if math.isnan(state.range) else state.range
+    distance = (
+        min(state.motion.distance, UNKNOWN_RANGE)
+        if math.isnan(state.motion.range)
+        else state.motion.range
+    )
     return distance * math.cos(measurement.bearings.psi)

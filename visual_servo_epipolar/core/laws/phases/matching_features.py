@@ -36,9 +36,9 @@ LEAST_DELAY = 1e-3  # of a loop [s]
 def _classify(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
     if is_untrusted(measurement, settings):
         return Event.LOST
-    if state.settled < _looks(state, measurement, settings) * settings.arrival_frames:
+    if state.settling.settled < _looks(state, measurement, settings) * settings.arrival_frames:
         return Event.NOTHING
-    attempts_remain = state.attempts < settings.max_attempts
+    attempts_remain = state.run.attempts < settings.max_attempts
     repeats = settings.options.new_attempts and attempts_remain
     missed = Event.MISSED if repeats else Event.EXHAUSTED
     if has_parallax(state, measurement, settings):
@@ -79,19 +79,21 @@ def _matching_gain(state: ServoState, measurement: Measurement, settings: ServoS
     """Return k_t of (21) [m/s]: given, derived, or a rate over the slope of D once it is known."""
     derived = gains_in_use(state, settings)
     k_t = settings.k_t if derived is None else derived.k_t
-    if not settings.options.slope_gain or not state.slope.value > 0.0:
+    if not settings.options.slope_gain or not state.motion.slope.value > 0.0:
         return k_t
     factor = equations.adaptive_gain(
         measurement.difference, at_zero=settings.gain_at_goal, far=1.0, slope=settings.gain_slope
     )
     rate = settings.approach_rate
-    rate = min(k_t * state.slope.value, rate) if derived is None else min(derived.rate, rate)
-    return min(factor * rate, max(rate, _damped_rate(state, settings))) / state.slope.value
+    rate = (
+        min(k_t * state.motion.slope.value, rate) if derived is None else min(derived.rate, rate)
+    )
+    return min(factor * rate, max(rate, _damped_rate(state, settings))) / state.motion.slope.value
 
 
 def _damped_rate(state: ServoState, settings: ServoSettings) -> float:
     """Return the rate [1/s] that is critically damped under the delay of the loop."""
-    delay = felt_latency(settings) + (state.period if state.period > 0.0 else 0.0)
+    delay = felt_latency(settings) + (state.view.period if state.view.period > 0.0 else 0.0)
     return CRITICAL_GAIN_DELAY / max(delay, LEAST_DELAY)
 
 

@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.servo.state import ServoState
 
 
 def _classify(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
-    if state.settled < settings.align_frames:
+    if state.settling.settled < settings.align_frames:
         return Event.NOTHING
     if is_at_goal(state, measurement, settings):
         return Event.MATCHED

@@ -13,7 +13,6 @@ from visual_servo_epipolar.core.laws.phases.lines import leads_home
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.values import changed
 
 
 def _classify(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
@@ -36,7 +35,7 @@ def has_run_up(state: ServoState, measurement: Measurement, settings: ServoSetti
     Who missed twice knows less of where the goal is than it believes: before a wall, straight
     back, a short way tells hardly what is aside.
     """
-    misses = state.attempts - 1
+    misses = state.run.attempts - 1
     return misses < 2 or measurement.difference <= -misses * settings.retreat_difference
 
 
@@ -53,7 +52,7 @@ def _command(state: ServoState, measurement: Measurement, settings: ServoSetting
 
 def _begin(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
     """Return ``state`` without the leg that ranges the goal in step 1."""
-    return changed(state, leg=None)
+    return state.changed(leg=None)
 
 
 RETREATING = PhaseRow(

@@ -39,7 +39,9 @@ def survey(state: ServoState, measurement: Measurement, settings: ServoSettings)
 def _resume(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Event:
     """Return the event of a survey, after enough images in a row that can be trusted."""
     # Where images are false, a single one may look right.
-    if state.settled < (TURNED_FRAMES if has_turned(state, measurement) else RESUMING_FRAMES):
+    if state.settling.settled < (
+        TURNED_FRAMES if has_turned(state, measurement) else RESUMING_FRAMES
+    ):
         return Event.NOTHING
     return survey(state, measurement, settings)
 

@@ -24,7 +24,6 @@ from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.identification.ranging import look_ahead, UNKNOWN_RANGE
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
-from visual_servo_epipolar.core.values import changed
 
 CREEP = 0.02  # least speed under contact braking, lest noise in the rate stop the robot [m/s]
 YAW_FOR_NEW_START = math.radians(1.5)  # that the camera may be learnt to differ by in this phase
@@ -40,13 +39,13 @@ def _classify(state: ServoState, measurement: Measurement, settings: ServoSettin
         return Event.DIVERGED
     if state.yaw_learnt > YAW_FOR_NEW_START:
         return begun_step_1(measurement, settings, Event.ESCAPED)
-    if not state.latched and is_off_course(measurement, settings):
+    if not state.law.latched and is_off_course(measurement, settings):
         return Event.ALIGNED if leads_home(measurement, settings) else Event.SIDEWAYS
-    if state.latched and abs(chi) > _escape_bound(state, measurement, settings):
+    if state.law.latched and abs(chi) > _escape_bound(state, measurement, settings):
         return begun_step_1(measurement, settings, Event.ESCAPED)
-    if not state.latched and leads_away(measurement, settings):
+    if not state.law.latched and leads_away(measurement, settings):
         return begun_step_1(measurement, settings, Event.ESCAPED)
-    return Event.ALIGNED if state.settled >= settings.align_frames else Event.NOTHING
+    return Event.ALIGNED if state.settling.settled >= settings.align_frames else Event.NOTHING
 
 
 def _escape_bound(state: ServoState, measurement: Measurement, settings: ServoSettings) -> float:
@@ -60,7 +59,11 @@ def _escape_bound(state: ServoState, measurement: Measurement, settings: ServoSe
     bound = release_bound(measurement, settings)
     if not settings.options.line_following:
         return bound
-    distance = state.range if state.range > 0.0 else min(state.distance, UNKNOWN_RANGE)
+    distance = (
+        state.motion.range
+        if state.motion.range > 0.0
+        else min(state.motion.distance, UNKNOWN_RANGE)
+    )
     decay = min(equations.LINE_DAMPING * distance / look_ahead(distance, settings.look_ahead), 9.0)
     return max(bound, min(RESIDUAL_OFFSET * math.exp(decay) / distance, LARGEST_ESCAPE))
 
@@ -89,12 +92,12 @@ def _command(state: ServoState, measurement: Measurement, settings: ServoSetting
         bearings.epipole_current,
         bearings.epipole_desired,
         sigma=_sigma(bearings, settings),
-        distance=state.distance,
-        nu=(nu[0], 0.0) if state.latched else nu,
+        distance=state.motion.distance,
+        nu=(nu[0], 0.0) if state.law.latched else nu,
     )
     if not law.contact_braking:
         return twist
-    rate, braking = state.desired_rate, settings.braking
+    rate, braking = state.law.desired_rate, settings.braking
     speed = equations.braking_speed(bearings.chi, rate, deceleration=braking)
     return saturate(twist, max_linear=max(speed, CREEP), max_angular=math.inf)
 
@@ -105,7 +108,7 @@ def _auxiliary_controls(
     """Return (nu_1, nu_2) of the law; a discordant turn holds e_au until e_du is latched."""
     law = settings.options
     gains = _first_gains(state, settings)
-    if law.discordant_turn and not state.latched and not settings.finite_time:
+    if law.discordant_turn and not state.law.latched and not settings.finite_time:
         gains['e_target'] = _held_epipole(state, measurement)
     controls = epipole_controls(law, finite_time=settings.finite_time)
     return controls(bearings.epipole_current, bearings.epipole_desired, **gains)
@@ -120,16 +123,16 @@ def _first_gains(state: ServoState, settings: ServoSettings) -> dict[str, float]
     if holds:
         k1 = min(k1, derived.k1_alone)
     else:
-        k1 = derived.k1_alone if state.latched else derived.k1
+        k1 = derived.k1_alone if state.law.latched else derived.k1
     return {'k1': k1, 'k2': derived.k2, 'exponent': derived.exponent}
 
 
 def _held_epipole(state: ServoState, measurement: Measurement) -> float:
     """Return the abscissa to hold e_au at: the target, as far as features stay in view."""
     if measurement.bearings is None:
-        return state.target
+        return state.law.target
     alpha, (left, right) = measurement.bearings.alpha, measurement.view_margins
-    return math.tan(min(max(math.atan(state.target), alpha - right), alpha + left))
+    return math.tan(min(max(math.atan(state.law.target), alpha - right), alpha + left))
 
 
 def _sigma(bearings: Bearings, settings: ServoSettings) -> float:
@@ -141,7 +144,7 @@ def _sigma(bearings: Bearings, settings: ServoSettings) -> float:
 
 def _is_settled(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
     """Return whether both epipoles are zero."""
-    if not state.latched or measurement.bearings is None:
+    if not state.law.latched or measurement.bearings is None:
         return False
     return abs(measurement.bearings.alpha) <= align_bound(measurement, settings)
 
@@ -154,11 +157,11 @@ def _begin(state: ServoState, measurement: Measurement, settings: ServoSettings)
 
 def _observe(state: ServoState, measurement: Measurement, settings: ServoSettings) -> ServoState:
     """Latch e_du at zero, once it is small or of the other sign, until a new phase."""
-    if state.latched or measurement.bearings is None:
+    if state.law.latched or measurement.bearings is None:
         return state
     bearing = measurement.bearings.chi
     near = abs(bearing) <= engage_bound(measurement, settings)
-    return changed(state, latched=near or bearing * state.side < 0.0)
+    return state.changed(latched=near or bearing * state.law.side < 0.0)
 
 
 ZEROING_EPIPOLES = PhaseRow(

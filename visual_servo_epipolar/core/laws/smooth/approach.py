@@ -125,11 +125,11 @@ def seen_from(
 
 def believed_distance(state: ServoState) -> float:
     """Return d_hat [m] by two views: too small does no harm, too large leaves heading errors."""
-    if state.extrinsics is not None and state.extrinsics.is_ranged:
-        return state.extrinsics.distance
-    if state.range > 0.0:
-        return state.range
-    return min(state.distance, UNKNOWN_RANGE)
+    if state.identified.extrinsics is not None and state.identified.extrinsics.is_ranged:
+        return state.identified.extrinsics.distance
+    if state.motion.range > 0.0:
+        return state.motion.range
+    return min(state.motion.distance, UNKNOWN_RANGE)
 
 
 def back_off(state: ServoState, measurement: Measurement, settings: ServoSettings) -> Twist:

@@ -52,12 +52,12 @@ def _approaching(state: ServoState, measurement: Measurement, settings: ServoSet
         if measurement.bearings is None or near:
             return Event.ALIGNED
         return Event.SIDEWAYS if _lies_beside(measurement, settings) else Event.NOTHING
-    if state.settled >= settings.arrival_frames:
+    if state.settling.settled >= settings.arrival_frames:
         if has_parallax(state, measurement, settings):
             return _missed(state, settings)
         return Event.MATCHED if faces_goal(state, measurement, settings) else Event.TURNED
     x, y = measurement.offset
-    if not state.settled and y > -PASSED and max(y, abs(x)) > PASSED:
+    if not state.settling.settled and y > -PASSED and max(y, abs(x)) > PASSED:
         return _missed(state, settings)
     beside = y < -NEAR_GOAL and _lies_beside(measurement, settings)
     return Event.SIDEWAYS if beside else Event.NOTHING
@@ -72,7 +72,7 @@ def _lies_beside(measurement: Measurement, settings: ServoSettings) -> bool:
 
 
 def _missed(state: ServoState, settings: ServoSettings) -> Event:
-    repeats = settings.options.new_attempts and state.attempts < settings.max_attempts
+    repeats = settings.options.new_attempts and state.run.attempts < settings.max_attempts
     return Event.MISSED if repeats else Event.EXHAUSTED
 
 

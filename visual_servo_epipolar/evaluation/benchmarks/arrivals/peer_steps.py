@@ -1,7 +1,7 @@
 """Adapter: peer laws as ``step(state, observation, settings) -> state`` of the closed loop."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 
 from visual_servo_epipolar.core.geometry.motion import saturate, Twist
 from visual_servo_epipolar.core.geometry.rays import image_points
@@ -53,7 +53,7 @@ def homography_based(gains: TurningGains) -> Law:
     """Return the law that never rests."""
 
     def law(state: PeerState, measurement: Measurement, observation: Observation) -> Twist:
-        elapsed = seconds_between(state.run_start_ns, measurement.stamp_ns)
+        elapsed = seconds_between(state.run.run_start_ns, measurement.stamp_ns)
         return never_resting(relative_pose(measurement, observation), gains, elapsed=elapsed)
 
     return law
@@ -76,13 +76,12 @@ def as_step(law: Law) -> Step:
     """
 
     def drive(state: ServoState, observation: Observation, settings: ServoSettings) -> ServoState:
-        perception = perceive(observation, settings, state.frame, state.memory)
+        perception = perceive(observation, settings, state.view.frame, state.view.memory)
         measurement = perception.measurement
         peer = _take_in(_as_peer(state), measurement, observation)
-        peer = replace(peer, memory=perception.memory)
-        return replace(
-            _decide(peer, measurement, observation, law, settings), frame=state.frame + 1
-        )
+        peer = peer.changed(memory=perception.memory)
+        decided = _decide(peer, measurement, observation, law, settings)
+        return decided.changed(frame=state.view.frame + 1)
 
     return drive
 
@@ -95,11 +94,10 @@ def _as_peer(state: ServoState) -> PeerState:
 
 def _take_in(state: PeerState, measurement: Measurement, observation: Observation) -> PeerState:
     """Take in a measurement; the first trusted one decides which end goes first."""
-    state = replace(state, measurement=measurement)
+    state = state.changed(measurement=measurement)
     if state.phase is not Phase.WAITING or measurement.bearings is None:
         return state
-    return replace(
-        state,
+    return state.changed(
         phase=Phase.MATCHING_FEATURES,
         run_start_ns=measurement.stamp_ns,
         backwards=is_behind(relative_pose(measurement, observation)),
@@ -114,11 +112,11 @@ def _decide(
     settings: ServoSettings,
 ) -> PeerState:
     if state.phase in (Phase.WAITING, Phase.ARRIVED, Phase.FAILED):
-        return replace(state, command=HALT)
+        return state.changed(command=HALT)
     if _is_lost(measurement, settings):
         return _held(state, measurement, settings)
     if state.phase is Phase.HOLDING:
-        state = replace(state, phase=Phase.MATCHING_FEATURES, reason='')
+        state = state.changed(phase=Phase.MATCHING_FEATURES, reason='')
     error = measurement.feature_error * measurement.focal
     twist = saturate(
         law(state, measurement, observation),
@@ -126,15 +124,14 @@ def _decide(
         max_angular=settings.max_angular,
     )
     stands = abs(twist.linear) < STILL_M_S and abs(twist.angular) < STILL_RAD_S
-    state = replace(
-        state,
+    state = state.changed(
         command=Command(twist),
-        settled=state.settled + 1 if error <= MATCHED_PX else 0,
+        settled=state.settling.settled + 1 if error <= MATCHED_PX else 0,
         still=state.still + 1 if stands else 0,
     )
     rests = state.still >= STILL_FRAMES
-    if state.settled >= MATCHED_FRAMES or (rests and error <= NEAR_PX):
-        return replace(state, phase=Phase.ARRIVED, command=HALT, reason='matched')
+    if state.settling.settled >= MATCHED_FRAMES or (rests and error <= NEAR_PX):
+        return state.changed(phase=Phase.ARRIVED, command=HALT, reason='matched')
     if rests:
         return _fail(state, f'stands still with the features {error:.1f} px off')
     return state
@@ -148,17 +145,17 @@ def _is_lost(measurement: Measurement, settings: ServoSettings) -> bool:
 
 def _held(state: PeerState, measurement: Measurement, settings: ServoSettings) -> PeerState:
     if state.phase is not Phase.HOLDING:
-        return replace(
-            state, phase=Phase.HOLDING, phase_start_ns=measurement.stamp_ns, command=HALT
+        return state.changed(
+            phase=Phase.HOLDING, phase_start_ns=measurement.stamp_ns, command=HALT
         )
-    waited = seconds_between(state.phase_start_ns, measurement.stamp_ns)
+    waited = seconds_between(state.run.phase_start_ns, measurement.stamp_ns)
     if waited > settings.holding_timeout:
         return _fail(state, f'lost the features: {measurement.reason}')
     return state
 
 
 def _fail(state: PeerState, reason: str) -> PeerState:
-    return replace(state, phase=Phase.FAILED, command=HALT, reason=reason)
+    return state.changed(phase=Phase.FAILED, command=HALT, reason=reason)
 
 
 PEERS: Mapping[str, Step] = {

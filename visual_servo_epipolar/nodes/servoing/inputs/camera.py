@@ -104,7 +104,7 @@ class ServoCamera:
 
     def mounted(self, frame_id: str, state: ServoState, settings: ServoSettings) -> ServoSettings:
         """Return ``settings`` with the mount of /tf_static, before a run that was told none."""
-        if self.static_mount is None or state.memory:
+        if self.static_mount is None or state.view.memory:
             return settings
         return self.static_mount.taken(frame_id, settings)
 
@@ -122,9 +122,11 @@ class ServoCamera:
         left_out = '' if self.model is None else validation.left_out(observation, self.model)
         if left_out:
             self._warn(left_out)
-        if state.measurement is not None and state.memory is not None:
-            run = state.measurement, state.memory
-            self._lens_check = looked_at(self._lens_check, observation, run, settings, state.frame)
+        if state.measurement is not None and state.view.memory is not None:
+            run = state.measurement, state.view.memory
+            self._lens_check = looked_at(
+                self._lens_check, observation, run, settings, state.view.frame
+            )
         if self._lens_check.doubt:
             self._warn(self._lens_check.doubt)
 
