@@ -20,8 +20,8 @@ from visual_servo_epipolar.core.tracking.tracker import TrackerSettings
 from visual_servo_epipolar.nodes.camera_node import CameraFrames, CameraNode
 from visual_servo_epipolar.nodes.dock_node import DockNode, DockNodeSettings
 from visual_servo_epipolar.nodes.recorder_node import RecorderNode
-from visual_servo_epipolar.nodes.recording.settings import RecorderNodeSettings
 from visual_servo_epipolar.nodes.servo_node import ServoNode, ServoNodeSettings
+from visual_servo_epipolar.nodes.startup.settings import RecorderNodeSettings
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode, TrackerNodeSettings
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode, UnicycleSettings
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings

@@ -13,7 +13,7 @@ from visual_servo_epipolar.core.errors import TrackingError
 from visual_servo_epipolar.core.tracking.tracker import Tracker, TrackerSettings
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos, tracker_node
-from visual_servo_epipolar.nodes.complaints import Complaints
+from visual_servo_epipolar.nodes.startup.complaints import Complaints
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.tracking import reports
 

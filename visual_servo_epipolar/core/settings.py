@@ -39,6 +39,11 @@ def setting(
     return field(default=default, metadata={'range': Range(text, low, high, choices, read_only)})
 
 
+def fixed(default: Any, text: str, **limits: Any) -> Any:
+    """Declare a settings field that cannot change while a node runs; ``limits`` as for others."""
+    return setting(default, text, read_only=True, **limits)
+
+
 def range_of(item: 'Field[Any]') -> Range:
     """Return the range of a settings field."""
     found = item.metadata['range']

@@ -16,15 +16,15 @@ from visual_servo_epipolar.core.stamps import NOT_ADVANCING
 from visual_servo_epipolar.messages import docking, read, validation
 from visual_servo_epipolar.messages.docking import DockWire
 from visual_servo_epipolar.nodes import parameters, qos
-from visual_servo_epipolar.nodes.complaints import Complaints
 from visual_servo_epipolar.nodes.docking.driven_path import DrivenPath
 from visual_servo_epipolar.nodes.docking.reports import DockReports
 from visual_servo_epipolar.nodes.docking.reversal import Reversal
 from visual_servo_epipolar.nodes.docking.server import DEACTIVATED, DockServer
-from visual_servo_epipolar.nodes.docking.settings import DockNodeSettings
 from visual_servo_epipolar.nodes.frames import StaticMount
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
+from visual_servo_epipolar.nodes.startup.complaints import Complaints
 from visual_servo_epipolar.nodes.startup.run import spin
+from visual_servo_epipolar.nodes.startup.settings import DockNodeSettings
 from visual_servo_epipolar.nodes.tracking.camera_subscriptions import CameraSubscriptions
 
 WARN_PERIOD_S = 5.0

@@ -20,8 +20,8 @@ from visual_servo_epipolar.nodes import parameters, qos
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 from visual_servo_epipolar.nodes.recording.discovery import TopicSelection
 from visual_servo_epipolar.nodes.recording.raw_subscriptions import RawSubscriptions
-from visual_servo_epipolar.nodes.recording.settings import RecorderNodeSettings
 from visual_servo_epipolar.nodes.startup.run import spin
+from visual_servo_epipolar.nodes.startup.settings import RecorderNodeSettings
 
 DISCOVERY_PERIOD_S = 0.2
 DISCOVERIES_A_REPORT = 5  # one report a second

@@ -16,7 +16,6 @@ from visual_servo_epipolar.core.stamps import NOT_ADVANCING
 from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.messages import event_log, read
 from visual_servo_epipolar.nodes import parameters, qos
-from visual_servo_epipolar.nodes.complaints import Complaints
 from visual_servo_epipolar.nodes.lifecycle.gates import in_every_state
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 from visual_servo_epipolar.nodes.servoing.admission import Admission
@@ -29,6 +28,7 @@ from visual_servo_epipolar.nodes.servoing.rivals import Rivals
 from visual_servo_epipolar.nodes.servoing.run import Run, WAITS_FOR_END
 from visual_servo_epipolar.nodes.servoing.stop_button import PRESSED, StopButton
 from visual_servo_epipolar.nodes.servoing.watch import Watch
+from visual_servo_epipolar.nodes.startup.complaints import Complaints
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import ServoNodeSettings
 

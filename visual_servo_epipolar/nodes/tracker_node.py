@@ -18,8 +18,8 @@ from visual_servo_epipolar.core.tracking.tracker import Tracker
 from visual_servo_epipolar.messages import event_log, read, validation, write
 from visual_servo_epipolar.messages.images.encodings import GrayReader
 from visual_servo_epipolar.nodes import parameters, qos
-from visual_servo_epipolar.nodes.complaints import Complaints
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
+from visual_servo_epipolar.nodes.startup.complaints import Complaints
 from visual_servo_epipolar.nodes.startup.run import spin
 from visual_servo_epipolar.nodes.startup.settings import TrackerNodeSettings
 from visual_servo_epipolar.nodes.tracking.camera_subscriptions import CameraSubscriptions

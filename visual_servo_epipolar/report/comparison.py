@@ -12,8 +12,12 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.servo.run_log import PhaseSpan
-from visual_servo_epipolar.report.legend import legend_outside
-from visual_servo_epipolar.report.panels import draw_strip, phase_patches, robust_limit
+from visual_servo_epipolar.report.panels import (
+    draw_strip,
+    legend_outside,
+    phase_patches,
+    robust_limit,
+)
 from visual_servo_epipolar.report.style import CURRENT_COLOUR, FIGURE_SETTINGS, INK
 
 RECORDED = '#9A9A9A'

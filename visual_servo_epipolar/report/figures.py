@@ -17,8 +17,13 @@ import numpy as np
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, Pose
 from visual_servo_epipolar.core.servo.run_log import end_s, phase_spans, RunLog, Sample, seconds
 from visual_servo_epipolar.files import whole
-from visual_servo_epipolar.report.legend import legend_outside
-from visual_servo_epipolar.report.panels import draw_strip, PANELS, phase_patches, shade
+from visual_servo_epipolar.report.panels import (
+    draw_strip,
+    legend_outside,
+    PANELS,
+    phase_patches,
+    shade,
+)
 from visual_servo_epipolar.report.style import (
     CURRENT_COLOUR,
     FIELD_OF_VIEW,

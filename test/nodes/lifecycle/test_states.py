@@ -7,7 +7,7 @@ from std_msgs.msg import String
 
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes import parameters, qos
-from visual_servo_epipolar.nodes.startup import inputs
+from visual_servo_epipolar.nodes.startup import complaints
 
 
 def words(heard: list[String]) -> list[str]:
@@ -142,7 +142,7 @@ def test_simulated_time_goes_on_while_a_node_is_inactive(bench, parrot, early) -
 
 def test_what_others_take_care_of_outlives_a_cleanup(bench, parrot) -> None:
     node = parrot(autostart_node=True)
-    inputs.watch(node)
+    complaints.watch(node)
     bench.call('parrot/talk')
     go(bench, node, 'deactivate', 'cleanup')
     assert len(list(node.timers)) == 1

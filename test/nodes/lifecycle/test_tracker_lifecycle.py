@@ -8,7 +8,7 @@ from sensor_msgs.msg import CameraInfo, Image, PointCloud2
 
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos
-from visual_servo_epipolar.nodes.startup import inputs
+from visual_servo_epipolar.nodes.startup import complaints
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 
 STAMP_NS, PERIOD_NS = 5_000_000_007, 90_909_091
@@ -148,12 +148,12 @@ def test_a_photograph_that_is_broken_leaves_it_unconfigured(
 
 
 def test_it_says_what_it_waits_for_while_active_alone(bench, simulator, view, monkeypatch) -> None:
-    monkeypatch.setattr(inputs, 'LOOK_PERIOD_S', 0.02)
-    monkeypatch.setattr(inputs, 'PATIENCE_S', 0.1)
+    monkeypatch.setattr(complaints, 'LOOK_PERIOD_S', 0.02)
+    monkeypatch.setattr(complaints, 'PATIENCE_S', 0.1)
     rig = Rig(bench, simulator, view, autostart_node=False)
-    inputs.watch(rig.node)
+    complaints.watch(rig.node)
     go(bench, rig.node, 'configure')
-    end_s = time.monotonic() + 3 * inputs.PATIENCE_S
+    end_s = time.monotonic() + 3 * complaints.PATIENCE_S
     bench.until(lambda: time.monotonic() > end_s, 'the patience to be over')
     assert not bench.logged('waits for')
     go(bench, rig.node, 'activate')

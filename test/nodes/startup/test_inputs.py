@@ -19,7 +19,7 @@ from visual_servo_epipolar.nodes import parameters, qos, recorder_node
 from visual_servo_epipolar.nodes.camera_node import CameraNode
 from visual_servo_epipolar.nodes.recorder_node import RecorderNode
 from visual_servo_epipolar.nodes.servo_node import ServoNode
-from visual_servo_epipolar.nodes.startup import inputs
+from visual_servo_epipolar.nodes.startup import complaints
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 
 ROOT = Path(__file__).parents[3]
@@ -30,11 +30,11 @@ BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 @pytest.fixture
 def impatient(monkeypatch):
     """Let nodes look often and miss things early; return the list of their looks."""
-    monkeypatch.setattr(inputs, 'LOOK_PERIOD_S', 0.05)
-    monkeypatch.setattr(inputs, 'PATIENCE_S', 0.3)
-    monkeypatch.setattr(inputs, 'REPEAT_S', 60.0)
-    looks, look = [], inputs.Inputs.look
-    monkeypatch.setattr(inputs.Inputs, 'look', lambda self: (looks.append(self), look(self)))
+    monkeypatch.setattr(complaints, 'LOOK_PERIOD_S', 0.05)
+    monkeypatch.setattr(complaints, 'PATIENCE_S', 0.3)
+    monkeypatch.setattr(complaints, 'REPEAT_S', 60.0)
+    looks, look = [], complaints.Inputs.look
+    monkeypatch.setattr(complaints.Inputs, 'look', lambda self: (looks.append(self), look(self)))
     return looks
 
 
@@ -43,7 +43,7 @@ def start(bench, kind, *words, **values):
     overrides = [parameters.override(name, value) for name, value in values.items()]
     arguments = ['--ros-args', *words]
     node = kind(context=bench.context, cli_args=arguments, parameter_overrides=overrides)
-    inputs.watch(node)
+    complaints.watch(node)
     return bench.add(node)
 
 
@@ -69,19 +69,19 @@ def test_a_servo_without_tracks_says_so(bench, impatient) -> None:
 
 
 def test_it_is_said_once_and_then_now_and_then(bench, impatient, monkeypatch) -> None:
-    monkeypatch.setattr(inputs, 'REPEAT_S', 0.6)
+    monkeypatch.setattr(complaints, 'REPEAT_S', 0.6)
     start(bench, ServoNode)
     bench.until(lambda: len(bench.logged('waits for tracks')) == 2, 'a second time')
     assert len(impatient) > 5
 
 
 def test_what_comes_is_not_waited_for(bench, impatient, monkeypatch) -> None:
-    monkeypatch.setattr(inputs, 'PATIENCE_S', 60.0)  # until it has come
+    monkeypatch.setattr(complaints, 'PATIENCE_S', 60.0)  # until it has come
     image, info = bench.talk(Image, 'image_raw'), bench.talk(CameraInfo, 'camera_info')
     node = start(bench, TrackerNode)
     info(write.camera_info(Camera(4, 3, 5.0, 5.0, 2.0, 1.5), 0, 'camera'))
     bench.until(lambda: node._camera is not None, 'camera_info to arrive')
-    monkeypatch.setattr(inputs, 'PATIENCE_S', 0.3)
+    monkeypatch.setattr(complaints, 'PATIENCE_S', 0.3)
     image(Image())
     bench.until(lambda: bench.logged('image refused'), 'the image to arrive')
     # The camera falls silent; its calibration holds.
@@ -136,7 +136,7 @@ def test_simulated_time_with_a_clock_is_not_complained_about(bench, impatient) -
     tick = bench.talk(Clock, '/clock')
     node = bench.start(ServoNode, use_sim_time=True)
     bench.until(lambda: tick(write.clock(5)) or node.get_clock().now().nanoseconds == 5, 'time')
-    inputs.watch(node)
+    complaints.watch(node)
     until_said(bench, 'waits for tracks')
     assert not bench.logged('use_sim_time is true')
 

@@ -9,7 +9,7 @@ from tagged_pictures import huge, KINDS, tagged
 
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import parameters, qos
-from visual_servo_epipolar.nodes.startup import inputs
+from visual_servo_epipolar.nodes.startup import complaints
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.tracking import camera_subscriptions
 
@@ -20,7 +20,7 @@ STAMP_NS = 5_000_000_007
 @pytest.fixture(autouse=True)
 def attentive(monkeypatch):
     monkeypatch.setattr(camera_subscriptions, 'LOOK_PERIOD_S', 0.02)
-    monkeypatch.setattr(inputs, 'LOOK_PERIOD_S', 0.02)
+    monkeypatch.setattr(complaints, 'LOOK_PERIOD_S', 0.02)
 
 
 def reliability(node, topic='/image_raw') -> str:
@@ -59,12 +59,12 @@ def test_a_camera_info_that_was_latched_before_is_heard(bench, simulator, word) 
 
 
 def test_one_that_was_latched_and_heard_is_not_missed(bench, simulator, monkeypatch) -> None:
-    monkeypatch.setattr(inputs, 'PATIENCE_S', 0.5)
+    monkeypatch.setattr(complaints, 'PATIENCE_S', 0.5)
     send = bench.talk(CameraInfo, 'camera_info', qos.LATCHED)
     send(write.camera_info(simulator.camera, STAMP_NS, 'camera'))
     node = bench.start(TrackerNode)
     bench.until(lambda: node._camera is not None, 'the camera_info of before')
-    inputs.watch(node)  # as if the look of before came too late
+    complaints.watch(node)  # as if the look of before came too late
     bench.until(lambda: bench.logged('waits for images'), 'a complaint of what does not come')
     bench.settle()
     assert not bench.logged('waits for the calib')
@@ -112,9 +112,9 @@ def test_what_is_told_is_not_found_out(bench, word) -> None:
 
 
 def test_images_of_a_subscription_made_anew_are_not_missed(bench, monkeypatch) -> None:
-    monkeypatch.setattr(inputs, 'PATIENCE_S', 0.5)
+    monkeypatch.setattr(complaints, 'PATIENCE_S', 0.5)
     node = bench.start(TrackerNode)
-    inputs.watch(node)
+    complaints.watch(node)
     send = bench.talk(Image, 'image_raw', BEST_EFFORT)
     bench.until(lambda: reliability(node) == 'best_effort', 'best effort')
     bench.until(lambda: bool(send(Image()) or bench.logged('waits for the calib')), 'a complaint')
@@ -240,8 +240,8 @@ def test_a_camera_info_of_another_camera_is_noted_once(
 def test_images_by_the_other_transport_are_pointed_out(
     bench, monkeypatch, transport, kind, topic, other
 ) -> None:
-    monkeypatch.setattr(inputs, 'PATIENCE_S', 0.2)
+    monkeypatch.setattr(complaints, 'PATIENCE_S', 0.2)
     bench.talk(kind, topic)
-    inputs.watch(bench.start(TrackerNode, transport=transport))
+    complaints.watch(bench.start(TrackerNode, transport=transport))
     text = f'; /{topic} has some: set transport: {other}'
     bench.until(lambda: bench.logged(text), text)

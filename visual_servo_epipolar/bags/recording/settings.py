@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from visual_servo_epipolar.core.settings import setting, Settings
+from visual_servo_epipolar.core.settings import fixed, Settings
 
 MIN_SPLIT_MB = 0.1  # an empty sqlite3 file has 0.03 already
 
@@ -11,51 +11,29 @@ MIN_SPLIT_MB = 0.1  # an empty sqlite3 file has 0.03 already
 class RecordSettings(Settings):
     """How a bag is stored, and what happens when the disk is slow or full. 1 MB is 10^6 bytes."""
 
-    storage: str = setting(
-        'mcap', 'Storage of the bag', choices=('mcap', 'sqlite3'), read_only=True
+    storage: str = fixed('mcap', 'Storage of the bag', choices=('mcap', 'sqlite3'))
+    compression: str = fixed(
+        'none', 'Compression: of chunks in mcap, of messages in sqlite3', choices=('none', 'zstd')
     )
-    compression: str = setting(
-        'none',
-        'Compression: of chunks in mcap, of messages in sqlite3',
-        choices=('none', 'zstd'),
-        read_only=True,
+    split_size: float = fixed(
+        0.0, 'Size of a file at which the next one begins; 0 = never [MB]', low=0.0, high=1e7
     )
-    split_size: float = setting(
-        0.0,
-        'Size of a file at which the next one begins; 0 = never [MB]',
-        low=0.0,
-        high=1e7,
-        read_only=True,
+    split_duration: float = fixed(
+        0.0, 'Time in a file after which the next one begins; 0 = never [s]', low=0.0, high=1e7
     )
-    split_duration: float = setting(
-        0.0,
-        'Time in a file after which the next one begins; 0 = never [s]',
-        low=0.0,
-        high=1e7,
-        read_only=True,
+    queue_size: float = fixed(
+        256.0, 'Messages that may wait for the disk [MB]', low=0.001, high=1e5
     )
-    queue_size: float = setting(
-        256.0, 'Messages that may wait for the disk [MB]', low=0.001, high=1e5, read_only=True
-    )
-    when_full: str = setting(
+    when_full: str = fixed(
         'drop',
         'When that many wait: drop and count, or wait (only where time itself waits)',
         choices=('drop', 'wait'),
-        read_only=True,
     )
-    flush_period: float = setting(
-        0.5,
-        'Longest time after which what came in survives a kill -9 [s]',
-        low=0.05,
-        high=60.0,
-        read_only=True,
+    flush_period: float = fixed(
+        0.5, 'Longest time after which what came in survives a kill -9 [s]', low=0.05, high=60.0
     )
-    min_free: float = setting(
-        200.0,
-        'Free space on the disk at which recording ends [MB]',
-        low=0.0,
-        high=1e7,
-        read_only=True,
+    min_free: float = fixed(
+        200.0, 'Free space on the disk at which recording ends [MB]', low=0.0, high=1e7
     )
 
     def __post_init__(self) -> None:

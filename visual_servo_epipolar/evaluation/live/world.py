@@ -19,7 +19,7 @@ from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes.camera_node import CameraNode
 from visual_servo_epipolar.nodes.isolated import isolated_context, new_node, values_of
 from visual_servo_epipolar.nodes.servo_node import ServoNode
-from visual_servo_epipolar.nodes.startup import inputs
+from visual_servo_epipolar.nodes.startup import complaints
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
@@ -87,7 +87,7 @@ class World(AbstractContextManager['World']):
         known = alias or name
         more = {'use_sim_time': self.settings.simulated_time, **self.settings.more.get(name, {})}
         node = new_node(NODES[name], self._context, {**self._values(name), **more}, name=known)
-        inputs.watch(node)  # as spin() does
+        complaints.watch(node)  # as spin() does
         self.nodes[known] = node
         self.wire.add(node)
         numbers = (int, float)

@@ -11,7 +11,7 @@ from rclpy.node import Node
 from visual_servo_epipolar.core.docking.path import Path, Place
 from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.nodes import qos
-from visual_servo_epipolar.nodes.docking.settings import DockNodeSettings
+from visual_servo_epipolar.nodes.startup.settings import DockNodeSettings
 
 
 class DrivenPath:

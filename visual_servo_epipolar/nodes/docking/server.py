@@ -18,7 +18,7 @@ from visual_servo_epipolar.messages import docking
 from visual_servo_epipolar.messages.docking import DockWire
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.docking.servo_client import ServoClient
-from visual_servo_epipolar.nodes.lifecycle import changes
+from visual_servo_epipolar.nodes.lifecycle.gates import remedy
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 
 ACTION = 'dock_robot'
@@ -81,7 +81,7 @@ class DockServer:
     def _accept(self, goal: Any) -> GoalResponse:
         if self._node.is_active:
             return GoalResponse.ACCEPT
-        self._node.get_logger().warning(f'dock_robot refused: {changes.remedy(self._node)}')
+        self._node.get_logger().warning(f'dock_robot refused: {remedy(self._node)}')
         return GoalResponse.REJECT
 
     async def _execute(self, goal: Any) -> Any:

@@ -1,10 +1,11 @@
-"""Gates: callbacks of a managed node that are called only while it is active."""
+"""Gates of a managed node: what it calls back and publishes in which state, what it answers."""
 
 from collections import deque
 from collections.abc import Callable
 from functools import wraps
 from typing import Any, TypeVar
 
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.lifecycle import LifecyclePublisher
 from rclpy.lifecycle.managed_entity import TransitionCallbackReturn
 from rclpy.lifecycle.node import LifecycleState
@@ -12,6 +13,11 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 
 Callback = Callable[..., Any]
 CallbackT = TypeVar('CallbackT', bound=Callback)
+REMEDIES = {
+    'unconfigured': 'call ros2 lifecycle set {name} configure, then activate',
+    'inactive': 'call ros2 lifecycle set {name} activate',
+    'finalized': 'start it anew',
+}
 
 
 def in_every_state(callback: CallbackT) -> CallbackT:
@@ -77,3 +83,33 @@ class ManagedPublisher(LifecyclePublisher):
         if unsaid is not None:
             super().publish(unsaid)
         return outcome
+
+
+def remedy(node: Any) -> str:
+    """Return in which state a node is, and how it becomes active."""
+    name = node.get_fully_qualified_name()
+    return f'{name} is {node.state}; {REMEDIES.get(node.state, "try again").format(name=name)}'
+
+
+def answer_the_impossible(node: Any) -> None:
+    """
+    Let ``node`` answer a request for a transition that its state does not have, and live on.
+
+    rclpy would raise RCLError out of spin (rclpy#1209), and whoever asked would wait for ever.
+    """
+    service = getattr(node, '_service_change_state', None)
+    if service is None:  # without its interface nobody can ask
+        return
+    change = service.callback
+
+    def answer(request: Any, response: Any) -> Any:
+        try:
+            return change(request, response)
+        except rclpy_implementation.RCLError:
+            wanted = request.transition.label or f'with the id {request.transition.id}'
+            name = node.get_fully_qualified_name()
+            node.get_logger().warning(f'{name} is {node.state}: there is no transition {wanted}')
+            response.success = False
+            return response
+
+    service.callback = answer

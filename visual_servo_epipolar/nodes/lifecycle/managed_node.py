@@ -8,8 +8,14 @@ from rclpy.lifecycle import LifecycleNode, TransitionCallbackReturn
 from rclpy.lifecycle.node import LifecycleState
 
 from visual_servo_epipolar.core.errors import VisualServoError
-from visual_servo_epipolar.nodes.lifecycle import changes
-from visual_servo_epipolar.nodes.lifecycle.gates import Callback, gated, Mailbox, ManagedPublisher
+from visual_servo_epipolar.nodes.lifecycle.gates import (
+    answer_the_impossible,
+    Callback,
+    gated,
+    Mailbox,
+    ManagedPublisher,
+    remedy,
+)
 from visual_servo_epipolar.nodes.startup.settings import LifecycleSettings
 
 SUCCESS, FAILURE, ERROR = (
@@ -46,7 +52,7 @@ class ManagedNode(LifecycleNode):
         self.__is_configured = self.__is_starting = self.__is_destroyed = False
         self.__refusal: Exception | None = None  # of the last transition
         self.__is_made = True
-        changes.answer_the_impossible(self)
+        answer_the_impossible(self)
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -69,7 +75,7 @@ class ManagedNode(LifecycleNode):
     def autostart(self, settings: LifecycleSettings) -> None:
         """Configure and activate, unless the settings leave it to others; raise what kept it."""
         if not settings.autostart_node:
-            self.get_logger().info(f'autostart_node is false: {changes.remedy(self)}')
+            self.get_logger().info(f'autostart_node is false: {remedy(self)}')
             return
         self.__is_starting = True
         for trigger in (self.trigger_configure, self.trigger_activate):
@@ -220,7 +226,7 @@ class ManagedNode(LifecycleNode):
         return self.is_active
 
     def __refuse(self, request: Any, response: Any) -> Any:
-        response.success, response.message = False, changes.remedy(self)
+        response.success, response.message = False, remedy(self)
         return response
 
     def __tried(self, hook: Callable[[], None]) -> TransitionCallbackReturn:

@@ -14,7 +14,7 @@ from rclpy.signals import SignalHandlerOptions
 
 from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
-from visual_servo_epipolar.nodes.startup import command_line, inputs, process
+from visual_servo_epipolar.nodes.startup import command_line, complaints, process
 from visual_servo_epipolar.nodes.startup.executor import MessageExecutor
 from visual_servo_epipolar.nodes.startup.process import tune_transport
 
@@ -42,7 +42,7 @@ def spin(kind: type[Any], args: list[str] | None = None) -> int:
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
         node = kind()
-        inputs.watch(node)
+        complaints.watch(node)
         _spare_from_collection()
         executor = MessageExecutor()
         executor.add_node(node)

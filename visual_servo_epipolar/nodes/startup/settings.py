@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from visual_servo_epipolar.core.settings import setting, Settings
+from visual_servo_epipolar.core.settings import fixed, setting, Settings
 
 RELIABILITIES = ('auto', 'reliable', 'best_effort')  # of images, as in nodes.qos
 RESUMES = ('automatic', 'manual')
@@ -13,8 +13,8 @@ TRANSPORTS = ('raw', 'compressed')
 class LifecycleSettings(Settings):
     """Settings of a managed node."""
 
-    autostart_node: bool = setting(
-        True, 'Configure and activate at the start; false: ros2 lifecycle does it', read_only=True
+    autostart_node: bool = fixed(
+        True, 'Configure and activate at the start; false: ros2 lifecycle does it'
     )
 
 
@@ -22,21 +22,15 @@ class LifecycleSettings(Settings):
 class ServoNodeSettings(LifecycleSettings):
     """Settings of the connections of the node."""
 
-    enable_stamped_cmd_vel: bool = setting(
-        False, 'Publish geometry_msgs/TwistStamped on cmd_vel', read_only=True
+    enable_stamped_cmd_vel: bool = fixed(False, 'Publish geometry_msgs/TwistStamped on cmd_vel')
+    rectified: bool = fixed(
+        False, 'Images are rectified: P of camera_info holds, its distortion does not apply'
     )
-    rectified: bool = setting(
-        False,
-        'Images are rectified: P of camera_info holds, its distortion does not apply',
-        read_only=True,
+    cropped: bool = fixed(
+        False, 'Images are cut out of larger ones: the principal point may lie anywhere'
     )
-    cropped: bool = setting(
-        False,
-        'Images are cut out of larger ones: the principal point may lie anywhere',
-        read_only=True,
-    )
-    watchdog: bool = setting(
-        True, 'Stop the robot when tracks stay away; off where time itself waits', read_only=True
+    watchdog: bool = fixed(
+        True, 'Stop the robot when tracks stay away; off where time itself waits'
     )
     max_latency: float = setting(
         0.5,
@@ -55,24 +49,20 @@ class ServoNodeSettings(LifecycleSettings):
         'After a hold the run goes on: automatic, by itself; manual, anew and on ~/start alone',
         choices=RESUMES,
     )
-    enable_timeout: float = setting(
+    enable_timeout: float = fixed(
         0.0,
         'Age of the last true on enable at which the robot is stopped; 0 = none is needed [s]',
         low=0.0,
         high=10.0,
-        read_only=True,
     )
-    base_frame: str = setting('base_link', 'Frame of the commands', read_only=True)
-    mount_from_tf: bool = setting(
-        False,
-        'Take how the camera is mounted from /tf_static, where no camera_ setting tells it',
-        read_only=True,
+    base_frame: str = fixed('base_link', 'Frame of the commands')
+    mount_from_tf: bool = fixed(
+        False, 'Take how the camera is mounted from /tf_static, where no camera_ setting tells it'
     )
-    camera_reliability: str = setting(
+    camera_reliability: str = fixed(
         'auto',
         'Subscribe to camera_info as: auto finds out what the driver offers',
         choices=RELIABILITIES,
-        read_only=True,
     )
 
 
@@ -80,44 +70,31 @@ class ServoNodeSettings(LifecycleSettings):
 class TrackerNodeSettings(LifecycleSettings):
     """Settings of the node: source of the photograph, and QoS of images."""
 
-    desired_image: str = setting(
-        '',
-        'File of the photograph; empty: wait for desired/image_raw or ~/capture_desired',
-        read_only=True,
+    desired_image: str = fixed(
+        '', 'File of the photograph; empty: wait for desired/image_raw or ~/capture_desired'
     )
-    photograph: str = setting(
+    photograph: str = fixed(
         '',
         'File where a captured photograph is kept with its camera, .yaml; empty: it is not kept',
-        read_only=True,
     )
-    capture_frames: int = setting(
-        10,
-        'Images at rest of which a captured photograph is the mean',
-        low=1,
-        high=100,
-        read_only=True,
+    capture_frames: int = fixed(
+        10, 'Images at rest of which a captured photograph is the mean', low=1, high=100
     )
-    rectified: bool = setting(
-        False,
-        'Images are rectified: P of camera_info holds, its distortion does not apply',
-        read_only=True,
+    rectified: bool = fixed(
+        False, 'Images are rectified: P of camera_info holds, its distortion does not apply'
     )
-    cropped: bool = setting(
-        False,
-        'Images are cut out of larger ones: the principal point may lie anywhere',
-        read_only=True,
+    cropped: bool = fixed(
+        False, 'Images are cut out of larger ones: the principal point may lie anywhere'
     )
-    transport: str = setting(
+    transport: str = fixed(
         'raw',
         'Images come as: compressed are JPEG, PNG, TIFF, on image_raw/compressed',
         choices=TRANSPORTS,
-        read_only=True,
     )
-    camera_reliability: str = setting(
+    camera_reliability: str = fixed(
         'auto',
         'Subscribe to images as: auto finds out what the driver offers',
         choices=RELIABILITIES,
-        read_only=True,
     )
 
     def __post_init__(self) -> None:
@@ -136,29 +113,19 @@ class UnicycleSettings(Settings):
     start: tuple[float, float, float] = setting(
         (1.0, -3.5, 8.0), 'Start in the plane of the paper: x [m], y [m], heading error [deg]'
     )
-    seed: int = setting(0, 'Seed of odometry noise', low=0, high=2**31 - 1, read_only=True)
-    lockstep: bool = setting(
-        False, 'Own /clock, and move one frame for each command', read_only=True
+    seed: int = fixed(0, 'Seed of odometry noise', low=0, high=2**31 - 1)
+    lockstep: bool = fixed(False, 'Own /clock, and move one frame for each command')
+    begin: bool = fixed(True, 'Lockstep: begin as soon as somebody listens to ground_truth')
+    rate: float = fixed(100.0, 'Rate of the base [Hz]', low=1.0, high=1000.0)
+    frame_rate: float = fixed(
+        11.0, 'Frames a second, the step of lockstep [Hz]', low=0.1, high=200.0
     )
-    begin: bool = setting(
-        True, 'Lockstep: begin as soon as somebody listens to ground_truth', read_only=True
-    )
-    rate: float = setting(100.0, 'Rate of the base [Hz]', low=1.0, high=1000.0, read_only=True)
-    frame_rate: float = setting(
-        11.0, 'Frames a second, the step of lockstep [Hz]', low=0.1, high=200.0, read_only=True
-    )
-    enable_stamped_cmd_vel: bool = setting(
-        False, 'Take geometry_msgs/TwistStamped on cmd_vel', read_only=True
-    )
-    world_frame: str = setting(
-        'world', 'Frame of ground truth: goal at its origin', read_only=True
-    )
-    odom_frame: str = setting('odom', 'Frame of the odometry', read_only=True)
-    base_frame: str = setting('base_link', 'Frame of the base', read_only=True)
-    frame_prefix: str = setting(
-        '',
-        'Put before odom_frame and base_frame, as robot1/ where robots share /tf',
-        read_only=True,
+    enable_stamped_cmd_vel: bool = fixed(False, 'Take geometry_msgs/TwistStamped on cmd_vel')
+    world_frame: str = fixed('world', 'Frame of ground truth: goal at its origin')
+    odom_frame: str = fixed('odom', 'Frame of the odometry')
+    base_frame: str = fixed('base_link', 'Frame of the base')
+    frame_prefix: str = fixed(
+        '', 'Put before odom_frame and base_frame, as robot1/ where robots share /tf'
     )
 
     def __post_init__(self) -> None:
@@ -184,13 +151,11 @@ class UnicycleSettings(Settings):
 class CameraFrames(Settings):
     """Names of the frames of the camera and of what it is screwed to."""
 
-    camera_frame: str = setting(
-        'camera_optical_frame', 'Frame of the images: x right, y down, z ahead', read_only=True
+    camera_frame: str = fixed(
+        'camera_optical_frame', 'Frame of the images: x right, y down, z ahead'
     )
-    base_frame: str = setting('base_link', 'Frame of the base', read_only=True)
-    frame_prefix: str = setting(
-        '', 'Put before both, as robot1/ where robots share /tf', read_only=True
-    )
+    base_frame: str = fixed('base_link', 'Frame of the base')
+    frame_prefix: str = fixed('', 'Put before both, as robot1/ where robots share /tf')
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -216,3 +181,65 @@ def frame_name(prefix: str, name: str) -> str:
             "write 'base_link', and a prefix as 'robot1/'"
         )
     return full
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecorderNodeSettings(LifecycleSettings):
+    """Settings of the node: what is recorded, where to, and what the robot does if that fails."""
+
+    bag: str = fixed('', 'Folder of the bag; empty: rosbag2_ and the date, where it was started')
+    topics: tuple[str, ...] = fixed(('*',), 'Topics to record: names, or patterns with * and ?')
+    exclude: tuple[str, ...] = fixed(('*overlay/image_raw',), 'Topics not to record, likewise')
+    autostart: bool = fixed(True, 'Begin as soon as the node is active, not on ~/start')
+    report: bool = fixed(True, 'Publish /diagnostics once a second')
+    on_error: str = fixed(
+        'continue', 'When the disk fails or is full, the robot', choices=('continue', 'stop_servo')
+    )
+    servo: str = fixed('servo_node', 'Whose ~/stop is called by stop_servo')
+
+
+@dataclass(frozen=True, kw_only=True)
+class DockNodeSettings(LifecycleSettings):
+    """Settings of the connections of the node."""
+
+    rectified: bool = fixed(
+        False, 'Images are rectified: P of camera_info holds, its distortion does not apply'
+    )
+    cropped: bool = fixed(
+        False, 'Images are cut out of larger ones: the principal point may lie anywhere'
+    )
+    camera_reliability: str = fixed(
+        'auto',
+        'Subscribe to camera_info as: auto finds out what the driver offers',
+        choices=RELIABILITIES,
+    )
+    base_frame: str = fixed('base_link', 'Frame of the base')
+    mount_from_tf: bool = fixed(
+        False, 'Take how the camera is mounted from /tf_static, where no camera_ setting tells it'
+    )
+    path_source: str = fixed(
+        'odometry',
+        'Metres come from: odom, or the commands on cmd_vel',
+        choices=('odometry', 'commands'),
+    )
+    pose_frame: str = fixed(
+        'base',
+        "The pose is published in: base_frame at the image's stamp, or the frame of odom",
+        choices=('base', 'odometry'),
+    )
+    enable_stamped_cmd_vel: bool = fixed(False, 'cmd_vel is geometry_msgs/TwistStamped')
+    serve_action: bool = fixed(
+        False, 'Serve the action dock_robot of nav2_msgs: requests start the servo'
+    )
+    servo: str = fixed('servo_node', 'Whose ~/start and ~/stop are called')
+    dock_backwards: bool = fixed(
+        False, 'The camera looks back: take cmd_vel_reversed of the servo, publish it turned round'
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.pose_frame == 'odometry' and self.path_source != 'odometry':
+            raise ValueError(
+                "pose_frame 'odometry' must go with path_source 'odometry', got "
+                f'{self.path_source!r}: commands have no frame; set pose_frame: base'
+            )

@@ -62,7 +62,7 @@ NODES: Mapping[str, NodeRow] = {
         publishes=('detected_dock_pose', 'detected_dock_pose_with_covariance', '/diagnostics'),
         services=('~/reset',),
         settings=(
-            'nodes.docking.settings:DockNodeSettings',
+            'nodes.startup.settings:DockNodeSettings',
             'core.docking.settings:DockTaskSettings',
             'core.docking.settings:DockPoseSettings',
         ),
@@ -94,7 +94,7 @@ NODES: Mapping[str, NodeRow] = {
         publishes=('/diagnostics',),
         services=('~/start', '~/stop'),
         settings=(
-            'nodes.recording.settings:RecorderNodeSettings',
+            'nodes.startup.settings:RecorderNodeSettings',
             'bags.recording.settings:RecordSettings',
         ),
     ),

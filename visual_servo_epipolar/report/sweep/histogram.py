@@ -16,7 +16,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.laws.registry import LAWS
-from visual_servo_epipolar.report.legend import legend_outside
+from visual_servo_epipolar.report.panels import legend_outside
 from visual_servo_epipolar.report.style import FIGURE_SETTINGS, INK
 
 # Colours of the laws in the order of their table; all are of Okabe and Ito's palette.

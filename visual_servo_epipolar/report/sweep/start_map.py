@@ -16,7 +16,7 @@ import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray
 from visual_servo_epipolar.core.geometry.motion import DESIRED_POSE, HALF_PI
-from visual_servo_epipolar.report.legend import legend_outside
+from visual_servo_epipolar.report.panels import legend_outside
 from visual_servo_epipolar.report.style import (
     FIELD_OF_VIEW,
     FIGURE_SETTINGS,

@@ -2,7 +2,7 @@
 
 import pytest
 
-from visual_servo_epipolar.nodes.complaints import Complaints, MOST
+from visual_servo_epipolar.nodes.startup.complaints import Complaints, MOST
 
 
 def test_a_complaint_hides_its_repetitions_and_no_other(bench) -> None:

@@ -1,7 +1,8 @@
-"""Inputs of a node: what it waits for, and what may keep that from coming."""
+"""Complaints of a node: what is wrong, said at once and when it lasts; inputs that do not come."""
 
 from dataclasses import dataclass
 import math
+import re
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
@@ -12,9 +13,38 @@ from rclpy.subscription import Subscription
 from visual_servo_epipolar.core.stamps import NOT_ADVANCING, seconds_between
 from visual_servo_epipolar.nodes.lifecycle.managed_node import ManagedNode
 
+NUMBER = re.compile(r'[-+]?(?:\d[\d.]*(?:e[-+]?\d+)?|\b(?:nan|inf)\b)')
+MOST = 100  # kinds of complaints that are remembered: texts of others may be in them
 LOOK_PERIOD_S = 1.0
 PATIENCE_S = 5.0  # time without a message, or without /clock, before it is said
 REPEAT_S = 30.0
+COMPRESSED = '/compressed'  # what image_transport puts after the name of the images
+ANY_DRIVER = 'set camera_reliability: auto'
+
+
+class Complaints:
+    """
+    Complaints of ``node``, as warnings, each at most once in ``period_s`` [s].
+
+    Alike are those that differ in their numbers alone. The throttle of rclpy knows lines of code:
+    one complaint would hide every other that comes from the same line.
+    """
+
+    def __init__(self, node: Node, period_s: float) -> None:
+        self._node, self._period_s = node, period_s
+        self._steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self._said_ns: dict[str, int] = {}
+
+    def __call__(self, text: str) -> None:
+        """Say ``text``, unless that was just done."""
+        kind, now_ns = NUMBER.sub('#', text), int(self._steady.now().nanoseconds)
+        said_ns = self._said_ns.get(kind)
+        if said_ns is None or seconds_between(said_ns, now_ns) >= self._period_s:
+            self._said_ns.pop(kind, None)
+            if len(self._said_ns) >= MOST:
+                del self._said_ns[next(iter(self._said_ns))]
+            self._said_ns[kind] = now_ns
+            self._node.get_logger().warning(text)
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,8 +56,6 @@ class InputKind:
     once: bool = False
 
 
-COMPRESSED = '/compressed'  # what image_transport puts after the name of the images
-ANY_DRIVER = 'set camera_reliability: auto'
 KINDS = {
     'image_raw': InputKind('images', ANY_DRIVER),
     f'image_raw{COMPRESSED}': InputKind('images', ANY_DRIVER),
