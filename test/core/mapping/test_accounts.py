@@ -5,15 +5,16 @@ import pytest
 
 from visual_servo_epipolar.core.mapping.feature_observations import MapSettings
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
-from visual_servo_epipolar.evaluation.benchmarks.memory.bound import Trial
-from visual_servo_epipolar.evaluation.benchmarks.memory.study import two_views
+from visual_servo_epipolar.evaluation.benchmarks.memory.study import StudyTrial, two_views
 
 RATIO = 1.4
 SURE = MapSettings(scale_deviation=1e-3)
 OTHER = MapSettings(scale_deviation=2e-3)
 
 
-def remembered(drive: Trial, swapped_at: int | None = None, ratio: float = RATIO) -> KeyframeMap:
+def remembered(
+    drive: StudyTrial, swapped_at: int | None = None, ratio: float = RATIO
+) -> KeyframeMap:
     """Return the memory of a drive whose way was ``ratio`` as long by the other account."""
     memory, other = KeyframeMap(drive.mount, SURE), False
     for k in range(14):

@@ -20,9 +20,9 @@ from visual_servo_epipolar.core.perception.observation import Observation
 from visual_servo_epipolar.core.perception.perceive import Perception
 from visual_servo_epipolar.core.rigs.fixed_mount import at_axle, offset_at_axle
 from visual_servo_epipolar.core.servo.remembering import (
-    map_after_drive,
     MapState,
     reading_in_view,
+    remembered,
     sharpened,
 )
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -160,7 +160,7 @@ def test_a_view_of_few_features_that_does_not_count_teaches_nothing() -> None:
         Measurement(0, len(few), 769.0, 0.2), fresh_memory(SETTINGS), observation=observation
     )
     nowhere = Driven(Motion(), Motion())
-    after, said = map_after_drive(MapState(memory), perception, nowhere, SETTINGS)
+    after, said = remembered(MapState(memory), perception, nowhere, SETTINGS)
     assert said is None
     assert after.views.shrinkage == memory.shrinkage
     assert after.views.pose is memory.pose
