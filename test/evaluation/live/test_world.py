@@ -12,8 +12,8 @@ from visual_servo_epipolar.core.geometry.motion import Twist
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.evaluation.faults import campaign
 from visual_servo_epipolar.evaluation.faults import run as runs
+from visual_servo_epipolar.evaluation.faults.campaign import FAULTS
 from visual_servo_epipolar.evaluation.faults.catalogue import orders
-from visual_servo_epipolar.evaluation.faults.catalogue.all_faults import FAULTS
 from visual_servo_epipolar.evaluation.faults.catalogue.fault import Fault, StruckRun
 from visual_servo_epipolar.evaluation.faults.judging.record import Record
 from visual_servo_epipolar.evaluation.faults.processes.listener import RunListener

@@ -33,7 +33,7 @@ BENCHMARKS: Mapping[str, str] = {
     'ablation': f'{HERE}.arrivals.ablation',
     'mounts': f'{HERE}.arrivals.mounts',
     'mounts_images': f'{HERE}.arrivals.mounts:ON_IMAGES',
-    'real': f'{HERE}.real',
+    'real': f'{HERE}.estimation.real',
 }
 LATENCY_NODES = ('unicycle,camera,tracker,servo', 'tracker,servo')
 ON_REQUEST = ('mounts_images', 'soak', 'real')  # too long to be run unless they are named
@@ -111,7 +111,7 @@ def _photographs(which: list[str]) -> Any:
     place = which.index('real') + 1 if 'real' in which else len(which)
     if place == len(which) or which[place] in BENCHMARKS:
         return None
-    from visual_servo_epipolar.evaluation.benchmarks.estimation.pairs import read_pairs
+    from visual_servo_epipolar.evaluation.benchmarks.estimation.real import read_pairs
 
     return read_pairs(which.pop(place))
 

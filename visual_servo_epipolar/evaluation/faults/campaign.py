@@ -1,4 +1,4 @@
-"""The campaign: its runs, side by side on this machine, its document and its table."""
+"""The campaign: all faults, its runs side by side on this machine, its document and table."""
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -9,11 +9,29 @@ from typing import Any, NamedTuple
 
 from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.settings import hint
-from visual_servo_epipolar.evaluation.faults.catalogue.all_faults import FAULTS
+from visual_servo_epipolar.evaluation.faults.catalogue import (
+    base,
+    calibration,
+    clocks,
+    images,
+    nodes,
+    odometry,
+    orders,
+    scenes,
+    streams,
+    tracks,
+)
+from visual_servo_epipolar.evaluation.faults.catalogue.fault import Fault, Faults
 from visual_servo_epipolar.evaluation.faults.judging.record import RunVerdict
 from visual_servo_epipolar.evaluation.faults.processes.run import PROCESSES
 from visual_servo_epipolar.sweeping.local import worker_pool
 from visual_servo_epipolar.sweeping.provenance import commit
+
+GROUPS = (streams, images, scenes, tracks, calibration, clocks, orders, base, nodes, odometry)
+FAULTS: Faults = {'none': Fault('nothing is wrong')} | {
+    name: fault for group in GROUPS for name, fault in group.FAULTS.items()
+}
+
 
 NAMES = (*FAULTS, *PROCESSES)
 Result = dict[str, Any]

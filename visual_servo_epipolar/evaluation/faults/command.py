@@ -80,7 +80,7 @@ def faults(options: argparse.Namespace) -> int:
 
 def _names(text: str | None) -> list[str]:
     """Return the faults that are asked for; none stands for all."""
-    from visual_servo_epipolar.evaluation.faults.catalogue.all_faults import FAULTS
+    from visual_servo_epipolar.evaluation.faults.campaign import FAULTS
     from visual_servo_epipolar.evaluation.faults.processes.run import PROCESSES
 
     groups = {'simulated': list(FAULTS), 'processes': list(PROCESSES)}
@@ -91,7 +91,7 @@ def _names(text: str | None) -> list[str]:
 
 
 def _fault_list() -> str:
-    from visual_servo_epipolar.evaluation.faults.catalogue.all_faults import FAULTS
+    from visual_servo_epipolar.evaluation.faults.campaign import FAULTS
     from visual_servo_epipolar.evaluation.faults.processes.run import PROCESSES
 
     whats = {name: fault.what for name, fault in FAULTS.items()}

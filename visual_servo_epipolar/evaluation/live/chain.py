@@ -17,11 +17,12 @@ from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.core.geometry.motion import STANDSTILL, Twist
 from visual_servo_epipolar.evaluation.live import echo
-from visual_servo_epipolar.evaluation.live.listener import Listener, START_S
 from visual_servo_epipolar.evaluation.live.processes import (
     arguments,
     camera_arguments,
+    Listener,
     start_nodes,
+    START_S,
 )
 from visual_servo_epipolar.messages import read, write
 from visual_servo_epipolar.nodes import qos

@@ -14,6 +14,7 @@ from visual_servo_epipolar.core.estimators.base import Estimate, Estimator
 from visual_servo_epipolar.core.estimators.planar_2dof import planar_2dof
 from visual_servo_epipolar.core.estimators.soft_planar import soft_planar
 from visual_servo_epipolar.core.geometry.rotation import fit_rotation
+from visual_servo_epipolar.evaluation.benchmarks.estimation.error_tables import table
 from visual_servo_epipolar.evaluation.benchmarks.estimation.methods import (
     estimate,
     Knowledge,
@@ -32,7 +33,6 @@ from visual_servo_epipolar.evaluation.benchmarks.estimation.scenes import (
     FOCAL,
     Pair,
 )
-from visual_servo_epipolar.evaluation.benchmarks.estimation.table import table
 from visual_servo_epipolar.evaluation.benchmarks.estimation.timing import times
 
 __all__ = ['run', 'table']

@@ -23,7 +23,11 @@ from visual_servo_epipolar.evaluation.benchmarks.memory.bound import (
     PLANE,
     TrialErrors,
 )
-from visual_servo_epipolar.evaluation.benchmarks.memory.peers import by_opencv, by_two_views
+from visual_servo_epipolar.evaluation.benchmarks.memory.peers import (
+    by_opencv,
+    by_trifocal,
+    by_two_views,
+)
 from visual_servo_epipolar.evaluation.benchmarks.memory.study import (
     map_after_drive,
     PIONEER,
@@ -33,7 +37,6 @@ from visual_servo_epipolar.evaluation.benchmarks.memory.study import (
     trial,
     two_views,
 )
-from visual_servo_epipolar.evaluation.benchmarks.memory.trifocal import by_trifocal
 from visual_servo_epipolar.evaluation.tables import aligned
 
 TRIALS, QUICK_TRIALS = 30, 2

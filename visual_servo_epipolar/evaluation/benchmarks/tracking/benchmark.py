@@ -11,13 +11,13 @@ from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.core.geometry.motion import Pose
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
-from visual_servo_epipolar.evaluation.benchmarks.tracking.document import figures, table
 from visual_servo_epipolar.evaluation.benchmarks.tracking.scores import (
     ended_tracks,
     recovery_time,
     scores,
 )
 from visual_servo_epipolar.evaluation.benchmarks.tracking.timing import over_floor, times
+from visual_servo_epipolar.evaluation.benchmarks.tracking.track_tables import figures, table
 from visual_servo_epipolar.evaluation.benchmarks.tracking.world import (
     approach,
     FrameErrors,

@@ -26,7 +26,7 @@ from visual_servo_epipolar.evaluation.faults.judging.record import (
     TrueMotion,
 )
 from visual_servo_epipolar.evaluation.faults.judging.witness import MUTE
-from visual_servo_epipolar.evaluation.live.listener import Listener
+from visual_servo_epipolar.evaluation.live.processes import Listener
 from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.nodes import qos
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.evaluation.benchmarks.memory import benchmark
+from visual_servo_epipolar.evaluation.benchmarks.memory.peers import by_trifocal, tensor_of
 from visual_servo_epipolar.evaluation.benchmarks.memory.study import StudySettings, trial
-from visual_servo_epipolar.evaluation.benchmarks.memory.trifocal import by_trifocal, tensor_of
 
 
 @pytest.mark.parametrize('seed', range(4))
