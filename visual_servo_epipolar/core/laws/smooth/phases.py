@@ -16,8 +16,11 @@ from visual_servo_epipolar.core.laws.phases.arrival import (
     is_near_enough,
 )
 from visual_servo_epipolar.core.laws.phases.bounds import (
+    facing_bound,
     is_matched,
     is_trimmed,
+    PATIENCE_S,
+    Trial,
     trial_of,
 )
 from visual_servo_epipolar.core.laws.phases.conditions import (
@@ -40,6 +43,7 @@ from visual_servo_epipolar.core.servo.state import ServoState
 NEAR_GOAL = 0.25  # from where a bearing tells of the goal, not of the way to it [m]
 PASSED = 0.05  # beyond which the goal was passed by [m]
 HANDOVER_DIFFERENCE = 0.03  # |D| at which two views end as the second step does
+LEAST_PATIENCE_S = 0.8  # within the usual bounds, after which they are enough
 HYSTERESIS = 0.35  # of the bearing beyond which a robot backs off, on its way [rad]
 
 
@@ -55,7 +59,9 @@ def _approaching(state: ServoState, measurement: Measurement, settings: ServoSet
     if state.settling.settled >= settings.arrival_frames:
         if has_parallax(state, measurement, settings):
             return _missed(state, settings)
-        return Event.MATCHED if faces_goal(state, measurement, settings) else Event.TURNED
+        turned = is_trimmed(measurement, settings, _trial_of(state))
+        faces = not turned or faces_goal(state, measurement, settings)
+        return Event.MATCHED if faces else Event.TURNED
     x, y = measurement.offset
     if not state.settling.settled and y > -PASSED and max(y, abs(x)) > PASSED:
         return _missed(state, settings)
@@ -84,11 +90,18 @@ def _ends(state: ServoState, measurement: Measurement, settings: ServoSettings) 
     """
     if measurement.offset is None:
         return False
-    trims = is_trimmed(measurement, settings, trial_of(state))
-    if not trims and not faces_goal(state, measurement, settings):
+    trial = _trial_of(state)
+    turned = abs(measurement.heading_error) > facing_bound(measurement, settings, trial)
+    if turned and not is_trimmed(measurement, settings, trial):
         return False
-    matched = is_matched(measurement, settings, trial_of(state))
+    matched = is_matched(measurement, settings, trial)
     return matched or is_near_enough(state, measurement, settings)
+
+
+def _trial_of(state: ServoState) -> Trial:
+    """Return how long the robot has tried: what is closer than usual it tries for less long."""
+    trial = trial_of(state)
+    return trial._replace(lingered=trial.lingered + PATIENCE_S - LEAST_PATIENCE_S)
 
 
 def _is_close(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
@@ -126,7 +139,9 @@ def _surveyed(row: PhaseRow) -> PhaseRow:
 
 
 APPROACHING = PhaseRow(
-    phase=Phase('approaching', drives=True, closes_in=True, ranges=True, by_photograph=True),
+    phase=Phase(
+        'approaching', drives=True, closes_in=True, ranges=True, straight=True, by_photograph=True
+    ),
     words='drives to the goal in one motion',
     colour='#117733',
     classify=_approaching,
