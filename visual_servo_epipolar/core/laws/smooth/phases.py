@@ -101,7 +101,9 @@ def _ends(state: ServoState, measurement: Measurement, settings: ServoSettings) 
 def _trial_of(state: ServoState) -> Trial:
     """Return how long the robot has tried: what is closer than usual it tries for less long."""
     trial = trial_of(state)
-    return trial._replace(lingered=trial.lingered + PATIENCE_S - LEAST_PATIENCE_S)
+    return trial._replace(
+        time_in_tolerance=trial.time_in_tolerance + PATIENCE_S - LEAST_PATIENCE_S
+    )
 
 
 def _is_close(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
