@@ -21,7 +21,7 @@ def at_truth(drive: StudyTrial, views: int = 14) -> Evaluation:
     """Return the window of the first views of a drive at its true unknowns."""
     window = EMPTY
     for k in range(views):
-        window = window.with_view(drive.sightings(k), drive.scale * drive.views[k, :2])
+        window = window.with_view(drive.observations(k), drive.scale * drive.views[k, :2])
     # Depths along the ray that the photograph shows: without noise, the truth.
     near = 1.0 / np.linalg.norm(drive.features[window.ids], axis=1)
     shared = np.concatenate([drive.attitude, np.zeros(3)])

@@ -24,7 +24,7 @@ def remembered(
         accounts = (ratio * motion, motion) if other else (motion, ratio * motion)
         told = two_views(drive, k).bearings if memory.geometry is None else ()
         memory, _ = memory.after(
-            drive.sightings(k), accounts[0], alternative_motion=accounts[1], bearings=told
+            drive.observations(k), accounts[0], alternative_motion=accounts[1], bearings=told
         )
         memory = memory.update_map()
     return memory
@@ -51,7 +51,7 @@ def test_who_swaps_twice_is_where_he_was(drive) -> None:
     before = remembered(drive)
     again = before.with_alternative(OTHER).with_alternative(SURE)
     assert whole(again) == pytest.approx(whole(before), rel=1e-6)
-    assert np.array_equal(again.place, before.place)
+    assert np.array_equal(again.places, before.places)
     assert np.array_equal(again.window.driven_places, before.window.driven_places)
 
 
@@ -66,7 +66,7 @@ def test_who_comes_to_believe_it_has_it_of_the_whole_way(drive, at: int) -> None
 def test_the_view_after_it_is_where_it_is_by_the_other_account(drive) -> None:
     places = []
     for memory in (remembered(drive), remembered(drive).with_alternative(OTHER)):
-        _, said = memory.after(drive.sightings(14), drive.motion(14))
+        _, said = memory.after(drive.observations(14), drive.motion(14))
         assert not said.reason
         places.append(said.pose[:2])
     assert places[1] == pytest.approx(RATIO * places[0], rel=0.02, abs=2e-3)
@@ -75,5 +75,5 @@ def test_the_view_after_it_is_where_it_is_by_the_other_account(drive) -> None:
 def test_without_another_account_both_are_the_same(drive) -> None:
     memory = KeyframeMap(drive.mount, SURE)
     for k in range(3):
-        memory, _ = memory.after(drive.sightings(k), drive.motion(k))
-    assert np.array_equal(memory.place, memory.alternative_place)
+        memory, _ = memory.after(drive.observations(k), drive.motion(k))
+    assert np.array_equal(memory.places[0], memory.places[1])

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
-from visual_servo_epipolar.core.mapping.correspondences import correspondences_of
-from visual_servo_epipolar.core.mapping.errors import errors_of
+from visual_servo_epipolar.core.mapping.correspondences import correspondences_of, errors_of
 from visual_servo_epipolar.core.mapping.feature_observations import tangent_basis_of
 from visual_servo_epipolar.core.mapping.fitting import anchors_of, fit_pose, MatchedFeatures
 from visual_servo_epipolar.core.mapping.resection import resect
@@ -15,7 +14,7 @@ from visual_servo_epipolar.core.mapping.shrinkage import NOTHING
 
 
 def test_they_are_of_these_features_and_of_this_geometry(exact, exact_drive) -> None:
-    geometry, ids = Geometry(exact), exact_drive.sightings(3).ids
+    geometry, ids = Geometry(exact), exact_drive.observations(3).ids
     found = correspondences_of(geometry, ids)
     assert found.are_of(geometry, ids.copy())
     assert not found.are_of(geometry, ids[::-1])
@@ -25,21 +24,21 @@ def test_they_are_of_these_features_and_of_this_geometry(exact, exact_drive) -> 
 
 def test_a_view_of_the_same_features_says_what_it_would_alone(drive, memory) -> None:
     for k in (12, 13):
-        sightings = drive.sightings(k)
-        before, _ = memory.after(sightings, learns=False)
-        again, said = before.after(sightings, learns=False)
+        observations = drive.observations(k)
+        before, _ = memory.after(observations, learns=False)
+        again, said = before.after(observations, learns=False)
         assert again.correspondences is before.correspondences
-        alone = replace(before, correspondences=None).after(sightings, learns=False)[1]
+        alone = replace(before, correspondences=None).after(observations, learns=False)[1]
         assert said.pose.tolist() == alone.pose.tolist()
 
 
 def view_of(drive, geometry: Geometry, k: int) -> MatchedFeatures:
     """Return what view ``k`` shows of features that are trusted."""
-    sightings = drive.sightings(k)
-    found = correspondences_of(geometry, sightings.ids)
-    rays = sightings.current[found.known]
+    observations = drive.observations(k)
+    found = correspondences_of(geometry, observations.ids)
+    rays = observations.current[found.known]
     return MatchedFeatures(
-        found.chosen, rays.T, tangent_basis_of(rays, sightings.noise[found.known, 0])
+        found.chosen, rays.T, tangent_basis_of(rays, observations.noise[found.known, 0])
     )
 
 

@@ -134,7 +134,7 @@ def test_views_turned_far_from_each_other_begin_as_well() -> None:
     drive = trial(StudySettings(points=90, wall=True, wrong=0.0), 2, places)
     window, starts = EMPTY, []
     for k in range(4):
-        window = window.with_view(drive.sightings(k), drive.views[k, :2])
+        window = window.with_view(drive.observations(k), drive.views[k, :2])
         starts.append(start_at(drive.views[k], k))
     geometry = initial_geometry(window, starts, drive.mount, 0.05)
     assert geometry is not None

@@ -42,21 +42,21 @@ def near_truth(said: MapLocalization, truth: np.ndarray, scale: float = 1.0) -> 
     return bool((np.abs(error) < DEVIATIONS * np.sqrt(np.diag(said.covariance)[:3])).all())
 
 
-def fewer(sightings: FeatureObservations, rows: np.ndarray) -> FeatureObservations:
-    """Return some rows of sightings."""
+def fewer(observations: FeatureObservations, rows: np.ndarray) -> FeatureObservations:
+    """Return some rows of observations."""
     return FeatureObservations(
-        sightings.ids[rows],
-        sightings.current[rows],
-        sightings.desired[rows],
-        sightings.noise[rows],
+        observations.ids[rows],
+        observations.current[rows],
+        observations.desired[rows],
+        observations.noise[rows],
     )
 
 
-def a_third_unshown(sightings: FeatureObservations) -> FeatureObservations:
-    """Return sightings of which each third feature is none of the photograph's."""
-    desired = sightings.desired.copy()
-    desired[sightings.ids % 3 == 0] = np.nan
-    return FeatureObservations(sightings.ids, sightings.current, desired, sightings.noise)
+def a_third_unshown(observations: FeatureObservations) -> FeatureObservations:
+    """Return observations of which each third feature is none of the photograph's."""
+    desired = observations.desired.copy()
+    desired[observations.ids % 3 == 0] = np.nan
+    return FeatureObservations(observations.ids, observations.current, desired, observations.noise)
 
 
 def standing(drive: StudyTrial, place: tuple[float, float, float]) -> StudyTrial:
@@ -76,13 +76,13 @@ def test_a_focal_length_that_is_wrong_is_found_out_on_the_way(drive, ratio) -> N
     assert geometry.unknowns.shared[LENS] == pytest.approx(
         -math.log(ratio), abs=DEVIATIONS * deviation
     )
-    _, said = memory.after(wrong.sightings(last), wrong.motion(last))
+    _, said = memory.after(wrong.observations(last), wrong.motion(last))
     assert near_truth(said, drive.views[last], drive.scale)
 
 
 def test_the_same_drive_gives_the_same_bits(drive, memory) -> None:
     again = map_after_drive(drive)
-    one, other = (m.after(drive.sightings(14), drive.motion(14))[1] for m in (memory, again))
+    one, other = (m.after(drive.observations(14), drive.motion(14))[1] for m in (memory, again))
     for name in ('pose', 'covariance', 'own', 'inverse_depth', 'inverse_depth_variance', 'rays'):
         assert np.array_equal(getattr(one, name), getattr(other, name))
 
@@ -90,12 +90,12 @@ def test_the_same_drive_gives_the_same_bits(drive, memory) -> None:
 def test_what_a_view_shows_is_not_counted_twice(drive, memory) -> None:
     # A view that becomes a keyframe is held against what was known before it.
     far, near = (replace(memory, settings=MapSettings(keyframe_spacing=s)) for s in (9.0, 1e-6))
-    keyframe, one = near.after(drive.sightings(14))
-    same, other = far.after(drive.sightings(14))
+    keyframe, one = near.after(drive.observations(14))
+    same, other = far.after(drive.observations(14))
     keyframe = keyframe.update_map()
     assert keyframe.trial is not None
     assert keyframe.geometry is memory.geometry
-    done = keyframe.after(drive.sightings(14))[0].update_map()
+    done = keyframe.after(drive.observations(14))[0].update_map()
     assert len(done.window) == min(len(same.window) + 1, 14)
     assert done.trial is None
     assert one.pose.tolist() == other.pose.tolist()
@@ -111,7 +111,7 @@ def test_what_is_said_of_a_view_does_not_wait_for_what_is_learnt_from_it(
     moved = replace(memory, settings=MapSettings(keyframe_spacing=1e-6))
     with monkeypatch.context() as patch:
         patch.setattr(keyframe_map, 'refine', refuse)
-        after, said = moved.after(drive.sightings(14))
+        after, said = moved.after(drive.observations(14))
         assert not said.reason
         with pytest.raises(AssertionError, match='is refined'):
             after.update_map()
@@ -122,18 +122,18 @@ def test_a_view_that_nobody_let_it_learn_from_is_learnt_from_before_the_next(
     drive, memory
 ) -> None:
     moved = replace(memory, settings=MapSettings(keyframe_spacing=1e-6))
-    after, _ = moved.after(drive.sightings(14))
-    late, soon = (each.after(drive.sightings(14))[1] for each in (after, after.update_map()))
+    after, _ = moved.after(drive.observations(14))
+    late, soon = (each.after(drive.observations(14))[1] for each in (after, after.update_map()))
     assert late.pose.tolist() == soon.pose.tolist()
 
 
 def test_where_it_does_not_converge_at_once_it_goes_on_at_the_next_view(drive, memory) -> None:
     settings = MapSettings(keyframe_spacing=9.0)
     unfinished = replace(memory, geometry=replace(memory.geometry, converged=False))
-    after = replace(unfinished, settings=settings).after(drive.sightings(14))[0].update_map()
+    after = replace(unfinished, settings=settings).after(drive.observations(14))[0].update_map()
     assert after.geometry.evaluation.cost <= memory.geometry.evaluation.cost
     done = replace(memory, geometry=replace(memory.geometry, converged=True), settings=settings)
-    assert done.after(drive.sightings(14))[0].update_map().geometry is done.geometry
+    assert done.after(drive.observations(14))[0].update_map().geometry is done.geometry
 
 
 def test_steps_go_on_until_there_is_no_more_to_gain(drive, memory) -> None:
@@ -145,12 +145,12 @@ def test_steps_go_on_until_there_is_no_more_to_gain(drive, memory) -> None:
     unfinished = replace(
         memory, geometry=Geometry(worse), settings=MapSettings(keyframe_spacing=9.0)
     )
-    after = unfinished.after(drive.sightings(14))[0].update_map()
+    after = unfinished.after(drive.observations(14))[0].update_map()
     assert after.geometry.evaluation.cost < 0.8 * worse.cost
 
 
 def test_the_next_view_is_looked_for_where_this_one_was(drive, memory) -> None:
-    after, said = memory.after(drive.sightings(14))
+    after, said = memory.after(drive.observations(14))
     assert after.pose.tolist() == said.pose.tolist()
 
 
@@ -160,17 +160,17 @@ def test_the_way_is_turned_as_the_camera_was(memory) -> None:
         np.empty(0), np.empty((0, 3)), np.empty((0, 3)), np.empty((0, 2))
     )
     after, _ = turned.after(nothing, np.array([0.0, 1.0]))
-    assert after.place - memory.place == pytest.approx([-1.0, 0.0])  # facing left
+    assert after.places[0] - memory.places[0] == pytest.approx([-1.0, 0.0])  # facing left
 
 
 def test_a_wrong_match_does_not_count_where_it_happens_to_agree(drive, memory) -> None:
-    sightings = drive.sightings(14)
-    _, before = memory.after(sightings)
-    number = sightings.ids[before.inliers][0]
+    observations = drive.observations(14)
+    _, before = memory.after(observations)
+    number = observations.ids[before.inliers][0]
     trusted = memory.geometry.trusted & (memory.window.ids != number)
     evaluation = replace(memory.geometry.evaluation, trusted=trusted)
-    _, said = replace(memory, geometry=Geometry(evaluation)).after(sightings)
-    assert not said.inliers[sightings.ids == number].any()
+    _, said = replace(memory, geometry=Geometry(evaluation)).after(observations)
+    assert not said.inliers[observations.ids == number].any()
     assert number in said.dropped
 
 
@@ -189,16 +189,16 @@ def test_a_geometry_that_new_keyframes_contradict_again_and_again_is_forgotten(
     )
     after = deceived
     for refused in range(1, MOST_REFUSED):
-        after, _ = after.after(drive.sightings(14))
-        after, said = after.after(drive.sightings(14))  # the other half of the trial
+        after, _ = after.after(drive.observations(14))
+        after, said = after.after(drive.observations(14))  # the other half of the trial
         after = after.update_map()
         assert not said.reason
         assert (after.window, after.geometry) == (deceived.window, deceived.geometry)
         assert after.refused == refused
     fits = replace(memory, refused=1, settings=MapSettings(keyframe_spacing=1e-6))
     for _ in range(2):
-        fits, _ = fits.after(drive.sightings(14))
-        after, said = after.after(drive.sightings(14))
+        fits, _ = fits.after(drive.observations(14))
+        after, said = after.after(drive.observations(14))
         after, fits = after.update_map(), fits.update_map()
     assert fits.refused == 0
     assert not said.reason
@@ -209,7 +209,7 @@ def test_a_geometry_that_new_keyframes_contradict_again_and_again_is_forgotten(
 def test_another_way_that_was_told_makes_all_larger_and_turns_nothing(drive) -> None:
     longer = replace(drive, scale=1.2 * drive.scale)
     one, other = (
-        map_after_drive(it).after(it.sightings(14), it.motion(14))[1] for it in (drive, longer)
+        map_after_drive(it).after(it.observations(14), it.motion(14))[1] for it in (drive, longer)
     )
     deviations = np.sqrt(np.diag(one.covariance))
     change = other.pose - one.pose * [1.2, 1.2, 1.0, 1.0, 1.0]
@@ -224,37 +224,37 @@ def test_without_any_way_it_is_still_exact_at_the_goal(drive) -> None:
     for k in range(14):
         told = two_views(drive, k) if memory.geometry is None else None
         memory, _ = memory.after(
-            drive.sightings(k), np.full(2, np.nan), bearings=told.bearings if told else ()
+            drive.observations(k), np.full(2, np.nan), bearings=told.bearings if told else ()
         )
         memory = memory.update_map()
-    _, said = memory.after(drive.sightings(14))
+    _, said = memory.after(drive.observations(14))
     assert math.degrees(abs(said.pose[2] - drive.views[14, 2])) < 0.05
     assert said.pose[0] / said.depth == pytest.approx(drive.views[14, 0] / 5.5, abs=1e-3)
 
 
 def test_predicted_rays_are_where_features_are_seen(drive, memory) -> None:
-    sightings = drive.sightings(14)
-    _, said = memory.after(sightings)
+    observations = drive.observations(14)
+    _, said = memory.after(observations)
     rows = {number: row for row, number in enumerate(said.ids.tolist())}
-    at = [rows[number] for number in sightings.ids[said.inliers].tolist()]
-    angle = np.linalg.norm(said.rays[at] - sightings.current[said.inliers], axis=1)
-    assert np.median(angle) < 2.0 * np.median(sightings.noise)
+    at = [rows[number] for number in observations.ids[said.inliers].tolist()]
+    angle = np.linalg.norm(said.rays[at] - observations.current[said.inliers], axis=1)
+    assert np.median(angle) < 2.0 * np.median(observations.noise)
     pixels = said.pixels(drive.settings.camera)
-    assert pixels[at] == pytest.approx(drive.pixels[15, sightings.ids[said.inliers]], abs=2.0)
+    assert pixels[at] == pytest.approx(drive.pixels[15, observations.ids[said.inliers]], abs=2.0)
 
 
 @pytest.mark.parametrize('count', [5, 7, 11])
 def test_few_features_are_enough_once_they_are_known(drive, memory, count: int) -> None:
-    known = np.flatnonzero(drive.right[14][drive.sightings(14).ids])
-    sightings = fewer(drive.sightings(14), known[:count])
-    _, said = memory.after(sightings)
-    _, whole = memory.after(drive.sightings(14))
+    known = np.flatnonzero(drive.right[14][drive.observations(14).ids])
+    observations = fewer(drive.observations(14), known[:count])
+    _, said = memory.after(observations)
+    _, whole = memory.after(drive.observations(14))
     assert near_truth(said, drive.views[14])
     assert said.lateral_deviation > 1.5 * whole.lateral_deviation
 
 
 def test_too_few_say_so_and_change_nothing(drive, memory) -> None:
-    after, said = memory.after(fewer(drive.sightings(14), np.arange(4)))
+    after, said = memory.after(fewer(drive.observations(14), np.arange(4)))
     assert said.reason == '4 remembered features in view, 5 needed'
     assert after.geometry is memory.geometry
     assert np.isnan(said.pose).all()
@@ -262,8 +262,8 @@ def test_too_few_say_so_and_change_nothing(drive, memory) -> None:
 
 
 def test_features_of_elsewhere_say_that_they_do_not_agree(drive, memory) -> None:
-    sightings = drive.sightings(14)
-    shuffled = replace(sightings, current=np.roll(sightings.current, 7, axis=0))
+    observations = drive.observations(14)
+    shuffled = replace(observations, current=np.roll(observations.current, 7, axis=0))
     after, said = memory.after(shuffled)
     assert 'agree with one place' in said.reason
     assert after.geometry is memory.geometry
@@ -275,13 +275,14 @@ def test_features_unseen_before_join_and_become_known(drive) -> None:
     memory = KeyframeMap(drive.mount, MapSettings(scale_deviation=1e-3))
     variance = {}
     for k in range(15):
-        sightings = drive.sightings(k)
+        observations = drive.observations(k)
         if k < 5:
-            sightings = fewer(
-                sightings, np.array([j for j, i in enumerate(sightings.ids) if i not in late])
+            observations = fewer(
+                observations,
+                np.array([j for j, i in enumerate(observations.ids) if i not in late]),
             )
         told = two_views(drive, k).bearings if memory.geometry is None else ()
-        memory, said = memory.after(sightings, drive.motion(k), bearings=told)
+        memory, said = memory.after(observations, drive.motion(k), bearings=told)
         variance[k] = dict(
             zip(said.ids.tolist(), said.inverse_depth_variance.tolist(), strict=False)
         )
@@ -298,7 +299,7 @@ def test_it_grows_to_its_bounds_and_no_further(drive) -> None:
     memory = KeyframeMap(drive.mount, settings)
     for k in range(15):
         told = two_views(drive, k).bearings if memory.geometry is None else ()
-        memory, said = memory.after(drive.sightings(k), drive.motion(k), bearings=told)
+        memory, said = memory.after(drive.observations(k), drive.motion(k), bearings=told)
         assert len(memory.window) <= 5
         if memory.geometry is not None and k > 2:
             assert len(memory.window.ids) <= 40
@@ -312,31 +313,31 @@ def test_a_turn_in_place_tells_no_geometry_and_harms_none() -> None:
     memory = KeyframeMap(drive.mount)
     for k in range(9):
         told = two_views(drive, k).bearings
-        memory, said = memory.after(drive.sightings(k), bearings=told[:1])
+        memory, said = memory.after(drive.observations(k), bearings=told[:1])
     assert memory.update_map().geometry is None
     assert said.reason
 
 
 def test_a_turn_in_place_near_the_goal_is_a_view_as_any_other(drive, memory) -> None:
     turned = standing(drive, (0.004, -0.003, 0.2))
-    _, said = memory.after(turned.sightings(15))
+    _, said = memory.after(turned.observations(15))
     assert near_truth(said, turned.views[15])
     assert said.lateral_deviation < 0.003
 
 
 def test_a_robot_pushed_aside_is_found_again(drive, memory) -> None:
     pushed = standing(drive, (0.3, -0.8, -0.25))
-    nothing = fewer(drive.sightings(14), np.arange(0))
+    nothing = fewer(drive.observations(14), np.arange(0))
     for _ in range(5):
         memory, said = memory.after(nothing)
         assert said.reason == '0 remembered features in view, 5 needed'
-    _, said = memory.after(pushed.sightings(15))
+    _, said = memory.after(pushed.observations(15))
     assert near_truth(said, pushed.views[15])
 
 
 def test_where_the_last_place_is_no_use_the_keyframes_are(drive, memory) -> None:
     lost = replace(memory, pose=np.array([4.0, 9.0, 2.5, 0.4, -0.4]))
-    _, said = lost.after(drive.sightings(14))
+    _, said = lost.after(drive.observations(14))
     assert near_truth(said, drive.views[14])
 
 
@@ -344,14 +345,14 @@ def test_on_the_axis_alone_it_is_as_exact() -> None:
     places = np.zeros((15, 3))
     places[:, 1] = [*-np.linspace(3.0, 0.2, 14), -0.01]
     drive = trial(StudySettings(), 3, places)
-    _, said = map_after_drive(drive).after(drive.sightings(14), drive.motion(14))
+    _, said = map_after_drive(drive).after(drive.observations(14), drive.motion(14))
     assert near_truth(said, drive.views[14])
     assert said.lateral_deviation < 0.0025
 
 
 def test_a_camera_that_looks_down_needs_no_calibration() -> None:
     drive = trial(StudySettings(tilt=0.2, tilt_deviation=0.26), 3)
-    _, said = map_after_drive(drive).after(drive.sightings(14), drive.motion(14))
+    _, said = map_after_drive(drive).after(drive.observations(14), drive.motion(14))
     assert near_truth(said, drive.views[14])
     assert said.pose[3] == pytest.approx(drive.views[14, 3], abs=0.01)
 
@@ -366,8 +367,8 @@ def test_of_two_geometries_that_two_views_allow_the_views_choose(wall: bool) -> 
         right = Bearings(psi, psi - heading - 0.5 * math.pi)
         wrong = Bearings(psi + 0.5, psi + 0.55 - heading - 0.5 * math.pi)
         both = (wrong, right) if memory.geometry is None else ()
-        memory, _ = memory.after(drive.sightings(k), drive.motion(k), bearings=both)
-    _, said = memory.after(drive.sightings(14))
+        memory, _ = memory.after(drive.observations(k), drive.motion(k), bearings=both)
+    _, said = memory.after(drive.observations(14))
     assert near_truth(said, drive.views[14])
     assert said.noise_ratio == pytest.approx(1.0, abs=0.1)
 
@@ -382,7 +383,7 @@ def test_where_a_wall_has_a_twin_it_waits_for_more_views(wall: bool) -> None:
         psi = math.atan2(y, x)
         told = (Bearings(psi, psi - heading - 0.5 * math.pi),)
         memory, _ = memory.after(
-            drive.sightings(k),
+            drive.observations(k),
             drive.motion(k),
             bearings=told if memory.geometry is None else (),
         )
@@ -397,12 +398,14 @@ def test_what_the_photograph_does_not_show_is_learnt_and_is_enough() -> None:
         memory = KeyframeMap(drive.mount)
         for k in range(last_of(drive)):
             told = two_views(drive, k)._asdict() if memory.geometry is None else {}
-            memory, _ = memory.after(a_third_unshown(drive.sightings(k)), drive.motion(k), **told)
+            memory, _ = memory.after(
+                a_third_unshown(drive.observations(k)), drive.motion(k), **told
+            )
         assert memory.geometry is not None
         assert memory.geometry.noise_ratio == pytest.approx(1.0, abs=0.1)
         unshown = ~memory.geometry.window.shown
         assert int((unshown & memory.geometry.trusted).sum()) >= 15
-        view = a_third_unshown(drive.sightings(last_of(drive)))
+        view = a_third_unshown(drive.observations(last_of(drive)))
         _, said = memory.after(view.take(~view.shown), learns=False)
         truth = drive.views[-1]
         assert near_truth(said, truth, drive.scale)
@@ -414,7 +417,7 @@ def test_a_geometry_begins_without_what_the_photograph_does_not_show(drive) -> N
     memory = KeyframeMap(drive.mount)
     for k in range(last_of(drive)):
         told = two_views(drive, k)._asdict() if memory.geometry is None else {}
-        memory, _ = memory.after(a_third_unshown(drive.sightings(k)), drive.motion(k), **told)
+        memory, _ = memory.after(a_third_unshown(drive.observations(k)), drive.motion(k), **told)
         memory = memory.update_map()
         assert np.isfinite(memory.window.photograph).all()
         if memory.geometry is not None:
@@ -428,7 +431,7 @@ def test_what_walks_about_does_not_silence_it(drive) -> None:
     rng, memory, said = np.random.default_rng(3), KeyframeMap(drive.mount), []
     for k in range(last_of(drive)):
         told = two_views(drive, k)._asdict() if memory.geometry is None else {}
-        seen = drive.sightings(k)
+        seen = drive.observations(k)
         walking = rng.normal([0.0, 0.0, 2.0], 0.5, (2 * len(seen), 3))
         walking /= np.linalg.norm(walking, axis=1)[:, None]
         both = FeatureObservations(
@@ -447,10 +450,10 @@ def test_no_geometry_begins_where_none_fits(drive) -> None:
     rng = np.random.default_rng(4)
     memory = KeyframeMap(drive.mount)
     for k in range(4):
-        sightings = drive.sightings(k)
-        random = replace(sightings, current=rng.permutation(sightings.current))
+        observations = drive.observations(k)
+        random = replace(observations, current=rng.permutation(observations.current))
         memory, said = memory.after(random, bearings=(Bearings(-1.4, 3.0),))
-    assert memory.initializes
+    assert memory.bootstrap.is_due
     assert memory.update_map().geometry is None
     assert said.reason == 'the geometry may begin with this view'
 
@@ -466,9 +469,9 @@ def test_whatever_is_seen_it_stays_within_bounds_and_never_raises(seed, count, s
         drawn = rays[ids] if same else rng.normal(size=(count, 3))
         drawn = drawn / np.linalg.norm(drawn, axis=1)[:, None]
         noise = np.full((count, 2), 1e-3)
-        sightings = FeatureObservations(ids, drawn, drawn[::-1] if seed % 2 else drawn, noise)
+        observations = FeatureObservations(ids, drawn, drawn[::-1] if seed % 2 else drawn, noise)
         memory, said = memory.after(
-            sightings, rng.normal(size=2), bearings=(Bearings(*rng.uniform(-3, 3, 2)),)
+            observations, rng.normal(size=2), bearings=(Bearings(*rng.uniform(-3, 3, 2)),)
         )
         assert len(memory.window) <= 4
         assert bool(said) == np.isfinite(said.pose).all()

@@ -22,17 +22,17 @@ from visual_servo_epipolar.evaluation.benchmarks.memory.study import StudyTrial
 
 def seen_by(drive: StudyTrial, geometry: Geometry, k: int) -> tuple[Anchors, MatchedFeatures]:
     """Return what view ``k`` shows of a geometry, and the anchors of it."""
-    sightings = drive.sightings(k)
-    rows = geometry.window.rows_of(sightings.ids)
+    observations = drive.observations(k)
+    rows = geometry.window.rows_of(observations.ids)
     kept = (rows >= 0) & geometry.trusted[rows]
-    tangent_basis = tangent_basis_of(sightings.current[kept], sightings.noise[kept, 0])
-    seen = MatchedFeatures(rows[kept], sightings.current[kept].T, tangent_basis)
+    tangent_basis = tangent_basis_of(observations.current[kept], observations.noise[kept, 0])
+    seen = MatchedFeatures(rows[kept], observations.current[kept].T, tangent_basis)
     return anchors_of(geometry).of(seen.rows), seen
 
 
 @pytest.fixture(scope='module')
 def last(exact_drive, exact):
-    """Return geometry, anchors and sightings of an exact view near the goal."""
+    """Return geometry, anchors and observations of an exact view near the goal."""
     geometry = Geometry(exact)
     return geometry, *seen_by(exact_drive, geometry, 14)
 

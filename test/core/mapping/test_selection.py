@@ -27,13 +27,13 @@ def test_a_view_from_elsewhere_is_a_keyframe(exact, apart: float, expected: bool
     geometry = Geometry(exact)
     pose = exact.unknowns.views[0].copy()
     pose[1] -= apart * SETTINGS.keyframe_spacing * geometry.depth
-    assert is_keyframe(geometry, pose, sightings=40, new=0, settings=SETTINGS) is expected
+    assert is_keyframe(geometry, pose, observations=40, new=0, settings=SETTINGS) is expected
 
 
 @pytest.mark.parametrize(('share', 'expected'), [(0.5, False), (1.1, True)])
 def test_a_view_of_other_features_is_one(exact, share: float, expected: bool) -> None:
     pose, new = exact.unknowns.views[3], int(100 * share * NEW_SHARE)
-    found = is_keyframe(Geometry(exact), pose, sightings=100, new=new, settings=SETTINGS)
+    found = is_keyframe(Geometry(exact), pose, observations=100, new=new, settings=SETTINGS)
     assert found is expected
 
 
@@ -43,23 +43,23 @@ def test_features_that_only_show_near_the_photograph_make_none(exact) -> None:
     views = exact.unknowns.views.copy()
     views[3, :2] = 0.0, -near
     geometry = Geometry(replace(exact, unknowns=replace(exact.unknowns, views=views)))
-    assert not is_keyframe(geometry, views[3], sightings=60, new=60, settings=SETTINGS)
+    assert not is_keyframe(geometry, views[3], observations=60, new=60, settings=SETTINGS)
     views[3, 1] = -2.0 * near
-    assert is_keyframe(geometry, views[3], sightings=60, new=60, settings=SETTINGS)
+    assert is_keyframe(geometry, views[3], observations=60, new=60, settings=SETTINGS)
 
 
 def test_new_features_without_room_make_none(exact) -> None:
     """Each image would become a keyframe, and its features be let go with the next."""
     pose, count = exact.unknowns.views[3], len(exact.window.ids)
     crammed = replace(SETTINGS, features=count)
-    assert not is_keyframe(Geometry(exact), pose, sightings=60, new=60, settings=crammed)
+    assert not is_keyframe(Geometry(exact), pose, observations=60, new=60, settings=crammed)
     roomy = replace(SETTINGS, features=count + 60)
-    assert is_keyframe(Geometry(exact), pose, sightings=60, new=60, settings=roomy)
+    assert is_keyframe(Geometry(exact), pose, observations=60, new=60, settings=roomy)
 
 
 def test_a_view_of_hardly_anything_is_none(exact) -> None:
     pose = exact.unknowns.views[0] - [0.0, 5.0, 0.0, 0.0, 0.0]
-    assert not is_keyframe(Geometry(exact), pose, sightings=7, new=7, settings=SETTINGS)
+    assert not is_keyframe(Geometry(exact), pose, observations=7, new=7, settings=SETTINGS)
 
 
 def test_the_keyframe_in_the_crowd_goes_and_the_newest_stays() -> None:

@@ -46,10 +46,10 @@ def at_the_goal(drive: StudyTrial) -> tuple[KeyframeMap, list[MapLocalization]]:
     first = len(drive.views) - len(NEAR)
     memory, said = map_after_drive(replace(drive, views=drive.views[: first + 1])), []
     for k in range(first, len(drive.views)):
-        sightings = drive.sightings(k)
+        observations = drive.observations(k)
         # Of all features the corrections look like no motion; of those in view by then they do.
-        sightings = sightings.take(sightings.ids % 3 == 0)
-        memory, one = memory.after(sightings, drive.motion(k))
+        observations = observations.take(observations.ids % 3 == 0)
+        memory, one = memory.after(observations, drive.motion(k))
         said.append(one)
     return memory, said
 
@@ -76,7 +76,7 @@ def test_far_from_the_goal_nothing_is_known_of_it() -> None:
     drive = seen_otherwise_from_afar(1)
     memory, _ = at_the_goal(drive)
     assert memory.shrinkage.share > CHANCE
-    afar, _ = memory.after(drive.sightings(0), drive.motion(0))
+    afar, _ = memory.after(drive.observations(0), drive.motion(0))
     assert afar.shrinkage.withdrawn == NOTHING.withdrawn == 0.0
 
 

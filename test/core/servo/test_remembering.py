@@ -152,7 +152,7 @@ def test_a_wrong_match_has_no_part_in_d() -> None:
 def test_a_view_of_few_features_that_does_not_count_teaches_nothing() -> None:
     drive = trial(StudySettings(), 3)  # ends near the goal
     memory = after_drive(drive)
-    seen = drive.sightings(len(drive.views) - 1)
+    seen = drive.observations(len(drive.views) - 1)
     few = seen.take(np.arange(len(seen)) % 7 == 0)
     assert memory.after(few, learns=False)[0].shrinkage != memory.shrinkage
     observation = Observation(0, few.current, few.desired, 769.0, ids=few.ids)

@@ -51,12 +51,12 @@ class FeatureObservations:
     def owning(
         cls, ids: IntArray, current: FloatArray, desired: FloatArray, noise: FloatArray
     ) -> 'FeatureObservations':
-        """Return sightings of columns that fit and that nobody changes: not copied nor checked."""
-        sightings = object.__new__(cls)
+        """Return observations of columns that fit and that nobody changes: not copied nor checked."""
+        observations = object.__new__(cls)
         columns = (ids, current, desired, noise)
         for name, values in zip(cls.__slots__, columns, strict=True):
-            object.__setattr__(sightings, name, values)
-        return sightings
+            object.__setattr__(observations, name, values)
+        return observations
 
     def __len__(self) -> int:
         return len(self.ids)

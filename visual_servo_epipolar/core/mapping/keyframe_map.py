@@ -1,14 +1,13 @@
 """
-View memory: from one view to the next.
+Keyframe map: from one view to the next.
 
-Until a geometry is found, views are collected; from then on each view is resected on it, and
-becomes a keyframe where it shows what the others do not. What is told of a view never counts
-twice: it is held against what was known before it.
+Until a geometry is found, views are collected; from then on each view is localized in it, and
+becomes a keyframe where it shows what the others do not. No observation counts twice: a view is
+localized in the map of those before it.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from typing import NamedTuple
 
 import numpy as np
 
@@ -17,15 +16,9 @@ from visual_servo_epipolar.core.estimators.base import Attitude
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry, refine, rescale
 from visual_servo_epipolar.core.mapping.adjustment.window import EMPTY, HEADING, Window
-from visual_servo_epipolar.core.mapping.collecting import (
-    bootstrap_obstacle,
-    starts_of,
-    with_bootstrap_room,
-    with_bootstrap_view,
-)
+from visual_servo_epipolar.core.mapping.bootstrap import Bootstrap, obstacle
 from visual_servo_epipolar.core.mapping.correspondences import Correspondences, correspondences_of
 from visual_servo_epipolar.core.mapping.feature_observations import (
-    differ_in_place,
     FeatureObservations,
     MapSettings,
     tangent_basis_of,
@@ -33,27 +26,18 @@ from visual_servo_epipolar.core.mapping.feature_observations import (
 from visual_servo_epipolar.core.mapping.fitting import fit_pose_near, MatchedFeatures
 from visual_servo_epipolar.core.mapping.initialization import initial_geometry, is_sound, Start
 from visual_servo_epipolar.core.mapping.localization import localization_of, MapLocalization
-from visual_servo_epipolar.core.mapping.resection import resect, Resection
-from visual_servo_epipolar.core.mapping.selection import is_keyframe, with_keyframe
+from visual_servo_epipolar.core.mapping.resection import resect
+from visual_servo_epipolar.core.mapping.selection import (
+    is_keyframe,
+    PendingKeyframe,
+    with_keyframe,
+)
 from visual_servo_epipolar.core.mapping.shrinkage import NOTHING, Shrinkage
 from visual_servo_epipolar.core.values import changed
 
-MIN_SIGHTINGS = 5  # of remembered features that agree
+MIN_AGREEING = 5  # of remembered features that agree
 MIN_SHARE = 0.5  # of the remembered features in view that agree
 MOST_REFUSED = 3  # keyframes in a row that do not fit: then the geometry is wrong, not they
-
-
-class PendingKeyframe(NamedTuple):
-    """View that was resected, by its ``correspondences`` with the geometry before it."""
-
-    sightings: FeatureObservations
-    resection: Resection
-    correspondences: Correspondences
-
-    @property
-    def new(self) -> int:
-        """Number of the photograph's features that are not remembered."""
-        return int(np.count_nonzero((self.correspondences.rows < 0) & self.sightings.shown))
 
 
 @dataclass(frozen=True, eq=False)  # without slots: ``values.changed``
@@ -62,42 +46,36 @@ class KeyframeMap:
     Map of keyframes and features; a new photograph needs a new map.
 
     ``mount`` is the belief of the camera's attitude; ``window`` the keyframes, ``geometry`` their
-    geometry once there is one; ``starts`` what two views told of those to begin with; ``place``,
-    (2,), where the camera is by the motion that counts [m], ``alternative_place``, (2,), by the
-    alternative; ``pose``, (5,), that of the last view.
-    ``trial`` is the geometry with one more keyframe, half refined: the other half is for the next
-    view, so that none takes the time of both. ``refused`` counts unsound trials in a row.
-    ``correspondences`` are those of the last view that was localized.
-    ``pending`` is the last view until the map is updated with it, and ``initializes`` says that a
-    first geometry is yet to be looked for: no localization waits for either.
+    geometry once there is one, for which ``bootstrap`` collects views; ``places``, (2, 2), where
+    the camera is by the motion that counts and by the alternative [m]; ``pose``, (5,), that of the
+    last view. ``trial`` is the geometry with one more keyframe, half refined: the other half is
+    for the next view, so that none takes the time of both. ``refused`` counts unsound trials in a
+    row. ``correspondences`` are those of the last view that was localized, ``pending`` is that
+    view until the map is updated with it: no localization waits for that.
     """
 
     mount: Attitude
     settings: MapSettings = MapSettings()
     window: Window = EMPTY
     geometry: Geometry | None = None
-    starts: tuple[Start, ...] = ()
-    place: FloatArray = field(default_factory=lambda: np.zeros(2))
-    alternative_place: FloatArray = field(default_factory=lambda: np.zeros(2))
+    bootstrap: Bootstrap = Bootstrap()
+    places: FloatArray = field(default_factory=lambda: np.zeros((2, 2)))
     pose: FloatArray | None = None
     trial: Geometry | None = None
     refused: int = 0
-    last: FeatureObservations | None = None
     shrinkage: Shrinkage = NOTHING
     pending: PendingKeyframe | None = None
     correspondences: Correspondences | None = None
-    initializes: bool = False
 
     def with_alternative(self, settings: MapSettings) -> 'KeyframeMap':
-        """Return the same memory, of who believes the other account of the way: another scale."""
+        """Return the same map by the alternative motion: at another scale."""
         before = self.update_map()
         memory = replace(
             before,
             settings=settings,
             window=before.window.with_alternative,
             trial=None,
-            place=before.alternative_place,
-            alternative_place=before.place,
+            places=before.places[::-1],
         )
         if before.geometry is None:
             return memory
@@ -109,14 +87,14 @@ class KeyframeMap:
 
     @property
     def wrong(self) -> tuple[int, ...]:
-        """The ids of wrong matches, of the features that are remembered."""
+        """The ids of wrong matches, of the features of the map."""
         if self.geometry is None:
             return ()
         return tuple(self.geometry.wrong.tolist())
 
     def after(
         self,
-        sightings: FeatureObservations,
+        observations: FeatureObservations,
         motion: FloatArray | None = None,
         *,
         alternative_motion: FloatArray | None = None,
@@ -125,44 +103,42 @@ class KeyframeMap:
         learns: bool = True,
     ) -> 'tuple[KeyframeMap, MapLocalization]':
         """
-        Return the memory after one more view, yet to be ``update_map``, and what it says of that.
+        Return the map after one more view, yet to be updated with it, and its localization.
 
         Parameters
         ----------
-        sightings : Sightings
+        observations : FeatureObservations
             What the view shows.
         motion : array, shape (2,)
             Way of the camera since the last view, right and ahead in its axes then [m], as
             commanded or measured; nan where nobody knows. It counts for the scale alone.
         alternative_motion : array, shape (2,), optional
-            The same by the other account, which may be believed later; that motion if nothing.
+            The same by the other source, which may count later; that motion if nothing.
         bearings : sequence of Bearings
             What two views (photograph and this one) say, with the alternative if there is one.
             Needed to begin with.
         attitude : Attitude, optional
             What is known by now of the camera's; ``mount`` if nothing.
         learns : bool
-            Whether the view may become a keyframe; else it is held against what is remembered.
+            Whether the view may become a keyframe; else it is localized alone.
 
         """
         before = self.update_map()
         heading = 0.0 if before.pose is None else float(before.pose[2])
         way = _turned(np.zeros(2) if motion is None else motion, heading)
         other = way if alternative_motion is None else _turned(alternative_motion, heading)
-        memory = changed(
-            before, place=before.place + way, alternative_place=before.alternative_place + other
-        )
+        memory = changed(before, places=before.places + [way, other])
         if memory.geometry is not None:
-            return memory._localize(memory.geometry, sightings, learns)
+            return memory._localize(memory.geometry, observations, learns)
         if not learns:
             return memory, MapLocalization('nothing is remembered to hold the view against')
-        shown = sightings.take(sightings.shown)
-        return memory._bootstrap(shown, bearings, attitude or self.mount)
+        shown = observations.take(observations.shown)
+        return memory._begin(shown, bearings, attitude or self.mount)
 
     def update_map(self) -> 'KeyframeMap':
-        """Return the memory with what the last view adds: the first geometry, or a better one."""
-        if self.initializes:
-            memory = replace(self, initializes=False)._initialize()
+        """Return the map with what the last view adds: the first geometry, or a better one."""
+        if self.bootstrap.is_due:
+            memory = self._initialize()
         elif self.pending is not None and self.geometry is not None:
             memory = changed(self, pending=None)._with_keyframe(self.geometry, self.pending)
         else:
@@ -175,56 +151,54 @@ class KeyframeMap:
             return memory
         return changed(memory, correspondences=correspondences_of(geometry, before.ids))
 
-    def _bootstrap(
-        self, sightings: FeatureObservations, bearings: Sequence[Bearings], attitude: Attitude
+    def _begin(
+        self, observations: FeatureObservations, bearings: Sequence[Bearings], attitude: Attitude
     ) -> 'tuple[KeyframeMap, MapLocalization]':
-        """Return the memory with the view collected, with a geometry if that is found."""
-        reason = bootstrap_obstacle(sightings, bearings)
+        """Return the map with one more view to begin with."""
+        reason = obstacle(observations, bearings)
         if reason:
             return self, MapLocalization(reason)
         pose = np.array([0.0, 0.0, bearings[0].heading_error, attitude.tilt, attitude.roll])
-        memory = replace(self, pose=pose)
-        if self.last is not None and not differ_in_place(self.last, sightings):
-            return memory, MapLocalization('views are too alike to begin with')
-        window, starts = with_bootstrap_room(self.window, self.starts)
-        starts = (*starts, *starts_of(len(window), bearings, attitude))
-        places = self.place, self.alternative_place
-        window = with_bootstrap_view(window, sightings, places, self.settings.features)
-        memory = replace(memory, window=window, starts=starts, last=sightings)
-        if len(window) < 2:
-            return memory, MapLocalization('one view is collected, two are needed')
-        return replace(memory, initializes=True), MapLocalization(
-            'the geometry may begin with this view'
+        if self.bootstrap.is_like_last(observations):
+            reason = 'views are too alike to begin with'
+            return replace(self, pose=pose), MapLocalization(reason)
+        starts = [Start(0, each, attitude) for each in bearings]
+        bootstrap, window = self.bootstrap.with_view(
+            self.window, observations, self.places, starts, most=self.settings.features
         )
+        reason = 'one view is collected, two are needed'
+        if bootstrap.is_due:
+            reason = 'the geometry may begin with this view'
+        after = replace(self, pose=pose, window=window, bootstrap=bootstrap)
+        return after, MapLocalization(reason)
 
     def _initialize(self) -> 'KeyframeMap':
-        """Return the memory with the first geometry, if one fits the views that are collected."""
-        geometry = initial_geometry(
-            self.window, self.starts, self.mount, self.settings.scale_deviation
-        )
+        """Return the map with the first geometry, if one fits the views to begin with."""
+        starts, deviation = self.bootstrap.starts, self.settings.scale_deviation
+        geometry = initial_geometry(self.window, starts, self.mount, deviation)
         if geometry is None:
-            return self
-        pose, window = geometry.unknowns.views[-1], geometry.window
-        return replace(self, geometry=geometry, window=window, starts=(), last=None, pose=pose)
+            return replace(self, bootstrap=self.bootstrap.done)
+        pose = geometry.unknowns.views[-1]
+        return replace(self._with(geometry), bootstrap=Bootstrap(), pose=pose)
 
     def _localize(
-        self, geometry: Geometry, sightings: FeatureObservations, learns: bool
+        self, geometry: Geometry, observations: FeatureObservations, learns: bool
     ) -> 'tuple[KeyframeMap, MapLocalization]':
-        """Return the memory after a view that is held against its geometry."""
+        """Return the map after a view that is localized in its geometry."""
         it = self.correspondences
-        if it is None or not it.are_of(geometry, sightings.ids):
-            it = correspondences_of(geometry, sightings.ids)
+        if it is None or not it.are_of(geometry, observations.ids):
+            it = correspondences_of(geometry, observations.ids)
         count = len(it.chosen)
-        if count < MIN_SIGHTINGS:
-            reason = f'{count} remembered features in view, {MIN_SIGHTINGS} needed'
+        if count < MIN_AGREEING:
+            reason = f'{count} remembered features in view, {MIN_AGREEING} needed'
             return self, MapLocalization(reason, ids=self.window.ids)
-        rays = sightings.current[it.known]
+        rays = observations.current[it.known]
         seen = MatchedFeatures(
-            it.chosen, rays.T, tangent_basis_of(rays, sightings.noise[it.known, 0])
+            it.chosen, rays.T, tangent_basis_of(rays, observations.noise[it.known, 0])
         )
         fit = fit_pose_near(geometry.unknowns.views, it.anchors, seen, self.pose)
         agree = int(fit.inliers.sum())
-        if agree < max(MIN_SIGHTINGS, MIN_SHARE * count):
+        if agree < max(MIN_AGREEING, MIN_SHARE * count):
             reason = f'{agree} of {count} remembered features agree with one place'
             return self, MapLocalization(reason, ids=self.window.ids)
         shrinkage = self.shrinkage.before(float(np.hypot(*fit.pose[:2])), geometry.depth)
@@ -235,31 +209,30 @@ class KeyframeMap:
             pose=resection.pose,
             shrinkage=resection.shrinkage,
             correspondences=it,
-            pending=PendingKeyframe(sightings, resection, it) if learns else None,
+            pending=PendingKeyframe(observations, resection, it) if learns else None,
         )
         return after, said
 
     def _with_keyframe(self, geometry: Geometry, view: PendingKeyframe) -> 'KeyframeMap':
-        """Return the memory with the view as a keyframe where it is one, or refined."""
-        settings, sightings, pose = self.settings, view.sightings, view.resection.pose
+        """Return the map with the view as a keyframe where it is one, or refined."""
+        settings, observations, pose = self.settings, view.observations, view.resection.pose
         if self.trial is not None:
             return self._with_trial(self.trial)
         if is_keyframe(
             geometry,
             pose,
-            sightings=int(sightings.shown.sum()),
+            observations=int(observations.shown.sum()),
             new=view.new,
             settings=settings,
         ):
-            places = self.place, self.alternative_place
-            start = with_keyframe(geometry, sightings, places, pose, settings)
+            start = with_keyframe(geometry, observations, self.places, pose, settings)
             return replace(self, trial=refine(start, settings.steps // 2, geometry.damping))
         if geometry.converged:
             return self
         return self._with(refine(geometry.evaluation, 1, geometry.damping, geometry.system))
 
     def _with_trial(self, trial: Geometry) -> 'KeyframeMap':
-        """Return the memory with a keyframe more, unless the geometry is unsound with it."""
+        """Return the map with a keyframe more, unless the geometry is unsound with it."""
         steps = self.settings.steps - self.settings.steps // 2
         if not trial.converged:
             trial = refine(trial.evaluation, steps, trial.damping)
@@ -267,9 +240,7 @@ class KeyframeMap:
             return replace(self._with(trial), trial=None, refused=0)
         if self.refused + 1 < MOST_REFUSED:
             return replace(self, trial=None, refused=self.refused + 1)
-        return KeyframeMap(
-            self.mount, self.settings, place=self.place, alternative_place=self.alternative_place
-        )
+        return KeyframeMap(self.mount, self.settings, places=self.places)
 
     def _with(self, geometry: Geometry) -> 'KeyframeMap':
         return replace(self, window=geometry.window, geometry=geometry)

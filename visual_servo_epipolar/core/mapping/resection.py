@@ -22,7 +22,7 @@ from visual_servo_epipolar.core.mapping.adjustment.projection import (
 )
 from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
 from visual_servo_epipolar.core.mapping.adjustment.window import MOUNT, TILT, VIEW
-from visual_servo_epipolar.core.mapping.errors import Errors, errors_of
+from visual_servo_epipolar.core.mapping.correspondences import errors_of, FeatureErrors
 from visual_servo_epipolar.core.mapping.fitting import (
     Anchors,
     Fit,
@@ -59,7 +59,7 @@ def resect(
     fit: Fit,
     shrinkage: Shrinkage,
     *,
-    errors: Errors | None = None,
+    errors: FeatureErrors | None = None,
 ) -> Resection:
     """
     Return the pose and its covariance, after one step with the whole structure's errors.
@@ -128,7 +128,9 @@ class _Whitening(NamedTuple):
         return columns
 
 
-def _whitening(errors: Errors, found: FloatArray, fit: Fit) -> tuple[_Whitening, FloatArray]:
+def _whitening(
+    errors: FeatureErrors, found: FloatArray, fit: Fit
+) -> tuple[_Whitening, FloatArray]:
     """
     Return what makes residuals of each feature independent, and errors of the window.
 
@@ -151,7 +153,7 @@ def _dot(first: FloatArray, other: FloatArray) -> FloatArray:
 
 
 def _prior_rows(
-    geometry: Geometry, errors: Errors, pose: FloatArray, shrinkage: Shrinkage
+    geometry: Geometry, errors: FeatureErrors, pose: FloatArray, shrinkage: Shrinkage
 ) -> tuple[FloatArray, FloatArray]:
     """Return rows of tilt and roll, off those of the mount by the floor, and of the shrinkage."""
     jitter = geometry.evaluation.factors.jitter

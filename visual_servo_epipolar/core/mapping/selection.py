@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 import math
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,21 +20,36 @@ from visual_servo_epipolar.core.mapping.adjustment.window import (
     X,
     Y,
 )
+from visual_servo_epipolar.core.mapping.correspondences import Correspondences
 from visual_servo_epipolar.core.mapping.feature_observations import (
     FeatureObservations,
     MapSettings,
 )
 from visual_servo_epipolar.core.mapping.initialization import triangulate
+from visual_servo_epipolar.core.mapping.resection import Resection
 
-NEW_SHARE = 0.1  # of the sightings of a view that are of features not remembered
+NEW_SHARE = 0.1  # of the observations of a view that are of features not remembered
 FEWEST_NEW = 3
 MIN_KEYFRAME_FEATURES = 8
 GUESSED_DEPTHS = 1.5  # of the scene, at which what was seen once is looked for
 CLOSEST = 1e-3  # distance that keyframes count as apart at least, in depths of the scene
 
 
+class PendingKeyframe(NamedTuple):
+    """View that was localized, by its ``correspondences`` with the geometry before it."""
+
+    observations: FeatureObservations
+    resection: Resection
+    correspondences: Correspondences
+
+    @property
+    def new(self) -> int:
+        """Number of the photograph's features that are not remembered."""
+        return int(np.count_nonzero((self.correspondences.rows < 0) & self.observations.shown))
+
+
 def is_keyframe(
-    geometry: Geometry, pose: FloatArray, *, sightings: int, new: int, settings: MapSettings
+    geometry: Geometry, pose: FloatArray, *, observations: int, new: int, settings: MapSettings
 ) -> bool:
     """
     Whether a view at ``pose`` tells what others do not: from elsewhere, or of new features.
@@ -41,13 +57,13 @@ def is_keyframe(
     New ones must find room. Near the photograph they have no depth: a wrong match may be anywhere
     there, and a hand's breadth before the camera it would outweigh all others.
     """
-    if sightings < MIN_KEYFRAME_FEATURES:
+    if observations < MIN_KEYFRAME_FEATURES:
         return False
     offset = geometry.unknowns.views[:, :2] - pose[:2]
     least = settings.keyframe_spacing * geometry.depth
     if float(np.hypot(offset[:, 0], offset[:, 1]).min()) > least:
         return True
-    enough = max(FEWEST_NEW, NEW_SHARE * sightings)
+    enough = max(FEWEST_NEW, NEW_SHARE * observations)
     if new < enough or not math.hypot(pose[X], pose[Y]) > least:
         return False
     settled = int(((geometry.window.seen.sum(0) > 1) & geometry.trusted).sum())
@@ -81,43 +97,43 @@ def kept_features(window: Window, trusted: BoolArray, most: int) -> BoolArray:
 
 
 def with_guessed_rays(
-    sightings: FeatureObservations, pose: FloatArray, geometry: Geometry
+    observations: FeatureObservations, pose: FloatArray, geometry: Geometry
 ) -> FeatureObservations:
     """
-    Return sightings of a view at ``pose``, (5,), all with rays of the photograph.
+    Return observations of a view at ``pose``, (5,), all with rays of the photograph.
 
     Of what it does not show the place is guessed, on the ray of this view; the noise of the ray
     that it would have in the photograph leaves it free.
     """
-    unshown = ~sightings.shown
+    unshown = ~observations.shown
     if not unshown.any():
-        return sightings
+        return observations
     upright = np.zeros((2, 5))
     upright[0, 3:], upright[1] = geometry.unknowns.shared[PHOTOGRAPH], pose
     photograph, view = turns_of(upright)
-    points = GUESSED_DEPTHS * geometry.depth * sightings.current[unshown] @ view
+    points = GUESSED_DEPTHS * geometry.depth * observations.current[unshown] @ view
     points += [pose[X], 0.0, pose[Y]]
-    desired, noise = sightings.desired.copy(), sightings.noise.copy()
+    desired, noise = observations.desired.copy(), observations.noise.copy()
     desired[unshown] = normalised(points @ photograph.T)
     noise[unshown, 1] = FREE
-    return FeatureObservations(sightings.ids, sightings.current, desired, noise)
+    return FeatureObservations(observations.ids, observations.current, desired, noise)
 
 
 def with_keyframe(
     geometry: Geometry,
-    sightings: FeatureObservations,
-    places: tuple[FloatArray, FloatArray],
+    observations: FeatureObservations,
+    places: FloatArray,
     pose: FloatArray,
     settings: MapSettings,
 ) -> Evaluation:
     """
     Return the window with one more keyframe at ``pose``, and with what is too much let go.
 
-    ``places``, (2,) each, are where it is by the way that was told, and by the other account.
+    ``places``, (2, 2), are where it is by the motion that counts, and by the alternative.
     """
     before, trusted = geometry.unknowns, geometry.trusted
-    sightings = with_guessed_rays(sightings, pose, geometry)
-    window = geometry.window.with_view(sightings, *places)
+    observations = with_guessed_rays(observations, pose, geometry)
+    window = geometry.window.with_view(observations, *places)
     more = len(window.ids) - len(trusted)
     unknowns = Unknowns(
         np.vstack([before.views, pose]),

@@ -82,9 +82,9 @@ def remembered(
     few_s = max(before.few_s + (dt if is_few else -dt), 0.0)
     few_s = min(few_s, settings.few_features_timeout)
     bearings = perception.measurement.bearings
-    sightings = sightings_of(observation, perception.memory.noise)
+    observations = observations_of(observation, perception.memory.noise)
     after, said = views.after(
-        sightings,
+        observations,
         np.array([0.0, motion.way]),
         alternative_motion=None if driven.other is motion else np.array([0.0, driven.other.way]),
         bearings=() if bearings is None else (bearings,),
@@ -93,7 +93,7 @@ def remembered(
     )
     if is_few:
         is_over = few_s >= settings.few_features_timeout
-        carries = _carries(said, sightings.ids, before.place, motion)
+        carries = _carries(said, observations.ids, before.place, motion)
         if is_over or not carries:
             place = None if before.place is None else before.place.after(motion)
             # Who seems to be elsewhere was not seen.
@@ -108,7 +108,7 @@ def remembered(
     return MapState(after, place, few_s), reading
 
 
-def sightings_of(observation: Observation, noise_px: float) -> FeatureObservations:
+def observations_of(observation: Observation, noise_px: float) -> FeatureObservations:
     """Return what an observation shows, passing features as well; of deviation ``noise_px``."""
     noise = np.maximum(noise_px * observation.resolution, LEAST_NOISE)
     current, desired, passing = observation.current, observation.desired, observation.passing

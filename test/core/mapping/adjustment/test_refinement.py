@@ -69,7 +69,7 @@ def test_residuals_are_what_noise_makes_them(memory) -> None:
 
 
 def with_outliers(exact: Evaluation, share: float) -> Evaluation:
-    """Return the evaluation with sightings of the first feature taken elsewhere."""
+    """Return the evaluation with observations of the first feature taken elsewhere."""
     views = np.flatnonzero(exact.window.seen[:, 0])
     count = int(np.ceil(share * len(views)))
     tangent_basis = exact.window.tangent_basis.copy()

@@ -19,8 +19,8 @@ RAYS /= np.linalg.norm(RAYS, axis=1)[:, None]
 IDS = st.lists(st.integers(0, 39), max_size=12, unique=True)
 
 
-def sightings(ids) -> FeatureObservations:
-    """Return sightings of rays that tell their ids."""
+def observations(ids) -> FeatureObservations:
+    """Return observations of rays that tell their ids."""
     ids = np.array(ids, np.int64)
     return FeatureObservations(ids, RAYS[ids], RAYS[ids][:, ::-1], np.full((len(ids), 2), 1e-3))
 
@@ -30,7 +30,7 @@ def sightings(ids) -> FeatureObservations:
 def test_every_sighting_stands_where_its_feature_does(views) -> None:
     window = EMPTY
     for ids in views:
-        window = window.with_view(sightings(ids), np.zeros(2))
+        window = window.with_view(observations(ids), np.zeros(2))
     assert len(window) == len(views)
     assert sorted(window.ids) == sorted(set().union(*views))
     for k, ids in enumerate(views):
@@ -46,7 +46,7 @@ def test_every_sighting_stands_where_its_feature_does(views) -> None:
 @given(ids=IDS, others=IDS)
 @settings(max_examples=40, deadline=None)
 def test_features_are_found_by_their_ids_and_others_are_not(ids, others) -> None:
-    window = EMPTY.with_view(sightings(ids), np.zeros(2))
+    window = EMPTY.with_view(observations(ids), np.zeros(2))
     rows = window.rows_of(np.array(others, np.int64))
     for row, other in zip(rows.tolist(), others, strict=True):
         assert row == (list(window.ids).index(other) if other in ids else -1)
@@ -78,7 +78,7 @@ def test_a_geometry_is_scaled_as_a_whole() -> None:
 )
 def test_bad_sightings_are_refused(change, message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        replace(sightings([1, 2, 3]), **change)
+        replace(observations([1, 2, 3]), **change)
 
 
 @pytest.mark.parametrize(

@@ -73,7 +73,7 @@ class Evaluation:
 
     @property
     def weight(self) -> FloatArray:
-        """How much sightings count, (K, N)."""
+        """How much observations count, (K, N)."""
         return np.asarray(self.window.seen * robust_weight(self.squares / self.widening))
 
     @property

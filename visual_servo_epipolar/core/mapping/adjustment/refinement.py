@@ -22,7 +22,7 @@ DAMPING = 1e-4
 LEAST_GAIN = 0.05  # of the cost, below which nothing changes that matters
 LEAST_INVERSE_DEPTH = 1e-6  # [1/m]
 NEGLIGIBLE = 1e-2  # square of what an error of keyframes does to all features, in deviations
-WRONG_SHARE = 0.4  # of the sightings that are outliers, from which the whole feature is one
+WRONG_SHARE = 0.4  # of the observations that are outliers, from which the whole feature is one
 WRONG_OFFSET = 16.0  # square of what the photograph's ray is off by, in deviations
 # Times nearer than the median feature, by so few views: wrong matches near the photograph are.
 NEAREST, FEW_VIEWS = 50.0, 2

@@ -86,23 +86,25 @@ class Window:
 
     def with_view(
         self,
-        sightings: FeatureObservations,
+        observations: FeatureObservations,
         driven_places: FloatArray,
         alternative_places: FloatArray | None = None,
     ) -> 'Window':
         """Return the window with one more keyframe, and with the features that are new in it."""
         alternative_places = driven_places if alternative_places is None else alternative_places
-        rows = self.rows_of(sightings.ids)
-        wider = self._with_features(sightings, rows < 0)
-        rows = wider.rows_of(sightings.ids)
+        rows = self.rows_of(observations.ids)
+        wider = self._with_features(observations, rows < 0)
+        rows = wider.rows_of(observations.ids)
         count = len(wider.ids)
         tangent_basis, rays, seen = (
             np.zeros((1, 2, 3, count)),
             np.zeros((1, 3, count)),
             np.zeros(count),
         )
-        tangent_basis[0][..., rows] = tangent_basis_of(sightings.current, sightings.noise[:, 0])
-        rays[0][:, rows] = sightings.current.T
+        tangent_basis[0][..., rows] = tangent_basis_of(
+            observations.current, observations.noise[:, 0]
+        )
+        rays[0][:, rows] = observations.current.T
         seen[rows] = 1.0
         return replace(
             wider,
@@ -115,14 +117,14 @@ class Window:
             ),
         )
 
-    def _with_features(self, sightings: FeatureObservations, new: BoolArray) -> 'Window':
+    def _with_features(self, observations: FeatureObservations, new: BoolArray) -> 'Window':
         added = int(new.sum())
         views = len(self)
         return replace(
             self,
-            ids=np.concatenate([self.ids, sightings.ids[new]]),
-            photograph=np.concatenate([self.photograph, sightings.desired[new]]),
-            photograph_noise=np.concatenate([self.photograph_noise, sightings.noise[new, 1]]),
+            ids=np.concatenate([self.ids, observations.ids[new]]),
+            photograph=np.concatenate([self.photograph, observations.desired[new]]),
+            photograph_noise=np.concatenate([self.photograph_noise, observations.noise[new, 1]]),
             tangent_basis=np.concatenate(
                 [self.tangent_basis, np.zeros((views, 2, 3, added))], axis=-1
             ),

@@ -131,12 +131,12 @@ def times_of(settings: StudySettings, rounds: int) -> dict[str, dict[str, float]
     """Return the processor's time [ms], by turns with two views from the last bearings."""
     drive = trial(settings, 3)
     k = len(drive.views) - 1
-    sightings, told = drive.sightings(k), two_views(drive, k - 2)
+    observations, told = drive.observations(k), two_views(drive, k - 2)
     memory = map_after_drive(drive)
     while memory.geometry is not None and not memory.geometry.converged:
-        memory = memory.after(drive.sightings(k - 1))[0].update_map()
+        memory = memory.after(drive.observations(k - 1))[0].update_map()
     prior = Prior(told.attitude or drive.mount, told.bearings[0], mount=drive.mount)
-    before = drive.sightings(k - 2)
+    before = drive.observations(k - 2)
     rng = np.random.default_rng(0)
 
     def two() -> None:
@@ -144,8 +144,8 @@ def times_of(settings: StudySettings, rounds: int) -> dict[str, dict[str, float]
 
     still, moved = (_with_spacing(memory, keyframe_spacing) for keyframe_spacing in (9.0, 1e-6))
     calls: dict[str, Callable[[], Any]] = {
-        'a view': lambda: still.after(sightings)[0].update_map(),
-        'a view that becomes a keyframe': lambda: moved.after(sightings)[0].update_map(),
+        'a view': lambda: still.after(observations)[0].update_map(),
+        'a view that becomes a keyframe': lambda: moved.after(observations)[0].update_map(),
         TWO_VIEWS: two,
     }
     times: dict[str, list[float]] = {name: [] for name in calls}

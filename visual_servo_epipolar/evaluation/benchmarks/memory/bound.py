@@ -150,7 +150,7 @@ class TrialErrors:
 def localize(drive: StudyTrial) -> MapLocalization:
     """Return what the memory says of the last view of a drive."""
     last = len(drive.views) - 1
-    _, said = map_after_drive(drive).after(drive.sightings(last), drive.motion(last))
+    _, said = map_after_drive(drive).after(drive.observations(last), drive.motion(last))
     return said
 
 

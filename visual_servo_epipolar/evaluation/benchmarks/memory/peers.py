@@ -43,12 +43,12 @@ def by_two_views(drive: StudyTrial, k: int) -> PeerPose:
     """
     x, y, heading = drive.views[k, :3].tolist()
     true = Bearings.from_pose(Pose(x, y, heading + 0.5 * math.pi))
-    sightings = drive.sightings(k)
+    observations = drive.observations(k)
     try:
         estimate = soft_planar(
-            sightings.current,
-            sightings.desired,
-            noise=sightings.noise,
+            observations.current,
+            observations.desired,
+            noise=observations.noise,
             prior=Prior(drive.mount, true, deviation=math.pi, mount=drive.mount),
             rng=np.random.default_rng(0),
         )
@@ -61,14 +61,14 @@ def by_two_views(drive: StudyTrial, k: int) -> PeerPose:
 
 def by_opencv(drive: StudyTrial, k: int, geometry: Geometry) -> PeerPose:
     """Return the pose by solvePnPRansac and its refinement, on the structure of ``geometry``."""
-    sightings, window = drive.sightings(k), geometry.window
-    rows = window.rows_of(sightings.ids)
+    observations, window = drive.observations(k), geometry.window
+    rows = window.rows_of(observations.ids)
     known = (rows >= 0) & geometry.trusted[rows]
     near = geometry.unknowns.inverse_depth[rows[known]]
     ahead = near > 0.0
     structure = geometry.evaluation.structure.rays[:, rows[known]][:, ahead].T
     points = structure / near[ahead, None]
-    pixels = drive.pixels[k + 1, sightings.ids[known]][ahead]
+    pixels = drive.pixels[k + 1, observations.ids[known]][ahead]
     camera = drive.settings.camera
     matrix = np.array([[camera.fx, 0.0, camera.cx], [0.0, camera.fy, camera.cy], [0, 0, 1.0]])
     found, turn, shift, inliers = cv2.solvePnPRansac(
@@ -114,7 +114,7 @@ def by_trifocal(drive: StudyTrial, k: int, other: int = 0) -> FloatArray:
 
 def _lines(drive: StudyTrial, other: int, k: int) -> tuple[FloatArray, float]:
     """Return what lies across bearings, (3, N, 2), and their noise [rad]."""
-    second, third = drive.sightings(other), drive.sightings(k)
+    second, third = drive.observations(other), drive.observations(k)
     _, rows, more = np.intersect1d(second.ids, third.ids, assume_unique=True, return_indices=True)
     rays = third.desired[more], second.current[rows], third.current[more]
     bearings = np.array([np.arctan2(ray[:, 0], ray[:, 2]) for ray in rays])

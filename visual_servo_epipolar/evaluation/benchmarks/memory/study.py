@@ -33,7 +33,7 @@ class StudySettings:
 
     ``wall`` is one wall at 5 m with 4 % relief instead of a room, 3-8 m deep; ``noise`` of a
     coordinate [px]; ``wrong``, the share of features that the photograph shows elsewhere, and
-    ``slips`` of single sightings; ``jitter`` of tilt and roll [rad], ``scale_error`` of the way;
+    ``slips`` of single observations; ``jitter`` of tilt and roll [rad], ``scale_error`` of the way;
     ``tilt`` of the camera and what is not known of tilt and roll [rad].
     """
 
@@ -68,7 +68,7 @@ class StudyTrial:
     right: BoolArray
     scale: float
 
-    def sightings(self, k: int) -> FeatureObservations:
+    def observations(self, k: int) -> FeatureObservations:
         """Return what view ``k`` shows, wrong matches with the rest."""
         ids = np.flatnonzero(self.seen[k])
         camera = self.settings.camera
@@ -157,12 +157,12 @@ class TwoViewBearings(NamedTuple):
 
 def two_views(trial: StudyTrial, k: int) -> TwoViewBearings:
     """Return what photograph and view ``k`` alone say: nothing where they cannot."""
-    sightings = trial.sightings(k)
+    observations = trial.observations(k)
     try:
         estimate = soft_planar(
-            sightings.current,
-            sightings.desired,
-            noise=sightings.noise,
+            observations.current,
+            observations.desired,
+            noise=observations.noise,
             prior=Prior(trial.mount, mount=trial.mount),
             rng=np.random.default_rng(0),
         )
@@ -177,7 +177,7 @@ def driven(trial: StudyTrial, settings: MapSettings | None = None) -> Iterator[K
     memory = KeyframeMap(trial.mount, settings or MapSettings())
     for k in range(len(trial.views) - 1):
         told = two_views(trial, k) if memory.geometry is None else TwoViewBearings()
-        memory, _ = memory.after(trial.sightings(k), trial.motion(k), **told._asdict())
+        memory, _ = memory.after(trial.observations(k), trial.motion(k), **told._asdict())
         memory = memory.update_map()
         yield memory
 
