@@ -8,7 +8,7 @@ from sensor_msgs.msg import CameraInfo, PointCloud2
 from std_srvs.srv import Trigger
 
 from visual_servo_epipolar.core.cameras.model import CameraModel
-from visual_servo_epipolar.core.docking.path import Place
+from visual_servo_epipolar.core.docking.path import PathPlace
 from visual_servo_epipolar.core.docking.search import DockSearch, update_search
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings, DockTaskSettings
 from visual_servo_epipolar.core.perception.observation import observe
@@ -192,7 +192,7 @@ class DockNode(ManagedNode):
             if place is not None:
                 self._look(message, self._camera, place)
 
-    def _look(self, message: PointCloud2, camera: CameraModel, place: Place) -> None:
+    def _look(self, message: PointCloud2, camera: CameraModel, place: PathPlace) -> None:
         features, warning = validation.checked_tracks(message, camera)
         if warning:
             self._warn(warning)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.docking.path import Path, Place, uncertainty
+from visual_servo_epipolar.core.docking.path import Path, PathPlace, uncertainty
 from visual_servo_epipolar.core.geometry.motion import integrate, Pose, STANDSTILL, Twist
 from visual_servo_epipolar.core.geometry.planar_poses import compose, inverse_pose, relative_pose
 
@@ -106,6 +106,9 @@ def test_the_uncertainty_is_that_of_many_drives() -> None:
             pose = integrate(pose, Twist((way + along) / dt, about / dt), dt)
         ends.append([pose.x, pose.y, pose.theta])
     length = twist.linear * steps * dt
-    before, after = Place(0, np.zeros(3)), Place(1, np.array([length, 0.0, 0.0]), way=length)
+    before, after = (
+        PathPlace(0, np.zeros(3)),
+        PathPlace(1, np.array([length, 0.0, 0.0]), way=length),
+    )
     drawn = np.cov(np.array(ends).T)
     assert uncertainty(before, after, deviation) == pytest.approx(drawn, rel=0.15, abs=2e-4)

@@ -7,7 +7,7 @@ from docking_drives import CAMERA, Drive, EXACT, NOISE, true_dock
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.core.docking.path import Place
+from visual_servo_epipolar.core.docking.path import PathPlace
 from visual_servo_epipolar.core.docking.search import DockSearch, update_search
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings
 from visual_servo_epipolar.core.geometry.motion import Pose
@@ -177,4 +177,4 @@ def test_odometry_that_lies_is_found_out(known) -> None:
 
 def test_it_begins_without_a_word() -> None:
     assert DockSearch().dock is None
-    assert Place(0, np.zeros(3)).way == 0.0
+    assert PathPlace(0, np.zeros(3)).way == 0.0

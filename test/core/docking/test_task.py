@@ -7,19 +7,19 @@ from servo_states import DRIVING
 
 from visual_servo_epipolar.core.docking.settings import DockTaskSettings
 from visual_servo_epipolar.core.docking.task import (
-    answered,
-    armed,
-    canceled,
-    charging,
+    abandon,
+    accept_request,
+    cancel,
     Error,
-    given_up,
+    on_answer,
+    on_armed,
+    on_battery,
+    on_phase,
+    on_tick,
     Order,
-    passed,
     Request,
-    requested,
-    said,
+    Stage,
     State,
-    Step,
     Task,
 )
 from visual_servo_epipolar.core.laws.phase import Phase
@@ -30,21 +30,21 @@ CHARGING = DockTaskSettings(max_retries=1, wait_for_charge=True)
 
 def running(settings=SETTINGS, now=0.0):
     """Return a task whose servo has been started."""
-    return again(requested(Request(), now, settings), now, settings)
+    return again(accept_request(Request(), now, settings), now, settings)
 
 
 def again(task, now, settings=SETTINGS):
     """Return the task after an attempt was begun as it asks for."""
     assert task.orders == (Order.STOP,)
-    task = said(task, Phase.WAITING, '', now, settings)
-    task = answered(task, Order.STOP, '', now)
+    task = on_phase(task, Phase.WAITING, '', now, settings)
+    task = on_answer(task, Order.STOP, '', now)
     assert task.orders == (Order.START,)
-    return answered(task, Order.START, '', now)
+    return on_answer(task, Order.START, '', now)
 
 
 def heard(task, *phases, reason='', now=1.0, settings=SETTINGS):
     for phase in phases:
-        task = said(task, phase, reason, now, settings)
+        task = on_phase(task, phase, reason, now, settings)
     return task
 
 
@@ -85,20 +85,20 @@ def test_numbers_are_those_of_the_action() -> None:
 )
 def test_a_dock_without_a_photograph_is_refused(request_, error) -> None:
     settings = DockTaskSettings(dock_id='home', dock_type='photograph')
-    task = requested(request_, 0.0, settings)
+    task = accept_request(request_, 0.0, settings)
     assert task.outcome.error is error
     assert Order.START not in task.orders
 
 
 def test_names_that_nobody_set_fit_every_request() -> None:
-    assert requested(Request(dock_id='any', dock_type='thing'), 0.0, SETTINGS).outcome is None
+    assert accept_request(Request(dock_id='any', dock_type='thing'), 0.0, SETTINGS).outcome is None
 
 
 def test_what_an_earlier_run_said_does_not_count() -> None:
-    task = requested(Request(), 0.0, SETTINGS)
+    task = accept_request(Request(), 0.0, SETTINGS)
     task = heard(task, Phase.ARRIVED)
     assert task.outcome is None
-    task = answered(task, Order.STOP, '', 0.1)
+    task = on_answer(task, Order.STOP, '', 0.1)
     assert task.orders == ()  # it has not said that it waits
     task = heard(task, Phase.ARRIVED)
     assert task.outcome is None
@@ -142,10 +142,10 @@ def test_after_a_retry_it_controls_and_docks() -> None:
 
 def test_a_photograph_that_is_not_seen_in_time() -> None:
     task = heard(running(), Phase.WAITING, now=1.0)
-    task = passed(task, SETTINGS.initial_perception_timeout, SETTINGS)
+    task = on_tick(task, SETTINGS.initial_perception_timeout, SETTINGS)
     assert task.retries == 0
     task = heard(task, Phase.HOLDING, now=4.9)
-    task = passed(task, SETTINGS.initial_perception_timeout + 0.1, SETTINGS)
+    task = on_tick(task, SETTINGS.initial_perception_timeout + 0.1, SETTINGS)
     assert task.retries == 1
     assert task.orders == (Order.STOP,)
 
@@ -153,8 +153,8 @@ def test_a_photograph_that_is_not_seen_in_time() -> None:
 def test_an_approach_that_takes_too_long() -> None:
     settings = replace(SETTINGS, max_retries=0, dock_approach_timeout=20.0)
     task = heard(running(settings), Phase.DISPLACING, now=20.0, settings=settings)
-    assert passed(task, 20.0, settings).outcome is None
-    task = passed(task, 20.1, settings)
+    assert on_tick(task, 20.0, settings).outcome is None
+    task = on_tick(task, 20.1, settings)
     assert task.outcome.error is Error.FAILED_TO_CONTROL
     assert task.orders == (Order.STOP,)
 
@@ -169,8 +169,8 @@ def test_an_approach_that_takes_too_long() -> None:
 )
 def test_a_servo_that_falls_silent_is_stopped_and_not_tried_again(phases, error) -> None:
     task = heard(running(), *phases, now=0.0)
-    assert passed(task, SETTINGS.servo_timeout, SETTINGS).outcome is None
-    task = passed(task, SETTINGS.servo_timeout + 0.1, SETTINGS)
+    assert on_tick(task, SETTINGS.servo_timeout, SETTINGS).outcome is None
+    task = on_tick(task, SETTINGS.servo_timeout + 0.1, SETTINGS)
     assert task.outcome.error is error
     assert task.orders == (Order.STOP,)
 
@@ -182,7 +182,7 @@ def test_a_servo_that_somebody_else_stops() -> None:
 
 
 def test_a_servo_that_is_not_there() -> None:
-    task = answered(requested(Request(), 0.0, SETTINGS), Order.STOP, 'nobody serves it', 0.0)
+    task = on_answer(accept_request(Request(), 0.0, SETTINGS), Order.STOP, 'nobody serves it', 0.0)
     assert task.outcome.error is Error.UNKNOWN
     assert task.outcome.message == 'nobody serves it'
 
@@ -190,61 +190,61 @@ def test_a_servo_that_is_not_there() -> None:
 def test_what_charges_is_docked() -> None:
     task = heard(running(CHARGING), Phase.DISPLACING, Phase.ARRIVED, settings=CHARGING)
     assert (task.state, task.outcome) == (State.WAIT_FOR_CHARGE, None)
-    assert charging(task, CHARGING.charging_threshold, CHARGING).outcome is None
-    assert charging(task, 0.6, CHARGING).outcome.success
+    assert on_battery(task, CHARGING.charging_threshold, CHARGING).outcome is None
+    assert on_battery(task, 0.6, CHARGING).outcome.success
 
 
 def test_what_does_not_charge_is_an_error_and_not_tried_again() -> None:
     task = heard(running(CHARGING), Phase.DISPLACING, Phase.ARRIVED, settings=CHARGING)
-    assert passed(task, 1.0 + CHARGING.wait_charge_timeout, CHARGING).outcome is None
-    task = passed(task, 1.1 + CHARGING.wait_charge_timeout, CHARGING)
+    assert on_tick(task, 1.0 + CHARGING.wait_charge_timeout, CHARGING).outcome is None
+    task = on_tick(task, 1.1 + CHARGING.wait_charge_timeout, CHARGING)
     assert task.outcome.error is Error.FAILED_TO_CHARGE
 
 
-@pytest.mark.parametrize('step', Step)
+@pytest.mark.parametrize('step', Stage)
 def test_a_cancel_stops_the_servo_in_every_step(step) -> None:
-    task = canceled(Task(0.0, 0.0, 0.0, step=step), 'canceled')
+    task = cancel(Task(0.0, 0.0, 0.0, step=step), 'canceled')
     assert task.orders == (Order.STOP,)
     assert task.outcome.canceled
     assert not task.outcome.success
 
 
-@pytest.mark.parametrize('step', Step)
+@pytest.mark.parametrize('step', Stage)
 def test_what_is_given_up_is_an_error_and_stops_the_servo_in_every_step(step) -> None:
-    task = given_up(Task(0.0, 0.0, 0.0, step=step), 'no longer active')
+    task = abandon(Task(0.0, 0.0, 0.0, step=step), 'no longer active')
     assert task.orders == (Order.STOP,)
     assert (task.outcome.error, task.outcome.message) == (Error.UNKNOWN, 'no longer active')
     assert not task.outcome.canceled
 
 
 def test_a_servo_that_starts_after_the_end_is_stopped_again() -> None:
-    end = canceled(running(), 'canceled')
-    late = answered(end, Order.START, '', 2.0)
+    end = cancel(running(), 'canceled')
+    late = on_answer(end, Order.START, '', 2.0)
     assert late.orders == (Order.STOP,)
     assert late.outcome is end.outcome
-    assert answered(end, Order.START, 'refused', 2.0).orders == ()
+    assert on_answer(end, Order.START, 'refused', 2.0).orders == ()
     docked = heard(running(), Phase.ARRIVED)
-    assert answered(docked, Order.START, '', 2.0).orders == ()
+    assert on_answer(docked, Order.START, '', 2.0).orders == ()
 
 
 def test_an_end_is_final() -> None:
     end = heard(running(), Phase.ARRIVED)
     for after in (
         heard(end, Phase.FAILED),
-        passed(end, 1e4, SETTINGS),
-        answered(end, Order.STOP, 'refused', 2.0),
-        charging(end, 10.0, SETTINGS),
+        on_tick(end, 1e4, SETTINGS),
+        on_answer(end, Order.STOP, 'refused', 2.0),
+        on_battery(end, 10.0, SETTINGS),
     ):
         assert after.outcome is end.outcome
         assert after.orders == ()
 
 
 def test_a_servo_whose_order_has_lapsed_has_not_seen_the_photograph() -> None:
-    task = armed(running(), 1.0)
+    task = on_armed(running(), 1.0)
     assert (task.outcome, task.heard) == (None, 1.0)
     task = heard(task, Phase.WAITING, reason='the order to start has lapsed')
     assert (task.state, task.retries, task.orders) == (State.RETRY, 1, (Order.STOP,))
-    task = heard(armed(again(task, 2.0), 2.0), Phase.WAITING, reason='it has lapsed', now=3.0)
+    task = heard(on_armed(again(task, 2.0), 2.0), Phase.WAITING, reason='it has lapsed', now=3.0)
     assert (task.outcome.error, task.outcome.message) == (
         Error.FAILED_TO_DETECT_DOCK,
         'it has lapsed',
@@ -253,8 +253,8 @@ def test_a_servo_whose_order_has_lapsed_has_not_seen_the_photograph() -> None:
 
 def test_who_waits_before_the_servo_has_been_armed_has_not_lapsed() -> None:
     assert heard(running(), Phase.WAITING).orders == ()
-    task = armed(requested(Request(), 0.0, SETTINGS), 0.0)  # by an earlier order
-    task = answered(said(task, Phase.WAITING, '', 0.0, SETTINGS), Order.STOP, '', 0.0)
-    task = answered(task, Order.START, '', 0.0)
+    task = on_armed(accept_request(Request(), 0.0, SETTINGS), 0.0)  # by an earlier order
+    task = on_answer(on_phase(task, Phase.WAITING, '', 0.0, SETTINGS), Order.STOP, '', 0.0)
+    task = on_answer(task, Order.START, '', 0.0)
     assert heard(task, Phase.WAITING).outcome is None
     assert heard(task, Phase.WAITING).orders == ()

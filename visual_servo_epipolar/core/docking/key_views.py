@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, IntArray
-from visual_servo_epipolar.core.docking.path import Place, uncertainty
+from visual_servo_epipolar.core.docking.path import PathPlace, uncertainty
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings
 from visual_servo_epipolar.core.geometry.epipolar import Bearings
 from visual_servo_epipolar.core.geometry.planar_poses import relative_pose
@@ -24,7 +24,7 @@ SAME_RAY = 1e-6  # [rad]
 class KeyView:
     """View along the path: where the base was, what it saw, and the bearings of that pair."""
 
-    place: Place
+    place: PathPlace
     observation: Observation
     bearings: Bearings | None
     parallax: float
@@ -91,7 +91,7 @@ def factors_along(views: Sequence[KeyView], settings: DockPoseSettings) -> PathF
     )
 
 
-def _root(before: Place, after: Place, settings: DockPoseSettings) -> FloatArray:
+def _root(before: PathPlace, after: PathPlace, settings: DockPoseSettings) -> FloatArray:
     """Return W, (3, 3), such that W^T W is the information of the motion between two places."""
     covariance = uncertainty(before, after, settings.path_deviation)
     return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)))

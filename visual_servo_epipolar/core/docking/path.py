@@ -18,7 +18,7 @@ LEAST_WAY, LEAST_TURN = 3e-4, 1e-4  # deviations of a step beside its own [m, ra
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Place:
+class PathPlace:
     """
     Where the base was: ``pose``, (3,), in the frame of the path, at ``stamp_ns``.
 
@@ -33,7 +33,7 @@ class Place:
     epoch: int = 0
 
 
-def uncertainty(before: Place, after: Place, deviation: float) -> FloatArray:
+def uncertainty(before: PathPlace, after: PathPlace, deviation: float) -> FloatArray:
     """
     Return the covariance, (3, 3), of the motion between two places, in axes of the first.
 
@@ -66,7 +66,7 @@ class Path:
     def __init__(self, *, command_timeout: float = 0.5) -> None:
         self.epoch = 0
         self._timeout = command_timeout
-        self._places: list[Place] = []
+        self._places: list[PathPlace] = []
         self._twist = STANDSTILL
 
     @property
@@ -80,7 +80,7 @@ class Path:
         if self._places and self._leaps(stamp_ns, here):
             self.epoch, self._places, self._twist = self.epoch + 1, [], STANDSTILL
         if not self._places:
-            self._places = [Place(stamp_ns, here, epoch=self.epoch)]
+            self._places = [PathPlace(stamp_ns, here, epoch=self.epoch)]
             return
         last = self._places[-1]
         dt = seconds_between(last.stamp_ns, stamp_ns)
@@ -93,12 +93,12 @@ class Path:
         if self._places and stamp_ns < self._places[-1].stamp_ns:
             self.epoch, self._places = self.epoch + 1, []
         if not self._places:
-            self._places = [Place(stamp_ns, np.zeros(3), epoch=self.epoch)]
+            self._places = [PathPlace(stamp_ns, np.zeros(3), epoch=self.epoch)]
         else:
             self._append(stamp_ns, self._driven(stamp_ns))
         self._twist = twist
 
-    def at(self, stamp_ns: int, *, predict: bool = False) -> Place | None:
+    def at(self, stamp_ns: int, *, predict: bool = False) -> PathPlace | None:
         """
         Return the place at a stamp, None where the path does not reach.
 
@@ -135,17 +135,17 @@ class Path:
             self._places.pop(0)
 
 
-def _moved(before: Place, stamp_ns: int, here: FloatArray) -> Place:
+def _moved(before: PathPlace, stamp_ns: int, here: FloatArray) -> PathPlace:
     x, y, turn = relative_pose(before.pose, here).tolist()
     way = before.way + math.hypot(x, y)
-    return Place(stamp_ns, here, way, before.turn + abs(turn), before.epoch)
+    return PathPlace(stamp_ns, here, way, before.turn + abs(turn), before.epoch)
 
 
-def _interpolate(before: Place, after: Place, stamp_ns: int) -> Place:
+def _interpolate(before: PathPlace, after: PathPlace, stamp_ns: int) -> PathPlace:
     part = (stamp_ns - before.stamp_ns) / (after.stamp_ns - before.stamp_ns)
     motion = relative_pose(before.pose, after.pose)
     pose = before.pose + part * (after.pose - before.pose)
     pose[2] = before.pose[2] + part * motion[2]
     way = before.way + part * (after.way - before.way)
     turn = before.turn + part * (after.turn - before.turn)
-    return Place(stamp_ns, pose, way, turn, before.epoch)
+    return PathPlace(stamp_ns, pose, way, turn, before.epoch)

@@ -14,7 +14,7 @@ from visual_servo_epipolar.core.docking.key_views import (
     thin_out,
     window_of,
 )
-from visual_servo_epipolar.core.docking.path import Place
+from visual_servo_epipolar.core.docking.path import PathPlace
 from visual_servo_epipolar.core.docking.settings import DockPoseSettings
 from visual_servo_epipolar.core.geometry.planar_poses import (
     camera_at,
@@ -96,7 +96,7 @@ class DockSearch:
 
 
 def update_search(
-    search: DockSearch, observation: Observation, place: Place, settings: DockPoseSettings
+    search: DockSearch, observation: Observation, place: PathPlace, settings: DockPoseSettings
 ) -> DockSearch:
     """
     Return the search after an ``observation`` from a ``place``.
@@ -206,7 +206,7 @@ def _guess(
     window: Window,
     factors: PathFactors,
     views: tuple[KeyView, ...],
-    place: Place,
+    place: PathPlace,
     base: FloatArray,
     shared: FloatArray,
 ) -> Evaluation:

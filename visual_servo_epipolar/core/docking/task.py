@@ -45,8 +45,8 @@ class Order(Enum):
     STOP = 'stop'
 
 
-class Step(Enum):
-    """Step of an attempt: the servo is being stopped, is being started, drives, charges."""
+class Stage(Enum):
+    """Stage of an attempt: the servo is being stopped, is being started, drives, charges."""
 
     CLEARING = 'clearing'
     STARTING = 'starting'
@@ -86,7 +86,7 @@ class Task:
     began: float
     step_began: float
     heard: float
-    step: Step = Step.CLEARING
+    step: Stage = Stage.CLEARING
     state: State = State.INITIAL_PERCEPTION
     cleared: bool = False
     stopped: bool = False
@@ -98,24 +98,24 @@ class Task:
     outcome: Outcome | None = None
 
 
-def requested(request: Request, now: float, settings: DockTaskSettings) -> Task:
+def accept_request(request: Request, now: float, settings: DockTaskSettings) -> Task:
     """Return the task of a ``request``, which may end it at once."""
     task = Task(now, now, now)
     if not request.by_id:
         message = (
             'a photograph is docked at, not a pose: set use_dock_id, and dock_id if it has one'
         )
-        return _ended(task, Error.DOCK_NOT_VALID, message)
+        return _end(task, Error.DOCK_NOT_VALID, message)
     for name, wanted, has, error in (
         ('dock_id', request.dock_id, settings.dock_id, Error.DOCK_NOT_IN_DB),
         ('dock_type', request.dock_type, settings.dock_type, Error.DOCK_NOT_VALID),
     ):
         if wanted and has and wanted != has:
-            return _ended(task, error, f'the photograph is of {name} {has!r}, got {wanted!r:.40}')
+            return _end(task, error, f'the photograph is of {name} {has!r}, got {wanted!r:.40}')
     return replace(task, orders=(Order.STOP,))
 
 
-def answered(task: Task, order: Order, refusal: str, now: float) -> Task:
+def on_answer(task: Task, order: Order, refusal: str, now: float) -> Task:
     """Return the task after the answer to an ``order``, with the servo's ``refusal`` or ''."""
     task = replace(task, orders=())
     if task.outcome is not None:
@@ -123,107 +123,109 @@ def answered(task: Task, order: Order, refusal: str, now: float) -> Task:
         late = order is Order.START and not refusal and not task.outcome.success
         return replace(task, orders=(Order.STOP,)) if late else task
     if refusal:
-        return _ended(task, Error.UNKNOWN, refusal)
-    if order is Order.STOP and task.step is Step.CLEARING:
-        return _started(replace(task, stopped=True, heard=now), now)
-    if order is Order.START and task.step is Step.STARTING:
-        return replace(task, step=Step.RUNNING, step_began=now, heard=now)
+        return _end(task, Error.UNKNOWN, refusal)
+    if order is Order.STOP and task.step is Stage.CLEARING:
+        return _start(replace(task, stopped=True, heard=now), now)
+    if order is Order.START and task.step is Stage.STARTING:
+        return replace(task, step=Stage.RUNNING, step_began=now, heard=now)
     return task
 
 
-def said(task: Task, phase: Phase, reason: str, now: float, settings: DockTaskSettings) -> Task:
+def on_phase(
+    task: Task, phase: Phase, reason: str, now: float, settings: DockTaskSettings
+) -> Task:
     """Return the task after the servo has said its ``phase``, and the ``reason`` for it."""
     task = replace(task, orders=(), heard=now)
-    if task.outcome is not None or task.step is Step.CHARGING:
+    if task.outcome is not None or task.step is Stage.CHARGING:
         return task
-    if task.step is Step.CLEARING:
+    if task.step is Stage.CLEARING:
         cleared = task.cleared or phase is Phase.WAITING
-        return _started(replace(task, cleared=cleared), now)
-    if task.step is Step.STARTING and phase is Phase.WAITING:
+        return _start(replace(task, cleared=cleared), now)
+    if task.step is Stage.STARTING and phase is Phase.WAITING:
         return task
     if phase.drives:
-        return _driving(task, phase)
+        return _drive(task, phase)
     if phase is Phase.ARRIVED:
-        return _arrived(task, now, settings)
+        return _arrive(task, now, settings)
     if phase is Phase.FAILED:
-        return _missed(task, _error_of(task), reason or 'the servo failed', now, settings)
+        return _retry(task, _error_of(task), reason or 'the servo failed', now, settings)
     if phase is Phase.WAITING and task.driven:
-        return _ended(task, Error.FAILED_TO_CONTROL, 'somebody else has stopped the servo')
-    if phase is Phase.WAITING and task.armed and task.step is Step.RUNNING:
+        return _end(task, Error.FAILED_TO_CONTROL, 'somebody else has stopped the servo')
+    if phase is Phase.WAITING and task.armed and task.step is Stage.RUNNING:
         why = reason or 'the servo has not begun to drive'
-        return _missed(task, Error.FAILED_TO_DETECT_DOCK, why, now, settings)
+        return _retry(task, Error.FAILED_TO_DETECT_DOCK, why, now, settings)
     return replace(task, last_phase=phase)
 
 
-def armed(task: Task, now: float) -> Task:
+def on_armed(task: Task, now: float) -> Task:
     """Return the task after the servo has said that it drives as soon as it can."""
-    return replace(task, orders=(), heard=now, armed=task.armed or task.step is not Step.CLEARING)
+    return replace(task, orders=(), heard=now, armed=task.armed or task.step is not Stage.CLEARING)
 
 
-def charging(task: Task, current: float, settings: DockTaskSettings) -> Task:
+def on_battery(task: Task, current: float, settings: DockTaskSettings) -> Task:
     """Return the task after the battery takes a ``current`` [A]."""
     task = replace(task, orders=())
-    if task.outcome is None and task.step is Step.CHARGING:
+    if task.outcome is None and task.step is Stage.CHARGING:
         if current > settings.charging_threshold:
             return replace(task, outcome=Outcome(success=True, message='docked, and charging'))
     return task
 
 
-def passed(task: Task, now: float, settings: DockTaskSettings) -> Task:
+def on_tick(task: Task, now: float, settings: DockTaskSettings) -> Task:
     """Return the task as time goes by: what takes too long fails."""
     task = replace(task, orders=())
     if task.outcome is not None:
         return task
     waited = now - task.step_began
-    if task.step is Step.CHARGING:
+    if task.step is Stage.CHARGING:
         if waited > settings.wait_charge_timeout:
             reason = f'no current above {settings.charging_threshold:g} A for {waited:.0f} s'
-            return _ended(task, Error.FAILED_TO_CHARGE, reason)
+            return _end(task, Error.FAILED_TO_CHARGE, reason)
         return task
     silence = now - task.heard
     if silence > settings.servo_timeout:
         error = Error.FAILED_TO_CONTROL if task.driven else Error.FAILED_TO_DETECT_DOCK
-        return _ended(task, error, f'the servo has said nothing for {silence:.1f} s')
-    if task.step in (Step.CLEARING, Step.STARTING) and waited > settings.servo_timeout:
+        return _end(task, error, f'the servo has said nothing for {silence:.1f} s')
+    if task.step in (Stage.CLEARING, Stage.STARTING) and waited > settings.servo_timeout:
         reason = f'the servo has not begun anew for {waited:.1f} s; is phase that of this servo?'
-        return _ended(task, Error.UNKNOWN, reason)
-    if task.step is Step.RUNNING and not task.driven:
+        return _end(task, Error.UNKNOWN, reason)
+    if task.step is Stage.RUNNING and not task.driven:
         if waited > settings.initial_perception_timeout:
             reason = f'the photograph was not seen for {waited:.0f} s'
-            return _missed(task, Error.FAILED_TO_DETECT_DOCK, reason, now, settings)
-    if task.step is Step.RUNNING and waited > settings.dock_approach_timeout:
+            return _retry(task, Error.FAILED_TO_DETECT_DOCK, reason, now, settings)
+    if task.step is Stage.RUNNING and waited > settings.dock_approach_timeout:
         reason = f'the approach took longer than {settings.dock_approach_timeout:g} s'
-        return _missed(task, Error.FAILED_TO_CONTROL, reason, now, settings)
+        return _retry(task, Error.FAILED_TO_CONTROL, reason, now, settings)
     return task
 
 
-def canceled(task: Task, why: str) -> Task:
+def cancel(task: Task, why: str) -> Task:
     """Return the task after an order to give it up: the servo is stopped."""
     outcome = Outcome(message=why, canceled=True)
     return replace(task, orders=(Order.STOP,), outcome=outcome)
 
 
-def given_up(task: Task, why: str) -> Task:
+def abandon(task: Task, why: str) -> Task:
     """Return the task after who serves it has given it up: an error, and the servo is stopped."""
-    return _ended(task, Error.UNKNOWN, why)
+    return _end(task, Error.UNKNOWN, why)
 
 
-def _started(task: Task, now: float) -> Task:
+def _start(task: Task, now: float) -> Task:
     """Return the task with the order to start, as soon as the servo has forgotten the last run."""
     if not (task.cleared and task.stopped):
         return task
-    return replace(task, step=Step.STARTING, step_began=now, orders=(Order.START,))
+    return replace(task, step=Stage.STARTING, step_began=now, orders=(Order.START,))
 
 
-def _driving(task: Task, phase: Phase) -> Task:
+def _drive(task: Task, phase: Phase) -> Task:
     backs_off = phase is Phase.RETREATING and not task.retries
     state = State.NAV_TO_STAGING_POSE if backs_off else State.CONTROLLING
     return replace(task, state=state, driven=True, last_phase=phase)
 
 
-def _arrived(task: Task, now: float, settings: DockTaskSettings) -> Task:
+def _arrive(task: Task, now: float, settings: DockTaskSettings) -> Task:
     if settings.wait_for_charge:
-        return replace(task, step=Step.CHARGING, step_began=now, state=State.WAIT_FOR_CHARGE)
+        return replace(task, step=Stage.CHARGING, step_began=now, state=State.WAIT_FOR_CHARGE)
     return replace(task, outcome=Outcome(success=True, message='docked'))
 
 
@@ -236,15 +238,15 @@ def _error_of(task: Task) -> Error:
     return Error.FAILED_TO_CONTROL
 
 
-def _missed(task: Task, error: Error, reason: str, now: float, settings: DockTaskSettings) -> Task:
+def _retry(task: Task, error: Error, reason: str, now: float, settings: DockTaskSettings) -> Task:
     """Return the task after an attempt that failed: the next one, or the end."""
     if task.retries >= settings.max_retries:
-        return _ended(task, error, reason)
+        return _end(task, error, reason)
     again = Task(task.began, now, now, state=State.RETRY, retries=task.retries + 1)
     return replace(again, orders=(Order.STOP,))
 
 
-def _ended(task: Task, error: Error, message: str) -> Task:
+def _end(task: Task, error: Error, message: str) -> Task:
     return replace(task, orders=(Order.STOP,), outcome=Outcome(error=error, message=message))
 
 

@@ -8,7 +8,7 @@ from geometry_msgs.msg import TwistStamped
 from nav_msgs.msg import Odometry
 from rclpy.node import Node
 
-from visual_servo_epipolar.core.docking.path import Path, Place
+from visual_servo_epipolar.core.docking.path import Path, PathPlace
 from visual_servo_epipolar.messages import read
 from visual_servo_epipolar.nodes import qos
 from visual_servo_epipolar.nodes.startup.settings import DockNodeSettings
@@ -43,7 +43,7 @@ class DrivenPath:
         """Forget the path: what was driven since its end is not known."""
         self.path, self.frame = Path(), ''
 
-    def at(self, stamp_ns: int) -> Place | None:
+    def at(self, stamp_ns: int) -> PathPlace | None:
         """Return where the base was at a stamp, None where the path does not reach."""
         return self.path.at(stamp_ns, predict=self._predicts)
 

@@ -5,7 +5,7 @@ from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped
 from rclpy.node import Node
 
 from visual_servo_epipolar.core.docking.dock_pose import DockPose
-from visual_servo_epipolar.core.docking.path import Place
+from visual_servo_epipolar.core.docking.path import PathPlace
 from visual_servo_epipolar.core.docking.search import DockSearch
 from visual_servo_epipolar.core.geometry.planar_poses import compose
 from visual_servo_epipolar.messages import docking, write
@@ -25,7 +25,7 @@ class DockReports:
             DiagnosticArray, '/diagnostics', qos.DIAGNOSTICS
         )
 
-    def pose(self, dock: DockPose, place: Place, path_frame: str | None) -> None:
+    def pose(self, dock: DockPose, place: PathPlace, path_frame: str | None) -> None:
         """Publish the pose as seen from ``place``; in ``path_frame``, if any."""
         frame, pose, covariance = self._base_frame, dock.pose, dock.covariance
         if path_frame is not None:

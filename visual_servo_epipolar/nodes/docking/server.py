@@ -72,7 +72,7 @@ class DockServer:
     def give_up(self, why: str) -> None:
         """Abort a goal under way, and stop the servo that drives for it."""
         if self._task is not None and self._task.outcome is None:
-            self._follow(tasks.given_up(self._task, why))
+            self._follow(tasks.abandon(self._task, why))
 
     def destroy(self) -> None:
         """Take the server from the node."""
@@ -91,11 +91,11 @@ class DockServer:
         self._goal, self._task = goal, None
         request = self._wire.request(goal.request)
         self._node.get_logger().info(f'dock_robot: {request}')
-        task = tasks.requested(request, self._now(), self.settings)
+        task = tasks.accept_request(request, self._now(), self.settings)
         # Not active any more: the goal was accepted just before.
         refusal = self._refusal() if self._node.is_active else DEACTIVATED
         if refusal:
-            task = replace(tasks.given_up(task, refusal), orders=())
+            task = replace(tasks.abandon(task, refusal), orders=())
         self._follow(task)
         if self._servo.phase is not None and self._task is not None:
             self._on_phase(self._servo.phase, '')
@@ -110,28 +110,28 @@ class DockServer:
 
     def _on_phase(self, phase: Phase, reason: str) -> None:
         if self._task is not None:
-            self._follow(tasks.said(self._task, phase, reason, self._now(), self.settings))
+            self._follow(tasks.on_phase(self._task, phase, reason, self._now(), self.settings))
 
     def _on_armed(self) -> None:
         if self._task is not None:
-            self._follow(tasks.armed(self._task, self._now()))
+            self._follow(tasks.on_armed(self._task, self._now()))
 
     def _on_answer(self, order: Order, refusal: str) -> None:
         if self._task is not None:
-            self._follow(tasks.answered(self._task, order, refusal, self._now()))
+            self._follow(tasks.on_answer(self._task, order, refusal, self._now()))
 
     def _on_battery(self, message: BatteryState) -> None:
         if self._task is not None:
-            self._follow(tasks.charging(self._task, docking.current(message), self.settings))
+            self._follow(tasks.on_battery(self._task, docking.current(message), self.settings))
 
     def _on_tick(self) -> None:
         task = self._task
         if task is None or task.outcome is not None:
             return
         if self._goal.is_cancel_requested:
-            self._follow(tasks.canceled(task, 'canceled'))
+            self._follow(tasks.cancel(task, 'canceled'))
             return
-        self._follow(tasks.passed(task, self._now(), self.settings))
+        self._follow(tasks.on_tick(task, self._now(), self.settings))
         self._publish()
 
     def _follow(self, task: Task) -> None:
