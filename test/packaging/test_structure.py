@@ -13,7 +13,6 @@ LONG_FUNCTIONS = {'_scene': 41, 'remembered': 45, 'updated': 73}
 LARGE_VALUES = {
     'Event',
     'Inspection',
-    'KeyframeMap',
     'Kind',
     'Law',
     'MapLocalization',
@@ -26,9 +25,9 @@ LARGE_VALUES = {
     'Task',
 }
 FLAT = ('Settings', 'Circumstances')
-FULL_FOLDERS = {'core/laws', 'core/mapping', 'core/servo', 'core/tracking', 'nodes'}
+FULL_FOLDERS = {'core/laws', 'core/servo', 'core/tracking', 'nodes'}
 FULL_FOLDERS |= {'evaluation/faults/catalogue'}
-DOUBLE_NAMES = {'Errors', 'Fit', 'Gains', 'Place', 'Step', 'Window'}
+DOUBLE_NAMES = {'Errors', 'Gains', 'Place', 'Step', 'Window'}
 
 
 @cache

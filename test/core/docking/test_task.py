@@ -16,8 +16,8 @@ from visual_servo_epipolar.core.docking.task import (
     on_battery,
     on_phase,
     on_tick,
-    Order,
     Request,
+    ServoOrder,
     Stage,
     State,
     Task,
@@ -35,11 +35,11 @@ def running(settings=SETTINGS, now=0.0):
 
 def again(task, now, settings=SETTINGS):
     """Return the task after an attempt was begun as it asks for."""
-    assert task.orders == (Order.STOP,)
+    assert task.orders == (ServoOrder.STOP,)
     task = on_phase(task, Phase.WAITING, '', now, settings)
-    task = on_answer(task, Order.STOP, '', now)
-    assert task.orders == (Order.START,)
-    return on_answer(task, Order.START, '', now)
+    task = on_answer(task, ServoOrder.STOP, '', now)
+    assert task.orders == (ServoOrder.START,)
+    return on_answer(task, ServoOrder.START, '', now)
 
 
 def heard(task, *phases, reason='', now=1.0, settings=SETTINGS):
@@ -87,7 +87,7 @@ def test_a_dock_without_a_photograph_is_refused(request_, error) -> None:
     settings = DockTaskSettings(dock_id='home', dock_type='photograph')
     task = accept_request(request_, 0.0, settings)
     assert task.outcome.error is error
-    assert Order.START not in task.orders
+    assert ServoOrder.START not in task.orders
 
 
 def test_names_that_nobody_set_fit_every_request() -> None:
@@ -98,12 +98,12 @@ def test_what_an_earlier_run_said_does_not_count() -> None:
     task = accept_request(Request(), 0.0, SETTINGS)
     task = heard(task, Phase.ARRIVED)
     assert task.outcome is None
-    task = on_answer(task, Order.STOP, '', 0.1)
+    task = on_answer(task, ServoOrder.STOP, '', 0.1)
     assert task.orders == ()  # it has not said that it waits
     task = heard(task, Phase.ARRIVED)
     assert task.outcome is None
     task = heard(task, Phase.WAITING)
-    assert task.orders == (Order.START,)
+    assert task.orders == (ServoOrder.START,)
 
 
 def test_a_robot_that_stands_at_the_dock_is_docked_at_once() -> None:
@@ -147,7 +147,7 @@ def test_a_photograph_that_is_not_seen_in_time() -> None:
     task = heard(task, Phase.HOLDING, now=4.9)
     task = on_tick(task, SETTINGS.initial_perception_timeout + 0.1, SETTINGS)
     assert task.retries == 1
-    assert task.orders == (Order.STOP,)
+    assert task.orders == (ServoOrder.STOP,)
 
 
 def test_an_approach_that_takes_too_long() -> None:
@@ -156,7 +156,7 @@ def test_an_approach_that_takes_too_long() -> None:
     assert on_tick(task, 20.0, settings).outcome is None
     task = on_tick(task, 20.1, settings)
     assert task.outcome.error is Error.FAILED_TO_CONTROL
-    assert task.orders == (Order.STOP,)
+    assert task.orders == (ServoOrder.STOP,)
 
 
 @pytest.mark.parametrize(
@@ -172,7 +172,7 @@ def test_a_servo_that_falls_silent_is_stopped_and_not_tried_again(phases, error)
     assert on_tick(task, SETTINGS.servo_timeout, SETTINGS).outcome is None
     task = on_tick(task, SETTINGS.servo_timeout + 0.1, SETTINGS)
     assert task.outcome.error is error
-    assert task.orders == (Order.STOP,)
+    assert task.orders == (ServoOrder.STOP,)
 
 
 def test_a_servo_that_somebody_else_stops() -> None:
@@ -182,7 +182,9 @@ def test_a_servo_that_somebody_else_stops() -> None:
 
 
 def test_a_servo_that_is_not_there() -> None:
-    task = on_answer(accept_request(Request(), 0.0, SETTINGS), Order.STOP, 'nobody serves it', 0.0)
+    task = on_answer(
+        accept_request(Request(), 0.0, SETTINGS), ServoOrder.STOP, 'nobody serves it', 0.0
+    )
     assert task.outcome.error is Error.UNKNOWN
     assert task.outcome.message == 'nobody serves it'
 
@@ -204,7 +206,7 @@ def test_what_does_not_charge_is_an_error_and_not_tried_again() -> None:
 @pytest.mark.parametrize('step', Stage)
 def test_a_cancel_stops_the_servo_in_every_step(step) -> None:
     task = cancel(Task(0.0, 0.0, 0.0, step=step), 'canceled')
-    assert task.orders == (Order.STOP,)
+    assert task.orders == (ServoOrder.STOP,)
     assert task.outcome.canceled
     assert not task.outcome.success
 
@@ -212,19 +214,19 @@ def test_a_cancel_stops_the_servo_in_every_step(step) -> None:
 @pytest.mark.parametrize('step', Stage)
 def test_what_is_given_up_is_an_error_and_stops_the_servo_in_every_step(step) -> None:
     task = abandon(Task(0.0, 0.0, 0.0, step=step), 'no longer active')
-    assert task.orders == (Order.STOP,)
+    assert task.orders == (ServoOrder.STOP,)
     assert (task.outcome.error, task.outcome.message) == (Error.UNKNOWN, 'no longer active')
     assert not task.outcome.canceled
 
 
 def test_a_servo_that_starts_after_the_end_is_stopped_again() -> None:
     end = cancel(running(), 'canceled')
-    late = on_answer(end, Order.START, '', 2.0)
-    assert late.orders == (Order.STOP,)
+    late = on_answer(end, ServoOrder.START, '', 2.0)
+    assert late.orders == (ServoOrder.STOP,)
     assert late.outcome is end.outcome
-    assert on_answer(end, Order.START, 'refused', 2.0).orders == ()
+    assert on_answer(end, ServoOrder.START, 'refused', 2.0).orders == ()
     docked = heard(running(), Phase.ARRIVED)
-    assert on_answer(docked, Order.START, '', 2.0).orders == ()
+    assert on_answer(docked, ServoOrder.START, '', 2.0).orders == ()
 
 
 def test_an_end_is_final() -> None:
@@ -232,7 +234,7 @@ def test_an_end_is_final() -> None:
     for after in (
         heard(end, Phase.FAILED),
         on_tick(end, 1e4, SETTINGS),
-        on_answer(end, Order.STOP, 'refused', 2.0),
+        on_answer(end, ServoOrder.STOP, 'refused', 2.0),
         on_battery(end, 10.0, SETTINGS),
     ):
         assert after.outcome is end.outcome
@@ -243,7 +245,7 @@ def test_a_servo_whose_order_has_lapsed_has_not_seen_the_photograph() -> None:
     task = on_armed(running(), 1.0)
     assert (task.outcome, task.heard) == (None, 1.0)
     task = heard(task, Phase.WAITING, reason='the order to start has lapsed')
-    assert (task.state, task.retries, task.orders) == (State.RETRY, 1, (Order.STOP,))
+    assert (task.state, task.retries, task.orders) == (State.RETRY, 1, (ServoOrder.STOP,))
     task = heard(on_armed(again(task, 2.0), 2.0), Phase.WAITING, reason='it has lapsed', now=3.0)
     assert (task.outcome.error, task.outcome.message) == (
         Error.FAILED_TO_DETECT_DOCK,
@@ -254,7 +256,7 @@ def test_a_servo_whose_order_has_lapsed_has_not_seen_the_photograph() -> None:
 def test_who_waits_before_the_servo_has_been_armed_has_not_lapsed() -> None:
     assert heard(running(), Phase.WAITING).orders == ()
     task = on_armed(accept_request(Request(), 0.0, SETTINGS), 0.0)  # by an earlier order
-    task = on_answer(on_phase(task, Phase.WAITING, '', 0.0, SETTINGS), Order.STOP, '', 0.0)
-    task = on_answer(task, Order.START, '', 0.0)
+    task = on_answer(on_phase(task, Phase.WAITING, '', 0.0, SETTINGS), ServoOrder.STOP, '', 0.0)
+    task = on_answer(task, ServoOrder.START, '', 0.0)
     assert heard(task, Phase.WAITING).outcome is None
     assert heard(task, Phase.WAITING).orders == ()

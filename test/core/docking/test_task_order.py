@@ -14,8 +14,8 @@ from visual_servo_epipolar.core.docking.task import (
     on_battery,
     on_phase,
     on_tick,
-    Order,
     Request,
+    ServoOrder,
     Stage,
     Task,
 )
@@ -23,7 +23,7 @@ from visual_servo_epipolar.core.laws.phase import Phase
 
 SETTINGS = DockTaskSettings(max_retries=1)
 CHARGING = DockTaskSettings(wait_for_charge=True)
-START, STOP = Order.START, Order.STOP
+START, STOP = ServoOrder.START, ServoOrder.STOP
 CURRENT = 10.0  # [A] of a battery that charges
 
 

@@ -9,8 +9,7 @@ from visual_servo_epipolar.core.mapping.adjustment.refinement import Geometry
 from visual_servo_epipolar.core.mapping.correspondences import correspondences_of, errors_of
 from visual_servo_epipolar.core.mapping.feature_observations import tangent_basis_of
 from visual_servo_epipolar.core.mapping.fitting import anchors_of, fit_pose, MatchedFeatures
-from visual_servo_epipolar.core.mapping.resection import resect
-from visual_servo_epipolar.core.mapping.shrinkage import NOTHING
+from visual_servo_epipolar.core.mapping.resection import NOTHING, resect
 
 
 def test_they_are_of_these_features_and_of_this_geometry(exact, exact_drive) -> None:

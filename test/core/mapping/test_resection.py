@@ -14,8 +14,7 @@ from visual_servo_epipolar.core.mapping.fitting import (
     MatchedFeatures,
     nearest_view,
 )
-from visual_servo_epipolar.core.mapping.resection import resect
-from visual_servo_epipolar.core.mapping.shrinkage import NOTHING
+from visual_servo_epipolar.core.mapping.resection import NOTHING, resect
 from visual_servo_epipolar.evaluation.benchmarks.memory.bound import bound
 from visual_servo_epipolar.evaluation.benchmarks.memory.study import StudyTrial
 

@@ -7,7 +7,7 @@ import pytest
 
 from visual_servo_epipolar.core.mapping.keyframe_map import KeyframeMap
 from visual_servo_epipolar.core.mapping.localization import MapLocalization
-from visual_servo_epipolar.core.mapping.shrinkage import (
+from visual_servo_epipolar.core.mapping.resection import (
     CHANCE,
     NOTHING,
     Shrinkage,

@@ -38,7 +38,7 @@ class Error(IntEnum):
     UNKNOWN = 999
 
 
-class Order(Enum):
+class ServoOrder(Enum):
     """Order to the servo: its service of that name."""
 
     START = 'start'
@@ -94,7 +94,7 @@ class Task:
     driven: bool = False
     last_phase: Phase = Phase.WAITING
     retries: int = 0
-    orders: tuple[Order, ...] = ()
+    orders: tuple[ServoOrder, ...] = ()
     outcome: Outcome | None = None
 
 
@@ -112,21 +112,21 @@ def accept_request(request: Request, now: float, settings: DockTaskSettings) -> 
     ):
         if wanted and has and wanted != has:
             return _end(task, error, f'the photograph is of {name} {has!r}, got {wanted!r:.40}')
-    return replace(task, orders=(Order.STOP,))
+    return replace(task, orders=(ServoOrder.STOP,))
 
 
-def on_answer(task: Task, order: Order, refusal: str, now: float) -> Task:
+def on_answer(task: Task, order: ServoOrder, refusal: str, now: float) -> Task:
     """Return the task after the answer to an ``order``, with the servo's ``refusal`` or ''."""
     task = replace(task, orders=())
     if task.outcome is not None:
         # Orders may overtake each other: a servo that starts after the end is stopped again.
-        late = order is Order.START and not refusal and not task.outcome.success
-        return replace(task, orders=(Order.STOP,)) if late else task
+        late = order is ServoOrder.START and not refusal and not task.outcome.success
+        return replace(task, orders=(ServoOrder.STOP,)) if late else task
     if refusal:
         return _end(task, Error.UNKNOWN, refusal)
-    if order is Order.STOP and task.step is Stage.CLEARING:
+    if order is ServoOrder.STOP and task.step is Stage.CLEARING:
         return _start(replace(task, stopped=True, heard=now), now)
-    if order is Order.START and task.step is Stage.STARTING:
+    if order is ServoOrder.START and task.step is Stage.STARTING:
         return replace(task, step=Stage.RUNNING, step_began=now, heard=now)
     return task
 
@@ -202,7 +202,7 @@ def on_tick(task: Task, now: float, settings: DockTaskSettings) -> Task:
 def cancel(task: Task, why: str) -> Task:
     """Return the task after an order to give it up: the servo is stopped."""
     outcome = Outcome(message=why, canceled=True)
-    return replace(task, orders=(Order.STOP,), outcome=outcome)
+    return replace(task, orders=(ServoOrder.STOP,), outcome=outcome)
 
 
 def abandon(task: Task, why: str) -> Task:
@@ -214,7 +214,7 @@ def _start(task: Task, now: float) -> Task:
     """Return the task with the order to start, as soon as the servo has forgotten the last run."""
     if not (task.cleared and task.stopped):
         return task
-    return replace(task, step=Stage.STARTING, step_began=now, orders=(Order.START,))
+    return replace(task, step=Stage.STARTING, step_began=now, orders=(ServoOrder.START,))
 
 
 def _drive(task: Task, phase: Phase) -> Task:
@@ -243,11 +243,11 @@ def _retry(task: Task, error: Error, reason: str, now: float, settings: DockTask
     if task.retries >= settings.max_retries:
         return _end(task, error, reason)
     again = Task(task.began, now, now, state=State.RETRY, retries=task.retries + 1)
-    return replace(again, orders=(Order.STOP,))
+    return replace(again, orders=(ServoOrder.STOP,))
 
 
 def _end(task: Task, error: Error, message: str) -> Task:
-    return replace(task, orders=(Order.STOP,), outcome=Outcome(error=error, message=message))
+    return replace(task, orders=(ServoOrder.STOP,), outcome=Outcome(error=error, message=message))
 
 
 def elapsed(task: Task, now: float) -> float:

@@ -51,7 +51,7 @@ class FeatureObservations:
     def owning(
         cls, ids: IntArray, current: FloatArray, desired: FloatArray, noise: FloatArray
     ) -> 'FeatureObservations':
-        """Return observations of columns that fit and that nobody changes: not copied nor checked."""
+        """Return those of columns that fit and that nobody changes: not copied nor checked."""
         observations = object.__new__(cls)
         columns = (ids, current, desired, noise)
         for name, values in zip(cls.__slots__, columns, strict=True):

@@ -73,7 +73,7 @@ class Anchors:
         return told, np.concatenate([np.zeros(TILT), told]) + RIDGE
 
 
-class Fit(NamedTuple):
+class PoseFit(NamedTuple):
     """
     Pose of a view, (5,), squared residuals, (n,), and how many times wider they are.
 
@@ -120,7 +120,7 @@ def _slopes(
     return _Slopes(found, found[BY_VIEW], told, _times(told, found[BY_VIEW]))
 
 
-def fit_pose(anchors: Anchors, seen: MatchedFeatures, start: FloatArray) -> Fit:
+def fit_pose(anchors: Anchors, seen: MatchedFeatures, start: FloatArray) -> PoseFit:
     """Return the pose that fits best, from ``start``, (5,), by features as if independent."""
     pose, widening, squares = start, 1.0, EMPTY
     at: _Slopes | None = None
@@ -149,7 +149,7 @@ def fit_pose(anchors: Anchors, seen: MatchedFeatures, start: FloatArray) -> Fit:
             break
         at = at if moved < FAR else None
     near = at is not None and farthest < NEAR
-    return Fit(pose, squares, widening, at.every if at is not None and near else None)
+    return PoseFit(pose, squares, widening, at.every if at is not None and near else None)
 
 
 def _information(own: FloatArray, covariance: FloatArray) -> FloatArray:
@@ -176,7 +176,7 @@ def _times(matrices: FloatArray, vectors: FloatArray) -> FloatArray:
 
 def fit_pose_near(
     views: FloatArray, anchors: Anchors, seen: MatchedFeatures, last: FloatArray | None
-) -> Fit:
+) -> PoseFit:
     """
     Return the pose by the ``last`` one, (5,), or by the view most alike if that does not fit.
 

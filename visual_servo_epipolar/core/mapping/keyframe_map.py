@@ -26,13 +26,12 @@ from visual_servo_epipolar.core.mapping.feature_observations import (
 from visual_servo_epipolar.core.mapping.fitting import fit_pose_near, MatchedFeatures
 from visual_servo_epipolar.core.mapping.initialization import initial_geometry, is_sound, Start
 from visual_servo_epipolar.core.mapping.localization import localization_of, MapLocalization
-from visual_servo_epipolar.core.mapping.resection import resect
+from visual_servo_epipolar.core.mapping.resection import NOTHING, resect, Shrinkage
 from visual_servo_epipolar.core.mapping.selection import (
     is_keyframe,
     PendingKeyframe,
     with_keyframe,
 )
-from visual_servo_epipolar.core.mapping.shrinkage import NOTHING, Shrinkage
 from visual_servo_epipolar.core.values import changed
 
 MIN_AGREEING = 5  # of remembered features that agree

@@ -11,7 +11,7 @@ from sensor_msgs.msg import BatteryState
 
 from visual_servo_epipolar.core.docking import task as tasks
 from visual_servo_epipolar.core.docking.settings import DockTaskSettings
-from visual_servo_epipolar.core.docking.task import Order, Outcome, Task
+from visual_servo_epipolar.core.docking.task import Outcome, ServoOrder, Task
 from visual_servo_epipolar.core.laws.phase import Phase
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.messages import docking
@@ -116,7 +116,7 @@ class DockServer:
         if self._task is not None:
             self._follow(tasks.on_armed(self._task, self._now()))
 
-    def _on_answer(self, order: Order, refusal: str) -> None:
+    def _on_answer(self, order: ServoOrder, refusal: str) -> None:
         if self._task is not None:
             self._follow(tasks.on_answer(self._task, order, refusal, self._now()))
 

@@ -10,7 +10,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
-from visual_servo_epipolar.core.docking.task import Order
+from visual_servo_epipolar.core.docking.task import ServoOrder
 from visual_servo_epipolar.core.laws.phase import ARMED, Phase
 from visual_servo_epipolar.core.laws.registry import phase_named
 from visual_servo_epipolar.messages import read
@@ -36,7 +36,7 @@ class ServoClient:
         node: Node,
         servo: str,
         on_phase: Callable[[Phase, str], None],
-        on_answer: Callable[[Order, str], None],
+        on_answer: Callable[[ServoOrder, str], None],
         on_armed: Callable[[], None],
     ) -> None:
         self._node, self._on_phase, self._on_answer = node, on_phase, on_answer
@@ -44,7 +44,7 @@ class ServoClient:
         # Not made by configure: the answer to a start that comes after a cleanup counts as well,
         # and a servo that answers somebody who is gone waits in vain.
         self._clients = {
-            order: node.create_client(Trigger, f'{servo}/{order.value}') for order in Order
+            order: node.create_client(Trigger, f'{servo}/{order.value}') for order in ServoOrder
         }
         self._name = node.resolve_service_name(servo)
         self._said: dict[str, str] = {}  # by its last diagnostics
@@ -62,7 +62,7 @@ class ServoClient:
             DiagnosticArray, '/diagnostics', self._explain, qos.DIAGNOSTICS
         )
 
-    def order(self, order: Order) -> None:
+    def order(self, order: ServoOrder) -> None:
         """Call the service of an ``order``; the answer comes later, a refusal at once."""
         client = self._clients[order]
         if not client.service_is_ready():
@@ -73,7 +73,7 @@ class ServoClient:
         future = client.call_async(Trigger.Request())
         future.add_done_callback(lambda answer: self._answer(order, answer))
 
-    def _answer(self, order: Order, future: Any) -> None:
+    def _answer(self, order: ServoOrder, future: Any) -> None:
         response = future.result()
         self._on_answer(order, '' if response.success else f'{order.value}: {response.message}')
 

@@ -33,7 +33,7 @@ class StudySettings:
 
     ``wall`` is one wall at 5 m with 4 % relief instead of a room, 3-8 m deep; ``noise`` of a
     coordinate [px]; ``wrong``, the share of features that the photograph shows elsewhere, and
-    ``slips`` of single observations; ``jitter`` of tilt and roll [rad], ``scale_error`` of the way;
+    ``slips`` of single ones; ``jitter`` of tilt and roll [rad], ``scale_error`` of the way;
     ``tilt`` of the camera and what is not known of tilt and roll [rad].
     """
 
