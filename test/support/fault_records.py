@@ -41,7 +41,7 @@ def record(
             pose, time_s = integrate(pose, Twist(speed, 0.0), TICK_S), time_s + TICK_S
     made.truths.append(TrueMotion(time_s, pose, STANDSTILL))
     taken = (0.1 * number for number in range(round(10 * time_s) + 1))
-    made.seen = [SeenTracks(it + latency_s, it) for it in taken if it <= sight_until_s]
+    made.sight.seen = [SeenTracks(it + latency_s, it) for it in taken if it <= sight_until_s]
     made.orders = [ServoCommand(0.1 * k, STANDSTILL, LIMITS) for k in range(3)]
     return made
 

@@ -67,15 +67,15 @@ def test_few_features_are_sight_for_a_while_after_enough() -> None:
     """One image with enough in between gives back no more than its own time, as for the servo."""
     made = Record()
     for number, features in enumerate([12, 8, 8, 6, 5, 8, 8, 12, 8, 8, 8]):
-        made.sees(features, float(number), number - 0.1, 12, 5.0)
-    assert [seen.time_s for seen in made.seen] == [0.0, 1.0, 2.0, 3.0, 5.0, 7.0, 8.0]
-    made.sees(11, 11.0, 10.9, 12, 0.0)  # without a memory of views
-    assert len(made.seen) == 7
+        made.sight.note(features, float(number), number - 0.1, 12, 5.0)
+    assert [seen.time_s for seen in made.sight.seen] == [0.0, 1.0, 2.0, 3.0, 5.0, 7.0, 8.0]
+    made.sight.note(11, 11.0, 10.9, 12, 0.0)  # without a memory of views
+    assert len(made.sight.seen) == 7
 
 
 def test_what_is_seen_before_it_arrives_does_not_count() -> None:
     made = record(drive(0.3, 6.0), sight_until_s=1.0)
-    made.seen.append(SeenTracks(6.5, 6.0))
+    made.sight.seen.append(SeenTracks(6.5, 6.0))
     assert verdict(made) is RunVerdict.BLIND
 
 
@@ -88,7 +88,7 @@ def test_an_arrival_elsewhere_is_wrong() -> None:
 
 def test_an_arrival_at_a_goal_that_somebody_asked_for_is_right() -> None:
     made = record(drive(0.3, 3.0), start=Pose(0.1, -1.08, math.pi / 2))
-    made.goals.append(made.truths[-1].pose)
+    made.interventions.goals.append(made.truths[-1].pose)
     assert verdict(made) is RunVerdict.ARRIVED
 
 
@@ -131,7 +131,7 @@ def test_commands_that_rise_at_once_are_condemned_and_those_that_fall_are_not() 
 def test_a_base_that_leaps_is_condemned_unless_it_was_carried() -> None:
     made = record([(0.0, 1.0), (0.3, 1.0), (0.0, 1.0)])
     assert verdict(made) is RunVerdict.LIMITS
-    made.moved_s += [1.0, 2.0]
+    made.interventions.moved_s += [1.0, 2.0]
     assert verdict(made) is RunVerdict.ARRIVED
 
 
@@ -150,9 +150,9 @@ def test_a_robot_that_moves_at_the_end_is_condemned() -> None:
 
 def test_a_robot_that_moves_after_it_was_stopped_is_condemned() -> None:
     made = record(drive(0.3, 3.0))
-    made.stopped_s = 3.6
+    made.interventions.stopped_s = 3.6
     assert verdict(made) is RunVerdict.ARRIVED  # it brakes just then
-    made.stopped_s = 1.5
+    made.interventions.stopped_s = 1.5
     assert verdict(made) is RunVerdict.DISOBEYED
 
 
@@ -176,7 +176,7 @@ def test_who_is_carried_away_after_the_arrival_has_arrived() -> None:
     end = made.truths[-1]
     away = end._replace(time_s=end.time_s + 0.1, pose=Pose(0.5, -1.0, math.pi / 2))
     made.truths.append(away)
-    made.arrived_s, made.moved_s = end.time_s - 0.5, [end.time_s + 0.05]
+    made.arrived_s, made.interventions.moved_s = end.time_s - 0.5, [end.time_s + 0.05]
     assert verdict(made) is RunVerdict.ARRIVED
     made.arrived_s = away.time_s  # it says so where it was carried to
     assert verdict(made) is RunVerdict.WRONG_ARRIVAL
@@ -186,9 +186,9 @@ def test_wheels_that_break_may_leap_at_that_moment_alone() -> None:
     made = record([*ramp(0.3), (0.3, 1.0), (0.0, 1.0)], phase='failed')
     leap_s = next(it.time_s for it in made.truths if it.time_s > 1.0 and it.twist == STANDSTILL)
     assert verdict(made) is RunVerdict.LIMITS
-    made.broken_s.append(leap_s - 0.01)
+    made.interventions.broken_s.append(leap_s - 0.01)
     assert verdict(made) is RunVerdict.AT_REST
-    made.broken_s[:] = [leap_s - 0.5]
+    made.interventions.broken_s[:] = [leap_s - 0.5]
     assert verdict(made) is RunVerdict.LIMITS
 
 
@@ -207,6 +207,6 @@ def test_a_base_that_hung_is_given_the_time_to_brake_when_it_goes_on(
 ) -> None:
     made = record([*ramp(0.3), (0.3, 4.3), (0.0, 1.0)], sight_until_s=1.5)
     made.truths = [it for it in made.truths if not 1.6 < it.time_s < max(woken_s, 3.0)]
-    made.woken_s = woken_s
+    made.interventions.woken_s = woken_s
     charges = [text for text in judge_run(made, BOUNDS).charges if 'moved without sight' in text]
     assert (not charges) is safe

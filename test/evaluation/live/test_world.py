@@ -94,7 +94,7 @@ def test_a_base_that_obeys_nobody_is_condemned(monkeypatch: pytest.MonkeyPatch) 
         monkeypatch.setattr(Pioneer, 'command', lambda self, command: None)
         monkeypatch.setattr(Pioneer, 'timed_out', False)
         scene.world.call('/servo_node/stop')
-        scene.witness.record.stopped_s = scene.witness.now_s
+        scene.witness.record.interventions.stopped_s = scene.witness.now_s
 
     result = driven('deaf', Fault(what='', strike=strike))
     assert any('moved after stop' in charge for charge in result['charges'])

@@ -227,7 +227,7 @@ class FourNodes(TwistListener):
     def without_last_image(self, drive: Answers) -> Answers:
         """Return the answers without the last image: its answer may be on its way."""
         self.drive = Answers()
-        drive.sent.popitem()
+        drive.sent = dict(list(drive.sent.items())[:-1])
         return drive
 
     def _on_info(self, message: CameraInfo) -> None:

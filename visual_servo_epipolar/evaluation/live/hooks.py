@@ -2,32 +2,18 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager, ExitStack
-from typing import Any, Protocol
+from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.publisher import Publisher
 from rclpy.time import Time
 
-
-class Wired(Protocol):
-    """What takes the place of middleware, clocks and log."""
-
-    now_ns: int
-
-    @property
-    def wall_ns(self) -> int:
-        """What the wall clock shows [ns]."""
-
-    def publish(self, publisher: Publisher, message: Any) -> None:
-        """Take what a node publishes."""
-
-    def log(self, node: str, severity: int, text: str) -> None:
-        """Take what a node logs."""
+from visual_servo_epipolar.evaluation.live.wire import Wire
 
 
 @contextmanager
-def hook_rclpy(wire: Wired) -> Iterator[None]:
+def hook_rclpy(wire: Wire) -> Iterator[None]:
     """
     Let ``wire`` carry what nodes of this process publish and log, and tell them the time.
 

@@ -27,7 +27,7 @@ def _wheels(*grips: tuple[float, float]) -> Strike:
         base = scene.world.nodes['unicycle_node']
         grip = grips[int(scene.rng.integers(len(grips)))]
         scene.notes.append(f'left {grip[0]:g}, right {grip[1]:g} of the motion')
-        scene.witness.record.broken_s.append(scene.witness.now_s)
+        scene.witness.record.interventions.broken_s.append(scene.witness.now_s)
         if isinstance(base, BreakableUnicycleNode):
             base.break_wheels(*grip)
 

@@ -40,7 +40,7 @@ def _restart(name: str) -> Strike:
 
 def _again(scene: StruckRun, name: str) -> None:
     if name == 'unicycle_node':
-        scene.witness.record.moved_s.append(scene.witness.now_s)
+        scene.witness.record.interventions.moved_s.append(scene.witness.now_s)
     scene.world.restart(name)
 
 

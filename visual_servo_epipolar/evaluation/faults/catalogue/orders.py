@@ -44,12 +44,12 @@ def call(scene: StruckRun, service: str) -> None:
     """Call ``service``, and note what that means for the goal, or for a robot that moves."""
     record, witness = scene.witness.record, scene.witness
     if service.endswith('/capture_desired'):
-        record.goals.append(witness.seen_pose)
+        record.interventions.goals.append(witness.seen_pose)
     if service == '/servo_node/stop':
-        record.stopped_s = witness.now_s
+        record.interventions.stopped_s = witness.now_s
     answer = scene.world.call(service)
     if service == '/servo_node/start' and answer.startswith(('started', 'armed')):
-        record.stopped_s = math.inf
+        record.interventions.stopped_s = math.inf
     scene.notes.append(f'{service}: {answer}')
 
 
@@ -69,7 +69,7 @@ def _storm(scene: StruckRun) -> None:
 def _press(scene: StruckRun) -> None:
     """Press the stop button for a while; released, it leaves the robot standing."""
     _button(scene, pressed=True)
-    scene.witness.record.stopped_s = scene.witness.now_s
+    scene.witness.record.interventions.stopped_s = scene.witness.now_s
     scene.later(scene.draw(0.05, 5.0), partial(_button, scene, pressed=False))
 
 
@@ -80,7 +80,7 @@ def _button(scene: StruckRun, *, pressed: bool) -> None:
 def _two_buttons(scene: StruckRun) -> None:
     """Press one stop button while a second one says all the time that it is not pressed."""
     press, other = (scene.world.talker(name, Bool, BUTTON) for name in ('button', 'second_button'))
-    scene.witness.record.stopped_s = scene.witness.now_s
+    scene.witness.record.interventions.stopped_s = scene.witness.now_s
     for number in range(round(2 * PRESSED_S)):
         scene.later(0.5 * number, partial(press, Bool(data=True)))
         scene.later(0.5 * number + 0.1, partial(other, Bool(data=False)))
@@ -98,7 +98,7 @@ def _started_too_early(missing: str) -> Strike:
     def strike(scene: StruckRun) -> None:
         scene.world.kill(missing)
         scene.later(1.0, partial(_unheard_start, scene))
-        scene.witness.record.stopped_s = scene.witness.now_s
+        scene.witness.record.interventions.stopped_s = scene.witness.now_s
         scene.later(LATER_S, partial(scene.world.restart, missing))
 
     return strike
@@ -114,14 +114,14 @@ def _started_without_photograph(scene: StruckRun) -> None:
     for name in ('tracker_node', 'camera_node'):  # once what is under way has arrived nowhere
         scene.later(0.1, partial(scene.world.start, name))
     scene.later(2.0, partial(_unheard_start, scene))
-    scene.witness.record.stopped_s = scene.witness.now_s
+    scene.witness.record.interventions.stopped_s = scene.witness.now_s
     scene.later(LATER_S + 0.1, partial(scene.world.restart, 'camera_node'))
 
 
 def _started_without_clock(scene: StruckRun) -> None:
     """Order to start a servo of simulated time, of which /clock comes a minute later."""
     scene.later(2.0, partial(_unheard_start, scene))
-    scene.witness.record.stopped_s = scene.witness.now_s
+    scene.witness.record.interventions.stopped_s = scene.witness.now_s
     scene.later(LATER_S, partial(tick, scene))
 
 
@@ -141,7 +141,7 @@ def _arming(what: str, strike: Strike, prepare: Prepare = _waits) -> Fault:
 
 def _carry(scene: StruckRun) -> None:
     """Carry the robot back to the start, as ``~/reset`` of the base does."""
-    scene.witness.record.moved_s.append(scene.witness.now_s)
+    scene.witness.record.interventions.moved_s.append(scene.witness.now_s)
     scene.notes.append(scene.world.call('/unicycle_node/reset'))
 
 

@@ -38,15 +38,15 @@ def blindness(record: Record, bounds: SafetyBounds) -> Blindness:
     """
     if not record.truths:  # the base was gone before it had said where it is
         return Blindness(0.0, '')
-    seen, newest_s, number = sorted(record.seen), record.truths[0].time_s, 0
+    seen, newest_s, number = sorted(record.sight.seen), record.truths[0].time_s, 0
     total_s, charge, at_onset, before_s = 0.0, '', STANDSTILL, newest_s
     for truth in record.truths:
         while number < len(seen) and seen[number].time_s <= truth.time_s:
             newest_s = max(newest_s, seen[number].taken_s)
             number += 1
         onset_s = newest_s + bounds.sight_s
-        if truth.time_s >= record.woken_s:
-            onset_s = max(onset_s, record.woken_s + bounds.period_s)
+        if truth.time_s >= record.interventions.woken_s:
+            onset_s = max(onset_s, record.interventions.woken_s + bounds.period_s)
         if truth.time_s <= onset_s:
             at_onset = truth.twist
         elif moving(truth.twist):
@@ -87,7 +87,7 @@ class Judgement:
 def judge_run(record: Record, bounds: SafetyBounds) -> Judgement:
     """Return the verdict on a run."""
     charges = list(_charges(record, bounds))
-    goal = min(record.goals, key=lambda it: _off(record, it)[0])
+    goal = min(record.interventions.goals, key=lambda it: _off(record, it)[0])
     verdict, detail = charges[0] if charges else _harmless(record)
     return Judgement(
         verdict,
@@ -131,12 +131,12 @@ def _with_verdict(verdict: RunVerdict, charge: str) -> Iterator[tuple[RunVerdict
 
 def _disobedience(record: Record, bounds: SafetyBounds) -> str:
     """Return how the robot moved after it was told to stand."""
-    at_stop = STANDSTILL
+    at_stop, stopped_s = STANDSTILL, record.interventions.stopped_s
     for truth in record.truths:
-        at_stop = truth.twist if truth.time_s <= record.stopped_s else at_stop
-        limit_s = record.stopped_s + bounds.period_s + braking_s(at_stop, bounds)
+        at_stop = truth.twist if truth.time_s <= stopped_s else at_stop
+        limit_s = stopped_s + bounds.period_s + braking_s(at_stop, bounds)
         if truth.time_s > limit_s and moving(truth.twist):
-            return f'{speed(truth.twist)} {truth.time_s - record.stopped_s:.1f} s after the stop'
+            return f'{speed(truth.twist)} {truth.time_s - stopped_s:.1f} s after the stop'
     return ''
 
 
@@ -179,14 +179,16 @@ def _rise(before: float, after: float) -> float:
 
 def _taken_s(record: Record, time_s: float) -> float:
     """Return when the newest image was taken that had come by ``time_s``; 0 if none had."""
-    count = bisect_right(record.seen, time_s, key=lambda seen: seen.time_s)
-    return max((seen.taken_s for seen in record.seen[max(0, count - 5) : count]), default=0.0)
+    count = bisect_right(record.sight.seen, time_s, key=lambda seen: seen.time_s)
+    return max(
+        (seen.taken_s for seen in record.sight.seen[max(0, count - 5) : count]), default=0.0
+    )
 
 
 def _base(record: Record, bounds: SafetyBounds) -> str:
     """Return where the base exceeds its own limits."""
     for before, after in pairwise(record.truths):
-        leaps = (*record.moved_s, *record.broken_s)  # by no motor
+        leaps = (*record.interventions.moved_s, *record.interventions.broken_s)  # by no motor
         if any(before.time_s <= leap <= after.time_s for leap in leaps):
             continue
         dt = after.time_s - before.time_s
@@ -215,7 +217,7 @@ def _excursion(record: Record, bounds: SafetyBounds) -> str:
 
 def _arrival_error(record: Record, bounds: SafetyBounds) -> str:
     """Return how far from each goal a robot stands that says it has arrived."""
-    offs = [_off(record, goal) for goal in record.goals]
+    offs = [_off(record, goal) for goal in record.interventions.goals]
     if any(off <= bounds.position_m and turn <= bounds.heading_rad for off, turn in offs):
         return ''
     off, turn = min(offs)
@@ -226,7 +228,9 @@ def _last(record: Record) -> TrueMotion:
     """Return the end of a run; who is carried away after the arrival had arrived all the same."""
     if record.phase != Phase.ARRIVED.value:
         return record.truths[-1]
-    away_s = min((it for it in record.moved_s if it > record.arrived_s), default=math.inf)
+    away_s = min(
+        (it for it in record.interventions.moved_s if it > record.arrived_s), default=math.inf
+    )
     there = [truth for truth in record.truths if truth.time_s < away_s]
     return there[-1] if there else record.truths[-1]
 

@@ -42,38 +42,36 @@ class SeenTracks(NamedTuple):
 
 
 @dataclass(slots=True)
-class Record:
+class Interventions:
     """
-    Record of one run; times are of the steady clock [s].
+    What somebody did in a run; times are of the steady clock [s].
 
     ``goals`` are the poses that somebody asked for, ``moved_s`` when the robot was carried,
     ``broken_s`` when its wheels broke, ``woken_s`` when its process went on after it had hung, in
-    which time nobody could stop it, ``arrived_s`` when it last said that it had arrived,
-    ``stopped_s`` when it was told to stand for good, and ``why`` the words of those who said why
-    it stands. ``few_s`` is for how long too few features for two views were seen by
-    ``features_s``, less how long enough were since; ``wrong_geometry_s`` is as
-    ``run_monitor.wrong_geometry_s`` [s].
+    which time nobody could stop it, ``stopped_s`` when it was told to stand for good.
     """
 
-    truths: list[TrueMotion] = field(default_factory=list)
-    orders: list[ServoCommand] = field(default_factory=list)
-    seen: list[SeenTracks] = field(default_factory=list)
     goals: list[Pose] = field(default_factory=lambda: [DESIRED_POSE])
     moved_s: list[float] = field(default_factory=list)
     broken_s: list[float] = field(default_factory=list)
     woken_s: float = -math.inf
-    arrived_s: float = math.inf
     stopped_s: float = math.inf
-    phase: str = 'waiting'
-    reason: str = ''
-    why: list[str] = field(default_factory=list)
-    crashes: list[str] = field(default_factory=list)
-    senseless: str = ''  # what was wrong with a command that is no velocity
+
+
+@dataclass(slots=True)
+class SightLog:
+    """
+    What the servo saw of the true scene.
+
+    ``few_s`` is for how long too few features for two views were seen by ``features_s``, less how
+    long enough were since [s].
+    """
+
+    seen: list[SeenTracks] = field(default_factory=list)
     few_s: float = 0.0
     features_s: float = math.nan
-    wrong_geometry_s: float = 0.0
 
-    def sees(
+    def note(
         self, features: int, time_s: float, taken_s: float, enough: int, carried_s: float
     ) -> None:
         """
@@ -91,6 +89,29 @@ class Record:
             if features < LEAST_CARRIED or self.few_s > carried_s:
                 return
         self.seen.append(SeenTracks(time_s, taken_s))
+
+
+@dataclass(slots=True)
+class Record:
+    """
+    Record of one run; times are of the steady clock [s].
+
+    ``arrived_s`` is when the robot last said that it had arrived, ``why`` the words of those who
+    said why it stands, ``senseless`` what was wrong with a command that is no velocity;
+    ``wrong_geometry_s`` is as ``run_monitor.wrong_geometry_s`` [s].
+    """
+
+    truths: list[TrueMotion] = field(default_factory=list)
+    orders: list[ServoCommand] = field(default_factory=list)
+    sight: SightLog = field(default_factory=SightLog)
+    interventions: Interventions = field(default_factory=Interventions)
+    arrived_s: float = math.inf
+    phase: str = 'waiting'
+    reason: str = ''
+    why: list[str] = field(default_factory=list)
+    crashes: list[str] = field(default_factory=list)
+    senseless: str = ''
+    wrong_geometry_s: float = 0.0
 
 
 @dataclass(frozen=True, kw_only=True)

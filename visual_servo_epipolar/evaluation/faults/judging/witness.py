@@ -96,7 +96,7 @@ class Witness:
         ]
         if not self._world.works(SERVO):  # as one that hangs for good, from before it drove
             record.why.append(f'{SERVO} is gone, or hangs')
-        if record.stopped_s < math.inf:
+        if record.interventions.stopped_s < math.inf:
             record.why.append('it was told to')
         if record.phase in MUTE and record.reason:
             record.why.append(record.reason)
@@ -127,7 +127,7 @@ class Witness:
             carried_s = float(node.get_parameter('few_features_timeout').value)
         enough = int(node.get_parameter('min_features').value)
         taken_s = envelope.sight.taken_ns / NANOSECONDS
-        self.record.sees(_shown(envelope.message), self.now_s, taken_s, enough, carried_s)
+        self.record.sight.note(_shown(envelope.message), self.now_s, taken_s, enough, carried_s)
 
     def _on_command(self, envelope: Envelope) -> None:
         servo = self._world.nodes.get(envelope.sender)
@@ -161,7 +161,7 @@ class Witness:
         self._learnt_dead_band = Twist(
             said['dead_band_linear_m_s'], said['dead_band_angular_rad_s']
         )
-        if self._sight is None or len(self.record.goals) > 1:
+        if self._sight is None or len(self.record.interventions.goals) > 1:
             return
         truth = true_geometry(self._rig, self.pose_at(self._sight.taken_ns))
         error = truth.error(said['bearing_current_rad'], said['bearing_desired_rad'])

@@ -72,7 +72,7 @@ class RunListener(Listener):
     def note_resumption(self) -> None:
         """Note that it goes on."""
         if self._deaf == 'unicycle_node':
-            self.record.woken_s = time.time()
+            self.record.interventions.woken_s = time.time()
         self._deaf = ''
 
     def watch_until_rest(self, rest_s: float, longest_s: float) -> None:
@@ -120,7 +120,7 @@ class RunListener(Listener):
             return
         taken_s = read.stamp_ns(message.header) / NANOSECONDS
         enough, carried_s = SETTINGS.min_features, SETTINGS.few_features_timeout
-        self.record.sees(message.width, time.time(), taken_s, enough, carried_s)
+        self.record.sight.note(message.width, time.time(), taken_s, enough, carried_s)
 
     def _on_command(self, message: Any) -> None:
         self.record.orders.append(ServoCommand(time.time(), read.twist(message), LIMITS))
