@@ -22,8 +22,9 @@ from visual_servo_epipolar.evaluation.faults.catalogue import (
     tracks,
 )
 from visual_servo_epipolar.evaluation.faults.catalogue.fault import Fault, Faults
-from visual_servo_epipolar.evaluation.faults.judging.record import RunVerdict
+from visual_servo_epipolar.evaluation.faults.judging.record import RunVerdict, SAFE
 from visual_servo_epipolar.evaluation.faults.processes.run import PROCESSES
+from visual_servo_epipolar.evaluation.tables import markdown
 from visual_servo_epipolar.sweeping.local import worker_pool
 from visual_servo_epipolar.sweeping.provenance import commit
 
@@ -33,7 +34,9 @@ FAULTS: Faults = {'none': Fault('nothing is wrong')} | {
 }
 
 
-NAMES = (*FAULTS, *PROCESSES)
+WORDS = {name: fault.what for name, fault in FAULTS.items()}
+WORDS |= {name: fault.what for name, fault in PROCESSES.items()}
+NAMES = tuple(WORDS)
 Result = dict[str, Any]
 
 
@@ -120,46 +123,35 @@ def document(results: Sequence[Result], seed: int) -> dict[str, Any]:
 
 LONGEST_NOTE = 120  # [characters]
 HEAD = (
-    '| fault | what | arrived | at rest | unsafe | excursion [m] | without sight [s] '
-    '| wrong geometry [s] |',
-    '|---|---|---|---|---|---|---|---|',
+    'fault | what | arrived | at rest | unsafe | excursion [m] | without sight [s] '
+    '| wrong geometry [s]'
 )
 
 
 def table(document: Mapping[str, Any]) -> str:
     """Return a campaign as Markdown: one row a fault, then each unsafe run."""
     results = sorted(document['runs'], key=lambda it: NAMES.index(it['fault']))
-    total = len(results)
-    lines = [
-        f'{total} runs, seeds from {document["seed"]}, commit {document["commit"]}: '
-        f'{document["safe"]} safe, {document["unsafe"]} unsafe.',
-        '',
-        *HEAD,
-    ]
-    lines += [_cells(name, list(runs)) for name, runs in groupby(results, lambda it: it['fault'])]
-    return '\n'.join([*lines, *_offences(results)])
-
-
-def _cells(name: str, runs: Sequence[Mapping[str, Any]]) -> str:
-    counts = Counter(run['verdict'] for run in runs)
-    unsafe = ', '.join(
-        f'{counts[it.value]} {it.value}'
-        for it in RunVerdict
-        if counts[it.value] and it not in (RunVerdict.ARRIVED, RunVerdict.AT_REST)
+    rows = (_row(name, list(runs)) for name, runs in groupby(results, lambda it: it['fault']))
+    words = (
+        f'{len(results)} runs, seeds from {document["seed"]}, commit {document["commit"]}: '
+        f'{document["safe"]} safe, {document["unsafe"]} unsafe.'
     )
-    what = FAULTS[name].what if name in FAULTS else PROCESSES[name].what
+    return '\n'.join([words, '', *markdown(HEAD, rows), *_offences(results)])
+
+
+def _row(name: str, runs: Sequence[Mapping[str, Any]]) -> list[str]:
+    counts = Counter(run['verdict'] for run in runs)
+    unsafe = [it.value for it in RunVerdict if counts[it.value] and it not in SAFE]
     worst = (
         max(run[key] for run in runs) for key in ('excursion_m', 'blind_s', 'wrong_geometry_s')
     )
-    cells = (
+    return [
         f'`{name}`',
-        what,
-        str(counts[RunVerdict.ARRIVED.value]),
-        str(counts[RunVerdict.AT_REST.value]),
-        unsafe or '0',
+        WORDS[name],
+        *(str(counts[it.value]) for it in SAFE),
+        ', '.join(f'{counts[it]} {it}' for it in unsafe) or '0',
         *(f'{value:.1f}' for value in worst),
-    )
-    return f'| {" | ".join(cells)} |'
+    ]
 
 
 def _offences(results: Sequence[Mapping[str, Any]]) -> Iterator[str]:

@@ -45,7 +45,7 @@ def faults(options: argparse.Namespace) -> int:
     from visual_servo_epipolar.evaluation.faults import campaign
 
     if options.list:
-        print(_fault_list())
+        print('\n'.join(f'{name:<28} {what}' for name, what in campaign.WORDS.items()))
         return 0
     names = _names(options.only)
     runs = campaign.plan(names, options.runs or len(names or campaign.NAMES), options.seed)
@@ -88,15 +88,6 @@ def _names(text: str | None) -> list[str]:
     for name in text.split(',') if text is not None else ():
         names += groups.get(name, [name])
     return names
-
-
-def _fault_list() -> str:
-    from visual_servo_epipolar.evaluation.faults.campaign import FAULTS
-    from visual_servo_epipolar.evaluation.faults.processes.run import PROCESSES
-
-    whats = {name: fault.what for name, fault in FAULTS.items()}
-    whats |= {name: fault.what for name, fault in PROCESSES.items()}
-    return '\n'.join(f'{name:<28} {what}' for name, what in whats.items())
 
 
 def _write(path: Path, text: str) -> None:

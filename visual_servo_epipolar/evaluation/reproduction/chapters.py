@@ -122,7 +122,7 @@ def chapter_3(say: Say) -> Chapter:
     results = {
         'run': summary,
         'difference_rate_per_s': experiment_figures.difference_decay(run.log).rate,
-        'sensitivity': sensitivity.document(rows),
+        'sensitivity': [asdict(row) for row in rows],
         'behind': behind,
     }
     near = summary['position_error_m'] < ERROR_OF_THE_PAPER_M
@@ -132,7 +132,7 @@ def chapter_3(say: Say) -> Chapter:
         claims(run, rows, behind),
         results,
         summary['outcome'] == 'arrived' and near,
-        sensitivity.markdown(rows),
+        sensitivity.markdown_of(rows),
     )
 
 

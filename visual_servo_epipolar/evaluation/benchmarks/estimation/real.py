@@ -31,12 +31,18 @@ from visual_servo_epipolar.evaluation.benchmarks.estimation.photographs import (
     KINDS,
     PhotographPair,
 )
+from visual_servo_epipolar.evaluation.tables import aligned, percentiles
 
 OPTIONS = ('photographs',)
 TRIALS, QUICK_TRIALS = 60, 2
 PEERS = {'MAGSAC': cv2.USAC_MAGSAC, 'RANSAC': cv2.RANSAC}
 PEER_PX = 1.5
 WRONG = 3.0  # error [deg]
+COLUMNS = (
+    'set | n | trusted | median / p90 / max [deg] | wrong | error/dev., median / p95 '
+    '| MAGSAC, RANSAC wrong | of MAGSAC right'
+)
+KEYS = ('bearing_current_deg', 'bearing_desired_deg', 'rotation_deg')  # of truth.json
 
 Rays = tuple[FloatArray, FloatArray]
 
@@ -154,43 +160,31 @@ def _peer(rays: Rays, true: FloatArray, focal: float, method: int) -> float:
 def table(document: Mapping[str, Any]) -> str:
     """Return the document as text: a line for each set of pairs, and one for all."""
     pairs = document['pairs']
-    groups = {name: [it for it in pairs if it['group'] == name] for name in _groups(pairs)}
-    head = f'{"set":<14}{"n":>5}{"trusted":>9}{"median / p90 / max [deg]":>26}{"wrong":>7}'
-    head += f'{"error/dev., median / p95":>26}{"MAGSAC, RANSAC wrong":>22}{"of MAGSAC right":>17}'
-    rows = [_line(name, each) for name, each in {**groups, 'all': pairs}.items()]
+    groups = dict.fromkeys(it['group'] for it in pairs)
+    sets = {name: [it for it in pairs if it['group'] == name] for name in groups} | {'all': pairs}
     words = (
         f'The larger error of both bearings, of trusted pairs; wrong: > {WRONG:g} deg; peers '
         'on the same matches, of all pairs; of those that MAGSAC has right, how many are trusted'
     )
-    return '\n'.join(['Photographs', words, head, *rows])
+    return '\n'.join(['Photographs', words, *aligned(COLUMNS, map(_set, sets, sets.values()))])
 
 
-def _groups(pairs: Iterable[Mapping[str, Any]]) -> list[str]:
-    return list(dict.fromkeys(it['group'] for it in pairs))
-
-
-def _line(name: str, pairs: list[Mapping[str, Any]]) -> str:
+def _set(name: str, pairs: list[Mapping[str, Any]]) -> list[str]:
     trusted = [it for it in pairs if it['trusted']]
     errors = np.array([it['error_deg'] for it in trusted])
     normalised = np.array([it['error_deg'] / it['deviation_deg'] for it in trusted])
     peers = [np.array([it['peers_deg'][peer] for it in pairs]) for peer in PEERS]
     right = [it for it in pairs if it['peers_deg']['MAGSAC'] <= WRONG]
-    believed = sum(it['trusted'] for it in right)
-    return (
-        f'{name:<14}{len(pairs):>5}{len(trusted):>9}{_percentiles(errors, 50, 90, 100):>26}'
-        f'{int((errors > WRONG).sum()):>7}{_percentiles(normalised, 50, 95):>26}'
-        f'{", ".join(str(int((~(each <= WRONG)).sum())) for each in peers):>22}'
-        f'{f"{believed} of {len(right)}":>17}'
-    )
-
-
-def _percentiles(values: FloatArray, *which: int) -> str:
-    if not len(values):
-        return '-'
-    return ' / '.join(f'{value:.2f}' for value in np.percentile(values, which))
-
-
-KEYS = ('bearing_current_deg', 'bearing_desired_deg', 'rotation_deg')
+    return [
+        name,
+        str(len(pairs)),
+        str(len(trusted)),
+        percentiles(errors, 50, 90, 100),
+        str(int((errors > WRONG).sum())),
+        percentiles(normalised, 50, 95),
+        ', '.join(str(int((~(each <= WRONG)).sum())) for each in peers),
+        f'{sum(it["trusted"] for it in right)} of {len(right)}',
+    ]
 
 
 def read_pairs(folder: str) -> Iterator[Photographs]:

@@ -6,7 +6,6 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 import signal
 import tempfile
-from types import MappingProxyType
 from typing import Any
 import zlib
 
@@ -44,26 +43,22 @@ class ProcessFault:
         return self.node == 'servo_node' and self.signal in (signal.SIGKILL, signal.SIGSTOP)
 
 
-KINDS: Mapping[str, tuple[signal.Signals, str]] = MappingProxyType(
-    {
-        'kill': (signal.SIGKILL, 'kill -9'),
-        'hangup': (signal.SIGHUP, 'SIGHUP, as of a terminal that is closed'),
-        'quit': (signal.SIGQUIT, 'SIGQUIT'),
-        'interrupt': (signal.SIGINT, 'SIGINT'),
-        'terminate': (signal.SIGTERM, 'SIGTERM'),
-        'stop': (signal.SIGSTOP, 'SIGSTOP, and SIGCONT later or never'),
-        'suspend': (signal.SIGTSTP, 'SIGTSTP, as of Ctrl-Z, and SIGCONT later or never'),
-    }
-)
-PROCESSES: Mapping[str, ProcessFault] = MappingProxyType(
-    {
-        f'process_{kind}_{node.removesuffix("_node")}': ProcessFault(
-            f'{words}, process of {node}', node, number, number in SUSPENDING
-        )
-        for kind, (number, words) in KINDS.items()
-        for node in NODES
-    }
-)
+KINDS: Mapping[str, tuple[signal.Signals, str]] = {
+    'kill': (signal.SIGKILL, 'kill -9'),
+    'hangup': (signal.SIGHUP, 'SIGHUP, as of a terminal that is closed'),
+    'quit': (signal.SIGQUIT, 'SIGQUIT'),
+    'interrupt': (signal.SIGINT, 'SIGINT'),
+    'terminate': (signal.SIGTERM, 'SIGTERM'),
+    'stop': (signal.SIGSTOP, 'SIGSTOP, and SIGCONT later or never'),
+    'suspend': (signal.SIGTSTP, 'SIGTSTP, as of Ctrl-Z, and SIGCONT later or never'),
+}
+PROCESSES: Mapping[str, ProcessFault] = {
+    f'process_{kind}_{node.removesuffix("_node")}': ProcessFault(
+        f'{words}, process of {node}', node, number, number in SUSPENDING
+    )
+    for kind, (number, words) in KINDS.items()
+    for node in NODES
+}
 
 
 START_S, REST_S, LONGEST_S = 90.0, 3.0, 120.0

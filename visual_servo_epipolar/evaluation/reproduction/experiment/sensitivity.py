@@ -1,7 +1,7 @@
 """Sensitivity of the positioning error to each perturbation of the experiment, on points."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 import math
 from typing import Any
@@ -14,6 +14,7 @@ from visual_servo_epipolar.evaluation.reproduction.experiment.experiment import 
     START,
     without,
 )
+from visual_servo_epipolar.evaluation.tables import markdown, number
 from visual_servo_epipolar.processes import cores
 from visual_servo_epipolar.simulation.closed_loop import run
 from visual_servo_epipolar.simulation.scenario import Scenario
@@ -23,6 +24,11 @@ from visual_servo_epipolar.sweeping.local import worker_pool
 SEEDS = 3
 LONGEST_RUN_S = 150.0  # most come to rest within 70 s
 BEHIND = (2.6, -3.0, 0.0)  # behind the goal, with both epipoles out of the image
+ERRORS = ('median_error_m', 'worst_error_m', 'worst_lateral_m')
+HEAD = (
+    'what is wrong | arrived | error, median [mm] | worst [mm] | lateral, worst [mm] '
+    '| heading, worst [deg]'
+)
 Change = Callable[[Scenario], Scenario]
 
 
@@ -118,34 +124,17 @@ def _row(name: str, results: Sequence[Mapping[str, Any]]) -> Sensitivity:
     )
 
 
-def document(rows: Sequence[Sensitivity]) -> list[dict[str, Any]]:
-    """Return the rows as JSON has them."""
-    return [asdict(row) for row in rows]
-
-
-def markdown(rows: Sequence[Sensitivity]) -> str:
+def markdown_of(rows: Sequence[Sensitivity]) -> str:
     """Return the rows as a table in Markdown."""
-    lines = [
-        f'### Sensitivity of the positioning error: point features, {rows[0].runs} seeds a row',
-        '',
-        '| what is wrong | arrived | error, median [mm] | worst [mm] | lateral, worst [mm] '
-        '| heading, worst [deg] |',
-        '|---|---|---|---|---|---|',
-    ]
-    lines += [
-        f'| {row.name} | {row.arrived}/{row.runs} | {_mm(row.median_error_m)} '
-        f'| {_mm(row.worst_error_m)} | {_mm(row.worst_lateral_m)} '
-        f'| {_number(row.worst_heading_deg, 2)} |'
+    cells = (
+        [
+            row.name,
+            f'{row.arrived}/{row.runs}',
+            *(number(getattr(row, name), 1, 1e3) for name in ERRORS),
+            number(row.worst_heading_deg, 2),
+        ]
         for row in rows
-    ]
-    lines += ['']
-    lines += [f'* {row.name}: {row.reason}' for row in rows if row.reason]
-    return '\n'.join(lines) + '\n'
-
-
-def _mm(metres: float) -> str:
-    return _number(1e3 * metres, 1)
-
-
-def _number(value: float, digits: int) -> str:
-    return '-' if math.isnan(value) else f'{value:.{digits}f}'
+    )
+    words = f'### Sensitivity of the positioning error: point features, {rows[0].runs} seeds a row'
+    reasons = [f'* {row.name}: {row.reason}' for row in rows if row.reason]
+    return '\n'.join([words, '', *markdown(HEAD, cells), '', *reasons]) + '\n'
