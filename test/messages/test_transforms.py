@@ -32,7 +32,7 @@ def origin(message) -> list[float]:
 @given(axis=st.tuples(*[st.floats(-1.0, 1.0)] * 3), angle=angles)
 def test_the_quaternion_is_that_of_the_rotation(axis, angle) -> None:
     turn = Rotation.from_rotvec(np.array(axis) * angle)
-    message = transforms.mounted('a', 'b', turn.as_matrix(), np.zeros(3))
+    message = transforms.mount_transform('a', 'b', turn.as_matrix(), np.zeros(3))
     np.testing.assert_allclose(rotation(message).as_matrix(), turn.as_matrix(), atol=1e-12)
     numbers = message.transform.rotation
     assert math.hypot(numbers.x, numbers.y, numbers.z, numbers.w) == pytest.approx(1.0)
@@ -42,13 +42,13 @@ def test_the_quaternion_is_that_of_the_rotation(axis, angle) -> None:
 def test_a_half_turn_is_no_special_case() -> None:
     for axis in np.eye(3):
         turn = Rotation.from_rotvec(math.pi * axis).as_matrix()
-        message = transforms.mounted('a', 'b', turn, np.zeros(3))
+        message = transforms.mount_transform('a', 'b', turn, np.zeros(3))
         np.testing.assert_allclose(rotation(message).as_matrix(), turn, atol=1e-12)
 
 
 def test_the_camera_sits_where_it_is_mounted_and_looks_ahead() -> None:
     mount = CameraMount(height=0.6, forward=0.2, left=-0.1)
-    message = transforms.mounted(
+    message = transforms.mount_transform(
         'base_link', 'camera_optical_frame', mount.R_world_camera(BASE), mount.centre(BASE)
     )
     assert (message.header.frame_id, message.child_frame_id) == (
@@ -64,7 +64,7 @@ def test_the_camera_sits_where_it_is_mounted_and_looks_ahead() -> None:
 
 def test_a_tilted_camera_looks_down() -> None:
     mount = CameraMount(tilt=0.2)
-    message = transforms.mounted('b', 'c', mount.R_world_camera(BASE), mount.centre(BASE))
+    message = transforms.mount_transform('b', 'c', mount.R_world_camera(BASE), mount.centre(BASE))
     ahead = rotation(message).apply([0.0, 0.0, 1.0])
     np.testing.assert_allclose(ahead, [math.cos(0.2), 0.0, -math.sin(0.2)], atol=1e-12)
 

@@ -6,7 +6,7 @@ from sensor_msgs.msg import CameraInfo, PointCloud2
 
 from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.bags.reading.run import read_run
-from visual_servo_epipolar.bags.reading.topics import assigned
+from visual_servo_epipolar.bags.reading.topics import assign_roles
 from visual_servo_epipolar.bags.replaying.comparison import compare
 from visual_servo_epipolar.bags.replaying.plan import plan, ReplayOverrides
 from visual_servo_epipolar.bags.replaying.replay import replay
@@ -104,7 +104,7 @@ def test_a_replay_of_it_does_as_the_robot_did(bench, tmp_path) -> None:
         servo.see(goal, blank=blank)
     servo.driving()
     with Bag(write_bag(tmp_path / 'bag', messages)) as bag:
-        run = read_run(bag, assigned(bag, {}))
+        run = read_run(bag, assign_roles(bag, {}))
         steps = replay(bag, run, plan(bag, run, ReplayOverrides())[0])
     assert compare(run, steps, 0.0).equal
     assert [step.phase.value for step in steps].count('holding') == 2 + RESUMING_FRAMES

@@ -30,7 +30,9 @@ STAMP_NS = 7_000_000_003
 
 
 def mounted(parent='base_link', child='camera_optical_frame', mount=MOUNT):
-    return transforms.mounted(parent, child, mount.R_world_camera(BASE), mount.centre(BASE))
+    return transforms.mount_transform(
+        parent, child, mount.R_world_camera(BASE), mount.centre(BASE)
+    )
 
 
 def told(node, *messages) -> None:
@@ -78,8 +80,12 @@ def test_the_mount_is_taken_with_the_first_tracks_and_announced(bench) -> None:
 
 def test_a_chain_of_frames_is_followed(bench) -> None:
     node = started(bench)
-    told(node, transforms.mounted('mast', 'camera_link', UPRIGHT, np.array([0.1, 0.0, 0.3])))
-    told(node, transforms.mounted('base_link', 'mast', UPRIGHT, np.array([0.1, 0.05, 0.2])))
+    told(
+        node, transforms.mount_transform('mast', 'camera_link', UPRIGHT, np.array([0.1, 0.0, 0.3]))
+    )
+    told(
+        node, transforms.mount_transform('base_link', 'mast', UPRIGHT, np.array([0.1, 0.05, 0.2]))
+    )
     told(node, mounted('camera_link', mount=CameraMount(0.0, 0.0, 0.3, -0.1, 0.0, 0.1)))
     see(bench, node)
     assert node._settings.camera_roll == pytest.approx(-0.1)
@@ -98,7 +104,7 @@ def test_a_leading_slash_of_ros_1_names_the_same_frame(bench, slashed) -> None:
     names |= {key: f'/{names[key]}' for key in slashed}
     node = started(bench, base_frame=names['base_frame'])
     told(node, mounted(names['mast'], names['child']))
-    told(node, transforms.mounted('base_link', 'mast', UPRIGHT, np.zeros(3)))
+    told(node, transforms.mount_transform('base_link', 'mast', UPRIGHT, np.zeros(3)))
     see(bench, node, frame=names['frame'])
     assert node._settings.camera_tilt == pytest.approx(0.3)
 
@@ -191,7 +197,7 @@ def test_by_a_mount_that_cannot_be_used_nobody_drives(bench, mount, why) -> None
     commands = bench.listen(Twist, 'cmd_vel', qos.COMMAND)
     node = started(bench)
     before = node._settings
-    told(node, transforms.mounted('base_link', 'camera', mount, np.zeros(3)))
+    told(node, transforms.mount_transform('base_link', 'camera', mount, np.zeros(3)))
     see(bench, node, frame='camera')
     assert node._settings == before
     bench.until(lambda: bool(bench.logged(why)), 'the warning')

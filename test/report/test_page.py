@@ -4,7 +4,7 @@ import math
 
 from matplotlib.figure import Figure
 
-from visual_servo_epipolar.report.page import drawn
+from visual_servo_epipolar.report.page import figure_html
 
 
 def line_at(left: float) -> Figure:
@@ -15,8 +15,8 @@ def line_at(left: float) -> Figure:
 
 def test_a_figure_is_the_same_where_its_layout_differs_in_the_last_digit() -> None:
     after = math.nextafter(0.1, 1.0)
-    assert drawn(line_at(0.1), 'a line') == drawn(line_at(after), 'a line')
+    assert figure_html(line_at(0.1), 'a line') == figure_html(line_at(after), 'a line')
 
 
 def test_a_figure_of_another_layout_is_another() -> None:
-    assert drawn(line_at(0.1), 'a line') != drawn(line_at(0.15), 'a line')
+    assert figure_html(line_at(0.1), 'a line') != figure_html(line_at(0.15), 'a line')

@@ -111,7 +111,7 @@ def something_else(folder: Path) -> str:
 
 
 @contextmanager
-def unpacked(path: Path) -> Iterator[Path]:
+def unpack(path: Path) -> Iterator[Path]:
     """Yield a file, or what zstd packed into it, for as long as the block lasts."""
     if container(path) != ZSTD:
         yield path

@@ -32,7 +32,7 @@ def definition(kind: str, type_hash: str = '') -> tuple[str, str]:
 
     """
     expected = type_hash if type_hash.startswith('RIHS01_') else ''
-    for lookup in (_standard, _installed):
+    for lookup in (_types_of_jazzy, _types_of_installed_files):
         store = lookup(kind)
         if store is not None:
             digest = str(store.hash_rihs01(kind))
@@ -58,12 +58,12 @@ def _jazzy() -> Typestore:
     return get_typestore(Stores.ROS2_JAZZY)
 
 
-def _standard(kind: str) -> Typestore | None:
+def _types_of_jazzy(kind: str) -> Typestore | None:
     """Return the types of a stock Jazzy if ``kind`` is one of them."""
     return _jazzy() if kind in _jazzy().fielddefs else None
 
 
-def _installed(kind: str) -> Typestore | None:
+def _types_of_installed_files(kind: str) -> Typestore | None:
     """Return the types that installed .msg files make of ``kind``, or None."""
     types: dict[str, Any] = {}
     pending = [kind]

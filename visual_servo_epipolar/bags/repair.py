@@ -17,7 +17,7 @@ from visual_servo_epipolar.bags import containers, metadata
 from visual_servo_epipolar.bags.reading.bag import DAMAGE
 from visual_servo_epipolar.bags.salvaging.replacement import (
     free_name,
-    repaired,
+    repair_part,
     RepairedPart,
     survey_of,
 )
@@ -77,7 +77,7 @@ def repair(path: Path) -> RepairReport:
         folder = path if path.is_dir() else path.parent
         lost = _lost_files(folder, files) if path.is_dir() else ()
         surveys = [survey_of(file, folder) for file in files]
-        parts = [repaired(item) for item in surveys]
+        parts = [repair_part(item) for item in surveys]
         kept = [part.kept for part in parts if part.kept]
         described = path.is_dir() and _describe(folder, parts, kept)
     except InputError:
@@ -140,7 +140,7 @@ def _numbered_like(last: Path) -> list[str]:
 def _describe(folder: Path, parts: list[RepairedPart], kept: list[str]) -> bool:
     """Write metadata.yaml where it is missing, broken or out of date; the old one stays, too."""
     names = [part.info.file for part in parts]
-    with containers.unpacked(folder / names[0]) as plain:
+    with containers.unpack(folder / names[0]) as plain:
         storage = containers.container(plain)
     if not any(part.kept for part in parts) and metadata.describes(folder, names, storage):
         return False

@@ -95,7 +95,7 @@ def _abscissa(bearing: float, camera: CameraModel) -> float:
     return float(camera.pixels(ray)[0, 0] - camera.cx)
 
 
-def _told(angle: float) -> str:
+def _in_deg(angle: float) -> str:
     return 'an unknown angle' if math.isnan(angle) else f'{angle:+.1f} deg'
 
 
@@ -119,8 +119,8 @@ def in_words(result: dict[str, Any]) -> str:
         )
     if not (math.isnan(result['tilt_deg']) and math.isnan(result['roll_deg'])):
         lines.append(
-            f'the camera is tilted by {_told(result["tilt_deg"])} (down positive) and rolled by '
-            f'{_told(result["roll_deg"])} (clockwise)'
+            f'the camera is tilted by {_in_deg(result["tilt_deg"])} (down positive) and rolled by '
+            f'{_in_deg(result["roll_deg"])} (clockwise)'
         )
     return '\n'.join(lines)
 

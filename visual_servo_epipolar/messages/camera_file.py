@@ -39,7 +39,9 @@ def from_text(
 
     """
     text = text.removeprefix('\ufeff')  # as editors of Windows begin a file
-    calibration = _sized(_chosen(colmap.cameras(text) or _cameras(documents(text)), name), size)
+    calibration = _with_size(
+        _chosen(colmap.cameras(text) or _cameras(documents(text)), name), size
+    )
     if rectified and not calibration.p:
         raise ValueError(
             "camera file lacks 'projection_matrix', which rectified images need; write it with "
@@ -50,7 +52,7 @@ def from_text(
 
 def from_document(document: Any) -> CameraModel:
     """Return the camera of a parsed file that was written for images that were used."""
-    return read.camera(_sized(_chosen(_cameras([document]), ''), None), cropped=True)
+    return read.camera(_with_size(_chosen(_cameras([document]), ''), None), cropped=True)
 
 
 def to_document(camera: CameraModel) -> dict[str, Any]:
@@ -100,7 +102,7 @@ def _chosen(cameras: Cameras, name: str) -> Calibration:
     return cameras[name or next(iter(cameras))]()
 
 
-def _sized(calibration: Calibration, size: tuple[int, int] | None) -> Calibration:
+def _with_size(calibration: Calibration, size: tuple[int, int] | None) -> Calibration:
     """Return the calibration with the size of the image, or raise ValueError."""
     if calibration.width:
         return calibration

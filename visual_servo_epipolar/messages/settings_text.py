@@ -51,7 +51,7 @@ def to_text(node: str, groups: Iterable[Settings], after_stamp_ns: int | None = 
         for group in groups
         for name, value in asdict(group).items()
     }
-    head = ''.join(f'# {name}: {version}\n' for name, version in installed().items())
+    head = ''.join(f'# {name}: {version}\n' for name, version in installed_versions().items())
     if after_stamp_ns is not None:
         head += f'# after_stamp_ns: {after_stamp_ns}\n'
     return head + str(yaml.safe_dump({node: {'ros__parameters': values}}, sort_keys=False))
@@ -116,7 +116,7 @@ def _walk(document: dict[Any, Any], namespace: str) -> Iterator[tuple[str, dict[
 
 
 @cache
-def installed() -> dict[str, str]:
+def installed_versions() -> dict[str, str]:
     """Return the versions of this package, of Python, numpy and OpenCV, by name."""
     # Asked of the modules themselves: apt's cv2 has no metadata that pip could see.
     return {

@@ -37,7 +37,7 @@ def on_the_floor(parent: str, child: str, pose: Pose, stamp_ns: int) -> Transfor
     return _transform(parent, child, (pose.x, pose.y, 0.0), quaternion, stamp_ns)
 
 
-def mounted(
+def mount_transform(
     parent: str, child: str, R_parent_child: FloatArray, origin: FloatArray
 ) -> TransformStamped:
     """Return the transform that never changes: rotation (3, 3), and origin (3,) in ``parent``."""

@@ -52,17 +52,17 @@ class CameraNode(Node):
         self.create_subscription(Odometry, 'ground_truth', self._on_truth, qos.STREAM)
         self.create_subscription(Odometry, 'odom', self._on_odometry, qos.STREAM)
         self._tf = TransformBroadcaster(self, static=True)
-        self._tf.send([self._mounted()])
+        self._tf.send([self._mount_transform()])
         self._desired_pub.publish(self._message(self._simulator.photograph(), 0))
 
     def assisted_by(self, assistant: Assistant) -> None:
         """Let another process draw a part of each image, where it has the scene."""
         self._simulator.renderer.assistant = assistant
 
-    def _mounted(self) -> TransformStamped:
+    def _mount_transform(self) -> TransformStamped:
         """Return where the camera sits on the base; the floor's jitter is not known to anybody."""
         mount, base = self._settings.mount, Pose(0.0, 0.0, 0.0)
-        return transforms.mounted(
+        return transforms.mount_transform(
             self._names.base, self._names.camera, mount.R_world_camera(base), mount.centre(base)
         )
 

@@ -55,7 +55,7 @@ class DockNode(ManagedNode):
         parameters.refuse_unknown(self, options)
         parameters.watch(self, lambda: self._task_settings, self._use_task)
         parameters.watch(self, lambda: self._settings, self._use)
-        self._server = self._served(wire)
+        self._server = self._new_server(wire)
         self.create_service(Trigger, '~/reset', self._on_reset)
         self.autostart(self._node_settings)
 
@@ -126,7 +126,7 @@ class DockNode(ManagedNode):
             base_frame=settings.base_frame,
         )
 
-    def _served(self, wire: DockWire | None) -> DockServer | None:
+    def _new_server(self, wire: DockWire | None) -> DockServer | None:
         settings = self._node_settings
         if not settings.serve_action:
             return None

@@ -114,7 +114,7 @@ class Lockstep(AbstractContextManager['Lockstep']):
             If nodes do not find each other, or nothing happens for a minute.
 
         """
-        self._spin_until(self._connected, 'every node to find its peers and the photograph')
+        self._spin_until(self._is_connected, 'every node to find its peers and the photograph')
         self.unicycle.begin()
         self._spin_until(lambda: self.unicycle.steps > 0 or done(), 'the first step')
         with self._cores_shared():
@@ -166,7 +166,7 @@ class Lockstep(AbstractContextManager['Lockstep']):
         self.add(node)
         return node
 
-    def _connected(self) -> bool:
+    def _is_connected(self) -> bool:
         """Return whether publishers and subscribers are matched, and the photograph is there."""
         subscribers = Counter(
             item.topic_name for node in self.nodes for item in node.subscriptions

@@ -115,7 +115,7 @@ def refuse_unknown(node: Node, options: Mapping[str, Any] = MappingProxyType({})
     files = {path: read_sections(path) for path in command_line.parameter_files(words)}
     told = command_line.parameter_names(words, name)
     told |= {item.name for item in options.get('parameter_overrides') or ()}
-    shared = {item for sections in files.values() for item in _heard(node, sections)} - told
+    shared = {item for sections in files.values() for item in _names_for(node, sections)} - told
     for item in sorted(getattr(node, '_parameter_overrides', {})):
         if node.has_parameter(item) or item.startswith('qos_'):
             continue
@@ -144,7 +144,7 @@ def _hint(node: Node, parameter: str, owner: str) -> str:
     return f'; did you mean {close[0]}?' if close else f'; it has {", ".join(declared)}'
 
 
-def _heard(node: Node, sections: Iterable[ParameterSection]) -> set[str]:
+def _names_for(node: Node, sections: Iterable[ParameterSection]) -> set[str]:
     """Return the parameters in those sections of a file that reach the node."""
     full_name = node.get_fully_qualified_name()
     return {name for item in sections if item.reaches(full_name) for name in item.names}
@@ -155,7 +155,7 @@ def _refuse_homonyms(node: Node, path: str, sections: Sequence[ParameterSection]
     for section in sections:
         if '*' not in section.key or not section.reaches(node.get_fully_qualified_name()):
             continue
-        owners = [name for name in table.NODES if section.names <= table.accepted(name)]
+        owners = [name for name in table.NODES if section.names <= table.accepted_names(name)]
         mistaken = sorted(
             name for name in section.names & table.HOMONYMS if node.has_parameter(name)
         )
@@ -169,7 +169,7 @@ def _refuse_homonyms(node: Node, path: str, sections: Sequence[ParameterSection]
 
 def _warn_of_no_effect(node: Node, path: str, sections: Sequence[ParameterSection]) -> None:
     """Warn of a file without a parameter of the node: it keeps its defaults, and drives on."""
-    heard = _heard(node, sections)
+    heard = _names_for(node, sections)
     if not sections or any(map(node.has_parameter, heard)):
         return
     keys = ', '.join(section.key for section in sections)

@@ -54,14 +54,16 @@ def _draw(there: Connection) -> None:
         from visual_servo_epipolar.report import figures  # loaded while the run lasts
 
         log, folder = there.recv()
-        there.send(_drawn(log, folder) if may_fork() else figures.save_all(log, folder))
+        there.send(
+            _draw_on_two_cores(log, folder) if may_fork() else figures.save_all(log, folder)
+        )
     except (EOFError, BrokenPipeError):  # the parent's end is closed
         pass
     except (VisualServoError, ValueError, OSError, ImportError) as error:
         there.send(error)
 
 
-def _drawn(log: RunLog, folder: Path) -> list[Path]:
+def _draw_on_two_cores(log: RunLog, folder: Path) -> list[Path]:
     """Draw each figure on a core of its own: all but the first by copies of this process."""
     from visual_servo_epipolar.report import figures
 

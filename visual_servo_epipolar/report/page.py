@@ -63,7 +63,7 @@ def write_page(
     return path
 
 
-def drawn(figure: Figure, caption: str) -> str:
+def figure_html(figure: Figure, caption: str) -> str:
     """Return a matplotlib figure as HTML: vectors, so that it stays sharp."""
     buffer = io.BytesIO()
     with rc_context({**FIGURE_SETTINGS, 'svg.hashsalt': 'visual_servo'}):  # twice the same
@@ -133,7 +133,7 @@ def table(
     return '<table>\n' + '\n'.join(lines) + '\n</table>'
 
 
-def folded(title: str, body: str) -> str:
+def folded_html(title: str, body: str) -> str:
     """Return ``body`` behind a line that unfolds it."""
     return f'<details><summary>{escape(title)}</summary>\n{body}\n</details>'
 

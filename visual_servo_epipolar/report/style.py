@@ -69,12 +69,12 @@ def text_colour_on(colour: str) -> str:
 
 def robot_body(pose: Pose) -> FloatArray:
     """Return the corners of the robot at ``pose`` in the plane, shape (8, 2) [m]."""
-    return _placed(_BODY, pose)
+    return _moved_to(_BODY, pose)
 
 
 def robot_nose(pose: Pose) -> FloatArray:
     """Return the triangle that marks the front of the robot at ``pose``, shape (3, 2) [m]."""
-    return _placed(_NOSE, pose)
+    return _moved_to(_NOSE, pose)
 
 
 def view_wedge(pose: Pose, *, angle: float, reach: float) -> FloatArray:
@@ -88,7 +88,7 @@ def view_wedge(pose: Pose, *, angle: float, reach: float) -> FloatArray:
     return np.concatenate([np.zeros((1, 2)), rim]) + (pose.x, pose.y)
 
 
-def _placed(shape: tuple[tuple[float, float], ...], pose: Pose) -> FloatArray:
+def _moved_to(shape: tuple[tuple[float, float], ...], pose: Pose) -> FloatArray:
     cos, sin = math.cos(pose.theta), math.sin(pose.theta)
     turned = np.array(shape) @ np.array([[cos, sin], [-sin, cos]])
     return np.asarray(turned + (pose.x, pose.y), dtype=np.float64)

@@ -67,12 +67,12 @@ class CameraSimulator:
 
     def capture(self, pose: Pose, frame: int) -> Image:
         """Return frame number ``frame``, shape (H, W), taken from ``pose``."""
-        image = self._rendered(pose, frame)
+        image = self._render(pose, frame)
         if frame != DESIRED_FRAME and self._is_disturbed:
             image = self._disturbances.apply(image, frame)
         return self._sensor.capture(image, frame)
 
-    def _rendered(self, pose: Pose, frame: int) -> Image:
+    def _render(self, pose: Pose, frame: int) -> Image:
         """Return the image before the sensor: the last one, read-only, of a camera that stands."""
         placed = self.renderer.rig.camera_pose(pose, frame)
         place = placed.centre.tobytes() + placed.R_world_camera.tobytes()

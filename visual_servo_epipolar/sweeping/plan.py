@@ -65,7 +65,7 @@ class SweepPlan:
         """Share out the runs that are not ``done``: one law a chunk, enough for all workers."""
         missing = [key for key in self.keys() if key not in done]
         size = min(CHUNK[self.source], max(1, len(missing) // (CHUNKS_A_WORKER * workers)))
-        return [chunk for law in self.laws for chunk in _cut(law, missing, size)]
+        return [chunk for law in self.laws for chunk in _cut_into_chunks(law, missing, size)]
 
     def identity(self) -> dict[str, Any]:
         """Return, as plain JSON, what fixes each run; not how many there are."""
@@ -118,7 +118,7 @@ class SweepPlan:
         return options
 
 
-def _cut(law: str, missing: list[Key], size: int) -> Iterator[Chunk]:
+def _cut_into_chunks(law: str, missing: list[Key], size: int) -> Iterator[Chunk]:
     indices = [index for of, index in missing if of == law]
     for first in range(0, len(indices), size):
         yield Chunk(law, tuple(indices[first : first + size]))

@@ -91,7 +91,7 @@ class Store:
         content = self.path.read_bytes()
         whole = content.rfind(b'\n') + 1
         lines = content[:whole].splitlines()
-        header = _parsed(lines[0], f'{self.path}:1') if lines else wanted
+        header = _parse(lines[0], f'{self.path}:1') if lines else wanted
         if 'sweep' not in header:
             raise InputError(f'{self.path}: not the results of a sweep; give another --out')
         if len(lines) < 2:  # no run ended
@@ -106,7 +106,7 @@ class Store:
     def _read(self, lines: list[bytes]) -> None:
         sessions: dict[int, float] = {}
         for number, text in enumerate(lines, start=2):
-            line = _parsed(text, f'{self.path}:{number}')
+            line = _parse(text, f'{self.path}:{number}')
             try:
                 self.results[line['law'], line['index']] = line['result']
                 sessions[line['session']] = line['elapsed_s']
@@ -136,7 +136,7 @@ def header_of(plan: SweepPlan) -> Header:
     }
 
 
-def _parsed(text: bytes, where: str) -> dict[str, Any]:
+def _parse(text: bytes, where: str) -> dict[str, Any]:
     try:
         line = json.loads(text)
     except ValueError:

@@ -35,7 +35,7 @@ def summaries(plan: SweepPlan, store: Store) -> dict[str, dict[str, Any]]:
         law: {
             **summary_of([store.results[law, index] for index in range(plan.runs)]),
             'wall_s': store.wall_s,
-            'sweep': _described(plan, store, law),
+            'sweep': _describe(plan, store, law),
         }
         for law in plan.laws
     }
@@ -95,7 +95,7 @@ def _spread(runs: Sequence[Result], name: str) -> dict[str, Any]:
     }
 
 
-def _described(plan: SweepPlan, store: Store, law: str) -> dict[str, Any]:
+def _describe(plan: SweepPlan, store: Store, law: str) -> dict[str, Any]:
     header = store.header
     return {
         'region': plan.region,

@@ -15,7 +15,7 @@ import yaml
 
 from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.bags.reading.run import read_run
-from visual_servo_epipolar.bags.reading.topics import assigned
+from visual_servo_epipolar.bags.reading.topics import assign_roles
 from visual_servo_epipolar.bags.replaying.comparison import compare
 from visual_servo_epipolar.bags.replaying.plan import Moment, plan, ReplayOverrides
 from visual_servo_epipolar.bags.replaying.replay import replay, Step
@@ -27,7 +27,7 @@ DRIVER = ('/image_raw', '/camera_info')
 
 def commands(path: Path, topics: dict[str, str] | None = None, **overrides: object) -> list[Step]:
     with Bag(path) as bag:
-        run = read_run(bag, assigned(bag, topics or {}))
+        run = read_run(bag, assign_roles(bag, topics or {}))
         replay_plan, _ = plan(bag, run, ReplayOverrides(**overrides))
         return replay(bag, run, replay_plan)
 
@@ -160,8 +160,8 @@ def test_of_raw_and_compressed_images_those_that_the_tracker_took_are_replayed(
     path = write_bag(tmp_path / 'both', [told, *jpegs, *driver], kinds=kinds)
     with Bag(path) as bag:
         expected = '/image_raw' if transport == 'raw' else '/image_raw/compressed'
-        assert assigned(bag, {})['image'].name == expected
-        assert assigned(bag, {'image': 'image_raw'})['image'].name == '/image_raw'
+        assert assign_roles(bag, {})['image'].name == expected
+        assert assign_roles(bag, {'image': 'image_raw'})['image'].name == '/image_raw'
 
 
 @pytest.mark.parametrize(
@@ -283,7 +283,7 @@ def test_stamped_commands_of_another_robot_are_compared(
     kinds = {'/base/command': 'geometry_msgs/msg/TwistStamped'}
     path = write_bag(tmp_path / 'base', [*driver, *more], kinds=kinds)
     with Bag(path) as bag:
-        run = read_run(bag, assigned(bag, {'cmd_vel': '/base/command'}))
+        run = read_run(bag, assign_roles(bag, {'cmd_vel': '/base/command'}))
         steps = replay(bag, run, plan(bag, run, ReplayOverrides(desired=photograph))[0])
     comparison = compare(run, steps, 0.0)
     assert comparison.compared == len(steps)
@@ -318,7 +318,7 @@ def test_two_cameras_are_a_choice(driver, tmp_path) -> None:
     with pytest.raises(InputError, match='image may be /a/image_raw, /b/image_raw; say which'):
         commands(path)
     with Bag(path) as bag:  # the camera_info beside the image is the one that is meant
-        assert assigned(bag, {'image': '/b/image_raw'})['camera_info'].name == '/b/camera_info'
+        assert assign_roles(bag, {'image': '/b/image_raw'})['camera_info'].name == '/b/camera_info'
 
 
 @pytest.mark.parametrize(

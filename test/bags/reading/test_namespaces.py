@@ -9,7 +9,7 @@ import pytest
 from visual_servo_epipolar.bags.reading.bag import Bag, BagTopic
 from visual_servo_epipolar.bags.reading.namespaces import Namespace, namespace_of
 from visual_servo_epipolar.bags.reading.run import read_run
-from visual_servo_epipolar.bags.reading.topics import assigned
+from visual_servo_epipolar.bags.reading.topics import assign_roles
 from visual_servo_epipolar.bags.replaying.plan import plan, ReplayOverrides
 from visual_servo_epipolar.commands.main import main
 from visual_servo_epipolar.core.errors import InputError
@@ -79,7 +79,7 @@ def test_of_two_robots_the_user_says_which(two_robots, capsys) -> None:
 def test_diagnostics_of_the_other_robot_are_left_out(two_robots) -> None:
     with Bag(Path(two_robots)) as bag:
         namespace = namespace_of(bag, (), '/bot1')
-        topics = assigned(bag, {}, namespace)
+        topics = assign_roles(bag, {}, namespace)
         run = read_run(bag, topics, namespace)
         nobody = read_run(bag, topics, Namespace('/bot3'))
     assert topics['diagnostics'].name == '/diagnostics'
@@ -111,20 +111,20 @@ def test_the_robot_in_the_root_is_called_a_slash() -> None:
     bag = topics_of('/epipoles', '/bot2/epipoles', '/image_raw', '/bot2/image_raw')
     with pytest.raises(InputError, match='in / and /bot2'):
         namespace_of(bag)
-    assert assigned(bag, {}, namespace_of(bag, (), '/'))['image'].name == '/image_raw'
-    assert assigned(bag, {}, namespace_of(bag, (), '/bot2'))['image'].name == '/bot2/image_raw'
+    assert assign_roles(bag, {}, namespace_of(bag, (), '/'))['image'].name == '/image_raw'
+    assert assign_roles(bag, {}, namespace_of(bag, (), '/bot2'))['image'].name == '/bot2/image_raw'
 
 
 def test_what_belongs_to_no_robot_may_serve_one() -> None:
     bag = topics_of('/bot1/epipoles', '/bot2/epipoles', '/hall/image_raw', '/bot2/image_raw')
-    assert assigned(bag, {}, namespace_of(bag, (), '/bot1'))['image'].name == '/hall/image_raw'
+    assert assign_roles(bag, {}, namespace_of(bag, (), '/bot1'))['image'].name == '/hall/image_raw'
 
 
 def test_a_whole_run_may_be_named_topic_by_topic(two_robots) -> None:
     with Bag(Path(two_robots)) as bag:
         requested = {'tracks': '/bot1/tracks', 'cmd_vel': '/bot2/cmd_vel'}
         assert namespace_of(bag, requested.values()) is None
-        _, notes = plan(bag, read_run(bag, assigned(bag, requested | REST)), ReplayOverrides())
+        _, notes = plan(bag, read_run(bag, assign_roles(bag, requested | REST)), ReplayOverrides())
     assert any('recorded tracks are replayed' in note for note in notes)
 
 

@@ -8,7 +8,7 @@ from sensor_msgs.msg import CameraInfo, PointCloud2
 
 from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.bags.reading.run import read_run
-from visual_servo_epipolar.bags.reading.topics import assigned
+from visual_servo_epipolar.bags.reading.topics import assign_roles
 from visual_servo_epipolar.bags.replaying.comparison import compare
 from visual_servo_epipolar.bags.replaying.plan import plan, ReplayOverrides
 from visual_servo_epipolar.bags.replaying.replay import replay
@@ -57,7 +57,7 @@ def recorded(bench, infos, **values) -> list[Message]:
 
 def compared(path: Path, **overrides):
     with Bag(path) as bag:
-        run = read_run(bag, assigned(bag, {}))
+        run = read_run(bag, assign_roles(bag, {}))
         steps = replay(bag, run, plan(bag, run, ReplayOverrides(**overrides))[0])
     return steps, compare(run, steps, 0.0)
 

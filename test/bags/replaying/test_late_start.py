@@ -5,7 +5,7 @@ import pytest
 
 from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.bags.reading.run import read_run
-from visual_servo_epipolar.bags.reading.topics import assigned
+from visual_servo_epipolar.bags.reading.topics import assign_roles
 from visual_servo_epipolar.bags.replaying.late_start import SERVO, TRACKER
 from visual_servo_epipolar.bags.replaying.plan import plan, ReplayOverrides
 from visual_servo_epipolar.commands.main import main
@@ -29,7 +29,7 @@ def begun_late(
 
 def notes_on(path, **overrides: object) -> list[str]:
     with Bag(path) as bag:
-        return plan(bag, read_run(bag, assigned(bag, {})), ReplayOverrides(**overrides))[1]
+        return plan(bag, read_run(bag, assign_roles(bag, {})), ReplayOverrides(**overrides))[1]
 
 
 def test_a_recording_from_the_beginning_needs_no_word(small_run, tmp_path) -> None:

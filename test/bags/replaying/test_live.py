@@ -9,7 +9,7 @@ from std_srvs.srv import Trigger
 from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.bags.reading.history import Happening, happenings
 from visual_servo_epipolar.bags.reading.run import read_run
-from visual_servo_epipolar.bags.reading.topics import assigned
+from visual_servo_epipolar.bags.reading.topics import assign_roles
 from visual_servo_epipolar.bags.replaying.comparison import compare, Comparison
 from visual_servo_epipolar.bags.replaying.plan import plan, ReplayOverrides
 from visual_servo_epipolar.bags.replaying.replay import replay, Step
@@ -48,7 +48,7 @@ class Robot:
 
 def replayed(path, **overrides: object) -> tuple[list[Step], Comparison]:
     with Bag(path) as bag:
-        run = read_run(bag, assigned(bag, {}))
+        run = read_run(bag, assign_roles(bag, {}))
         steps = replay(bag, run, plan(bag, run, ReplayOverrides(**overrides))[0])
     return steps, compare(run, steps, 0.0)
 
@@ -56,7 +56,7 @@ def replayed(path, **overrides: object) -> tuple[list[Step], Comparison]:
 def told(path) -> list[Happening]:
     """Return what the bag tells of orders and settings."""
     with Bag(path) as bag:
-        run = read_run(bag, assigned(bag, {}))
+        run = read_run(bag, assign_roles(bag, {}))
         return happenings(run, min(run.telemetry)[0])
 
 

@@ -15,7 +15,7 @@ from rosbags.rosbag2 import StoragePlugin
 
 from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.bags.reading.run import read_run, Recording
-from visual_servo_epipolar.bags.reading.topics import assigned
+from visual_servo_epipolar.bags.reading.topics import assign_roles
 from visual_servo_epipolar.bags.replaying.comparison import compare, Comparison
 from visual_servo_epipolar.bags.replaying.plan import Moment, plan, ReplayOverrides
 from visual_servo_epipolar.bags.replaying.replay import replay, Step
@@ -34,7 +34,7 @@ def replayed(
 ) -> tuple[Recording, list[Step], Comparison]:
     """Replay the bag at ``path`` and compare."""
     with Bag(path) as bag:
-        run = read_run(bag, assigned(bag, topics or {}))
+        run = read_run(bag, assign_roles(bag, topics or {}))
         replay_plan, _ = plan(bag, run, ReplayOverrides(**overrides))
         steps = replay(bag, run, replay_plan)
     return run, steps, compare(run, steps, tolerance)
@@ -178,7 +178,7 @@ def test_a_recorded_step_without_its_image_is_missed(small_run, tmp_path) -> Non
 def test_tracks_alone_are_replayed_by_themselves(small_run, tmp_path) -> None:
     path = write_bag(tmp_path / 'tracks', without(small_run, '/image_raw', *FIRST[:2]))
     with Bag(path) as opened:
-        run = read_run(opened, assigned(opened, {}))
+        run = read_run(opened, assign_roles(opened, {}))
         replay_plan, notes = plan(opened, run, ReplayOverrides())
     assert replay_plan.from_tracks
     assert any('recorded tracks are replayed' in note for note in notes)
@@ -211,7 +211,7 @@ def test_a_bag_of_another_version_is_noted(small_run, tmp_path) -> None:
         for topic, log_ns, raw in small_run
     ]
     with Bag(write_bag(tmp_path / 'later', texts)) as opened:
-        _, notes = plan(opened, read_run(opened, assigned(opened, {})), ReplayOverrides())
+        _, notes = plan(opened, read_run(opened, assign_roles(opened, {})), ReplayOverrides())
     assert len(notes) == 1
     assert re.fullmatch(r'recorded with version 9\.\S+, replayed with 0\.\S+', notes[0])
 

@@ -9,7 +9,7 @@ import pytest
 
 from visual_servo_epipolar.bags.reading.bag import Bag
 from visual_servo_epipolar.bags.reading.run import read_run, Recording
-from visual_servo_epipolar.bags.reading.topics import assigned
+from visual_servo_epipolar.bags.reading.topics import assign_roles
 from visual_servo_epipolar.bags.replaying.comparison import compare
 from visual_servo_epipolar.bags.replaying.plan import plan, ReplayOverrides
 from visual_servo_epipolar.bags.replaying.replay import replay, Step
@@ -25,7 +25,7 @@ def replayed(
 ) -> tuple[Recording, list[Step]]:
     """Replay a bag of which so much is ``known``."""
     with Bag(path) as bag:
-        run = known(read_run(bag, assigned(bag, {})))
+        run = known(read_run(bag, assign_roles(bag, {})))
         return run, replay(bag, run, plan(bag, run, overrides)[0])
 
 

@@ -86,7 +86,7 @@ def test_active_again_it_takes_stamps_as_they_come(bench) -> None:
 
 def test_a_cleanup_forgets_the_mount_of_tf_static(bench) -> None:
     rig = Rig(bench, mount_from_tf=True)
-    edge = transforms.mounted('base_link', 'camera', LEVEL, np.array([0.1, 0.0, 0.6]))
+    edge = transforms.mount_transform('base_link', 'camera', LEVEL, np.array([0.1, 0.0, 0.6]))
     rig.node._mount.receive(SimpleNamespace(transforms=[edge]))
     rig.drive(1)
     assert rig.node._settings.camera_forward == pytest.approx(0.1)

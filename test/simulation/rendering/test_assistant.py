@@ -62,13 +62,13 @@ def assistant():
 @pytest.fixture
 def drawn(monkeypatch):
     """Collect which strips are drawn here."""
-    numbers, textured = [], assistant_module.textured
+    numbers, textured = [], assistant_module.draw_textures
 
     def watched(scene, raster, image, which):
         numbers.append((len(raster.strips), which))
         textured(scene, raster, image, which)
 
-    monkeypatch.setattr(assistant_module, 'textured', watched)
+    monkeypatch.setattr(assistant_module, 'draw_textures', watched)
     return numbers
 
 

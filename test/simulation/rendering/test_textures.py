@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from visual_servo_epipolar.simulation.rendering.textures import _blurred, Sheet
+from visual_servo_epipolar.simulation.rendering.textures import _blur, Sheet
 
 
 def variances(image: np.ndarray) -> tuple[float, float]:
@@ -15,12 +15,12 @@ def variances(image: np.ndarray) -> tuple[float, float]:
 
 
 @pytest.mark.parametrize(('sigma_u', 'sigma_v'), [(0.6, 2.0), (2.0, 0.6), (0.0, 1.5), (1.5, 0.0)])
-def test_each_axis_is_blurred_by_its_own_gaussian(sigma_u: float, sigma_v: float) -> None:
+def test_each_axis_is_blur_by_its_own_gaussian(sigma_u: float, sigma_v: float) -> None:
     block = np.zeros((101, 101), np.uint8)
     block[40:61, 40:61] = 250
     before, after = (
         variances(block),
-        variances(_blurred(Sheet.of(block), sigma_u, sigma_v).whole()),
+        variances(_blur(Sheet.of(block), sigma_u, sigma_v).whole()),
     )
     # A kernel ends at three deviations, and grey levels are rounded.
     assert after[0] - before[0] == pytest.approx(sigma_u**2, rel=0.05, abs=0.02)

@@ -30,7 +30,7 @@ from visual_servo_epipolar.bags import containers
 from visual_servo_epipolar.bags.containers import ZSTD_MAGIC
 from visual_servo_epipolar.bags.reading.parts import ADVICE, bag_parts, BagParts
 from visual_servo_epipolar.bags.storages.mcap_file import profile
-from visual_servo_epipolar.bags.storages.opening import opened
+from visual_servo_epipolar.bags.storages.opening import open_storage
 from visual_servo_epipolar.bags.storages.stored import (
     IDL_LANGUAGES,
     kind_of,
@@ -156,7 +156,7 @@ class Bag(AbstractContextManager['Bag']):
                 except StopIteration:
                     return
                 topic = chosen[number]
-                message = _decoded(topic, raw)
+                message = _decode(topic, raw)
             yield log_ns, RecordedMessage(topic.topic, log_ns, message)
 
     def _check_definition(self, item: StoredTopic) -> None:
@@ -224,11 +224,11 @@ def _advice(path: Path) -> str:
 
 
 def _open(path: Path, stack: ExitStack) -> StorageFile:
-    file = opened(stack.enter_context(containers.unpacked(path)))
+    file = open_storage(stack.enter_context(containers.unpack(path)))
     return stack.enter_context(file)
 
 
-def _decoded(topic: StoredTopic, raw: bytes) -> Any:
+def _decode(topic: StoredTopic, raw: bytes) -> Any:
     types, kind = types_of(topic.encoding), kind_of(topic)
     if topic.encoding == ROS1:
         return types.deserialize_ros1(raw, kind)

@@ -61,7 +61,7 @@ def _changes(node: str, history: Sequence[tuple[int | None, NodeSettings]]) -> I
         for name, value in after.values.items():
             old = before.values.get(name)
             if old != value:
-                yield stamp_ns, (node, f'{name} set from {_shown(old)} to {_shown(value)}', '')
+                yield stamp_ns, (node, f'{name} set from {_as_text(old)} to {_as_text(value)}', '')
 
 
 def _photographs(run: Recording) -> Iterator[Stamped]:
@@ -72,5 +72,5 @@ def _photographs(run: Recording) -> Iterator[Stamped]:
             yield stamp_ns, ('tracker', 'another photograph', '')
 
 
-def _shown(value: Any) -> str:
+def _as_text(value: Any) -> str:
     return 'nothing' if value is None else str(value)

@@ -61,7 +61,7 @@ def namespace_of(
     """
     robots = robot_namespaces(bag)
     if wanted is not None:
-        return _wanted(bag, robots, '/'.join(['', *filter(None, wanted.split('/'))]))
+        return _namespace_called(bag, robots, '/'.join(['', *filter(None, wanted.split('/'))]))
     if len(robots) < 2:
         if robots in ([], ['']):
             return None
@@ -96,7 +96,7 @@ def _publishing(topics: Iterable[BagTopic], endings: Mapping[str, str]) -> list[
     )
 
 
-def _wanted(bag: Bag, robots: list[str], name: str) -> Namespace:
+def _namespace_called(bag: Bag, robots: list[str], name: str) -> Namespace:
     namespace = _beside('' if name == '/' else name, robots)
     if not any(namespace.holds(topic) for topic in bag.topics):
         spaces = ', '.join(item or '/' for item in robots) or 'none of a tracker or servo'

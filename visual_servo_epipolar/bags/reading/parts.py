@@ -44,7 +44,7 @@ def bag_parts(path: Path) -> BagParts:
         for item in pending
     ]
     if (path / metadata.FILE).is_file():
-        return BagParts(_listed(path, files), notes)
+        return BagParts(_files_by_metadata(path, files), notes)
     if not files and pending:
         raise InputError(f'{path}: it was left open by a crash, in its first file; try --repair')
     if not files:
@@ -62,7 +62,7 @@ def _no_bag(folder: Path) -> InputError:
     )
 
 
-def _listed(path: Path, files: list[Path]) -> list[Path]:
+def _files_by_metadata(path: Path, files: list[Path]) -> list[Path]:
     """Return the files that metadata.yaml lists; one that was renamed is known by its bytes."""
     names, information = metadata.listed_files(path), metadata.information(path)
     if names is None or information is None:

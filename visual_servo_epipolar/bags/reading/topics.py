@@ -48,7 +48,7 @@ ROLES: Mapping[str, Role] = MappingProxyType(
 DERIVED_IMAGES = ('desired/', 'overlay/')  # images that are not straight from a camera
 
 
-def assigned(
+def assign_roles(
     bag: Bag, requested: Mapping[str, str], namespace: Namespace | None = None
 ) -> dict[str, BagTopic]:
     """
@@ -71,9 +71,9 @@ def assigned(
     for role in ROLES:
         name = requested.get(role)
         if name is not None:
-            topic: BagTopic | None = _requested(bag, role, name)
+            topic: BagTopic | None = _find_requested(bag, role, name)
         else:
-            topic = _inferred_in(bag, role, topics, namespace)
+            topic = _infer_in(bag, role, topics, namespace)
         if topic is not None:
             topics[role] = topic
     if 'image' in topics and 'image' not in requested:
@@ -137,7 +137,7 @@ def parse(words: Iterable[str]) -> dict[str, str]:
     return requested
 
 
-def _requested(bag: Bag, role: str, name: str) -> BagTopic:
+def _find_requested(bag: Bag, role: str, name: str) -> BagTopic:
     topic = bag.topics.get(name) or bag.topics.get(f'/{name}')
     if topic is None:
         names = ', '.join(bag.topics) or 'no topics at all'
@@ -150,19 +150,19 @@ def _requested(bag: Bag, role: str, name: str) -> BagTopic:
     return topic
 
 
-def _inferred_in(
+def _infer_in(
     bag: Bag, role: str, topics: Mapping[str, BagTopic], namespace: Namespace | None
 ) -> BagTopic | None:
     """Return the topic of a role in a namespace, or else one that it may share."""
     everything = list(bag.topics.values())
     if namespace is None:
-        return _inferred(bag, role, topics, everything)
+        return _infer(bag, role, topics, everything)
     own = [item for item in everything if namespace.holds(item.name)]
     shared = [item for item in everything if namespace.may_share(item.name)]
-    return _inferred(bag, role, topics, own) or _inferred(bag, role, topics, shared)
+    return _infer(bag, role, topics, own) or _infer(bag, role, topics, shared)
 
 
-def _inferred(
+def _infer(
     bag: Bag, role: str, topics: Mapping[str, BagTopic], choice: Iterable[BagTopic]
 ) -> BagTopic | None:
     """Return the topic of a fitting type that has the first of the role's names in use."""

@@ -17,7 +17,7 @@ from visual_servo_epipolar.core.settings import Settings, updated
 from visual_servo_epipolar.core.stamps import NANOSECONDS
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.messages import read
-from visual_servo_epipolar.messages.settings_text import installed, NodeSettings, PACKAGE
+from visual_servo_epipolar.messages.settings_text import installed_versions, NodeSettings, PACKAGE
 
 SettingsT = TypeVar('SettingsT', bound=Settings)
 NEAR_NS = NANOSECONDS // 2  # how far from the stamp asked for the photograph may be
@@ -132,7 +132,7 @@ def _note_version(recorded: NodeSettings, notes: list[str]) -> None:
 
 def differing_versions(recorded: Mapping[str, str]) -> tuple[str, str]:
     """Return the libraries that were others when recording: as they were then, and as now."""
-    now = installed()
+    now = installed_versions()
     names = [
         name for name in now if name != PACKAGE and recorded.get(name, now[name]) != now[name]
     ]

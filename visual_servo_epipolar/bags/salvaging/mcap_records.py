@@ -64,14 +64,14 @@ class LeftRecords:
                 following = self._following(at, file.size)
                 is_known = opcode in tuple(Opcode) or opcode >= PRIVATE
                 if is_known and end <= following:
-                    yield from self._parsed(opcode, file.read(length))
+                    yield from self._parse(opcode, file.read(length))
                     at = end
                     continue
                 if opcode == Opcode.CHUNK and following == file.size:
                     yield from self._cut_chunk(file.read(min(LARGEST, file.size - file.tell())))
                 elif is_known and following < file.size:  # its length alone is damaged
                     self.lost_bytes += START.size
-                    yield from self._parsed(opcode, file.read(following - file.tell()))
+                    yield from self._parse(opcode, file.read(following - file.tell()))
                 else:
                     self.lost_bytes += following - at
                 at = following
@@ -81,7 +81,7 @@ class LeftRecords:
         number = bisect_right(self._known, at)
         return min(size, self._known[number]) if number < len(self._known) else size
 
-    def _parsed(self, opcode: int, data: bytes) -> Iterator[McapRecord]:
+    def _parse(self, opcode: int, data: bytes) -> Iterator[McapRecord]:
         if opcode >= PRIVATE:
             self.private += 1
             return
@@ -107,7 +107,7 @@ class LeftRecords:
         with suppress(*BAD_CHUNK):
             name_length = int.from_bytes(data[28:32], 'little')
             compression = data[32 : 32 + name_length].decode()
-            content = _begun(compression, data[32 + name_length + 8 :])
+            content = _decompress_beginning(compression, data[32 + name_length + 8 :])
             self.compression = compression
         lost_bytes = self.lost_bytes
         yield from self._chunk_records(content)
@@ -123,7 +123,7 @@ class LeftRecords:
             if end > len(content):
                 self.lost_bytes += len(content) - at
                 return
-            yield from self._parsed(opcode, content[at + START.size : end])
+            yield from self._parse(opcode, content[at + START.size : end])
             at = end
 
 
@@ -156,14 +156,14 @@ def _offsets(summary: Summary | None) -> list[int]:
 
 def _content(chunk: Chunk) -> bytes:
     """Return what a chunk holds; raises one of BAD_CHUNK where it is damaged."""
-    content = _begun(chunk.compression, chunk.data)
+    content = _decompress_beginning(chunk.compression, chunk.data)
     if len(content) != chunk.uncompressed_size:
         raise EndOfFile
     _check(content, chunk.uncompressed_crc)
     return content
 
 
-def _begun(compression: str, data: bytes) -> bytes:
+def _decompress_beginning(compression: str, data: bytes) -> bytes:
     """Return what the beginning of a chunk holds, as far as it goes."""
     if compression == 'zstd':
         return zstandard.ZstdDecompressor().decompressobj().decompress(data)

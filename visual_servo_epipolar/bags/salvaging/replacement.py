@@ -30,7 +30,7 @@ from visual_servo_epipolar.bags.metadata import PartInfo
 from visual_servo_epipolar.bags.reading.bag import DAMAGE
 from visual_servo_epipolar.bags.salvaging.mcap_salvage import Key, McapSalvage
 from visual_servo_epipolar.bags.salvaging.sqlite_salvage import SqliteSalvage
-from visual_servo_epipolar.bags.storages.opening import opened
+from visual_servo_epipolar.bags.storages.opening import open_storage
 from visual_servo_epipolar.bags.storages.sqlite_file import journals
 from visual_servo_epipolar.bags.storages.stored import kind_of, StorageFile, StoredTopic
 from visual_servo_epipolar.core.errors import InputError
@@ -69,7 +69,7 @@ def survey_of(file: Path, folder: Path) -> Survey:
     destination = folder / file.name if pending else file.resolve()
     if pending and destination.exists():
         raise InputError(f'{folder}: it has {file.name} twice, here and in {file.parent.name}')
-    with containers.unpacked(file) as plain:
+    with containers.unpack(file) as plain:
         salvage = SALVAGES[containers.container(plain)](plain)
         sound = salvage.is_sound()
     if not sound and plain != file:
@@ -86,7 +86,7 @@ def survey_of(file: Path, folder: Path) -> Survey:
     return Survey(file, destination, salvage, sound, pending)
 
 
-def repaired(survey: Survey) -> RepairedPart:
+def repair_part(survey: Survey) -> RepairedPart:
     """Bring one file to its destination, written anew if it is not whole."""
     if survey.sound:
         if survey.is_pending:
@@ -154,7 +154,7 @@ def _remove_folder(folder: Path) -> None:
 
 def _part(survey: Survey) -> RepairedPart:
     file = survey.destination if survey.is_pending else survey.file
-    with containers.unpacked(file) as plain, opened(plain) as stored:
+    with containers.unpack(file) as plain, open_storage(plain) as stored:
         counts = {item.id: item.count for item in stored.topics}
         connections = tuple(_connection(item) for item in stored.topics)
         info = PartInfo(file.name, connections, counts, stored.start_ns, stored.end_ns)

@@ -56,6 +56,6 @@ FILES: Mapping[str, Callable[[Path], StorageFile]] = {
 }
 
 
-def opened(path: Path) -> StorageFile:
+def open_storage(path: Path) -> StorageFile:
     """Open a storage file, which must be unpacked; raises InputError if it is none."""
     return FILES[containers.container(path)](path)

@@ -8,7 +8,7 @@ from typing import Any
 
 from visual_servo_epipolar.commands.files.output import write_json
 from visual_servo_epipolar.core.servo.run_log import RunLog
-from visual_servo_epipolar.messages.settings_text import installed
+from visual_servo_epipolar.messages.settings_text import installed_versions
 from visual_servo_epipolar.report.run_file import RunFile, save_run
 from visual_servo_epipolar.simulation.mounts.registry import new_rig
 from visual_servo_epipolar.simulation.run_monitor import verdict
@@ -32,12 +32,12 @@ def write_run(
     written = [
         folder / 'result.json',
         save_run(RunFile(log, settings_of(scenario), versions()), folder),
-        *(draw or _drawn)(log, folder),
+        *(draw or _draw_here)(log, folder),
     ]
     return [path.name for path in written]
 
 
-def _drawn(log: RunLog, folder: Path) -> list[Path]:
+def _draw_here(log: RunLog, folder: Path) -> list[Path]:
     # Only here: matplotlib takes a third of a second.
     from visual_servo_epipolar.report import figures
 
@@ -51,7 +51,7 @@ def settings_of(scenario: Scenario) -> Mapping[str, Mapping[str, Any]]:
 
 def versions() -> dict[str, str]:
     """Return the versions of this package, of Python, and of the libraries that matter."""
-    found = dict(installed())
+    found = dict(installed_versions())
     for name in LIBRARIES:
         try:
             found[name] = metadata.version(name)

@@ -17,7 +17,7 @@ from visual_servo_epipolar.bags.reading.history import Happening, happenings
 from visual_servo_epipolar.bags.reading.namespaces import namespace_of
 from visual_servo_epipolar.bags.reading.parts import ADVICE
 from visual_servo_epipolar.bags.reading.run import read_run, Recording
-from visual_servo_epipolar.bags.reading.topics import assigned, camera_note, parse
+from visual_servo_epipolar.bags.reading.topics import assign_roles, camera_note, parse
 from visual_servo_epipolar.bags.repair import repair
 from visual_servo_epipolar.bags.replaying.comparison import (
     as_document,
@@ -50,7 +50,7 @@ from visual_servo_epipolar.core.errors import InputError
 from visual_servo_epipolar.core.servo.least_time import MotionLimits
 from visual_servo_epipolar.core.servo.run_log import end_s, RunLog
 from visual_servo_epipolar.core.stamps import NANOSECONDS, seconds_between
-from visual_servo_epipolar.messages.settings_text import installed
+from visual_servo_epipolar.messages.settings_text import installed_versions
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -110,7 +110,7 @@ class ReplayedBag:
             for name, version in settings.versions.items():
                 recorded.setdefault(name, {})[version] = None
         named = {name: ', '.join(versions) for name, versions in recorded.items()}
-        return {'recorded': named, 'replayed': installed()}
+        return {'recorded': named, 'replayed': installed_versions()}
 
 
 def replay_and_report(options: argparse.Namespace) -> int:
@@ -146,13 +146,13 @@ def replay_bag(
     start_s = time.perf_counter()
     with _advice_of(options), Bag(Path(options.bag)) as bag:
         namespace = namespace_of(bag, topics.values(), options.namespace)
-        run = read_run(bag, assigned(bag, topics, namespace), namespace)
+        run = read_run(bag, assign_roles(bag, topics, namespace), namespace)
         overrides = ReplayOverrides(
             from_tracks=options.tracks,
             camera=_camera(bag, run, options),
             rectified=options.rectified,
             cropped=options.cropped,
-            desired=_desired(options.desired),
+            desired=_goal_of(options.desired),
             changes=given,
         )
         replay_plan, notes = plan(bag, run, overrides)
@@ -245,7 +245,7 @@ def _notes_on_topics(bag: Bag, run: Recording, options: argparse.Namespace) -> I
             yield note
 
 
-def _desired(text: str | None) -> Image | Moment | None:
+def _goal_of(text: str | None) -> Image | Moment | None:
     """Return the photograph in a file, or the time of one in the bag."""
     if text is None:
         return None

@@ -37,13 +37,13 @@ def changes_of(words: Sequence[str], params: str | None) -> Changes:
         if not (equals and dot and setting and section in KINDS):
             raise InputError(
                 f'--set takes SECTION.NAME=VALUE with a section of {", ".join(KINDS)}, as in '
-                f'servo.k1=0.1, got {word!r}{_meant(setting if dot else section)}'
+                f'servo.k1=0.1, got {word!r}{_suggestion(setting if dot else section)}'
             )
         changes.setdefault(section, {})[setting] = _value(value)
     return changes
 
 
-def _meant(setting: str) -> str:
+def _suggestion(setting: str) -> str:
     """Return in words how to write a setting without its section, if there is one."""
     for section, kind in KINDS.items():
         if setting in {item.name for item in fields(kind)}:
@@ -78,7 +78,7 @@ def _from_file(path: Path) -> Changes:
         for section, kind in KINDS.items():
             if f'{section}_node' not in heard:
                 continue
-            _refuse_unknown(path, key, values, table.accepted(*heard))
+            _refuse_unknown(path, key, values, table.accepted_names(*heard))
             names = {item.name for item in fields(kind)} | set(kind.RENAMED)
             fitting = {name: value for name, value in values.items() if name in names}
             changes.setdefault(section, {}).update(fitting)
@@ -96,7 +96,7 @@ def _nodes_of(key: str, values: Mapping[str, Any]) -> list[str]:
     """
     if key != '/**':
         return [key.rpartition('/')[2]]
-    whole = [node for node in table.NODES if not _unknown(values, table.accepted(node))]
+    whole = [node for node in table.NODES if not _unknown(values, table.accepted_names(node))]
     return whole or list(table.NODES)
 
 

@@ -39,7 +39,7 @@ from visual_servo_epipolar.core.servo.telemetry import sample
 from visual_servo_epipolar.report.images.picture import picture
 from visual_servo_epipolar.report.page import (
     Cell,
-    drawn,
+    figure_html,
     jpeg,
     paragraph,
     Section,
@@ -126,7 +126,7 @@ def _comparison(replayed: ReplayedBag) -> Section:
     lines = [*replayed.notes, *compared]
     words = f'<pre>{escape(chr(10).join(lines))}</pre>'
     caption = 'Phases, epipoles and commands as recorded, and as replayed with these parameters.'
-    return Section('Recorded and replayed', words + drawn(figure_of(replayed), caption))
+    return Section('Recorded and replayed', words + figure_html(figure_of(replayed), caption))
 
 
 def history_section(history: Sequence[Happening]) -> Section:

@@ -28,7 +28,7 @@ from visual_servo_epipolar.core.servo.run_log import (
 )
 from visual_servo_epipolar.report import figures
 from visual_servo_epipolar.report.page import (
-    drawn,
+    figure_html,
     FILE,
     film,
     Headline,
@@ -105,7 +105,7 @@ def report_run(folder: Path, path: Path) -> None:
     sections = [
         Section('Result', result_table(result)),
         *path_sections(log),
-        *_seen(folder, path, log),
+        *_pictures_section(folder, path, log),
         Section('Phases', phase_table(result)),
         parameter_section(run_file.settings),
         version_section(run_file.versions, versions()),
@@ -134,8 +134,8 @@ def verdict_of(result: Mapping[str, Any]) -> Headline:
 def path_sections(log: RunLog) -> list[Section]:
     """Return the map and the signals of a run with ground truth."""
     return [
-        Section('Path', drawn(figures.trajectory(log), 'The path seen from above.')),
-        Section('Signals', drawn(figures.signals(log), SIGNALS)),
+        Section('Path', figure_html(figures.trajectory(log), 'The path seen from above.')),
+        Section('Signals', figure_html(figures.signals(log), SIGNALS)),
     ]
 
 
@@ -153,7 +153,7 @@ def caption_of(log: RunLog, number: int) -> str:
     return f'{seconds(log)[number]:.1f} s, {phase_label(log.samples[number].phase.value)}'
 
 
-def _seen(folder: Path, page: Path, log: RunLog) -> list[Section]:
+def _pictures_section(folder: Path, page: Path, log: RunLog) -> list[Section]:
     """Return the video of the run and pictures from it, where there is one."""
     video = next((folder / name for name in VIDEOS if (folder / name).is_file()), None)
     if video is None:

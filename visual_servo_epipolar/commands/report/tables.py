@@ -8,7 +8,7 @@ from visual_servo_epipolar.core.laws.registry import phase_words
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.settings import range_of, Settings
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
-from visual_servo_epipolar.report.page import Cell, folded, Section, table
+from visual_servo_epipolar.report.page import Cell, folded_html, Section, table
 from visual_servo_epipolar.simulation.scenario import Scenario
 
 QUANTITIES = (  # key, words, unit, factor to that unit
@@ -68,7 +68,7 @@ def phase_table(result: Mapping[str, Any]) -> str:
 def parameter_section(settings: Mapping[str, Mapping[str, Any]]) -> Section:
     """Return the settings part by part; those that are not the default stand out."""
     parts = [
-        folded(_title(part, values), _parameters(part, values))
+        folded_html(_title(part, values), _parameters(part, values))
         for part, values in settings.items()
     ]
     return Section('Parameters', '\n'.join(parts) or '<p>none were recorded</p>')
@@ -86,7 +86,7 @@ def _parameters(part: str, values: Mapping[str, Any]) -> str:
     return table(
         ['name', 'value', 'default', 'meaning [unit]'],
         [
-            [name, _shown(value), _shown(_default(part, name)), texts.get(name, '')]
+            [name, _as_text(value), _as_text(_default(part, name)), texts.get(name, '')]
             for name, value in values.items()
         ],
         changed=[_is_changed(part, name, value) for name, value in values.items()],
@@ -101,14 +101,14 @@ def _default(part: str, name: str) -> Any:
 
 def _is_changed(part: str, name: str, value: Any) -> bool:
     default = _default(part, name)
-    return default is not None and _shown(value) != _shown(default)
+    return default is not None and _as_text(value) != _as_text(default)
 
 
-def _shown(value: Any) -> str:
+def _as_text(value: Any) -> str:
     if value is None:
         return '\N{EN DASH}'
     if isinstance(value, (list, tuple)):
-        return '[' + ', '.join(_shown(item) for item in value) + ']'
+        return '[' + ', '.join(_as_text(item) for item in value) + ']'
     if isinstance(value, float):
         return repr(value)
     return str(value)

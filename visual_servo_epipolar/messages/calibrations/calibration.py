@@ -63,7 +63,7 @@ def numbers(value: Any, key: str, counts: Sequence[int] = ()) -> tuple[float, ..
     if isinstance(value, str):
         value = value.split()
     if not isinstance(value, Sequence):
-        raise ValueError(f'{expected}, got {shown(value)}')
+        raise ValueError(f'{expected}, got {as_text(value)}')
     if any(isinstance(row, Sequence) and not isinstance(row, str) for row in value):
         value = _flat(value, expected, is_matrix=bool(counts))
     if counts and len(value) not in counts:
@@ -78,20 +78,20 @@ def whole_number(value: Any, key: str, low: int = 1, high: int = SIDE) -> int:
         exact = isinstance(value, int) and not isinstance(value, bool)
         result = int(value) if exact else _number(value, key, expected)
     except ValueError:
-        raise ValueError(f'{expected}, got {shown(value)}') from None
+        raise ValueError(f'{expected}, got {as_text(value)}') from None
     if not low <= result <= high or result != int(result):
-        raise ValueError(f'{expected}, got {shown(value)}')
+        raise ValueError(f'{expected}, got {as_text(value)}')
     return int(result)
 
 
 def text(value: Any, key: str) -> str:
     """Return a text, or raise ValueError."""
     if not isinstance(value, str):
-        raise ValueError(f'{key} must be a name, got {shown(value)}')
+        raise ValueError(f'{key} must be a name, got {as_text(value)}')
     return value
 
 
-def shown(value: Any) -> str:
+def as_text(value: Any) -> str:
     """Return what a user wrote, for messages."""
     if value is None:
         return 'nothing'
@@ -122,7 +122,7 @@ def _number(value: Any, key: str, expected: str) -> float:
             raise ValueError
         result = float(value)  # of text too: 1e3 is one in YAML 1.1
     except (OverflowError, ValueError):
-        raise ValueError(f'{expected}, got {shown(value)}') from None
+        raise ValueError(f'{expected}, got {as_text(value)}') from None
     if not math.isfinite(result) or abs(result) > LARGEST:
-        raise ValueError(f'{expected}, finite and below {LARGEST:g}, got {shown(value)}')
+        raise ValueError(f'{expected}, finite and below {LARGEST:g}, got {as_text(value)}')
     return result

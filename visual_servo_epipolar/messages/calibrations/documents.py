@@ -23,7 +23,7 @@ class _Loader(yaml.SafeLoader):
     """Loader that takes what a tag marks for what it is: OpenCV's matrices are mappings."""
 
 
-def _untagged(loader: _Loader, tag: str, node: Any) -> Any:
+def _without_tag(loader: _Loader, tag: str, node: Any) -> Any:
     if isinstance(node, yaml.MappingNode):
         return loader.construct_mapping(node, deep=True)
     if isinstance(node, yaml.SequenceNode):
@@ -31,7 +31,7 @@ def _untagged(loader: _Loader, tag: str, node: Any) -> Any:
     return loader.construct_scalar(node)
 
 
-_Loader.add_multi_constructor('', _untagged)
+_Loader.add_multi_constructor('', _without_tag)
 
 
 def documents(text: str) -> list[Any]:

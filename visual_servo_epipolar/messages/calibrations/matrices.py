@@ -7,11 +7,11 @@ from typing import Any
 
 from visual_servo_epipolar.core.cameras.registry import lens_name
 from visual_servo_epipolar.messages.calibrations.calibration import (
+    as_text,
     Calibration,
     Cameras,
     numbers,
     Region,
-    shown,
     text,
     whole_number,
 )
@@ -127,6 +127,6 @@ def _lens(find: Any, distortion: tuple[float, ...]) -> str:
 
 def _region(roi: Any) -> Region:
     if not isinstance(roi, Mapping):
-        raise ValueError(f'roi must have x_offset, y_offset, width, height, got {shown(roi)}')
+        raise ValueError(f'roi must have x_offset, y_offset, width, height, got {as_text(roi)}')
     names = ('x_offset', 'y_offset', 'width', 'height')
     return Region(**{name: whole_number(roi.get(name, 0), f'roi.{name}', 0) for name in names})

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from visual_servo_epipolar.core.arrays import Image
-from visual_servo_epipolar.messages.images.pictures import decoded, LARGEST_FILE
+from visual_servo_epipolar.messages.images.pictures import decode, LARGEST_FILE
 
 # Compressed as it is: no target is named, or it is the mosaic itself. Else it is colours or grey.
 MOSAIC = re.compile(r'(bayer_[rgb]{4}(?:8|16)); ?(?:jpeg|png|tiff) compressed *(?:\1)? *')
@@ -95,7 +95,7 @@ class GrayReader:
         rows = _rows(message, encoding)
         if encoding.depth == 2:
             order = '>u2' if message.is_bigendian else '<u2'
-            rows = self._scaled(np.ascontiguousarray(rows).view(order))
+            rows = self._upper_bits(np.ascontiguousarray(rows).view(order))
         if encoding.luminance is not None:
             rows = rows[:, encoding.luminance :: 2]
         if encoding.channels > 1 and encoding.luminance is None:
@@ -107,17 +107,17 @@ class GrayReader:
         name = f'a compressed image ({message.format!r:.40})'
         mosaic = MOSAIC.fullmatch(message.format)
         encoding = ENCODINGS[mosaic[1] if mosaic else 'mono8']
-        return self._gray_of_picture(decoded(bytes(message.data), name), encoding)
+        return self._gray_of_picture(decode(bytes(message.data), name), encoding)
 
     def picture(self, data: bytes, name: str) -> Image:
         """Return the grey image of a picture file of this ``name``, or raise ValueError."""
-        image = decoded(data, name, largest=LARGEST_FILE)
+        image = decode(data, name, largest=LARGEST_FILE)
         return self._gray_of_picture(image, ENCODINGS['mono8'])
 
     def _gray_of_picture(self, image: NDArray[Any], encoding: Encoding) -> Image:
-        return _gray(self._scaled(image) if image.dtype == np.uint16 else image, encoding)
+        return _gray(self._upper_bits(image) if image.dtype == np.uint16 else image, encoding)
 
-    def _scaled(self, values: NDArray[Any]) -> Image:
+    def _upper_bits(self, values: NDArray[Any]) -> Image:
         """Return those eight bits of ``values`` that are the upper ones of what is used."""
         used = int(values.max()).bit_length()
         bits = next(bits for bits in DEPTHS if bits >= used)

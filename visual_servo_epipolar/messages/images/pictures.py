@@ -35,7 +35,7 @@ class Header:
     is_whole: bool
 
 
-def decoded(data: bytes, name: str, *, largest: int = LARGEST) -> NDArray[Any]:
+def decode(data: bytes, name: str, *, largest: int = LARGEST) -> NDArray[Any]:
     """
     Return the grey levels of a picture as they are stored, uint8 or uint16 of shape (H, W).
 
@@ -65,7 +65,7 @@ def decoded(data: bytes, name: str, *, largest: int = LARGEST) -> NDArray[Any]:
         )
     try:
         with _silent_opencv():
-            pixels = np.frombuffer(_unturned(data), np.uint8)
+            pixels = np.frombuffer(_as_stored(data), np.uint8)
             image = cv2.imdecode(pixels, STORED) if data else None
     except cv2.error as error:
         raise ValueError(f'{name} cannot be decoded: {error.err}') from None
@@ -144,7 +144,7 @@ def _tiff_tags(data: bytes) -> Iterator[tuple[int, int, slice]]:
             yield number(data[place : place + 2]), number(data[value]), value
 
 
-def _unturned(data: bytes) -> bytes:
+def _as_stored(data: bytes) -> bytes:
     """Return a TIFF as one whose pixels are upright as stored; anything else as it is."""
     if not data.startswith((b'II', b'MM')):
         return data

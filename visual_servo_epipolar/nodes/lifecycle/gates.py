@@ -26,7 +26,7 @@ def in_every_state(callback: CallbackT) -> CallbackT:
     return callback
 
 
-def gated(callback: Callback, is_open: Callable[[], bool], otherwise: Callback) -> Callback:
+def gate(callback: Callback, is_open: Callable[[], bool], otherwise: Callback) -> Callback:
     """Return a callback that calls ``otherwise`` while the gate is not open."""
     if getattr(callback, 'in_every_state', False):
         return callback

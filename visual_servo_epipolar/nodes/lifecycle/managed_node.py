@@ -11,7 +11,7 @@ from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.nodes.lifecycle.gates import (
     answer_the_impossible,
     Callback,
-    gated,
+    gate,
     Mailbox,
     ManagedPublisher,
     remedy,
@@ -112,29 +112,29 @@ class ManagedNode(LifecycleNode):
     def on_configure(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Configure; on failure nothing is left of it."""
         self.__is_configured = True
-        outcome = self.__tried(self.configure)
+        outcome = self.__outcome_of(self.configure)
         if outcome != SUCCESS:
             self.__release()
         return outcome
 
     def on_activate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Activate, publishers last: a node that failed to has said nothing."""
-        outcome = self.__tried(self.__deliver)
+        outcome = self.__outcome_of(self.__deliver)
         if outcome == SUCCESS:
-            outcome = self.__tried(self.activate)
+            outcome = self.__outcome_of(self.activate)
         if outcome == SUCCESS:
             super().on_activate(state)
         return outcome
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Deactivate, publishers last; a node that failed to must not stay active."""
-        outcome = self.__tried(self.deactivate)
+        outcome = self.__outcome_of(self.deactivate)
         super().on_deactivate(state)
         return SUCCESS if outcome == SUCCESS else ERROR
 
     def on_cleanup(self, state: LifecycleState) -> TransitionCallbackReturn:
         """Clean up, and destroy what was created since; half of that is an error."""
-        outcome = self.__tried(self.cleanup)
+        outcome = self.__outcome_of(self.cleanup)
         self.__release()
         return SUCCESS if outcome == SUCCESS else ERROR
 
@@ -169,7 +169,7 @@ class ManagedNode(LifecycleNode):
         if not self.__is_made or topic == CLOCK:
             return create(msg_type, topic, callback, qos_profile, **more)
         mailbox = Mailbox(callback, qos_profile)
-        callback = gated(callback, self.__is_open, mailbox.keep)
+        callback = gate(callback, self.__is_open, mailbox.keep)
         subscription = create(msg_type, topic, callback, qos_profile, **more)
         self.__mailboxes[subscription] = mailbox
         return self.__remember(self.destroy_subscription, subscription)
@@ -185,14 +185,14 @@ class ManagedNode(LifecycleNode):
     ) -> Any:
         """Create a timer; what falls due while the node is not active is left out."""
         if self.__is_made:
-            callback = gated(callback, self.__is_open, lambda: None)
+            callback = gate(callback, self.__is_open, lambda: None)
         timer = super().create_timer(timer_period_sec, callback, *rest, **more)
         return self.__remember(self.destroy_timer, timer)
 
     def create_service(self, srv_type: Any, srv_name: str, callback: Callback, **more: Any) -> Any:
         """Create a service; while the node is not active it answers what to do."""
         if self.__is_made:
-            callback = gated(callback, self.__is_open, self.__refuse)
+            callback = gate(callback, self.__is_open, self.__refuse)
         service = super().create_service(srv_type, srv_name, callback, **more)
         return self.__remember(self.destroy_service, service)
 
@@ -229,7 +229,7 @@ class ManagedNode(LifecycleNode):
         response.success, response.message = False, remedy(self)
         return response
 
-    def __tried(self, hook: Callable[[], None]) -> TransitionCallbackReturn:
+    def __outcome_of(self, hook: Callable[[], None]) -> TransitionCallbackReturn:
         """Return the outcome of a part of a transition; rclpy would not say why it failed."""
         try:
             hook()

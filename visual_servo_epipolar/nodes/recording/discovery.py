@@ -70,7 +70,7 @@ class TopicSelection:
         return self.names, self.exclude
 
 
-def published(
+def published_topics(
     node: Node, selection: TopicSelection, ignored: Collection[str]
 ) -> Iterator[tuple[str, str]]:
     """Yield name and type of every published topic that is selected, and not ``ignored``."""
@@ -81,7 +81,7 @@ def published(
             yield name, kinds[0]
 
 
-def offered(node: Node, name: str, kind: str) -> Topic:
+def offered_topic(node: Node, name: str, kind: str) -> Topic:
     """Return a topic with the QoS that its publishers offer."""
     infos = [item for item in node.get_publishers_info_by_topic(name) if item.topic_type == kind]
     hashes = {str(item.topic_type_hash) for item in infos}

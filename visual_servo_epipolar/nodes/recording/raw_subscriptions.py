@@ -78,13 +78,13 @@ class RawSubscriptions:
     def discover(self) -> None:
         """Subscribe to topics that are new."""
         ignored = self._subscriptions.keys() | self.refused.keys()
-        for name, kind in discovery.published(self._node, self._selection, ignored):
-            self._subscribe(discovery.offered(self._node, name, kind))
+        for name, kind in discovery.published_topics(self._node, self._selection, ignored):
+            self._subscribe(discovery.offered_topic(self._node, name, kind))
 
     def refresh(self) -> None:
         """Weaken the QoS where less is offered now, and count lost messages."""
         for name, raw in self._subscriptions.items():
-            offered = discovery.offered(self._node, name, raw.topic.kind)
+            offered = discovery.offered_topic(self._node, name, raw.topic.kind)
             if len(offered.qos) == 1:  # each of several publishers counts for itself
                 self.lost[name] += raw.gaps
             raw.gaps = 0

@@ -17,7 +17,7 @@ def answer(node: str, arguments: Sequence[str]) -> int | None:
     """Return the exit code where ``arguments`` leave nothing to run, having said why; or None."""
     ros, rest = split(arguments)
     if any(word in HELP for word in (*ros, *rest)):
-        return _printed(usage(node))
+        return _print(usage(node))
     if rest:
         print(
             f'{node}: takes ROS arguments alone, got {" ".join(rest)}; write {node} '
@@ -28,7 +28,7 @@ def answer(node: str, arguments: Sequence[str]) -> int | None:
     return None
 
 
-def _printed(text: str) -> int:
+def _print(text: str) -> int:
     """Print ``text`` and return the exit code, also where nobody reads on, as after ``| head``."""
     try:
         print(text, flush=True)
@@ -53,7 +53,7 @@ def usage(node: str) -> str:
             '',
             row.does,
             '',
-            *(_listed(title, names) for title, names in connections if names),
+            *(_row(title, names) for title, names in connections if names),
             '',
             '-p name:=value sets a parameter, --params-file FILE those of a YAML file; a double',
             'has a point (1.0). -r image_raw:=/cam/image_raw connects to another topic,',
@@ -63,7 +63,7 @@ def usage(node: str) -> str:
     )
 
 
-def _listed(title: str, names: Sequence[str]) -> str:
+def _row(title: str, names: Sequence[str]) -> str:
     text = ', '.join(names)
     return textwrap.fill(f'{title + ":":12}{text}', WIDTH, subsequent_indent=' ' * 12)
 

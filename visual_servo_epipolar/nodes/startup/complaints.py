@@ -86,7 +86,7 @@ class Inputs:
     def __init__(self, node: Node) -> None:
         self._node, self._steady = node, Clock(clock_type=ClockType.STEADY_TIME)
         self._begin_ns, self._timeless_said = self._now_ns(), False
-        self._kinds = {_resolved(node, topic): kind for topic, kind in KINDS.items()}
+        self._kinds = {_full_name(node, topic): kind for topic, kind in KINDS.items()}
         self._inputs: dict[str, Input] = {}
         self._follow()
 
@@ -177,7 +177,7 @@ class Inputs:
         return int(self._steady.now().nanoseconds)
 
 
-def _resolved(node: Node, topic: str) -> str:
+def _full_name(node: Node, topic: str) -> str:
     """Return the full name of ``topic``; that of compressed images follows the raw ones."""
     base = topic.removesuffix(COMPRESSED)
     return node.resolve_topic_name(base) + topic[len(base) :]

@@ -35,14 +35,14 @@ def guard(node: Node) -> None:
         return
     for service in node.services:
         if service.srv_type in (SetParameters, SetParametersAtomically):
-            service.callback = _typed(service.callback)
-    source.clock_callback = _positive(node, source.clock_callback)  # type: ignore[assignment, method-assign]
+            service.callback = _refusing_unknown_types(service.callback)
+    source.clock_callback = _refusing_negative_times(node, source.clock_callback)  # type: ignore[assignment, method-assign]
     for item in node.subscriptions:  # where time is simulated from the start
         if item.topic_name == CLOCK:
             item.callback = source.clock_callback
 
 
-def _typed(plain: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
+def _refusing_unknown_types(plain: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
     """Return the callback of a service that changes parameters, which refuses unknown types."""
 
     def change(request: Any, response: Any) -> Any:
@@ -61,7 +61,9 @@ def _typed(plain: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
     return change
 
 
-def _positive(node: Node, plain: Callable[[Clock], None]) -> Callable[[Clock], None]:
+def _refusing_negative_times(
+    node: Node, plain: Callable[[Clock], None]
+) -> Callable[[Clock], None]:
     """Return the callback of /clock that leaves times out which rclpy has none for."""
 
     def tell(message: Clock) -> None:

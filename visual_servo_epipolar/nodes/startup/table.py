@@ -128,7 +128,7 @@ def parameters() -> Iterator[str]:
             yield from (item.name for item in fields(kind))
 
 
-def accepted(*nodes: str) -> set[str]:
+def accepted_names(*nodes: str) -> set[str]:
     """Return the parameters of ``nodes``, with their names in earlier versions."""
     kinds = [kind for node in nodes for kind in settings_of(node)]
     return {name for kind in kinds for name in (*kind.RENAMED, *(f.name for f in fields(kind)))}

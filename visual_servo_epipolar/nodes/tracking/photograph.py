@@ -66,7 +66,7 @@ def load(path: Path) -> Photograph | None:
         with suppress(FileNotFoundError, ValueError):
             image = read_picture(picture, picture.name)
         stamp_ns = whole_number(entry(document, 'stamp_ns'), 'stamp_ns', 0, LAST_NS)
-        photograph = Photograph(_checked(image, camera, document), camera, stamp_ns)
+        photograph = Photograph(_check_picture(image, camera, document), camera, stamp_ns)
     except (OSError, RecursionError, ValueError, yaml.YAMLError) as error:
         reason = ' '.join(str(error).split())
         raise ValueError(
@@ -103,7 +103,7 @@ def keep(path: Path, photograph: Photograph) -> None:
             former.unlink(missing_ok=True)
 
 
-def _checked(image: Image | None, camera: CameraModel, document: Any) -> Image:
+def _check_picture(image: Image | None, camera: CameraModel, document: Any) -> Image:
     """Return the picture of a camera file, or raise ValueError if it is not that."""
     if image is None:
         raise ValueError(f'its picture {document["photograph"]} is missing or broken')

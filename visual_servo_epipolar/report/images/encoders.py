@@ -145,7 +145,7 @@ class AvEncoder:
         planes = cv2.cvtColor(frame, cv2.COLOR_BGR2YUV_I420)
         picture = self._av.VideoFrame.from_ndarray(planes, format='yuv420p')
         picture.pts, picture.time_base = self._frames, self._time_base
-        with self._told():
+        with self._raise_input_errors():
             self._container.mux(self._stream.encode(picture))
         self._frames += 1
 
@@ -154,13 +154,13 @@ class AvEncoder:
         container, self._container = self._container, None
         if container is None:
             return
-        with self._told():
+        with self._raise_input_errors():
             if self._frames:
                 container.mux(self._stream.encode())
             container.close()
 
     @contextmanager
-    def _told(self) -> Iterator[None]:
+    def _raise_input_errors(self) -> Iterator[None]:
         try:
             yield
         except self._av.error.FFmpegError as error:

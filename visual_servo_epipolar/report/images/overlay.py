@@ -87,7 +87,7 @@ def draw_overlay(
 
     """
     gray = as_gray(image)
-    current, desired = _matched(current_pixels, desired_pixels)
+    current, desired = _match(current_pixels, desired_pixels)
     errors = np.linalg.norm(current - desired, axis=1)
     shown = Resized((gray.shape[1], gray.shape[0]), size)
     current, desired = shown.points(current), shown.points(desired)
@@ -124,7 +124,7 @@ def epipolar_segments(lines: FloatArray, width: int, height: int) -> FloatArray:
     return np.stack([foot - along, foot + along], axis=1)
 
 
-def _matched(current: FloatArray, desired: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _match(current: FloatArray, desired: FloatArray) -> tuple[FloatArray, FloatArray]:
     current = as_points(current, 'current_pixels')
     desired = as_points(desired, 'desired_pixels')
     if len(current) != len(desired):

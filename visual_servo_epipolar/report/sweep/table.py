@@ -34,7 +34,7 @@ def table(documents: Documents) -> str:
 
 def convergence(documents: Documents) -> str:
     """Return one Markdown row a law with its intervals, under a head, to collect and compare."""
-    rows = [_collected(document) for document in documents.values()]
+    rows = [_collect(document) for document in documents.values()]
     sweep = next(iter(documents.values()))['sweep']
     provenance = f'`{sweep["command"]}`, {_code(sweep)}, {sweep["begun"]}.'
     return '\n'.join([*_markdown(COLUMNS, rows), '', f'{provenance} {NOTE}'])
@@ -42,7 +42,7 @@ def convergence(documents: Documents) -> str:
 
 def _rows() -> Mapping[str, Callable[[Document], str]]:
     return {
-        'arrived': _arrived,
+        'arrived': _arrivals,
         'arrived, 95 % interval [%]': lambda d: _interval(d['success_interval'], 100.0, 2),
         'arrived but wrong': lambda d: str(d['arrived_but_wrong']),
         'raised': lambda d: str(d['defects']),
@@ -75,7 +75,7 @@ def _failures(documents: Documents) -> list[list[str]]:
     return [[_cell(reason), *(str(of.get(reason, 0)) for of in counts)] for reason in reasons]
 
 
-def _collected(document: Document) -> list[str]:
+def _collect(document: Document) -> list[str]:
     sweep = document['sweep']
     position, heading, ratio = (
         document[name] for name in ('position_error_m', 'heading_error_deg', 'max_distance_ratio')
@@ -98,7 +98,7 @@ def _collected(document: Document) -> list[str]:
     ]
 
 
-def _arrived(document: Document) -> str:
+def _arrivals(document: Document) -> str:
     runs = len(document['runs'])
     return f'{100.0 * document["success_rate"]:.4g} % ({document["arrived"]} of {runs})'
 

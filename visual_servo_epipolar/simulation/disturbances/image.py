@@ -91,10 +91,10 @@ class Disturbances:
     def apply(self, image: Image, frame: int) -> Image:
         """Return a disturbed copy of ``image``, shape (H, W), for ``frame``: 0, 1, ..."""
         settings, progress = self.settings, self._progress(frame)
-        image = lit(as_gray(image), light(settings, frame))
+        image = light_up(as_gray(image), light(settings, frame))
         if progress is not None:
             if settings.shadow > 0.0:
-                image = shaded(image, self._shade, progress)
+                image = shade(image, self._shade, progress)
             for occluder in self._occluders:
                 occluder.draw(image, progress)
             if settings.motion_blur > 0.0:
@@ -150,7 +150,7 @@ def light(settings: DisturbanceSettings, frame: int) -> float:
     return stepped * (1.0 + settings.light_wave * wave)
 
 
-def lit(image: Image, factor: float) -> Image:
+def light_up(image: Image, factor: float) -> Image:
     """Return a copy of ``image``, shape (H, W), under ``factor`` times the light."""
     if factor == 1.0:
         return image.copy()
@@ -176,7 +176,7 @@ def shadow_band(size: tuple[int, int], depth: float, width: float) -> Image:
     return np.asarray(np.rint(OPAQUE * (1.0 - depth * smooth)), dtype=np.uint8)
 
 
-def shaded(image: Image, band: Image, progress: float) -> Image:
+def shade(image: Image, band: Image, progress: float) -> Image:
     """
     Return ``image``, shape (H, W), under the shadow ``band``, shape (H, L).
 

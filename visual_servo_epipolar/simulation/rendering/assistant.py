@@ -16,7 +16,7 @@ from visual_servo_epipolar.core.arrays import Image
 from visual_servo_epipolar.processes import begun, context, is_forked
 from visual_servo_epipolar.simulation.rendering.edges import mixing, smooth_edges
 from visual_servo_epipolar.simulation.rendering.raster import PinholeView, Raster, rasterize
-from visual_servo_epipolar.simulation.rendering.sampling import shade, textured
+from visual_servo_epipolar.simulation.rendering.sampling import draw_textures, shade
 from visual_servo_epipolar.simulation.rendering.strips import Strip
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 
@@ -103,7 +103,7 @@ class Assistant(AbstractContextManager['Assistant']):
 
     def wait(self) -> bool:
         """Wait until it has made its scene; return False if it has died instead."""
-        self._ready = self._ready or self._awaited()
+        self._ready = self._ready or self._await_sign()
         return self._ready
 
     def begin(self, view: PinholeView) -> bool:
@@ -129,7 +129,7 @@ class Assistant(AbstractContextManager['Assistant']):
     def finish(self, image: Image) -> bool:
         """Add its share to ``image``, black there; return whether there is one: it may be dead."""
         ready_s, self._asks = perf_counter(), False
-        if not self._awaited():
+        if not self._await_sign():
             self._lost = True
             return False
         late = (self._drawn_s.value - ready_s) / (ready_s - self._begun_s)
@@ -145,7 +145,7 @@ class Assistant(AbstractContextManager['Assistant']):
         memoryview(self._request).cast('B')[: len(message)] = message
         self._asked.release()
 
-    def _awaited(self) -> bool:
+    def _await_sign(self) -> bool:
         """Wait for a sign of the process; return False if it has died."""
         while not self._drawn.acquire(timeout=LOOK_S):
             if not self._process.is_alive():
@@ -173,7 +173,7 @@ def _assist(
         raster = rasterize(scene, view)
         image = _image(pixels, (view.height, view.width))
         image[:] = 0
-        textured(scene, raster, image, sharing.shares(raster, spared)[ASSISTANT])
+        draw_textures(scene, raster, image, sharing.shares(raster, spared)[ASSISTANT])
         drawn_s.value = perf_counter()
         drawn.release()
 
@@ -215,8 +215,8 @@ def draw(scene: Scene, view: PinholeView, assistant: Assistant | None = None) ->
     edges = mixing(scene, view, raster)  # first, while the raster is in the cache
     image: Image = np.zeros((view.height, view.width), dtype=np.uint8)
     numbers = assistant.shares(raster)
-    textured(scene, raster, image, numbers[MAIN])
+    draw_textures(scene, raster, image, numbers[MAIN])
     if not assistant.finish(image):
-        textured(scene, raster, image, numbers[ASSISTANT])
+        draw_textures(scene, raster, image, numbers[ASSISTANT])
     smooth_edges(image, edges)
     return image

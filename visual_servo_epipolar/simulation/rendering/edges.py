@@ -49,7 +49,7 @@ def mixing(scene: Scene, view: PinholeView, raster: Raster) -> Mixing:
     pixel takes as much of either side as the edge leaves it. Pixels that were painted although
     they lie wholly outside of the edge are taken from their neighbour.
     """
-    crossings = crossed(scene, view, raster)
+    crossings = find_crossings(scene, view, raster)
     pixels, inwards, shares, owners = crossings
     surface_at = _surfaces(raster)
     beside = surface_at(pixels - inwards)
@@ -77,7 +77,7 @@ def smooth_edges(image: Image, mixing: Mixing) -> None:
     inside = flat.take(mixing.inside).astype(np.float64)
     outside = flat.take(mixing.outside)
     taken = flat.take(mixing.sources)
-    slivers = _mixed(flat, mixing.slivers) if mixing.slivers else None
+    slivers = _mix(flat, mixing.slivers) if mixing.slivers else None
     # All is read before anything is written.
     flat[mixing.cut] = np.rint(outside + mixing.shares * (inside - outside))
     flat[mixing.stuck] = taken
@@ -121,14 +121,14 @@ def _slivers(
     return Slivers(at[valid], places, (before[valid], after[valid], rest))
 
 
-def _mixed(flat: Image, slivers: Slivers) -> tuple[IntArray, FloatArray]:
+def _mix(flat: Image, slivers: Slivers) -> tuple[IntArray, FloatArray]:
     """Return the pixels of slivers, and their grey values from the flat image."""
     left, right, inside = (flat.take(places) for places in slivers.places)
     before, after, rest = slivers.shares
     return slivers.pixels, np.rint(before * left + after * right + rest * inside)
 
 
-def crossed(scene: Scene, view: PinholeView, raster: Raster) -> Crossings:
+def find_crossings(scene: Scene, view: PinholeView, raster: Raster) -> Crossings:
     """Walk along all edges of the surfaces in view."""
     ends, owners = _edges(scene, view, raster.shown)
     delta = ends[:, 1] - ends[:, 0]

@@ -121,7 +121,7 @@ def _parts(
     x, y, z = np.array(corners).reshape(-1, 3).T
     pixels = np.stack([fx * x / z + cx, fy * y / z + cy], axis=1)
     for part in shortened:
-        pixels[part] = _shortened(pixels[part].tolist())
+        pixels[part] = _shorten(pixels[part].tolist())
     counts = np.array(sizes, np.int64)
     return Parts(np.array(owners, np.int64), sides, pixels, np.cumsum(counts) - counts, counts)
 
@@ -140,7 +140,7 @@ def _polygons(scene: Scene, view: PinholeView) -> tuple[IntArray, list[Polygon],
     for k, uncut, place in zip(candidates.tolist(), within, places, strict=True):
         polygon: Polygon = list(map(tuple, place))
         for plane in () if all(uncut) else compress(frustum, map(not_, uncut)):
-            polygon = clipped(polygon, plane) if polygon else polygon
+            polygon = clip(polygon, plane) if polygon else polygon
         breadth = breadth_of(view.outline(polygon)) if polygon else 0.0
         if breadth >= THINNEST:
             shown.append(k)
@@ -156,7 +156,7 @@ def _unprojections(scene: Scene, view: PinholeView, shown: IntArray) -> FloatArr
     return np.asarray(np.linalg.inv(frames) @ np.linalg.inv(view.intrinsics))
 
 
-def _shortened(outline: Outline) -> Outline:
+def _shorten(outline: Outline) -> Outline:
     """Draw the ends of a thin outline in by a pixel: painted, they would stick out by one."""
     u, v = zip(*outline, strict=True)
     middle_u, middle_v = sum(u) / len(u), sum(v) / len(v)
@@ -179,7 +179,7 @@ def _boxes(view: PinholeView, parts: Parts, strips: IntArray, count: int) -> tup
     return tuple((left, top, right, bottom) for left, top, right, bottom in boxes.tolist())
 
 
-def clipped(polygon: Polygon, plane: Plane) -> Polygon:
+def clip(polygon: Polygon, plane: Plane) -> Polygon:
     """Return what of a convex polygon has a x + b y + c z + d >= 0."""
     return split(polygon, plane)[0]
 
@@ -187,10 +187,10 @@ def clipped(polygon: Polygon, plane: Plane) -> Polygon:
 def split(polygon: Polygon, plane: Plane) -> tuple[Polygon, Polygon]:
     """Return what of a convex polygon has a x + b y + c z + d >= 0, and what has less."""
     a, b, c, d = plane
-    return _parted(polygon, [a * x + b * y + c * z + d for x, y, z in polygon])
+    return _part(polygon, [a * x + b * y + c * z + d for x, y, z in polygon])
 
 
-def _parted(polygon: Polygon, sides: list[float]) -> tuple[Polygon, Polygon]:
+def _part(polygon: Polygon, sides: list[float]) -> tuple[Polygon, Polygon]:
     """Return what of a convex polygon, whose corners have ``sides``, has 0 or more, and less."""
     if min(sides) >= 0.0:
         return polygon, []
@@ -222,7 +222,7 @@ def strips(polygon: Polygon, *, sections: bool) -> Iterator[tuple[int, Polygon]]
     last = math.ceil(math.log(max(depths), STRIP_RATIO) - 1e-9)
     for k in range(first + 1, last):
         depth = STRIP_RATIO**k
-        polygon, strip = _parted(polygon, [z - depth for _, _, z in polygon])
+        polygon, strip = _part(polygon, [z - depth for _, _, z in polygon])
         if len(strip) > 2:
             yield from _sections(strip) if sections else ((0, strip),)
     if len(polygon) > 2:
@@ -233,7 +233,7 @@ def _sections(strip: Polygon) -> Iterator[tuple[int, Polygon]]:
     for side, slope in zip((-1, 0), SECTIONS, strict=True):
         if not strip:
             return
-        strip, part = _parted(strip, [x - slope * z for x, _, z in strip])
+        strip, part = _part(strip, [x - slope * z for x, _, z in strip])
         if len(part) > 2:
             yield side, part
     if len(strip) > 2:

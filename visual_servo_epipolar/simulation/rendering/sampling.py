@@ -31,12 +31,12 @@ def shade(scene: Scene, view: PinholeView, raster: Raster) -> Image:
     """Return the image, shape (H, W), of what the raster shows; black where it shows nothing."""
     edges = mixing(scene, view, raster)  # first, while the raster is in the cache
     image: Image = np.zeros((view.height, view.width), dtype=np.uint8)
-    textured(scene, raster, image)
+    draw_textures(scene, raster, image)
     smooth_edges(image, edges)
     return image
 
 
-def textured(
+def draw_textures(
     scene: Scene, raster: Raster, image: Image, numbers: frozenset[int] | None = None
 ) -> None:
     """Sample the textures of the strips ``numbers``, from 1, or of all, into ``image``, (H, W)."""

@@ -100,7 +100,7 @@ class Texture:
         if (p, q) not in self._filtered:
             i, j = (p - 2) // 2, (q - 2) // 2
             sigmas = _sigma(2.0 ** (p / 2 - i), i), _sigma(2.0 ** (q / 2 - j), j)
-            self._filtered[p, q] = _blurred(self._level(i, j), *sigmas), i, j
+            self._filtered[p, q] = _blur(self._level(i, j), *sigmas), i, j
         return self._filtered[p, q]
 
     def _level(self, i: int, j: int) -> Sheet:
@@ -111,7 +111,7 @@ class Texture:
             elif j > 0:
                 sheet = _fewer_rows(self._level(i, j - 1))
             else:
-                sheet = _doubled(self._reduced[0, 0], i < 0, j < 0)
+                sheet = _double(self._reduced[0, 0], i < 0, j < 0)
             self._reduced[i, j] = sheet
         return self._reduced[i, j]
 
@@ -122,7 +122,7 @@ def _sigma(texels_a_pixel: float, halvings: int) -> float:
     return math.sqrt(max(0.0, (LENS_SIGMA * texels_a_pixel) ** 2 - variance))
 
 
-def _blurred(source: Sheet, sigma_u: float, sigma_v: float) -> Sheet:
+def _blur(source: Sheet, sigma_u: float, sigma_v: float) -> Sheet:
     """Blur columns and rows by their own Gaussian; a sigma of 0 leaves them alone."""
     if sigma_u == 0.0 and sigma_v == 0.0:
         return source
@@ -144,7 +144,7 @@ def _fewer_rows(source: Sheet) -> Sheet:
 
     def make(box: Box) -> Image:
         left, top, right, bottom = box
-        return _halved(source.part((left, 2 * top - 1, right, 2 * bottom + 1)))
+        return _halve(source.part((left, 2 * top - 1, right, 2 * bottom + 1)))
 
     rows, columns = source.shape
     return Sheet(((rows + 1) // 2, columns), make)
@@ -156,13 +156,13 @@ def _fewer_columns(source: Sheet) -> Sheet:
     def make(box: Box) -> Image:
         left, top, right, bottom = box
         part = source.part((2 * left - 1, top, 2 * right + 1, bottom))
-        return np.asarray(cv2.transpose(_halved(cv2.transpose(part))), dtype=np.uint8)
+        return np.asarray(cv2.transpose(_halve(cv2.transpose(part))), dtype=np.uint8)
 
     rows, columns = source.shape
     return Sheet((rows, (columns + 1) // 2), make)
 
 
-def _halved(padded: Image) -> Image:
+def _halve(padded: Image) -> Image:
     """Halve the rows of ``padded``, (2 N + 2, W), by (1 3 3 1) / 8."""
     total = cv2.add(padded[1:-1:2], padded[2:-1:2], dtype=cv2.CV_16U)
     total *= 3
@@ -172,7 +172,7 @@ def _halved(padded: Image) -> Image:
     return np.asarray(total.astype(np.uint8))
 
 
-def _doubled(source: Sheet, columns: bool, rows: bool) -> Sheet:
+def _double(source: Sheet, columns: bool, rows: bool) -> Sheet:
     """Double columns or rows, or both, by cubic interpolation."""
     fx, fy = 1 + columns, 1 + rows
     u, v = 2 * columns, 2 * rows  # how far the interpolation reaches

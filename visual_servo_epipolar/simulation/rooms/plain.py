@@ -29,15 +29,15 @@ def furnish(builder: Builder) -> None:
     """Build the room: its shell, and the few pieces in it, moved a little by chance."""
     for side, fittings in WALLS.items():
         order = ''.join(builder.rng.permutation(list(fittings)))
-        builder.wall(side, faded(_wall(order)), density=128.0 if side == 'rear' else 220.0)
-    pieces = [_placed(piece, builder.rng) for piece in PIECES]
+        builder.wall(side, fade(_wall(order)), density=128.0 if side == 'rear' else 220.0)
+    pieces = [_furniture_at(piece, builder.rng) for piece in PIECES]
     builder.floor(m.concrete, pieces)
     builder.ceiling(_ceiling)
     for piece in pieces:
         builder.stand(piece)
 
 
-def faded(paint: Callable[..., None]) -> Callable[..., None]:
+def fade(paint: Callable[..., None]) -> Callable[..., None]:
     """Return the painter that leaves CONTRAST of what ``paint`` paints."""
 
     def painter(sheet: Painting, *grey: float) -> None:
@@ -63,7 +63,7 @@ def _smooth(sheet: Painting, grey: float) -> None:
     sheet.roughen(2.0)
 
 
-def _placed(
+def _furniture_at(
     piece: tuple[str, float, float, tuple[float, float, float], Callable[..., None], float],
     rng: np.random.Generator,
 ) -> Furniture:
@@ -71,4 +71,4 @@ def _placed(
     slack = rng.uniform(-1.0, 1.0, 3)
     at = x + 0.12 * float(slack[0]), y + 0.08 * float(slack[1])
     turn = 0.05 * float(slack[2])
-    return Furniture(name, *at, size, faded(front), faded(_smooth), bottom=bottom, turn=turn)
+    return Furniture(name, *at, size, fade(front), fade(_smooth), bottom=bottom, turn=turn)

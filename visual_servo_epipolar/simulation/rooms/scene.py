@@ -63,11 +63,11 @@ def room(seed: int, kind: str = 'room') -> Scene:
     """
     if kind not in KINDS:
         raise ValueError(f'kind of room must be one of {", ".join(KINDS)}, got {kind!r}')
-    return _built(seed, kind)
+    return _build_room(seed, kind)
 
 
 @lru_cache(maxsize=1)  # a room and its filtered pictures take some 200 MB
-def _built(seed: int, kind: str) -> Scene:
+def _build_room(seed: int, kind: str) -> Scene:
     """Build a room, which takes one to two seconds."""
     rng = np.random.default_rng((seed, KINDS.index(kind)))
     lamps = [(x, y) for x, y in LAMPS if y < END[kind]]
@@ -76,7 +76,7 @@ def _built(seed: int, kind: str) -> Scene:
     return Scene(tuple(builder.surfaces))
 
 
-def _furnished(builder: Builder) -> None:
+def _furnish(builder: Builder) -> None:
     """Build a room full of furniture."""
     pieces = [*_ahead(builder.rng), *_along_the_sides(builder.rng)]
     builder.wall('front', _wall('pwpdpwp', builder.rng))
@@ -89,7 +89,7 @@ def _furnished(builder: Builder) -> None:
         builder.stand(piece)
 
 
-def _walled(builder: Builder) -> None:
+def _build_walls(builder: Builder) -> None:
     """Build an empty room whose front wall is a gallery."""
     builder.wall('front', lambda sheet: m.wall(sheet, pictures=2.6), density=240.0)
     for side in ('left', 'right', 'rear'):
@@ -150,4 +150,4 @@ def _along_the_sides(rng: np.random.Generator) -> list[Furniture]:
     return pieces
 
 
-BUILD = {'room': _furnished, 'wall': _walled, 'plain': plain.furnish}
+BUILD = {'room': _furnish, 'wall': _build_walls, 'plain': plain.furnish}

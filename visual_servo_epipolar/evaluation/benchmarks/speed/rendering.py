@@ -25,7 +25,7 @@ from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettin
 from visual_servo_epipolar.simulation.rendering.assistant import Assistant
 from visual_servo_epipolar.simulation.rendering.edges import mixing, smooth_edges
 from visual_servo_epipolar.simulation.rendering.raster import PinholeView, Raster, rasterize
-from visual_servo_epipolar.simulation.rendering.sampling import textured
+from visual_servo_epipolar.simulation.rendering.sampling import draw_textures
 from visual_servo_epipolar.simulation.rendering.surfaces import Scene
 from visual_servo_epipolar.simulation.rooms.scene import room
 
@@ -131,7 +131,7 @@ class Stages:
         view = PinholeView(camera.width, camera.height, intrinsics, centre, R_world_camera)
         raster, polygons = time_of(rasterize, scene, view)
         image: Image = np.zeros((camera.height, camera.width), np.uint8)
-        _, textures = time_of(textured, scene, raster, image)
+        _, textures = time_of(draw_textures, scene, raster, image)
         _, edges = time_of(mix_edges, image, scene, view, raster)
         return {'polygons': polygons, 'textures': textures, 'edges': edges}
 
