@@ -98,7 +98,7 @@ def test_an_image_is_finished_alone_where_the_assistant_dies_on_the_way(
     drawn_there: bool, drawn, monkeypatch
 ) -> None:
     """It dies with its share drawn or not, while edges are prepared here."""
-    alone, mixing = renderer(PINHOLE), assistant.mixing
+    alone, mixing = renderer(PINHOLE), assistant_module.mixing
     with helped(PINHOLE) as (together, process):
 
         def fatal(scene, view, raster):
