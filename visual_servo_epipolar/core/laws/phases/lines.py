@@ -5,8 +5,10 @@ import math
 from visual_servo_epipolar.core.laws import equations
 from visual_servo_epipolar.core.perception.measurement import Measurement
 from visual_servo_epipolar.core.servo.identification.ranging import (
+    LEAST_LOOK_AHEAD,
     LEAST_REMEMBERED,
     look_ahead,
+    LOOK_AHEADS,
     UNKNOWN_RANGE,
 )
 from visual_servo_epipolar.core.servo.settings import ServoSettings
@@ -39,6 +41,21 @@ def _remembered_look_ahead(
 ) -> float:
     """Return the look-ahead [m] where a memory of views has the robot ``y`` ahead of the goal."""
     return look_ahead(max(-y, LEAST_REMEMBERED), settings.look_ahead, least=least)
+
+
+def offset_ratio(distance: float, measurement: Measurement, settings: ServoSettings) -> float:
+    """
+    Return the part of an offset that line following leaves over a ``distance`` to the goal [m].
+
+    It falls by exp(-0.9 ds / L) over ds, and the look-ahead L shrinks with the way that is left: a
+    quarter of that, between its bounds.
+    """
+    least = LEAST_LOOK_AHEAD if measurement.offset is None else LEAST_REMEMBERED
+    least = min(least, settings.look_ahead)
+    near, far = LOOK_AHEADS * least, LOOK_AHEADS * settings.look_ahead
+    lengths = min(distance, near) / least + max(distance - far, 0.0) / settings.look_ahead
+    lengths += LOOK_AHEADS * math.log(max(min(distance, far), near) / near)
+    return math.exp(-equations.LINE_DAMPING * lengths)
 
 
 def leads_home(measurement: Measurement, settings: ServoSettings) -> bool:

@@ -19,9 +19,9 @@ from visual_servo_epipolar.core.laws.phases.conditions import (
     with_new_leg,
 )
 from visual_servo_epipolar.core.laws.phases.derived_gains import gains_in_use, with_gains_of_now
-from visual_servo_epipolar.core.laws.phases.lines import leads_home
+from visual_servo_epipolar.core.laws.phases.lines import leads_home, offset_ratio
 from visual_servo_epipolar.core.perception.measurement import Measurement
-from visual_servo_epipolar.core.servo.identification.ranging import look_ahead, UNKNOWN_RANGE
+from visual_servo_epipolar.core.servo.identification.ranging import UNKNOWN_RANGE
 from visual_servo_epipolar.core.servo.settings import ServoSettings
 from visual_servo_epipolar.core.servo.state import ServoState
 
@@ -37,35 +37,47 @@ def _classify(state: ServoState, measurement: Measurement, settings: ServoSettin
     chi = measurement.bearings.chi
     if abs(chi) >= settings.divergence:
         return Event.DIVERGED
-    if state.yaw_learnt > YAW_FOR_NEW_START:
-        return begun_step_1(measurement, settings, Event.ESCAPED)
-    if not state.law.latched and is_off_course(measurement, settings):
+    turned = state.yaw_learnt > YAW_FOR_NEW_START
+    if not state.law.latched and not turned and is_off_course(measurement, settings):
         return Event.ALIGNED if leads_home(measurement, settings) else Event.SIDEWAYS
-    if state.law.latched and abs(chi) > _escape_bound(state, measurement, settings):
-        return begun_step_1(measurement, settings, Event.ESCAPED)
-    if not state.law.latched and leads_away(measurement, settings):
+    if state.law.latched:
+        escaped = abs(chi) > escape_bound(state, measurement, settings)
+    else:
+        escaped = leads_away(measurement, settings)
+    if escaped or (turned and not _goes_on(state, measurement, settings)):
         return begun_step_1(measurement, settings, Event.ESCAPED)
     return Event.ALIGNED if state.settling.settled >= settings.align_frames else Event.NOTHING
 
 
-def _escape_bound(state: ServoState, measurement: Measurement, settings: ServoSettings) -> float:
+def _goes_on(state: ServoState, measurement: Measurement, settings: ServoSettings) -> bool:
+    """Return whether step 1 leads home as it is, though the yaw of the camera is another."""
+    if not settings.options.line_following or measurement.bearings is None:
+        return False
+    if state.law.latched:
+        return True
+    # The spiral of the held e_au, as ``equations.displaced_epipole`` has it.
+    least_tangent = abs(measurement.bearings.chi) / math.log(1.0 / settings.least_spiral_ratio)
+    return abs(state.law.target) >= least_tangent and not is_off_course(measurement, settings)
+
+
+def escape_bound(state: ServoState, measurement: Measurement, settings: ServoSettings) -> float:
     """
     Return the bearing of e_du [rad] beyond which step 1 has to begin anew.
 
-    Line following shrinks an offset x by exp(0.9 d / L) over the remaining distance d: one that
-    ends below a millimetre need not be zeroed first, as when a camera ahead of the axle swings
-    aside while the robot turns.
+    An offset that line following brings below a millimetre need not be zeroed first, as when a
+    camera ahead of the axle swings aside while the robot turns: to begin anew would displace e_au
+    by as much, and the camera would swing aside once more.
     """
     bound = release_bound(measurement, settings)
     if not settings.options.line_following:
         return bound
-    distance = (
-        state.motion.range
-        if state.motion.range > 0.0
-        else min(state.motion.distance, UNKNOWN_RANGE)
-    )
-    decay = min(equations.LINE_DAMPING * distance / look_ahead(distance, settings.look_ahead), 9.0)
-    return max(bound, min(RESIDUAL_OFFSET * math.exp(decay) / distance, LARGEST_ESCAPE))
+    if measurement.offset is None:
+        motion = state.motion
+        distance = motion.range if motion.range > 0.0 else min(motion.distance, UNKNOWN_RANGE)
+    else:
+        distance = math.hypot(*measurement.offset)
+    most = RESIDUAL_OFFSET / max(offset_ratio(distance, measurement, settings), 1e-9)
+    return max(bound, min(most / distance, LARGEST_ESCAPE))
 
 
 def leads_away(measurement: Measurement, settings: ServoSettings) -> bool:

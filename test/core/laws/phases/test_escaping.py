@@ -1,0 +1,80 @@
+"""Step 1 begins anew where e_du has left zero for good, and not for what step 2 takes up."""
+
+from dataclasses import replace
+import math
+
+import pytest
+from servo_states import behind, in_phase, SETTINGS, sight
+
+from visual_servo_epipolar.commands.arguments import scenario_path
+from visual_servo_epipolar.core.geometry.motion import integrate, Pose, Twist
+from visual_servo_epipolar.core.laws import equations
+from visual_servo_epipolar.core.laws.decisions import classify
+from visual_servo_epipolar.core.laws.phase import Event, Phase
+from visual_servo_epipolar.core.laws.phases.lines import offset_ratio
+from visual_servo_epipolar.core.laws.phases.zeroing_epipoles import escape_bound
+from visual_servo_epipolar.core.servo.identification.ranging import (
+    LEAST_LOOK_AHEAD,
+    LEAST_REMEMBERED,
+    look_ahead,
+)
+from visual_servo_epipolar.simulation.closed_loop import run
+from visual_servo_epipolar.simulation.regions import start_in
+from visual_servo_epipolar.simulation.scenario import load
+from visual_servo_epipolar.simulation.views import points_of
+
+STATE = in_phase(Phase.ZEROING_EPIPOLES, latched=True)
+REMEMBERED = sight(offset=(0.0, -1.4), offset_deviation=1e-3)
+
+
+@pytest.mark.parametrize('distance', [0.3, 1.0, 2.2, 4.0])
+@pytest.mark.parametrize('seen', [REMEMBERED, sight()], ids=['map', 'two views'])
+def test_an_offset_shrinks_by_as_much_as_line_following_leaves_of_it(seen, distance) -> None:
+    """Driven with the look-ahead of each moment; the law is damped less than critically."""
+    least = LEAST_LOOK_AHEAD if seen.offset is None else LEAST_REMEMBERED
+    pose, step = Pose(0.01, -distance, 0.5 * math.pi), 1e-3
+    largest = SETTINGS.look_ahead
+    while pose.y < 0.0:
+        length = look_ahead(-pose.y, largest, least=least)
+        heading = pose.theta - 0.5 * math.pi
+        twist = equations.follow_line(1.0, pose.x, heading, look_ahead=length)
+        pose = integrate(pose, Twist(1.0, twist.angular), step)
+    assert abs(pose.x) <= 0.01 * 2.5 * offset_ratio(distance, seen, SETTINGS)
+
+
+@pytest.mark.parametrize('chi', [0.06, -0.06])
+def test_what_step_2_takes_up_does_not_begin_step_1_anew(chi: float) -> None:
+    there = replace(REMEMBERED, bearings=behind(chi, 0.1))
+    assert classify(replace(STATE, measurement=there), SETTINGS) is Event.NOTHING
+    away = replace(REMEMBERED, bearings=behind(2.0 * chi, 0.1))
+    assert classify(replace(STATE, measurement=away), SETTINGS) is Event.ESCAPED
+
+
+@pytest.mark.parametrize('law', ['paper', 'corrected', 'full-line_following'])
+def test_laws_that_follow_no_line_have_to_zero_it(law: str) -> None:
+    settings = replace(SETTINGS, law=law)
+    assert escape_bound(STATE, REMEMBERED, settings) == settings.latch_release
+    there = replace(REMEMBERED, bearings=behind(0.06, 0.1))
+    assert classify(replace(STATE, measurement=there), settings) is Event.ESCAPED
+
+
+def test_near_the_goal_less_is_taken_up() -> None:
+    bounds = [
+        escape_bound(STATE, replace(REMEMBERED, offset=(0.0, -y)), SETTINGS)
+        for y in (0.2, 0.3, 0.4, 1.4)
+    ]
+    assert bounds == sorted(bounds)
+    assert bounds[0] < 0.03 < bounds[-1] <= 0.1
+
+
+def test_a_camera_far_ahead_of_the_axle_that_leans_does_not_lead_to_and_fro() -> None:
+    """It swings aside by 4 cm when e_au is turned back: nobody told where it sits."""
+    scenario = load(scenario_path('nominal')).seeded(4)
+    camera = replace(scenario.camera, tilt=0.105, mount_forward=0.3, mount_left=0.05)
+    scenario = replace(scenario, camera=camera)
+    loop = scenario.loop(start_in('front', 4, 0, scenario), 4)
+    log = run(loop, points_of(scenario, 4), camera.nominal_camera)
+    phases = [sample.phase for sample in log.samples]
+    changes = [pair for pair in zip(phases, phases[1:], strict=False) if pair[0] is not pair[1]]
+    assert phases[-1] is Phase.ARRIVED
+    assert (Phase.ZEROING_EPIPOLES, Phase.DISPLACING) not in changes
