@@ -8,7 +8,7 @@ from visual_servo_epipolar.core.laws.phase import Event, Phase
 from visual_servo_epipolar.core.laws.registry import phase_words, sentence
 from visual_servo_epipolar.core.laws.two_steps import TWO_STEPS
 from visual_servo_epipolar.core.servo.identification.odometry import Odometry
-from visual_servo_epipolar.messages.diagnostics import diagnosis
+from visual_servo_epipolar.messages.diagnostics import diagnosis, markers
 
 STEP_1 = 'zeroing_epipoles: the robot drives onto the axis of the photograph (step 1)'
 
@@ -61,3 +61,10 @@ def test_an_event_that_is_a_reason_by_its_name_has_words() -> None:
     with_own_reason |= {Event.DIVERGED, Event.EXCURSION, Event.TIMED_OUT, Event.STOPPED}
     with_own_reason |= {Event.DISOBEYED}
     assert with_own_reason == {event for event in EVENTS if not event.sentence}
+
+
+def test_the_marker_of_a_phase_has_the_colour_of_its_row() -> None:
+    words = markers(in_phase(Phase.DISPLACING), 1, 'camera').markers[0]
+    assert words.text == 'displacing'
+    colour = [round(255.0 * part) for part in (words.color.r, words.color.g, words.color.b)]
+    assert bytes(colour).hex().upper() == TWO_STEPS.rows[Phase.DISPLACING].colour[1:]

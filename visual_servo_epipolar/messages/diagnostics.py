@@ -8,7 +8,7 @@ from geometry_msgs.msg import Point
 from visualization_msgs.msg import Marker, MarkerArray
 
 from visual_servo_epipolar.core.laws.phase import ARMED, Phase
-from visual_servo_epipolar.core.laws.registry import sentence
+from visual_servo_epipolar.core.laws.registry import phase_row, sentence
 from visual_servo_epipolar.core.servo.state import ServoState
 from visual_servo_epipolar.core.servo.telemetry import progress, telemetry
 from visual_servo_epipolar.messages import write
@@ -147,9 +147,13 @@ def tracking_diagnosis(
 
 
 def markers(state: ServoState, stamp_ns: int, frame_id: str) -> MarkerArray:
-    """Return the phase in words, and an arrow towards the goal where its bearing is known."""
+    """Return the phase in its colour, and an arrow to the goal where its bearing is known."""
     words = _marker(0, Marker.TEXT_VIEW_FACING, stamp_ns, frame_id)
     words.text, words.scale.z, words.pose.position.y = state.phase.value, 0.2, -0.5
+    row = phase_row(state.phase.value)
+    if row is not None:
+        red, green, blue = (part / 255.0 for part in bytes.fromhex(row.colour[1:]))
+        words.color.r, words.color.g, words.color.b = red, green, blue
     arrow = _marker(1, Marker.ARROW, stamp_ns, frame_id)
     bearings = state.measurement.bearings if state.measurement is not None else None
     if bearings is None:

@@ -1,6 +1,7 @@
 """Step 1 begins anew where e_du has left zero for good, and not for what step 2 takes up."""
 
 from dataclasses import replace
+from itertools import pairwise
 import math
 
 import pytest
@@ -67,14 +68,18 @@ def test_near_the_goal_less_is_taken_up() -> None:
     assert bounds[0] < 0.03 < bounds[-1] <= 0.1
 
 
-def test_a_camera_far_ahead_of_the_axle_that_leans_does_not_lead_to_and_fro() -> None:
-    """It swings aside by 4 cm when e_au is turned back: nobody told where it sits."""
+def test_a_leaning_camera_far_ahead_of_the_axle_does_not_lead_to_and_fro() -> None:
+    """
+    It swings aside by 4 cm when e_au is turned back, and nobody told where it sits.
+
+    With a bound that took no account of it, step 1 began anew six times: 66 s for 3 m.
+    """
     scenario = load(scenario_path('nominal')).seeded(4)
-    camera = replace(scenario.camera, tilt=0.105, mount_forward=0.3, mount_left=0.05)
-    scenario = replace(scenario, camera=camera)
-    loop = scenario.loop(start_in('front', 4, 0, scenario), 4)
+    arm = {'tilt': 0.105, 'mount_forward': 0.3, 'mount_left': 0.05, 'jitter': 0.002}
+    camera, points = replace(scenario.camera, **arm), replace(scenario.points, noise=0.4)
+    scenario = replace(scenario, camera=camera, points=points)
+    loop = scenario.loop(start_in('front', 4, 1, scenario), 5)
     log = run(loop, points_of(scenario, 4), camera.nominal_camera)
     phases = [sample.phase for sample in log.samples]
-    changes = [pair for pair in zip(phases, phases[1:], strict=False) if pair[0] is not pair[1]]
     assert phases[-1] is Phase.ARRIVED
-    assert (Phase.ZEROING_EPIPOLES, Phase.DISPLACING) not in changes
+    assert (Phase.ZEROING_EPIPOLES, Phase.DISPLACING) not in pairwise(phases)
