@@ -82,8 +82,15 @@ def test_a_bearing_that_driving_explains_is_no_contradiction() -> None:
 # A yaw that is learnt on the way
 
 
+NEAR_ZERO = 0.05  # abscissa at which e_au is held: the spiral ends too near the goal
+
+
 def test_step_1_begins_anew_where_the_yaw_turns_out_to_be_another() -> None:
-    zeroing = in_phase(Phase.ZEROING_EPIPOLES, extrinsics=learnt_yaw(1.6))
+    """But where the spiral of the e_au that it holds leads home, it goes on."""
+    zeroing = in_phase(Phase.ZEROING_EPIPOLES, extrinsics=learnt_yaw(1.6), target=NEAR_ZERO)
+    assert then(replace(zeroing, target=0.3)).phase is zeroing.phase
+    paper = then(replace(zeroing, target=0.3), sight(), replace(SETTINGS, law='corrected'))
+    assert paper.phase is Phase.DISPLACING
     state = then(zeroing)
     assert (state.phase, state.reason) == (Phase.DISPLACING, 'escaped')
     assert state.run.mount is not None
@@ -94,7 +101,7 @@ def test_step_1_begins_anew_where_the_yaw_turns_out_to_be_another() -> None:
 
 def test_too_near_the_goal_step_1_backs_off_before_it_begins_anew() -> None:
     near = sight(difference=-0.9 * SETTINGS.retreat_difference)
-    zeroing = in_phase(Phase.ZEROING_EPIPOLES, extrinsics=learnt_yaw(1.6))
+    zeroing = in_phase(Phase.ZEROING_EPIPOLES, extrinsics=learnt_yaw(1.6), target=NEAR_ZERO)
     assert then(zeroing, near).phase is Phase.RETREATING
     bare = replace(SETTINGS, law='full-retreat')
     assert then(zeroing, near, bare).phase is Phase.DISPLACING
