@@ -88,8 +88,8 @@ NEAR_ZERO = 0.05  # abscissa at which e_au is held: the spiral ends too near the
 def test_step_1_begins_anew_where_the_yaw_turns_out_to_be_another() -> None:
     """But where the spiral of the e_au that it holds leads home, it goes on."""
     zeroing = in_phase(Phase.ZEROING_EPIPOLES, extrinsics=learnt_yaw(1.6), target=NEAR_ZERO)
-    assert then(replace(zeroing, target=0.3)).phase is zeroing.phase
-    paper = then(replace(zeroing, target=0.3), sight(), replace(SETTINGS, law='corrected'))
+    assert then(zeroing.changed(target=0.3)).phase is zeroing.phase
+    paper = then(zeroing.changed(target=0.3), sight(), replace(SETTINGS, law='corrected'))
     assert paper.phase is Phase.DISPLACING
     state = then(zeroing)
     assert (state.phase, state.reason) == (Phase.DISPLACING, 'escaped')

@@ -66,7 +66,7 @@ class PhaseRow:
 
     ``words``: what the robot does in it, a verb first; ``colour``: '#RRGGBB' in figures.
     ``classify`` returns the event of an image, ``command`` the nominal twist, before limits, ramps
-    and dead band. ``is_settled``: whether an image fulfils the aim of the phase; ``state.settled``
+    and dead band. ``is_settled``: whether an image fulfils the aim of the phase; ``settling``
     counts such images in a row. ``is_close``: whether it is within the usual tolerance, where a
     memory of views asks for less. ``begin`` changes the state when the phase begins, and raises
     ValueError where it cannot: the event is then NO_GAIN. ``observe`` changes it at each image.

@@ -46,9 +46,9 @@ def test_an_offset_shrinks_by_as_much_as_line_following_leaves_of_it(seen, dista
 @pytest.mark.parametrize('chi', [0.06, -0.06])
 def test_what_step_2_takes_up_does_not_begin_step_1_anew(chi: float) -> None:
     there = replace(REMEMBERED, bearings=behind(chi, 0.1))
-    assert classify(replace(STATE, measurement=there), SETTINGS) is Event.NOTHING
+    assert classify(STATE.changed(measurement=there), SETTINGS) is Event.NOTHING
     away = replace(REMEMBERED, bearings=behind(2.0 * chi, 0.1))
-    assert classify(replace(STATE, measurement=away), SETTINGS) is Event.ESCAPED
+    assert classify(STATE.changed(measurement=away), SETTINGS) is Event.ESCAPED
 
 
 @pytest.mark.parametrize('law', ['paper', 'corrected', 'full-line_following'])
@@ -56,7 +56,7 @@ def test_laws_that_follow_no_line_have_to_zero_it(law: str) -> None:
     settings = replace(SETTINGS, law=law)
     assert escape_bound(STATE, REMEMBERED, settings) == settings.latch_release
     there = replace(REMEMBERED, bearings=behind(0.06, 0.1))
-    assert classify(replace(STATE, measurement=there), settings) is Event.ESCAPED
+    assert classify(STATE.changed(measurement=there), settings) is Event.ESCAPED
 
 
 def test_near_the_goal_less_is_taken_up() -> None:
