@@ -6,7 +6,7 @@ from typing import Any
 
 from visual_servo_epipolar.core.laws.law import DEPARTURES
 from visual_servo_epipolar.core.laws.registry import law_named
-from visual_servo_epipolar.evaluation.benchmarks.arrivals.driven_plans import summaries_of
+from visual_servo_epipolar.evaluation.benchmarks.arrivals.starts import summaries_of
 from visual_servo_epipolar.evaluation.tables import markdown, number, numbers
 from visual_servo_epipolar.simulation.scenario import Scenario
 from visual_servo_epipolar.sweeping.plan import SweepPlan

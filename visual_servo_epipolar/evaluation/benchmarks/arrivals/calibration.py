@@ -5,11 +5,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from visual_servo_epipolar.core.servo.run_log import summarise
+from visual_servo_epipolar.evaluation.benchmarks.arrivals.starts import runs_on_points
 from visual_servo_epipolar.evaluation.tables import aligned, number, numbers
 from visual_servo_epipolar.simulation.closed_loop import run_many
-from visual_servo_epipolar.simulation.regions import start_in
 from visual_servo_epipolar.simulation.scenario import Scenario
-from visual_servo_epipolar.simulation.views import points_of
 from visual_servo_epipolar.sweeping.summary import (
     arrived,
     quantile,
@@ -55,7 +54,8 @@ def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]
     rows = []
     for name, mount, region, ratio, starts in _cells(quick):
         say(f'calibration: {name}, camera {mount}, {region}, f_hat/f = {ratio:g} ...')
-        results = _results(_scenario(name, mount, ratio), region, seed, starts)
+        runs = runs_on_points(_scenario(name, mount, ratio), region, starts, seed)
+        results = [summarise(log) for log in run_many(runs)]
         row = {'method': name, 'mount': mount, 'region': region, 'ratio': ratio}
         rows.append(row | scores(results) | {'runs': results})
     return {'seed': seed, 'shift_px': SHIFT_PX, 'rows': rows}
@@ -82,16 +82,6 @@ def _scenario(name: str, mount: str, ratio: float) -> Scenario:
         believed_shift_v=SHIFT_PX,
     )
     return replace(plain, camera=camera)
-
-
-def _results(scenario: Scenario, region: str, seed: int, starts: int) -> list[Result]:
-    runs = []
-    for index in range(starts):
-        seeded = scenario.seeded(seed + index)
-        start = start_in(region, seed, index, seeded)
-        view = points_of(seeded, seed + index)
-        runs.append((seeded.loop(start, seed + index), view, seeded.camera.nominal_camera))
-    return [summarise(log) for log in run_many(runs)]
 
 
 def scores(results: Sequence[Result]) -> dict[str, Any]:

@@ -10,12 +10,12 @@ from functools import partial
 from types import SimpleNamespace
 from typing import Any
 
-from visual_servo_epipolar.evaluation.benchmarks.arrivals.driven_plans import summaries_of
 from visual_servo_epipolar.evaluation.benchmarks.arrivals.mount_cells import (
     MountCell,
     on_features,
     on_images,
 )
+from visual_servo_epipolar.evaluation.benchmarks.arrivals.starts import summaries_of
 from visual_servo_epipolar.evaluation.tables import markdown, number, numbers
 from visual_servo_epipolar.sweeping.plan import SweepPlan
 from visual_servo_epipolar.sweeping.provenance import commit

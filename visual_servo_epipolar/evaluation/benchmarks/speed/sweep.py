@@ -11,24 +11,21 @@ from hashlib import sha256
 from time import thread_time
 from typing import Any
 
-from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.core.servo.run_log import RunLog
 from visual_servo_epipolar.core.settings import updated
+from visual_servo_epipolar.evaluation.benchmarks.arrivals.starts import (
+    PointRun,
+    runs_on_points,
+)
 from visual_servo_epipolar.evaluation.tables import aligned
 from visual_servo_epipolar.simulation.closed_loop import PARTS, run_many
-from visual_servo_epipolar.simulation.regions import start_in
-from visual_servo_epipolar.simulation.run_monitor import LoopSettings
 from visual_servo_epipolar.simulation.scenario import Scenario
-from visual_servo_epipolar.simulation.view import View
-from visual_servo_epipolar.simulation.views import points_of
 
 BATCHES = (1, 16, 64)
 FEWEST = {1: 12}  # runs in a batch of one: it takes long enough
 RUNS = 32  # in other batches, where they are not larger
 REGION = 'front'
 TWO_VIEWS = {'law': 'full-memory'}
-
-Run = tuple[LoopSettings, View, CameraModel]
 
 
 def _rough() -> Scenario:
@@ -73,7 +70,7 @@ def run(*, seed: int, quick: bool, say: Callable[[str], None]) -> dict[str, Any]
         for batch in batches:
             count = batch if quick else FEWEST.get(batch, max(batch, RUNS))
             say(f'sweep, {name}: {count} runs, {batch} at a time')
-            row, digests = _measure_batch(_runs(scenario, count, seed), batch)
+            row, digests = _measure_batch(runs_on_points(scenario, REGION, count, seed), batch)
             rows.append(row)
             records.append(digests)
         document['scenarios'].append(
@@ -106,17 +103,7 @@ def figures(document: Mapping[str, Any]) -> dict[str, float]:
     }
 
 
-def _runs(scenario: Scenario, count: int, seed: int) -> list[Run]:
-    runs: list[Run] = []
-    for index in range(count):
-        seeded = scenario.seeded(seed + index)
-        start = start_in(REGION, seed, index, seeded)
-        view = points_of(seeded, seed + index)
-        runs.append((seeded.loop(start, seed + index), view, seeded.camera.nominal_camera))
-    return runs
-
-
-def _measure_batch(runs: Sequence[Run], batch: int) -> tuple[dict[str, Any], list[str]]:
+def _measure_batch(runs: Sequence[PointRun], batch: int) -> tuple[dict[str, Any], list[str]]:
     """Return what ``runs`` cost, ``batch`` at a time, and a digest of each record."""
     watch, logs, began = Stopwatch(), [], thread_time()
     for first in range(0, len(runs), batch):

@@ -1,6 +1,6 @@
 """Time of the tracker per frame, beside bare pyramidal Lucas-Kanade on the same images."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from time import perf_counter, process_time
 from typing import Any
 
@@ -8,7 +8,6 @@ import cv2
 import numpy as np
 
 from visual_servo_epipolar.core.arrays import FloatArray, Image
-from visual_servo_epipolar.core.tracking.features import Features
 from visual_servo_epipolar.core.tracking.flow import CRITERIA, Points
 from visual_servo_epipolar.core.tracking.settings import TrackerSettings
 from visual_servo_epipolar.core.tracking.tracker import Tracker
@@ -23,6 +22,8 @@ FLOOR_FIGURES = (
     'worst_ms',
     'features',
 )
+Clock = Callable[[], float]
+Bare = Callable[[Image, Image, Points, TrackerSettings], None]
 QUARTILES = (25, 50, 75, 100)
 PERIOD = 5  # frames between two anchorings of the run that shows frames with and without
 
@@ -41,9 +42,10 @@ def _times(desired: Image, images: Sequence[Image], threads: int) -> dict[str, A
     cv2.setNumThreads(threads)
     # The tracker counts images from one and anchors every PERIOD-th.
     anchored = (np.arange(len(images)) + 1) % PERIOD == 0
-    sometimes = _pairs(desired, images, TrackerSettings(anchor_period=PERIOD))
-    always = _pairs(desired, images, TrackerSettings(anchor_period=1))
-    never = _pairs(desired, images, TrackerSettings(anchor_period=0))
+    pair = desired, images
+    sometimes = _by_turns(*pair, TrackerSettings(anchor_period=PERIOD), perf_counter, _flow)
+    always = _by_turns(*pair, TrackerSettings(anchor_period=1), perf_counter, _flow)
+    never = _by_turns(*pair, TrackerSettings(anchor_period=0), perf_counter, _flow)
     return {
         'threads': threads,
         'without': _ratio(sometimes[~anchored]),
@@ -53,42 +55,47 @@ def _times(desired: Image, images: Sequence[Image], threads: int) -> dict[str, A
     }
 
 
-def _pairs(desired: Image, images: Sequence[Image], settings: TrackerSettings) -> FloatArray:
-    """Return, shape (N, 3), seconds of tracker and of bare OpenCV, and features of each image."""
+def _by_turns(
+    desired: Image, images: Sequence[Image], settings: TrackerSettings, clock: Clock, bare: Bare
+) -> FloatArray:
+    """
+    Return, shape (N, 3), seconds of the tracker and of ``bare``, and features of each image.
+
+    Rows are nan where the tracker matched the whole image, or had nothing to follow.
+    """
     tracker = Tracker(settings)
     tracker.set_desired(desired)
-    rows = np.full((len(images), 3), np.nan)
-    features = tracker.track(images[0])
+    rows, features = np.full((len(images), 3), np.nan), tracker.track(images[0])
+
+    def floor(k: int, points: Points) -> float:
+        start = clock()
+        bare(images[k - 1], images[k], points, settings)
+        return clock() - start
+
     for k in range(1, len(images)):
-        before = features
-        if k % 2:  # by turns, so that neither always finds the image in the cache
-            bare = _lucas_kanade(images[k - 1], images[k], before, settings)
-        start = perf_counter()
+        points, matchings = features.current.astype(np.float32), tracker.matchings
+        alone = floor(k, points) if k % 2 and len(points) else 0.0  # by turns: neither always
+        start = clock()  # finds the image in the cache
         features = tracker.track(images[k])
-        duration = perf_counter() - start
-        if not k % 2:
-            bare = _lucas_kanade(images[k - 1], images[k], before, settings)
-        if not (features.ages == 0).any():  # a match of the whole image is another matter
-            rows[k] = duration, bare, len(before)
+        seconds = clock() - start
+        if not k % 2 and len(points):
+            alone = floor(k, points)
+        if len(points) and tracker.matchings == matchings:
+            rows[k] = seconds, alone, len(points)
     return rows
 
 
-def _lucas_kanade(
-    last: Image, image: Image, features: Features, settings: TrackerSettings
-) -> float:
-    points = features.current.astype(np.float32)
-    if not len(points):
-        return float('nan')
-    start = perf_counter()
-    _bare(last, image, points, settings)
-    return perf_counter() - start
-
-
-def _bare(last: Image, image: Image, points: Points, settings: TrackerSettings) -> None:
+def _flow(last: Image, image: Image, points: Points, settings: TrackerSettings) -> None:
     window = settings.window, settings.window
     cv2.calcOpticalFlowPyrLK(
         last, image, points, None, winSize=window, maxLevel=settings.levels, criteria=CRITERIA
     )
+
+
+def _floor(last: Image, image: Image, points: Points, settings: TrackerSettings) -> None:
+    window = settings.window, settings.window
+    cv2.buildOpticalFlowPyramid(image, window, settings.levels, withDerivatives=False)
+    _flow(last, image, points, settings)
 
 
 def _ratio(rows: FloatArray) -> dict[str, float | None]:
@@ -115,7 +122,8 @@ def over_floor(desired: Image, images: Sequence[Image]) -> dict[str, Any]:
     threads, settings = cv2.getNumThreads(), TrackerSettings()
     cv2.setNumThreads(1)
     try:
-        rows = _floor_rows(desired, images, settings)
+        rows = _by_turns(desired, images, settings, process_time, _floor)
+        rows = rows[np.isfinite(rows).all(axis=1)]
     finally:
         cv2.setNumThreads(threads)
     height, width = desired.shape
@@ -126,32 +134,3 @@ def over_floor(desired: Image, images: Sequence[Image]) -> dict[str, Any]:
     tracker, floor, features = np.median(rows, axis=0)
     figures = 1e3 * tracker, 1e3 * floor, *np.percentile(ratio, QUARTILES), 1e3 * rows[:, 0].max()
     return document | dict(zip(FLOOR_FIGURES, map(float, (*figures, features)), strict=True))
-
-
-def _floor_rows(desired: Image, images: Sequence[Image], settings: TrackerSettings) -> FloatArray:
-    """Return seconds of the tracker and of the floor, and features, of each frame, (N, 3)."""
-    tracker = Tracker(settings)
-    tracker.set_desired(desired)
-    rows, features = [], tracker.track(images[0])
-    for k in range(1, len(images)):
-        points, matchings = features.current.astype(np.float32), tracker.matchings
-        floor = _floor(images[k - 1], images[k], points, settings) if k % 2 else 0.0
-        start = process_time()
-        features = tracker.track(images[k])
-        seconds = process_time() - start
-        if not k % 2:
-            floor = _floor(images[k - 1], images[k], points, settings)
-        if len(points) and tracker.matchings == matchings:
-            rows.append((seconds, floor, len(points)))
-    return np.array(rows).reshape(-1, 3)
-
-
-def _floor(last: Image, image: Image, points: Points, settings: TrackerSettings) -> float:
-    """Return the processor time [s] of a pyramid of ``image`` and the flow of ``points``."""
-    if not len(points):
-        return 0.0
-    window = settings.window, settings.window
-    start = process_time()
-    cv2.buildOpticalFlowPyramid(image, window, settings.levels, withDerivatives=False)
-    _bare(last, image, points, settings)
-    return process_time() - start

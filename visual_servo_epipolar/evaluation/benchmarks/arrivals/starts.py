@@ -1,12 +1,20 @@
-"""Plans of closed loops, driven by all cores of this machine: a summary for each law."""
+"""Closed loops from the same starts: plans driven by all cores, and runs on point features."""
 
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from visual_servo_epipolar.core.cameras.model import CameraModel
 from visual_servo_epipolar.processes import cores
+from visual_servo_epipolar.simulation.regions import start_in
+from visual_servo_epipolar.simulation.run_monitor import LoopSettings
+from visual_servo_epipolar.simulation.scenario import Scenario
+from visual_servo_epipolar.simulation.view import View
+from visual_servo_epipolar.simulation.views import points_of
 from visual_servo_epipolar.sweeping.local import local_workers
 from visual_servo_epipolar.sweeping.plan import SweepPlan
 from visual_servo_epipolar.sweeping.summary import summary_of
+
+PointRun = tuple[LoopSettings, View, CameraModel]
 
 
 def summaries_of(plans: Sequence[SweepPlan], say: Callable[[str], None]) -> list[dict[str, Any]]:
@@ -28,3 +36,13 @@ def summaries_of(plans: Sequence[SweepPlan], say: Callable[[str], None]) -> list
 
 def _summary(runs: list[dict[str, Any]]) -> dict[str, Any]:
     return {key: value for key, value in summary_of(runs).items() if key != 'runs'}
+
+
+def runs_on_points(scenario: Scenario, region: str, count: int, seed: int) -> list[PointRun]:
+    """Return what ``run_many`` needs for the first starts in ``region``."""
+    runs: list[PointRun] = []
+    for index in range(count):
+        seeded = scenario.seeded(seed + index)
+        loop = seeded.loop(start_in(region, seed, index, seeded), seed + index)
+        runs.append((loop, points_of(seeded, seed + index), seeded.camera.nominal_camera))
+    return runs
