@@ -2,11 +2,13 @@
 
 from dataclasses import dataclass, replace
 
+import pytest
 from untold_bases import driven
 
 from visual_servo_epipolar.core.bases.base import BaseLimits
 from visual_servo_epipolar.core.bases.differential_drive import DifferentialDrive
 from visual_servo_epipolar.core.geometry.motion import Twist
+from visual_servo_epipolar.core.servo.settings import ServoSettings
 
 FASTEST = 0.15  # of the tracks, whatever the settings allow [m/s]
 
@@ -24,6 +26,10 @@ def tracks(limits: BaseLimits) -> Tracks:
     return Tracks(limits)
 
 
+def car(limits: BaseLimits) -> Tracks:
+    return Tracks(limits, max_curvature=0.5)
+
+
 def test_the_servo_drives_a_base_of_another_package(install) -> None:
     install('bases', 'tracks', f'{__name__}:tracks')
     slow, state = driven('nominal', 5, {}, {'base': 'tracks'})
@@ -31,3 +37,9 @@ def test_the_servo_drives_a_base_of_another_package(install) -> None:
     assert 0.9 * FASTEST < float(str(slow['max_linear_speed'])) <= FASTEST + 1e-12
     usual, _ = driven('nominal', 5, {}, {})
     assert float(str(usual['max_linear_speed'])) > 2.0 * FASTEST
+
+
+def test_a_law_that_turns_in_place_refuses_a_base_that_does_not(install) -> None:
+    install('bases', 'car', f'{__name__}:car')
+    with pytest.raises(ValueError, match='orienting, base car drives curves of 0.5 1/m at most'):
+        ServoSettings(base='car')

@@ -5,7 +5,7 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 from typing import Any, ClassVar
 
-from visual_servo_epipolar.core.bases.base import Base, BaseLimits
+from visual_servo_epipolar.core.bases.base import Base, BaseLimits, turns_in_place
 from visual_servo_epipolar.core.bases.registry import base_of, DEFAULT_BASE
 from visual_servo_epipolar.core.laws.law import DEFAULT_LAW, DEPARTURES, Law
 from visual_servo_epipolar.core.laws.law import TEXT as LAW_TEXT
@@ -178,7 +178,9 @@ class ControlSettings(Settings):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        _ = self._named_law, self.drive  # raises ValueError for an unknown base
+        _ = self._named_law  # raises ValueError for an unknown law
+        if not turns_in_place(self.drive):
+            self._refuse_turns_in_place()
         if self.dead_band_linear > self.max_linear or self.dead_band_angular > self.max_angular:
             raise ValueError(
                 'dead bands must not exceed max_linear and max_angular, got '
@@ -234,6 +236,15 @@ class ControlSettings(Settings):
         """
         taken = (name for name in DEPARTURES if getattr(self._named_law, name))
         return self.law + ''.join(f'-{name}' for name in taken if not getattr(self, name))
+
+    def _refuse_turns_in_place(self) -> None:
+        turning = [phase.value for phase in self.machine.rows if phase.turns_in_place]
+        if turning:
+            raise ValueError(
+                f'law {self.law} turns in place when {", ".join(turning)}, base {self.base} '
+                f'drives curves of {self.drive.max_curvature:g} 1/m at most; choose a law without '
+                'turns, or another base'
+            )
 
     def _check_derivation(self) -> None:
         if self.finite_time:
