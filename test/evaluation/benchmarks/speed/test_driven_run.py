@@ -90,7 +90,7 @@ class Wire:
 def test_each_turn_begins_at_the_first_image_with_a_servo_that_begins_anew(run) -> None:
     latency = pytest.importorskip('visual_servo_epipolar.evaluation.benchmarks.speed.latency')
     wire = Wire([*run.twists[:9], Twist(1.0, 0.0)])
-    two = latency.Two(wire, run)
+    two = latency.TwoNodes(wire, run)
     for _ in range(2):
         wire.events.clear()
         two.begin()

@@ -13,7 +13,7 @@ from dataclasses import replace
 import math
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +31,7 @@ from visual_servo_epipolar.evaluation.live.chain import (
     PlayedCamera,
     TRACKER_AND_SERVO,
 )
-from visual_servo_epipolar.evaluation.live.processes import costs, Process, spent, Stretch
+from visual_servo_epipolar.evaluation.live.processes import costs, spent, Stretch
 from visual_servo_epipolar.evaluation.tables import aligned
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 
@@ -62,26 +62,7 @@ COSTS = 'size and rate | process | processor ms a frame | memory MB | peak'
 QUANTILES = {'p50': 0.5, 'p99': 0.99, 'p99.9': 0.999}
 
 
-class Chain(Protocol):
-    """Nodes from image to twist."""
-
-    processes: dict[str, Process]
-
-    @property
-    def as_driven(self) -> int | None:
-        """Twists that are those of the run in the images; None where no run is in them."""
-
-    def wait_for_answers(self) -> None:
-        """Wait until the servo answers to images."""
-
-    def begin(self) -> None:
-        """Be ready for a run from the start."""
-
-    def turn(self, seconds: float) -> Answers:
-        """Let the run go on for ``seconds`` [s], and return the answers."""
-
-
-class Two:
+class TwoNodes:
     """Tracker and servo; their camera is this process."""
 
     def __init__(self, loop: PlayedCamera, run: DrivenRun) -> None:
@@ -143,8 +124,7 @@ def _measure_size(
         say(f'{title}: starting nodes ...')
         started = ECHO if nodes == FOUR else {**ECHO, **TRACKER_AND_SERVO}
         loop = PlayedCamera(stack, run.camera, run.images, Path(scratch), started)
-        chain: Chain
-        chain = FourNodes(stack, settings, Path(scratch)) if nodes == FOUR else Two(loop, run)
+        chain = FourNodes(stack, settings, Path(scratch)) if nodes == FOUR else TwoNodes(loop, run)
         chain.wait_for_answers()
         loop.wait_for_listeners(1, to_echo=True)
         row = _by_turns(chain, loop, rate, seconds, lambda text: say(f'{title}: {text}'))
@@ -163,7 +143,11 @@ def _turns(seconds: float) -> int:
 
 
 def _by_turns(
-    chain: Chain, loop: PlayedCamera, rate: float, seconds: float, say: Callable[[str], None]
+    chain: FourNodes | TwoNodes,
+    loop: PlayedCamera,
+    rate: float,
+    seconds: float,
+    say: Callable[[str], None],
 ) -> dict[str, Any]:
     """Drive nodes and echo by turns, and return what both took."""
     turns = _turns(seconds)
