@@ -24,7 +24,7 @@ LARGE_VALUES = {
     'Task',
 }
 FLAT = ('Settings', 'Circumstances')
-FULL_FOLDERS = {'core/laws', 'core/servo', 'core/tracking', 'nodes'}
+FULL_FOLDERS = {'core/laws', 'core/servo', 'core/tracking'}
 DOUBLE_NAMES = {'Errors', 'Gains', 'Place', 'Step', 'Window'}
 
 

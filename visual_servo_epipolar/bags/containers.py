@@ -1,4 +1,4 @@
-"""Containers of bags, told by their first bytes, whatever a file is called."""
+"""Containers of bags, known by their first bytes, whatever a file is called."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager

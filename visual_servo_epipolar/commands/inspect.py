@@ -43,16 +43,16 @@ def inspect_and_report(options: argparse.Namespace) -> int:
 
 
 def _settings(options: argparse.Namespace) -> ServoSettings:
-    told: dict[str, Any] = {}
+    values: dict[str, Any] = {}
     if options.estimator is not None:
-        told['estimator'] = options.estimator
+        values['estimator'] = options.estimator
     if options.tilt is not None or options.roll is not None:
         deviation = math.radians(options.mount_deviation)
-        told['camera_tilt'] = math.radians(options.tilt or 0.0)
-        told['camera_roll'] = math.radians(options.roll or 0.0)
-        told['camera_tilt_deviation'] = told['camera_roll_deviation'] = deviation
+        values['camera_tilt'] = math.radians(options.tilt or 0.0)
+        values['camera_roll'] = math.radians(options.roll or 0.0)
+        values['camera_tilt_deviation'] = values['camera_roll_deviation'] = deviation
     try:
-        return ServoSettings(**told)
+        return ServoSettings(**values)
     except ValueError as error:
         raise InputError(str(error)) from None
 

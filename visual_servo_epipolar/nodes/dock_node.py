@@ -90,7 +90,7 @@ class DockNode(ManagedNode):
         self._pending.clear()
 
     def cleanup(self) -> None:
-        """Forget the mount that /tf_static told: the next may be another."""
+        """Forget the mount from /tf_static: the next may be another."""
         if self.is_configured:
             self._look_anew()
 
@@ -151,8 +151,8 @@ class DockNode(ManagedNode):
 
     def _on_info(self, message: CameraInfo) -> None:
         try:
-            told = self._node_settings
-            camera = read.camera(message, rectified=told.rectified, cropped=told.cropped)
+            settings = self._node_settings
+            camera = read.camera(message, rectified=settings.rectified, cropped=settings.cropped)
         except ValueError as error:
             self._camera = None
             self._warn(f'camera_info cannot be used: {error}')
@@ -208,7 +208,7 @@ class DockNode(ManagedNode):
         self._reports.search(self._search, place.stamp_ns)
 
     def _look_anew(self) -> None:
-        """Forget the dock, and the mount that /tf_static told: the next may be another."""
+        """Forget the dock, and the mount from /tf_static: the next may be another."""
         self._search = DockSearch()
         if self._mount is not None:
             self._settings = self._mount.dropped(self._settings)

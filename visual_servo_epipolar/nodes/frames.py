@@ -97,7 +97,7 @@ class StaticMount:
             return settings
         try:
             mount = self.of(camera_frame)
-            told = settings if mount is None else settings.mounted(mount)
+            configured = settings if mount is None else settings.mounted(mount)
         except ValueError as error:
             self.trouble = (
                 f'the mount of {camera_frame} in /tf_static cannot be used: {error}; or say '
@@ -110,7 +110,7 @@ class StaticMount:
         else:
             self._taken = True
             self._log.info(f'/tf_static: {camera_frame} sits at {mount}')
-        return told
+        return configured
 
     def _miss(self, camera_frame: str) -> None:
         """Say once that /tf_static, where it is heard at all, does not lead to a camera."""

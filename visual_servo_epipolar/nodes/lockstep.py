@@ -16,9 +16,13 @@ from visual_servo_epipolar.bags.recording.settings import RecordSettings
 from visual_servo_epipolar.core.errors import VisualServoError
 from visual_servo_epipolar.core.settings import Settings
 from visual_servo_epipolar.nodes.camera_node import CameraNode
-from visual_servo_epipolar.nodes.isolated import isolated_context, new_node, values_of
 from visual_servo_epipolar.nodes.servo_node import ServoNode
-from visual_servo_epipolar.nodes.startup.executor import hand_out
+from visual_servo_epipolar.nodes.startup.executor import (
+    hand_out,
+    isolated_context,
+    new_node,
+    values_of,
+)
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.nodes.unicycle_node import UnicycleNode
 from visual_servo_epipolar.simulation.rendering.assistant import Assistant

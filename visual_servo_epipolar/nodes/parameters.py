@@ -113,9 +113,9 @@ def refuse_unknown(node: Node, options: Mapping[str, Any] = MappingProxyType({})
     """
     name, words = node.get_name(), _ros_arguments(options)
     files = {path: read_sections(path) for path in command_line.parameter_files(words)}
-    told = command_line.parameter_names(words, name)
-    told |= {item.name for item in options.get('parameter_overrides') or ()}
-    shared = {item for sections in files.values() for item in _names_for(node, sections)} - told
+    direct = command_line.parameter_names(words, name)
+    direct |= {item.name for item in options.get('parameter_overrides') or ()}
+    shared = {item for sections in files.values() for item in _names_for(node, sections)} - direct
     for item in sorted(getattr(node, '_parameter_overrides', {})):
         if node.has_parameter(item) or item.startswith('qos_'):
             continue

@@ -74,7 +74,7 @@ class AdaptiveSubscription:
         reliability: str,
     ) -> None:
         self._node, self._kind, self._topic, self._callback = node, kind, topic, callback
-        self._told = reliability
+        self._configured = reliability
         self._profiles = {**IMAGES, 'latched': LATCHED}
         self._subscribe('reliable' if reliability == 'auto' else reliability)
 
@@ -94,12 +94,12 @@ class AdaptiveSubscription:
         offered = [item.qos_profile for item in publishers if item.topic_type == expected]
         if not offered:
             return self._offer
-        if self._told == 'best_effort':  # which DDS hands nothing on that was said before
-            return self._told
+        if self._configured == 'best_effort':  # which DDS hands nothing on that was said before
+            return self._configured
         reliable = all(item.reliability == ReliabilityPolicy.RELIABLE for item in offered)
         if reliable and all(item.durability == LATCHED.durability for item in offered):
             return 'latched'
-        return 'reliable' if reliable or self._told == 'reliable' else 'best_effort'
+        return 'reliable' if reliable or self._configured == 'reliable' else 'best_effort'
 
     def _subscribe(self, offer: str) -> None:
         self._offer = offer

@@ -133,10 +133,12 @@ class TrackerNode(ManagedNode):
     def _on_info(self, message: CameraInfo) -> None:
         self._inputs.info_frame = message.header.frame_id
         try:
-            told = self._node_settings
-            self._camera = read.camera(message, rectified=told.rectified, cropped=told.cropped)
+            settings = self._node_settings
+            self._camera = read.camera(
+                message, rectified=settings.rectified, cropped=settings.cropped
+            )
             self._unusable, sounds = '', self._inputs.sounds_rectified(message)
-            if sounds and not told.rectified:
+            if sounds and not settings.rectified:
                 self._warn(sounds)
         except ValueError as error:
             self._camera, self._unusable = None, str(error)

@@ -71,7 +71,7 @@ class RunMonitor:
 
     @property
     def _settle_frames(self) -> int:
-        """Frames after the end in which the base obeys what it was told before, and brakes."""
+        """Frames after the end in which the base carries out earlier commands, and brakes."""
         delay = float(getattr(self.settings.base, 'command_delay', 0.0))
         return max(SETTLE_FRAMES, math.ceil(delay * self.settings.frame_rate) + BRAKING_FRAMES)
 

@@ -66,9 +66,11 @@ def _changes(node: str, history: Sequence[tuple[int | None, NodeSettings]]) -> I
 
 def _photographs(run: Recording) -> Iterator[Stamped]:
     """Yield the photographs after the first; ~/capture_desired tells of its own ones."""
-    told = {item.after_stamp_ns for item in run.tracker_events if item.event == event_log.CAPTURED}
+    taken = {
+        item.after_stamp_ns for item in run.tracker_events if item.event == event_log.CAPTURED
+    }
     for stamp_ns, _ in run.photographs[1:]:
-        if stamp_ns not in told:
+        if stamp_ns not in taken:
             yield stamp_ns, ('tracker', 'another photograph', '')
 
 

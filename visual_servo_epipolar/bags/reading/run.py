@@ -65,12 +65,13 @@ class Recording:
     def cameras_of(
         self, *, rectified: bool = False, cropped: bool = False
     ) -> list[tuple[int | None, CameraModel | str]]:
-        """Return the cameras of images that are as this says, or as the nodes were told."""
+        """Return the cameras of images that are as this says, or as the nodes were configured."""
         return self.cameras[
-            rectified or self._were_told('rectified'), cropped or self._were_told('cropped')
+            rectified or self._was_configured('rectified'),
+            cropped or self._was_configured('cropped'),
         ]
 
-    def _were_told(self, name: str) -> bool:
+    def _was_configured(self, name: str) -> bool:
         nodes = (*self.servo[-1:], *self.tracker[-1:])
         return any(settings.values.get(name) is True for _, settings in nodes)
 

@@ -15,8 +15,7 @@ import rclpy
 from rclpy.node import Node
 
 from visual_servo_epipolar.core.errors import VisualServoError
-from visual_servo_epipolar.nodes.isolated import isolated_context
-from visual_servo_epipolar.nodes.startup.executor import MessageExecutor
+from visual_servo_epipolar.nodes.startup.executor import isolated_context, MessageExecutor
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings
 from visual_servo_epipolar.threads import ONE_THREAD
 

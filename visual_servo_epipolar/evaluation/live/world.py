@@ -17,9 +17,9 @@ from visual_servo_epipolar.evaluation.live.hooks import hook_rclpy
 from visual_servo_epipolar.evaluation.live.wire import BEGIN_NS, Envelope, Wire
 from visual_servo_epipolar.messages import write
 from visual_servo_epipolar.nodes.camera_node import CameraNode
-from visual_servo_epipolar.nodes.isolated import isolated_context, new_node, values_of
 from visual_servo_epipolar.nodes.servo_node import ServoNode
 from visual_servo_epipolar.nodes.startup import complaints
+from visual_servo_epipolar.nodes.startup.executor import isolated_context, new_node, values_of
 from visual_servo_epipolar.nodes.tracker_node import TrackerNode
 from visual_servo_epipolar.simulation.bases.pioneer import PioneerSettings
 from visual_servo_epipolar.simulation.mounts.camera_settings import CameraSettings

@@ -110,7 +110,7 @@ def _size(find: Any) -> tuple[int, int]:
 
 
 def _lens(find: Any, distortion: tuple[float, ...]) -> str:
-    """Return the name of the lens: as it is told, or as many coefficients as these are of."""
+    """Return the name of the lens: that of the file, or the one of as many coefficients."""
     (key, model), (fisheye_key, fisheye) = find('model'), find('fisheye')
     if key:
         name = text(model, key)

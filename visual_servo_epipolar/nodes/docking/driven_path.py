@@ -18,7 +18,7 @@ class DrivenPath:
     """
     Keeps the ``path`` of the base of ``node``, by odometry or by commands, as the settings say.
 
-    ``on_odometry`` is called when the path reaches farther; ``warn`` is told what is refused.
+    ``on_odometry`` is called when the path reaches farther, ``warn`` with what is refused.
     ``frame`` is that of the odometry.
     """
 

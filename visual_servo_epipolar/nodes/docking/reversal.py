@@ -22,7 +22,7 @@ class Reversal:
 
     A base that drives backwards is one that looks back and drives forwards; turns stay. One
     command for one: where the servo falls silent, so does this, and the base stops by itself. At
-    one that is broken the base stands, and ``warn`` is told.
+    one that is broken the base stands, and ``warn`` is called.
     """
 
     def __init__(

@@ -110,7 +110,7 @@ class ServoClient:
         return self.phase is not None and self._said.get('phase') == self.phase.value
 
     def _tell(self) -> None:
-        """Hand on a phase that nobody has been told yet, with its reason or without."""
+        """Hand on a phase that was not handed on yet, with its reason or without."""
         self._patience.cancel()
         if self._unexplained and self.phase is not None:
             self._unexplained = False

@@ -1,17 +1,22 @@
-"""Executor of a process: messages by a wait that costs little, rclpy's own for all else."""
+"""Executor of a process: messages by a wait that costs little; nodes that nobody else sees."""
 
-from contextlib import ExitStack
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, ExitStack
+from dataclasses import fields
 import time
 from typing import Any
 
+import rclpy
+from rclpy.context import Context
 from rclpy.exceptions import InvalidHandle
 from rclpy.executors import ShutdownException, SingleThreadedExecutor, TimeoutException
 from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.subscription import Subscription
 
+from visual_servo_epipolar.nodes import parameters
+from visual_servo_epipolar.nodes.startup.process import discovery_range, tune_transport
+
 WITH_INFO = Subscription.CallbackType.WithMessageInfo
-
-
 # After which events, actions and guards are looked at as well, and tasks that wait for something.
 LOOK_S, TASK_S = 0.05, 0.02
 # What is waited for, in the order of the sizes of a wait set, and where a node has it.
@@ -134,3 +139,35 @@ class MessageExecutor(SingleThreadedExecutor):
             self._sizes = sizes
         self._wait_set.clear_entities()
         return self._wait_set
+
+
+@contextmanager
+def isolated_context(reach: str = 'OFF', *, domain_id: int | None = None) -> Iterator[Context]:
+    """
+    Yield a context whose nodes are seen within ``reach`` only: OFF, LOCALHOST or SUBNET.
+
+    Isolation matters: they publish cmd_vel, and there may be a robot in the room.
+    """
+    tune_transport()
+    with discovery_range(reach):
+        context = Context()
+        rclpy.init(args=[], context=context, domain_id=domain_id)
+        try:
+            yield context
+        finally:
+            context.try_shutdown()
+
+
+def new_node(kind: Any, context: Context, values: Mapping[str, Any], *, name: str = '') -> Any:
+    """Return a node of ``kind`` with these parameters, under another ``name`` if one is given."""
+    return kind(
+        context=context,
+        parameter_overrides=[parameters.override(*each) for each in values.items()],
+        use_global_arguments=False,
+        **({'cli_args': ['--ros-args', '-r', f'__node:={name}']} if name else {}),
+    )
+
+
+def values_of(settings: Any) -> dict[str, Any]:
+    """Return the parameters that ``settings``, a dataclass, stand for."""
+    return {item.name: getattr(settings, item.name) for item in fields(settings)}
