@@ -54,11 +54,7 @@ def container(path: Path) -> str:
     """
     Return what a file is: mcap, sqlite3, ros1 or zstd; by its name where its bytes are damaged.
 
-    Raises
-    ------
-    InputError
-        If it is none of these.
-
+    Raises InputError if it is none of these.
     """
     head = _head(path)
     found = _by_magic(head)

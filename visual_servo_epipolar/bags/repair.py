@@ -65,11 +65,8 @@ def repair(path: Path) -> RepairReport:
     needs as much free space. The old files stay beside as NAME.damaged. A metadata.yaml that is
     missing or broken is written anew, and one that lists files that are lost.
 
-    Raises
-    ------
-    InputError
-        If there is nothing to repair, no space to do it in, or the file is not ROS 2's.
-
+    Raises InputError if there is nothing to repair, no space to do it in, or the file is not
+    ROS 2's.
     """
     path = containers.bag_path(path)
     try:

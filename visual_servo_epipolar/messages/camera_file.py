@@ -32,11 +32,8 @@ def from_text(
     ``size`` [px] is that of the images, for files that have none. Of ``rectified`` images
     projection_matrix alone holds; those that are ``cropped`` have their principal point anywhere.
 
-    Raises
-    ------
-    ValueError
-        If the file is none of KINDS, lacks something, or is of no camera that can be used.
-
+    Raises ValueError if the file is none of KINDS, lacks something, or is of no camera that
+    can be used.
     """
     text = text.removeprefix('\ufeff')  # as editors of Windows begin a file
     calibration = _with_size(

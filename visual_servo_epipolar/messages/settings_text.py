@@ -61,11 +61,7 @@ def from_text(text: str) -> NodeSettings:
     """
     Return what ``to_text`` wrote.
 
-    Raises
-    ------
-    ValueError
-        If ``text`` is not the parameter file of one node.
-
+    Raises ValueError if ``text`` is not the parameter file of one node.
     """
     nodes = sections(text)
     if len(nodes) != 1:
@@ -82,11 +78,7 @@ def sections(text: str) -> dict[str, dict[str, Any]]:
     """
     Return the parameters in a ROS parameter file by the name of the node they are for.
 
-    Raises
-    ------
-    ValueError
-        If ``text`` is not YAML, or not of this form.
-
+    Raises ValueError if ``text`` is not YAML, or not of this form.
     """
     try:
         document = yaml.safe_load(text)

@@ -135,11 +135,7 @@ class StaticMount:
         """
         Return how the camera of ``camera_frame`` is mounted, or None where nobody says.
 
-        Raises
-        ------
-        ValueError
-            If what is said is no mount of a camera.
-
+        Raises ValueError if what is said is no mount of a camera.
         """
         frame, rotation, origin = _bare(camera_frame), np.eye(3), np.zeros(3)
         for _ in range(DEEPEST):

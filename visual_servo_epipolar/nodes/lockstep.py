@@ -112,11 +112,8 @@ class Lockstep(AbstractContextManager['Lockstep']):
         """
         Begin the run, and spin until ``done``.
 
-        Raises
-        ------
-        LockstepError
-            If nodes do not find each other, or nothing happens for a minute.
-
+        Raises LockstepError if nodes do not find each other, or nothing happens for a
+        minute.
         """
         self._spin_until(self._is_connected, 'every node to find its peers and the photograph')
         self.unicycle.begin()

@@ -58,11 +58,7 @@ def comparison(
     """
     Draw phases, epipoles and commands of both, where they diverge and where the run ends.
 
-    Raises
-    ------
-    ValueError
-        If nothing was replayed.
-
+    Raises ValueError if nothing was replayed.
     """
     if not len(replayed.times):
         raise ValueError('a replay must have steps to be drawn, got none; replay images or tracks')

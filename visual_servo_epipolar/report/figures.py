@@ -80,11 +80,7 @@ def signals(log: RunLog) -> Figure:
 
     A line marks where the run ended, arrived or failed: the base may brake for longer.
 
-    Raises
-    ------
-    ValueError
-        If the run has no samples.
-
+    Raises ValueError if the run has no samples.
     """
     _check(log)
     figure = _new_figure(9.6)
@@ -123,11 +119,7 @@ def save_all(log: RunLog, folder: Path) -> list[Path]:
     """
     Draw both figures of a run into ``folder`` and return their paths.
 
-    Raises
-    ------
-    ValueError
-        If the run has no samples.
-
+    Raises ValueError if the run has no samples.
     """
     return [save_one(name, log, folder) for name in FIGURES]
 

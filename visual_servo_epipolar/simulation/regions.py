@@ -100,11 +100,7 @@ def start_in(
     features are in view: points of the cloud that belongs to the seed of ``scenario``, or what
     the tracker would keep of the photograph, as far as nothing in the room hides it.
 
-    Raises
-    ------
-    InputError
-        If there is no such region, or no such start.
-
+    Raises InputError if there is no such region, or no such start.
     """
     if region not in BOXES:
         raise InputError(f'region must be one of {", ".join(REGIONS)}, got {region!r}')

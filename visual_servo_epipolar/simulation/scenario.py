@@ -122,11 +122,8 @@ def from_document(document: Any, where: str) -> Scenario:
     its settings are the others of that section. The sections ``servo`` and ``tracker`` may as well
     be ROS parameters of their nodes: ``servo_node: {ros__parameters: {...}}``, or ``/**``.
 
-    Raises
-    ------
-    InputError
-        If a section or a setting is unknown, given twice, of a wrong type, or out of range.
-
+    Raises InputError if a section or a setting is unknown, given twice, of a wrong type, or
+    out of range.
     """
     if document is None:
         document = {}

@@ -52,11 +52,7 @@ def worker_pool(jobs: int, remedy: str) -> Iterator[ProcessPoolExecutor]:
 
     They end with the block, and at once if it raises or if this process is killed.
 
-    Raises
-    ------
-    VisualServoError
-        If one of them dies; ``remedy`` says what to do about it.
-
+    Raises VisualServoError if one of them dies; ``remedy`` says what to do about it.
     """
     spawn = _Spawn()
     lifeline, parent_end = spawn.Pipe(duplex=False)

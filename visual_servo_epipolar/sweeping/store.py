@@ -25,11 +25,8 @@ class Store:
     It belongs to one process at a time. A last line that was cut off by a kill is dropped, and its
     run is done again. ``results`` are those so far, ``wall_s`` is the time they took [s].
 
-    Raises
-    ------
-    InputError
-        If the folder holds another sweep, or its file cannot be read or written, or is in use.
-
+    Raises InputError if the folder holds another sweep, or its file cannot be read or written,
+    or is in use.
     """
 
     def __init__(self, folder: Path, plan: SweepPlan) -> None:

@@ -23,11 +23,8 @@ def bag_parts(path: Path) -> BagParts:
     """
     Return the storage files of a bag.
 
-    Raises
-    ------
-    InputError
-        If it is none, one of its files is lost, or it cannot be read in this form.
-
+    Raises InputError if it is none, one of its files is lost, or it cannot be read in this
+    form.
     """
     if not path.exists():
         raise InputError(f'{path}: no such bag; {containers.EXPECTED}')

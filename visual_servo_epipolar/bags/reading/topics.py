@@ -98,11 +98,8 @@ def camera_note(bag: Bag, topics: Mapping[str, BagTopic]) -> str:
     """
     Return what to note of a camera_info from another namespace than its images, or ''.
 
-    Raises
-    ------
-    InputError
-        If it is of another frame than they are: another camera's. Some drivers leave it empty.
-
+    Raises InputError if it is of another frame than they are: another camera's. Some drivers
+    leave it empty.
     """
     image, info = topics.get('image'), topics.get('camera_info')
     if image is None or info is None or _beside(image, [info], or_all=False):

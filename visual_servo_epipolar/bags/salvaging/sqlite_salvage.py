@@ -100,11 +100,7 @@ def _copy_tables(source: Path, target: Path) -> int:
     """
     Copy what can be read of every table, and return how many messages the index has, or 0.
 
-    Raises
-    ------
-    ValueError
-        If the new database does not hold each row that was read.
-
+    Raises ValueError if the new database does not hold each row that was read.
     """
     rows = Counter[str]()
     with closing(sqlite3.connect(target)) as new, closing(sqlite3.connect(source)) as old:

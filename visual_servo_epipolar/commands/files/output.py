@@ -114,11 +114,7 @@ def output_folder_for(path: Path) -> Iterator[Path]:
     """
     Make the folder ``path``, and take away what was made if the block fails or is interrupted.
 
-    Raises
-    ------
-    InputError
-        If it cannot be made, or nothing can be written into it.
-
+    Raises InputError if it cannot be made, or nothing can be written into it.
     """
     made = [item for item in (path, *path.parents) if not item.exists()]
     try:

@@ -23,12 +23,8 @@ def changes_of(words: Sequence[str], params: str | None) -> Changes:
     """
     Return settings by section; what is set by a word overrules the file.
 
-    Raises
-    ------
-    InputError
-        If a word is not SECTION.NAME=VALUE, or the file is none of parameters. The values are not
-        checked.
-
+    Raises InputError if a word is not SECTION.NAME=VALUE, or the file is none of parameters.
+    The values are not checked.
     """
     changes: Changes = {} if params is None else _from_file(Path(params))
     for word in words:

@@ -38,11 +38,7 @@ def documents(text: str) -> list[Any]:
     """
     Return the documents in a text, one for each ``---`` of YAML.
 
-    Raises
-    ------
-    ValueError
-        If it cannot be parsed.
-
+    Raises ValueError if it cannot be parsed.
     """
     start = text.lstrip()
     try:

@@ -30,11 +30,7 @@ def require(*packages: str, otherwise: str = '', load: bool = True) -> None:
     """
     Import ``packages``, or see that they are there if another process is to ``load`` them.
 
-    Raises
-    ------
-    InputError
-        If one is missing; it says what to do, or ``otherwise``.
-
+    Raises InputError if one is missing; it says what to do, or ``otherwise``.
     """
     for package in packages:
         try:

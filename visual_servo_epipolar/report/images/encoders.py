@@ -93,11 +93,7 @@ def open_encoder(
     """
     Open the first encoder that works for the suffix of ``path``, writing to ``part``.
 
-    Raises
-    ------
-    InputError
-        If none does.
-
+    Raises InputError if none does.
     """
     codecs = CODECS.get(path.suffix.lower())
     if codecs is None:

@@ -75,11 +75,7 @@ class Film(AbstractContextManager['Film']):
         """
         Add one control step: what the camera saw, shape (H, W), its features, what the servo did.
 
-        Raises
-        ------
-        ValueError
-            If the image has not the size of the camera.
-
+        Raises ValueError if the image has not the size of the camera.
         """
         camera = self._camera
         if image.shape != (camera.height, camera.width):

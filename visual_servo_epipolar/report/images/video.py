@@ -98,11 +98,7 @@ class VideoWriter:
         """
         Add one control step: what the camera saw, shape (H, W, 3), and what the servo did.
 
-        Raises
-        ------
-        ValueError
-            If the picture is not in colour or not of the size announced.
-
+        Raises ValueError if the picture is not in colour or not of the size announced.
         """
         width, height = self._image_size
         if overlay.shape != (height, width, 3) or overlay.dtype != np.uint8:
